@@ -1,1 +1,1 @@
-"""The world without a bus: recordings read back."""
+"""Simulation without a bus: recordings, aim and accuracy."""

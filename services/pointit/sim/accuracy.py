@@ -1,4 +1,4 @@
-"""How far poses that were found by pointing are from where motion capture saw the person."""
+"""Errors of poses against motion capture of the person."""
 
 import math
 from collections.abc import Sequence
@@ -14,27 +14,27 @@ from pointit.schemas import NS_PER_S, UserPose, summarize_validation_error
 from pointit.sim.recordings import ImuRecording
 
 BUCKET_S = 5.0
-"""Errors are summed up over so much of a recording."""
+"""Length of the parts of a recording over which errors are summarized."""
 
 INDEX = "index.json"
-"""Beside recordings: a list of objects, one a file, with what is known about it."""
+"""Name of the index beside recordings: a list of objects with properties, one per file."""
 
 REFERENCE_YAW = "ref_yaw_deg_human_minus_world"
-"""In the index: azimuth in {H} minus azimuth in {W} of the same direction, degrees."""
+"""Key in the index: azimuth in {H} minus azimuth in {W} of the same direction, degrees."""
 
 _ENTRIES = TypeAdapter(list[dict[str, Any]])
 
 
 @dataclass(frozen=True, kw_only=True)
 class PoseError:
-    """One pose beside the truth."""
+    """Errors of one pose."""
 
     t_s: float
     """Time in the recording of the newest ray in the pose."""
     position_error_m: float | None
-    """Horizontal; none without motion capture of the head."""
+    """Horizontal. None without motion capture of the head."""
     yaw_error_deg: float | None
-    """In [-180, 180]; none without a reference."""
+    """In [-180, 180]. None without a reference."""
     position_sigma_m: float
     yaw_sigma_deg: float
     residual_deg: float
@@ -43,10 +43,10 @@ class PoseError:
 
 
 def reference_yaw_deg(recording: Path) -> float | None:
-    """Return the azimuth of {H}'s x axis in {W} as the index beside `recording` gives it, or none.
+    """Return the azimuth of {H}'s x axis in {W} from the index beside `recording`, or None.
 
     Raises:
-        ConfigError: there is an index, but it cannot be used.
+        ConfigError: If there is an index, but it cannot be used.
     """
     index = recording.parent / INDEX
     if not index.exists():
@@ -76,10 +76,10 @@ class Accuracy:
         self._start_ns = start_ns
         self._yaw_deg = yaw_deg
         self.rows: list[PoseError] = []
-        """What was measured, in order of arrival."""
+        """Errors in order of arrival."""
 
     def add(self, pose: UserPose) -> PoseError:
-        """Measure `pose` at its own time, and keep it."""
+        """Measure the error of `pose` at its own time, and store it."""
         t_s = (pose.stamp_ns - self._start_ns) / NS_PER_S
         covariance = np.array(pose.covariance, dtype=np.float64).reshape(3, 3)
         row = PoseError(
@@ -101,13 +101,13 @@ class Accuracy:
         for row in self.rows:
             groups.setdefault(int(row.t_s // BUCKET_S), []).append(row)
         return [
-            {"from_s": number * BUCKET_S, "to_s": (number + 1) * BUCKET_S, **_summed(rows)}
+            {"from_s": number * BUCKET_S, "to_s": (number + 1) * BUCKET_S, **_summary(rows)}
             for number, rows in sorted(groups.items())
         ]
 
     def overall(self) -> dict[str, float | int | None]:
         """Return the same over all poses."""
-        return _summed(self.rows)
+        return _summary(self.rows)
 
     def _position_error_m(self, pose: UserPose, t_s: float) -> float | None:
         head_m = self._recording.head_m
@@ -122,7 +122,7 @@ class Accuracy:
         return math.remainder(math.degrees(pose.yaw_rad) - self._yaw_deg, 360.0)
 
 
-def _summed(rows: Sequence[PoseError]) -> dict[str, float | int | None]:
+def _summary(rows: Sequence[PoseError]) -> dict[str, float | int | None]:
     positions = [row.position_error_m for row in rows if row.position_error_m is not None]
     yaws = [abs(row.yaw_error_deg) for row in rows if row.yaw_error_deg is not None]
     sigmas = [row.position_sigma_m for row in rows]

@@ -1,4 +1,4 @@
-"""Where the arm must point so that the line from the eyes over the finger meets a point."""
+"""Direction of the arm in which the line from the eyes over the finger meets a point."""
 
 import math
 from dataclasses import dataclass
@@ -11,12 +11,12 @@ from pointit.schemas import BodyMeasures
 RayModel = Literal["eye_finger", "shoulder_arm", "forearm"]
 
 UPPER_ARM_SHARE = 0.56
-"""Of the length from shoulder to wrist (Drillis and Contini 1966)."""
+"""Upper arm as a share of the length from shoulder to wrist (Drillis and Contini 1966)."""
 
 
 @dataclass(frozen=True, slots=True)
 class Aim:
-    """An orientation of the arm in {W} and how it turns, rad and rad/s."""
+    """An orientation of the arm in {W} and its rates, rad and rad/s."""
 
     azimuth_rad: float
     elevation_rad: float
@@ -25,7 +25,7 @@ class Aim:
 
 
 class Stance:
-    """A body at its place: eyes, shoulder and arm's length in {W}. It faces where the arm points."""
+    """A body at its position: eyes, shoulder and arm's length in {W}. It faces where the arm points."""
 
     def __init__(
         self,
@@ -35,7 +35,7 @@ class Stance:
         *,
         ray_model: RayModel = "eye_finger",
     ) -> None:
-        """Stand at `position_m`; `ray_model`: with what the person aims, as in `UserProfile`."""
+        """Place the body at `position_m`; `ray_model` is the way of aiming, as in `UserProfile`."""
         self._side_m = body.neck_to_shoulder_m if hand == "left" else -body.neck_to_shoulder_m
         self._neck_m = body.footprint_to_neck_m
         self._drop_m = body.neck_to_eyes_m
@@ -45,18 +45,18 @@ class Stance:
         self.move(position_m)
 
     def move(self, position_m: Vec3) -> None:
-        """Stand at `position_m` from now on."""
+        """Move the body to `position_m`."""
         self.position_m = position_m
         self.eyes_m: Vec3 = vector.add(position_m, (0.0, 0.0, self._neck_m + self._drop_m))
 
     def shoulder_m(self, azimuth_rad: float) -> Vec3:
-        """Return where the shoulder is, {W}, of an arm of that azimuth."""
+        """Return the position of the shoulder, {W}, of an arm of that azimuth."""
         return vector.add(self.position_m, vector.rotate_z((0.0, self._side_m, self._neck_m), azimuth_rad))
 
     def aim_at(self, point_m: Vec3, beside: tuple[float, float] = (0.0, 0.0)) -> tuple[float, float]:
         """Return the arm's azimuth and elevation, rad, that point at `point_m`.
 
-        `beside`, azimuth and elevation, rad, is how far the line that they bring onto it passes beside it.
+        `beside` is the error of the line, azimuth and elevation, rad.
         """
         if not self._by_arm:
             sight = vector.subtract(point_m, self.eyes_m)
@@ -71,10 +71,10 @@ class Stance:
     def _finger_on(self, azimuth_rad: float, elevation_rad: float) -> tuple[float, float]:
         """Return the arm's azimuth and elevation, rad, that put the finger on that line from the eyes.
 
-        When the arm cannot reach the line, it points at the line's nearest point.
+        If the arm cannot reach the line, it points at the line's nearest point.
         """
         up, level = math.sin(elevation_rad), math.cos(elevation_rad)
-        # where the line leaves the places to which the finger of an arm beside the neck can get
+        # intersection of the line with the places that the finger of an arm beside the neck can reach
         rest = (self._drop_m * up) ** 2 - self._drop_m**2 + self._side_m**2 + self.arm_m**2
         finger_at_m = max(math.sqrt(max(rest, 0.0)) - self._drop_m * up, 0.0)
         level_m = finger_at_m * level
@@ -83,11 +83,11 @@ class Stance:
         return azimuth, math.atan2(finger_at_m * up + self._drop_m, ahead_m)
 
     def sight_of(self, point_m: Vec3) -> tuple[float, float]:
-        """Return azimuth and elevation, rad, at which the eyes see `point_m`."""
+        """Return azimuth and elevation, rad, of `point_m` from the eyes."""
         sight = vector.subtract(point_m, self.eyes_m)
         return (vector.azimuth(sight), vector.elevation(sight))
 
 
 def _turn(side_m: float, level_m: float) -> float:
-    """Return the azimuth, counted from the arm's, of a place on its line `level_m` from the neck."""
+    """Return the azimuth, relative to the arm's, of a place on its line `level_m` from the neck."""
     return math.asin(max(-1.0, min(1.0, side_m / level_m))) if level_m > 0.0 else 0.0

@@ -1,4 +1,4 @@
-"""Recordings of people: a wrist's orientation over time, and where the robot and the head really were."""
+"""Recordings of people: a wrist's orientation over time, and the true positions of the robot and the head."""
 
 import csv
 import math
@@ -15,16 +15,16 @@ from pointit.schemas import FARTHEST, BodyMeasures
 Array = NDArray[np.float64]
 
 UNIT_TOLERANCE = 0.01
-"""How far the norm of a recorded quaternion may be from 1; it is then made 1."""
+"""Largest deviation of a recorded quaternion's norm from 1, before normalization."""
 
 LATEST_S = 1e12
 LONGEST_S = 1e9
-"""Thirty years: its nanoseconds, and the times reckoned from them, fit 64 bits."""
+"""Thirty years: in nanoseconds it fits 64 bits, also added to other times."""
 
 MAX_BYTES = 64_000_000
-"""An hour at 1000 Hz; more does not fit the memory that a service should take."""
+"""An hour at 1000 Hz; more would use too much memory of a service."""
 
-_NOTHING: list[str] = []
+_EMPTY: list[str] = []
 _TIME = "t"
 _ORIENTATION = ("qx", "qy", "qz", "qw")
 _ROBOT = ("robot_x", "robot_y", "robot_z")
@@ -38,7 +38,7 @@ OPERATOR = BodyMeasures(
 
 @dataclass(frozen=True, kw_only=True)
 class ImuRecording:
-    """A recorded wrist, its time starting at 0, and what motion capture saw beside it."""
+    """A recorded wrist, its time starting at 0, with motion capture."""
 
     path: Path
     t_s: Array
@@ -62,9 +62,9 @@ def read_imu_csv(path: Path) -> ImuRecording:
     Other columns are ignored; the order does not matter.
 
     Raises:
-        ConfigError: names file, line, column and value: it cannot be read, is too long, a column or value is
-            missing, a value is not a number within bounds, a quaternion is far from norm 1, the time goes
-            backwards, no rows.
+        ConfigError: If it cannot be read, is too long, a column or value is missing, a value is not a number
+            within bounds, a quaternion is far from norm 1, the time goes backwards, or there are no rows.
+            Names file, line, column and value.
     """
     try:
         size = path.stat().st_size
@@ -75,7 +75,7 @@ def read_imu_csv(path: Path) -> ImuRecording:
             )
         with path.open(encoding="utf-8-sig", newline="") as file:
             rows = csv.reader(file)
-            header = [name.strip() for name in next(rows, _NOTHING)]
+            header = [name.strip() for name in next(rows, _EMPTY)]
             columns = _columns(path, header)
             values = _values(path, rows, columns)
     except OSError as error:
@@ -86,7 +86,7 @@ def read_imu_csv(path: Path) -> ImuRecording:
 
 
 def _columns(path: Path, header: Sequence[str]) -> dict[str, int]:
-    """Return where the columns that are used stand, in file order."""
+    """Return the indices of the columns that are used, in file order."""
     wanted = [_TIME, *_ORIENTATION]
     for optional in (_ROBOT, _HEAD):
         if any(name in header for name in optional):

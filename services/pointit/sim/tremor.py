@@ -17,7 +17,7 @@ class Tremor:
         self._tone_radps = (math.tau * rng.uniform(*TREMOR_HZ, shape)).tolist()
         self._phase_rad = rng.uniform(0.0, math.tau, shape).tolist()
         self.rms_rad = rms_rad
-        """Of each axis; may be set at any time."""
+        """Rms of each axis; may be set at any time."""
 
     def step(self, passed_s: float) -> tuple[float, float]:
         """Return both angles `passed_s` after the last step, rad."""

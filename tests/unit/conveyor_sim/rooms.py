@@ -12,7 +12,7 @@ from pointit.services.conveyor_sim.plant import Plant
 
 S = 1_000_000_000
 CHORD_M = 2e-3
-"""How much nearer to each other packages in a curve are than along it."""
+"""Largest difference between chord and arc of two packages in a curve."""
 
 
 def belt(name: str, *points: tuple[float, float]) -> Belt:

@@ -77,7 +77,7 @@ async def test_objects_move_on_the_strips_of_the_map() -> None:
             assert moved_m == pytest.approx(0.5 * span_ns / 1e9, abs=1e-6)
 
 
-async def test_what_leaves_is_told_with_who_had_it() -> None:
+async def test_departure_event_names_the_selecting_user() -> None:
     clock = SimulatedClock(5.0)
     async with memory_bench(clock) as bench:
         lists, events = bench.collect(OBJECTS), bench.collect(SELECTION_EVENTS)
@@ -195,7 +195,7 @@ async def test_belts_get_speeds_of_their_own() -> None:
             await bench.bus.call(SET_SPEED, SetSpeed(speed_mps=1.5, belts=("x",)))
 
 
-async def test_reports_are_as_bad_as_the_tracker_is_told_to_be() -> None:
+async def test_reports_have_the_configured_faults() -> None:
     clock = SimulatedClock(5.0)
     async with memory_bench(clock) as bench:
         ages_s: list[float] = []
@@ -215,7 +215,7 @@ async def test_a_schedule_that_is_no_good_is_refused_before_anything_starts(tmp_
         ConveyorSim.validate_config(config(schedule=str(path)))
 
 
-async def test_the_same_map_again_changes_nothing_and_another_one_begins_anew() -> None:
+async def test_same_map_changes_nothing_and_another_map_restarts_the_plant() -> None:
     clock = ManualClock()
     async with memory_bench(clock) as bench:
         lists = bench.collect(OBJECTS)
@@ -254,7 +254,7 @@ async def test_health_says_when_the_map_lacks_the_lanes() -> None:
         bench.put(MAP, Environment(stamp_ns=2, name="lab", strips=(*LAB.strips, more)))
         await bench.settle()
         (warning,) = view.report().warnings
-        assert warning.startswith("feeder.initial: 99 were asked for, ")
+        assert warning.startswith("feeder.initial: 99 configured, ")
         row = process("conveyor-sim")
         assert row.load() is type(service)
         assert view.reads == {topic.key for topic in row.reads}

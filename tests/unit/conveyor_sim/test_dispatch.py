@@ -57,7 +57,7 @@ def test_selected_red_ones_leave_at_bay_1_and_all_others_at_bay_3() -> None:
     assert (state.left, state.fed) == (len(events), len(events) + belts.size)
 
 
-def test_who_deselects_in_time_sends_it_to_the_others() -> None:
+def test_deselection_in_time_sends_the_package_to_the_other_bay() -> None:
     belts = plant(FORK, feeder={"sequence": []})
     name = belts.add("red", "main", 0.3)
     assert bay_of(belts, name) == "3"
@@ -98,7 +98,7 @@ def test_a_deselection_that_comes_too_late_is_refused_too_and_may_be_taken_back(
     assert (event.event, event.bay, event.user) == ("dispatched", "1", "anna")
 
 
-def test_a_deselection_that_comes_too_late_leaves_it_with_who_sent_it_there() -> None:
+def test_late_deselection_leaves_the_package_with_its_user() -> None:
     belts = plant(FORK, feeder={"sequence": []})
     name = belts.add("blue", "main", 0.3)
     belts.select({name: "anna"}, 0)
@@ -109,7 +109,7 @@ def test_a_deselection_that_comes_too_late_leaves_it_with_who_sent_it_there() ->
     assert [(bay.bay, bay.count, bay.selected) for bay in belts.state(0).bays] == [("1", 1, 1)]
 
 
-def test_departures_of_what_was_selected_are_kept_for_who_was_away() -> None:
+def test_departures_of_selected_packages_are_stored_for_late_subscribers() -> None:
     belts = plant(FORK, feeder={"sequence": []})
     chosen, late, other = belts.add("red", "main", 0.3), "", ""
     belts.select({chosen: "anna"}, 0)
@@ -139,7 +139,7 @@ def test_the_diverter_is_set_when_a_package_comes_to_it() -> None:
     assert (refused.event, event.bay) == ("refused", "3")
 
 
-def test_on_the_papers_conveyor_there_is_a_way_round_for_who_is_late() -> None:
+def test_late_selection_takes_the_way_round_on_the_papers_conveyor() -> None:
     belts = plant(SHIPPED, feeder={"sequence": []})
     name = belts.add("red", "part_e", 0.3)
     go(belts, 18.5)  # 5.03 + 4.2 m: past the diverter of bay 1, on the way to bay 3
@@ -161,7 +161,7 @@ def until_ns(belts: Plant, name: str) -> int | None:
     return next(tracked.bay_until_ns for tracked in objects if tracked.id == name)
 
 
-def test_reset_forgets_the_counts() -> None:
+def test_reset_sets_the_counts_to_zero() -> None:
     belts = plant(FORK, feeder={"count": 2})
     go(belts, 30.0)
     assert belts.state(0).left == 2

@@ -105,7 +105,7 @@ def test_what_is_selected_can_be_taken_back_until_it_is_on_its_way_to_the_bay() 
     assert until_s(belts, name) == 0.0
 
 
-def test_a_way_round_counts() -> None:
+def test_way_round_prolongs_the_time_to_change_the_bay() -> None:
     belts = plant(SHIPPED, feeder={"sequence": []})
     name = belts.add("red", "part_e", 0.3)
     go(belts, 18.5)  # past the diverter of bay 1, before the junction that leads round
@@ -147,7 +147,7 @@ def test_a_change_is_in_time_until_the_very_moment_that_was_told_and_too_late_fr
     seen: set[bool] = set()
 
     def outcome(at_ns: int) -> list[tuple[str, bool]]:
-        """Return what comes of a change at `at_ns`, and whether the package leaves at bay 1."""
+        """Return the events of a change at `at_ns`, and True for each package that leaves at bay 1."""
         other.skip_time(belts.now_ns)
         other.restore(belts.snapshot())
         other.step(at_ns)

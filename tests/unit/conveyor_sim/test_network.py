@@ -128,7 +128,7 @@ def every(belt: str, interval_s: float, *, kind: str = "red") -> dict[str, objec
 
 
 def run(belts: Plant, until_s: float, *, step_s: float = 0.04) -> list[tuple[TrackedObject, ...]]:
-    """Return what is there at every step from where `belts` is until `until_s`."""
+    """Return the tracked objects at every step of `belts` until `until_s`."""
     seen: list[tuple[TrackedObject, ...]] = []
     while belts.now_ns < until_s * S:
         belts.step(belts.now_ns + round(step_s * S))
@@ -201,7 +201,7 @@ def test_a_slower_belt_ahead_slows_those_that_touch() -> None:
 
 
 @pytest.mark.parametrize(("after_s", "held"), [(1.6, "left"), (2.4, "main")])
-def test_who_comes_first_to_a_junction_goes_first(after_s: float, held: str) -> None:
+def test_first_package_at_a_junction_passes_first(after_s: float, held: str) -> None:
     belts = plant(MERGE, feeder={"sequence": []})
     names = {belts.add("x", "left", 0.4): "left"}  # 2.6 m before the junction
     run(belts, after_s)
@@ -243,7 +243,7 @@ def test_a_ring_takes_no_more_by_hand_either() -> None:
     assert len(moving) == belts.size == added
 
 
-def test_who_could_not_leave_a_junction_again_does_not_block_it() -> None:
+def test_package_without_room_behind_a_junction_does_not_enter_it() -> None:
     belts = plant(CROSS, feeders={"w": every("w", 1.5, kind="red"), "n": every("n", 1.5, kind="blue")})
     belts.set_speed(0.0, ("e",))
     run(belts, 60.0)
@@ -364,7 +364,7 @@ def test_a_linked_belt_that_runs_backwards_holds_at_its_start() -> None:
     assert belts.size == 0
 
 
-def test_what_is_too_long_for_the_junctions_is_not_taken() -> None:
+def test_package_too_long_for_the_junctions_is_refused() -> None:
     with pytest.raises(NoRoomError, match=r"2 m do not fit .* at most 0\.4 m do; set longest_m"):
         plant(FORK).add("tree", "main", 2.0)
 

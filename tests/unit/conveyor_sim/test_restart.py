@@ -22,7 +22,7 @@ from tests.unit.conveyor_sim.rooms import CHAIN, FORK, config
 
 FEEDER = {"interval_s": 0.5, "length_m": 0.2}
 SITE = "memory"
-"""What the bus of the bench calls its site."""
+"""Site name of the bench's bus."""
 
 
 class Shift:
@@ -97,7 +97,7 @@ async def test_after_a_clean_end_the_next_one_goes_on_with_the_same_packages() -
         (-10.0, {}, FORK),
     ],
 )
-async def test_too_late_or_elsewhere_it_begins_anew(
+async def test_old_snapshot_or_one_of_another_map_is_not_restored(
     later_s: float, changes: dict[str, object], room: Environment
 ) -> None:
     clock = ManualClock()
@@ -109,7 +109,7 @@ async def test_too_late_or_elsewhere_it_begins_anew(
         assert second.states[-1].fed == 1
 
 
-async def test_who_forgets_begins_anew() -> None:
+async def test_conveyor_with_discarded_state_starts_empty() -> None:
     clock = ManualClock()
     async with shift(clock, setting()) as first:
         await first.go(3.0)
@@ -119,7 +119,7 @@ async def test_who_forgets_begins_anew() -> None:
         assert set(first.ids).isdisjoint(second.ids)
 
 
-async def test_an_event_that_was_kept_but_perhaps_not_told_is_told_again() -> None:
+async def test_unpublished_event_is_published_after_a_restart() -> None:
     clock = ManualClock()
     async with shift(clock, setting()) as first:
         await first.go(3.0)

@@ -1,4 +1,4 @@
-"""Which pieces of a network lie on a ring, beside what SciPy finds."""
+"""Rings of a network, compared with SciPy's components."""
 
 import numpy as np
 from hypothesis import given
@@ -65,4 +65,4 @@ def test_the_way_in_and_the_way_out_are_no_part_of_a_ring() -> None:
     (ring,) = rings.pieces
     on_it = {network.pieces[index].belt for index in ring}
     assert on_it == {"south", "east", "north", "west"}
-    assert rings.most[0] > 0
+    assert rings.capacity[0] > 0

@@ -1,4 +1,4 @@
-"""What a tracker gets wrong, on request."""
+"""Configured faults of the simulated tracker."""
 
 import numpy as np
 import pytest
@@ -27,7 +27,7 @@ def pairs(
     return belts, seen
 
 
-def test_without_faults_it_tells_the_truth() -> None:
+def test_tracker_without_faults_reports_exact_objects() -> None:
     _, seen = pairs(2.0)
     assert all(exact is report for exact, report in seen)
 

@@ -1,4 +1,4 @@
-"""A floor, a table and a ceiling, and somebody who stands in the origin and points at them."""
+"""A floor, a table and a ceiling, and a person in the origin who points at them."""
 
 from collections.abc import Callable
 from typing import Any
@@ -37,7 +37,7 @@ POINTING = Interaction(stamp_ns=START_NS, state="pointing")
 
 
 def cursor(stamp_ns: int, point: Vec3 | None, surface_id: str = "floor", **fields: Any) -> Cursor:
-    """The cursor of a ray from the eyes to `point`; none: it passes everything by."""
+    """The cursor of a ray from the eyes to `point`, or of a ray that hits nothing if None."""
     if point is None:
         return Cursor(stamp_ns=stamp_ns)
     reach = vector.subtract(point, EYES)

@@ -58,7 +58,7 @@ async def test_a_place_near_to_somebody_else_is_refused_and_a_press_confirms_whe
         assert goals[0].confirmed_by == "press"
 
 
-async def test_what_is_not_confirmed_is_taken_back_though_nothing_comes_any_more() -> None:
+async def test_unconfirmed_proposal_is_withdrawn_without_further_messages() -> None:
     clock = ManualClock()
     async with memory_bench(clock) as bench:
         cues = bench.collect(FEEDBACK, "anna")

@@ -283,7 +283,7 @@ async def test_a_missing_port_does_not_end_the_service(tmp_path: Path) -> None:
         await bench.settle()
 
 
-async def test_the_end_comes_soon(tmp_path: Path) -> None:
+async def test_serial_source_stops_within_two_seconds(tmp_path: Path) -> None:
     with pty_device(tmp_path / "imu") as device:
         for path in (device.path, tmp_path / "absent"):
             loop = asyncio.get_running_loop()

@@ -28,7 +28,7 @@ slight = st.floats(-0.1, 0.1)
 def pose(
     azimuth: float, elevation: float, worn: Quaternion, *, noise_deg: float = 0.0, roll: float = 0.0
 ) -> Hold:
-    """Return what an arm in that pose reads, when its sensor is worn so that arm_from_true is `worn`."""
+    """Return the readings of an arm in that pose, with the sensor worn so that arm_from_true is `worn`."""
     arm = rotation.from_azimuth_elevation(azimuth, elevation, roll)
     read = Rotation.from_quat(rotation.multiply(arm, rotation.inverse(worn)))
     random = np.random.default_rng(1)
@@ -82,7 +82,7 @@ def solved(worn: Quaternion) -> Mounting:
     return solve_mounting(pose(0.2, 0.0, worn), pose(0.2, math.pi / 2, worn))
 
 
-def test_the_account_says_what_was_wrong_and_what_is_left() -> None:
+def test_mounting_reports_errors_before_and_after() -> None:
     right = solved(rotation.IDENTITY)
     assert (right.about_arm_rad, right.off_axis_rad) == pytest.approx((0.0, 0.0), abs=1e-6)
     # turned clockwise seen from the elbow: what was the sensor's left is up now
@@ -114,7 +114,7 @@ UP = math.pi / 2
         ((0.0, 0.0), (UP - 0.6, 0.0), "34° from level"),
     ],
 )
-def test_what_tells_no_mounting_is_refused(
+def test_poses_without_a_mounting_are_refused(
     forward: tuple[float, float], up: tuple[float, float], words: str
 ) -> None:
     worn = from_roll_pitch_yaw(0.4, 0.1, 0.2)

@@ -166,7 +166,7 @@ async def test_presses_of_the_device_are_held_back_and_its_restart_is_noticed(tm
             assert here.presses[0].seq == 1
 
 
-async def test_who_centres_turns_what_has_the_wrist_and_the_device_stays_as_it_was() -> None:
+async def test_centring_turns_the_page_and_not_the_device() -> None:
     def azimuth(sample: ImuSample) -> float:
         return vector.azimuth(rotation.rotate(sample.orientation_xyzw, (1.0, 0.0, 0.0)))
 
@@ -239,7 +239,7 @@ async def test_nothing_is_mounted_on_a_mouse() -> None:
             await here.bench.bus.call(SET_MOUNTING, SetMounting(), ANNA)
 
 
-async def test_health_says_who_moves_the_wrist_and_how_the_phone_is() -> None:
+async def test_health_shows_the_device_of_the_page_and_its_battery() -> None:
     async with site(source="page") as here:
         async with here.held():
             await until(lambda: here.figures() == {"moved by a page's mouse or ROS": 1.0})

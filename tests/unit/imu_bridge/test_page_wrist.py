@@ -1,4 +1,4 @@
-"""A wrist that a page moves, without a bus: what is news, what arm it means, whence its yaw counts."""
+"""A wrist that a page moves, without a bus: valid samples, arm orientation, yaw origins."""
 
 import itertools
 import math
@@ -116,14 +116,14 @@ def test_a_mouse_leaves_the_origin_as_it_is_and_a_phone_has_its_own_in_each_sess
     assert hand.epoch(20.2, "phone", 1) == first
     second = hand.epoch(20.3, "phone", 2)
     assert second not in (0, first)
-    assert hand.epoch(30.0, "arm", 7) == 0  # whoever has it otherwise went on meanwhile
+    assert hand.epoch(30.0, "arm", 7) == 0  # the own source continued meanwhile
     hand.home = None
     assert hand.epoch(40.0, "phone", 2) == second
     assert hand.epoch(50.0, "arm") == second  # nobody else has it, so the pose is the phone's still
 
 
 def test_the_clock_of_a_mouses_page_is_no_devices() -> None:
-    """It would go back, seen from the wristband it stands in for: as if that had been switched on anew."""
+    """Its time would go back relative to that of the replaced wristband, as after a restart."""
     hand = Hand()
     arm, phone = hand.send(0.0, device_time_ns=5), hand.send(0.1, "phone", device_time_ns=6)
     assert arm is not None
@@ -132,7 +132,7 @@ def test_the_clock_of_a_mouses_page_is_no_devices() -> None:
 
 
 def test_a_still_phone_is_no_device_that_is_stuck() -> None:
-    """Who makes rays takes what repeats a device time for a repeat, and makes none of it."""
+    """A repeated device time means a repeated sample, from which no ray is made."""
     hand, freshness = Hand(), Freshness(0.2)
     for step in range(10):
         still = hand.send(0.2 * step, "phone", device_time_ns=7)
@@ -185,7 +185,7 @@ Step = tuple[Device, int, bool]
 
 @given(st.lists(st.tuples(st.sampled_from(["arm", "phone"]), st.integers(1, 3), st.booleans()), max_size=30))
 def test_the_localizer_is_told_of_every_new_origin_and_of_no_other(steps: list[Step]) -> None:
-    """Whoever moves the wrist meanwhile is a simulated person, whose samples have the number 0."""
+    """Between pages a simulated person moves the wrist, with samples of number 0."""
     hand, origin = Hand(), YawOrigin()
     time_s, session, phone, was = 0.0, 0, "", "home"
 

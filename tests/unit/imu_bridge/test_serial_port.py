@@ -1,4 +1,4 @@
-"""What serial errors say to a person, and how a port's thread lives and ends."""
+"""Messages of serial errors, and start and end of a port's thread."""
 
 import asyncio
 import errno

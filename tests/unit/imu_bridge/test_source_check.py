@@ -1,4 +1,4 @@
-"""What imu-bridge can tell of its source before it joins a site."""
+"""Checks of imu-bridge's source before it joins a site."""
 
 from typing import Any
 
@@ -17,7 +17,7 @@ from pointit.services.imu_bridge.service import ImuBridge
         ({"source": "replay", "replay": {"recording": "absent.csv"}}, "absent.csv"),
     ],
 )
-def test_a_source_that_cannot_be_is_told(values: dict[str, Any], said: str) -> None:
+def test_source_without_its_settings_is_refused(values: dict[str, Any], said: str) -> None:
     with pytest.raises(ConfigError, match=said):
         ImuBridge.validate_config(ImuBridgeConfig.model_validate(values))
 

@@ -62,7 +62,7 @@ def test_what_a_fifth_number_is_can_be_said() -> None:
 
 
 @pytest.mark.parametrize("line", [b"button", b"B", b"Button press", b"b:press"])
-def test_buttons(line: bytes) -> None:
+def test_button_lines_are_gestures(line: bytes) -> None:
     assert LineParser().parse(line) == ButtonLine("press")
 
 
@@ -73,7 +73,7 @@ def test_a_button_may_say_its_gesture() -> None:
 @pytest.mark.parametrize(
     "line", [b"", b"  ", b"# hello", b"Calibration: 1, 0, 0, 0", b"Orientation: 10, 20, 30"]
 )
-def test_what_is_no_quaternion_on_purpose_is_passed_over(line: bytes) -> None:
+def test_lines_of_other_readings_are_ignored(line: bytes) -> None:
     assert LineParser().parse(line) is None
 
 
@@ -95,7 +95,7 @@ def test_what_is_no_quaternion_on_purpose_is_passed_over(line: bytes) -> None:
         (b"hello world", "'hello'"),
     ],
 )
-def test_refused_with_a_reason(line: bytes, reason: str) -> None:
+def test_unreadable_line_is_refused_with_a_reason(line: bytes, reason: str) -> None:
     with pytest.raises(LineError, match=reason.replace("+", r"\+")):
         LineParser().parse(line)
 

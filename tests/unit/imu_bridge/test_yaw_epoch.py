@@ -1,4 +1,4 @@
-"""Whoever uses the yaw learns that it counts from another origin: by request, mounting or restart."""
+"""New yaw origins are reported to other services: by request, mounting or restart."""
 
 from pathlib import Path
 

@@ -36,7 +36,7 @@ USER = "anna"
 
 @dataclass
 class Course:
-    """What became of one person."""
+    """Course of one person's localization."""
 
     person_m: tuple[float, float]
     poses: list[UserPose] = field(default_factory=list[UserPose])
@@ -60,14 +60,7 @@ class Course:
 
 
 def follow(seed: int, config: LocalizerConfig, *, late_s: tuple[float, float], duration_s: float) -> Course:
-    """Return what becomes of a person who presses, follows the robot, and turns away once they may point.
-
-    Args:
-        seed: of everything random.
-        config: of the localizer.
-        late_s: range of the time after the press at which the arm, which hangs, begins to rise.
-        duration_s: how long to live.
-    """
+    """Return the course of a person who presses, follows the robot, and turns away once they may point."""
     rng = np.random.default_rng(seed)
     times_s = np.arange(round(duration_s * RATE_HZ)) / RATE_HZ
     robots_m = _robot(rng, times_s)
@@ -159,7 +152,7 @@ def _robot(rng: np.random.Generator, times_s: Array) -> Array:
 
 
 def _things(rng: np.random.Generator, times_s: Array, feet_m: Array) -> Array:
-    """Return what the person points at once they may: things on a belt, 2 to 6 s each (n x 3)."""
+    """Return the targets of the person once they may point: objects on a belt, 2 to 6 s each (n x 3)."""
     hold_s = rng.uniform(2.0, 6.0)
     ahead = _polar(1.0, rng.uniform(-math.pi, math.pi))
     along_m = rng.uniform(-2.5, 2.5, int(times_s[-1] / hold_s) + 1)

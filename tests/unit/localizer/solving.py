@@ -1,4 +1,4 @@
-"""What tests of the solver share: rooms, beliefs, and what it said."""
+"""Rooms, settings and helpers for tests of the solver."""
 
 import dataclasses
 import math

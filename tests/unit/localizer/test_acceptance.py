@@ -1,4 +1,4 @@
-"""What is refused, with a sentence that a technician understands."""
+"""Refusals of the solver, with messages for technicians."""
 
 import dataclasses
 import math
@@ -30,10 +30,10 @@ from tests.unit.localizer.solving import (
 )
 
 
-def test_refusals_say_what_is_wrong_and_what_to_do() -> None:
+def test_refusals_name_the_problem_and_the_remedy() -> None:
     person = Person(1.0, 1.0, 0.5)
     few = pointings(person, CORNERS, each=2)
-    assert refused(few) == "only 8 rays were gathered and 20 are needed; see the IMU"
+    assert refused(few) == "only 8 rays were gathered and 20 are needed; check the IMU"
     assert "at one place" in refused(pointings(person, CORNERS[:1] * 3))
     elsewhere = pointings(person, CORNERS)
     swapped = dataclasses.replace(elsewhere, targets_m=np.roll(elsewhere.targets_m, 50, axis=0))
@@ -114,7 +114,7 @@ def test_pose_that_is_less_certain_than_demanded_in_one_respect_is_refused(deman
 
 
 @pytest.mark.parametrize("name", ["idle_0", "idle_1", "idle_3", "idle_4"])
-def test_who_does_not_point_is_refused(name: str) -> None:
+def test_rays_of_a_person_who_does_not_point_are_refused(name: str) -> None:
     """Windows of 10 s in which the person was doing something else."""
     recording = read_imu_csv(data_file(f"recordings/motion_relloc/{name}.csv"))
     assert recording.robot_m is not None

@@ -41,7 +41,7 @@ def ray(origin: tuple[float, float, float], azimuth: float, elevation: float, st
     st.lists(places, min_size=2, max_size=4, unique=True),
     st.lists(st.tuples(places, angles, angles), min_size=1, max_size=4),
 )
-def test_lamps_and_rays_anywhere(
+def test_any_lamps_and_rays_give_a_refusal_or_a_valid_pose(
     lamps: list[tuple[float, float, float]], rays: list[tuple[tuple[float, float, float], float, float]]
 ) -> None:
     procedure = StaticTargets(
@@ -80,7 +80,7 @@ AT_THE_EDGE = ((FARTHEST, 2.0), (FARTHEST, -2.0), (FARTHEST - 2.0, 0.0))
     0,
     LOOSE,
 )
-def test_robots_and_rays_anywhere(
+def test_any_robots_and_rays_give_a_refusal_or_a_valid_pose(
     robots: list[tuple[tuple[float, float, float], tuple[float, float, float]]],
     rays: list[tuple[tuple[float, float, float], float, float]],
     off_ns: int,

@@ -1,4 +1,4 @@
-"""The drift filter when the IMU's yaw jumps, and when the same rays tell two fixes."""
+"""The drift filter when the IMU's yaw jumps, and when two fixes share rays."""
 
 import dataclasses
 import math
@@ -9,7 +9,7 @@ from pointit.schemas import NS_PER_S, UserPose
 from pointit.services.localizer.drift.filter import DriftFilter
 from pointit.services.localizer.tracking.pose_tracking import PoseTracker
 from tests.unit.localizer.person import Person, yaw_difference
-from tests.unit.localizer.test_drift import (
+from tests.unit.localizer.test_drift_filter import (
     LAMPS,
     MINUTE_NS,
     PERSON,
@@ -21,7 +21,7 @@ from tests.unit.localizer.test_drift import (
 )
 
 JUMP_RAD = math.radians(-51.0)
-"""How far the IMU's yaw jumps."""
+"""Jump of the IMU's yaw."""
 
 
 def jumped(at_ns: int, jump_ns: int, rate_radps: float = math.radians(0.32)) -> Person:

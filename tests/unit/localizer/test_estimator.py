@@ -192,7 +192,7 @@ def synthetic_trials(scenario: int) -> list[tuple[Pointings, NDArray[np.float64]
         (3, 0.20, 3),
     ],  # measured: .009, .198, .232, .145 m; 0, 7, 3, 2
 )
-def test_two_synthetic_leds(scenario: int, median_m: float, wrong: int) -> None:
+def test_solver_finds_the_pose_from_two_lamps(scenario: int, median_m: float, wrong: int) -> None:
     errors_m: list[float] = []
     yaws: list[float] = []
     for gathered, place, yaw_rad in synthetic_trials(scenario):

@@ -10,7 +10,7 @@ from pointit.schemas import NS_PER_S, Localization, UserPose
 from pointit.services.localizer.outputs import Output
 from pointit.services.localizer.procedures.moving_target import (
     CONTRADICTED,
-    LEAST_LATENCY_SIGMA_S,
+    MIN_LATENCY_SIGMA_S,
     Following,
     MovingTarget,
 )
@@ -72,7 +72,7 @@ def test_newest_half_that_has_too_few_rays_of_its_own_contradicts_nothing() -> N
 def test_tracker_that_says_it_is_never_late_is_believed_up_to_the_jitter_of_the_radio() -> None:
     sigmas_m = [
         stated(poses(live(started(Following()), 0.0, 12.0, latency_sigma_s=latency_sigma_s))[-1])
-        for latency_sigma_s in (0.0, LEAST_LATENCY_SIGMA_S, 5.0 * LEAST_LATENCY_SIGMA_S)
+        for latency_sigma_s in (0.0, MIN_LATENCY_SIGMA_S, 5.0 * MIN_LATENCY_SIGMA_S)
     ]
     assert sigmas_m[0] == sigmas_m[1] < sigmas_m[2]
     assert sigmas_m[0] > 0.0

@@ -58,14 +58,14 @@ def test_a_slow_reach_is_waited_for(jitter_deg: float) -> None:
     assert hold.is_over(hold.rays[0].stamp_ns + 2 * NS_PER_S, 20)
 
 
-def test_who_is_quick_loses_no_time_by_the_gate() -> None:
+def test_steady_ray_settles_without_delay() -> None:
     hold = Hold(START_NS, STEADY)
     reaching(hold, 0.5, 3.2)
     assert hold.rays[0].stamp_ns == ns(1.02)
     assert hold.is_over(ns(3.0), 20)
 
 
-def test_who_never_rests_is_taken_as_they_are_in_the_end() -> None:
+def test_ray_that_never_settles_counts_in_the_end() -> None:
     hold = Hold(START_NS, STEADY)
     reaching(hold, 100.0, 6.5)
     assert hold.is_settled

@@ -139,7 +139,7 @@ def test_people_stand_on_the_floor_unless_its_height_is_asked_for(*, is_free: bo
         assert pose.z_sigma_m == 0.0
 
 
-def test_what_cannot_be_told_is_refused_in_a_sentence() -> None:
+def test_unsolvable_lamps_are_refused_with_a_reason() -> None:
     outputs = run(StaticTargets(EYE_HIGH, choice=SURE), error_deg=1.0)
     last = told(outputs)[-1]
     assert last.phase == "refused"

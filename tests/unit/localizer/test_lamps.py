@@ -1,4 +1,4 @@
-"""Which lamps will do, and a map that changes while somebody points at them."""
+"""Selection of lamps, and a map that changes while a person points at them."""
 
 from typing import Literal
 
@@ -66,7 +66,7 @@ def test_the_choice_is_that_of_the_configuration() -> None:
     assert isinstance(locating.start(None, START_NS), Refusal)
 
 
-def test_what_became_of_lamps() -> None:
+def test_map_change_reason_names_lamps_that_left_or_moved() -> None:
     assert map_change_reason([A, B], room(B, A, C)) == ""
     assert map_change_reason([A, B], room(A, at(B, 0.04, name="b"))) == ""
     assert map_change_reason([A, B], room(A, at(B, 0.06, name="b"))) == "lamp b moved by 0.06 m"

@@ -1,4 +1,4 @@
-"""Rays and a tracker whose stamps are apart: the pose shifts, no residual shows it, and sigma covers it."""
+"""Rays and a tracker with shifted stamps: the pose shifts without a residual, and sigma covers it."""
 
 import dataclasses
 import math
@@ -62,7 +62,7 @@ def is_outside(solution: Solution, off_m: float, turned_rad: float) -> bool:
 
 
 def judged(people: int, late_s: float, trust: SolverSettings) -> tuple[int, float]:
-    """Return how many poses are accepted, and which share of them is outside of the stated 2 sigma."""
+    """Return the number of accepted poses, and the share of them outside of the stated 2 sigma."""
     outside: list[bool] = []
     for seed in range(people):
         gathered, person = following(seed, late_s)

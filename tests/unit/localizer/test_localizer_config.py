@@ -1,4 +1,4 @@
-"""What the configuration says is what the cores believe; what contradicts itself is refused."""
+"""Configuration reaches the cores; contradictions are refused."""
 
 import math
 
@@ -13,7 +13,7 @@ from pointit.services.localizer.estimation_config import DriftConfig, TrustConfi
 from pointit.services.localizer.procedures.target_plan import TargetPlan
 
 
-def test_the_defaults_stand_once() -> None:
+def test_defaults_of_configuration_and_cores_are_equal() -> None:
     config = LocalizerConfig()
     want, have = SolverSettings(), config.believed()
     for name in want.__dataclass_fields__:
@@ -46,6 +46,6 @@ def test_lamps_and_robots_have_limits_of_their_own() -> None:
 def test_health_does_not_warn_of_what_localization_accepts() -> None:
     config = LocalizerConfig()
     assert config.drift.max_yaw_sigma_deg >= config.trust.max_yaw_sigma_deg
-    with pytest.raises(ValidationError, match="every new pose would be warned of"):
+    with pytest.raises(ValidationError, match="every new pose would raise a warning"):
         LocalizerConfig(drift=DriftConfig(max_yaw_sigma_deg=8.0))
     LocalizerConfig(drift=DriftConfig(max_yaw_sigma_deg=8.0), trust=TrustConfig(max_yaw_sigma_deg=8.0))

@@ -136,7 +136,7 @@ async def test_the_lamp_that_tells_most_about_the_yaw_is_taken_when_none_is_name
         assert not any(wearer.lit.values())
 
 
-async def test_what_cannot_be_anchored_is_refused_at_once() -> None:
+async def test_impossible_anchor_is_refused_immediately() -> None:
     async with memory_bench(ManualClock()) as bench:
         bench.start(Localizer, LAMPS_FIRST, USER)
         await bench.settle()
@@ -258,7 +258,7 @@ async def test_where_a_tracker_gives_the_pose_the_localizer_stands_back() -> Non
         bench.put(POSE, tracked(clock), USER)
         await bench.settle()
         assert wearer.progress[-1].phase == "cancelled"
-        assert wearer.progress[-1].reason.startswith("a tracker gives the pose of anna now")
+        assert wearer.progress[-1].reason.startswith("a tracker provides the pose of anna now")
         assert not any(wearer.lit.values())
         count = len(wearer.progress)
         bench.put(POSE, tracked(clock, 7.1), USER)
@@ -273,7 +273,7 @@ async def test_where_a_tracker_gives_the_pose_the_localizer_stands_back() -> Non
             bench.bus.call(SET_POSE, SetPose(position_m=(0.0, 0.0, 0.0)), USER),
             bench.bus.call(SET_HEADING, SetHeading(azimuth_rad=0.0), USER),
         ):
-            with pytest.raises(RefusedError, match=r"a tracker gives the pose of anna, 1.0 s ago"):
+            with pytest.raises(RefusedError, match=r"a tracker provides the pose of anna, last 1.0 s ago"):
                 await asking
         await until(lambda: wearer.figure("external pose") == 1.0, what="the figure")
         clock.advance(1.5)
@@ -318,13 +318,13 @@ async def test_our_last_pose_is_taken_back_when_a_tracker_comes(monkeypatch: pyt
         await until(lambda: closed == [POSE.at(USER)], what="taking back")
 
 
-async def test_who_has_nothing_to_do_says_that_it_stands_back() -> None:
+async def test_idle_localizer_reports_that_a_tracker_provides_the_pose() -> None:
     clock = ManualClock()
     async with memory_bench(clock) as bench:
         wearer = Wearer(bench)
         await ready(bench, FIXED)
         bench.put(POSE, tracked(clock), USER)
-        await until(lambda: "stands back" in wearer.progress[-1].reason, what="standing back")
+        await until(lambda: "localizer pauses" in wearer.progress[-1].reason, what="pausing")
         assert wearer.progress[-1].phase == "idle"
         late = bench.collect(POSE, USER)
         await bench.settle()
@@ -347,7 +347,7 @@ async def test_an_anchor_beside_a_tracker_tells_how_the_person_points() -> None:
 
         tasks = [asyncio.create_task(track()), asyncio.create_task(wearer.live())]
         await until(
-            lambda: any("stands back" in news.reason for news in wearer.progress), what="standing back"
+            lambda: any("localizer pauses" in news.reason for news in wearer.progress), what="pausing"
         )
         await bench.bus.call(POINT_ANCHOR, PointAnchor(lamp="led_1"), USER)
         await wearer.until_phase("solved")

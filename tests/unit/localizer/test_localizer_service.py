@@ -196,7 +196,7 @@ async def test_start_again_begins_at_the_first_lamp() -> None:
         assert room.poses[0].samples < 250
 
 
-async def test_set_pose_wins_over_what_goes_on() -> None:
+async def test_set_pose_stops_the_running_procedure() -> None:
     clock = ManualClock()
     async with memory_bench(clock) as bench:
         room = Room(bench, clock, Person())
@@ -284,7 +284,7 @@ async def test_silence_is_refused_and_shown_in_health_until_it_works() -> None:
         (ROOM.model_copy(update={"lamps": ()}), STATIC, "needs two at different places"),
     ],
 )
-async def test_what_cannot_begin_is_refused_at_once(
+async def test_impossible_start_is_refused_immediately(
     room: Environment | None, config: LocalizerConfig, sentence: str
 ) -> None:
     async with memory_bench() as bench:
@@ -296,7 +296,7 @@ async def test_what_cannot_begin_is_refused_at_once(
             await bench.bus.call(START_LOCALIZATION, StartLocalization(), USER)
 
 
-async def test_a_refused_start_does_not_stop_what_goes_on() -> None:
+async def test_refused_start_does_not_stop_the_running_procedure() -> None:
     async with memory_bench() as bench:
         progress: list[Localization] = bench.collect(LOCALIZATION, USER)
         bench.start(Localizer, LocalizerConfig(method="moving_target"), USER)

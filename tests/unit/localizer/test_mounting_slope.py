@@ -1,4 +1,4 @@
-"""What the slope of the elevations says about how the sensor sits on the arm."""
+"""Messages about the mounting by the slope of the elevations."""
 
 import dataclasses
 
@@ -11,11 +11,11 @@ from tests.unit.localizer.solving import solved
 from tests.unit.localizer.test_mounting_fault import TURNS, following
 
 SURE = Slope(value=0.0, sigma=0.05, freedom=18.0, sideways_rad=0.03)
-"""Of a sensor across the arm, in a window of 10 s."""
+"""Slope of a sensor across the arm, in a window of 10 s."""
 
 
 def said(monkeypatch: pytest.MonkeyPatch, slope: Slope, *, is_refused: bool = False) -> str:
-    """Return what is said of `slope`, the rays being accepted or refused."""
+    """Return the message about `slope` with accepted or refused rays."""
     gathered = following(1, TURNS["along"])
 
     def measured(*_: object) -> Slope:

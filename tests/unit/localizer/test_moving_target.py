@@ -152,7 +152,7 @@ def test_second_tracker_with_a_wrong_clock_does_not_spoil_the_pose(trackers: tup
     assert error_m(poses(outputs)[-1]) < 0.05
 
 
-def test_who_does_not_follow_is_refused_in_the_end() -> None:
+def test_following_without_a_fit_is_refused_at_the_timeout() -> None:
     outputs = fly(MovingTarget(Following(give_up_s=8.0)), 10.0, follow=False)
     assert poses(outputs) == []
     last = told(outputs)[-1]
@@ -161,12 +161,12 @@ def test_who_does_not_follow_is_refused_in_the_end() -> None:
     assert last.residual_rad is not None
 
 
-def test_reasons_while_nothing_comes() -> None:
+def test_missing_robot_and_missing_rays_are_the_reason() -> None:
     procedure = MovingTarget(Following(give_up_s=3.0))
     procedure.start(START_NS)
     (first,) = told(procedure.step(START_NS))
     assert first.phase == "sampling"
-    assert "nobody says where a robot is" in first.reason
+    assert "no tracker reports a robot" in first.reason
     procedure.on_objects("room", robots(0.0, drone=place(0.0)))
     (second,) = told(procedure.step(START_NS + NS_PER_S))
     assert "no rays come" in second.reason
@@ -222,7 +222,7 @@ def test_tracker_that_ends_is_not_said_to_have_another_clock() -> None:
         procedure.on_ray(PERSON.ray(place(tick / 50.0), now_ns))
         reasons += [message.reason for message in told(procedure.step(now_ns))]
     assert not any("clock" in reason for reason in reasons)
-    assert "nobody says where a robot is" in reasons[-1]
+    assert "no tracker reports a robot" in reasons[-1]
 
 
 def test_no_pose_is_repeated_when_the_rays_stop() -> None:
@@ -236,7 +236,7 @@ def test_no_pose_is_repeated_when_the_rays_stop() -> None:
             assert "no rays come" in told(outputs)[-1].reason
 
 
-def test_cancel() -> None:
+def test_cancel_stops_following_and_keeps_the_pose() -> None:
     procedure = MovingTarget()
     fly(procedure, 4.0)
     (message,) = told(procedure.cancel(START_NS + 4 * NS_PER_S))

@@ -1,4 +1,4 @@
-"""Which lamp is worth pointing at next, and how well any solver can do."""
+"""Selection of the next lamp, and the accuracy that any solver can reach."""
 
 import math
 from collections.abc import Sequence
@@ -171,7 +171,7 @@ def test_the_yaw_is_told_best_by_a_far_and_level_lamp() -> None:
 
 
 def test_after_one_lamp_another_direction_tells_more() -> None:
-    """What the first anchor has left is a place and a yaw that hang together."""
+    """The first anchor leaves a correlated position and yaw."""
     lamps: list[Vec3] = [(4.0, 0.0, 1.6), (0.0, 3.5, 1.6)]
     known = np.diag([0.09, 0.09, 0.3])
     first = best_for_yaw(lamps, (0.0, 0.0), known, ObservationModel())

@@ -27,7 +27,7 @@ TURNED = (0.6, 1.0)
 
 @dataclasses.dataclass(frozen=True)
 class Pointer:
-    """What one person's wrist says, and the truth."""
+    """Readings of one person's wrist, and the truth."""
 
     arms: Array
     """Azimuth and elevation of the arm in {W} (n x 2), rad."""

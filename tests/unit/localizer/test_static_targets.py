@@ -139,7 +139,7 @@ def test_cancel_puts_the_lamp_off_and_only_once() -> None:
     assert procedure.step(START_NS + 60 * NS_PER_S) == []
 
 
-def test_start_again_forgets_everything() -> None:
+def test_restart_discards_everything() -> None:
     procedure = StaticTargets(LAMPS)
     outputs = run(procedure, Person(1.0, 1.0, 1.0), 5.0)
     again_ns = START_NS + 5 * NS_PER_S

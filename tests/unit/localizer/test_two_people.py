@@ -137,7 +137,7 @@ async def test_of_two_who_start_at_once_one_waits_and_the_other_keeps_the_lamp()
         assert room.shining == []
 
 
-async def test_who_waits_can_cancel_and_an_anchor_waits_as_well() -> None:
+async def test_waiting_can_be_cancelled_and_anchors_wait_too() -> None:
     async with room_of(*PEOPLE) as room:
         await room.bench.bus.call(SET_POSE, SetPose(position_m=(0.5, 1.6, 0.0), yaw_rad=0.2), "carl")
         await room.start("anna")
@@ -157,7 +157,7 @@ async def test_who_waits_can_cancel_and_an_anchor_waits_as_well() -> None:
 
 
 @pytest.mark.parametrize("presence", ["person", "localizer"])
-async def test_the_place_of_who_leaves_is_free_at_once(presence: str) -> None:
+async def test_absent_user_frees_the_lamps_immediately(presence: str) -> None:
     """Dora's localizer is played: it says once that she points, and is gone without a word."""
     async with room_of("anna") as room:
         bench = room.bench

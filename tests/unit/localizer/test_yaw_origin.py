@@ -1,4 +1,4 @@
-"""What an IMU that was restarted, turned or set anew does to the pose."""
+"""Effect on the pose of an IMU that was restarted, turned, or given a new yaw origin."""
 
 import math
 
@@ -46,7 +46,7 @@ async def send(bench: Bench, clock: ManualClock, epoch: int, device_s: float | N
     await bench.settle()
 
 
-@pytest.mark.parametrize(("epoch", "device_s"), [(1, 10.1), (0, 1.0)], ids=["set anew", "restarted"])
+@pytest.mark.parametrize(("epoch", "device_s"), [(1, 10.1), (0, 1.0)], ids=["new origin", "restarted"])
 async def test_the_yaw_is_unknown_and_it_is_said_until_something_tells_it(
     epoch: int, device_s: float
 ) -> None:

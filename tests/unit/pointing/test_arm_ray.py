@@ -97,7 +97,7 @@ def test_the_forearm_starts_at_the_elbow_of_a_hanging_upper_arm() -> None:
     assert rayed(ray, 0.0, 0.0)[0] == pytest.approx((0.0, -0.2, 1.43 - 0.56 * 0.55))
 
 
-def test_the_profile_chooses() -> None:
+def test_profile_selects_ray_model_and_hand() -> None:
     body = BodyMeasures(neck_to_shoulder_m=0.2)
     profile = UserProfile(stamp_ns=0, body=body, hand="left", ray_model="shoulder_arm")
     assert rayed(ArmRay.from_profile(profile), 0.0, 0.0)[0] == (0.0, 0.2, 1.43)

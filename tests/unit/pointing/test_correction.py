@@ -1,4 +1,4 @@
-"""What is added to a ray: bounded, continuous, and nothing wild beyond the anchors."""
+"""Correction of a ray: bounded, continuous, and constant beyond the anchors."""
 
 import math
 
@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from pointit.geometry import vector
 from pointit.schemas import PointingOffset
-from pointit.services.pointing.correction import FADE_RAD, LARGEST_RAD, apply
+from pointit.services.pointing.correction import FADE_RAD, MAX_CORRECTION_RAD, apply
 
 angles = st.floats(-10.0, 10.0)
 elevations = st.floats(-math.pi / 2, math.pi / 2)
@@ -66,8 +66,8 @@ def test_it_is_bounded_and_never_leads_over_the_pole(
     offset: PointingOffset, azimuth_rad: float, elevation_rad: float
 ) -> None:
     azimuth, elevation = apply(offset, azimuth_rad, elevation_rad)
-    assert abs(azimuth) <= LARGEST_RAD
-    assert abs(elevation) <= LARGEST_RAD
+    assert abs(azimuth) <= MAX_CORRECTION_RAD
+    assert abs(elevation) <= MAX_CORRECTION_RAD
     assert abs(elevation_rad + elevation) <= math.pi / 2 + 1e-12
 
 
@@ -97,4 +97,4 @@ def test_straight_up_and_down_nothing_jumps(offset: PointingOffset, azimuth_rad:
         elevation_rad = up * (math.pi / 2 - 1e-6)
         by_azimuth, by_elevation = apply(offset, azimuth_rad + side, elevation_rad)
         rays.append(vector.direction(azimuth_rad + side + by_azimuth, elevation_rad + by_elevation))
-    assert vector.angle_between(rays[0], rays[1]) < 2e-6 * (1.0 + LARGEST_RAD / math.sin(FADE_RAD))
+    assert vector.angle_between(rays[0], rays[1]) < 2e-6 * (1.0 + MAX_CORRECTION_RAD / math.sin(FADE_RAD))

@@ -20,7 +20,7 @@ def test_stale_and_older_samples_are_refused() -> None:
     assert freshness.classify(sample(1_000_000_000), 1_300_000_000) == "stale"
     assert freshness.classify(sample(1_000_000_000), 1_100_000_000) == "fresh"
     assert freshness.classify(sample(900_000_000), 1_000_000_000) == "stale"
-    assert (freshness.judged, freshness.stale) == (3, 2)
+    assert (freshness.count, freshness.stale) == (3, 2)
 
 
 def test_one_sample_from_the_future_is_refused_and_spoils_none() -> None:
@@ -89,4 +89,4 @@ def test_every_news_is_fresh_once_however_often_it_is_said(steps: list[int], aga
         said = 1 + again.count(index)
         verdicts = [freshness.classify(sample(now_ns, device_ns), now_ns) for _ in range(said)]
         assert verdicts == ["fresh", *["repeated"] * (said - 1)]
-    assert freshness.judged == len(steps) + freshness.repeated
+    assert freshness.count == len(steps) + freshness.repeated

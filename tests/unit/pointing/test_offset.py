@@ -1,4 +1,4 @@
-"""The ladder: what it finds, what it refuses to believe, how sure it says it is."""
+"""Fit of the offset: its models, outliers and stated uncertainty."""
 
 import math
 from collections.abc import Sequence
@@ -51,7 +51,7 @@ def left_deg(fitted: OffsetFit, held_out: Sequence[Sighting]) -> tuple[float, fl
     return float(rms[0]), float(rms[1])
 
 
-def test_nothing_tells_nothing() -> None:
+def test_fit_without_sightings_has_no_offset() -> None:
     fitted = fit([])
     assert fitted.offset is None
     assert fitted.dropped == ()
@@ -142,7 +142,7 @@ def test_at_most_a_third_of_the_holds_is_dropped() -> None:
     assert fitted.dropped == (5, 6)  # the two worst of seven
 
 
-def test_a_lone_hanging_hand_tells_nothing() -> None:
+def test_lone_sighting_with_a_hanging_hand_is_dropped() -> None:
     fitted = fit([seen(0.0, 10.0, 0.0, 70.0)])
     assert fitted.offset is None
     assert fitted.dropped == (0,)

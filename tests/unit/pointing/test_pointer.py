@@ -46,7 +46,7 @@ def test_the_offset_is_added_before_the_filter_and_told() -> None:
     assert vector.elevation(second.direction) == pytest.approx(vector.elevation(first.direction), abs=1e-3)
 
 
-def test_a_new_profile_begins_the_filter_anew() -> None:
+def test_new_profile_resets_the_filter() -> None:
     pointer = Pointer(smoothing=OneEuro())
     assert pointer.ray(sample(0.0, 0), 0) is not None
     pointer.set_profile(UserProfile(stamp_ns=0, offset=UP))

@@ -1,4 +1,4 @@
-"""Where the arm must point: checked against the pointing model of the product."""
+"""Direction of the arm, checked against the pointing model of the product."""
 
 import math
 from typing import Literal
@@ -76,7 +76,7 @@ def test_who_aims_by_the_arm_turns_it_to_the_thing() -> None:
     assert bent.aim_at((3.0, 0.0, 0.0))[1] == pytest.approx(math.atan2(-1.43 + 0.56 * 0.55, 2.0))
 
 
-def test_whoever_moves_takes_eyes_and_shoulder_along() -> None:
+def test_move_shifts_eyes_and_shoulder() -> None:
     moved = Stance(BodyMeasures(neck_to_shoulder_m=0.2), "left")
     moved.move((1.0, -2.0, 0.0))
     there = Stance(BodyMeasures(neck_to_shoulder_m=0.2), "left", (1.0, -2.0, 0.0))

@@ -12,19 +12,19 @@ def _text(value: object) -> object:
 
 
 class FeederConfig(Config):
-    """What is put on the lanes in turn, and when."""
+    """Packages that are fed to the lanes in turn, and their interval."""
 
     sequence: tuple[str, ...] = Field(
         default=("red", "green", "blue"),
-        description="kinds of the objects fed, in this order, over and over; empty: none are fed",
+        description="kinds of the objects fed, repeated in this order; empty: nothing is fed",
     )
     interval_s: float = Field(default=2.0, gt=0, le=3600, description="from one object to the next, s")
     length_m: float = Field(default=0.3, gt=0, le=5, description="length of the objects fed, m")
     count: int = Field(
-        default=0, ge=0, description="objects fed in all, initial ones included; 0: without end"
+        default=0, ge=0, description="number of objects fed, including initial ones; 0: unlimited"
     )
     initial: int = Field(
-        default=0, ge=0, le=10_000, description="objects that are there at the start, evenly spaced"
+        default=0, ge=0, le=10_000, description="number of objects at the start, evenly spaced"
     )
 
 
@@ -33,10 +33,10 @@ class NamedFeederConfig(Config):
 
     belt: str = Field(description="id of the belt at whose start it feeds")
     sequence: tuple[str, ...] = Field(
-        default=(), description="kinds in this order, over and over; or give probabilities"
+        default=(), description="kinds, repeated in this order; or give probabilities"
     )
     probabilities: dict[str, float] = Field(
-        default={}, description="kind to how often it comes, relative to the others; or give a sequence"
+        default={}, description="relative frequency by kind; or give a sequence"
     )
     min_interval_s: float = Field(
         default=4.0, gt=0, le=3600, description="shortest time from one package to the next, s"
@@ -45,7 +45,7 @@ class NamedFeederConfig(Config):
         default=7.0, gt=0, le=3600, description="longest time from one package to the next, s"
     )
     length_m: float = Field(default=0.3, gt=0, le=5, description="length of the packages, m")
-    count: int = Field(default=0, ge=0, description="packages fed in all; 0: without end")
+    count: int = Field(default=0, ge=0, description="number of packages fed; 0: unlimited")
 
     @model_validator(mode="after")
     def _is_sound(self) -> Self:
@@ -54,35 +54,35 @@ class NamedFeederConfig(Config):
         if self.probabilities and not (
             min(self.probabilities.values()) >= 0 < sum(self.probabilities.values())
         ):
-            raise ValueError("probabilities are numbers from 0 on, one of them above 0")
+            raise ValueError("probabilities must not be negative, and one of them must be above 0")
         if self.min_interval_s > self.max_interval_s:
             raise ValueError("min_interval_s must not be above max_interval_s")
         return self
 
 
 class TrackingConfig(Config):
-    """What a real tracker gets wrong; as it is, nothing."""
+    """Faults of a simulated tracker; the defaults have none."""
 
     noise_m: float = Field(
         default=0.0, ge=0, le=1, description="standard deviation of reported positions along the belt, m"
     )
     missed_share: float = Field(
-        default=0.0, ge=0, lt=1, description="share of the packages missing in a report, each by itself"
+        default=0.0, ge=0, lt=1, description="share of the packages missing in a report, independently"
     )
     dropout_share: float = Field(default=0.0, ge=0, lt=1, description="share of the reports lost, in bursts")
-    dropout_s: float = Field(default=0.4, gt=0, le=60, description="how long a burst is on average, s")
+    dropout_s: float = Field(default=0.4, gt=0, le=60, description="mean length of a burst, s")
     latency_s: float = Field(
-        default=0.0, ge=0, le=5, description="how old a report's content and stamp are when it comes, s"
+        default=0.0, ge=0, le=5, description="age of a report's content and stamp when it is published, s"
     )
 
 
 class ConveyorSimConfig(Config):
-    """What of the map moves and how fast, what is fed, where it goes, what is kept."""
+    """Moving belts and their speeds, feeders, bays, tracker and storage."""
 
     REPLACED: ClassVar[tuple[str, ...]] = ("feeders",)
 
     surface: Literal["strip", "belt"] = Field(
-        default="belt", description="belt: the map's belts; strip: its LED strips taken as belts"
+        default="belt", description="belt: the map's belts; strip: its LED strips, used as belts"
     )
     lanes: tuple[str, ...] = Field(
         default=(), description="ids of the belts or strips of the map that move; empty: all of them"
@@ -91,44 +91,45 @@ class ConveyorSimConfig(Config):
         default=0.5, ge=-10, le=10, description="speed at the start, m/s; negative: towards the lines' starts"
     )
     rate_hz: float = Field(default=25.0, gt=0, le=200, description="how often objects are reported, Hz")
-    seed: int = Field(default=0, ge=0, description="of everything random: the same seed, the same packages")
-    bay_selected: str = Field(default="1", description="bay of the map to which selected packages go")
-    bay_rest: str = Field(default="3", description="bay of the map to which all others go")
+    seed: int = Field(default=0, ge=0, description="seed of all random number generators")
+    bay_selected: str = Field(default="1", description="bay of the map for selected packages")
+    bay_rest: str = Field(default="3", description="bay of the map for all other packages")
     longest_m: float = Field(
         default=0.4,
         gt=0,
         le=5,
-        description="longest package that a network of belts takes, m; so far it keeps junctions clear",
+        description="longest package on a network of belts, m; junctions are kept clear that far",
     )
     feeder: FeederConfig = Field(
-        default=FeederConfig(), description="what is put on the lanes in turn, without feeders and schedule"
+        default=FeederConfig(), description="feeder of the lanes in turn, without `feeders` and `schedule`"
     )
     feeders: dict[str, NamedFeederConfig] = Field(
-        default={}, description="feeders by name, instead of `feeder`; a file's replace those of the scenario"
+        default={}, description="feeders by name, instead of `feeder`; those of a file replace the scenario's"
     )
     schedule: str = Field(
-        default="", description="a file of timed steps with speeds and feeders (the ROS toolkit's feeders_*)"
+        default="", description="file of timed steps with speeds and feeders (the ROS toolkit's feeders_*)"
     )
     schedule_length_m: float = Field(
         default=0.3, gt=0, le=5, description="length of the packages that a schedule feeds, m"
     )
     kinds: dict[Annotated[str, BeforeValidator(_text)], str] = Field(
-        default={"0": "blue", "1": "red"}, description="what a schedule's numbers of kinds mean"
+        default={"0": "blue", "1": "red"}, description="kind by its number in a schedule"
     )
     feeder_belts: dict[str, str] = Field(
-        default={}, description="belts of a schedule's feeders; else those of the same name, belt_, part_"
+        default={},
+        description="belts of a schedule's feeders; default: the feeder's name, or belt_, part_",
     )
-    tracking: TrackingConfig = Field(default=TrackingConfig(), description="what a real tracker gets wrong")
+    tracking: TrackingConfig = Field(default=TrackingConfig(), description="faults of the tracker")
     resume_within_s: float = Field(
         default=60.0,
         ge=0,
         le=86400,
-        description="after a restart within this time it goes on with the packages it had, s; 0: never",
+        description="longest pause after which a restart restores the packages, s; 0: never",
     )
 
     @property
     def longest_fed_m(self) -> float:
-        """Return the length that junctions are laid out for, m."""
+        """Return the length of packages for which junctions are laid out, m."""
         lengths = [self.longest_m, *(feeder.length_m for feeder in self.feeders.values())]
         if self.schedule:
             lengths.append(self.schedule_length_m)

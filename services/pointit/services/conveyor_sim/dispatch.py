@@ -1,4 +1,4 @@
-"""Which bay each package goes to, and what came out where."""
+"""Assignment of bays to packages, and the counts of departures."""
 
 import math
 from collections import deque
@@ -11,11 +11,11 @@ from pointit.services.conveyor_sim.traffic.last_way import LastWay
 from pointit.services.conveyor_sim.traffic.package import Package
 
 DEPARTURES = 50
-"""Departures that are kept for readers that were away; more packages are hardly selected at a time."""
+"""Largest number of stored departures, which suffices for subscribers that were away."""
 
 
 class Dispatch:
-    """Sends selected packages to one bay and the rest to another, and counts."""
+    """Sends selected packages to one bay and the rest to another, and counts them."""
 
     def __init__(self, routes: Routes, last_way: LastWay, *, bay_selected: str, bay_rest: str) -> None:
         self._routes = routes
@@ -23,21 +23,21 @@ class Dispatch:
         self._bay_selected = bay_selected
         self._bay_rest = bay_rest
         self.selected: dict[str, str] = {}
-        """Who has which package, as it was told last."""
+        """User by selected package, as of the last selection."""
         self.reset()
 
     def reset(self) -> None:
         """Set all counts to 0."""
         self.left = 0
-        """Packages that left, at a bay or where a belt ends."""
+        """Number of packages that left, at a bay or at the end of a belt."""
         self.refused = 0
         self.counts: dict[tuple[str, str], tuple[int, int]] = {}
-        """By bay and kind: how many came out, how many of them were selected."""
+        """By bay and kind: number of packages that came out, and of selected ones among them."""
         self.departures: deque[Departure] = deque(maxlen=DEPARTURES)
-        """The latest packages that left and were selected, or came too late for it."""
+        """The latest packages that left and were selected, or were selected too late."""
 
     def assign_bay(self, package: Package) -> None:
-        """Give a package that has just come its bay."""
+        """Assign a new package its bay."""
         package.user = self.selected.get(package.id, "")
         wanted = self._bay_selected if package.user else self._bay_rest
         package.bay = self._routes.best(package.piece, wanted)
@@ -45,9 +45,9 @@ class Dispatch:
     def select(
         self, owners: Mapping[str, str], packages: Iterable[Package], now_ns: int
     ) -> list[SelectionEvent]:
-        """Take who has what selected by now; return what came too late for its bay, each once.
+        """Apply the selection. Return an event for each package that is now too late for its bay, once each.
 
-        What came too late changes nothing: the package goes on to its bay, for whom it was sent there.
+        A late selection changes nothing: the package goes on to its bay for the user of that bay.
         """
         self.selected = dict(owners)
         events: list[SelectionEvent] = []
@@ -75,7 +75,7 @@ class Dispatch:
         return events
 
     def until_ns(self, package: Package, now_ns: int) -> int | None:
-        """Return until when (de)selecting `package` changes its bay; 0: too late, None: no limit."""
+        """Return the last time at which (de)selecting `package` changes its bay; 0: past, None: no limit."""
         wanted = self._wanted(package, is_selected=not package.user)
         if not package.bay or package.bay == wanted:
             return None
@@ -85,12 +85,12 @@ class Dispatch:
         return None if left_s == math.inf else now_ns + int(left_s * NS_PER_S)
 
     def _wanted(self, package: Package, *, is_selected: bool) -> str:
-        """Return the bay of selected packages or of the rest; one the map does not have is the nearest."""
+        """Return the bay of selected packages or of the rest, or the nearest one if the map lacks it."""
         wanted = self._bay_selected if is_selected else self._bay_rest
         return wanted if self._routes.has(wanted) else self._routes.best(_decided(package), wanted)
 
     def leave(self, package: Package, bay: str, now_ns: int) -> SelectionEvent:
-        """Count a package that came out at `bay` (empty: where a belt ends) and return what is to be told."""
+        """Count a package that left at `bay` (`""`: at the end of a belt) and return its event."""
         self.left += 1
         if package.user or package.refused:
             self.departures.append(
@@ -103,7 +103,7 @@ class Dispatch:
         return _event("dispatched", package, now_ns, user=package.user, bay=bay)
 
     def bays(self) -> tuple[BayCount, ...]:
-        """Return the counts as they travel."""
+        """Return the counts as message parts."""
         return tuple(
             BayCount(bay=bay, kind=kind, count=count, selected=selected)
             for (bay, kind), (count, selected) in sorted(self.counts.items())
@@ -111,7 +111,7 @@ class Dispatch:
 
 
 def _decided(package: Package) -> int:
-    """Return the piece to which it is decided that `package` goes."""
+    """Return the last piece of the way to which `package` is committed."""
     return package.way[-1] if package.way else package.piece
 
 

@@ -1,4 +1,4 @@
-"""What of a map is the conveyor."""
+"""Conveyor network of a map."""
 
 from pointit.geometry.polyline import Polyline
 from pointit.schemas import Environment
@@ -7,14 +7,14 @@ from pointit.services.conveyor_sim.network.network import Network
 
 
 class UnusableMapError(Exception):
-    """The map does not have what the configuration needs; its text is one sentence for a person."""
+    """The map lacks what the configuration needs; the message is for users."""
 
 
 def network_of(environment: Environment, config: ConveyorSimConfig) -> Network:
     """Return the belts or strips of `environment` that `config` names as a network.
 
     Raises:
-        UnusableMapError: one is missing, or is no line.
+        UnusableMapError: If one is missing or not a valid line.
     """
     surface = config.surface
     there = environment.strips if surface == "strip" else environment.belts
@@ -32,7 +32,7 @@ def network_of(environment: Environment, config: ConveyorSimConfig) -> Network:
         chosen = {lane: Polyline(lines[lane]) for lane in wanted}
     except ValueError as error:
         raise UnusableMapError(
-            f"lanes: a {surface} of map {environment.name!r} is no lane: {error}"
+            f"lanes: a {surface} of map {environment.name!r} is not a valid lane: {error}"
         ) from error
     if surface == "strip":
         return Network(chosen, surface=surface)

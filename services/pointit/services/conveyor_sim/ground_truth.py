@@ -1,4 +1,4 @@
-"""Packages as a perfect tracker sees them."""
+"""Packages as reported by a perfect tracker."""
 
 from collections.abc import Callable
 
@@ -10,9 +10,9 @@ from pointit.services.conveyor_sim.traffic.traffic import Traffic
 
 
 def ground_truth_objects(traffic: Traffic, until_ns: Callable[[Package], int | None]) -> list[TrackedObject]:
-    """Return every package of `traffic`, belt by belt, with exact places and speeds.
+    """Return every package of `traffic`, belt by belt, with exact positions and speeds.
 
-    `until_ns`: the time until which the bay of a package can be changed, None without limit.
+    `until_ns` returns the time until which the bay of a package can be changed, None without limit.
     """
     objects: list[TrackedObject] = []
     for piece, held in zip(traffic.network.pieces, traffic.held, strict=True):
@@ -25,7 +25,7 @@ def ground_truth_objects(traffic: Traffic, until_ns: Callable[[Package], int | N
         )
         speeds_mps = np.array([package.speed_mps for package in held])
         velocities = (line.tangents[segments] * speeds_mps[:, None]).tolist()
-        points = np.clip(line.points_at(along_m), -FARTHEST, FARTHEST).tolist()  # but for rounding
+        points = np.clip(line.points_at(along_m), -FARTHEST, FARTHEST).tolist()  # against rounding
         for package, point, velocity in zip(held, points, velocities, strict=True):
             belt, position_m = piece.place(package.offset_m)
             objects.append(

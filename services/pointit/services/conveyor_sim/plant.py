@@ -16,16 +16,16 @@ from pointit.services.conveyor_sim.traffic.package import Package
 from pointit.services.conveyor_sim.traffic.traffic import Traffic
 
 SHORTEST_S = 1e-3
-"""A feeder that found no room looks again after this at the earliest."""
+"""Shortest time after which a feeder that found no room tries again."""
 
 
 class Plant:
-    """Belts of a map with what moves on them.
+    """Belts of a map and the packages on them.
 
-    Packages enter with their centre at a belt's start and leave when it passes the end of a belt that leads
-    nowhere, or their bay. A belt without links that runs backwards is fed at its end and emptied at its
-    start; one with links holds back at its start what is on it, and is not fed. Without links, where a
-    package is depends on the time alone, not on how often the plant is stepped.
+    Packages enter with their centre at a belt's start and leave when it passes their bay or the end of a belt
+    without successor. An unlinked belt that runs backwards is fed at its end and emptied at its start; a
+    linked one holds packages at its start and is not fed. Without links the position of a package depends on
+    the time alone, not on the step size.
     """
 
     def __init__(
@@ -37,11 +37,11 @@ class Plant:
         start_ns: int,
         is_feeding: bool = True,
     ) -> None:
-        """Take the belts (or strips) of `environment` that `config` names, its links and bays.
+        """Create the plant from the belts (or strips) that `config` names, and the links and bays.
 
         Raises:
-            UnusableMapError: a line, a feeder's belt or a bay is missing.
-            ConfigError: the schedule cannot be used.
+            UnusableMapError: If a line, a feeder's belt or a bay is missing.
+            ConfigError: If the schedule cannot be used.
         """
         self.config = config
         self.network = network_of(environment, config)
@@ -65,7 +65,7 @@ class Plant:
         prefix = f"{start_ns // 1_000_000:x}"  # unique across restarts and maps
         self._intake = Infeed(self._traffic, self._dispatch.assign_bay, prefix=prefix)
         self.changes = 0
-        """Goes up with everything that must not be forgotten: feeds, departures, speeds, bays."""
+        """Counter of changes that must be saved: feeds, departures, speeds, bays."""
         self._speed_mps = config.speed_mps
         self._own_speeds: dict[str, float] = {}
         self._now_ns = start_ns
@@ -76,31 +76,31 @@ class Plant:
 
     @property
     def fed(self) -> int:
-        """Return how many packages were put on the conveyor so far."""
+        """Return the number of packages put on the conveyor so far."""
         return self._intake.fed
 
     @property
     def is_feeding(self) -> bool:
-        """Return whether the feeders give packages; otherwise they rest."""
+        """Return True if the feeders are on."""
         return self._feeders.is_on
 
     @property
     def size(self) -> int:
-        """Return how many packages are on the conveyor."""
+        """Return the number of packages on the conveyor."""
         return self._traffic.size
 
     @property
     def now_ns(self) -> int:
-        """Return the time to which it was stepped."""
+        """Return the time of the last step."""
         return self._now_ns
 
     @property
     def speeds(self) -> Mapping[str, float]:
-        """Return how fast each belt runs."""
+        """Return the speed of each belt."""
         return self._traffic.speeds
 
     def step(self, now_ns: int) -> list[SelectionEvent]:
-        """Go on to `now_ns`; return what left, was dispatched, refused. Time that went back stands still."""
+        """Advance to `now_ns` and return the events. An earlier time than before changes nothing."""
         rest_s = max(0, now_ns - self._now_ns) / NS_PER_S
         self._now_ns = now_ns
         events, self._pending = self._pending, []
@@ -114,7 +114,7 @@ class Plant:
             next_s = self._intake.next_s(self._feeders.active)
             if self._feeders.schedule is not None:
                 next_s = min(next_s, self._feeders.schedule.left_s)
-            if next_s <= 0.0 or (was_foreseen and not is_fed):  # somebody is held who was not foreseen to be
+            if next_s <= 0.0 or (was_foreseen and not is_fed):  # a package is held unexpectedly
                 next_s = max(next_s, SHORTEST_S)
             was_foreseen = next_s <= most_s
             until_s = min(most_s, next_s)
@@ -124,11 +124,11 @@ class Plant:
         return events
 
     def skip_time(self, now_ns: int) -> None:
-        """Let the time until `now_ns` go by without moving."""
+        """Set the time to `now_ns` without motion."""
         self._now_ns = now_ns
 
     def tracked(self, now_ns: int) -> TrackedObjects:
-        """Return every package where it exactly is, belt by belt, stamped `now_ns`."""
+        """Return every package at its exact position, belt by belt, stamped `now_ns`."""
         objects = ground_truth_objects(
             self._traffic, lambda package: self._dispatch.until_ns(package, now_ns)
         )
@@ -154,16 +154,16 @@ class Plant:
         )
 
     def select(self, owners: Mapping[str, str], now_ns: int) -> None:
-        """Take who has which package selected by now; what came too late is told by the next step."""
+        """Apply the selection; events of late selections are returned by the next step."""
         if dict(owners) != self._dispatch.selected:
             self._pending += self._dispatch.select(owners, self._traffic.packages, now_ns)
             self.changes += 1
 
     def set_speed(self, speed_mps: float, belts: Sequence[str] = ()) -> None:
-        """Change the speed from the last step on, of `belts` alone or (empty) of all of them.
+        """Change the speed from the last step on, of `belts` or (if empty) of all belts.
 
         Raises:
-            UnknownLaneError: one of `belts` does not exist; nothing is changed.
+            UnknownLaneError: If one of `belts` does not exist; nothing is changed.
         """
         for belt in belts:
             self._intake.check(belt)
@@ -172,28 +172,28 @@ class Plant:
         for belt in belts:
             self._own_speeds[belt] = speed_mps
             self._turn(belt, speed_mps)
-        self._traffic.move(0.0)  # so that packages have their new speeds at once
+        self._traffic.move(0.0)  # updates the packages' speeds
         self.changes += 1
 
     def set_feeding(self, *, is_on: bool) -> None:
-        """Let the feeders give packages from the last step on, or rest."""
+        """Turn the feeders on or off from the last step on."""
         self._feeders.is_on = is_on
         self.changes += 1
 
     def add(self, kind: str, belt: str, length_m: float, position: float | None = None) -> str:
-        """Put one package on `belt` (empty: the first entry), and return its id.
+        """Put one package on `belt` (`""`: the first entry), and return its id.
 
-        `position` is a share of the belt's length from its start, or None for where packages come onto it.
+        `position` is a share of the belt's length from its start, or None for its entry.
 
         Raises:
-            UnknownLaneError: there is no such belt.
-            NoRoomError: another package is in the way, or it is too long.
+            UnknownLaneError: If there is no such belt.
+            NoRoomError: If another package is in the way, or it is too long.
         """
         self.changes += 1
         return self._intake.add(kind, belt or self._entries[0], length_m, position)
 
     def reset(self) -> None:
-        """Take everything off, set the counts to 0 and start the feeders again; those that rest, rest on."""
+        """Remove all packages, set the counts to 0 and restart the feeders; paused ones stay paused."""
         self._traffic.clear()
         self._dispatch.reset()
         self._intake.fed = 0
@@ -205,7 +205,7 @@ class Plant:
         self.changes += 1
 
     def snapshot(self) -> dict[str, Any]:
-        """Return all that is not in the map and the configuration, as what JSON can hold."""
+        """Return all state besides the map and the configuration, as JSON values."""
         traffic, dispatch, intake = self._traffic, self._dispatch, self._intake
         return {
             "prefix": intake.prefix,
@@ -222,20 +222,20 @@ class Plant:
             "packages": [package.to_state() for held in traffic.held for package in held],
         }
 
-    def restore(self, kept: Mapping[str, Any]) -> None:
-        """Be as the plant that made the snapshot `kept` of the same map and configuration."""
+    def restore(self, snapshot: Mapping[str, Any]) -> None:
+        """Restore the plant that made the snapshot `snapshot` of the same map and configuration."""
         traffic, dispatch, intake = self._traffic, self._dispatch, self._intake
         traffic.clear()
-        intake.prefix, intake.ids, intake.fed = kept["prefix"], kept["ids"], kept["fed"]
-        dispatch.left, dispatch.refused = kept["left"], kept["refused"]
-        dispatch.counts = {(bay, kind): (count, n) for bay, kind, count, n in kept["counts"]}
-        dispatch.departures.extend(Departure(**values) for values in kept.get("departures", ()))
-        self._run_at(kept["speed_mps"])
-        for belt, speed_mps in kept["own_speeds"].items():
+        intake.prefix, intake.ids, intake.fed = snapshot["prefix"], snapshot["ids"], snapshot["fed"]
+        dispatch.left, dispatch.refused = snapshot["left"], snapshot["refused"]
+        dispatch.counts = {(bay, kind): (count, n) for bay, kind, count, n in snapshot["counts"]}
+        dispatch.departures.extend(Departure(**values) for values in snapshot.get("departures", ()))
+        self._run_at(snapshot["speed_mps"])
+        for belt, speed_mps in snapshot["own_speeds"].items():
             self.set_speed(speed_mps, (belt,))
-        intake.is_reverse = dict(kept["is_reverse"])
-        self._feeders.resume(kept)
-        traffic.restore([Package.from_state(values) for values in kept["packages"]])
+        intake.is_reverse = dict(snapshot["is_reverse"])
+        self._feeders.resume(snapshot)
+        traffic.restore([Package.from_state(values) for values in snapshot["packages"]])
         dispatch.selected = {package.id: package.user for package in traffic.packages if package.user}
 
     def _run_at(self, speed_mps: float) -> None:
@@ -252,7 +252,7 @@ class Plant:
     def _fill(self) -> None:
         initial = self.config.feeder.initial
         if initial and self._feeders.schedule is None and not self.config.feeders:
-            for feeder in self._feeders.active:  # there is one, if it does not rest
+            for feeder in self._feeders.active:  # one, unless paused
                 self._intake.fill(feeder, initial)
 
     def _pass(self, elapsed_s: float) -> list[SelectionEvent]:
@@ -271,6 +271,6 @@ class Plant:
         return events
 
     def _bay_at(self, package: Package) -> str:
-        """Return the bay at which a package has left; empty: where a belt ends, or backwards at a start."""
+        """Return the bay at which a package has left, or `""` at another end of a belt."""
         piece = self.network.pieces[package.piece]
         return "" if self._traffic.speeds[piece.belt] < 0.0 else piece.bay

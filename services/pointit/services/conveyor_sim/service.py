@@ -1,4 +1,4 @@
-"""Reads the map and the selection, writes the objects on the conveyor, answers requests about it."""
+"""Reads the map and the selection, writes the objects on the conveyor, and answers requests about it."""
 
 import asyncio
 from typing import ClassVar
@@ -40,25 +40,25 @@ from pointit.services.conveyor_sim.store.snapshot_store import erase, fingerprin
 from pointit.services.conveyor_sim.tracking import Tracker
 
 TRACKER = "conveyor"
-"""Under this name its objects are reported."""
+"""Name of the tracker under which objects are reported."""
 
 STALL_S = 1.0
-"""Wall time without a step after which the conveyor goes on from where it was, instead of jumping."""
+"""Wall time without a step after which the conveyor continues from where it was, instead of jumping."""
 
 STALL_PERIODS = 3
-"""It is never taken for stalled before so many periods of its rate."""
+"""Smallest number of periods without a step that count as a stall."""
 
 
 class ConveyorSim(Service[ConveyorSimConfig]):
-    """Moves objects along the map's belts, or along its strips taken as belts."""
+    """Moves objects along the map's belts, or along its strips used as belts."""
 
     NAME: ClassVar[str] = "conveyor-sim"
     SCOPE: ClassVar[Scope] = "site"
     CONFIG = ConveyorSimConfig
 
     @classmethod
-    def discard_saved_state(cls, site: str, now_ns: int) -> None:  # noqa: ARG003 - whenever it was
-        """Let the next conveyor of `site` begin empty."""
+    def discard_saved_state(cls, site: str, now_ns: int) -> None:  # noqa: ARG003 - independent of the time
+        """Delete the saved state, so that the next conveyor of `site` starts empty."""
         erase(site_folder(site, cls.NAME))
 
     def __init__(self, config: ConveyorSimConfig, context: Context) -> None:
@@ -66,7 +66,7 @@ class ConveyorSim(Service[ConveyorSimConfig]):
         self._plant: Plant | None = None
         self._tracker: Tracker | None = None
         self._mark = ""
-        self._memory = PlantPersistence(config, site_folder(self.bus.site, self.NAME))
+        self._persistence = PlantPersistence(config, site_folder(self.bus.site, self.NAME))
         self._is_resumed = False
         self._has_plant = asyncio.Event()
         self._owners: dict[str, str] | None = None
@@ -86,15 +86,15 @@ class ConveyorSim(Service[ConveyorSimConfig]):
 
     @classmethod
     def validate_config(cls, config: ConveyorSimConfig) -> None:
-        """Refuse a schedule that cannot be read.
+        """Check that the schedule can be read.
 
         Raises:
-            ConfigError: names the file and what is wrong in it.
+            ConfigError: If it cannot; names the file and the problem.
         """
         check_schedule(config)
 
     async def run(self) -> None:
-        """Step and report, once there are lanes; keep what there is at the end."""
+        """Step and report once there are lanes; save the state at the end."""
         await self._has_plant.wait()
         try:
             self._resume()
@@ -102,8 +102,8 @@ class ConveyorSim(Service[ConveyorSimConfig]):
                 self._report(self._ready(), now_ns)
         finally:
             if self._plant is not None:
-                self._memory.save(self._plant, self._mark, self.clock.now_ns())
-            self._memory.close()
+                self._persistence.save(self._plant, self._mark, self.clock.now_ns())
+            self._persistence.close()
 
     def _on_selection(self, selection: Selection, _name: str) -> None:
         self._owners = {selected.id: selected.user for selected in selection.objects}
@@ -142,18 +142,18 @@ class ConveyorSim(Service[ConveyorSimConfig]):
         if plant.fed < initial and plant.is_feeding:
             self.bus.warn(
                 "initial",
-                f"feeder.initial: {initial} were asked for, {plant.fed} put on the lanes: "
+                f"feeder.initial: {initial} configured, {plant.fed} put on the lanes: "
                 "there is no room, or no kind, for more",
             )
         else:
             self.bus.clear("initial")
 
     def _resume(self) -> None:
-        """Go on with what a conveyor before this one kept, if it is fresh and of the same map."""
+        """Restore the plant of a previous conveyor if it is recent and of the same map."""
         plant = self._plant
         if plant is not None:
             now_ns = self.clock.now_ns()
-            for event in self._memory.resume(plant, self._mark, now_ns, speed=self.clock.speed):
+            for event in self._persistence.resume(plant, self._mark, now_ns, speed=self.clock.speed):
                 self._events.put(event)
             if self._owners is not None:
                 plant.select(self._owners, now_ns)
@@ -195,7 +195,9 @@ class ConveyorSim(Service[ConveyorSimConfig]):
 
     def _ready(self) -> Plant:
         if self._plant is None or not self._is_resumed:
-            raise RefusedError("the conveyor has no lanes yet: no map with them came; is pui running?")
+            raise RefusedError(
+                "the conveyor has no lanes yet because no map with lanes came; is pui running?"
+            )
         return self._plant
 
     def _up_to_date(self) -> Plant:
@@ -208,13 +210,13 @@ class ConveyorSim(Service[ConveyorSimConfig]):
         if now_ns - self._stepped_ns > stall_s * NS_PER_S:
             plant.skip_time(now_ns)
         self._stepped_ns = now_ns
-        events = self._memory.save(plant, self._mark, now_ns, plant.step(now_ns))
+        events = self._persistence.save(plant, self._mark, now_ns, plant.step(now_ns))
         for event in events:
             self._events.put(event)
         if events:
-            self._memory.mark_published()
-        if self._memory.problem:
-            self.bus.warn("kept", self._memory.problem)
+            self._persistence.mark_published()
+        if self._persistence.problem:
+            self.bus.warn("kept", self._persistence.problem)
         else:
             self.bus.clear("kept")
 

@@ -1,4 +1,4 @@
-"""What a real tracker makes of the truth: noise, packages missed, reports lost in bursts, all of it late."""
+"""Simulated tracker: noise, missed packages, reports lost in bursts, latency."""
 
 import math
 from collections import deque
@@ -12,10 +12,10 @@ from pointit.services.conveyor_sim.config import TrackingConfig
 
 
 class Tracker:
-    """Turns exact reports into those of a tracker with the faults of its configuration, by a seed."""
+    """Adds the configured faults to exact reports, reproducibly by a seed."""
 
     def __init__(self, config: TrackingConfig, lines: Mapping[str, Polyline], *, seed: int) -> None:
-        """Know `lines` by the `surface_id` of what is on them."""
+        """Create a tracker of objects on `lines`, which are named by `surface_id`."""
         self._config = config
         self._lines = lines
         self._random = np.random.default_rng([seed, 0x7261C])
@@ -24,7 +24,7 @@ class Tracker:
         self._seen_ns: int | None = None
 
     def report(self, exact: TrackedObjects) -> TrackedObjects | None:
-        """Return what the tracker says when `exact` is so, with the stamp of what it says; none: nothing."""
+        """Return the tracker's report for the exact one, with its stamp, or None if there is none."""
         config = self._config
         report: TrackedObjects | None = exact
         if config.latency_s:
@@ -46,7 +46,7 @@ class Tracker:
         return report.model_copy(update={"objects": objects})
 
     def _loses(self, now_ns: int) -> bool:
-        """Return whether this report is lost; bursts begin and end at random, the share is kept."""
+        """Return True if this report is lost; bursts begin and end at random with the configured share."""
         config = self._config
         chance = self._random.random()
         if self._seen_ns is None:

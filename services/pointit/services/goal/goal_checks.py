@@ -1,4 +1,4 @@
-"""Whether a robot may be sent to a place: what it is on, how sure it is, who stands there."""
+"""Checks of places for a robot: surface, certainty, distance from people."""
 
 import math
 
@@ -9,14 +9,14 @@ from pointit.schemas import NS_PER_S, Cursor, Environment, Interaction, UserPose
 from pointit.services.goal.config import GoalConfig
 
 LEVEL = math.cos(math.radians(5.0))
-"""What a plane's normal has of the vertical, at least, where a robot can stand on it."""
+"""Smallest vertical part of a plane's normal on which a robot can stand."""
 
 
 class GoalChecker:
-    """Knows the level surfaces, where people stand, whether one of them points; says what speaks against."""
+    """Checks places by the level surfaces, people's positions and the person's interaction."""
 
     def __init__(self, config: GoalConfig, user: str) -> None:
-        """Judge for `user`, with nothing known."""
+        """Start for `user` without any data."""
         self._config = config
         self._user = user
         self._level: frozenset[str] = frozenset()
@@ -25,11 +25,11 @@ class GoalChecker:
 
     @property
     def is_pointing(self) -> bool:
-        """Return whether the person's supervisor says that they point."""
+        """Return True if the person's supervisor reports that they point."""
         return self._interaction is not None and self._interaction.state == "pointing"
 
     def on_map(self, environment: Environment) -> None:
-        """Take the room: its level planes are what a goal can be on."""
+        """Update the level planes of the map."""
         self._level = frozenset(
             plane.id
             for plane in environment.planes
@@ -37,15 +37,15 @@ class GoalChecker:
         )
 
     def on_pose(self, user: str, pose: UserPose) -> None:
-        """Take where somebody stands; it holds till they say otherwise, even when nobody hears of them."""
+        """Update a person's pose, which is valid until the next one even if they leave."""
         self._poses[user] = pose
 
     def on_interaction(self, interaction: Interaction) -> None:
-        """Take what the person is about."""
+        """Update the interaction state of the person."""
         self._interaction = interaction
 
     def place(self, cursor: Cursor) -> Vec3 | None:
-        """Return the point of `cursor` if it is on what a goal can be on; a plane must be seen from above."""
+        """Return the point of `cursor` if a goal can be there, else None; a plane must be seen from above."""
         point, eyes = cursor.point_m, cursor.origin_m
         if cursor.surface_id in self._config.surfaces:
             return point
@@ -59,15 +59,15 @@ class GoalChecker:
         return math.atan2(place_m[1] - feet[1], place_m[0] - feet[0])
 
     def clearance_m(self, place_m: Vec3) -> float:
-        """Return how far the nearest person is whose place is known; nobody: infinitely far."""
+        """Return the distance of the nearest person whose position is known, infinite if there is none."""
         gaps = (math.dist(place_m[:2], pose.position_m[:2]) for pose in self._poses.values())
         return min(gaps, default=math.inf)
 
     def sigma_m(self, place_m: Vec3, cursor: Cursor) -> float:
         """Return 1 sigma of the place on the floor along its worse direction.
 
-        The covariance of the person's place and yaw, carried over to where they point, and their aim: it
-        spreads along the ray by 1/sin of its slope, across it by the range alone. Infinite where unknown.
+        Combines the covariance of the person's position and yaw at the place, and their aim, which spreads
+        along the ray by 1/sin of its slope and across it by the range alone. Infinite if unknown.
         """
         pose = self._poses.get(self._user)
         if pose is None or cursor.origin_m is None:
@@ -88,23 +88,23 @@ class GoalChecker:
         return math.sqrt(max(0.0, float(np.linalg.eigvalsh((spread + spread.T) / 2.0)[-1])))
 
     def rejection_reason(self, place_m: Vec3, cursor: Cursor, now_ns: int) -> str:
-        """Return what speaks against sending a robot to a place, in one sentence; empty: nothing."""
+        """Return the reason not to send a robot to a place, or `""` if there is none."""
         config = self._config
         if not self.is_pointing:
             return "you are not pointing: press your button first"
         age_s = (now_ns - cursor.stamp_ns) / NS_PER_S
         if age_s > config.max_age_s:
-            return f"what is known of your arm is {age_s:.1f} s old: look for a slow link"
+            return f"the last data of your arm is {age_s:.1f} s old: look for a slow link"
         if age_s < -config.max_age_s:
             return f"your arm is {-age_s:.1f} s ahead of this machine's clock: synchronize the two clocks"
         if self._user not in self._poses:
-            return "nobody knows where you stand: localize first"
+            return "your position is unknown: localize first"
         if self._interaction is not None and self._interaction.is_unsure:
             return "your direction has become uncertain: press twice, then point at a lamp once"
         sigma_m = self.sigma_m(place_m, cursor)
         if not sigma_m <= config.max_sigma_m:
             how = f"sure to {sigma_m:.1f} m only" if math.isfinite(sigma_m) else "not known well enough"
-            return f"the place is {how}: choose one nearer to you, or localize anew"
+            return f"the place is {how}: choose one nearer to you, or localize again"
         for user, pose in self._poses.items():
             gap_m = math.dist(place_m[:2], pose.position_m[:2])
             if gap_m < config.keep_out_m:

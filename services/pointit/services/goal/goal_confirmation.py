@@ -1,9 +1,8 @@
-"""A goal in two steps: a place is proposed by staying there, and becomes a goal when that is confirmed.
+"""A goal in two steps: staying at a place proposes it, and a confirmation makes it a goal.
 
-Nothing happens twice at a place before it was left: whatever comes of a stay (a proposal, a refusal, a goal),
-the next begins when the cursor has been elsewhere. Of the button's gestures all three lead through the
-interaction, so that the second step is a second stay by default, and a press only where the supervisor
-leaves presses to others.
+After a stay with a result (a proposal, a refusal, a goal) the next stay begins only after the cursor has left
+the place. All three gestures of the button are used by the interaction, so the second step is a second stay
+by default, and a press only if the supervisor leaves presses to other services.
 """
 
 import math
@@ -20,26 +19,26 @@ from pointit.services.goal.goal_checks import GoalChecker
 Output = Goal | Feedback
 
 GAP_NS = 300_000_000
-"""A stay ends when no cursor came for so long."""
+"""Time without cursors that ends a stay."""
 LEFT, THERE = 2.0, 1.5
-"""A place is left at so many radii from it; a second stay is there within so many, as people return without
-seeing the cursor: two reaches differ by some degrees (pointing.md §7)."""
+"""In radii: distance at which a place is left, and at which a second stay is still there. People return
+without seeing the cursor, and two reaches differ by some degrees (pointing.md §7)."""
 BACK_NS = NS_PER_S
-"""A clock that goes back by more was set back."""
+"""Clock steps back beyond this are detected."""
 
 
 class _Proposal(NamedTuple):
     place_m: Vec3
     surface_id: str
     stamp_ns: int
-    """Of the cursor."""
+    """Stamp of the cursor."""
     since_ns: int
-    """When the person was asked."""
+    """Time of the proposal."""
 
 
 @dataclass
 class _Stay:
-    """Cursors that stay together."""
+    """Consecutive cursors at one place."""
 
     first_m: Vec3
     surface_id: str
@@ -53,44 +52,44 @@ class _Stay:
 
 
 class GoalConfirmation:
-    """Takes what one person does, with the time, and gives cues and goals."""
+    """Turns the pointing of one person into cues and goals."""
 
     def __init__(self, config: GoalConfig, user: str) -> None:
-        """Begin with nothing known of the person `user`, and nothing proposed."""
+        """Start for `user` without any data or proposal."""
         self._config = config
-        self._judging = GoalChecker(config, user)
+        self._checker = GoalChecker(config, user)
         self._cursor: Cursor | None = None
         self._stay: _Stay | None = None
         self._over: tuple[str, Vec3] | None = None
-        """Surface and place where something has come of a stay, till it is left."""
+        """Surface and place of the last stay with a result, until it is left."""
         self._proposal: _Proposal | None = None
         self._cues = self._goals = 0
 
     @property
     def deadline_ns(self) -> int | None:
-        """Return when `tick` must be called at the latest; none while nothing is proposed."""
+        """Return the latest time for the next `tick`, or None if nothing is proposed."""
         if self._proposal is None:
             return None
         return self._proposal.since_ns + round(self._config.confirm_s * NS_PER_S)
 
     def on_map(self, environment: Environment) -> None:
-        """Take the room."""
-        self._judging.on_map(environment)
+        """Update the map."""
+        self._checker.on_map(environment)
 
     def on_pose(self, user: str, pose: UserPose) -> None:
-        """Take where `user` stands, who may be anybody."""
-        self._judging.on_pose(user, pose)
+        """Update the pose of `user`, who may be any person."""
+        self._checker.on_pose(user, pose)
 
     def on_interaction(self, interaction: Interaction, now_ns: int) -> list[Output]:
-        """Take what the person is about; who does not point any more takes back what they proposed."""
-        self._judging.on_interaction(interaction)
-        if self._judging.is_pointing:
+        """Update the person's interaction. The end of pointing withdraws the proposal."""
+        self._checker.on_interaction(interaction)
+        if self._checker.is_pointing:
             return []
         self._stay = self._over = None
-        return self._take_back("you stopped pointing", now_ns)
+        return self._withdraw("you stopped pointing", now_ns)
 
     def on_cursor(self, cursor: Cursor, now_ns: int) -> list[Output]:
-        """Take where the person points; cursors that overtook each other are left out."""
+        """Process a cursor; cursors out of order are ignored."""
         outputs = self.tick(now_ns)
         before = self._cursor
         if before is not None:
@@ -100,7 +99,7 @@ class GoalConfirmation:
             if not 0 <= step_ns <= GAP_NS:
                 self._stay = None
         self._cursor = cursor
-        place = self._judging.place(cursor)
+        place = self._checker.place(cursor)
         if self._over is not None and self._is_away(place, cursor.surface_id, *self._over):
             self._over = self._stay = None
         if place is None:
@@ -110,7 +109,7 @@ class GoalConfirmation:
         return outputs
 
     def on_button(self, event: ButtonEvent, now_ns: int) -> list[Output]:
-        """Take a gesture: a press confirms what is proposed, where presses are to."""
+        """Process a gesture: a press confirms the proposal if so configured."""
         outputs = self.tick(now_ns)
         proposal = self._proposal
         is_meant = self._config.confirm == "press" and event.gesture == "press"
@@ -119,22 +118,22 @@ class GoalConfirmation:
         if abs(now_ns - event.stamp_ns) > round(self._config.max_age_s * NS_PER_S):
             late = "your press came late, or by another clock: point there and press once more"
             return [*outputs, *self._refuse(late, now_ns)]
-        here = self._judging.place(self._cursor)
+        here = self._checker.place(self._cursor)
         if self._is_away(here, self._cursor.surface_id, proposal.surface_id, proposal.place_m):
             return [*outputs, *self._refuse("you pointed elsewhere: point at the place as you press", now_ns)]
         return [*outputs, *self._confirm(proposal, self._cursor, "press", now_ns)]
 
     def tick(self, now_ns: int) -> list[Output]:
-        """Go on to `now_ns`: what is not confirmed in time is taken back."""
+        """Advance to `now_ns`; an unconfirmed proposal is withdrawn in time."""
         deadline_ns = self.deadline_ns
         if self._proposal is None or deadline_ns is None:
             return []
         if self._proposal.since_ns - BACK_NS <= now_ns < deadline_ns:
             return []
-        return self._take_back(f"not confirmed within {self._config.confirm_s:g} s", now_ns)
+        return self._withdraw(f"not confirmed within {self._config.confirm_s:g} s", now_ns)
 
     def _follow(self, place: Vec3, cursor: Cursor, now_ns: int) -> list[Output]:
-        """Go on with the stay, or begin one; return what comes of it when it is long enough."""
+        """Continue the stay, or start one. Return the result when it is long enough."""
         stay = self._stay
         if (
             stay is None
@@ -161,9 +160,9 @@ class GoalConfirmation:
         return self._propose(mean_m, cursor, now_ns)
 
     def _propose(self, place_m: Vec3, cursor: Cursor, now_ns: int) -> list[Output]:
-        why_not = self._judging.rejection_reason(place_m, cursor, now_ns)
-        if why_not:
-            return self._refuse(why_not, now_ns, place_m)
+        reason = self._checker.rejection_reason(place_m, cursor, now_ns)
+        if reason:
+            return self._refuse(reason, now_ns, place_m)
         self._proposal = _Proposal(place_m, cursor.surface_id, cursor.stamp_ns, now_ns)
         how = "point elsewhere, then there again" if self._config.confirm == "again" else "press your button"
         text = f"send a robot there? {how} within {self._config.confirm_s:g} s"
@@ -173,36 +172,36 @@ class GoalConfirmation:
         self, proposal: _Proposal, cursor: Cursor, by: Literal["again", "press"], now_ns: int
     ) -> list[Output]:
         place_m = proposal.place_m
-        why_not = self._judging.rejection_reason(place_m, cursor, now_ns)
-        if why_not:
-            return self._refuse(why_not, now_ns, place_m)
+        reason = self._checker.rejection_reason(place_m, cursor, now_ns)
+        if reason:
+            return self._refuse(reason, now_ns, place_m)
         self._proposal = None
         self._goals += 1
         goal = Goal(
             stamp_ns=cursor.stamp_ns,
             seq=self._goals,
             position_m=place_m,
-            yaw_rad=self._judging.yaw_rad(place_m),
+            yaw_rad=self._checker.yaw_rad(place_m),
             surface_id=proposal.surface_id,
             age_s=max(0, now_ns - cursor.stamp_ns) / NS_PER_S,
-            position_sigma_m=self._judging.sigma_m(place_m, cursor),
-            clearance_m=self._judging.clearance_m(place_m),
+            position_sigma_m=self._checker.sigma_m(place_m, cursor),
+            clearance_m=self._checker.clearance_m(place_m),
             proposed_ns=proposal.stamp_ns,
             confirmed_by=by,
         )
         return [goal, self._cue("selected", "localized", "the robot is sent there", now_ns, place_m)]
 
-    def _refuse(self, why: str, now_ns: int, place_m: Vec3 | None = None) -> list[Output]:
+    def _refuse(self, reason: str, now_ns: int, place_m: Vec3 | None = None) -> list[Output]:
         proposal, self._proposal = self._proposal, None
         if place_m is None and proposal is not None:
             place_m = proposal.place_m
-        return [self._cue("refused", "refused", why, now_ns, place_m)]
+        return [self._cue("refused", "refused", reason, now_ns, place_m)]
 
-    def _take_back(self, why: str, now_ns: int) -> list[Output]:
+    def _withdraw(self, reason: str, now_ns: int) -> list[Output]:
         proposal, self._proposal = self._proposal, None
         if proposal is None:
             return []
-        text = f"no robot is sent: {why}"
+        text = f"no robot is sent: {reason}"
         return [self._cue("deselected", "deselected", text, now_ns, proposal.place_m)]
 
     def _is_away(self, here: Vec3 | None, surface_id: str, other_id: str, place_m: Vec3) -> bool:
@@ -210,7 +209,7 @@ class GoalConfirmation:
         return not is_on or math.dist(here or place_m, place_m) > LEFT * self._config.radius_m
 
     def _cue(self, cue: Cue, sign_of: Cue, text: str, now_ns: int, place_m: Vec3 | None) -> Feedback:
-        """Return a cue with the signs of the table; a goal sounds otherwise than what is only proposed."""
+        """Return a cue with the signs of the table; goals and proposals sound differently."""
         sign = SIGNS[sign_of]
         self._cues += 1
         return Feedback(

@@ -1,4 +1,4 @@
-"""Reads a person's cursor, button and interaction, the map and everybody's pose; writes goals and cues."""
+"""Reads a person's cursor, button and interaction, the map and all people's poses; writes goals and cues."""
 
 import asyncio
 from collections.abc import Sequence
@@ -11,7 +11,7 @@ from pointit.services.goal.config import GoalConfig
 from pointit.services.goal.goal_confirmation import GoalConfirmation, Output
 
 LONGEST_WAIT_S = 5.0
-"""Then the clock is looked at again, which may have been set."""
+"""Longest wait before the clock is read again, since it may have been set."""
 
 
 class Goals(Service[GoalConfig]):
@@ -34,7 +34,7 @@ class Goals(Service[GoalConfig]):
         self.bus.subscribe(BUTTON, self._on_button, self.user)
 
     async def run(self) -> None:
-        """Take back what is not confirmed in time."""
+        """Withdraw proposals that are not confirmed in time."""
         while True:
             self._put(self._steps.tick(self.clock.now_ns()))
             self._moved.clear()

@@ -1,12 +1,12 @@
-"""From the sensor's orientation to the arm's: how the sensor is mounted, and where yaw 0 lies."""
+"""Conversion of the sensor's orientation to the arm's, by the mounting and the yaw origin."""
 
 import math
 
 from pointit.geometry import rotation, vector
 from pointit.geometry.rotation import Quaternion
 
-STEEPEST_RAD = math.radians(80.0)
-"""An arm steeper than this has no yaw to speak of."""
+MAX_ELEVATION_RAD = math.radians(80.0)
+"""Largest elevation of an arm with a usable yaw."""
 
 _HALF = math.sqrt(0.5)
 
@@ -28,11 +28,10 @@ MOUNTINGS: dict[str, Quaternion] = {
 }
 """sensor_from_arm: rotates the arm's x axis, which points to the finger, into the sensor's frame.
 
-All keep z: what is up on the sensor is up on the arm, palm down. Devices with a screen have x to its right,
-y to its top and z out of it (Android's and Pebble's documentation). A watch is worn face out on the back of
-the wrist, so that the right of its screen is towards the fingers on the left arm only; a phone has its top
-towards the fingers.
-"""
+All keep z: up on the sensor is up on the arm, palm down. Devices with a screen have x to its right, y to its
+top and z out of it (Android's and Pebble's documentation). A watch is worn face out on the back of the wrist,
+so that the right of its screen is towards the fingers on the left arm only; a phone has its top towards the
+fingers."""
 
 
 def from_roll_pitch_yaw(roll_rad: float, pitch_rad: float, yaw_rad: float) -> Quaternion:
@@ -43,14 +42,14 @@ def from_roll_pitch_yaw(roll_rad: float, pitch_rad: float, yaw_rad: float) -> Qu
 
 
 class ArmFrame:
-    """Turns world_from_sensor into world_from_arm; the mounting and the yaw origin can be set anew."""
+    """Converts world_from_sensor to world_from_arm, with a settable mounting and yaw origin."""
 
     def __init__(self, sensor_from_arm: Quaternion, yaw_origin_rad: float = 0.0) -> None:
         self.set_mounting(sensor_from_arm)
         self.set_yaw_origin(yaw_origin_rad)
 
     def set_mounting(self, sensor_from_arm: Quaternion) -> None:
-        """Take the sensor to sit on the arm like this from now on."""
+        """Set the mounting of the sensor on the arm."""
         self._sensor_from_arm = rotation.normalized(sensor_from_arm)
 
     def orientation(self, world_from_sensor: Quaternion) -> Quaternion:
@@ -59,7 +58,7 @@ class ArmFrame:
         return rotation.normalized(rotation.multiply(turned, self._sensor_from_arm))
 
     def set_yaw_origin(self, yaw_origin_rad: float) -> None:
-        """Take the device's yaw `yaw_origin_rad` as 0 from now on."""
+        """Set the device's yaw that counts as 0."""
         self.yaw_origin_rad = vector.wrap(yaw_origin_rad)
         self._turn = rotation.from_yaw(-self.yaw_origin_rad)
 
@@ -67,11 +66,11 @@ class ArmFrame:
         """Set the yaw origin so that an arm with the sensor at `world_from_sensor` has azimuth `yaw_rad`.
 
         Raises:
-            ValueError: the arm is too steep to have an azimuth.
+            ValueError: If the arm is too steep to have an azimuth.
         """
         arm = rotation.rotate(self.orientation(world_from_sensor), (1.0, 0.0, 0.0))
         steepness_rad = abs(vector.elevation(arm))
-        if steepness_rad > STEEPEST_RAD:
+        if steepness_rad > MAX_ELEVATION_RAD:
             raise ValueError(
                 f"the arm is {math.degrees(steepness_rad):.0f}° from level, so its yaw is unknown: "
                 "hold it level and ask again"

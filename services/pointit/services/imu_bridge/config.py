@@ -26,11 +26,14 @@ class SerialConfig(Config):
     order: Order = Field(default="wxyz", description="order of the quaternion's numbers in a line")
     fifth: Fifth = Field(
         default="auto",
-        description="what a fifth number is: a leading time in µs, a trailing accuracy; "
-        "auto: a time when the first number is beyond ±1.1",
+        description="meaning of a fifth number: a leading time in µs or a trailing accuracy; "
+        "auto: a time if the first number is beyond ±1.1",
     )
     timeout_s: float = Field(
-        default=3.0, gt=0, le=60, description="connected without a readable line for so long is a warning, s"
+        default=3.0,
+        gt=0,
+        le=60,
+        description="time without a readable line after which a connected device is a warning, s",
     )
 
 
@@ -42,9 +45,9 @@ class ReplayConfig(Config):
         default=0,
         ge=0,
         le=2**62,
-        description="time at which the recording's t is 0, Unix ns; 0: when the service starts",
+        description="time at which the recording's t is 0, Unix ns; 0: start of the service",
     )
-    loop: bool = Field(default=False, description="begin again at the end")
+    loop: bool = Field(default=False, description="restart at the end")
 
 
 class SimulatedConfig(Config):
@@ -52,55 +55,57 @@ class SimulatedConfig(Config):
 
     rate_hz: float = Field(default=50.0, gt=0, le=1000, description="samples per second")
     azimuth_amplitude_deg: float = Field(default=40.0, ge=0, le=180, description="sweep to either side, °")
-    azimuth_period_s: float = Field(default=8.0, gt=0, description="of one sweep there and back, s")
+    azimuth_period_s: float = Field(default=8.0, gt=0, description="period of the sweep from side to side, s")
     elevation_deg: float = Field(default=-10.0, ge=-90, le=90, description="mean elevation of the arm, °")
     elevation_amplitude_deg: float = Field(default=10.0, ge=0, le=90, description="sweep up and down, °")
-    elevation_period_s: float = Field(default=5.0, gt=0, description="of one sweep up and down, s")
+    elevation_period_s: float = Field(default=5.0, gt=0, description="period of the sweep up and down, s")
     noise_deg: float = Field(
         default=0.0, ge=0, le=45, description="white noise about each axis, standard deviation, °"
     )
     yaw_drift_degps: float = Field(default=0.0, ge=-90, le=90, description="drift of the yaw, °/s")
     mounting_error_deg: tuple[float, float, float] = Field(
         default=(0.0, 0.0, 0.0),
-        description="how the sensor sits otherwise than configured, as a careless person wears it: roll, "
+        description="error of the mounting, as if worn carelessly: roll, "
         "pitch, yaw of the arm in the configured arm frame, °",
     )
-    seed: int = Field(default=0, ge=0, description="of the noise")
+    seed: int = Field(default=0, ge=0, description="seed of the noise")
 
 
 class ImuBridgeConfig(Config):
-    """Where the orientation comes from and how the sensor sits on the arm."""
+    """Source of the orientation, and mounting of the sensor on the arm."""
 
     source: Literal["simulated", "replay", "serial", "page"] = Field(
         default="simulated",
-        description="simulated movement, a recording, a serial device; page: nothing but what a page sends, "
-        "which is waited for with each of them",
+        description="simulated movement, a recording, a serial device; page: only the samples of a page, "
+        "which every source accepts",
     )
     mounting: MountingName = Field(
         default="plus_x",
-        description="how the sensor sits on the arm, as long as nothing was measured: its axis towards the "
+        description="mounting of the sensor on the arm while none was measured: its axis towards the "
         "finger (plus_x, minus_x, plus_y, minus_y; its z is up with the palm down), or a device: metamotion, "
         "myo, watch_left or watch_right (face out, on that wrist), phone (screen up, its top towards the "
-        "finger); what `pointit calibrate mounting` measured with the same source and mounting is kept and "
-        "wins over it",
+        "finger); a measurement of `pointit calibrate mounting` with the same source and mounting is stored "
+        "and overrides it",
     )
     mounting_xyzw: tuple[float, float, float, float] | None = Field(
         default=None,
-        description="sensor_from_arm as a quaternion x, y, z, w; wins over `mounting` and, at every start, "
-        "over what was measured and kept",
+        description="sensor_from_arm as a quaternion x, y, z, w; overrides `mounting` and, at each start, "
+        "the stored measurement",
     )
     mounting_rpy_deg: tuple[float, float, float] | None = Field(
         default=None,
         description="the same as roll, pitch and yaw about the fixed axes x, y, z, in that order, °",
     )
     yaw_origin_deg: float = Field(default=0.0, description="the device's yaw that counts as 0, °")
-    serial: SerialConfig = Field(default=SerialConfig(), description="of the source `serial`")
-    replay: ReplayConfig = Field(default=ReplayConfig(), description="of the source `replay`")
-    simulated: SimulatedConfig = Field(default=SimulatedConfig(), description="of the source `simulated`")
+    serial: SerialConfig = Field(default=SerialConfig(), description="settings of the source `serial`")
+    replay: ReplayConfig = Field(default=ReplayConfig(), description="settings of the source `replay`")
+    simulated: SimulatedConfig = Field(
+        default=SimulatedConfig(), description="settings of the source `simulated`"
+    )
 
     @property
     def explicit_mounting(self) -> Quaternion | None:
-        """Return sensor_from_arm where it is given as a rotation; none where by name."""
+        """Return sensor_from_arm if it is configured as a rotation, or None if by name."""
         if self.mounting_rpy_deg is not None:
             roll, pitch, yaw = map(math.radians, self.mounting_rpy_deg)
             return from_roll_pitch_yaw(roll, pitch, yaw)
@@ -108,7 +113,7 @@ class ImuBridgeConfig(Config):
 
     @property
     def configured_mounting(self) -> Quaternion:
-        """Return sensor_from_arm as configured, with nothing measured."""
+        """Return sensor_from_arm as configured, without a measurement."""
         return self.explicit_mounting or MOUNTINGS[self.mounting]
 
     @field_validator("mounting_xyzw")
@@ -123,5 +128,5 @@ class ImuBridgeConfig(Config):
     @model_validator(mode="after")
     def _one_rotation(self) -> Self:
         if self.mounting_xyzw is not None and self.mounting_rpy_deg is not None:
-            raise ValueError("mounting_xyzw and mounting_rpy_deg say the same: give one of them")
+            raise ValueError("mounting_xyzw and mounting_rpy_deg exclude each other: give one of them")
         return self

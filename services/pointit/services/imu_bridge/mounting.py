@@ -1,7 +1,7 @@
-"""How the sensor sits on the arm, measured by two poses: the arm level ahead, and straight up.
+"""Measurement of the sensor's mounting by two poses: the arm level ahead, and straight up.
 
-Orientations are world_from_arm as it is taken to be before the measurement; the result is arm_from_true,
-which rotates vectors of the true arm frame (x to the finger, z up in the first pose) into the one of before.
+Orientations are world_from_arm with the mounting before the measurement. The result is arm_from_true, which
+rotates vectors of the true arm frame (x to the finger, z up in the first pose) into the previous one.
 """
 
 import math
@@ -18,20 +18,21 @@ from pointit.geometry.vector import Vec3
 Orientations = NDArray[np.float64]
 """n x 4, x, y, z, w."""
 
-RESTLESS_RAD = math.radians(5.0)
-"""A sample farther from where the rest began is a movement; people's holds wander by 1° (pointing.md §7)."""
+MOVEMENT_RAD = math.radians(5.0)
+"""Distance from the start of a rest beyond which a sample is a movement; holds wander by 1° (pointing.md
+§7)."""
 STILL_RAD = math.radians(3.0)
-"""Spread (rms) of a pose above which it does not count."""
+"""Largest spread (rms) of a valid pose."""
 APART_RAD = math.radians(45.0)
-"""Between the two poses the arm turns by 90°; by less than this it did not move."""
+"""Smallest turn between the two poses, which should be 90°."""
 SQUARE_RAD = math.radians(25.0)
-"""How far the two poses may be from a right angle to each other: then at least one was held wrongly."""
+"""Largest deviation of the two poses from a right angle; beyond it at least one was held wrongly."""
 
 _UP: Vec3 = (0.0, 0.0, 1.0)
 
 
 class MountingError(ValueError):
-    """The poses tell no mounting; the text is one sentence that says why, and what to do."""
+    """The poses do not determine a mounting; the message says why and what to do."""
 
 
 @dataclass(frozen=True)
@@ -40,43 +41,43 @@ class Hold:
 
     mean_xyzw: Quaternion
     spread_rad: float
-    """rms of the angles between the samples and their mean."""
+    """Rms of the angles between the samples and their mean."""
     samples: int
 
 
 @dataclass(frozen=True)
 class Mounting:
-    """A solved mounting; errors are elevations of the arm less what the pose asks for."""
+    """A solved mounting; errors are elevations of the arm minus those of the poses."""
 
     arm_from_true: Quaternion
     about_arm_rad: float
-    """How far the sensor sits turned about the arm; positive: clockwise, seen from elbow to finger."""
+    """Roll of the sensor about the arm; positive: clockwise, seen from elbow to finger."""
     off_axis_rad: float
-    """Angle between the true arm and what was taken for it."""
+    """Angle between the true arm and the previously assumed one."""
     forward_before_rad: float
     up_before_rad: float
     forward_after_rad: float
     up_after_rad: float
     heading_change_rad: float
-    """How far the azimuth of the arm, level ahead, turns when the mounting is used."""
+    """Change of the azimuth of the arm, level ahead, by the new mounting."""
 
 
 class RestPoseCollector:
-    """Collects samples while the arm rests; a movement begins anew."""
+    """Collects samples while the arm rests; a movement restarts it."""
 
     def __init__(self, duration_s: float) -> None:
         self._duration_s = duration_s
         self._samples: list[Quaternion] = []
         self._began_s = 0.0
         self.rested_s = 0.0
-        """For how long the arm has rested so far."""
+        """Duration of the present rest, s."""
         self.moved_rad = 0.0
-        """How far the newest sample is from where the rest began."""
+        """Angle of the newest sample from the start of the rest."""
 
     def add(self, orientation_xyzw: Quaternion, time_s: float) -> Hold | None:
-        """Take a sample; return the pose once the arm has rested for long enough."""
+        """Add a sample. Return the pose once the arm has rested long enough, else None."""
         self.moved_rad = angle_between(self._samples[0], orientation_xyzw) if self._samples else 0.0
-        if not self._samples or self.moved_rad > RESTLESS_RAD or time_s < self._began_s:
+        if not self._samples or self.moved_rad > MOVEMENT_RAD or time_s < self._began_s:
             self._samples.clear()
             self._began_s = time_s
         self._samples.append(orientation_xyzw)
@@ -87,7 +88,7 @@ class RestPoseCollector:
 
 
 def angle_between(a: Quaternion, b: Quaternion) -> float:
-    """Return by how much `b` is turned from `a`, 0 to pi."""
+    """Return the angle between `a` and `b`, 0 to pi."""
     x, y, z, w = rotation.multiply(rotation.inverse(a), b)
     return 2.0 * math.atan2(math.hypot(x, y, z), abs(w))
 
@@ -104,11 +105,11 @@ def mean_pose(orientations: Orientations) -> Hold:
 def solve_mounting(forward: Hold, up: Hold) -> Mounting:
     """Return the mounting that explains the arm level ahead (palm down) and the arm straight up.
 
-    The arm's axis is what pointed up in the second pose, and level in the first; where both cannot be, the
-    difference is shared. The roll about it is such that the arm's z is up in the first pose.
+    The arm's axis pointed up in the second pose and was level in the first; a contradiction is shared between
+    both. The roll about it makes the arm's z point up in the first pose.
 
     Raises:
-        MountingError: the arm did not rest, did not move in between, or one of the poses was another.
+        MountingError: If the arm did not rest, did not move in between, or one of the poses was another one.
     """
     for pose, name in ((forward, "ahead"), (up, "up")):
         if pose.spread_rad > STILL_RAD:
@@ -128,7 +129,7 @@ def solve_mounting(forward: Hold, up: Hold) -> Mounting:
     slope_rad = math.asin(max(-1.0, min(1.0, vector.dot(axis, level))))
     if abs(slope_rad) > SQUARE_RAD:
         raise MountingError(
-            f"what was up in the second pose is {abs(math.degrees(slope_rad)):.0f}° from level in the first, "
+            f"up in the second pose is {abs(math.degrees(slope_rad)):.0f}° from level in the first, "
             f"at most {math.degrees(SQUARE_RAD):.0f}° is allowed: point level ahead, then straight up, with "
             "the arm stretched and the wrist straight, and without the band slipping"
         )
@@ -137,10 +138,10 @@ def solve_mounting(forward: Hold, up: Hold) -> Mounting:
     z = vector.normalized(vector.subtract(level, vector.scale(x, vector.dot(level, x))))
     matrix = np.array([x, vector.cross(z, x), z]).T
     qx, qy, qz, qw = (float(value) for value in Rotation.from_matrix(matrix).as_quat(canonical=True))
-    return _account(forward.mean_xyzw, up.mean_xyzw, (qx, qy, qz, qw))
+    return _report(forward.mean_xyzw, up.mean_xyzw, (qx, qy, qz, qw))
 
 
-def _account(forward: Quaternion, up: Quaternion, arm_from_true: Quaternion) -> Mounting:
+def _report(forward: Quaternion, up: Quaternion, arm_from_true: Quaternion) -> Mounting:
     ahead: Vec3 = (1.0, 0.0, 0.0)
     axis = rotation.rotate(arm_from_true, ahead)
 

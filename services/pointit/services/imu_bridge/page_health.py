@@ -1,31 +1,31 @@
-"""Who moves the wrist, for whoever looks at health: a page's mouse or phone, or ROS, and how that does."""
+"""Health metrics and warnings of a wrist that a page's mouse or phone, or ROS, moves."""
 
 from collections.abc import Iterator
 
 from pointit.schemas import NS_PER_S, WristSample
 from pointit.services.imu_bridge.page_wrist import Device, PageWrist
 
-CALLED: dict[Device, str] = {"arm": "mouse or ROS", "phone": "phone"}
-"""What moves the wrist, in words: a page's, but the arm's orientation comes through ROS, too."""
+DEVICE_NAMES: dict[Device, str] = {"arm": "mouse or ROS", "phone": "phone"}
+"""Names of the devices; orientations from ROS arrive like those of a page's mouse."""
 LOW_BATTERY = 0.1
-"""A phone that has less charge left is warned of."""
+"""Charge of a phone below which there is a warning."""
 
 
 def figures(page: PageWrist, sample: WristSample | None) -> Iterator[tuple[str, float | None, str]]:
-    """Yield name, value and unit of what health shows of the newest `sample`; no value takes it away.
+    """Yield name, value and unit of the health metrics of the newest `sample`. None removes a metric.
 
-    No sample: the page has let go.
+    `sample` is None after the page has released the wrist.
     """
     device = None if sample is None else sample.device
-    for one, called in CALLED.items():
-        yield f"moved by a page's {called}", 1.0 if one == device else None, ""
+    for device_name, name in DEVICE_NAMES.items():
+        yield f"moved by a page's {name}", 1.0 if device_name == device else None, ""
     battery = None if sample is None or device != "phone" else sample.battery
     yield "battery of the phone", None if battery is None else round(100.0 * battery), "%"
     yield "late samples of a page or ROS", float(page.late) if page.late else None, ""
 
 
 def warnings(user: str, page: PageWrist, sample: WristSample | None) -> Iterator[tuple[str, str]]:
-    """Yield topics of warnings with what is wrong and what to do; empty where nothing is."""
+    """Yield topics and messages of warnings; `""` clears a warning."""
     ahead_ns = None if sample is None else page.ahead_ns
     yield (
         "page",

@@ -1,4 +1,4 @@
-"""What a source of orientations hands over, and what a source is."""
+"""Readings of a source of orientations, and its interface."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -12,14 +12,14 @@ class Reading:
     """One orientation of the sensor."""
 
     stamp_ns: int
-    """Host time of capture, or of arrival where the device does not say."""
+    """Host time of capture, or of arrival if the device does not state it."""
     world_from_sensor: Quaternion
     device_time_ns: int | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class Press:
-    """The device's button."""
+    """A gesture on the device's button."""
 
     stamp_ns: int
     gesture: Literal["press", "double", "hold"] = "press"
@@ -27,18 +27,18 @@ class Press:
 
 @dataclass(frozen=True, slots=True)
 class Reconnected:
-    """The device is there, perhaps again: it may have been restarted, or be another one."""
+    """The device was connected, perhaps again: it may have been restarted, or be another one."""
 
 
 Item = Reading | Press | Reconnected
 
 Deliver = Callable[[Item], None]
-"""Takes what came, in the loop."""
+"""Callback for readings, called in the event loop."""
 
 
 class Source(Protocol):
-    """Where orientations come from."""
+    """A source of orientations."""
 
     async def run(self, deliver: Deliver) -> None:
-        """Hand over what comes until cancelled."""
+        """Deliver readings until cancelled."""
         ...

@@ -1,4 +1,4 @@
-"""A recorded device: its samples again, at their own times."""
+"""A recorded device, replayed at its own times."""
 
 import asyncio
 import logging
@@ -16,13 +16,13 @@ log = logging.getLogger(__name__)
 
 
 class ReplaySource:
-    """Plays a recording; a sample is handed over when its time comes, stamped with that time."""
+    """Plays a recording; each sample is delivered at its time and stamped with it."""
 
     def __init__(self, config: ReplayConfig, clock: Clock) -> None:
         """Read the recording.
 
         Raises:
-            ConfigError: it cannot be used.
+            ConfigError: If it cannot be used.
         """
         recording = read_imu_csv(Path(config.recording))
         self._config = config
@@ -31,9 +31,9 @@ class ReplaySource:
         self._orientations: list[list[float]] = recording.orientation_xyzw.tolist()
 
     async def run(self, deliver: Deliver) -> None:
-        """Hand over the samples, once or again and again; then wait to be cancelled.
+        """Deliver the samples, once or in a loop; then wait to be cancelled.
 
-        What lies in the past when this begins is not made up for.
+        Samples whose time has passed at the start are skipped.
         """
         start_ns = self._config.start_ns or self._clock.now_ns()
         first_ns = self._clock.now_ns()
@@ -52,12 +52,12 @@ class ReplaySource:
         await asyncio.Event().wait()
 
     async def _until(self, due_ns: int) -> None:
-        await asyncio.sleep(0)  # when late: readers in this process still get every sample
+        await asyncio.sleep(0)  # when late: subscribers in this process still get every sample
         while (wait_ns := due_ns - self._clock.now_ns()) > 0:
             await sleep(self._clock, wait_ns / NS_PER_S)
 
     def _span_ns(self) -> int:
-        """Return after how long the recording begins again: one mean step after its last sample."""
+        """Return the period of the loop, ns: the recording and one mean step after its last sample."""
         times_ns = self._times_ns
         length_ns = times_ns[-1] - times_ns[0]
         return length_ns + max(length_ns // max(len(times_ns) - 1, 1), NS_PER_S // 1000)

@@ -1,4 +1,4 @@
-"""A serial device: read in a thread of its own, connected again for ever, watched for silence."""
+"""A serial device: read in its own thread, reconnected forever, watched for silence."""
 
 import collections
 import threading
@@ -14,17 +14,17 @@ from pointit.services.imu_bridge.reading import Deliver, Item, Press, Reading, R
 from pointit.services.imu_bridge.text_line import ButtonLine, LineError, LineParser, LineSplitter
 
 CAPACITY = 1024
-"""Readings kept for a loop that is busy; the oldest give way."""
+"""Readings buffered while the event loop is busy; the oldest are dropped."""
 
 SHOWN_BYTES = 32
-"""Of the first bytes, in the warning about a device that says nothing readable."""
+"""Number of first bytes in the warning about a device that sends nothing readable."""
 
-FORGET_BAD_AFTER_S = 10.0
-"""The warning about unreadable lines goes when there was none for so long."""
+CLEAR_BAD_AFTER_S = 10.0
+"""Time without unreadable lines after which their warning is cleared."""
 
 
 class SerialSource:
-    """Lines of text from a port to readings stamped with their arrival."""
+    """Converts lines of text from a port to readings stamped with their arrival."""
 
     def __init__(self, config: SerialConfig, clock: Clock, warnings: WarningSink) -> None:
         self._config = config
@@ -38,25 +38,25 @@ class SerialSource:
         self._awake = False
         self._bad_s: float | None = None
         self._bad_reason = ""
-        self._bad_told = True
+        self._bad_reported = True
         self.bad_lines = 0
-        """Lines that could not be read, since the start."""
+        """Number of unreadable lines since the start."""
 
     async def run(self, deliver: Deliver) -> None:
-        """Hand over what the device sends until cancelled."""
+        """Deliver readings until cancelled."""
         self._deliver = deliver
         await self._thread.run()
 
-    def _on_change(self, why: str) -> None:
-        if why:
-            self._warnings.warn("port", why)
+    def _on_change(self, problem: str) -> None:
+        if problem:
+            self._warnings.warn("port", problem)
             self._warnings.clear("silent")
         else:
             self._warnings.clear("port")
 
     def _read(self, port: serial.Serial, stopping: threading.Event) -> None:
-        """Read until asked to stop; in the port's thread."""
-        self._hand_over(Reconnected())
+        """Read until asked to stop; runs in the port's thread."""
+        self._post(Reconnected())
         splitter = LineSplitter()
         watch = _SilenceWatch(self._config)
         while not stopping.is_set():
@@ -72,7 +72,7 @@ class SerialSource:
                     self._count_bad(1, f"{line[:40]!r} {error}", now_s)
             if splitter.overlong > overlong:
                 self._count_bad(splitter.overlong - overlong, "a line without an end", now_s)
-            if self._bad_s is not None and now_s - self._bad_s > FORGET_BAD_AFTER_S:
+            if self._bad_s is not None and now_s - self._bad_s > CLEAR_BAD_AFTER_S:
                 self._bad_s = None
                 self._thread.post(self._warnings.clear, "lines")
             change = watch.step(data, good, now_s)
@@ -80,31 +80,31 @@ class SerialSource:
                 self._thread.post(self._on_silence, change)
 
     def _take(self, line: bytes, stamp_ns: int) -> bool:
-        """Hand `line` over to the loop; return whether there was something in it."""
+        """Pass `line` to the event loop. Return True if it contained a reading or a gesture."""
         parsed = self._parser.parse(line)
         if parsed is None:
             return False
         if isinstance(parsed, ButtonLine):
-            self._hand_over(Press(stamp_ns, parsed.gesture))
+            self._post(Press(stamp_ns, parsed.gesture))
         else:
-            self._hand_over(Reading(stamp_ns, parsed.orientation_xyzw, parsed.device_time_ns))
+            self._post(Reading(stamp_ns, parsed.orientation_xyzw, parsed.device_time_ns))
         return True
 
-    def _hand_over(self, item: Item) -> None:
-        """Have the loop deliver `item`; in the port's thread."""
+    def _post(self, item: Item) -> None:
+        """Pass `item` to the event loop for delivery; runs in the port's thread."""
         self._ready.append(item)
         if not self._awake:
             self._awake = True
             self._thread.post(self._drain)
 
     def _drain(self) -> None:
-        self._awake = False  # first: what is appended from here on wakes the loop again
+        self._awake = False  # first: later items wake the loop again
         while self._ready:
             self._deliver(self._ready.popleft())
 
-    def _on_silence(self, sentence: str) -> None:
-        if sentence:
-            self._warnings.warn("silent", sentence)
+    def _on_silence(self, message: str) -> None:
+        if message:
+            self._warnings.warn("silent", message)
         else:
             self._warnings.clear("silent")
 
@@ -112,12 +112,12 @@ class SerialSource:
         self.bad_lines += count
         self._bad_s = now_s
         self._bad_reason = reason
-        if self._bad_told:  # a flood of garbage must not become a flood of calls
-            self._bad_told = False
-            self._thread.post(self._tell_bad)
+        if self._bad_reported:  # limits calls while much garbage arrives
+            self._bad_reported = False
+            self._thread.post(self._warn_bad)
 
-    def _tell_bad(self) -> None:
-        self._bad_told = True
+    def _warn_bad(self) -> None:
+        self._bad_reported = True
         self._warnings.warn(
             "lines",
             f"{self.bad_lines} lines from {self._config.port} could not be read, the last: "
@@ -126,7 +126,7 @@ class SerialSource:
 
 
 class _SilenceWatch:
-    """Notices a device that is connected and says nothing we can read."""
+    """Detects a connected device that sends nothing readable."""
 
     def __init__(self, config: SerialConfig) -> None:
         self._config = config
@@ -136,7 +136,7 @@ class _SilenceWatch:
         self._silent = False
 
     def step(self, data: bytes, good: int, now_s: float) -> str | None:
-        """Return what to warn of when silence begins, an empty text when it ends, else nothing."""
+        """Return the warning when silence begins, `""` when it ends, else None."""
         self._bytes += len(data)
         if len(self._first) < SHOWN_BYTES:
             self._first = (self._first + data)[:SHOWN_BYTES]
@@ -147,14 +147,14 @@ class _SilenceWatch:
                 return ""
         elif not self._silent and now_s - self._heard_s > self._config.timeout_s:
             self._silent = True
-            return self._sentence()
+            return self._message()
         return None
 
-    def _sentence(self) -> str:
+    def _message(self) -> str:
         config = self._config
         where = f"{config.port} is connected but sent nothing readable for {config.timeout_s:g} s"
         if not self._bytes:
-            return f"{where}, not one byte: check the cable, and that the device sends"
+            return f"{where}, not one byte: check the cable and that the device sends"
         return (
             f"{where}: {self._bytes} bytes, the first {self._first.hex(' ')}; "
             f"check baud ({config.baud}) and that it sends lines of text"

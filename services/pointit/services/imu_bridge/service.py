@@ -1,4 +1,4 @@
-"""Reads a device, a recording, a simulation or a page, writes the arm's orientation and button events."""
+"""Reads a device, a recording, a simulation or a page, and writes the arm's orientation and button events."""
 
 import asyncio
 import itertools
@@ -23,7 +23,7 @@ from pointit.schemas import (
 from pointit.schemas.topics import BUTTON, IMU, SERVICE_ALIVE, SET_MOUNTING, SET_YAW_ORIGIN, WRIST
 from pointit.services.imu_bridge.arm_frame import ArmFrame
 from pointit.services.imu_bridge.config import ImuBridgeConfig
-from pointit.services.imu_bridge.page_health import CALLED, figures, warnings
+from pointit.services.imu_bridge.page_health import DEVICE_NAMES, figures, warnings
 from pointit.services.imu_bridge.page_wrist import PageWrist
 from pointit.services.imu_bridge.reading import Deliver, Item, Press, Reading, Reconnected, Source
 from pointit.services.imu_bridge.replay_source import ReplaySource
@@ -39,7 +39,7 @@ log = logging.getLogger(__name__)
 class ImuBridge(Service[ImuBridgeConfig]):
     """Publishes the orientation of one person's arm from a device, a recording, a simulation, or a page.
 
-    As long as a page or ROS moves the wrist its samples win, and what the own source says is held back.
+    While a page or ROS moves the wrist, its samples replace those of the own source.
     """
 
     NAME: ClassVar[str] = "imu-bridge"
@@ -50,24 +50,24 @@ class ImuBridge(Service[ImuBridgeConfig]):
         """Open nothing yet but a recording.
 
         Raises:
-            ConfigError: the source lacks its port or recording, or the recording cannot be used.
+            ConfigError: If the source lacks its port or recording, or the recording cannot be used.
         """
         super().__init__(config, context)
         _check_named(config)
         self._state = StateFile(StoredMountings, self.user, PURPOSE)
         self._setting = asyncio.Lock()
         kept = self._read_state()
-        self._wearing, self._phone = MountingSelection(config, kept), MountingSelection.of_phone(kept)
-        self._tell("mounting", self._wearing.warning)
-        self._frame = ArmFrame(self._wearing.sensor_from_arm, math.radians(config.yaw_origin_deg))
+        self._mounting, self._phone = MountingSelection(config, kept), MountingSelection.of_phone(kept)
+        self._set_warning("mounting", self._mounting.warning)
+        self._frame = ArmFrame(self._mounting.sensor_from_arm, math.radians(config.yaw_origin_deg))
         numbers = itertools.count(1)
         self._epoch = YawEpoch(numbers)
         self._page = PageWrist(self._phone.sensor_from_arm, numbers)
         self._moved_by = ""
-        """A page's mouse (or ROS) or phone, in words; empty: the own source."""
-        self._letting_go: asyncio.TimerHandle | None = None
+        """Name of the page's device (or ROS) that moves the wrist, or `""` for the own source."""
+        self._release_timer: asyncio.TimerHandle | None = None
         self._others: set[str] = set()
-        """Services that write this wrist's samples, too."""
+        """Other services that write this wrist's samples."""
         self._newest: Reading | None = None
         self._sample_count = 0
         self._button_count = 0
@@ -81,13 +81,13 @@ class ImuBridge(Service[ImuBridgeConfig]):
 
     @classmethod
     def validate_config(cls, config: ImuBridgeConfig) -> None:
-        """Refuse a source without its port, or without a recording that can be read."""
+        """Check that the source has its port, or a recording that can be read."""
         _check_named(config)
         if config.source == "replay":
             read_imu_csv(Path(config.replay.recording))
 
     async def run(self) -> None:
-        """Hand on what the source reads."""
+        """Publish the readings of the source."""
         await self._source.run(self._deliver)
 
     def _make_source(self) -> Source:
@@ -113,7 +113,7 @@ class ImuBridge(Service[ImuBridgeConfig]):
                 )
             return
         self._newest = item
-        device_time_ns = self._epoch.read(item.device_time_ns)  # held back or not: it tells of restarts
+        device_time_ns = self._epoch.read(item.device_time_ns)  # always, to detect restarts
         if is_held_back:
             return
         self._sample_count += 1
@@ -133,9 +133,9 @@ class ImuBridge(Service[ImuBridgeConfig]):
 
     def _on_wrist(self, sample: WristSample, _user: str) -> None:
         turned = self._page.take(sample, self.clock.now_ns(), home=self._home(), speed=self.clock.speed)
-        self._account_for(sample)
-        if self._letting_go is None:
-            self._letting_go = self.bus.call_later(WRIST_PATIENCE_S, self._let_go)
+        self._report(sample)
+        if self._release_timer is None:
+            self._release_timer = self.bus.call_later(WRIST_PATIENCE_S, self._on_release)
         if turned is None:
             return
         self._sample_count += 1
@@ -151,7 +151,7 @@ class ImuBridge(Service[ImuBridgeConfig]):
         )
 
     def _home(self) -> int | None:
-        """Return the number of the yaw's origin while no page moves the wrist; none: nobody else does."""
+        """Return the number of the yaw origin while no page moves the wrist, or None if nothing else does."""
         return self._epoch.count if self._newest is not None or self._others else None
 
     def _on_service(self, instance: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
@@ -159,25 +159,25 @@ class ImuBridge(Service[ImuBridgeConfig]):
         if user == self.user and name in IMU.writers and name != self.NAME:
             (self._others.add if present else self._others.discard)(name)
 
-    def _let_go(self) -> None:
-        """Take note that the page has let go; look again later while it has not."""
-        self._letting_go = None
+    def _on_release(self) -> None:
+        """Update health after the page has released the wrist, or check again later."""
+        self._release_timer = None
         if self._has_page:
-            self._letting_go = self.bus.call_later(WRIST_PATIENCE_S, self._let_go)
+            self._release_timer = self.bus.call_later(WRIST_PATIENCE_S, self._on_release)
         else:
-            self._account_for(None)
+            self._report(None)
 
-    def _account_for(self, sample: WristSample | None) -> None:
-        """Show in health who moves the wrist; no sample: no page does any more."""
-        moved_by = "" if sample is None else CALLED[sample.device]
+    def _report(self, sample: WristSample | None) -> None:
+        """Show the device that moves the wrist in Health. None clears it."""
+        moved_by = "" if sample is None else DEVICE_NAMES[sample.device]
         if moved_by != self._moved_by:
-            what = f"{moved_by} moves" if moved_by else f"{self._moved_by} has let go of"
+            what = f"{moved_by} moves" if moved_by else f"{self._moved_by} has released"
             log.info("%s: a page's %s the wrist", self.user, what)
             self._moved_by = moved_by
         for name, value, unit in figures(self._page, sample):
             self.bus.set_metric(name, value, unit)
-        for topic, sentence in warnings(self.user, self._page, sample):
-            self._tell(topic, sentence)
+        for topic, message in warnings(self.user, self._page, sample):
+            self._set_warning(topic, message)
 
     async def _set_yaw_origin(self, query: SetYawOrigin, _user: str) -> Done:
         try:
@@ -187,7 +187,7 @@ class ImuBridge(Service[ImuBridgeConfig]):
                 self._frame.set_azimuth(query.yaw_rad, self._newest.world_from_sensor)
                 self._epoch.start_new_epoch()
             elif self.config.source == "page":
-                raise RefusedError("nothing moves the wrist: take it with a page's phone and ask again")
+                raise RefusedError("nothing moves the wrist: connect a phone on a page and ask again")
             else:
                 raise RefusedError("the IMU has sent nothing yet: connect it and ask again")
         except ValueError as error:
@@ -195,38 +195,38 @@ class ImuBridge(Service[ImuBridgeConfig]):
         return Done(message=f"the arm's yaw is {math.degrees(query.yaw_rad):.1f}° now")
 
     async def _set_mounting(self, query: SetMounting, _user: str) -> SetMountingReply:
-        async with self._setting:  # what is kept is what was set last
-            wearing = self._worn()
-            before = wearing.sensor_from_arm
-            kept = wearing.set(query, self.clock.now_ns())
-            is_new = wearing.sensor_from_arm != before
-            if wearing is self._phone:
+        async with self._setting:  # so that the last setting is stored
+            selection = self._selected_mounting()
+            before = selection.sensor_from_arm
+            kept = selection.set(query, self.clock.now_ns())
+            is_new = selection.sensor_from_arm != before
+            if selection is self._phone:
                 if is_new:
-                    self._page.set_phone_mounting(wearing.sensor_from_arm)
+                    self._page.set_phone_mounting(selection.sensor_from_arm)
             else:
-                self._frame.set_mounting(wearing.sensor_from_arm)
+                self._frame.set_mounting(selection.sensor_from_arm)
                 if is_new:
                     self._epoch.start_new_epoch()
-                self._tell("mounting", wearing.warning)
-            trouble = ""
+                self._set_warning("mounting", selection.warning)
+            problem = ""
             if kept is not None:
-                self._wearing.kept = self._phone.kept = kept
-                trouble = await self._keep(kept)
-        message = wearing.describe() + (f"; it is used now, but not kept: {trouble}" if trouble else "")
-        return SetMountingReply(message=message, sensor_from_arm_xyzw=wearing.sensor_from_arm)
+                self._mounting.kept = self._phone.kept = kept
+                problem = await self._keep(kept)
+        message = selection.describe() + (f"; it is used now, but not stored: {problem}" if problem else "")
+        return SetMountingReply(message=message, sensor_from_arm_xyzw=selection.sensor_from_arm)
 
-    def _worn(self) -> MountingSelection:
-        """Return how what moves the wrist is worn.
+    def _selected_mounting(self) -> MountingSelection:
+        """Return the mounting of the device that moves the wrist.
 
         Raises:
-            RefusedError: it is a page's mouse, or ROS.
+            RefusedError: If it is a page's mouse, or ROS.
         """
         if not self._has_page:
-            return self._phone if self.config.source == "page" else self._wearing
+            return self._phone if self.config.source == "page" else self._mounting
         if self._page.device == "arm":
             raise RefusedError(
-                "a page's mouse or ROS moves the wrist, and nothing is mounted on it: let go of it in the "
-                "page, or end what moves it in ROS, first"
+                "a page's mouse or ROS moves the wrist, and nothing is mounted on it: release it in the "
+                "page, or stop its publisher in ROS, first"
             )
         return self._phone
 
@@ -238,7 +238,7 @@ class ImuBridge(Service[ImuBridgeConfig]):
             return None
 
     async def _keep(self, kept: StoredMountings) -> str:
-        """Write or erase what outlives this process; return what went wrong."""
+        """Save or delete the stored mountings. Return the problem, or `""`."""
         try:
             if kept.by_source:
                 await asyncio.to_thread(self._state.write, kept)
@@ -250,7 +250,7 @@ class ImuBridge(Service[ImuBridgeConfig]):
         self.bus.clear("state")
         return ""
 
-    def _tell(self, topic: str, warning: str) -> None:
+    def _set_warning(self, topic: str, warning: str) -> None:
         if warning:
             self.bus.warn(topic, warning)
         else:
@@ -258,7 +258,7 @@ class ImuBridge(Service[ImuBridgeConfig]):
 
 
 class _NoDevice:
-    """Has nothing to hand over, as where only a page or ROS moves the wrist."""
+    """A source without readings, used if only a page or ROS moves the wrist."""
 
     async def run(self, deliver: Deliver) -> None:  # noqa: ARG002 - the protocol's signature
         """Wait until cancelled."""

@@ -14,10 +14,10 @@ from pointit.services.imu_bridge.reading import Deliver, Reading
 
 
 class SimulatedDevice:
-    """What a sensor on a sweeping arm reads at a time; the same seed reads the same."""
+    """Readings of a sensor on a sweeping arm, reproducible by the seed."""
 
     def __init__(self, config: SimulatedConfig, sensor_from_arm: Quaternion = rotation.IDENTITY) -> None:
-        """Wear the sensor as `sensor_from_arm` has it, but for the configured error."""
+        """Mount the sensor as `sensor_from_arm`, with the configured error."""
         self._config = config
         roll, pitch, yaw = map(math.radians, config.mounting_error_deg)
         worn = rotation.multiply(sensor_from_arm, from_roll_pitch_yaw(roll, pitch, yaw))
@@ -35,7 +35,7 @@ class SimulatedDevice:
         return rotation.from_azimuth_elevation(math.radians(azimuth_deg), math.radians(elevation_deg))
 
     def read(self, time_s: float) -> Quaternion:
-        """Return what the device says, world_from_sensor, with drift and noise."""
+        """Return the reading, world_from_sensor, with drift and noise."""
         drift = rotation.from_yaw(math.radians(self._config.yaw_drift_degps) * time_s)
         sensor = rotation.multiply(rotation.multiply(drift, self.arm(time_s)), self._arm_from_sensor)
         if self._noise_rad:
@@ -53,7 +53,7 @@ class SimulatedSource:
         self._clock = clock
 
     async def run(self, deliver: Deliver) -> None:
-        """Hand over a reading each tick until cancelled."""
+        """Deliver a reading each tick until cancelled."""
         start_ns = self._clock.now_ns()
         async for now_ns in ticks(self._clock, self._rate_hz):
             deliver(Reading(now_ns, self._device.read((now_ns - start_ns) / NS_PER_S)))

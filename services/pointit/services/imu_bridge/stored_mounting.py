@@ -1,4 +1,4 @@
-"""Which mounting is in use: the configured one, or one that was measured and kept."""
+"""Selection of the mounting: the configured one, or one that was measured and stored."""
 
 from pydantic import Field
 
@@ -8,14 +8,14 @@ from pointit.schemas.base import Ns, QuaternionXyzw, SchemaModel
 from pointit.services.imu_bridge.config import ImuBridgeConfig, MountingName
 
 PURPOSE = "mounting"
-"""Under this name it is kept, a file for each person."""
+"""Name of the state file of each person."""
 
 PHONE = "phone"
-"""Among the kinds of sources: a page's phone, whatever the source of imu-bridge itself is."""
+"""Key of a page's phone among the sources, whatever the source of imu-bridge itself is."""
 
 
 class StoredMounting(SchemaModel):
-    """A measured mounting, and what was configured then."""
+    """A measured mounting, and the configuration at that time."""
 
     sensor_from_arm_xyzw: QuaternionXyzw
     configured: MountingName
@@ -23,40 +23,40 @@ class StoredMounting(SchemaModel):
 
 
 class StoredMountings(SchemaModel):
-    """What is kept for a person: a mounting for each kind of source, as each is another device."""
+    """Stored mountings of a person, one for each kind of source, since each is another device."""
 
     by_source: dict[str, StoredMounting] = Field(default_factory=dict[str, StoredMounting])
 
 
 class MountingSelection:
-    """How the person wears the sensor now; a rotation in the configuration wins over one that was kept."""
+    """The mounting in use; a rotation in the configuration overrides a stored one."""
 
     def __init__(
         self, config: ImuBridgeConfig, kept: StoredMountings | None = None, *, key: str | None = None
     ) -> None:
-        """Take what is configured and `kept`, there under `key`; none: under the source."""
+        """Select between the configured and the `kept` mounting of `key`. None: the source's."""
         self._config = config
         self._key = key or config.source
         self.kept = kept or StoredMountings()
-        """Of all kinds of sources."""
+        """Stored mountings of all kinds of sources."""
         self.sensor_from_arm = config.configured_mounting
         self.is_measured = False
-        """Whether it is other than configured."""
+        """True if it differs from the configured one."""
         self.warning = ""
-        """One sentence when something is kept and not used; empty when not."""
+        """Warning that a stored mounting is not used, or `""`."""
         own = self.kept.by_source.get(self._key)
         if own is None:
             return
         if config.explicit_mounting is not None:
             self.warning = (
-                "a mounting was measured, but mounting_xyzw or mounting_rpy_deg is configured and wins: take "
-                "it out of the configuration, or forget what was measured with `pointit calibrate mounting "
-                "USER --erase`"
+                "a mounting was measured, but mounting_xyzw or mounting_rpy_deg is configured and overrides "
+                "it: remove it from the configuration, or delete the measurement with `pointit calibrate "
+                "mounting USER --erase`"
             )
         elif own.configured != config.mounting:
             self.warning = (
                 f"a mounting was measured while {own.configured} was configured, now it is "
-                f"{config.mounting}, as for another device: what was measured is not used; run "
+                f"{config.mounting}, as for another device: the measurement is not used; run "
                 "`pointit calibrate mounting USER` again"
             )
         else:
@@ -65,13 +65,13 @@ class MountingSelection:
 
     @classmethod
     def of_phone(cls, kept: StoredMountings | None = None) -> "MountingSelection":
-        """Return how a page's phone is worn."""
+        """Return the mounting of a page's phone."""
         return cls(ImuBridgeConfig(source="page", mounting="phone"), kept, key=PHONE)
 
     def set(self, query: SetMounting, now_ns: int) -> StoredMountings | None:
-        """Take what was asked for; return what is to be kept from now on, or none when that is as before.
+        """Set the requested mounting. Return the mountings to store, or None if they are unchanged.
 
-        A relative rotation that turns nothing only asks: it changes nothing.
+        A relative rotation by 0 changes nothing and serves as a query.
         """
         wanted = query.sensor_from_arm_xyzw
         others = {name: kept for name, kept in self.kept.by_source.items() if name != self._key}
@@ -96,13 +96,13 @@ class MountingSelection:
         return self.kept
 
     def describe(self) -> str:
-        """Return one sentence on what is in use."""
+        """Return a message about the mounting in use."""
         x, y, z, w = self.sensor_from_arm
         which = f"x {x:.3f}, y {y:.3f}, z {z:.3f}, w {w:.3f}"
         config = self._config
         if self.is_measured:
             wins = config.explicit_mounting is not None
-            until = ", until the next start, where the configured rotation wins" if wins else ""
+            until = ", until the next start, where the configured rotation overrides it" if wins else ""
             return f"the mounting is as measured ({which}){until}"
         by_name = config.explicit_mounting is None
         return f"the mounting is as configured ({config.mounting if by_name else which})"

@@ -16,13 +16,13 @@ from typing import Literal, cast
 from pointit.geometry.rotation import Quaternion, normalized
 
 LONGEST_LINE = 256
-"""Bytes; what is longer is not a line and is thrown away as it comes."""
+"""Longest line, bytes; longer ones are discarded on arrival."""
 
 NORM_TOLERANCE = 0.1
-"""How far a quaternion's norm may be from 1: boards send two decimals."""
+"""Largest deviation of a quaternion's norm from 1: boards send two decimals."""
 
-MOST_TIME_US = 2**53
-"""Above it a time in µs is not exact any more; 285 years."""
+MAX_TIME_US = 2**53
+"""Largest time in µs that is exact as a float; 285 years."""
 
 _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?\Z")
 _NAMED = re.compile(r"\s*([A-Za-z][\w \-]*?)\s*:(.*)", re.DOTALL)
@@ -43,18 +43,18 @@ _OTHER_NAMES = frozenset(
         "temp",
     }
 )
-"""Names of lines whose numbers are something else, however much they look like a quaternion."""
+"""Names of lines with other numbers that may look like a quaternion."""
 
 Gesture = Literal["press", "double", "hold"]
 
 
 class LineError(ValueError):
-    """A line is neither a quaternion nor a button; the text says what is wrong with it."""
+    """A line is neither a quaternion nor a button; the message says why."""
 
 
 @dataclass(frozen=True, slots=True)
 class QuaternionLine:
-    """world_from_sensor, scalar last and with norm 1, and the device's time where it sends one."""
+    """world_from_sensor, scalar last and with norm 1, and the device's time if it sends one."""
 
     orientation_xyzw: Quaternion
     device_time_ns: int | None = None
@@ -62,26 +62,26 @@ class QuaternionLine:
 
 @dataclass(frozen=True, slots=True)
 class ButtonLine:
-    """The device's button."""
+    """A gesture on the device's button."""
 
     gesture: Gesture = "press"
 
 
 class LineSplitter:
-    """Cuts a stream of bytes into lines and never keeps more than one of them.
+    """Cuts a stream of bytes into lines and buffers at most one of them.
 
-    What comes before the first line end is thrown away: a port is usually opened in the middle of a line.
+    Bytes before the first line end are discarded: a port is usually opened in the middle of a line.
     """
 
     def __init__(self) -> None:
         self._rest = b""
         self._skipping = True
         self.overlong = 0
-        """Pieces thrown away because they were longer than a line can be."""
+        """Number of discarded pieces that exceeded the longest line."""
 
     @property
     def kept(self) -> int:
-        """Return how many bytes of an unfinished line are kept; never more than a line can have."""
+        """Return the number of buffered bytes of an unfinished line, at most `LONGEST_LINE`."""
         return len(self._rest)
 
     def feed(self, data: bytes) -> list[bytes]:
@@ -107,26 +107,26 @@ class LineSplitter:
 
 
 class LineParser:
-    """Reads lines in one order of the quaternion's numbers."""
+    """Parses lines with one order of the quaternion's numbers."""
 
     def __init__(
         self,
         order: Literal["wxyz", "xyzw"] = "wxyz",
         fifth: Literal["auto", "time", "accuracy"] = "auto",
     ) -> None:
-        """Take `order` and what a `fifth` number is.
+        """Set the `order` and the meaning of a `fifth` number.
 
-        `auto` takes it for a time when the first number is beyond ±(1 + tolerance): such a number cannot
-        belong to a unit quaternion, and a device's time is that small in its first microsecond only.
+        `auto` reads it as a time if the first number is beyond ±(1 + tolerance): such a number cannot belong
+        to a unit quaternion, and a device's time is that small only in its first microsecond.
         """
         self._order = order
         self._fifth = fifth
 
     def parse(self, line: bytes) -> QuaternionLine | ButtonLine | None:
-        """Return what `line` says; nothing for an empty line, a comment, or another kind of reading.
+        """Return the content of `line`, or None for an empty line, a comment, or another kind of reading.
 
         Raises:
-            LineError: it says nothing we understand.
+            LineError: If it cannot be parsed.
         """
         try:
             text = line.decode("ascii").strip()
@@ -148,7 +148,7 @@ class LineParser:
         time_ns: int | None = None
         if len(numbers) == 5 and self._starts_with_time(numbers[0]):
             time_us = numbers.pop(0)
-            if not 0 <= time_us <= MOST_TIME_US:
+            if not 0 <= time_us <= MAX_TIME_US:
                 raise LineError(f"has the time {time_us:g} µs")
             time_ns = round(time_us * 1000)
         elif len(numbers) == 5:

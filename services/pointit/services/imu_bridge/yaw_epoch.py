@@ -1,4 +1,4 @@
-"""When the device's yaw origin is another one than before, as far as its own time and its connection tell."""
+"""Detection of new yaw origins of a device, from its own time and its connection."""
 
 import itertools
 from collections.abc import Iterator
@@ -6,38 +6,38 @@ from collections.abc import Iterator
 from pointit.schemas import NS_PER_S
 
 BACK_NS = NS_PER_S
-"""A device's time that falls by more has begun anew; by less, samples came out of order."""
+"""Device time that falls by more is a restart; by less, samples came out of order."""
 
 WRAP_NS = 2**32 * 1000
-"""Boards that count microseconds in 32 bits begin again at 0 after 71 minutes without being restarted."""
+"""Boards that count microseconds in 32 bits restart at 0 after 71 minutes of operation."""
 
 
 class YawEpoch:
-    """Counts yaw origins, and makes one line of a device time that wraps."""
+    """Counts yaw origins, and unwraps the device time."""
 
     def __init__(self, numbers: Iterator[int] | None = None) -> None:
-        """Take the number of each new origin from `numbers`, which others may take from, too; or count."""
+        """Use `numbers`, which may be shared, for new origins; or count from 1."""
         self._numbers = itertools.count(1) if numbers is None else numbers
         self.count = 0
-        """The number of the origin; another origin never has the same."""
+        """Number of the present origin, unique among origins."""
         self._has_read = False
         self._newest_ns: int | None = None
-        """Device time as it was sent."""
+        """Device time as received."""
         self._wrapped_ns = 0
 
     def start_new_epoch(self) -> None:
-        """Take that whoever sets origin or mounting has set it."""
+        """Start a new origin after the origin or the mounting was set."""
         self.count = next(self._numbers)
 
     def reconnected(self) -> None:
-        """Take that the device came back: nobody knows what happened to it meanwhile."""
+        """Start a new origin, since the device may have been moved while disconnected."""
         if self._has_read:
             self.count = next(self._numbers)
         self._newest_ns = None
         self._wrapped_ns = 0
 
     def read(self, device_time_ns: int | None) -> int | None:
-        """Take a sample's device time and return it without wraps; a restart counts."""
+        """Return a sample's device time without wraps; a restart starts a new origin."""
         self._has_read = True
         newest_ns = self._newest_ns
         if device_time_ns is None:

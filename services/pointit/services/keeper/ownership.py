@@ -1,17 +1,17 @@
-"""Whose a state is, and whether it may be handed out: decided by who is present; pure.
+"""Ownership of states, which decides by the present users and services whether they are handed out; pure.
 
 The rules, for a state whose writer is gone:
 
-- `users/{user}/...` is the person's: handed out while anything of theirs runs. Who leaves, on purpose or not,
-  takes it along: nobody gets it meanwhile, and after a while it is forgotten.
-- `deployment/{name}` says what should run: handed out also when none of it does, so that who looks then is
-  told what is missing; forgotten when it was ended on purpose, which its writer says by one without services,
-  when another scenario has begun in its place, and a day after the last of its services was present.
-- All else is the site's: handed out until somebody replaces it, and forgotten after long without anybody who
-  may write it.
-- Never kept is what would mislead: the simulated time of a run that ended, an external tracker's pose (such a
-  tracker is not present, so nobody can tell whether it left), progress that its localizer's end cut short, a
-  deployment of nothing.
+- `users/{user}/...` belongs to the person: handed out while any service of theirs runs. When they leave, on
+  purpose or not, it is not handed out, and after a while it is dropped.
+- `deployment/{name}` lists what should run: handed out even if none of it does, so that a diagnosis finds
+  what is missing. Dropped when it was ended on purpose, which its writer states by one without services, when
+  another scenario has replaced it, and a day after its last service has left.
+- Everything else belongs to the site: handed out until it is replaced, and dropped after a long time without
+  a service that may write it.
+- Misleading states are never retained: the simulated time of a run that ended, an external tracker's pose
+  (such a tracker has no presence, so its end is unknown), progress of a localizer that ended, an empty
+  deployment.
 """
 
 from collections.abc import Collection
@@ -20,14 +20,14 @@ from typing import Any
 from pointit.schemas import Deployment, Localization, Message, UserPose
 from pointit.schemas.topics import CLOCK, DEPLOYMENT, TOPICS, Delivery, Topic
 
-KEPT: tuple[Topic[Any], ...] = tuple(
+RETAINED: tuple[Topic[Any], ...] = tuple(
     topic for topic in TOPICS if topic.delivery is Delivery.STATE and topic is not CLOCK
 )
-"""What is kept."""
+"""Topics of retained states."""
 
 
 def dies_with_writer(message: Message) -> bool:
-    """Return whether `message` must not outlive its writer."""
+    """Return True if `message` must not outlive its writer."""
     if isinstance(message, UserPose):
         return message.method == "external"
     if isinstance(message, Deployment):
@@ -36,19 +36,19 @@ def dies_with_writer(message: Message) -> bool:
 
 
 def is_personal(topic: Topic[Any]) -> bool:
-    """Return whether `topic` is a person's: handed out to nobody while they are not there."""
+    """Return True if `topic` belongs to a person and is not handed out while they are absent."""
     return topic.placeholder == "user"
 
 
 def is_shared(topic: Topic[Any]) -> bool:
-    """Return whether `topic` is the site's, nobody's in particular."""
+    """Return True if `topic` belongs to the site."""
     return not is_personal(topic) and topic is not DEPLOYMENT
 
 
 def is_superseded(earlier: Message, later: Message) -> bool:
-    """Return whether `later`, under another name, tells that `earlier` runs no more.
+    """Return True if `later`, under another name, means that `earlier` no longer runs.
 
-    A site runs one scenario at a time; people come and go beside it.
+    A site runs one scenario at a time; people come and go independently.
     """
     return (
         isinstance(earlier, Deployment)
@@ -60,11 +60,11 @@ def is_superseded(earlier: Message, later: Message) -> bool:
 def has_owner(
     topic: Topic[Any], name: str, message: Message, users: Collection[str], instances: Collection[str]
 ) -> bool:
-    """Return whether somebody is present whose state it is.
+    """Return True if an owner of the state is present.
 
     Args:
-        topic: its row.
-        name: what stands for the row's placeholder.
+        topic: its topic.
+        name: value of the topic's placeholder.
         message: its value.
         users: people who are present.
         instances: services that are present.

@@ -1,4 +1,4 @@
-"""What a restarted keeper finds on disk: one file, written whole or not at all."""
+"""File of a keeper's states on disk, written atomically."""
 
 from pathlib import Path
 from typing import ClassVar
@@ -12,30 +12,30 @@ FILE = "states.msgpack"
 
 
 class KeptState(SchemaModel):
-    """One state as it travels."""
+    """One encoded state."""
 
     key: str
-    """Of its row."""
+    """Key of its topic."""
     name: str
     schema_name: str
     payload: bytes
 
 
 class Record(SchemaModel):
-    """All that is kept."""
+    """All stored states."""
 
     max_bytes: ClassVar[int] = 80 * 1024 * 1024
-    """Above what a keeper may be told to keep."""
+    """More than the largest `max_mb`."""
 
     stamp_ns: Ns
     states: Many[KeptState] = ()
 
 
 def read(path: Path) -> Record | None:
-    """Return what is in the file at `path`, or none.
+    """Return the record in the file at `path`, or None if there is no file.
 
     Raises:
-        ConfigError: there is something, but it cannot be read or used; names the file.
+        ConfigError: If there is a file but it cannot be read or used; names the file.
     """
     try:
         with path.open("rb") as file:
@@ -45,13 +45,13 @@ def read(path: Path) -> Record | None:
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read ({error.strerror or error})") from error
     except DecodeError as error:
-        raise ConfigError(f"{path}: cannot be used, and is written anew ({error})") from error
+        raise ConfigError(f"{path}: cannot be used and will be overwritten ({error})") from error
 
 
 def write(path: Path, record: Record) -> None:
-    """Write `record` in place of what is there, readable by its owner alone.
+    """Replace the file by `record`, readable by its owner only.
 
     Raises:
-        ConfigError: it cannot be written; names the file.
+        ConfigError: If it cannot be written; names the file.
     """
     write_atomically(path, encode(record))

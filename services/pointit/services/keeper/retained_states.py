@@ -1,7 +1,7 @@
-"""The newest of every state, and when to hand it out or forget it; pure.
+"""The newest of every state, its retention and its lookup; pure.
 
-The newest is what came last: stamps of writers on different machines, or of another run's simulated time,
-cannot be compared. What was taken up from disk is older than anything that comes.
+The newest is the one that came last: stamps of writers on different machines, or of another run's simulated
+time, cannot be compared. States from disk are older than any that comes.
 """
 
 from collections.abc import Iterator
@@ -12,7 +12,7 @@ from pointit.schemas import NS_PER_S, Deployment, Environment, Message, SchemaEr
 from pointit.schemas.topics import DEPLOYMENT, LAMP_COLOR, Topic
 from pointit.services.keeper.config import KeeperConfig
 from pointit.services.keeper.ownership import (
-    KEPT,
+    RETAINED,
     dies_with_writer,
     has_owner,
     is_personal,
@@ -21,7 +21,7 @@ from pointit.services.keeper.ownership import (
 )
 from pointit.services.keeper.record import KeptState, Record
 
-_ROWS = {topic.key: topic for topic in KEPT}
+_ROWS = {topic.key: topic for topic in RETAINED}
 
 
 @dataclass(slots=True)
@@ -30,11 +30,11 @@ class _Value:
     message: Message
     payload: bytes
     owned_ns: int
-    """When its owner was last known to be present."""
+    """Last time at which an owner was known to be present."""
 
 
 class RetainedStates:
-    """Keeps states within bounds of number, size and time; the order is that of their arrival."""
+    """Stores states within limits of number, size and time, in the order of arrival."""
 
     def __init__(self, config: KeeperConfig) -> None:
         self._max_values = config.max_values
@@ -46,19 +46,19 @@ class RetainedStates:
         self._users: set[str] = set()
         self._instances: set[str] = set()
         self._lamps: frozenset[str] = frozenset()
-        """The map's lamps; states of other lamps make room for new ones."""
+        """The map's lamps; states of other lamps are evicted first."""
         self.size = 0
-        """Bytes of what is kept."""
+        """Total size of the stored states, bytes."""
         self.refused = 0
-        """States that found no room, so far."""
+        """Number of states that found no room."""
         self.changes = 0
-        """Counts what happened to what is kept."""
+        """Number of changes of the stored states."""
 
     def __len__(self) -> int:
         return len(self._values)
 
     def take(self, topic: Topic[Any], name: str, message: Message, now_ns: int) -> None:
-        """Keep `message` in place of what was kept under `name`, or forget that where it would mislead."""
+        """Store `message` under `name`, or only drop the old state if it must not be retained."""
         self._drop((topic.key, name))
         if isinstance(message, Environment):
             self._lamps = frozenset(lamp.id for lamp in message.lamps)
@@ -71,23 +71,23 @@ class RetainedStates:
             self._put(topic, name, message, encode(message), now_ns)
 
     def set_user(self, user: str, now_ns: int, *, present: bool) -> None:
-        """Take note that a person is present, or no longer."""
-        self.expire(now_ns)  # whoever was present was so until now
+        """Update the presence of a person."""
+        self.expire(now_ns)  # users were present until now
         (self._users.add if present else self._users.discard)(user)
 
     def set_instance(self, instance: str, now_ns: int, *, present: bool) -> None:
-        """Take note that a service is present, or no longer."""
+        """Update the presence of a service."""
         self.expire(now_ns)
         (self._instances.add if present else self._instances.discard)(instance)
 
     def lookup(self, topic: Topic[Any]) -> Iterator[tuple[str, Message]]:
-        """Yield name and value of what may be handed out of `topic`."""
+        """Yield name and value of the states of `topic` that may be handed out."""
         for (key, name), value in list(self._values.items()):
             if key == topic.key and (not is_personal(topic) or self._is_owned(name, value)):
                 yield name, value.message
 
     def expire(self, now_ns: int) -> None:
-        """Forget what was nobody's for too long."""
+        """Drop states whose owners have been absent for too long."""
         for (key, name), value in list(self._values.items()):
             if self._is_owned(name, value) or value.owned_ns > now_ns:  # the clock was set back
                 value.owned_ns = now_ns
@@ -95,7 +95,7 @@ class RetainedStates:
                 self._drop((key, name))
 
     def record(self, now_ns: int) -> Record:
-        """Return what the next keeper is to find."""
+        """Return the record for the next keeper."""
         return Record(
             stamp_ns=now_ns,
             states=tuple(
@@ -107,7 +107,7 @@ class RetainedStates:
         )
 
     def restore(self, record: Record, now_ns: int) -> int:
-        """Take up what the last keeper left, where nothing newer came; return how many were not usable."""
+        """Restore the states of `record` that are not replaced yet. Return the number of unusable ones."""
         broken = 0
         for state in record.states:
             topic = _ROWS.get(state.key)
@@ -127,7 +127,7 @@ class RetainedStates:
     def _put(self, topic: Topic[Any], name: str, message: Message, payload: bytes, now_ns: int) -> None:
         while len(self._values) >= self._max_values or self.size + len(payload) > self._max_bytes:
             ownerless = next(
-                (key for key, value in self._values.items() if self._gives_way(*key, value)), None
+                (key for key, value in self._values.items() if self._is_evictable(*key, value)), None
             )
             if ownerless is None:
                 self.refused += 1
@@ -143,7 +143,7 @@ class RetainedStates:
             return self._person_ns
         return self._deployment_ns if topic is DEPLOYMENT else self._site_ns
 
-    def _gives_way(self, _key: str, name: str, value: _Value) -> bool:
+    def _is_evictable(self, _key: str, name: str, value: _Value) -> bool:
         if value.topic is LAMP_COLOR:
             return name not in self._lamps
         return not is_shared(value.topic) and not self._is_owned(name, value)

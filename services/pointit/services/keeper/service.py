@@ -1,4 +1,4 @@
-"""Reads every state; hands the newest to readers that come when its writer is gone."""
+"""Reads every state and hands the newest to late subscribers when its writer is gone."""
 
 import asyncio
 import functools
@@ -16,19 +16,19 @@ from pointit.runtime.service.service import Context, Scope, Service
 from pointit.schemas import NS_PER_S, Health, Message
 from pointit.schemas.topics import HEALTH, SERVICE_ALIVE, USER_ALIVE
 from pointit.services.keeper.config import KeeperConfig
-from pointit.services.keeper.ownership import KEPT
+from pointit.services.keeper.ownership import RETAINED
 from pointit.services.keeper.record import FILE, read, write
 from pointit.services.keeper.retained_states import RetainedStates
 
 SETTLE_S = 0.5
-"""So long after it began it knows who is present and what living writers say, and answers; of the wall."""
+"""Wall time after the start until presence and living writers' states are known, and queries are answered."""
 
-MIND_S = 1.0
-"""How often it is looked what is to be forgotten."""
+EXPIRE_S = 1.0
+"""Period of checks for expired states."""
 
 
 class Keeper(Service[KeeperConfig]):
-    """Keeps the newest of every state for who comes late or is restarted, when its writer is gone."""
+    """Retains the newest of every state for late or restarted subscribers when its writer is gone."""
 
     NAME: ClassVar[str] = "keeper"
     SCOPE: ClassVar[Scope] = "site"
@@ -36,50 +36,50 @@ class Keeper(Service[KeeperConfig]):
 
     @classmethod
     def discard_saved_state(cls, site: str, now_ns: int) -> None:
-        """Forget what an earlier run of `site` has left."""
+        """Delete the states of an earlier run of `site`."""
         del now_ns
         _path(site).unlink(missing_ok=True)
 
     def __init__(self, config: KeeperConfig, context: Context) -> None:
         super().__init__(config, context)
-        self._shelf = RetainedStates(config)
+        self._retained = RetainedStates(config)
         self._path = _path(self.bus.site)
         self._written = 0
-        """`changes` of the shelf as they are on disk."""
+        """`changes` of the states on disk."""
         self._changed = asyncio.Event()
         self._wall = WallClock()
         self._skews = ClockSkewMonitor(socket.gethostname())
-        self._apart: set[str] = set()
-        """Machines whose clocks are said to be apart from ours."""
+        self._skewed_hosts: set[str] = set()
+        """Machines with a clock warning."""
         if config.file.enabled:
             self._restore()
         self.bus.watch(USER_ALIVE, self._on_user)
         self.bus.watch(SERVICE_ALIVE, self._on_service)
-        for topic in KEPT:
+        for topic in RETAINED:
             self.bus.subscribe(topic, functools.partial(self._on_state, topic), kept=False)
         self.bus.subscribe(HEALTH, self._on_health)
 
     async def run(self) -> None:
-        """Answer, once it is known who is present; forget what is nobody's; write what has changed."""
+        """Answer queries once presence is known; expire states and write changes."""
         try:
             await asyncio.sleep(SETTLE_S)
-            self.bus.serve_retained(KEPT, self._shelf.lookup)
+            self.bus.serve_retained(RETAINED, self._retained.lookup)
             async with asyncio.TaskGroup() as group:
-                group.create_task(self._mind(), name="keeper forgets")
+                group.create_task(self._expire(), name="keeper forgets")
                 if self.config.file.enabled:
                     group.create_task(self._write(), name="keeper writes")
         finally:
-            if self.config.file.enabled and self._shelf.changes != self._written:
+            if self.config.file.enabled and self._retained.changes != self._written:
                 self._try_to_write()
 
     def _on_user(self, user: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
-        self._shelf.set_user(user, self.clock.now_ns(), present=present)
+        self._retained.set_user(user, self.clock.now_ns(), present=present)
 
     def _on_service(self, instance: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
-        self._shelf.set_instance(instance, self.clock.now_ns(), present=present)
+        self._retained.set_instance(instance, self.clock.now_ns(), present=present)
 
     def _on_state(self, topic: AnyTopic, message: Message, name: str) -> None:
-        self._shelf.take(topic, name, message, self.clock.now_ns())
+        self._retained.take(topic, name, message, self.clock.now_ns())
         self._changed.set()
 
     def _on_health(self, health: Health, _instance: str) -> None:
@@ -87,41 +87,41 @@ class Keeper(Service[KeeperConfig]):
             self._skews.on_report(health.host, health.stamp_ns, self._wall.now_ns(), time.monotonic())
 
     def _compare_clocks(self) -> None:
-        apart = {skew.host: skew for skew in self._skews.skews(time.monotonic())}
-        for host in self._apart - apart.keys():
+        skewed = {skew.host: skew for skew in self._skews.skews(time.monotonic())}
+        for host in self._skewed_hosts - skewed.keys():
             self.bus.clear(f"clock of {host}")
-        for host, skew in apart.items():
+        for host, skew in skewed.items():
             self.bus.warn(f"clock of {host}", f"{skew.sentence(self._skews.here)}; {REMEDY}")
-        self._apart = set(apart)
+        self._skewed_hosts = set(skewed)
 
-    async def _mind(self) -> None:
+    async def _expire(self) -> None:
         while True:
             self._compare_clocks()
-            self._shelf.expire(self.clock.now_ns())
-            self.bus.set_metric("kept", float(len(self._shelf)), "states")
-            self.bus.set_metric("size", self._shelf.size / 1e6, "MB")
-            if self._shelf.refused:
+            self._retained.expire(self.clock.now_ns())
+            self.bus.set_metric("kept", float(len(self._retained)), "states")
+            self.bus.set_metric("size", self._retained.size / 1e6, "MB")
+            if self._retained.refused:
                 self.bus.warn(
                     "room",
-                    f"{self._shelf.refused} states found no room among {len(self._shelf)} of "
-                    f"{self._shelf.size / 1e6:.1f} MB and will not outlive their writers; raise max_values "
-                    "or max_mb, or find out who writes so many",
+                    f"{self._retained.refused} states found no room among {len(self._retained)} of "
+                    f"{self._retained.size / 1e6:.1f} MB and will not outlive their writers; raise "
+                    "max_values or max_mb, or find out which service writes so many",
                 )
-            if self._shelf.changes != self._written:
+            if self._retained.changes != self._written:
                 self._changed.set()
-            await sleep(self.clock, MIND_S)
+            await sleep(self.clock, EXPIRE_S)
 
     async def _write(self) -> None:
         while True:
             await self._changed.wait()
             self._changed.clear()
-            changes = self._shelf.changes
+            changes = self._retained.changes
             if changes != self._written:
-                record = self._shelf.record(self.clock.now_ns())
+                record = self._retained.record(self.clock.now_ns())
                 try:
                     await asyncio.to_thread(write, self._path, record)
                 except ConfigError as error:
-                    self._complain(error)
+                    self._on_write_error(error)
                 else:
                     self._written = changes
                     self.bus.clear("file")
@@ -129,26 +129,26 @@ class Keeper(Service[KeeperConfig]):
 
     def _try_to_write(self) -> None:
         try:
-            write(self._path, self._shelf.record(self.clock.now_ns()))
+            write(self._path, self._retained.record(self.clock.now_ns()))
         except ConfigError as error:
-            self._complain(error)
+            self._on_write_error(error)
 
-    def _complain(self, error: ConfigError) -> None:
+    def _on_write_error(self, error: ConfigError) -> None:
         self.bus.warn("file", f"states would not outlive a restart of the keeper: {error}")
 
     def _restore(self) -> None:
         try:
             record = read(self._path)
         except ConfigError as error:
-            self.bus.warn("restored", f"states of before are not taken up: {error}")
+            self.bus.warn("restored", f"earlier states are not restored: {error}")
             return
         now_ns = self.clock.now_ns()
         if record is None or abs(now_ns - record.stamp_ns) > self.config.file.restore_within_s * NS_PER_S:
             return
-        if broken := self._shelf.restore(record, now_ns):
+        if broken := self._retained.restore(record, now_ns):
             self.bus.warn(
                 "restored",
-                f"{broken} states of before were not usable: {self._path} is of another version, or damaged",
+                f"{broken} earlier states were not usable: {self._path} is of another version, or damaged",
             )
 
 

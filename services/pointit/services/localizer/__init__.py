@@ -1,1 +1,1 @@
-"""Where the person stands: from a fixed pose, or from pointing at known places."""
+"""Localization of people: from a fixed pose, or from pointing at known places."""

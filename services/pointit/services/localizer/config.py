@@ -19,12 +19,12 @@ from pointit.services.localizer.procedures.target_plan import TargetPlan
 
 def _enough_lamps(count: int) -> int:
     if count == 1:
-        raise ValueError("one lamp tells no pose; give 2 or more, or 0 for as many as are needed")
+        raise ValueError("one lamp does not determine a pose; give 2 or more, or 0 for as many as are needed")
     return count
 
 
 class LocalizerConfig(Config):
-    """How it is found out where the person stands."""
+    """Parameters of localization."""
 
     method: Literal["fixed", "static_targets", "moving_target"] = Field(
         default="fixed", description="a pose given here, pointing at lamps, or following a robot"
@@ -42,13 +42,13 @@ class LocalizerConfig(Config):
     )
     order: Literal["given", "informative"] = Field(
         default="informative",
-        description="static_targets: lamps as they are given, or each time the one that tells most",
+        description="static_targets: order of the lamps: as given, or the most informative lamp first",
     )
     targets: Annotated[int, AfterValidator(_enough_lamps)] = Field(
         default=0,
         ge=0,
         le=64,
-        description="static_targets: how many lamps, 2 or more, no fewer and no more (in the given order "
+        description="static_targets: number of lamps, 2 or more (in the given order "
         "at most all); 0: all given, or as many as are needed",
     )
     enough: StopCriterionConfig = StopCriterionConfig()
@@ -68,7 +68,7 @@ class LocalizerConfig(Config):
         default=300.0,
         gt=0,
         le=86400,
-        description="static_targets: waiting for others to be done with the lamps ends after so long, s",
+        description="static_targets: limit on the wait for lamps that other people use, s",
     )
     steady_degps: float = Field(
         default=8.0,
@@ -92,16 +92,16 @@ class LocalizerConfig(Config):
         default=30.0, gt=1, le=3600, description="moving_target: refused when nothing fits until then, s"
     )
     autostart: bool = Field(
-        default=False, description="moving_target: begin at once and go on refining for ever"
+        default=False, description="moving_target: start immediately and refine continuously"
     )
     floor_m: Real = Field(default=0.0, description="height of the floor in the room's coordinates, m")
     free_height: bool = Field(
-        default=False, description="find out the height of the floor, too: where people stand on a platform"
+        default=False, description="estimate the height of the floor, too, for people on a platform"
     )
     trust: TrustConfig = TrustConfig()
     track_drift: bool | None = Field(
         default=None,
-        description="follow the pose while the IMU drifts; empty: unless it is fixed",
+        description="track the pose while the IMU drifts; empty: unless it is fixed",
     )
     drift: DriftConfig = DriftConfig()
 
@@ -111,25 +111,25 @@ class LocalizerConfig(Config):
         if warned < accepted:
             raise ValueError(
                 f"drift.max_yaw_sigma_deg is {warned:g} and poses of up to {accepted:g}° are accepted "
-                "(trust.max_yaw_sigma_deg), so every new pose would be warned of: raise the one or lower the "
-                "other"
+                "(trust.max_yaw_sigma_deg), so every new pose would raise a warning: raise the one or "
+                "lower the other"
             )
         return self
 
     def fixed(self, stamp_ns: int) -> UserPose:
-        """Return the pose that is given here."""
+        """Return the configured pose."""
         return UserPose(stamp_ns=stamp_ns, position_m=self.position_m, yaw_rad=math.radians(self.yaw_deg))
 
     def believed(self) -> SolverSettings:
-        """Return how far rays are believed, and which poses are accepted."""
+        """Return weights and limits of the solver."""
         return self.trust.trust(free_height=self.free_height)
 
     def floor(self) -> Floor:
-        """Return on what people stand."""
+        """Return the floor on which people stand."""
         return Floor(height_m=self.floor_m, is_free=self.free_height)
 
     def timing(self) -> Timing:
-        """Return how long each lamp takes."""
+        """Return the times of each hold."""
         return Timing(
             reaction_s=self.reaction_s,
             hold_s=self.hold_s,
@@ -138,7 +138,7 @@ class LocalizerConfig(Config):
         )
 
     def choice(self) -> TargetPlan:
-        """Return which lamps are lit, and when it is enough."""
+        """Return order and number of the lamps, and the stop criterion."""
         return TargetPlan(
             order=self.order,
             targets=self.targets,
@@ -147,11 +147,11 @@ class LocalizerConfig(Config):
         )
 
     def steadiness(self) -> SteadinessLimits:
-        """Return what makes a hold an anchor."""
+        """Return the limits within which a hold is an anchor."""
         return SteadinessLimits(max_spread_rad=math.radians(self.max_spread_deg))
 
     def following(self) -> Following:
-        """Return what is followed, and for how long."""
+        """Return the target to follow and the times of following."""
         return Following(
             target_id=self.robot_id,
             reaction_s=self.reaction_s,

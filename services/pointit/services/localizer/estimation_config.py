@@ -1,4 +1,4 @@
-"""Parameters of what is believed: of rays, of drift, and of a pose that is sure enough."""
+"""Parameters of noise, of drift and of the stop criterion."""
 
 import math
 
@@ -10,7 +10,7 @@ from pointit.services.localizer.estimation.estimator import SolverSettings
 from pointit.services.localizer.procedures.target_plan import TargetPlan
 
 FREE_HEIGHT_M = 10.0
-"""One sigma of a height that is not known."""
+"""Standard deviation of an unknown height."""
 
 _TRUST = SolverSettings()
 _CHOICE = TargetPlan()
@@ -22,13 +22,13 @@ def _degrees(angle_rad: float) -> float:
 
 
 class TrustConfig(Config):
-    """How far rays are believed, and which poses are accepted."""
+    """Noise of rays, and acceptance limits of poses."""
 
     ray_sigma_deg: float = Field(
         default=_degrees(_TRUST.ray_sigma_rad),
         gt=0,
         le=30,
-        description="1 sigma sideways of pointing at what moves, degrees",
+        description="1 sigma sideways of pointing at moving targets, degrees",
     )
     elevation_sigma_deg: float = Field(
         default=_degrees(_TRUST.elevation_sigma_rad), gt=0, le=30, description="the same upwards, degrees"
@@ -37,7 +37,7 @@ class TrustConfig(Config):
         default=_degrees(_TRUST.act_sigma_rad),
         gt=0,
         le=30,
-        description="1 sigma sideways of one pointing at what stands still, degrees",
+        description="1 sigma sideways of one pointing at a target at rest, degrees",
     )
     bias_sigma_deg: float = Field(
         default=_degrees(_TRUST.bias_sigma_rad),
@@ -46,7 +46,7 @@ class TrustConfig(Config):
         description="1 sigma of people's elevation bias, degrees; ~1 once known",
     )
     body_sigma_m: float = Field(
-        default=_TRUST.body_sigma_m, ge=0, le=1, description="1 sigma of where the eyes are over the feet, m"
+        default=_TRUST.body_sigma_m, ge=0, le=1, description="1 sigma of the eyes' horizontal position, m"
     )
     height_sigma_m: float = Field(
         default=_TRUST.height_sigma_m, ge=0, le=1, description="1 sigma of the height of the eyes, m"
@@ -55,7 +55,7 @@ class TrustConfig(Config):
         default=_TRUST.independent_hz,
         gt=0,
         le=100,
-        description="independent pointings per second, Hz: a hold errs as one",
+        description="independent pointings per second, Hz: a hold counts as one",
     )
     latency_sigma_s: float = Field(
         default=_TRUST.latency_sigma_s,
@@ -70,7 +70,7 @@ class TrustConfig(Config):
         ge=0,
         le=45,
         description="1 sigma of a constant error of the rays, fixed to the body: eyes or finger "
-        "beside the model, degrees",
+        "off the model, degrees",
     )
     max_residual_deg: float = Field(
         default=_degrees(_TRUST.max_residual_rad),
@@ -88,7 +88,7 @@ class TrustConfig(Config):
         default=_TRUST.bias_sigma_limit,
         gt=0,
         le=10,
-        description="sigmas of the elevation bias beyond which it is no way of pointing",
+        description="sigmas of the elevation bias beyond which the person did not point",
     )
     max_position_sigma_m: float = Field(
         default=_TRUST.max_position_sigma_m,
@@ -104,7 +104,7 @@ class TrustConfig(Config):
     )
 
     def trust(self, *, free_height: bool = False) -> SolverSettings:
-        """Return it in radians, for the solver."""
+        """Return the settings of the solver, in radians."""
         return SolverSettings(
             ray_sigma_rad=math.radians(self.ray_sigma_deg),
             elevation_sigma_rad=math.radians(self.elevation_sigma_deg),
@@ -125,7 +125,7 @@ class TrustConfig(Config):
 
 
 class StopCriterionConfig(Config):
-    """When an informative choice of lamps may end: both must be reached, or all lamps were used."""
+    """Certainty at which localization by informative lamps ends: both values, or all lamps were used."""
 
     position_m: float = Field(
         default=_CHOICE.position_sigma_m,
@@ -140,7 +140,7 @@ class StopCriterionConfig(Config):
 
 
 class DriftConfig(Config):
-    """How poses are followed while the IMU's yaw drifts."""
+    """Tracking of poses while the IMU's yaw drifts."""
 
     rate_sigma_degps: float = Field(
         default=_degrees(_DRIFT.rate_sigma_radps),
@@ -158,12 +158,12 @@ class DriftConfig(Config):
         default=15.0,
         gt=0,
         le=180,
-        description="health warns when the yaw is less certain than this, degrees; not below "
-        "trust.max_yaw_sigma_deg, or every pose that was just found would be warned of",
+        description="health warns if the yaw is less certain than this, degrees; not below "
+        "trust.max_yaw_sigma_deg, or every new pose would raise a warning",
     )
 
     def settings(self) -> DriftSettings:
-        """Return it in radians, for the filter."""
+        """Return the settings of the filter, in radians."""
         return DriftSettings(
             rate_sigma_radps=math.radians(self.rate_sigma_degps),
             anchor_sigma_rad=math.radians(self.anchor_sigma_deg),

@@ -1,4 +1,4 @@
-"""What a localization gives out while it goes on: lamps to switch, progress, the pose, an anchor."""
+"""Outputs of a localization: lamps to switch, progress, the pose, an anchor."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -22,29 +22,29 @@ class LampSwitch:
 
 @dataclass(frozen=True, kw_only=True)
 class Floor:
-    """On what the person stands, {W}."""
+    """Floor on which the person stands, {W}."""
 
     height_m: float = 0.0
     is_free: bool = False
-    """Whether that is only where to begin, and the height is found out."""
+    """True if `height_m` is only the start value of an estimate."""
 
 
 @dataclass(frozen=True)
 class WithdrawPose:
-    """Somebody else gives the pose now: ours is to be taken back."""
+    """Withdraw our pose because another source publishes it now."""
 
 
 Phase = Literal["idle", "sampling", "solved", "refused", "cancelled"]
-"""As in `Localization`."""
+"""Phases of `Localization`."""
 
 
 @dataclass(frozen=True)
 class AnchorOutcome:
-    """What became of a pointing at one lamp."""
+    """Result of pointing at one lamp."""
 
     anchor: Anchor
     is_done: bool
-    """Whether nothing is left to do: it was taken, or only to be measured and could be."""
+    """True if nothing is left to do: the anchor was accepted, or it was only to be measured."""
 
 
 Output = LampSwitch | Localization | UserPose | Anchor | WithdrawPose
@@ -53,9 +53,9 @@ Output = LampSwitch | Localization | UserPose | Anchor | WithdrawPose
 def pose_message(
     solution: Solution, method: Literal["static_targets", "moving_target"], stamp_ns: int, floor: Floor
 ) -> UserPose:
-    """Return `solution` as it travels; `stamp_ns` is that of the newest ray in it.
+    """Return `solution` as a message; `stamp_ns` is that of its newest ray.
 
-    The feet are on the floor: what the height of the eyes is beside the body measures is no place to stand.
+    The feet are on the floor: an error of the eye height is not a height of the feet.
     """
     c = [float(value) for value in solution.covariance.ravel()]
     z_m, z_sigma_m = (solution.z_m, solution.z_sigma_m) if floor.is_free else (0.0, 0.0)
@@ -73,17 +73,17 @@ def pose_message(
 
 
 def bounded(value: float) -> float:
-    """Return the coordinate nearest to `value` that may travel."""
+    """Return the coordinate nearest to `value` that is valid in messages."""
     return max(-FARTHEST, min(FARTHEST, value))
 
 
 def finite_or_none(value: float) -> float | None:
-    """Return `value` as it may travel; none when it is beyond everything."""
+    """Return `value`, or None if it exceeds the limit of messages."""
     return value if value <= FARTHEST else None
 
 
 def followed(base: UserPose, now: DriftPose) -> UserPose:
-    """Return the pose `base` as the drift's filter says that it is now."""
+    """Return the pose `base` as estimated by the drift filter now."""
     c = [float(value) for value in now.covariance.ravel()]
     return base.model_copy(
         update={
@@ -104,13 +104,13 @@ def covariance_of(pose: UserPose) -> Array:
 
 
 def anchor_message(lamp: Lamp, mean: Mean, before: UserPose, result: AnchorResult) -> Anchor:
-    """Return a pointing at `lamp` as it travels.
+    """Return the message of pointing at `lamp`.
 
     Args:
-        lamp: what was pointed at.
+        lamp: target.
         mean: of the rays.
         before: the pose at that time, without this anchor.
-        result: what became of it.
+        result: result of the drift filter.
     """
     return Anchor(
         stamp_ns=mean.stamp_ns,

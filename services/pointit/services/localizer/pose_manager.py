@@ -1,6 +1,6 @@
-"""Where one person stands, from whatever tells it: the one who decides which procedure runs.
+"""Pose of one person from all sources; decides which procedure runs.
 
-Pure: messages, requests and the time go in; what is to be published comes out.
+Pure: messages, requests and the time go in; outputs to publish come out.
 """
 
 import math
@@ -30,7 +30,7 @@ from pointit.services.localizer.tracking.pose_tracking import PoseTracker
 from pointit.services.localizer.tracking.yaw_origin import YawOrigin
 
 IDLE_S = 2.0
-"""How long nothing need be looked at while nothing is followed."""
+"""Longest wait between checks while no pose is tracked, s."""
 
 NO_COVARIANCE = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
@@ -39,14 +39,14 @@ Method = Literal["fixed", "static_targets", "moving_target"]
 
 @dataclass(frozen=True)
 class Response:
-    """What a request comes to."""
+    """Answer to a request."""
 
     message: str
     outputs: Sequence[Output] = ()
 
 
 class PoseManager:
-    """Knows the pose that pointing found or somebody gave, and has a procedure run when one is asked for."""
+    """Keeps the pose that was found or set, and starts procedures on request."""
 
     def __init__(self, user: str, config: LocalizerConfig) -> None:
         self._user = user
@@ -60,16 +60,16 @@ class PoseManager:
 
     @property
     def is_busy(self) -> bool:
-        """Return whether a procedure runs and wants to be stepped."""
+        """Return True if a procedure runs and needs steps."""
         return self._procedures.is_busy
 
     @property
     def is_followed(self) -> bool:
-        """Return whether the pose is to be looked at from time to time."""
+        """Return True if the pose must be checked periodically."""
         return self._tracking.follows or self._outside.pose is not None
 
     def begin(self, now_ns: int) -> list[Output]:
-        """Say the first word, and begin what the configuration begins by itself."""
+        """Publish the idle phase, and start what the configuration starts automatically."""
         out: list[Output] = [Localization(stamp_ns=now_ns, phase="idle")]
         config = self._config
         if config.method == "fixed":
@@ -79,33 +79,33 @@ class PoseManager:
         return out
 
     def on_map(self, room: Environment, now_ns: int) -> list[Output]:
-        """Take the room."""
+        """Update the map."""
         return self._procedures.on_map(room, now_ns)
 
     def on_localization(self, news: Localization, user: str, now_ns: int) -> list[Output]:
-        """Mind the others who are localized."""
+        """Update the queue from other people's localizations."""
         return self._procedures.on_localization(news, user, now_ns)
 
     def on_absence(self, user: str, now_ns: int) -> list[Output]:
-        """Take note that `user`, or their localizer, is not present any more."""
+        """Update the queue because `user` or their localizer has left."""
         return self._procedures.on_absence(user, now_ns)
 
     def on_ray(self, ray: PointingRay, now_ns: int) -> list[Output]:
-        """Take a ray of the person."""
+        """Process a ray of the person."""
         self._facing.add(ray)
         self._procedures.on_ray(ray)
         changed = self._tracking.on_ray(ray, now_ns)
         return [] if changed is None else [changed]
 
     def on_objects(self, objects: TrackedObjects, tracker: str) -> None:
-        """Take where things are."""
+        """Process positions of tracked objects."""
         self._procedures.on_objects(objects, tracker)
 
     def on_imu(self, sample: ImuSample, now_ns: int) -> list[Output]:
-        """Take the arm's orientation.
+        """Process an orientation of the arm.
 
-        Where its yaw counts from another origin than before, the pose's yaw is unknown. While no cursor is
-        steered, a resting arm shows the IMU's drift.
+        If its yaw has another origin than before, the pose's yaw is unknown. While no cursor is shown, a
+        resting arm shows the IMU's drift.
         """
         change = self._origin.add(sample)
         out: list[Output] = []
@@ -118,13 +118,13 @@ class PoseManager:
         return out
 
     def on_interaction(self, news: Interaction) -> None:
-        """Take what the person is about."""
+        """Update the interaction state of the person."""
         self._is_cursor_shown = news.state == "pointing"
         if self._is_cursor_shown:
             self._tracking.end_rest()
 
     def on_pose(self, pose: UserPose, now_ns: int) -> list[Output]:
-        """Stand back when a tracker gives the pose."""
+        """Stop localizing if a tracker publishes the pose."""
         if pose.method != "external":
             return []
         is_first = self._outside.hear(pose, now_ns)
@@ -136,25 +136,25 @@ class PoseManager:
         return [*(stopped or [Localization(stamp_ns=now_ns, phase="idle", reason=reason)]), WithdrawPose()]
 
     def step(self, now_ns: int) -> list[Output]:
-        """Go on with the procedure, if there is one."""
+        """Advance the procedure, if there is one."""
         return self._procedures.step(now_ns)
 
     def due(self, now_ns: int) -> list[Output]:
-        """Return the pose when it is time to publish it again."""
+        """Return the pose if it is time to publish it again."""
         pose = self._tracking.due(now_ns)
         return [] if pose is None else [pose]
 
     def wait_s(self, now_ns: int) -> float:
-        """Return when to ask for what is due again, s."""
+        """Return the time until the next check of `due`, s."""
         return min(IDLE_S, self._tracking.wait_s(now_ns))
 
     def figures(self, now_ns: int) -> Iterator[tuple[str, float | None, str]]:
-        """Yield name, value and unit of what health shows; no value takes it away."""
+        """Yield name, value and unit of the health metrics. None removes a metric."""
         yield "external pose", 1.0 if self._outside.pose is not None else None, ""
         yield from self._tracking.figures(now_ns)
 
     def problem(self, now_ns: int) -> str:
-        """Return what is wrong with the pose and what to do; empty when nothing is."""
+        """Return a problem of the pose and what to do, or `""` if there is none."""
         if self._outside.pose is not None and not self._outside.is_fresh(now_ns):
             return self._silent(now_ns)
         if self._tracking.has_lost_yaw:
@@ -173,7 +173,7 @@ class PoseManager:
         )
 
     def start(self, method: Method | None, now_ns: int) -> Response | Refusal:
-        """Begin to localize, by `method` or as configured; what cannot begin stops nothing."""
+        """Start localization by `method` or as configured. A refused start stops nothing."""
         method = method or self._config.method
         if taken := self._outside.busy_reason(self._user, now_ns):
             return Refusal(taken)
@@ -195,12 +195,12 @@ class PoseManager:
         return Response(self._queued() or f"localizing by {method.replace('_', ' ')}", begun)
 
     def cancel(self, now_ns: int) -> Response:
-        """Stop what goes on."""
+        """Stop the running procedure."""
         out = self._procedures.stop(now_ns)
         return Response("cancelled; the last pose stays" if out else "nothing was going on", out)
 
     def set_pose(self, query: SetPose, now_ns: int) -> Response | Refusal:
-        """Take the pose from a person."""
+        """Set the pose on request."""
         if taken := self._outside.busy_reason(self._user, now_ns):
             return Refusal(taken)
         out = self._procedures.stop(now_ns)
@@ -215,12 +215,12 @@ class PoseManager:
         )
         if query.covariance is None:
             out.append(self._tracking.set_exact(pose, now_ns))
-        else:  # pointing told it once, whatever it was before, and its localizer died
+        else:  # found by pointing before, and its localizer died
             out.append(self._tracking.restore(pose, now_ns))
         return Response(f"the pose is set; yaw {math.degrees(query.yaw_rad):.1f}°", out)
 
     def set_heading(self, azimuth_rad: float, now_ns: int) -> Response | Refusal:
-        """Take that the person points towards `azimuth_rad` right now."""
+        """Set the yaw from the direction `azimuth_rad` at which the person points now."""
         if taken := self._outside.busy_reason(self._user, now_ns):
             return Refusal(taken)
         if self._procedures.is_busy:
@@ -240,25 +240,25 @@ class PoseManager:
         note = f"; {result.note}" if result.note else ""
         return Response(f"the yaw is set; {math.degrees(pose.yaw_rad):.1f}°{note}", [pose])
 
-    def point_anchor(self, asked: str, now_ns: int) -> Response | Refusal:
-        """Have the person point at the lamp that is `asked` for, or at the one that tells most."""
+    def point_anchor(self, lamp_id: str, now_ns: int) -> Response | Refusal:
+        """Start pointing at the lamp `lamp_id`, or at the most informative one if `""`."""
         if self._procedures.is_localizing:
             return Refusal(f"{self._user} is being localized now; wait until that is done, or cancel it")
         if self._tracking.base is None:
             return Refusal(self._nowhere())
         if self._outside.pose is not None and not self._outside.is_fresh(now_ns):
             return Refusal(self._silent(now_ns))
-        out = self._procedures.anchor(asked, self._facing.eyes_m, now_ns)
+        out = self._procedures.anchor(lamp_id, self._facing.eyes_m, now_ns)
         if isinstance(out, Refusal):
             return out
         return Response(self._queued() or f"point at {self._procedures.lit}", out)
 
     def stop(self, now_ns: int) -> list[Output]:
-        """End what goes on, lamps off."""
+        """Stop the running procedure, lamps off."""
         return self._procedures.stop(now_ns)
 
     def _queued(self) -> str:
-        """Return for whom is waited; empty when it has begun."""
+        """Return a message about the people who come first, or `""` if pointing has begun."""
         ahead = self._procedures.ahead
         return in_turn(self._user, ahead) if ahead else ""
 

@@ -1,6 +1,6 @@
-"""What goes on to find out where one person stands: at most one procedure at a time.
+"""Localization procedures of one person, at most one at a time.
 
-Pure: messages, requests and the time go in; what is to be published comes out.
+Pure: messages, requests and the time go in; outputs to publish come out.
 """
 
 from collections.abc import Sequence
@@ -29,12 +29,12 @@ from pointit.services.localizer.procedures.queued_pointing import Make, Pointing
 from pointit.services.localizer.procedures.static_targets import StaticTargets
 from pointit.services.localizer.tracking.pose_tracking import PoseTracker
 
-SAY_NS = NS_PER_S
-"""How often who is localized, or waits, says so at least, and lights their lamp again."""
+REPUBLISH_NS = NS_PER_S
+"""Period at which progress or waiting is published again and the lamp is switched on again."""
 
 
 class ProcedureRunner:
-    """Makes procedures, runs one of them in turn, and gives what it finds to who keeps the pose."""
+    """Creates procedures, runs one at a time, and passes their poses to the tracker."""
 
     def __init__(self, user: str, config: LocalizerConfig, tracking: PoseTracker) -> None:
         self._user = user
@@ -43,18 +43,18 @@ class ProcedureRunner:
         self._room: Environment | None = None
         self._turns = LampQueue(user)
         self._wish: PointingRequest | None = None
-        """What the lamps are for that are pointed at, or waited for."""
+        """The request whose lamps are pointed at."""
         self._running: LampProcedure | MovingTarget | QueuedPointing | None = None
-        self._said_ns = 0
+        self._published_ns = 0
 
     @property
     def is_busy(self) -> bool:
-        """Return whether a procedure runs, or waits, and wants to be stepped."""
+        """Return True if a procedure runs or waits and needs steps."""
         return self._running is not None
 
     @property
     def is_localizing(self) -> bool:
-        """Return whether one runs, or waits, that finds the pose, rather than an anchor."""
+        """Return True if a procedure for a pose, rather than an anchor, runs or waits."""
         running = self._running
         if isinstance(running, QueuedPointing):
             return running.purpose == "pose"
@@ -62,23 +62,23 @@ class ProcedureRunner:
 
     @property
     def is_following(self) -> bool:
-        """Return whether the arm follows something that moves."""
+        """Return True if the arm follows a moving target."""
         return isinstance(self._running, MovingTarget)
 
     @property
     def ahead(self) -> tuple[str, ...]:
-        """Return for whom is waited; empty when nothing is waited for."""
+        """Return the users who come first, or () if the person does not wait."""
         return self._running.ahead if isinstance(self._running, QueuedPointing) else ()
 
     @property
     def lit(self) -> str:
-        """Return the lamp that is pointed at; empty when none is."""
+        """Return the id of the lamp that is lit, or `""` if none is."""
         return self._running.lit if isinstance(self._running, LampProcedure) else ""
 
     def on_map(self, room: Environment, now_ns: int) -> list[Output]:
-        """Take the room; switch off what a localizer that was killed left lit, unless it is somebody's.
+        """Update the map. Switch off lamps that a killed localizer left lit, unless another person uses them.
 
-        Who points at a lamp that is not there any more tells nothing: that is stopped.
+        Pointing at a lamp that has moved or is gone stops, since it gives no information.
         """
         is_first, self._room = self._room is None, room
         running = self._running
@@ -99,51 +99,51 @@ class ProcedureRunner:
         return [] if self._turns.pointing(ids, now_ns) else [LampSwitch(lamp_id, on=False) for lamp_id in ids]
 
     def on_localization(self, news: Localization, user: str, now_ns: int) -> list[Output]:
-        """Mind the others who are localized: the lamps are theirs who asked first."""
+        """Update the queue from other people's localizations: lamps go to who asked first."""
         if user == self._user:
             return []
-        return self._mind(now_ns, has_ended=self._turns.on_localization(user, news, now_ns))
+        return self._on_queue_changed(now_ns, has_ended=self._turns.on_localization(user, news, now_ns))
 
     def on_absence(self, user: str, now_ns: int) -> list[Output]:
-        """Take note that `user`, or their localizer, is gone: their place in the queue is free."""
+        """Remove `user`, who or whose localizer has left, from the queue."""
         if user == self._user or not self._turns.leave(user):
             return []
-        return self._mind(now_ns, has_ended=True)
+        return self._on_queue_changed(now_ns, has_ended=True)
 
     def on_ray(self, ray: PointingRay) -> None:
-        """Take a ray of the person."""
+        """Process a ray of the person."""
         if self._running is not None and not isinstance(self._running, QueuedPointing):
             self._running.on_ray(ray)
 
     def on_objects(self, objects: TrackedObjects, tracker: str) -> None:
-        """Take where things are."""
+        """Process positions of tracked objects."""
         if isinstance(self._running, MovingTarget):
             self._running.on_objects(tracker, objects)
 
     def on_yaw_origin_changed(self, now_ns: int) -> list[Output]:
-        """Begin anew, or refuse: rays of two yaw origins do not belong together."""
+        """Restart or refuse, because rays of two yaw origins cannot be combined."""
         running = self._running
         if running is None or isinstance(running, QueuedPointing):
             return []
         if isinstance(running, MovingTarget):
             return running.start(now_ns)
         reason = f"the IMU of {self._user} was restarted or turned meanwhile; start again"
-        return self._passed(running.refuse(now_ns, reason), now_ns)
+        return self._process_outputs(running.refuse(now_ns, reason), now_ns)
 
     def step(self, now_ns: int) -> list[Output]:
-        """Go on with what runs or waits, if something does."""
+        """Advance the running or waiting procedure, if there is one."""
         running = self._running
         if running is None:
             return []
         if isinstance(running, QueuedPointing):
             return self._wait_on(running, now_ns)
-        out = self._passed(running.step(now_ns), now_ns)
-        if isinstance(self._running, LampProcedure) and abs(now_ns - self._said_ns) >= SAY_NS:
-            out += self._say_again(self._running, now_ns)
+        out = self._process_outputs(running.step(now_ns), now_ns)
+        if isinstance(self._running, LampProcedure) and abs(now_ns - self._published_ns) >= REPUBLISH_NS:
+            out += self._republish(self._running, now_ns)
         return out
 
     def start_moving_target(self, now_ns: int) -> list[Output]:
-        """Have a robot followed, instead of what goes on."""
+        """Start following a robot; stop the procedure that runs."""
         config = self._config
         out = self.stop(now_ns)
         self._running = MovingTarget(config.following(), config.believed(), floor=config.floor())
@@ -151,23 +151,23 @@ class ProcedureRunner:
         return [*out, *self._running.start(now_ns)]
 
     def start_static_targets(self, now_ns: int) -> list[Output] | Refusal:
-        """Have the person point at lamps, in turn, instead of what goes on; or return why they cannot."""
+        """Start pointing at lamps, or wait for them, instead of the running procedure; or refuse."""
         return self._ask(self._static, now_ns)
 
-    def anchor(self, asked: str, eyes_m: float, now_ns: int) -> list[Output] | Refusal:
-        """Have the person point at the lamp that is `asked` for, or at the one that tells most, in turn.
+    def anchor(self, lamp_id: str, eyes_m: float, now_ns: int) -> list[Output] | Refusal:
+        """Start pointing at lamp `lamp_id` (`""`: the most informative one), or wait for it.
 
         A pose must be known.
         """
-        return self._ask(lambda then_ns: self._anchoring(asked, eyes_m, then_ns), now_ns)
+        return self._ask(lambda then_ns: self._anchoring(lamp_id, eyes_m, then_ns), now_ns)
 
     def stop(self, now_ns: int, reason: str = "") -> list[Output]:
-        """End what goes on, lamps off."""
+        """Stop the running procedure, lamps off."""
         running = self._running
         if isinstance(running, QueuedPointing):
             self._running = None
             return [running.end("cancelled", now_ns, reason)]
-        return [] if running is None else self._passed(running.cancel(now_ns, reason), now_ns)
+        return [] if running is None else self._process_outputs(running.cancel(now_ns, reason), now_ns)
 
     def _ask(self, make: Make, now_ns: int) -> list[Output] | Refusal:
         procedure = make(now_ns)
@@ -181,19 +181,19 @@ class ProcedureRunner:
     def _queue(
         self, wish: PointingRequest, procedure: LampProcedure, ahead: tuple[str, ...], now_ns: int
     ) -> list[Output]:
-        """Wait for those `ahead`; for nobody, do nothing."""
+        """Wait if there are users `ahead`, otherwise do nothing."""
         if not ahead:
             return []
         waiting = QueuedPointing(wish, procedure, now_ns, self._config.queue_timeout_s)
-        self._running, self._said_ns = waiting, now_ns
+        self._running, self._published_ns = waiting, now_ns
         return [waiting.say(ahead, now_ns)]
 
     def _begin(self, wish: PointingRequest, procedure: LampProcedure, now_ns: int) -> list[Output]:
-        self._wish, self._running, self._said_ns = wish, procedure, now_ns
+        self._wish, self._running, self._published_ns = wish, procedure, now_ns
         return procedure.start(now_ns, wish.since_ns)
 
     def _wait_on(self, waiting: QueuedPointing, now_ns: int) -> list[Output]:
-        """Begin when it is their turn; say how long the queue is when that is news, and from time to time."""
+        """Begin when it is their turn; publish the users ahead when they change, and periodically."""
         is_too_long = waiting.is_too_long(now_ns)
         wish = waiting.wish
         ahead = self._turns.ahead(waiting.lamp_ids, wish.since_ns, now_ns)
@@ -205,17 +205,17 @@ class ProcedureRunner:
         if is_too_long:
             reason = queue_timeout_message(self._user, ahead, self._config.queue_timeout_s)
             return self._leave_queue(waiting, now_ns, reason)
-        if ahead == waiting.ahead and abs(now_ns - self._said_ns) < SAY_NS:
+        if ahead == waiting.ahead and abs(now_ns - self._published_ns) < REPUBLISH_NS:
             return []
-        self._said_ns = now_ns
+        self._published_ns = now_ns
         return [waiting.say(ahead, now_ns)]
 
     def _leave_queue(self, waiting: QueuedPointing, now_ns: int, reason: str) -> list[Output]:
         self._running = None
         return [waiting.end("refused", now_ns, reason)]
 
-    def _mind(self, now_ns: int, *, has_ended: bool) -> list[Output]:
-        """Begin, or let others go first, as what was heard just now demands."""
+    def _on_queue_changed(self, now_ns: int, *, has_ended: bool) -> list[Output]:
+        """Begin, or yield the lamps, after a change of the queue."""
         running, wish = self._running, self._wish
         if isinstance(running, QueuedPointing):
             return self._wait_on(running, now_ns)
@@ -225,7 +225,7 @@ class ProcedureRunner:
         if first:
             again = replace(wish, since_ns=running.since_ns)
             return [*running.stop_silently(), *self._queue(again, running, first, now_ns)]
-        return self._say_again(running, now_ns) if has_ended else []  # they may have switched our lamp off
+        return self._republish(running, now_ns) if has_ended else []  # our lamp may be off
 
     def _static(self, _now_ns: int) -> StaticTargets | Refusal:
         config = self._config
@@ -234,19 +234,19 @@ class ProcedureRunner:
             return lamps
         return StaticTargets(lamps, config.timing(), config.believed(), config.choice(), floor=config.floor())
 
-    def _anchoring(self, asked: str, eyes_m: float, now_ns: int) -> Anchoring | Refusal:
+    def _anchoring(self, lamp_id: str, eyes_m: float, now_ns: int) -> Anchoring | Refusal:
         config = self._config
-        lamps = lamp_choice.lamp_for_anchor(self._room, config.lamps, asked)
+        lamps = lamp_choice.lamp_for_anchor(self._room, config.lamps, lamp_id)
         if isinstance(lamps, Refusal):
             return lamps
         occupied = set(config.lamps)
-        if not occupied and self._room is not None:  # theirs are all: another that is lit would mislead
+        if not occupied and self._room is not None:  # all: another lit lamp would mislead
             occupied = {lamp.id for lamp in self._room.lamps}
-        lamp = self._telling(lamps, eyes_m, now_ns)
+        lamp = self._most_informative(lamps, eyes_m, now_ns)
         return Anchoring(lamp, self._tracking.anchor, config.timing(), config.steadiness(), occupies=occupied)
 
-    def _telling(self, lamps: Sequence[Lamp], eyes_m: float, now_ns: int) -> Lamp:
-        """Return the lamp that tells most about the yaw."""
+    def _most_informative(self, lamps: Sequence[Lamp], eyes_m: float, now_ns: int) -> Lamp:
+        """Return the lamp that is most informative about the yaw."""
         place, covariance = self._tracking.uncertainty(now_ns)
         drift = self._config.drift.settings()
         acuity = ObservationModel(
@@ -257,12 +257,12 @@ class ProcedureRunner:
         places = [lamp.position_m for lamp in lamps]
         return lamps[best_for_yaw(places, place, covariance, acuity, floor_m=self._config.floor_m)]
 
-    def _say_again(self, procedure: LampProcedure, now_ns: int) -> list[Output]:
-        self._said_ns = now_ns
+    def _republish(self, procedure: LampProcedure, now_ns: int) -> list[Output]:
+        self._published_ns = now_ns
         return procedure.republish(now_ns)
 
-    def _passed(self, outputs: Sequence[Output], now_ns: int) -> list[Output]:
-        """Return what a procedure gave, its pose as it is followed from now on; forget one that has ended."""
+    def _process_outputs(self, outputs: Sequence[Output], now_ns: int) -> list[Output]:
+        """Return a procedure's outputs, its pose as tracked; drop a procedure that has ended."""
         running, out = self._running, list[Output]()
         for output in outputs:
             if isinstance(output, UserPose) and isinstance(running, StaticTargets | MovingTarget):

@@ -51,17 +51,17 @@ from pointit.services.localizer.outputs import LampSwitch, Output, WithdrawPose
 from pointit.services.localizer.pose_manager import PoseManager, Response
 
 STEP_HZ = 20.0
-"""How often a procedure is stepped while it runs."""
+"""Rate of steps while a procedure runs."""
 
 AHEAD_NS = NS_PER_S
-"""Rays and objects stamped further in the future are wrong, and would make all that follow look late."""
+"""Rays and objects stamped further in the future are dropped: all later ones would look late."""
 
 ON = (255, 255, 255)
 OFF = (0, 0, 0)
 
 
 class Localizer(Service[LocalizerConfig]):
-    """Finds out where one person stands, and follows it while the IMU drifts."""
+    """Localizes one person and tracks their pose while the IMU drifts."""
 
     NAME: ClassVar[str] = "localizer"
     SCOPE: ClassVar[Scope] = "user"
@@ -74,7 +74,7 @@ class Localizer(Service[LocalizerConfig]):
         self._followed = asyncio.Event()
         self._lamps: dict[str, Publisher[LampColor]] = {}
         self._sent: Counter[str] = Counter()
-        """Messages by topic and name."""
+        """Number of messages by topic and name."""
         self._poses: Publisher[UserPose] | None = self.bus.publisher(POSE, self.user)
         self._progress = self.bus.publisher(LOCALIZATION, self.user)
         self._anchors = self.bus.publisher(ANCHOR, self.user)
@@ -95,7 +95,7 @@ class Localizer(Service[LocalizerConfig]):
         self.bus.serve(POINT_ANCHOR, self._point_anchor, self.user)
 
     async def run(self) -> None:
-        """Step the procedure while there is one, follow the pose; leave no lamp lit at the end."""
+        """Step procedures and track the pose. All lamps are off at the end."""
         try:
             async with asyncio.TaskGroup() as group:
                 group.create_task(self._step(), name=f"localizer.{self.user} procedure")
@@ -118,12 +118,12 @@ class Localizer(Service[LocalizerConfig]):
             await sleep(self.clock, self._locating.wait_s(now_ns))
 
     def _show(self, now_ns: int) -> None:
-        """Show in health how the pose does."""
+        """Publish metrics and warnings of the pose to Health."""
         for name, value, unit in self._locating.figures(now_ns):
             self.bus.set_metric(name, value, unit)
-        worry = self._locating.problem(now_ns)
-        if worry:
-            self.bus.warn("pose", worry)
+        problem = self._locating.problem(now_ns)
+        if problem:
+            self.bus.warn("pose", problem)
         else:
             self.bus.clear("pose")
 
@@ -161,7 +161,7 @@ class Localizer(Service[LocalizerConfig]):
             self._locating.on_objects(objects, tracker)
 
     def _is_timely(self, key: str, stamp_ns: int) -> bool:
-        """Return whether `stamp_ns` is not in the future, but for clocks that differ a little, and say so."""
+        """Return True if `stamp_ns` is at most `AHEAD_NS` in the future; otherwise warn."""
         ahead_ns = stamp_ns - self.clock.now_ns()
         if ahead_ns <= AHEAD_NS * self.clock.speed:
             self.bus.clear(f"future {key}")
@@ -189,10 +189,10 @@ class Localizer(Service[LocalizerConfig]):
         return self._done(self._locating.point_anchor(query.lamp, self.clock.now_ns()))
 
     def _done(self, answer: Response | Refusal) -> Done:
-        """Publish what an answer brings along, and give it.
+        """Publish the outputs of an answer and return the reply.
 
         Raises:
-            RefusedError: it is a refusal.
+            RefusedError: If it is a refusal.
         """
         if isinstance(answer, Refusal):
             raise RefusedError(answer.reason)
@@ -205,13 +205,13 @@ class Localizer(Service[LocalizerConfig]):
                 case LampSwitch():
                     self._switch(output)
                 case UserPose():
-                    self._place(output)
+                    self._publish_pose(output)
                 case Localization():
-                    self._tell(output)
+                    self._publish_progress(output)
                 case Anchor():
                     self._anchors.put(output.model_copy(update={"seq": self._next(ANCHOR.key)}))
                 case WithdrawPose():
-                    self._take_back()
+                    self._withdraw_pose()
         self._set(self._busy, is_on=self._locating.is_busy)
         self._set(self._followed, is_on=self._locating.is_followed)
 
@@ -220,20 +220,20 @@ class Localizer(Service[LocalizerConfig]):
         if is_on != event.is_set():
             (event.set if is_on else event.clear)()
 
-    def _place(self, pose: UserPose) -> None:
+    def _publish_pose(self, pose: UserPose) -> None:
         if self._poses is None:
             self._poses = self.bus.publisher(POSE, self.user)
         self._poses.put(pose.model_copy(update={"seq": self._next(POSE.key)}))
         self._show(self.clock.now_ns())
 
-    def _take_back(self) -> None:
-        """Leave the key to the tracker: who joins late must not get our last pose."""
+    def _withdraw_pose(self) -> None:
+        """Withdraw the key for the tracker, so that late subscribers do not get our last pose."""
         if self._poses is not None:
             self._poses.close()
             self._poses = None
         self._show(self.clock.now_ns())
 
-    def _tell(self, progress: Localization) -> None:
+    def _publish_progress(self, progress: Localization) -> None:
         self._progress.put(progress.model_copy(update={"seq": self._next(LOCALIZATION.key)}))
         topic = "anchor" if progress.purpose == "anchor" else "localization"
         if progress.phase == "refused":

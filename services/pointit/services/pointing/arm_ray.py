@@ -1,8 +1,8 @@
 """The pointing ray of an arm in {H}: eye-finger, shoulder-arm or forearm (paper, §II-A; pointing.md §1).
 
 The body faces where the arm points: the shoulder is beside the neck, at a right angle to the arm's azimuth.
-{H} itself says nothing of the body, for its yaw is where the IMU happened to start. A body that turns less
-than the arm moves the shoulder along the arm at first, which hardly changes the ray.
+{H} itself has no relation to the body, because its yaw is where the IMU happened to start. A body that turns
+less than the arm moves the shoulder along the arm at first, which hardly changes the ray.
 """
 
 import math
@@ -22,19 +22,19 @@ UPPER_ARM_SHARE = 0.56
 """Upper arm as a share of the length from shoulder to wrist: 0.186 and 0.146 of the stature (Drillis and
 Contini 1966)."""
 
-NEAREST_M = 1e-6
-"""A fingertip nearer to the eyes gives no direction."""
+MIN_REACH_M = 1e-6
+"""Smallest distance of the fingertip from the eyes that gives a direction."""
 
 VERTICAL = 1e-6
-"""Cosine of the elevation below which an arm has no azimuth: the shoulder is taken to be at the neck then."""
+"""Cosine of the elevation below which an arm has no azimuth: the shoulder is then assumed at the neck."""
 
 
 class ArmRay:
-    """One person's ray as a function of the orientation of their arm.
+    """A person's ray as a function of the orientation of their arm.
 
-    The eye-finger and the shoulder-arm ray take the arm to be straight. The forearm ray takes the upper arm
-    to hang and starts at the elbow below the shoulder: with a straight arm its line would be the shoulder-arm
-    ray's own.
+    The eye-finger and the shoulder-arm ray assume a straight arm. The forearm ray assumes that the upper arm
+    hangs, and starts at the elbow below the shoulder: with a straight arm its line would be the shoulder-arm
+    ray.
     """
 
     def __init__(
@@ -44,7 +44,7 @@ class ArmRay:
         hand: Literal["left", "right"] = "right",
         model: RayModel = "eye_finger",
     ) -> None:
-        """Take the person's measures; a left-handed person's shoulder is on the left."""
+        """Set the person's measures; a left-handed person's shoulder is on the left."""
         body = body if body is not None else BodyMeasures()
         self._side_m = body.neck_to_shoulder_m if hand == "left" else -body.neck_to_shoulder_m
         self._is_from_eyes = model == "eye_finger"
@@ -52,15 +52,15 @@ class ArmRay:
         self._arm_m = body.shoulder_to_wrist_m + body.wrist_to_finger_m
         hang_m = UPPER_ARM_SHARE * body.shoulder_to_wrist_m if model == "forearm" else 0.0
         self._height_m = body.footprint_to_neck_m + (self._drop_m if self._is_from_eyes else -hang_m)
-        """Height of the ray's origin over the feet, m."""
+        """Height of the ray's origin above the feet, m."""
 
     @classmethod
     def from_profile(cls, profile: UserProfile) -> "ArmRay":
-        """Return the ray of the person whose profile this is."""
+        """Return the ray of the person with `profile`."""
         return cls(profile.body, hand=profile.hand, model=profile.ray_model)
 
     def ray(self, orientation_xyzw: Quaternion) -> tuple[Vec3, Vec3] | None:
-        """Return origin and unit direction in {H}, or None where the finger is at the eyes."""
+        """Return origin and unit direction in {H}, or None if the finger is at the eyes."""
         x, y, z, w = orientation_xyzw
         square = x * x + y * y + z * z + w * w  # norms are 1 to within 1e-3 only
         ahead, left, up = square - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z), 2.0 * (x * z - w * y)
@@ -74,18 +74,18 @@ class ArmRay:
         arm = self._arm_m / square
         ahead, left, up = arm * ahead + shoulder_x, arm * left + shoulder_y, arm * up - self._drop_m
         length = math.hypot(ahead, left, up)
-        if length < NEAREST_M:
+        if length < MIN_REACH_M:
             return None
         return (0.0, 0.0, self._height_m), (ahead / length, left / length, up / length)
 
     def rays(self, orientations_xyzw: Array) -> tuple[Array, Array]:
-        """Return the rays of many orientations at once.
+        """Return the rays of many orientations.
 
         Args:
             orientations_xyzw: n x 4.
 
         Returns:
-            Origins in {H}, n x 3, m; unit directions, n x 3, NaN where the finger is at the eyes.
+            Origins in {H}, n x 3, m; unit directions, n x 3, NaN if the finger is at the eyes.
         """
         x, y, z, w = orientations_xyzw.T
         square = x * x + y * y + z * z + w * w
@@ -100,5 +100,5 @@ class ArmRay:
         eyes = np.tile([0.0, 0.0, self._height_m], (len(arm), 1))
         reach = self._arm_m * arm + shoulder - eyes - [0.0, 0.0, self._drop_m]
         length = np.linalg.norm(reach, axis=1)
-        length[length < NEAREST_M] = np.nan
+        length[length < MIN_REACH_M] = np.nan
         return eyes, reach / length[:, None]

@@ -8,23 +8,23 @@ from pointit.geometry.one_euro import OneEuro
 from pointit.runtime.config.config import Config
 
 MIN_CUTOFF_HZ = {"normal": 0.7, "steady": 0.3}
-"""Of the two settings of the filter; pointing.md §2."""
+"""Cut-off of the filter by its setting; pointing.md §2."""
 
 
 class PointingConfig(Config):
-    """When an orientation still makes a ray, and how the ray is smoothed."""
+    """Age limit of orientations, and smoothing of the ray."""
 
     stale_after_s: float = Field(
         default=0.2,
         gt=0,
         le=10,
-        description="samples older, or so far in the future, make no ray, s",
+        description="largest age of samples, or time in the future, that make a ray, s",
     )
     profile_wait_s: float = Field(
         default=1.0,
         ge=0,
         le=60,
-        description="wait for the person's measures so long at the start, then go on with common ones, s",
+        description="longest wait for the person's measures at the start, before average ones are used, s",
     )
     filter: Literal["off", "normal", "steady"] = Field(
         default="normal", description="smoothing of the ray (1 € filter); steady: for hands that tremble"
@@ -34,20 +34,20 @@ class PointingConfig(Config):
         ge=0.01,
         le=100,
         description="the filter's cut-off at rest, Hz; lower is steadier and slower; "
-        "empty: as the filter has it, 0.7 normal, 0.3 steady",
+        "empty: that of the filter, 0.7 normal, 0.3 steady",
     )
     beta_hz_per_degps: float = Field(
-        default=0.05, ge=0, le=10, description="how much that cut-off rises with the speed, Hz per deg/s"
+        default=0.05, ge=0, le=10, description="increase of that cut-off with the speed, Hz per deg/s"
     )
     derivative_cutoff_hz: float = Field(
         default=1.0, ge=0.01, le=100, description="cut-off of the speed itself, Hz"
     )
     filter_gap_s: float = Field(
-        default=0.5, ge=0.05, le=10, description="after so long without a ray the filter begins anew, s"
+        default=0.5, ge=0.05, le=10, description="time without a ray after which the filter restarts, s"
     )
 
     def smoothing(self) -> OneEuro | None:
-        """Return a new filter as configured, or none where it is off."""
+        """Return a new filter as configured, or None if it is off."""
         if self.filter == "off":
             return None
         return OneEuro(

@@ -1,14 +1,14 @@
-"""A person's systematic error: what is added to the raw ray (pointing.md §3)."""
+"""Correction of a person's systematic error in the raw ray (pointing.md §3)."""
 
 import math
 
 from pointit.geometry import vector
 from pointit.schemas import PointingOffset
 
-LARGEST_RAD = math.radians(30.0)
-"""No correction is larger."""
+MAX_CORRECTION_RAD = math.radians(30.0)
+"""Largest correction."""
 FADE_RAD = math.radians(10.0)
-"""So near to straight up or down a correction fades: there azimuth and elevation are no coordinates."""
+"""Distance from straight up or down within which a correction fades, since azimuths are undefined there."""
 
 _LEVEL_AT_FADE = math.sin(FADE_RAD)
 
@@ -16,31 +16,31 @@ _LEVEL_AT_FADE = math.sin(FADE_RAD)
 def apply(
     offset: PointingOffset, azimuth_world_rad: float | None, elevation_rad: float
 ) -> tuple[float, float]:
-    """Return what to add to the ray's azimuth and elevation, rad.
+    """Return the corrections of the ray's azimuth and elevation, rad.
 
     Args:
         offset: the person's.
-        azimuth_world_rad: of the raw ray in {W}; none while the pose is unknown: then only the elevation is
-            corrected, as it is in the midst of the anchors.
+        azimuth_world_rad: of the raw ray in {W}. None while the pose is unknown: then only the elevation is
+            corrected, as at the middle azimuth of the anchors.
         elevation_rad: of the raw ray.
     """
     if offset.rung == "pitch":
         azimuth, elevation = 0.0, offset.elevation[0]
     else:
         a = 0.0 if azimuth_world_rad is None else vector.wrap(azimuth_world_rad - offset.reference_rad)
-        a = _held(a, offset.azimuth_range_rad)
-        e = _held(elevation_rad, offset.elevation_range_rad)
+        a = _clamped(a, offset.azimuth_range_rad)
+        e = _clamped(elevation_rad, offset.elevation_range_rad)
         elevation = _value(offset.elevation, a, e)
         azimuth = 0.0 if azimuth_world_rad is None else _value(offset.azimuth, a, e)
     fade = min(1.0, math.cos(elevation_rad) / _LEVEL_AT_FADE)
-    azimuth = fade * min(max(azimuth, -LARGEST_RAD), LARGEST_RAD)
-    elevation = fade * min(max(elevation, -LARGEST_RAD), LARGEST_RAD)
+    azimuth = fade * min(max(azimuth, -MAX_CORRECTION_RAD), MAX_CORRECTION_RAD)
+    elevation = fade * min(max(elevation, -MAX_CORRECTION_RAD), MAX_CORRECTION_RAD)
     lowest, highest = -math.pi / 2.0 - elevation_rad, math.pi / 2.0 - elevation_rad
     return azimuth, min(max(elevation, lowest), highest)
 
 
-def _held(angle_rad: float, bounds: tuple[float, float]) -> float:
-    """Return `angle_rad`, or the bound beyond which no anchor told anything."""
+def _clamped(angle_rad: float, bounds: tuple[float, float]) -> float:
+    """Return `angle_rad` clamped to the range of the anchors."""
     return min(max(angle_rad, bounds[0]), bounds[1])
 
 

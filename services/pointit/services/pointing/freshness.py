@@ -1,8 +1,8 @@
-"""Which samples are news: neither too old, nor from the future, nor out of order, nor said before.
+"""Classification of samples: fresh, stale (too old, from the future, out of order) or repeated.
 
-Devices and bridges repeat themselves (a quarter of all samples in recordings of the ROS toolkit are repeats):
-a repeat carries the device time of the sample before. Equal orientations prove nothing, a still arm has them
-honestly.
+Devices and bridges repeat samples (a quarter of all samples in recordings of the ROS toolkit are repeats): a
+repeat has the device time of the sample before. Equal orientations are no evidence, since an arm at rest has
+them, too.
 """
 
 from typing import Literal
@@ -13,29 +13,29 @@ Verdict = Literal["fresh", "stale", "repeated"]
 
 
 class Freshness:
-    """Judges each sample of one wrist against those before."""
+    """Compares each sample of one wrist with those before."""
 
     def __init__(self, stale_after_s: float) -> None:
-        """Take samples no older, and no further in the future, than `stale_after_s`."""
+        """Accept samples at most `stale_after_s` old or in the future."""
         self._stale_ns = int(stale_after_s * NS_PER_S)
         self._newest_ns = -1
         self._device_ns: int | None = None
-        self.judged = 0
-        """All samples."""
+        self.count = 0
+        """Number of all samples."""
         self.stale = 0
-        """Samples that came too late, out of order, or from the future."""
+        """Number of samples that came too late, out of order, or from the future."""
         self.repeated = 0
-        """Samples that were the one before, sent again."""
+        """Number of samples that repeat the one before."""
         self.restarts = 0
-        """How often the device's clock went back: it was restarted, or two devices send."""
+        """Number of times that the device's clock went back: it was restarted, or two devices send."""
 
     def classify(self, sample: ImuSample, now_ns: int) -> Verdict:
-        """Return what `sample` is, and remember it if it is fresh.
+        """Return the class of `sample`, and store it if it is fresh.
 
-        When the host's clock is set back, or the device's, it begins anew with that clock. Device times
-        that go back by no more than the age allowed are samples that overtook each other.
+        A step back of the host's or the device's clock is followed. Device times that go back by at most
+        `stale_after_s` are samples out of order.
         """
-        self.judged += 1
+        self.count += 1
         if self._newest_ns > now_ns + self._stale_ns:
             self._newest_ns = -1
         if abs(now_ns - sample.stamp_ns) > self._stale_ns or sample.stamp_ns < self._newest_ns:

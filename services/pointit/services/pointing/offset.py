@@ -1,11 +1,11 @@
-"""Fits a person's offset from pointings at known places without a cursor, rung by rung of a ladder.
+"""Fit of a person's offset from pointings at known places without a cursor, with models of rising order.
 
-Pitch first: a constant of the elevation, maximum a posteriori under what is known of people. Then yaw, which
-cannot be told from the heading of the pose and goes there. Then, once there are enough anchors and it pays
-by leave-one-out, a ridge polynomial of total degree 2 in azimuth and elevation, each axis by itself.
+Pitch first: a constant of the elevation, maximum a posteriori with a prior of people. Then yaw, which cannot
+be separated from the heading of the pose and is added to it. Then, with enough anchors and if leave-one-out
+errors fall, a ridge polynomial of total degree 2 in azimuth and elevation, for each axis.
 
-One bad hold must not spoil it: an outlier gate drops those that no pointing person makes, and those far from
-the median of the others, at most a third.
+An outlier gate drops sightings that are no pointing, and those far from the median of the others, at most a
+third, so that a bad hold does no harm.
 """
 
 import math
@@ -22,40 +22,39 @@ from pointit.schemas import Anchor, PointingOffset
 Array = NDArray[np.float64]
 
 PERSON_RAD = math.radians(4.0)
-"""How far people's elevations are off, 1 sigma about zero.
+"""Standard deviation of people's elevation errors about zero.
 
-Between people it is 2.8° about a mean of 2.8° (pointing.md §3); but the sign of the mean depends on
-the posture and on what is seen of the hand, so it counts as scatter.
-"""
+Between people it is 2.8° about a mean of 2.8° (pointing.md §3). But the sign of the mean depends on the
+posture and on the visibility of the hand, so it counts as scatter."""
 HOLD_RAD = math.radians(1.0)
-"""Scatter of one person's elevation from pointing to pointing."""
+"""Scatter of one person's elevation between pointings."""
 HOLD_AZIMUTH_RAD = math.radians(4.0)
-"""The same of the azimuth, times the cosine of the elevation."""
+"""Scatter of the azimuth, times the cosine of the elevation."""
 HOLD_COUNT = 4.0
-"""The two scatters are believed as if they had been seen in so many pointings."""
+"""Weight of the two prior scatters, in pointings."""
 
 NOT_POINTING_RAD = math.radians(25.0)
-"""Nobody who points is so far off in elevation."""
+"""Elevation errors beyond this are no pointing."""
 GATE_SIGMAS = 3.0
 
 POLYNOMIAL_FROM = 8
-"""Anchors a polynomial needs."""
+"""Number of anchors that a polynomial needs."""
 SLOPE = 0.1
-"""1 sigma of its coefficients but the constant: rad per rad, and per rad²."""
-WORTH = 0.9
-"""It must leave less than this share of the squared errors that the constant leaves."""
+"""Prior standard deviation of its coefficients except the constant: rad per rad, and rad per rad²."""
+MAX_ERROR_RATIO = 0.9
+"""Largest share of the constant's squared errors that a polynomial may leave."""
 REACH_RAD = math.radians(90.0)
-"""Anchors further than this from their middle azimuth are all around, where a polynomial has a seam."""
+"""Anchors further than this from their middle azimuth surround the person, where a polynomial has a seam."""
 STRETCH = 2.0
 BENT_RAD = math.radians(5.0)
-"""In the corners of the anchors' ranges it must bend no further than so many times what it does at the
-anchors, or this; beyond the ranges it is held."""
+"""In the corners of the anchors' ranges a polynomial may bend by this multiple of its values at the anchors,
+or by `BENT_RAD`; beyond the ranges it is constant."""
 _HALVINGS = 6
 
 
 @dataclass(frozen=True, slots=True)
 class Sighting:
-    """One pointing at a known place: the raw ray and the way from the ray's origin to the place, in {W}."""
+    """One pointing at a known place: the raw ray and the direction from its origin to the place, in {W}."""
 
     azimuth_rad: float
     elevation_rad: float
@@ -65,19 +64,19 @@ class Sighting:
 
 @dataclass(frozen=True, kw_only=True)
 class OffsetFit:
-    """What sightings tell."""
+    """Result of a fit."""
 
     offset: PointingOffset | None
-    """None where no sighting was of use."""
+    """None if no sighting was usable."""
     heading_rad: float
-    """To add to the pose's yaw: the mean of the azimuth that the rays were off; not part of the offset."""
+    """Correction of the pose's yaw: the mean azimuth error of the rays; not part of the offset."""
     heading_sigma_rad: float
     dropped: tuple[int, ...]
-    """Indices of the sightings that were no pointing at their target, or far from the others."""
+    """Indices of the outliers among the sightings."""
 
 
 def sighting(anchor: Anchor) -> Sighting | None:
-    """Return what an anchor's message tells, or none where it names no place."""
+    """Return the sighting of an anchor, or None if it has no position."""
     if anchor.target_m is None:
         return None
     eye = vector.add(anchor.position_m, vector.rotate_z(anchor.origin_m, anchor.yaw_rad))
@@ -92,12 +91,12 @@ def fit(
     *,
     highest: Literal["pitch", "polynomial"] = "polynomial",
 ) -> OffsetFit:
-    """Return the person's offset, the heading's, and which sightings were dropped.
+    """Return the person's offset, the heading correction, and the dropped sightings.
 
     Args:
         sightings: in any number and order.
-        fitted_ns: the time it is said to be fitted at.
-        highest: rung that may be climbed to.
+        fitted_ns: stamp of the fit.
+        highest: the most complex model to try.
     """
     rays = np.array(
         [[s.azimuth_rad, s.elevation_rad, s.target_azimuth_rad, s.target_elevation_rad] for s in sightings]
@@ -129,7 +128,7 @@ def fit(
             bent = _bent(where, off[:, 1], np.ones(len(rays)), scatter, PERSON_RAD)
             if bent is not None:
                 elevation_terms, left = bent
-                scatter, doubt = _spread(left, HOLD_RAD), 0.0  # left out in turn: it has the doubt in it
+                scatter, doubt = _spread(left, HOLD_RAD), 0.0  # leave-one-out errors include the doubt
                 polynomials += 1
             bent = _bent(where, turned, level, spread, HOLD_AZIMUTH_RAD)
             if bent is not None:
@@ -142,7 +141,7 @@ def fit(
         reference_rad=reference,
         azimuth_range_rad=ranges[0],
         elevation_range_rad=ranges[1],
-        sigma_rad=math.hypot(scatter, doubt) * _unsure(len(rays)),
+        sigma_rad=math.hypot(scatter, doubt) * _student_factor(len(rays)),
         anchors=len(rays),
         fitted_ns=fitted_ns,
     )
@@ -150,7 +149,7 @@ def fit(
 
 
 def _gate(off: Array, level: Array) -> tuple[NDArray[np.bool_], float]:
-    """Return which are pointings like the others, and the azimuth that most of them are off."""
+    """Return which sightings are not outliers, and the median azimuth error."""
     kept = np.abs(off[:, 1]) <= NOT_POINTING_RAD
     if not kept.any():
         return kept, 0.0
@@ -175,12 +174,12 @@ def _pitch(off: Array) -> tuple[float, float, float]:
 
 
 def _spread(left: Array, believed: float) -> float:
-    """Return the sigma of what is left about a mean, mixed with what is believed of people."""
+    """Return the sigma of residuals about a mean, combined with the prior `believed`."""
     return math.sqrt((HOLD_COUNT * believed**2 + float(left @ left)) / (HOLD_COUNT + len(left) - 1))
 
 
-def _unsure(count: int) -> float:
-    """Return by how much a sigma is larger because the scatter itself was only estimated (Student)."""
+def _student_factor(count: int) -> float:
+    """Return the factor on a sigma for a scatter that was only estimated (Student)."""
     freedom = HOLD_COUNT + count - 1
     return math.sqrt(freedom / (freedom - 2.0))
 
@@ -188,16 +187,16 @@ def _unsure(count: int) -> float:
 def _bent(
     where: Array, off: Array, weight: Array, sigma: float, constant: float
 ) -> tuple[Array, Array] | None:
-    """Return a polynomial's six terms and the errors it leaves each anchor when that is left out.
+    """Return a polynomial's six terms and the leave-one-out errors of the anchors.
 
-    None where it does not pay, or would bend wildly beyond the anchors however stiff it is made.
+    None if the errors do not fall enough, or if it bends too far beyond the anchors at any stiffness.
 
     Args:
         where: n x 2, azimuth from the reference and elevation, rad.
         off: n errors, rad.
-        weight: n, by which an error counts.
+        weight: n, weights of the errors.
         sigma: of one error.
-        constant: 1 sigma of the polynomial's constant before anything is known.
+        constant: prior sigma of the polynomial's constant.
     """
     columns = weight[:, None] * _columns(where)
     flat, _ = _ridge(columns[:, :1], weight * off, sigma, np.array([constant]))
@@ -206,7 +205,7 @@ def _bent(
     slope = SLOPE
     for _ in range(_HALVINGS):
         left, terms = _ridge(columns, weight * off, sigma, np.array([constant, *[slope] * 5]))
-        if float(left @ left) > WORTH * float(flat @ flat):
+        if float(left @ left) > MAX_ERROR_RATIO * float(flat @ flat):
             return None
         held = _columns(where) @ terms
         middle = held.mean()
@@ -217,7 +216,7 @@ def _bent(
 
 
 def _ridge(columns: Array, off: Array, sigma: float, prior: Array) -> tuple[Array, Array]:
-    """Return the errors left when each row in turn is left out, and the terms fitted from all of them."""
+    """Return the leave-one-out errors of the rows, and the terms fitted from all of them."""
     gain = np.linalg.solve(columns.T @ columns + np.diag((sigma / prior) ** 2), columns.T)
     terms = gain @ off
     return (off - columns @ terms) / (1.0 - np.einsum("ij,ji->i", columns, gain)), terms

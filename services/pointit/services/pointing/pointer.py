@@ -1,4 +1,4 @@
-"""From a sample of the wrist to the pointing ray: model, the person's offset, filter."""
+"""Conversion of wrist samples to the pointing ray: model, the person's offset, filter."""
 
 from typing import Literal
 
@@ -11,7 +11,7 @@ from pointit.services.pointing.freshness import Freshness, Verdict
 
 
 class Pointer:
-    """One person's pointing; keeps their measures and offset, the yaw of their pose, the filter."""
+    """Pointing of one person, with their measures, offset, yaw and filter."""
 
     def __init__(
         self,
@@ -20,28 +20,28 @@ class Pointer:
         stale_after_s: float = 0.2,
         smoothing: OneEuro | None = None,
     ) -> None:
-        """Take the person's profile (common measures without one) and the filter, if any."""
+        """Set the person's profile (average measures without one) and the filter, if any."""
         self.freshness = Freshness(stale_after_s)
         self.verdict: Verdict | Literal["no direction"] = "fresh"
-        """On the last sample; no direction: the finger was at the eyes."""
+        """Verdict on the last sample; "no direction": the finger was at the eyes."""
         self._smoothing = smoothing
         self._yaw_rad: float | None = None
         self._seq = 0
         self.set_profile(profile if profile is not None else UserProfile(stamp_ns=0))
 
     def set_profile(self, profile: UserProfile) -> None:
-        """Take the person's measures and offset; the filter begins anew."""
+        """Set the person's measures and offset, and reset the filter."""
         self._arm = ArmRay.from_profile(profile)
         self._offset = profile.offset
         if self._smoothing is not None:
             self._smoothing.reset()
 
     def set_yaw(self, yaw_rad: float) -> None:
-        """Take the azimuth in {W} of {H}'s x axis, by which the offset may differ."""
+        """Set the azimuth in {W} of {H}'s x axis, on which the offset may depend."""
         self._yaw_rad = yaw_rad
 
     def ray(self, sample: ImuSample, now_ns: int) -> PointingRay | None:
-        """Return the ray of `sample`, or none where `verdict` says why not."""
+        """Return the ray of `sample`, or None if `verdict` is not "fresh"."""
         self.verdict = self.freshness.classify(sample, now_ns)
         if self.verdict != "fresh":
             return None

@@ -1,4 +1,4 @@
-"""Reads a person's IMU, profile and pose, writes their ray."""
+"""Reads a person's IMU, profile and pose, and writes their ray."""
 
 import logging
 from typing import ClassVar
@@ -11,8 +11,8 @@ from pointit.services.pointing.pointer import Pointer
 
 log = logging.getLogger(__name__)
 
-FIGURES_NS = NS_PER_S
-"""Figures are reckoned over so long, as health is."""
+METRICS_NS = NS_PER_S
+"""Period of the metrics, as of Health."""
 
 
 class Pointing(Service[PointingConfig]):
@@ -27,10 +27,10 @@ class Pointing(Service[PointingConfig]):
         self._pointer = Pointer(stale_after_s=config.stale_after_s, smoothing=config.smoothing())
         self._waits = True
         self._fresh_ns: int | None = None
-        """When a sample last was news; none before the first sample."""
-        self._figures_ns = 0
-        self._judged = self._repeated = self._restarts = 0
-        """As counted when the figures were last reckoned, or said."""
+        """Time of the last fresh sample, or None before the first sample."""
+        self._metrics_ns = 0
+        self._count = self._repeated = self._restarts = 0
+        """Counts at the last update of the metrics."""
         self._rays = self.bus.publisher(RAY, self.user)
         self.bus.subscribe(PROFILE, self._on_profile, self.user)
         self.bus.subscribe(POSE, self._on_pose, self.user)
@@ -46,12 +46,12 @@ class Pointing(Service[PointingConfig]):
         self._pointer.set_yaw(pose.yaw_rad)
 
     def _go_on(self) -> None:
-        """Do without the profile, as where there is no supervisor."""
+        """Start without a profile, as when there is no supervisor."""
         if self._waits:
             self._waits = False
             self.bus.warn(
                 "profile",
-                f"no profile of {self.user} came: rays are those of a body of common measures; start their "
+                f"no profile of {self.user} was received: rays assume average body measures; start their "
                 "supervisor, which publishes it",
             )
 
@@ -62,17 +62,17 @@ class Pointing(Service[PointingConfig]):
         ray = self._pointer.ray(sample, now_ns)
         if ray is not None:
             self._rays.put(ray)
-        self._mind(sample, now_ns)
+        self._update_health(sample, now_ns)
 
-    def _mind(self, sample: ImuSample, now_ns: int) -> None:
-        """Show what is wrong with the samples, if anything is."""
+    def _update_health(self, sample: ImuSample, now_ns: int) -> None:
+        """Publish metrics and warnings of the samples."""
         freshness, verdict = self._pointer.freshness, self._pointer.verdict
         if self._fresh_ns is None or verdict in ("fresh", "no direction"):
             self._fresh_ns = now_ns
         if verdict == "fresh":
             self.bus.clear("samples")
         elif verdict != "repeated" or now_ns - self._fresh_ns > self.config.stale_after_s * NS_PER_S:
-            self.bus.warn("samples", self._complaint(now_ns - sample.stamp_ns))
+            self.bus.warn("samples", self._problem(now_ns - sample.stamp_ns))
         if freshness.restarts > self._restarts:
             if not self._restarts:
                 log.warning(
@@ -81,21 +81,21 @@ class Pointing(Service[PointingConfig]):
                 )
             self._restarts = freshness.restarts
             self.bus.set_metric("restarts of the wrist", self._restarts)
-        if not 0 <= now_ns - self._figures_ns < FIGURES_NS:
-            judged, repeated = freshness.judged - self._judged, freshness.repeated - self._repeated
-            share = 100.0 * repeated / judged if freshness.repeated else None  # most devices never do
+        if not 0 <= now_ns - self._metrics_ns < METRICS_NS:
+            count, repeated = freshness.count - self._count, freshness.repeated - self._repeated
+            share = 100.0 * repeated / count if freshness.repeated else None  # most devices never do
             self.bus.set_metric("repeated samples", share, "%")
-            self._figures_ns = now_ns
-            self._judged, self._repeated = freshness.judged, freshness.repeated
+            self._metrics_ns = now_ns
+            self._count, self._repeated = freshness.count, freshness.repeated
 
-    def _complaint(self, age_ns: int) -> str:
+    def _problem(self, age_ns: int) -> str:
         freshness, verdict = self._pointer.freshness, self._pointer.verdict
         age_s, limit_s = age_ns / NS_PER_S, self.config.stale_after_s
         if verdict == "no direction":
             return "the finger would be at the eyes: correct the body measures of the person's profile"
         if verdict == "repeated":
             return (
-                f"{freshness.repeated} IMU samples repeat the one before and made no ray, no other comes: "
+                f"{freshness.repeated} IMU samples repeat the one before and made no ray, no others arrive: "
                 "the wrist's device is stuck or its link is down; switch it off and on"
             )
         if age_s < -limit_s:

@@ -7,7 +7,7 @@ from pointit.schemas.base import Name
 
 
 class RobotReplayConfig(Config):
-    """Which recording, and when."""
+    """The recording and its start time."""
 
     recording: str = Field(
         default="", description="CSV file with columns t (s), robot_x, robot_y, robot_z (m)"
@@ -16,9 +16,7 @@ class RobotReplayConfig(Config):
         default=0,
         ge=0,
         le=2**62,
-        description="time of the recording's first sample, Unix ns; 0: when the service starts",
+        description="time of the recording's first sample, Unix ns; 0: start of the service",
     )
-    tracker: Name = Field(
-        default="robot", description="under which it is reported; each tracker on a site needs its own"
-    )
+    tracker: Name = Field(default="robot", description="name of the tracker, unique on the site")
     robot_id: str = Field(default="robot", min_length=1, max_length=64, description="id of the robot")

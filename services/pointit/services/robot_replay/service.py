@@ -1,4 +1,4 @@
-"""Writes where the recorded robot is, at the times of the recording."""
+"""Publishes the positions of a recorded robot at the times of the recording."""
 
 import asyncio
 import logging
@@ -28,7 +28,7 @@ class RobotReplay(Service[RobotReplayConfig]):
         """Read the recording.
 
         Raises:
-            ConfigError: it is not given, cannot be read, or has no robot.
+            ConfigError: If it is not given, cannot be read, or has no robot.
         """
         super().__init__(config, context)
         if not config.recording:
@@ -39,7 +39,7 @@ class RobotReplay(Service[RobotReplayConfig]):
         self._objects = self.bus.publisher(OBJECTS, config.tracker)
 
     async def run(self) -> None:
-        """Send each report when it is due; what is past when this begins is left out; then wait."""
+        """Publish each report when it is due and skip past ones; then wait to be cancelled."""
         now_ns = self.clock.now_ns()
         start_ns = self.config.start_ns or now_ns
         for index, time_ns in enumerate(self._trajectory.times_ns):

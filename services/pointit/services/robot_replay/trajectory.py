@@ -1,4 +1,4 @@
-"""A recorded robot as a tracker would have reported it: place and velocity at its own times."""
+"""A recorded robot as reported by a tracker: position and velocity at its own times."""
 
 import numpy as np
 
@@ -16,10 +16,10 @@ class Trajectory:
     """The reports of a recording, one a sample; samples that share a time make one report."""
 
     def __init__(self, recording: ImuRecording, robot_id: str = "robot") -> None:
-        """Take the robot of `recording`; its velocity comes from finite differences.
+        """Read the robot of `recording`; its velocity comes from finite differences.
 
         Raises:
-            ConfigError: the recording has no robot, or a single sample.
+            ConfigError: If the recording has no robot, or a single sample.
         """
         if recording.robot_m is None:
             raise ConfigError(
@@ -34,10 +34,10 @@ class Trajectory:
         velocities = np.empty_like(places)
         for axis in range(3):
             velocities[:, axis] = np.gradient(places[:, axis], times_ns / NS_PER_S)
-        # where samples lie nanoseconds apart, jumps are faster than can be said
+        # samples that are nanoseconds apart give jumps beyond the limits of messages
         self._velocities: list[list[float]] = np.clip(velocities, -FARTHEST, FARTHEST).tolist()
         self.times_ns: list[int] = times_ns.tolist()
-        """When each report is due, from the recording's start, rising."""
+        """Times of the reports from the recording's start, rising."""
 
     def report(self, index: int, start_ns: int) -> TrackedObjects:
         """Return report `index` of a recording that started at `start_ns`."""

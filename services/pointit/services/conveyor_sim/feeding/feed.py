@@ -1,4 +1,4 @@
-"""What is fed next, where and when."""
+"""Feeders: kinds, belts and times of the packages to feed."""
 
 import random
 from collections.abc import Mapping, Sequence
@@ -9,28 +9,28 @@ from pointit.services.conveyor_sim.config import ConveyorSimConfig
 
 @dataclass(frozen=True, kw_only=True)
 class FeedSpec:
-    """What a feeder has to give, and how often."""
+    """Packages of a feeder and their intervals."""
 
     sequence: tuple[str, ...] = ()
-    """Kinds in this order, over and over."""
+    """Kinds, repeated in this order."""
     probabilities: Mapping[str, float] | None = None
-    """Instead: how often each kind comes, relative to the others."""
+    """Relative frequency of each kind, instead of `sequence`."""
     min_interval_s: float
     max_interval_s: float
     length_m: float
     count: int = 0
-    """In all; 0: without end."""
+    """Number of packages; 0: unlimited."""
 
 
 class Feeder:
     """Gives one package after the other, to one belt or to several in turn.
 
-    Everything random comes from the seed and the number of the package: a feeder is told by `taken` and
-    `due_s` alone.
+    All random values derive from the seed and the number of the package, so `taken` and `due_s` are the whole
+    state of a feeder.
     """
 
     def __init__(self, name: str, belts: Sequence[str], supply: FeedSpec, *, seed: int) -> None:
-        """Feed `belts`, at least one; the first package comes after what intervals may differ by."""
+        """Feed `belts`, at least one; the first wait is a random share of the interval's range."""
         self.name = name
         self.belts = tuple(belts)
         self.supply = supply
@@ -38,16 +38,16 @@ class Feeder:
         self.restart()
 
     def restart(self) -> None:
-        """Begin again: the same packages as before, after the same intervals."""
+        """Restart with the same packages and intervals as before."""
         self.taken = 0
-        """Packages taken since the start."""
+        """Number of packages taken since the start."""
         spread_s = self.supply.max_interval_s - self.supply.min_interval_s
         self.due_s = self._chance("first") * spread_s
-        """Time until the next package, s; 0 when it waits to be taken."""
+        """Time until the next package, s; 0 while it waits to be taken."""
 
     @property
     def is_done(self) -> bool:
-        """Return whether there is nothing more to feed."""
+        """Return True if there is nothing more to feed."""
         supply = self.supply
         has_kinds = bool(supply.sequence or supply.probabilities)
         return not has_kinds or 0 < supply.count <= self.taken
@@ -58,14 +58,14 @@ class Feeder:
         return self.belts[self.taken % len(self.belts)]
 
     def tick(self, elapsed_s: float) -> None:
-        """Let time go by; a package that waits for room does not pile up others behind it."""
+        """Advance the time; a package that waits for room does not delay those behind it further."""
         self.due_s = max(0.0, self.due_s - elapsed_s)
 
     def take(self) -> str:
-        """Return the next package's kind; the one after it is due an interval from now.
+        """Return the next package's kind and start the interval to the one after it.
 
         Raises:
-            ValueError: there is nothing more to feed.
+            ValueError: If there is nothing more to feed.
         """
         if self.is_done:
             raise ValueError("there is nothing more to feed")
@@ -73,7 +73,7 @@ class Feeder:
         if supply.probabilities:
             kinds = list(supply.probabilities)
             weights = list(supply.probabilities.values())
-            kind = random.Random(self._key("kind")).choices(kinds, weights)[0]  # noqa: S311 - packages, no secrets
+            kind = random.Random(self._key("kind")).choices(kinds, weights)[0]  # noqa: S311 - not for secrets
         else:
             kind = supply.sequence[self.taken % len(supply.sequence)]
         spread_s = supply.max_interval_s - supply.min_interval_s
@@ -85,11 +85,11 @@ class Feeder:
         return f"{self._seed}/{self.name}/{self.taken}/{purpose}"
 
     def _chance(self, purpose: str) -> float:
-        return random.Random(self._key(purpose)).random()  # noqa: S311 - packages, no secrets
+        return random.Random(self._key(purpose)).random()  # noqa: S311 - not for secrets
 
 
 def configured(config: ConveyorSimConfig, entries: Sequence[str], seed: int) -> list[Feeder]:
-    """Return the feeders of `config` but for those of a schedule; `entries` are the belts fed in turn."""
+    """Return the feeders of `config` except those of a schedule; `entries` are the belts fed in turn."""
     if config.schedule:
         return []
     if config.feeders:

@@ -1,4 +1,4 @@
-"""All feeders of a conveyor, from its configuration or of a schedule's steps: they give packages, or rest."""
+"""All feeders of a conveyor, from its configuration or from a schedule's steps; they can be paused."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -9,10 +9,10 @@ from pointit.services.conveyor_sim.feeding.schedule import scheduled
 
 
 class Feeders:
-    """Those of the configuration, or else of the schedule's step that goes on.
+    """Feeders of the configuration, or of the schedule's current step.
 
-    While they rest their time stands still, so nothing piles up. The schedule goes on either way, with its
-    speeds: a package comes when they are on and the step has a feeder.
+    While they pause their time stands still, so nothing piles up. The schedule continues with its speeds: a
+    package comes if they are on and the step has a feeder.
     """
 
     def __init__(
@@ -24,35 +24,35 @@ class Feeders:
         seed: int,
         is_on: bool,
     ) -> None:
-        """Feed `entries` in turn unless `config` says which of `belts`; `is_on`: do not rest.
+        """Feed `entries` in turn unless `config` names some of `belts`; they pause unless `is_on`.
 
         Raises:
-            ConfigError: the schedule cannot be used.
+            ConfigError: If the schedule cannot be used.
         """
         self.is_on = is_on
-        """Otherwise they rest."""
+        """False while they pause."""
         self.schedule = scheduled(config, belts, seed)
         self._configured = configured(config, entries, seed)
 
     @property
     def all(self) -> Sequence[Feeder]:
-        """Return those there are now, whether they rest or not."""
+        """Return the current feeders, paused or not."""
         return self._configured if self.schedule is None else self.schedule.feeders
 
     @property
     def active(self) -> Sequence[Feeder]:
-        """Return those that do not rest."""
+        """Return the feeders that are not paused."""
         return self.all if self.is_on else ()
 
     def restart(self) -> None:
-        """Begin again, with the schedule; those that rest, rest on."""
+        """Restart the feeders and the schedule; paused ones stay paused."""
         for feeder in self._configured:
             feeder.restart()
         if self.schedule is not None:
             self.schedule.restart()
 
     def to_state(self) -> dict[str, Any]:
-        """Return where they are, as what JSON can hold."""
+        """Return the state as JSON values."""
         schedule = self.schedule
         return {
             "feeding": self.is_on,
@@ -60,11 +60,11 @@ class Feeders:
             "step": None if schedule is None or schedule.is_over else [schedule.index, schedule.left_s],
         }
 
-    def resume(self, kept: Mapping[str, Any]) -> None:
-        """Go on from where those were that `kept` was made of."""
+    def resume(self, state: Mapping[str, Any]) -> None:
+        """Continue from the state `state`."""
         if self.schedule is not None:
-            index, left_s = kept["step"] or (self.schedule.count, 0.0)
+            index, left_s = state["step"] or (self.schedule.count, 0.0)
             self.schedule.resume(index, left_s)
-        for feeder, (taken, due_s) in zip(self.all, kept["feeders"], strict=True):
+        for feeder, (taken, due_s) in zip(self.all, state["feeders"], strict=True):
             feeder.taken, feeder.due_s = taken, due_s
-        self.is_on = kept.get("feeding", True)  # what an older program has kept never rested
+        self.is_on = state.get("feeding", True)  # older versions could not pause

@@ -1,4 +1,4 @@
-"""Where packages come onto the conveyor: when they are due and there is room."""
+"""Infeed: packages enter the conveyor when they are due and there is room."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -9,39 +9,39 @@ from pointit.services.conveyor_sim.traffic.package import Package
 from pointit.services.conveyor_sim.traffic.traffic import TOLERANCE_M, Traffic
 
 ROUNDING_S = 0.5e-9
-"""Times are whole nanoseconds; sums of their floats are off by less than half of one."""
+"""Times are whole nanoseconds; sums of their floats are off by less than half a nanosecond."""
 
 
 class NoRoomError(Exception):
-    """A package does not fit now; its text is one sentence for a person."""
+    """A package does not fit now; the message is for users."""
 
 
 class UnknownLaneError(Exception):
-    """There is no such belt; its text lists those there are."""
+    """There is no such belt; the message lists the existing ones."""
 
 
 class Infeed:
-    """Puts packages on at the starts of belts; at the ends of those without links that run backwards."""
+    """Puts packages on at the starts of belts, or at the ends of unlinked belts that run backwards."""
 
     def __init__(self, traffic: Traffic, send: Callable[[Package], None], *, prefix: str) -> None:
-        """Count ids on from `prefix`-1; `send` tells a package that has its place where to go."""
+        """Number ids from `prefix`-1; `send` assigns a bay to a package that was put on."""
         self.prefix = prefix
         self.ids = 0
         self.fed = 0
-        """Packages put on so far."""
+        """Number of packages put on so far."""
         self.is_reverse = dict.fromkeys(traffic.network.lines, False)
-        """Whether a belt runs, or ran before it stopped, backwards."""
+        """True for a belt that runs backwards, or did before it stopped."""
         self._traffic = traffic
         self._network = traffic.network
         self._send = send
 
     def turn(self, belt: str, speed_mps: float) -> None:
-        """Take note that `belt` runs at `speed_mps` from now on."""
+        """Update the direction of `belt`, which runs at `speed_mps` from now on."""
         if speed_mps:
             self.is_reverse[belt] = speed_mps < 0.0
 
     def feed(self, feeders: Sequence[Feeder]) -> bool:
-        """Put on what is due and has room; return whether there was something."""
+        """Put on what is due and has room. Return True if there was something."""
         is_fed = False
         for feeder in feeders:
             while not feeder.is_done and feeder.due_s <= ROUNDING_S:
@@ -53,7 +53,7 @@ class Infeed:
         return is_fed
 
     def next_s(self, feeders: Sequence[Feeder]) -> float:
-        """Return the time until something is to be fed, if all goes on as it does."""
+        """Return the time until the next package can be fed at the current speeds, s."""
         return min(
             (
                 max(feeder.due_s, self._room_in_s(feeder.belt, feeder.supply.length_m))
@@ -64,11 +64,11 @@ class Infeed:
         )
 
     def add(self, kind: str, belt: str, length_m: float, position: float | None = None) -> str:
-        """Put one package where they come onto `belt`, or at a share of its length, and return its id.
+        """Put one package at the entry of `belt`, or at a share of its length, and return its id.
 
         Raises:
-            UnknownLaneError: there is no such belt.
-            NoRoomError: another package is in the way, or it is too long.
+            UnknownLaneError: If there is no such belt.
+            NoRoomError: If another package is in the way, or it is too long.
         """
         self.check(belt)
         longest_m = self._traffic.longest_m
@@ -92,14 +92,14 @@ class Infeed:
             if not speed_mps:
                 what = f"{wait_m:.2f} m are missing; the conveyor stands still: set a speed first"
             elif not math.isfinite(wait_m):
-                what = "it runs backwards and does not take anything: set another speed first"
+                what = "it runs backwards and cannot be fed: set another speed first"
             else:
                 what = f"{wait_m:.2f} m are missing; ask again in {wait_m / abs(speed_mps):.1f} s"
             raise NoRoomError(f"lane {belt!r} has no room for {length_m:g} m now, {what}")
         return self._enter(kind, belt, length_m).id
 
     def fill(self, feeder: Feeder, initial: int) -> None:
-        """Put `initial` packages on, as many as have room, the first of each belt furthest along."""
+        """Put on up to `initial` packages, as far as there is room, the first of each belt furthest along."""
         length_m = feeder.supply.length_m
         room = [int(self._network.lines[belt].length_m / length_m) for belt in feeder.belts]
         fills: list[list[Package]] = [[] for _ in feeder.belts]
@@ -114,14 +114,14 @@ class Infeed:
                 place = self._network.at(belt, (index + 0.5) * spacing_m)
                 if self._traffic.is_clear(*place, length_m):
                     self._put(package, *place)
-                else:  # in a junction that another one is in
+                else:  # in a junction that is occupied
                     self.fed -= 1
 
     def check(self, belt: str) -> None:
-        """Refuse a belt that does not exist.
+        """Check that `belt` exists.
 
         Raises:
-            UnknownLaneError: it lists those there are.
+            UnknownLaneError: If it does not; lists the existing ones.
         """
         if belt not in self._network.lines:
             raise UnknownLaneError(
@@ -144,12 +144,12 @@ class Infeed:
         self._traffic.put(package, piece, offset_m)
 
     def _entry(self, belt: str) -> tuple[NetworkEdge, float]:
-        """Return where packages enter `belt`."""
+        """Return the place where packages enter `belt`."""
         sections = self._network.sections[belt]
         return (sections[-1], sections[-1].length_m) if self.is_reverse[belt] else (sections[0], 0.0)
 
     def _wait_m(self, belt: str, length_m: float) -> float:
-        """Return how far `belt` must move until a package fits where they enter; 0: now."""
+        """Return the distance that `belt` must move until a package fits at the entry; 0: now."""
         is_reverse = self.is_reverse[belt]
         if is_reverse and belt in self._network.linked:
             return math.inf

@@ -1,4 +1,4 @@
-"""Timed steps with speeds and feeders, from the ROS toolkit's `feeders_*.yaml` as they are."""
+"""Timed steps with speeds and feeders, as in `feeders_*.yaml` of the ROS toolkit."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -39,7 +39,7 @@ class FeederEntry(_Entry):
 
 
 class StepEntry(_Entry):
-    """One step; `feed: False` lets the belts run empty, whether feeders were told to rest or not."""
+    """One step; `feed: False` lets the belts run empty even if the feeders are on."""
 
     speed: Annotated[float, Field(ge=-10, le=10)]
     duration: Annotated[float, Field(gt=0, le=86400)]
@@ -48,7 +48,7 @@ class StepEntry(_Entry):
 
 
 class ScheduleFile(_Entry):
-    """The file as a whole; the steps follow each other as they stand there."""
+    """A schedule file; the steps run in the order of the file."""
 
     steps: Annotated[dict[_Kind, StepEntry], Field(min_length=1)]
 
@@ -57,7 +57,7 @@ def read_schedule(path: Path) -> ScheduleFile:
     """Return the schedule in a file.
 
     Raises:
-        ConfigError: it cannot be read or used; names the file, the field and the value.
+        ConfigError: If it cannot be read or used; names the file, the field and the value.
     """
     try:
         return ScheduleFile.model_validate(read_yaml(path))
@@ -76,30 +76,30 @@ class Step:
 
 
 class Schedule:
-    """Goes through the steps once; after the last one nothing is fed and the speed stays."""
+    """Runs the steps once; after the last one nothing is fed and the speed stays."""
 
     def __init__(self, steps: Sequence[Step]) -> None:
-        """Begin with the first of `steps`, at least one."""
+        """Start with the first of `steps`, at least one."""
         self._steps = tuple(steps)
         self.restart()
 
     def restart(self) -> None:
-        """Begin again."""
+        """Restart from the first step."""
         self.index = 0
         self.left_s = self._steps[0].duration_s
-        """Time until the step ends, s; without end after the last one."""
+        """Time until the step ends, s; infinite after the last one."""
         for step in self._steps:
             for feeder in step.feeders:
                 feeder.restart()
 
     @property
     def count(self) -> int:
-        """Return how many steps there are."""
+        """Return the number of steps."""
         return len(self._steps)
 
     @property
     def step(self) -> Step:
-        """Return the step that goes on, or the last one."""
+        """Return the current step, or the last one."""
         return self._steps[min(self.index, len(self._steps) - 1)]
 
     @property
@@ -109,16 +109,16 @@ class Schedule:
 
     @property
     def is_over(self) -> bool:
-        """Return whether all steps are over."""
+        """Return True if all steps are over."""
         return self.index >= len(self._steps)
 
     @property
     def feeders(self) -> tuple[Feeder, ...]:
-        """Return what feeds now."""
+        """Return the current feeders."""
         return () if self.is_over else self.step.feeders
 
     def tick(self, elapsed_s: float) -> bool:
-        """Let time go by, no more than is left of the step; return whether another step begins."""
+        """Advance the time, at most to the end of the step. Return True if another step begins."""
         self.left_s -= elapsed_s
         if self.is_over or self.left_s > 0.5e-9:
             return False
@@ -127,16 +127,16 @@ class Schedule:
         return not self.is_over
 
     def resume(self, index: int, left_s: float) -> None:
-        """Go on from where another one was."""
+        """Continue from a saved position."""
         self.index = index
         self.left_s = left_s if index < len(self._steps) else math.inf
 
 
 def scheduled(config: ConveyorSimConfig, belts: Mapping[str, object], seed: int) -> Schedule | None:
-    """Return the schedule that `config` names for `belts`; none if it names none.
+    """Return the schedule that `config` names for `belts`, or None if it names none.
 
     Raises:
-        ConfigError: the file cannot be used, a feeder has no belt, or a kind's number no name.
+        ConfigError: If the file cannot be used, or a feeder's belt or a kind's name is missing.
     """
     if not config.schedule:
         return None
@@ -148,10 +148,10 @@ def scheduled(config: ConveyorSimConfig, belts: Mapping[str, object], seed: int)
 
 
 def check_schedule(config: ConveyorSimConfig) -> None:
-    """Refuse a schedule that no map could make sense of.
+    """Check the parts of a schedule that do not depend on a map.
 
     Raises:
-        ConfigError: names the file, the step and what to do.
+        ConfigError: If it cannot be used; names the file, the step and what to do.
     """
     if config.schedule:
         path = Path(config.schedule).expanduser()

@@ -1,4 +1,4 @@
-"""Belts as a directed network: sections between places where links lead off or in, and bridges."""
+"""Belts as a directed network: sections between places where links join them, and bridges."""
 
 import math
 from collections.abc import Sequence
@@ -16,42 +16,43 @@ from pointit.schemas import BeltLink
 Array = NDArray[np.float64]
 
 APART = math.cos(math.radians(10.0))
-"""Ways that leave one place more apart than this part there."""
+"""Ways that leave one place at a larger angle than this diverge there."""
 SNAP_M = 1e-3
-"""Places on a belt closer together than this are one; a gap shorter than this is none."""
+"""Places on a belt closer together than this are merged; shorter gaps are closed."""
 
 
 @dataclass(slots=True)
 class NetworkEdge:
-    """A stretch that is passed from its start to its end: a section of a belt, or the bridge of a link."""
+    """A directed stretch: a section of a belt, or the bridge of a link."""
 
     index: int
     belt: str
-    """Whose speed it has; a bridge has that of the belt it comes from."""
+    """Belt whose speed it has; for a bridge the belt it comes from."""
     line: Polyline
     start_m: float
     """Arc length on `line` where the piece starts."""
     length_m: float
     target: str = ""
-    """The belt that a bridge leads to; empty: it is a section."""
+    """Belt that a bridge leads to, or `""` for a section."""
     successors: list[int] = field(default_factory=list[int])
-    """Pieces that begin where it ends; straight on along the belt comes first."""
+    """Pieces that begin at its end; straight on along the belt comes first."""
     predecessors: list[int] = field(default_factory=list[int])
-    """Pieces that end where it begins."""
+    """Pieces that end at its beginning."""
     bay: str = ""
-    """The bay at its end."""
+    """Bay at its end."""
     twins: list[int] = field(default_factory=list[int])
-    """Other pieces that begin where it begins, in its direction: as far as both go they are one way."""
+    """Other pieces that begin at its beginning, in its direction: they are one way as far as both go."""
     halves: tuple[float | None, float | None] = (None, None)
-    """Of a bridge: arc length on its belt at its start where that is the belt's end, and on its target."""
+    """For a bridge: arc length on its belt if it starts at the belt's end, and on its target's start, else
+    None."""
 
     @property
     def is_bridge(self) -> bool:
-        """Return whether it is the bridge of a link."""
+        """Return True if it is the bridge of a link."""
         return bool(self.target)
 
     def point(self, offset_m: float) -> Vec3:
-        """Return the place in {W} at `offset_m` from its start."""
+        """Return the position in {W} at `offset_m` from its start."""
         return self.line.point_at(self.start_m + offset_m)
 
     def direction(self, offset_m: float) -> Array:
@@ -59,7 +60,7 @@ class NetworkEdge:
         return np.asarray(self.line.tangent_at(self.start_m + min(max(offset_m, 1e-6), self.length_m - 1e-6)))
 
     def place(self, offset_m: float) -> tuple[str, float]:
-        """Return the belt on which an object there counts, and its arc length, maybe beyond an end."""
+        """Return the belt to which an object there belongs, and its arc length, maybe beyond an end."""
         if not self.target:
             return self.belt, self.start_m + offset_m
         from_m, to_m = self.halves
@@ -71,7 +72,7 @@ class NetworkEdge:
 
 
 class Network:
-    """Pieces by index, and the way from each of them to every bay."""
+    """Pieces by index, and their connections."""
 
     def __init__(
         self,
@@ -92,10 +93,10 @@ class Network:
         self.links = [(link, *place) for link, place in zip(used, places, strict=True) if place[0] >= SNAP_M]
         self.bays = {bay: belt for bay, belt in (bays or {}).items() if belt in lines}
         self.linked = {name for link, _, _ in self.links for name in (link.source, link.target)}
-        """Belts that pass objects on, or get some; backwards they do not run empty."""
+        """Belts with links. They hold packages at the start when they run backwards."""
         self.pieces: list[NetworkEdge] = []
         self.sections: dict[str, list[NetworkEdge]] = {}
-        """Of each belt, from its start to its end."""
+        """Sections of each belt, from its start to its end."""
         for belt in lines:
             self._cut(belt)
         for link, source_m, target_m in self.links:
@@ -113,9 +114,9 @@ class Network:
             for belt in lines
             if not any(link.target == belt and target_m < SNAP_M for link, _, target_m in self.links)
         ] or list(lines)
-        """Belts at whose start nothing else comes in."""
+        """Belts at whose start no link ends."""
         self.front_first = self._front_first()
-        """All pieces, what lies ahead before what leads there, but for rings."""
+        """All pieces, each after the pieces ahead of it, except in rings."""
 
     def at(self, belt: str, position_m: float) -> tuple[NetworkEdge, float]:
         """Return the section of `belt` at arc length `position_m`, and the offset on it."""

@@ -1,4 +1,4 @@
-"""How near pieces of a network come to points and to each other, in closed form."""
+"""Distances of pieces of a network to points and to each other, in closed form."""
 
 import numpy as np
 
@@ -25,13 +25,13 @@ class Path:
         """k - 1: squared lengths of the steps."""
 
     def distance_m(self, point: Array) -> float:
-        """Return how near it comes to `point`."""
+        """Return the distance to `point`."""
         reach = point - self.points[:-1]
         share = np.clip(np.einsum("ij,ij->i", reach, self.steps) / self.squares, 0.0, 1.0)
         return float(np.linalg.norm(reach - share[:, None] * self.steps, axis=1).min())
 
     def within(self, centre: Array, radius_m: float) -> tuple[float, float] | None:
-        """Return the offsets between which it lies within `radius_m` of `centre`, or none of it does."""
+        """Return the offsets between which it lies within `radius_m` of `centre`, or None."""
         reach = self.points[:-1] - centre
         along = np.einsum("ij,ij->i", reach, self.steps)
         over = np.einsum("ij,ij->i", reach, reach) - radius_m**2
@@ -51,7 +51,7 @@ class Path:
         )
 
     def crossing(self, other: "Path") -> tuple[float, Array]:
-        """Return how near it, which has one step, comes to `other`, and where on itself that is.
+        """Return the distance of this path, which has one step, to `other`, and its own nearest point.
 
         Closest points of two segments: clamp the closest of one line to its segment, then the other's to it.
         """

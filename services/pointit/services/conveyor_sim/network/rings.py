@@ -1,4 +1,4 @@
-"""Belts that lead back to themselves: how many packages they take without coming to a standstill."""
+"""Rings of belts, and their capacities without deadlock."""
 
 from collections.abc import Iterator
 
@@ -9,19 +9,19 @@ NO_RING = -1
 
 
 class Rings:
-    """The rings of a network: pieces of which each can be reached from each other.
+    """Rings of a network: sets of pieces that can be reached from each other.
 
-    A ring that is full stands still for ever: everybody waits for the next one to go on. So it takes one
-    package less from outside than have room between its zones.
+    A full ring is deadlocked: each package waits for the next one. So it admits from outside one package less
+    than fit between its zones.
     """
 
     def __init__(self, network: Network, zones: Zones, longest_m: float) -> None:
         self.of = [NO_RING] * len(network.pieces)
-        """By piece."""
+        """Ring by piece."""
         self.pieces: list[tuple[int, ...]] = []
-        """By ring."""
-        self.most: list[int] = []
-        """By ring: so many packages may be on it when another one comes from outside."""
+        """Pieces by ring."""
+        self.capacity: list[int] = []
+        """By ring: largest number of packages on it when another one enters from outside."""
         for members in _connected(network):
             if len(members) == 1 and members[0] not in network.pieces[members[0]].successors:
                 continue
@@ -29,13 +29,13 @@ class Rings:
                 self.of[index] = len(self.pieces)
             self.pieces.append(members)
             room = sum(_room(network.pieces[index].length_m, zones, index, longest_m) for index in members)
-            self.most.append(max(0, room - 2))
+            self.capacity.append(max(0, room - 2))
 
 
 def _connected(network: Network) -> Iterator[tuple[int, ...]]:
-    """Yield the pieces of which each can be reached from each other (Kosaraju's way: Sharir 1981).
+    """Yield the strongly connected components (Kosaraju's algorithm: Sharir 1981).
 
-    SciPy finds them too, but to load its graphs is a quarter of what a run takes to start.
+    SciPy finds them, too, but loading its graphs takes a quarter of the start time of a run.
     """
     seen: set[int] = set()
     for root in reversed(network.front_first):
@@ -52,7 +52,7 @@ def _connected(network: Network) -> Iterator[tuple[int, ...]]:
 
 
 def _room(length_m: float, zones: Zones, piece: int, longest_m: float) -> int:
-    """Return how many packages have room on `piece` outside zones, whatever is on those beside it."""
+    """Return the number of packages that fit on `piece` outside zones."""
     room, free_from_m, is_bounded = 0, 0.0, False
     for gate in zones.gates[piece]:
         if gate.start_m > free_from_m:

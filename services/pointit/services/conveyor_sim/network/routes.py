@@ -1,4 +1,4 @@
-"""The shortest way from every piece of a network to every bay, and the next piece on it."""
+"""Shortest ways from every piece of a network to every bay, by the next piece."""
 
 import heapq
 import math
@@ -10,7 +10,7 @@ END = -1
 
 
 class Routes:
-    """Ways by bay, worked out once (Dijkstra); without a bay it is straight on, at ends by the first link."""
+    """Ways by bay, precomputed (Dijkstra). Without a bay: straight on, at ends by the first link."""
 
     def __init__(self, network: Network) -> None:
         self._network = network
@@ -22,20 +22,20 @@ class Routes:
             self._next[bay], self._length_m[bay] = self._towards(bay)
 
     def next_of(self, piece: int, bay: str) -> int:
-        """Return the piece after `piece` on the way to `bay` (empty: straight on), `END` at the way's end."""
+        """Return the piece after `piece` on the way to `bay` (`""`: straight on), `END` at the way's end."""
         return self._next[bay][piece]
 
     def reaches(self, piece: int, bay: str) -> bool:
-        """Return whether a way leads from `piece` to `bay`."""
+        """Return True if a way leads from `piece` to `bay`."""
         lengths_m = self._length_m.get(bay)
         return lengths_m is not None and lengths_m[piece] < math.inf
 
     def has(self, bay: str) -> bool:
-        """Return whether the network has a bay of that name."""
+        """Return True if the network has a bay of that name."""
         return bay in self._length_m
 
     def best(self, piece: int, wanted: str) -> str:
-        """Return `wanted` if it can be reached from `piece`, else the nearest bay, else none."""
+        """Return `wanted` if it can be reached from `piece`, else the nearest bay, or `""`."""
         if self.reaches(piece, wanted):
             return wanted
         there = [bay for bay in self._length_m if self.reaches(piece, bay)]

@@ -1,4 +1,4 @@
-"""Where ways meet, part, cross or turn sharply: places that packages of different ways pass one at a time."""
+"""Zones where ways join, part, cross or turn sharply, which packages of different ways pass one at a time."""
 
 import math
 from dataclasses import dataclass
@@ -12,19 +12,19 @@ CROSSING_M = 0.05
 """Lines that pass each other closer than this cross."""
 SHARP = math.cos(math.radians(30.0))
 """Cosine of the turn above which packages that follow each other would come closer than along their way."""
-MOST_WIDENED = 3.0
-"""Ways that meet at a narrow angle are kept clear for longer, at most by this factor."""
+MAX_WIDENING = 3.0
+"""Largest factor by which zones of ways at a narrow angle are extended."""
 BENT = 1.05
-"""And for a little more, as the angle may change on the way."""
+"""Additional factor, since the angle may change along the way."""
 PAST_M = 1e-3
 
 _Spans = dict[int, tuple[float, float]]
-"""By piece: from where to where."""
+"""Start and end by piece."""
 
 
 @dataclass(frozen=True, slots=True)
 class Gate:
-    """Where a zone lies on a piece: from `start_m` to `end_m`; below 0 or beyond the length it goes on."""
+    """Extent of a zone on a piece; it continues before the piece below 0, and after it beyond its length."""
 
     zone: int
     start_m: float
@@ -35,7 +35,7 @@ class Zones:
     """The zones of a network, by piece."""
 
     def __init__(self, network: Network, longest_m: float) -> None:
-        """Lay out zones so that packages up to `longest_m` that wait outside touch none that passes."""
+        """Lay out zones such that waiting packages up to `longest_m` do not touch passing ones."""
         self._network = network
         self._paths = [Path(piece) for piece in network.pieces] if network.links else []
         found: list[_Spans] = []
@@ -43,7 +43,7 @@ class Zones:
             spans = self._spans(centre, longest_m)
             narrowness = self._narrowness(centre, spans)
             if narrowness > 1.0:
-                spans = self._spans(centre, min(MOST_WIDENED, BENT * narrowness) * longest_m)
+                spans = self._spans(centre, min(MAX_WIDENING, BENT * narrowness) * longest_m)
             found.append(spans)
         merged = _merged(found)
         self.count = len(merged)
@@ -94,7 +94,7 @@ class Zones:
         return [place for apart_m, place in found if apart_m < CROSSING_M]
 
     def _spans(self, centre: Array, radius_m: float) -> _Spans:
-        """Return by piece what of it lies within `radius_m` of `centre`, going on along what is connected."""
+        """Return the parts of pieces within `radius_m` of `centre`, along connected pieces."""
         spans: _Spans = {}
         pieces = self._network.pieces
         waiting = [
@@ -131,7 +131,7 @@ class Zones:
 
 
 def _merged(found: list[_Spans]) -> list[_Spans]:
-    """Return zones of which none touch: those that overlap on a piece become one."""
+    """Return disjoint zones: those that overlap on a piece are merged."""
     zones: list[_Spans] = []
     for spans in found:
         new = dict(spans)

@@ -1,4 +1,4 @@
-"""When the conveyor writes down what it has, and what it makes of what it finds."""
+"""Saving of a conveyor's state, and its restoration after a restart."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -9,33 +9,33 @@ from pointit.services.conveyor_sim.plant import Plant
 from pointit.services.conveyor_sim.store.snapshot_store import SnapshotError, SnapshotStore
 
 PERIOD_NS = NS_PER_S // 2
-"""Places are kept so often, whatever happens or does not."""
+"""Longest time between saves."""
 BACK_S = 5.0
-"""A clock that was set back by more is another run's."""
+"""Clock steps back beyond this mean that the stored state is from another run."""
 
 
 class PlantPersistence:
-    """Keeps a plant on disk, before its events are told; a disk that fails is a problem, nothing more."""
+    """Saves a plant on disk before its events are published. Disk errors only set `problem`."""
 
     def __init__(self, config: ConveyorSimConfig, folder: Path) -> None:
-        """Touch nothing yet; keep in `folder`, which need not exist."""
+        """Store in `folder`, which need not exist; opens nothing yet."""
         self.problem = ""
-        """What is wrong with keeping now, a sentence for a person; empty: nothing."""
+        """Current problem with saving, for users, or `""`."""
         self._config = config
         self._folder = folder
         self._file: SnapshotStore | None = None
-        self._kept_ns = 0
+        self._saved_ns = 0
         self._changes = -1
         self._plant: Plant | None = None
         self._seq = 0
-        """Of the last event."""
+        """Number of the last event."""
 
     def resume(
         self, plant: Plant, mark: str, now_ns: int, *, speed: float = 1.0
     ) -> tuple[SelectionEvent, ...]:
-        """Open the file; have `plant` be as it was kept if that fits; return events that may be untold.
+        """Open the file and restore `plant` from it if it fits. Return events that may be unpublished.
 
-        `speed`: how many seconds of the clock pass in one of the wall.
+        `speed`: seconds of the clock per second of wall time.
         """
         config = self._config
         if not config.resume_within_s:
@@ -45,30 +45,30 @@ class PlantPersistence:
         except SnapshotError as error:
             self.problem = str(error)
             return ()
-        kept = self._file.read()
-        if kept is None or kept.fingerprint != mark:
+        stored = self._file.read()
+        if stored is None or stored.fingerprint != mark:
             return ()
-        age_s = (now_ns - kept.stamp_ns) / NS_PER_S / speed
+        age_s = (now_ns - stored.stamp_ns) / NS_PER_S / speed
         if not -BACK_S <= age_s <= config.resume_within_s:
             return ()
         try:
-            plant.restore(kept.snapshot)
-        except (LookupError, TypeError, ValueError):  # of another version of this program
+            plant.restore(stored.snapshot)
+        except (LookupError, TypeError, ValueError):  # written by another version
             plant.reset()
             return ()
-        self._seq = kept.seq
-        return kept.events
+        self._seq = stored.seq
+        return stored.events
 
     def save(
         self, plant: Plant, mark: str, now_ns: int, events: Sequence[SelectionEvent] = ()
     ) -> list[SelectionEvent]:
-        """Number `events`, and keep them and `plant` where that is due; return them, to be told now."""
+        """Number `events`, and save them with `plant` if due. Return the events to publish now."""
         numbered: list[SelectionEvent] = []
         for event in events:
             self._seq += 1
             numbered.append(event.model_copy(update={"seq": self._seq}))
         is_news = bool(events) or plant is not self._plant or plant.changes != self._changes
-        if self._file is None or not (is_news or abs(now_ns - self._kept_ns) >= PERIOD_NS):
+        if self._file is None or not (is_news or abs(now_ns - self._saved_ns) >= PERIOD_NS):
             return numbered
         try:
             self._file.commit(now_ns, mark, plant.snapshot(), self._seq, numbered)
@@ -76,11 +76,11 @@ class PlantPersistence:
             self.problem = str(error)
         else:
             self.problem = ""
-        self._plant, self._changes, self._kept_ns = plant, plant.changes, now_ns
+        self._plant, self._changes, self._saved_ns = plant, plant.changes, now_ns
         return numbered
 
     def mark_published(self) -> None:
-        """Take note that what `save` returned has been told."""
+        """Mark the events that `save` returned as published."""
         if self._file is not None:
             try:
                 self._file.mark_published()
@@ -88,7 +88,7 @@ class PlantPersistence:
                 self.problem = str(error)
 
     def close(self) -> None:
-        """Let go of the file."""
+        """Close the file."""
         if self._file is not None:
             self._file.close()
             self._file = None

@@ -1,4 +1,4 @@
-"""What a conveyor keeps on disk, so that it survives being killed: one SQLite file a site."""
+"""Snapshot of a conveyor on disk, so that it survives being killed: one SQLite file per site."""
 
 import contextlib
 import hashlib
@@ -22,44 +22,44 @@ _SIDES = ("", "-wal", "-shm", "-journal")
 
 
 class SnapshotError(Exception):
-    """Nothing can be kept now; its text is one sentence for a person."""
+    """Nothing can be saved now; the message is for users."""
 
 
 @dataclass(frozen=True)
 class StoredSnapshot:
-    """What a conveyor left behind."""
+    """Snapshot of a previous conveyor."""
 
     stamp_ns: int
     seq: int
-    """Of the last event."""
+    """Number of the last event."""
     fingerprint: str
     snapshot: Mapping[str, Any]
     events: tuple[SelectionEvent, ...]
-    """Those that were perhaps never told, in order."""
+    """Events that may be unpublished, in order."""
 
 
 FILE = "plant.sqlite"
 
 
 def erase(folder: Path) -> bool:
-    """Let the next conveyor that keeps in `folder` begin anew; return whether there was something to forget.
+    """Delete the snapshot in `folder`. Return True if there was one.
 
-    What another conveyor has in use, or the disk does not give, stays as it is: who opens it next says so.
+    A file that is in use or not accessible stays as it is; the next user of it reports the error.
     """
     if not (folder / FILE).exists():
         return False
     try:
-        keeping = SnapshotStore(folder)
+        store = SnapshotStore(folder)
     except SnapshotError:
         return False
     try:
-        return keeping.clear()
+        return store.clear()
     finally:
-        keeping.close()
+        store.close()
 
 
 def fingerprint(environment: Environment, config: ConveyorSimConfig) -> str:
-    """Return what tells maps and configurations apart on which other packages would move."""
+    """Return a hash of what determines the packages' motion in map and configuration."""
     parts = environment.model_dump(include={"belts", "strips", "links", "bays"}, mode="json")
     settings = config.model_dump(exclude={"rate_hz", "tracking", "resume_within_s"}, mode="json")
     text = json.dumps([parts, settings], sort_keys=True)
@@ -70,17 +70,17 @@ def fingerprint(environment: Environment, config: ConveyorSimConfig) -> str:
 
 
 class SnapshotStore:
-    """The file while a conveyor has it; nobody else gets it meanwhile, and a killed one has it no longer.
+    """The file, locked while a conveyor has it open; the lock ends with the process.
 
-    Written through to the operating system, not to the platter: it survives the death of the process, and is
-    begun anew if the machine's own death left it unreadable.
+    Written to the operating system without sync: it survives the death of the process, and is recreated if a
+    crash of the machine left it unreadable.
     """
 
     def __init__(self, folder: Path) -> None:
-        """Open the file in `folder`, which is made when missing.
+        """Open the file in `folder`, which is created if missing.
 
         Raises:
-            NotKeptError: another conveyor has it, or the disk fails; names the file.
+            SnapshotError: If another conveyor has it open, or the disk fails; names the file.
         """
         self.path = folder / FILE
         try:
@@ -89,15 +89,15 @@ class SnapshotStore:
         except sqlite3.OperationalError as error:
             if "locked" in str(error):
                 raise SnapshotError(
-                    f"{self.path}: another conveyor of this site runs on this machine and keeps its packages "
-                    "there; this one keeps nothing: stop one of the two"
+                    f"{self.path}: another conveyor of this site runs on this machine and saves its packages "
+                    "there; this one saves nothing: stop one of the two"
                 ) from error
             raise self._failure(error) from error
         except (sqlite3.Error, OSError) as error:
             raise self._failure(error) from error
 
     def read(self) -> StoredSnapshot | None:
-        """Return what was kept last; none if there is nothing, or nothing that makes sense."""
+        """Return the last snapshot, or None if there is none or it is unusable."""
         try:
             row = self._file.execute("SELECT stamp_ns, seq, fingerprint, snapshot FROM plant").fetchone()
             events = self._file.execute("SELECT event FROM outbox ORDER BY seq").fetchall()
@@ -121,23 +121,23 @@ class SnapshotStore:
         seq: int,
         events: Sequence[SelectionEvent] = (),
     ) -> None:
-        """Keep `snapshot`, and `events` that are about to be told, in place of what was kept; all or nothing.
+        """Replace the stored snapshot by `snapshot` and the unpublished `events`, atomically.
 
         Raises:
-            NotKeptError: the disk fails; names the file.
+            SnapshotError: If the disk fails; names the file.
         """
         row = (stamp_ns, seq, mark, json.dumps(snapshot, separators=(",", ":")))
-        untold = [(event.seq, event.model_dump_json(exclude_defaults=True)) for event in events]
+        unpublished = [(event.seq, event.model_dump_json(exclude_defaults=True)) for event in events]
         try:
-            self._write(row, untold)
+            self._write(row, unpublished)
         except sqlite3.Error as error:
             raise self._failure(error) from error
 
     def mark_published(self) -> None:
-        """Take note that the events of the last commit have been told.
+        """Mark the events of the last commit as published.
 
         Raises:
-            NotKeptError: the disk fails; names the file.
+            SnapshotError: If the disk fails; names the file.
         """
         try:
             with self._file:
@@ -146,29 +146,29 @@ class SnapshotStore:
             raise self._failure(error) from error
 
     def clear(self) -> bool:
-        """Forget everything; return whether there was something."""
+        """Delete everything. Return True if there was a snapshot."""
         with contextlib.suppress(sqlite3.Error), self._file:
             self._file.execute("DELETE FROM outbox")
             return self._file.execute("DELETE FROM plant").rowcount > 0
         return False
 
     def close(self) -> None:
-        """Let go of the file."""
+        """Close the file."""
         with contextlib.suppress(sqlite3.Error):
             self._file.close()
 
-    def _write(self, row: tuple[int, int, str, str], untold: Sequence[tuple[int, str]]) -> None:
+    def _write(self, row: tuple[int, int, str, str], unpublished: Sequence[tuple[int, str]]) -> None:
         with self._file:
             self._file.execute("DELETE FROM outbox")
             self._file.execute("INSERT OR REPLACE INTO plant VALUES (1, ?, ?, ?, ?)", row)
-            self._file.executemany("INSERT INTO outbox VALUES (?, ?)", untold)
+            self._file.executemany("INSERT INTO outbox VALUES (?, ?)", unpublished)
 
     def _opened(self) -> sqlite3.Connection:
         try:
             return self._connected()
         except sqlite3.OperationalError:
             raise
-        except sqlite3.DatabaseError:  # not SQLite's, or torn: at most a minute of packages is lost
+        except sqlite3.DatabaseError:  # corrupt: at most a minute of packages is lost
             for side in _SIDES:
                 self.path.with_name(self.path.name + side).unlink(missing_ok=True)
             return self._connected()
@@ -188,6 +188,6 @@ class SnapshotStore:
 
     def _failure(self, error: Exception) -> SnapshotError:
         return SnapshotError(
-            f"{self.path}: cannot be written ({error}); the conveyor goes on, but would not survive "
-            "a restart: see to the disk"
+            f"{self.path}: cannot be written ({error}); the conveyor continues, but would not survive "
+            "a restart: check the disk"
         )

@@ -1,4 +1,4 @@
-"""How much room there is between packages: round a place, and ahead on the way of one that moves."""
+"""Room between packages: around a place, and ahead on the way of a moving one."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -9,20 +9,20 @@ from pointit.services.conveyor_sim.traffic.package import Package
 
 
 class Gaps:
-    """Measures to the nearest packages, across junctions; moves none."""
+    """Measures distances to the nearest packages, across junctions."""
 
     def __init__(
         self, network: Network, routes: Routes, held: Sequence[Sequence[Package]], longest_m: float
     ) -> None:
-        """Look at the packages by piece in `held`, in the order of their offsets, which others change."""
+        """Use the packages by piece in `held`, in the order of their offsets, which other classes change."""
         self._pieces = network.pieces
         self._routes = routes
         self._held = held
         self._most_m = longest_m
-        """The longest that ever was there."""
+        """Length of the longest package so far."""
 
     def register_length(self, length_m: float) -> None:
-        """Take note that a package of `length_m` is there."""
+        """Update the longest length by that of a new package."""
         self._most_m = max(self._most_m, length_m)
 
     def ahead_m(self, piece: NetworkEdge, offset_m: float, length_m: float) -> float:
@@ -48,11 +48,11 @@ class Gaps:
         """Return the room between a package there and the nearest behind, whichever way it came.
 
         Args:
-            piece: where it is.
+            piece: its piece.
             offset_m: of its centre.
             length_m: its own.
-            package: itself, if it is there already.
-            further_m: how far back it wants to go.
+            package: the package itself, if it is there already.
+            further_m: distance that it is to go back.
         """
         nearest_m = math.inf
         for start_m, index in self._reach(piece, offset_m, further_m, ahead=False):
@@ -67,12 +67,12 @@ class Gaps:
         return nearest_m
 
     def limit(self, package: Package, piece: NetworkEdge, wanted_m: float) -> tuple[float, float]:
-        """Return how far the next package on its way lets `package` go, and the speed of that one.
+        """Return the offset to which the next package on its way limits `package`, and the next one's speed.
 
         Args:
             package: on `piece`.
-            piece: from whose start it is told how far.
-            wanted_m: so far it wants to go, maybe beyond the end.
+            piece: the offsets count from its start.
+            wanted_m: offset to which it is to go, maybe beyond the end.
         """
         if piece.twins:
             limit = self._twin_limit(package, piece, package.offset_m, 0.0)
@@ -94,7 +94,7 @@ class Gaps:
                 if limit is not None:
                     return limit
             for ahead in self._held[index]:
-                if ahead is package:  # round a ring: it follows itself
+                if ahead is package:  # in a ring it follows itself
                     break
                 apart_m = (package.length_m + ahead.length_m) / 2.0
                 return start_m + ahead.offset_m - apart_m, ahead.speed_mps
@@ -120,9 +120,9 @@ class Gaps:
     def _reach(
         self, piece: NetworkEdge, start_m: float, further_m: float, *, ahead: bool
     ) -> list[tuple[float, int]]:
-        """Return the pieces that begin (or end) within reach of a place on `piece`, and how far from it.
+        """Return the pieces that begin (or end) within reach of a place on `piece`, with their distances.
 
-        Of the first, `piece` itself, `start_m` as given.
+        The first is `piece` itself with `start_m`.
         """
         reach_m = self._most_m + further_m
         found = [(start_m, piece.index)]
@@ -140,7 +140,7 @@ class Gaps:
         return found
 
     def _route(self, package: Package) -> Iterator[int]:
-        """Yield the pieces after its own that it will pass; without end where that is a ring."""
+        """Yield the pieces that it will pass after its own; endless in a ring."""
         here = package.piece
         for here in package.way:
             yield here

@@ -1,4 +1,4 @@
-"""The time until a package passes the last place where its way to another bay parts from its present one."""
+"""Time until a package passes the last place where its ways to another bay and to its own part."""
 
 import math
 from collections.abc import Mapping
@@ -16,8 +16,8 @@ Legs = tuple[tuple[int, float], ...]
 class LastWay:
     """Looks ahead along a package's way to its bay, piece by piece.
 
-    A way is decided where a piece ends, or where the zone begins in which it ends: a package that is let into
-    a zone goes through it as its bay was then.
+    A way is decided at the end of a piece, or at the beginning of the zone at its end: a package that has
+    entered a zone goes through it to the bay it had then.
     """
 
     def __init__(
@@ -28,7 +28,7 @@ class LastWay:
         guard: ZoneInterlock,
         speeds: Mapping[str, float],
     ) -> None:
-        """Look at the belts' `speeds`, which others change."""
+        """Use the belts' `speeds`, which other classes change."""
         self._pieces = network.pieces
         self._routes = routes
         self._gates = zones.gates
@@ -39,8 +39,8 @@ class LastWay:
     def time_left_s(self, package: Package, wanted: str) -> float:
         """Return the shortest time in which `package` can pass its last way to bay `wanted`, s.
 
-        Infinite while belts on the way there stand still or run backwards. Packages that wait for others
-        take longer. 0: it may pass it now, or has passed it.
+        Infinite while belts on the way there stand still or run backwards. Packages that wait for others take
+        longer. 0: it may pass it now, or has passed it.
         """
         here = package.way[-1] if package.way else package.piece
         legs = self._legs(here, package.bay, wanted, package.zone)
@@ -57,7 +57,7 @@ class LastWay:
         return left_s
 
     def _legs(self, piece: int, bay: str, wanted: str, zone: int) -> Legs:
-        """Return the way from the start of `piece`, in `zone`, until it is decided; () if it is by then."""
+        """Return the way from the start of `piece`, in `zone`, to the decision; () if already decided."""
         key = (piece, bay, wanted, zone)
         if key not in self._known:
             self._known[key] = tuple(self._undecided(piece, bay, wanted, zone))
@@ -76,7 +76,7 @@ class LastWay:
         return legs
 
     def _next_decision(self, piece: int, bay: str, zone: int) -> tuple[float, list[int], int]:
-        """Return where on `piece` it is decided how to go on, to which pieces, and the zone they lie in."""
+        """Return the offset on `piece` of the next decision, the pieces that follow, and their zone."""
         length_m = self._pieces[piece].length_m
         for gate in self._gates[piece]:
             if gate.end_m > length_m and gate.zone != zone:

@@ -9,39 +9,39 @@ NO_ZONE = -1
 
 @dataclass(slots=True, eq=False)
 class Package:
-    """What it is, where it is and where it is going to."""
+    """Identity, position and destination of a package."""
 
     id: str
     kind: str
     length_m: float
     piece: int = 0
     offset_m: float = 0.0
-    """Of its centre, from the start of the piece."""
+    """Position of its centre from the start of the piece."""
     speed_mps: float = 0.0
-    """Along the piece; 0 while held."""
+    """Speed along the piece; 0 while held."""
     bay: str = ""
-    """Where it goes; empty: straight on."""
+    """Its bay, or `""` for straight on."""
     user: str = ""
-    """Who has it selected."""
+    """User who has it selected."""
     refused: str = ""
-    """The bay for which it came too late; it is told once."""
+    """Bay for which its selection came too late; reported once."""
     zone: int = NO_ZONE
-    """The one that it may pass now."""
+    """The zone that it may pass now."""
     way: tuple[int, ...] = ()
-    """The pieces after its own until it is out of the zone; it goes that way whatever is wished meanwhile."""
+    """Pieces after its own up to the end of the zone; later selections do not change them."""
     lane: tuple[str | int, ...] = ()
-    """Which way through the zone that is."""
+    """Way through the zone."""
     is_exclusive: bool = False
-    """Whether nothing else may be in the zone; else others of the same lane may follow."""
+    """True if nothing else may be in the zone; else others of the same lane may follow."""
     turn: int = 0
     """The last step of the conveyor in which it moved."""
 
     def leave_zone(self) -> None:
-        """Be out of the zone."""
+        """Leave the zone."""
         self.zone, self.way, self.lane, self.is_exclusive = NO_ZONE, (), (), False
 
     def to_state(self) -> list[Any]:
-        """Return all of it as what JSON can hold."""
+        """Return the state as JSON values."""
         return [
             *(self.id, self.kind, self.length_m, self.piece, self.offset_m, self.speed_mps),
             *(self.bay, self.user, self.refused),
@@ -49,9 +49,9 @@ class Package:
         ]
 
     @classmethod
-    def from_state(cls, kept: Sequence[Any]) -> Self:
-        """Return the package that `kept` was made of."""
-        *others, zone, way, lane, is_exclusive = kept
+    def from_state(cls, state: Sequence[Any]) -> Self:
+        """Return the package with the state `state`."""
+        *others, zone, way, lane, is_exclusive = state
         package = cls(*others)
         package.zone, package.way, package.lane = zone, tuple(way), tuple(lane)
         package.is_exclusive = is_exclusive

@@ -13,22 +13,22 @@ from pointit.services.conveyor_sim.traffic.package import NO_ZONE, Package
 from pointit.services.conveyor_sim.traffic.zone_interlock import ZoneInterlock
 
 TOLERANCE_M = 1e-9
-"""Packages that touch may overlap by this, the rounding of sums."""
+"""Overlap of touching packages by rounding."""
 RETRY_M = 0.01
-"""Who waits for a junction to be free looks again after the belt has moved this far."""
+"""Distance of belt motion after which a package that waits for a junction tries again."""
 STEP_S = 0.05
-"""Where belts are linked, time goes on in steps of at most this."""
+"""Longest time step with linked belts."""
 
 
 class Traffic:
     """All packages by piece, and the speeds of the belts.
 
-    One package after the other moves on, those ahead first, each at most as far as the others let it; so
-    nothing overlaps whatever the speeds do. Whoever is held holds those behind it.
+    Packages move one after the other, those ahead first, each at most as far as the others allow. So nothing
+    overlaps at any speed, and a held package holds those behind it.
     """
 
     def __init__(self, network: Network, routes: Routes, *, longest_m: float) -> None:
-        """Have nothing on the belts, which stand still; junctions are laid out for `longest_m`."""
+        """Create empty belts at rest; junctions are laid out for packages up to `longest_m`."""
         self.network = network
         self.routes = routes
         self.longest_m = longest_m
@@ -49,19 +49,19 @@ class Traffic:
 
     @property
     def size(self) -> int:
-        """Return how many packages there are."""
+        """Return the number of packages."""
         return sum(len(held) for held in self.held)
 
     @property
     def step_s(self) -> float:
-        """Return how much time may pass at once."""
+        """Return the longest time step, s."""
         if not self.network.links:
             return math.inf
         fastest_mps = max(abs(speed_mps) for speed_mps in self.speeds.values())
         return min(STEP_S, self.longest_m / 2.0 / max(fastest_mps, 1e-9))
 
     def set_speed(self, belt: str, speed_mps: float) -> None:
-        """Have `belt` run at `speed_mps`; what is on it is held by others as before."""
+        """Set the speed of `belt`."""
         self.speeds[belt] = speed_mps
         sections = {piece.index for name in self.speeds for piece in self.network.sections[name]
                     if self.speeds[name] < 0.0}  # fmt: skip
@@ -69,13 +69,13 @@ class Traffic:
         self._order = ahead + sorted(sections)
 
     def clear(self) -> None:
-        """Take everything off."""
+        """Remove all packages."""
         for held in self.held:
             held.clear()
         self.guard.clear()
 
     def put(self, package: Package, piece: NetworkEdge, offset_m: float) -> None:
-        """Put `package` at `offset_m` of `piece`, where `is_clear` has said that there is room."""
+        """Put `package` at `offset_m` of `piece`, after `is_clear` returned True."""
         package.piece, package.offset_m = piece.index, offset_m
         held = self.held[piece.index]
         behind = sum(1 for other in held if other.offset_m < offset_m)
@@ -87,7 +87,7 @@ class Traffic:
         package.speed_mps = max(0.0, self.speeds[piece.belt]) if piece.is_bridge else self.speeds[piece.belt]
 
     def restore(self, packages: Iterable[Package]) -> None:
-        """Have `packages`, in the order in which `packages` yielded them, be where they say they are."""
+        """Put `packages`, in the order of the property `packages`, at their own positions."""
         for package in packages:
             self.held[package.piece].append(package)
             self._gaps.register_length(package.length_m)
@@ -97,7 +97,7 @@ class Traffic:
     def wait_m(
         self, piece: NetworkEdge, offset_m: float, length_m: float, *, is_reverse: bool = False
     ) -> float:
-        """Return how far the belt must move until a package of `length_m` fits there; 0: now."""
+        """Return the distance that the belt must move until a package of `length_m` fits there; 0: now."""
         missing_m = -self._gaps.behind_m(piece, offset_m, length_m)
         if not is_reverse:
             missing_m = max(missing_m, -self._gaps.ahead_m(piece, offset_m, length_m))
@@ -108,11 +108,11 @@ class Traffic:
         return missing_m if missing_m > TOLERANCE_M else 0.0
 
     def is_clear(self, piece: NetworkEdge, offset_m: float, length_m: float) -> bool:
-        """Return whether a package of `length_m` may be put there: nothing near, no zone that is in use."""
+        """Return True if a package of `length_m` may be put there: nothing near, no zone in use."""
         return self.wait_m(piece, offset_m, length_m) == 0.0
 
     def move(self, elapsed_s: float) -> list[Package]:
-        """Let `elapsed_s` pass, at most `step_s`; return what left at an end, in its order."""
+        """Advance by `elapsed_s`, at most `step_s`. Return the packages that left at an end, in order."""
         self.guard.turn += 1
         passed: list[Package] = []
         for index in self._order:
@@ -134,7 +134,7 @@ class Traffic:
 
     def _go_on(self, package: Package, elapsed_s: float, passed: list[Package]) -> None:
         """Move `package`, the first of those of its piece that have not moved yet."""
-        if package.turn == self.guard.turn:  # round a ring it comes to a piece whose turn is yet to come
+        if package.turn == self.guard.turn:  # in a ring it may reach a piece that moves later
             return
         package.turn = self.guard.turn
         pieces = self.network.pieces
@@ -173,7 +173,7 @@ class Traffic:
                     self.guard.release(package)
 
     def _gated(self, package: Package, piece: NetworkEdge, to_m: float) -> tuple[float, bool]:
-        """Return how far zones let `package` go towards `to_m`, and whether one stops it."""
+        """Return the offset up to `to_m` to which zones limit `package`, and True if one stops it."""
         for gate in self.zones.gates[piece.index]:
             if package.offset_m - TOLERANCE_M <= gate.start_m < to_m and gate.zone != package.zone:
                 self._leave_zone(package, gate.start_m)
@@ -190,7 +190,7 @@ class Traffic:
         return to_m, False
 
     def _leave_zone(self, package: Package, offset_m: float | None = None) -> None:
-        """Leave the zone when `package`, or `offset_m` of its piece, is behind or before it."""
+        """Release the zone if `package`, or `offset_m` of its piece, is outside it."""
         if package.zone == NO_ZONE:
             return
         at_m = package.offset_m if offset_m is None else offset_m
@@ -206,7 +206,7 @@ class Traffic:
 
     def _go_back(self, package: Package, distance_m: float, passed: list[Package]) -> None:
         """Move `package` back by the negative `distance_m`; those behind it have moved already."""
-        if package.turn == self.guard.turn:  # it has only just come, from a belt that runs forwards
+        if package.turn == self.guard.turn:  # it came in this step, from a belt that runs forwards
             return
         package.turn = self.guard.turn
         while True:
@@ -242,7 +242,7 @@ class Traffic:
     def _gated_back(
         self, package: Package, piece: NetworkEdge, before: NetworkEdge | None, to_m: float
     ) -> float:
-        """Return how far zones let `package` go back towards `to_m`."""
+        """Return the offset down to `to_m` to which zones limit `package` on its way back."""
         for gate in reversed(self.zones.gates[piece.index]):
             if to_m < gate.end_m <= package.offset_m + TOLERANCE_M and gate.zone != package.zone:
                 self._leave_zone(package, gate.end_m)

@@ -1,4 +1,4 @@
-"""Who may pass a zone: first come, first served, and only who can leave it again."""
+"""Admission to zones: in order of arrival, and only if the package can leave the zone again."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -15,16 +15,16 @@ PAST_M = 1e-6
 
 @dataclass(slots=True)
 class _Waiting:
-    """Somebody before a zone."""
+    """A package waiting for a zone."""
 
     arrival: int
     turn: int
-    """When it asked last; who does not ask any more does not wait."""
+    """Turn of its last request; a package that stops asking does not wait."""
     lane: tuple[str | int, ...]
     is_ready: bool
-    """Whether there is room behind the zone."""
+    """True if there is room behind the zone."""
     claims: int
-    """The piece behind the zone whose next room is its own, before those who came later."""
+    """Piece behind the zone whose next room is reserved for it, before later arrivals."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +39,7 @@ class _Passage:
 
 
 class ZoneInterlock:
-    """Lets packages into zones."""
+    """Admits packages to zones."""
 
     def __init__(
         self,
@@ -51,7 +51,7 @@ class ZoneInterlock:
         held: list[list[Package]],
         speeds: Mapping[str, float],
     ) -> None:
-        """Look at the packages by piece in `held` and the belts' `speeds`, which others change."""
+        """Use the packages by piece in `held` and the belts' `speeds`, which other classes change."""
         self._pieces = network.pieces
         self._routes = routes
         self._zones = zones
@@ -62,44 +62,44 @@ class ZoneInterlock:
         self._waiting: list[dict[str, _Waiting]] = [{} for _ in range(zones.count)]
         self._arrivals = 0
         self.turn = 0
-        """Counts the steps of the conveyor."""
+        """Number of steps of the conveyor."""
 
     def clear(self) -> None:
-        """Have nobody in any zone."""
+        """Empty all zones."""
         for inside, waiting in zip(self._inside, self._waiting, strict=True):
             inside.clear()
             waiting.clear()
 
     def restore(self, package: Package) -> None:
-        """Have `package` be in the zone that it says."""
+        """Put `package` into the zone in its state."""
         self._inside[package.zone][package.id] = package
 
     def release(self, package: Package) -> None:
-        """Have `package` be out of its zone, if it is in one."""
+        """Remove `package` from its zone, if it is in one."""
         if package.zone >= 0:
             self._inside[package.zone].pop(package.id, None)
             package.leave_zone()
 
     def is_free(self, zone: int) -> bool:
-        """Return whether nobody is in `zone`."""
+        """Return True if `zone` is empty."""
         return not self._inside[zone]
 
     def occupy(self, package: Package, gate: Gate) -> None:
-        """Have `package`, which has just been put on, be in the zone of `gate`, where nobody else is."""
+        """Put `package`, which was just put on, into the empty zone of `gate`."""
         passage = self._passage(package, gate, package.piece)
         self._enter(package, gate.zone, passage)
 
     def may_enter(self, package: Package, gate: Gate, piece: int) -> bool:
-        """Let `package` pass the zone of `gate` on `piece`, which it is about to enter, or not yet."""
+        """Admit `package` to the zone of `gate` on `piece` ahead. Return True if admitted."""
         passage = self._passage(package, gate, piece)
         exit_piece = passage.way[-1] if passage.way else package.piece
         is_taken = self._ring_takes(package, gate.zone, passage)
         is_ready = is_taken and self._has_room(package, gate, passage)
-        claims = exit_piece if is_taken else NOTHING  # who is on a ring must go on, whoever waits outside
+        claims = exit_piece if is_taken else NOTHING  # packages on a ring go first
         return self._decide(package, gate.zone, passage, is_ready=is_ready, claims=claims)
 
     def may_enter_reversed(self, package: Package, gate: Gate) -> bool:
-        """Let `package`, whose belt runs backwards, into the zone of `gate` on its piece, or not yet."""
+        """Admit `package`, whose belt runs backwards, to the zone of `gate`. Return True if admitted."""
         lane = ("belt", self._pieces[package.piece].belt)
         return self._decide(
             package, gate.zone, _Passage((), lane, False, gate.end_m), is_ready=True, claims=NOTHING
@@ -137,7 +137,7 @@ class ZoneInterlock:
     def way(self, piece: int, gate: Gate, bay: str) -> tuple[list[int], Gate]:
         """Return the pieces after `piece` through the zone of `gate` on it, on the way to `bay`.
 
-        And where on the last of them, or on `piece`, the zone lies.
+        Also the gate on the last of them, or on `piece`.
         """
         way: list[int] = []
         here, inside = piece, gate
@@ -168,24 +168,24 @@ class ZoneInterlock:
         return _Passage(tuple(way), lane, not is_straight_on and float(along) < SHARP, exit_m)
 
     def _ring_takes(self, package: Package, zone: int, passage: _Passage) -> bool:
-        """Return whether the ring to which `passage` leads, if it does from outside, takes one more."""
+        """Return True if `passage` leads from outside to no ring or to one with room for one more."""
         ring = self._rings.of[passage.way[-1]] if passage.way else NO_RING
         if ring == NO_RING or self._rings.of[package.piece] == ring:
             return True
         coming = sum(self._rings.of[other.piece] != ring for other in self._inside[zone].values())
-        return self.on_ring(ring) + coming <= self._rings.most[ring]
+        return self.on_ring(ring) + coming <= self._rings.capacity[ring]
 
     def on_ring(self, ring: int) -> int:
-        """Return how many packages are on `ring`."""
+        """Return the number of packages on `ring`."""
         return sum(len(self._held[piece]) for piece in self._rings.pieces[ring])
 
     def takes(self, piece: int) -> bool:
-        """Return whether one more may be put on `piece`; a ring is never filled."""
+        """Return True if one more may be put on `piece`; a ring is never filled."""
         ring = self._rings.of[piece]
-        return ring == NO_RING or self.on_ring(ring) <= self._rings.most[ring]
+        return ring == NO_RING or self.on_ring(ring) <= self._rings.capacity[ring]
 
     def _has_room(self, package: Package, gate: Gate, passage: _Passage) -> bool:
-        """Return whether all that is on its way out of the zone, and `package`, fit before the next zone."""
+        """Return True if `package` and all packages leaving the zone fit before the next zone."""
         here = passage.way[-1] if passage.way else package.piece
         if not all(self._runs(piece) for piece in (here, *passage.way)):
             return False
@@ -195,7 +195,7 @@ class ZoneInterlock:
         while here not in seen:
             seen.add(here)
             piece = self._pieces[here]
-            if not self._runs(here):  # who comes to it stands where it starts
+            if not self._runs(here):  # packages stop where it starts
                 for other in self._held[here][:1]:
                     room_m -= max(0.0, (package.length_m + other.length_m) / 2.0 - other.offset_m)
                 return self._fit(lengths_m, package, room_m)
@@ -221,7 +221,7 @@ class ZoneInterlock:
 
     @staticmethod
     def _fit(lengths_m: list[float], package: Package, room_m: float) -> bool:
-        """Return whether all have their centres within `room_m`; the first and the last stick out by half."""
+        """Return True if all centres fit within `room_m`; the first and the last stick out by half."""
         needed_m = sum(lengths_m) + package.length_m
         ends_m = ((lengths_m[0] if lengths_m else package.length_m) + package.length_m) / 2.0
         return needed_m - ends_m <= room_m + PAST_M

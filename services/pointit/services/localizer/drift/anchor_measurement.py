@@ -1,4 +1,4 @@
-"""One pointing at a known place, as the drift filter sees it: what it measures, and how well."""
+"""One pointing at a known place as a measurement of the drift filter."""
 
 import math
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ from pointit.geometry.vector import Vec3
 from pointit.services.localizer.drift.model import RATE, YAW, Array, DriftSettings
 
 NEAREST_M = 0.2
-"""Who would stand nearer to a target than this stands on it."""
+"""Smallest horizontal distance from the eyes to a target."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -19,22 +19,22 @@ class AnchorMeasurement:
 
     stamp_ns: int
     target_m: Vec3
-    """{W}, height over the floor."""
+    """In {W}, above the floor."""
     origin_m: Vec3
-    """Of the ray, {H}."""
+    """Origin of the ray, {H}."""
     azimuth_rad: float
-    """Of the ray, {H}."""
+    """Azimuth of the ray, {H}."""
     elevation_rad: float
-    """Of the ray, the person's bias taken out."""
+    """Elevation of the ray without the person's bias, {H}."""
     spread_rad: float
 
 
 def predicted_bearing(mean: Array, sight: AnchorMeasurement) -> tuple[Array, Array, float]:
-    """Return how a person would see the target.
+    """Return the bearing of the target from the person's eyes.
 
     Args:
         mean: 4: x, y (m), yaw (rad) of {H} in {W}; the rest is ignored.
-        sight: what is pointed at, and from where in {H}.
+        sight: target and origin of the ray.
 
     Returns:
         azimuth and elevation in {H} (2), their derivatives by the state (2 x 4), horizontal distance (m).
@@ -66,9 +66,9 @@ def innovation_terms(
 
     Args:
         mean: the state (4).
-        sight: what was pointed at, and how.
-        late_s: by how much the state is newer, s.
-        settings: what is believed of pointings.
+        sight: the measurement.
+        late_s: age of the measurement relative to the state, s.
+        settings: noise of pointing.
     """
     mean = mean.copy()
     mean[YAW] -= late_s * mean[RATE]
@@ -93,7 +93,7 @@ def innovation_terms(
 def rejection_reason(
     mean: Array, sight: AnchorMeasurement, direction_h: Vec3, samples: int, settings: DriftSettings
 ) -> str:
-    """Return why a pointing tells nothing, one sentence; empty when it does."""
+    """Return the reason why a pointing cannot be used, or `""` if it can."""
     values = (*sight.target_m, *sight.origin_m, *direction_h, sight.elevation_rad, sight.spread_rad)
     if samples < 1 or not all(map(math.isfinite, values)) or vector.norm(direction_h) == 0.0:
         return "no usable ray came while the person pointed; see the IMU"

@@ -1,8 +1,8 @@
-"""Where {H} is in {W} while the IMU's yaw drifts: an extended Kalman filter on x, y, yaw and the yaw's rate.
+"""Pose of {H} in {W} while the IMU's yaw drifts: an extended Kalman filter on x, y, yaw and yaw rate.
 
-What the person does with a visible cursor tells nothing: they steer it onto the target, whatever the drift.
-What tells: pointing at a known place without one (`update_anchor`), pointing in a known direction
-(`update_heading`), an arm that rests (`update_rest_rate`), and a new localization (`reset`).
+Pointing with a visible cursor gives no information: people steer the cursor onto the target, whatever the
+drift. Measurements are pointing at a known place without a cursor (`update_anchor`), pointing in a known
+direction (`update_heading`), an arm at rest (`update_rest_rate`) and a new localization (`reset`).
 Pointing.md §3, §4.
 """
 
@@ -34,44 +34,44 @@ from pointit.services.localizer.drift.state import DriftState
 
 __all__ = ["AnchorResult", "DriftFilter", "DriftPose", "DriftSettings", "Fix"]
 
-RATE_FORGOTTEN = "the yaw does not change at the rate that was believed, which is forgotten"
-"""Note of an anchor that contradicts the rate alone."""
+RATE_FORGOTTEN = "the yaw does not change at the estimated rate, which is discarded"
+"""Note of an anchor that contradicts only the rate."""
 
 LEAST_SIGMA = 1e-6
-"""Nothing is measured better (rad, rad/s)."""
+"""Lower bound of measurement noise (rad, rad/s)."""
 
 
 class DriftFilter:
-    """Knows the pose between localizations, and how sure that is."""
+    """Tracks the pose and its covariance between localizations."""
 
     def __init__(self, fix: Fix, settings: DriftSettings | None = None) -> None:
-        """Start at `fix` with an IMU of which nothing is known."""
+        """Start at `fix` with an IMU of unknown drift."""
         self._settings = settings if settings is not None else DriftSettings()
         self._state = DriftState(fix, self._settings)
         self._anchored_ns = 0
         self._fixed_ns = 0
         self._agreed = 0
-        """How many yaws in a row fit one rate."""
+        """Number of consecutive yaws that fit one rate."""
         self._agreed_ns = 0
         """Time of the newest of them."""
         self._other: tuple[DriftState, int, int] | None = None
-        """State, `_agreed` and `_agreed_ns` as they are if the anchor against the rate is an outlier."""
+        """State, `_agreed` and `_agreed_ns` in case the anchor against the rate is an outlier."""
         self._rejected: list[Rejected] = []
         self._took(fix, fits=False)
 
     @property
     def settings(self) -> DriftSettings:
-        """Return what it was made with."""
+        """Return the settings of the filter."""
         return self._settings
 
     def set_time(self, now_ns: int | None) -> None:
-        """Take the time: a clock that was set back is followed, as far as it is beyond late measurements.
+        """Set the time. A clock step back beyond the age limit of measurements moves the state back, too.
 
-        Every other entry takes the time, too, and does this first; without it a clock that was set back looks
-        like a measurement that is too late.
+        The other methods do this first with their own time. Without it a measurement after a clock step back
+        looks too old.
 
         Args:
-            now_ns: none: not known.
+            now_ns: None if not known.
         """
         if now_ns is None or not self._is_set_back(now_ns):
             return
@@ -83,14 +83,13 @@ class DriftFilter:
         self._rejected.clear()
 
     def reset(self, fix: Fix, *, now_ns: int | None = None) -> None:
-        """Take a new localization.
+        """Apply a new localization.
 
-        The person may have walked anywhere, so the old position is forgotten. The yaw of {H} is the IMU's
-        yaw origin and does not change by walking: where the new yaw fits the predicted one within the gate,
-        both are fused, which tells the rate as well. Where it does not, the new one is taken as it is and the
-        rate counts as unknown again, and is forgotten unless it was confirmed. Where the rays of both fixes
-        overlap in time, the new one replaces the old one and the rate is kept: the same rays never count
-        twice.
+        The person may have walked anywhere, so the old position is discarded. The yaw of {H} is the IMU's yaw
+        origin and does not change by walking: if the new yaw fits the predicted one within the gate, both are
+        fused, which measures the rate as well. Otherwise the new yaw replaces the old one and the rate is
+        uncertain again, starting from 0 unless it was confirmed. If the rays of both fixes overlap in time,
+        the new fix replaces the old one and the rate is kept, so that the same rays never count twice.
 
         Args:
             fix: the new pose; its stamp may lie before the last prediction.
@@ -103,11 +102,11 @@ class DriftFilter:
         self._took(fix, fits=fits and is_new)
 
     def reset_yaw(self, stamp_ns: int, *, is_restarted: bool) -> None:
-        """Take that the IMU's yaw origin is another one from `stamp_ns` on: only the yaw is unknown.
+        """Make the yaw unknown because the IMU's yaw origin changes at `stamp_ns`.
 
         Args:
-            stamp_ns: when.
-            is_restarted: the device was restarted, so that its drift is unknown, too.
+            stamp_ns: time of the change.
+            is_restarted: True if the device was restarted, which makes its drift unknown, too.
         """
         self.set_time(stamp_ns)
         self._state.advance(stamp_ns)
@@ -119,13 +118,13 @@ class DriftFilter:
         self._rejected.clear()
 
     def predict(self, now_ns: int) -> DriftPose:
-        """Go on to `now_ns` and return the pose there; a clock that was set back is followed."""
+        """Advance to `now_ns` and return the pose. The filter follows a clock step back."""
         self.set_time(now_ns)
         self._state.advance(now_ns)
         return self.at(now_ns)
 
     def at(self, now_ns: int) -> DriftPose:
-        """Return the pose at `now_ns`, or at the last prediction if that is later; changes nothing."""
+        """Return the pose at `now_ns` or the last prediction, whichever is later; the state stays."""
         return self._state.at(now_ns, self._anchored_ns)
 
     def update_anchor(
@@ -140,22 +139,22 @@ class DriftFilter:
         samples: int = 1,
         now_ns: int | None = None,
     ) -> AnchorResult:
-        """Take one pointing at a known place without a cursor.
+        """Apply one pointing at a known place without a cursor.
 
-        Rejected when it is beyond the gate, unless only an unconfirmed rate puts it there: that rate may come
-        from a jump, so it is forgotten and the anchor is taken, until the next one tells which of the two was
-        wrong. When `believe_after` in a row are rejected and agree, the IMU was turned or the person moved:
-        then they are believed. When `despair_after` in a row contradict each other, the pose becomes
+        Rejected if it is beyond the gate, unless only an unconfirmed rate puts it there: that rate may come
+        from a jump, so it is discarded and the anchor is accepted until the next one shows which of the two
+        was wrong. If `accept_after` consecutive rejected anchors agree, the IMU was turned or the person
+        moved, and they are accepted. If `reset_after` in a row contradict each other, the pose becomes
         uncertain and the reason asks for a new localization.
 
         Args:
-            stamp_ns: the middle of the hold; the filter goes on to it where it is newer.
+            stamp_ns: middle of the hold; the filter advances to it if it is newer.
             target_m: {W}.
             origin_m: of the ray, {H}.
-            direction_h: mean of the unfiltered rays, the person's offset taken out, {H}; any length but 0.
-            elevation_bias_rad: of the pose: the rays lie higher than the targets by it.
+            direction_h: mean of the unfiltered rays without the person's offset, {H}; any length but 0.
+            elevation_bias_rad: of the pose: the angle by which rays lie above the targets.
             spread_rad: rms of the rays about their mean.
-            samples: rays in the mean.
+            samples: number of rays in the mean.
             now_ns: the time, see `set_time`.
         """
         self.set_time(now_ns)
@@ -167,11 +166,11 @@ class DriftFilter:
             elevation_rad=vector.elevation(direction_h) - elevation_bias_rad,
             spread_rad=spread_rad,
         )
-        wrong = self._untimely(stamp_ns) or rejection_reason(
+        rejection = self._untimely(stamp_ns) or rejection_reason(
             self._state.mean, sight, direction_h, samples, self._settings
         )
-        if wrong:
-            return AnchorResult(accepted=False, reason=wrong)
+        if rejection:
+            return AnchorResult(accepted=False, reason=rejection)
         self._state.advance(stamp_ns)
         self._decide(sight)
         innovation, slope, noise = self._sighted(sight)
@@ -190,7 +189,9 @@ class DriftFilter:
             return AnchorResult(
                 accepted=True, azimuth_error_rad=azimuth, elevation_error_rad=elevation, note=RATE_FORGOTTEN
             )
-        return self._doubted(Rejected(sight, azimuth, elevation, float(noise[0]), float(noise[1])), allowed)
+        return self._on_outlier(
+            Rejected(sight, azimuth, elevation, float(noise[0]), float(noise[1])), allowed
+        )
 
     def update_heading(
         self,
@@ -201,26 +202,26 @@ class DriftFilter:
         *,
         now_ns: int | None = None,
     ) -> AnchorResult:
-        """Take that the person points in a known direction: "face the wall and press".
+        """Apply pointing in a known direction: "face the wall and press".
 
-        Somebody says so on purpose, so there is no gate: beyond it the yaw is set anew.
+        People do this on purpose, so there is no gate: beyond it the yaw is replaced.
 
         Args:
-            stamp_ns: when.
+            stamp_ns: time of pointing.
             azimuth_w_rad: of that direction, {W}.
-            direction_h: of the ray, the person's offset taken out, {H}; any length but 0.
-            sigma_rad: how exactly people do that, > 0.
+            direction_h: of the ray without the person's offset, {H}; any length but 0.
+            sigma_rad: standard deviation of such pointing, > 0.
             now_ns: the time, see `set_time`.
         """
         self.set_time(now_ns)
         settings = self._settings
-        wrong = self._untimely(stamp_ns)
-        if not wrong and abs(vector.elevation(direction_h)) > settings.max_elevation_rad:
-            wrong = "the arm points too steeply to tell a direction; point level at the wall"
-        if not wrong and not (math.isfinite(azimuth_w_rad) and 0.0 < sigma_rad < math.inf):
-            wrong = "the direction is no finite angle; give the wall's azimuth in degrees"
-        if wrong:
-            return AnchorResult(accepted=False, reason=wrong)
+        rejection = self._untimely(stamp_ns)
+        if not rejection and abs(vector.elevation(direction_h)) > settings.max_elevation_rad:
+            rejection = "the arm points too steeply for a direction; point level at the wall"
+        if not rejection and not (math.isfinite(azimuth_w_rad) and 0.0 < sigma_rad < math.inf):
+            rejection = "the direction is not a finite angle; give the wall's azimuth in degrees"
+        if rejection:
+            return AnchorResult(accepted=False, reason=rejection)
         self._state.advance(stamp_ns)
         late_s = self._state.late_s(stamp_ns)
         slope = np.array([[0.0, 0.0, 1.0, -late_s]])
@@ -230,7 +231,7 @@ class DriftFilter:
         noise = max(sigma_rad, LEAST_SIGMA) ** 2
         note = ""
         if away**2 > settings.gate**2 * (float((slope @ self._state.covariance @ slope.T)[0, 0]) + noise):
-            note = f"the yaw was off by {math.degrees(away):+.0f}° and was set anew"
+            note = f"the yaw was off by {math.degrees(away):+.0f}° and was replaced"
             self._state.inflate_covariance(away**2, 0.0)
             self._contradict_rate()
         self._state.update(np.array([away]), slope, np.array([[noise]]))
@@ -248,15 +249,15 @@ class DriftFilter:
         *,
         now_ns: int | None = None,
     ) -> AnchorResult:
-        """Take the yaw rate that was measured while the arm rested; see `stillness.StillRate`.
+        """Apply the yaw rate of a resting arm; see `RestYawRate`.
 
-        What creeps cannot be averaged out, so it is taken only while the rate is known less well than that.
+        Creep does not average out, so the rate is used only while the known rate is less certain than creep.
 
         Args:
-            stamp_ns: the middle of the rest; up to a minute old, since rates change slowly.
+            stamp_ns: middle of the rest; up to a minute old, since rates change slowly.
             yaw_rate_radps: of {H} in {W}: minus the rate at which the IMU turned.
-            sigma_radps: its one sigma, > 0.
-            creep_sigma_radps: one sigma of an error that all such rests of this person share.
+            sigma_radps: its standard deviation, > 0.
+            creep_sigma_radps: standard deviation of an error that all such rests of this person share.
             now_ns: the time, see `set_time`.
         """
         self.set_time(now_ns)
@@ -266,13 +267,13 @@ class DriftFilter:
         if not usable or abs(yaw_rate_radps) > settings.max_rate_radps + settings.gate * sigma:
             return AnchorResult(accepted=False, reason="the arm turned faster than any IMU drifts; rest it")
         if stamp_ns < self._state.stamp_ns - 60 * NS_PER_S:
-            return AnchorResult(accepted=False, reason="the rest is over since long; see the clocks")
+            return AnchorResult(accepted=False, reason="the rest is more than a minute old; check the clocks")
         self._state.advance(stamp_ns)
         away = yaw_rate_radps - float(self._state.mean[RATE])
         variance = float(self._state.covariance[RATE, RATE])
         if variance <= creep_sigma_radps**2:
             return AnchorResult(
-                accepted=False, reason="a held-up arm does not tell the drift better; let it hang"
+                accepted=False, reason="a raised arm does not measure the drift better; let it hang"
             )
         total = variance + sigma**2
         if away**2 > settings.gate**2 * total:
@@ -292,20 +293,20 @@ class DriftFilter:
         return self._agreed >= self._settings.confirmed_after
 
     def _agree(self, stamp_ns: int, *, is_first: bool = False) -> None:
-        """Count a yaw at `stamp_ns` that fits the ones before, or that contradicts them and `is_first`."""
+        """Count a yaw at `stamp_ns` that fits the earlier ones, or start from 1 if `is_first`."""
         if is_first or not self._agreed:
             self._agreed, self._agreed_ns = 1, stamp_ns
         elif stamp_ns - self._agreed_ns >= self._settings.confirming_s * NS_PER_S:
             self._agreed, self._agreed_ns = self._agreed + 1, stamp_ns
 
     def _contradict_rate(self) -> None:
-        """Forget the rate unless it was confirmed: an IMU that is turned drifts as before."""
+        """Discard the rate unless it is confirmed: an IMU that is turned drifts as before."""
         if not self._is_confirmed:
             self._state.reset_rate()
             self._agreed = 0
 
     def _fits_without_rate(self, sight: AnchorMeasurement) -> bool:
-        """Update the state with `sight` and without the rate, where it fits so; return whether it does."""
+        """Update the state with `sight` but without the rate if it fits. Return True if it does."""
         state = self._state.without_rate(self._agreed_ns)
         innovation, slope, noise = innovation_terms(
             state.mean, sight, state.late_s(sight.stamp_ns), self._settings
@@ -319,13 +320,13 @@ class DriftFilter:
         return True
 
     def _decide(self, sight: AnchorMeasurement) -> None:
-        """Return to the state without the anchor against the rate, where `sight` is likelier there."""
+        """Return to the state before the anchor against the rate if `sight` is likelier there."""
         if self._other is None:
             return
         state, agreed, agreed_ns = self._other
         self._other = None
         state.advance(self._state.stamp_ns)
-        if _unlikeliness(state, sight, self._settings) < _unlikeliness(self._state, sight, self._settings):
+        if _deviance(state, sight, self._settings) < _deviance(self._state, sight, self._settings):
             self._state, self._agreed, self._agreed_ns = state, agreed, agreed_ns
 
     def _took(self, fix: Fix, *, fits: bool) -> None:
@@ -341,42 +342,42 @@ class DriftFilter:
         late_s = self._state.late_s(stamp_ns)
         if late_s <= self._settings.max_late_s:
             return ""
-        return f"the pointing is {late_s:.0f} s old; see the IMU's radio and the clocks, and point again"
+        return f"the pointing is {late_s:.0f} s old; check the IMU's radio and the clocks, and point again"
 
     def _sighted(self, sight: AnchorMeasurement) -> tuple[Array, Array, Array]:
         """Return innovation (2), slope (2 x 4) and variances (2) of azimuth and elevation."""
         return innovation_terms(self._state.mean, sight, self._state.late_s(sight.stamp_ns), self._settings)
 
-    def _doubted(self, doubt: Rejected, allowed: Array) -> AnchorResult:
-        """Return what becomes of an anchor beyond the gate."""
+    def _on_outlier(self, outlier: Rejected, allowed: Array) -> AnchorResult:
+        """Return the result for an anchor beyond the gate: accepted if it agrees with the ones before."""
         settings = self._settings
-        self._rejected.append(doubt)
+        self._rejected.append(outlier)
         verdict = innovation_gate.judge_rejected(
             self._rejected,
             settings.gate,
             self._state.rate_sigma_radps,
             since_ns=self._anchored_ns,
-            believe_after=settings.accept_after,
-            despair_after=settings.reset_after,
+            accept_after=settings.accept_after,
+            reset_after=settings.reset_after,
         )
         result = AnchorResult(
             accepted=False,
-            azimuth_error_rad=doubt.azimuth_error_rad,
-            elevation_error_rad=doubt.elevation_error_rad,
-            reason=innovation_gate.sentence(doubt, allowed, verdict),
+            azimuth_error_rad=outlier.azimuth_error_rad,
+            elevation_error_rad=outlier.elevation_error_rad,
+            reason=innovation_gate.sentence(outlier, allowed, verdict),
         )
         if verdict in {AGREED, DRIFTED}:
             believed = self._rejected[-settings.accept_after :]
             self._rejected.clear()
             if verdict == AGREED:
-                self._state.inflate_covariance(doubt.azimuth_error_rad**2, settings.moved_sigma_m**2)
+                self._state.inflate_covariance(outlier.azimuth_error_rad**2, settings.moved_sigma_m**2)
                 self._contradict_rate()
             else:
                 self._state.inflate_rate_variance(settings.max_rate_radps)
-            for one in believed:
-                innovation, slope, noise = self._sighted(one.sight)
+            for accepted in believed:
+                innovation, slope, noise = self._sighted(accepted.sight)
                 self._state.update(innovation, slope, np.diag(noise))
-            self._anchored_ns = max(self._anchored_ns, doubt.sight.stamp_ns)
+            self._anchored_ns = max(self._anchored_ns, outlier.sight.stamp_ns)
             return replace(result, accepted=True, reason="", note=result.reason)
         if verdict:
             self._rejected.clear()
@@ -384,7 +385,7 @@ class DriftFilter:
         return result
 
 
-def _unlikeliness(state: DriftState, sight: AnchorMeasurement, settings: DriftSettings) -> float:
+def _deviance(state: DriftState, sight: AnchorMeasurement, settings: DriftSettings) -> float:
     """Return minus twice the logarithm of the likelihood of `sight`, but for a constant."""
     innovation, slope, noise = innovation_terms(state.mean, sight, state.late_s(sight.stamp_ns), settings)
     variances = np.diag(slope @ state.covariance @ slope.T) + noise

@@ -1,4 +1,4 @@
-"""Pointings at known places that do not fit the pose: what to make of them."""
+"""Verdicts on consecutive pointings at known places that do not fit the pose."""
 
 import math
 from collections.abc import Sequence
@@ -10,11 +10,11 @@ from pointit.services.localizer.drift.anchor_measurement import AnchorMeasuremen
 from pointit.services.localizer.drift.model import Array
 
 AGREED: Literal["agreed"] = "agreed"
-"""They say the same: the pose is wrong, not they."""
+"""All errors are the same: the pose is wrong."""
 DRIFTED: Literal["drifted"] = "drifted"
-"""They grow evenly: the drift is faster than was believed."""
+"""Errors grow linearly: the drift is faster than estimated."""
 SCATTERED: Literal["scattered"] = "scattered"
-"""They fit neither the pose nor each other."""
+"""Errors fit neither the pose nor each other."""
 
 Verdict = Literal["agreed", "drifted", "scattered", ""]
 
@@ -25,42 +25,42 @@ class Rejected:
 
     sight: AnchorMeasurement
     azimuth_error_rad: float
-    """Target less ray."""
+    """Target minus ray."""
     elevation_error_rad: float
     azimuth_variance: float
     elevation_variance: float
 
 
 def judge_rejected(
-    doubts: Sequence[Rejected],
+    outliers: Sequence[Rejected],
     gate: float,
     rate_sigma_radps: float,
     *,
     since_ns: int,
-    believe_after: int,
-    despair_after: int,
+    accept_after: int,
+    reset_after: int,
 ) -> Verdict:
-    """Return what rejected pointings in a row mean together; nothing yet when they are too few.
+    """Return the verdict on consecutive rejected pointings, or `""` if they are too few.
 
     Args:
-        doubts: in order of time, the newest last.
-        gate: sigmas within which two agree.
-        rate_sigma_radps: how uncertain the drift between them is.
-        since_ns: when the pose was last told to be right.
-        believe_after: so many that agree are believed.
-        despair_after: so many are too many.
+        outliers: in order of time, the newest last.
+        gate: number of sigmas within which two agree.
+        rate_sigma_radps: standard deviation of the drift between them.
+        since_ns: time of the last confirmation of the pose.
+        accept_after: number of agreeing pointings that are accepted.
+        reset_after: number of contradicting pointings that make the pose uncertain.
     """
-    newest, before = doubts[-1], doubts[-believe_after:-1]
-    if len(doubts) >= believe_after:
+    newest, before = outliers[-1], outliers[-accept_after:-1]
+    if len(outliers) >= accept_after:
         if all(_is_step(newest, other, gate, rate_sigma_radps) for other in before):
             return AGREED
         if all(_is_ramp(newest, other, gate, since_ns) for other in before):
             return DRIFTED
-    return SCATTERED if len(doubts) >= despair_after else ""
+    return SCATTERED if len(outliers) >= reset_after else ""
 
 
 def _is_step(a: Rejected, b: Rejected, gate: float, rate_sigma_radps: float) -> bool:
-    """Return whether the pose is beside by the same in both."""
+    """Return True if both have the same error."""
     drifted = rate_sigma_radps * (a.sight.stamp_ns - b.sight.stamp_ns) / NS_PER_S
     step = math.remainder(a.azimuth_error_rad - b.azimuth_error_rad, math.tau)
     allowed = gate * math.sqrt(a.azimuth_variance + b.azimuth_variance + drifted**2)
@@ -68,7 +68,7 @@ def _is_step(a: Rejected, b: Rejected, gate: float, rate_sigma_radps: float) -> 
 
 
 def _is_ramp(a: Rejected, b: Rejected, gate: float, since_ns: int) -> bool:
-    """Return whether the yaw has gone beside evenly since `since_ns`."""
+    """Return True if the yaw error has grown linearly since `since_ns`."""
     earlier_ns = b.sight.stamp_ns - since_ns
     if earlier_ns <= 0:
         return False
@@ -83,26 +83,26 @@ def _is_level(a: Rejected, b: Rejected, gate: float) -> bool:
     return abs(step) <= gate * math.sqrt(a.elevation_variance + b.elevation_variance)
 
 
-def sentence(doubt: Rejected, allowed: Array, decided: Verdict) -> str:
-    """Return what a technician should know of a pointing beyond the gate, one sentence.
+def sentence(outlier: Rejected, allowed: Array, verdict: Verdict) -> str:
+    """Return a message about a pointing beyond the gate.
 
     Args:
-        doubt: the newest.
-        allowed: how far off azimuth and elevation might have been (2), rad.
-        decided: what was made of it.
+        outlier: the newest.
+        allowed: limits of the azimuth and elevation errors (2), rad.
+        verdict: verdict on it.
     """
-    azimuth, elevation = math.degrees(doubt.azimuth_error_rad), math.degrees(doubt.elevation_error_rad)
-    if abs(doubt.azimuth_error_rad) > allowed[0]:
+    azimuth, elevation = math.degrees(outlier.azimuth_error_rad), math.degrees(outlier.elevation_error_rad)
+    if abs(outlier.azimuth_error_rad) > allowed[0]:
         side = "left" if azimuth > 0 else "right"
         off = f"the target was {abs(azimuth):.0f}° to the {side} of the ray"
         limit = math.degrees(float(allowed[0]))
     else:
         off = f"the target was {abs(elevation):.0f}° {'above' if elevation > 0 else 'below'} the ray"
         limit = math.degrees(float(allowed[1]))
-    if decided == AGREED:
-        return f"{off}, as those before tell: the IMU was turned or the person moved, and the pose follows"
-    if decided == DRIFTED:
-        return f"{off}, more each time: the IMU drifts faster than was believed, and the pose follows"
-    if decided == SCATTERED:
+    if verdict == AGREED:
+        return f"{off}, as in those before: the IMU was turned or the person moved, and the pose follows"
+    if verdict == DRIFTED:
+        return f"{off}, more each time: the IMU drifts faster than estimated, and the pose follows"
+    if verdict == SCATTERED:
         return f"{off} and those before fit neither the pose nor each other; localize again"
-    return f"{off} where at most {limit:.0f}° is believed; point at that target again, arm straight"
+    return f"{off} where at most {limit:.0f}° is accepted; point at that target again, arm straight"

@@ -1,4 +1,4 @@
-"""What the drift filter is told, believes and tells, and how its state goes on with time."""
+"""Settings, inputs and results of the drift filter, and the prediction of its state."""
 
 import math
 from dataclasses import dataclass
@@ -9,59 +9,59 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 X, Y, YAW, RATE = range(4)
-"""The state: m, m, rad, rad/s."""
+"""State indices: m, m, rad, rad/s."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class DriftSettings:
-    """What is believed of drift, of people who stand and of pointings."""
+    """Noise of drift, of standing people and of pointing, and limits of the filter."""
 
     rate_sigma_radps: float = math.radians(0.25)
-    """One sigma of the yaw rate of an IMU that nothing is known of."""
+    """Standard deviation of the yaw rate of an unknown IMU."""
     rate_walk_radps: float = math.radians(0.002)
-    """How far the rate wanders in one second, one sigma; grows with the square root of time."""
+    """Random walk of the rate: standard deviation after one second, growing with the square root of time."""
     max_rate_radps: float = math.radians(1.0)
-    """No IMU drifts faster, and no rate is less known than that."""
+    """Fastest drift of an IMU, and upper bound of the rate's standard deviation."""
     yaw_walk_rad: float = math.radians(0.06)
-    """How far the yaw wanders beside its rate in one second, one sigma (0.5° in a minute)."""
+    """Random walk of the yaw besides its rate: standard deviation after one second (0.5° in a minute)."""
     position_walk_m: float = 0.0065
-    """How far a standing person shifts in one second, one sigma (5 cm in a minute)."""
+    """Random walk of a standing person: standard deviation after one second (5 cm in a minute)."""
     anchor_sigma_rad: float = math.radians(3.5)
-    """One sigma of one pointing sideways, as an angle at the eyes."""
+    """Standard deviation of one pointing sideways, as an angle at the eyes."""
     elevation_sigma_rad: float = math.radians(3.0)
-    """The same upwards: scatter within a person and what is not known of their bias."""
+    """The same upwards: scatter within a person and the unknown part of their bias."""
     gate: float = 3.0
-    """Measurements farther off are rejected, sigmas."""
+    """Measurements beyond this number of standard deviations are rejected."""
     accept_after: int = 2
-    """So many rejected anchors in a row that say the same are believed."""
+    """Number of consecutive rejected anchors that are accepted if they agree."""
     confirmed_after: int = 3
-    """A yaw rate is confirmed by so many yaws in a row: two tell it, even if the IMU jumped."""
+    """Number of consecutive yaws that confirm a rate. Two determine one even if the IMU jumped."""
     confirming_s: float = 15.0
-    """Yaws closer together in time tell too little of the rate to confirm it."""
+    """Shortest time between yaws that confirm a rate."""
     reset_after: int = 3
-    """After so many in a row that contradict each other the pose is no longer trusted."""
+    """Number of consecutive contradicting anchors after which the pose becomes uncertain."""
     moved_sigma_m: float = 0.5
-    """How far a person may have moved when anchors do not fit any more, one sigma."""
+    """Standard deviation of a person's move when anchors no longer fit."""
     turned_sigma_rad: float = math.radians(15.0)
-    """How far the IMU may have been turned when anchors contradict each other, one sigma."""
+    """Standard deviation of an IMU's turn when anchors contradict each other."""
     max_late_s: float = 5.0
-    """Measurements older than this are refused."""
+    """Measurements older than this are rejected."""
     max_elevation_rad: float = math.radians(70.0)
-    """Steeper rays do not tell a direction."""
+    """Steeper rays do not determine an azimuth."""
     max_position_sigma_m: float = 100.0
     max_yaw_sigma_rad: float = math.pi
-    """The uncertainties grow no further."""
+    """Upper bounds of the standard deviations."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Fix:
-    """A pose that something outside the filter tells: a localization, the operator, a tracker."""
+    """A pose from outside the filter: a localization, the operator or a tracker."""
 
     x_m: float
     y_m: float
     yaw_rad: float
     covariance: Array
-    """3 x 3, of x, y, yaw; positive semidefinite; zero where exact."""
+    """3 x 3, of x, y, yaw; positive semidefinite; zero if exact."""
     stamp_ns: int
     since_ns: int | None = None
     """Stamp of its first ray, ns. None if all were measured at `stamp_ns`."""
@@ -70,7 +70,7 @@ class Fix:
     floor_m: float = 0.0
     """Height of the feet in {W}."""
     is_anchored: bool = True
-    """Whether pointing at known places told it."""
+    """True if it was measured by pointing at known places."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,42 +84,42 @@ class DriftPose:
     covariance: Array
     """3 x 3, of x, y, yaw."""
     yaw_rate_radps: float
-    """Of `yaw_rad`: minus what the IMU's own yaw wanders by."""
+    """Rate of `yaw_rad`: minus the drift rate of the IMU's own yaw."""
     yaw_rate_sigma_radps: float
     anchored_ns: int
-    """When pointing at a known place or direction last told the pose; 0: never."""
+    """Time of the last anchor or heading; 0: never."""
     stamp_ns: int
 
     @property
     def yaw_sigma_rad(self) -> float:
-        """Return one sigma of the yaw."""
+        """Return the standard deviation of the yaw."""
         return math.sqrt(max(0.0, float(self.covariance[2, 2])))
 
     @property
     def position_sigma_m(self) -> float:
-        """Return one sigma along the worse horizontal direction."""
+        """Return the standard deviation along the worse horizontal direction."""
         return math.sqrt(max(0.0, float(np.linalg.eigvalsh(self.covariance[:2, :2])[-1])))
 
 
 @dataclass(frozen=True, kw_only=True)
 class AnchorResult:
-    """What became of a measurement."""
+    """Result of a measurement."""
 
     accepted: bool
     azimuth_error_rad: float = 0.0
-    """Target less ray in the pose before; positive: the target is to the left."""
+    """Target minus ray in the pose before; positive: the target is to the left."""
     elevation_error_rad: float = 0.0
-    """The same; positive: the target is higher."""
+    """Target minus ray; positive: the target is higher."""
     reason: str = ""
-    """Why it was rejected and what to do, one sentence; empty when it was accepted."""
+    """Reason for rejection and what to do, or `""` if accepted."""
     note: str = ""
-    """What a technician should know of one that was accepted, one sentence; mostly empty."""
+    """Remark on an accepted measurement for technicians, mostly `""`."""
 
 
 def predicted(
     mean: Array, covariance: Array, passed_s: float, settings: DriftSettings
 ) -> tuple[Array, Array]:
-    """Return mean (4) and covariance (4 x 4) after `passed_s`, bounded; copies."""
+    """Return copies of mean (4) and covariance (4 x 4) advanced by `passed_s`, bounded."""
     mean, covariance = propagate_unbounded(mean, covariance, passed_s, settings)
     return mean, bounded(covariance, settings) if passed_s > 0.0 else covariance
 
@@ -127,7 +127,7 @@ def predicted(
 def propagate_unbounded(
     mean: Array, covariance: Array, passed_s: float, settings: DriftSettings
 ) -> tuple[Array, Array]:
-    """Return mean (4) and covariance (4 x 4) after `passed_s`, however large; copies."""
+    """Return copies of mean (4) and covariance (4 x 4) advanced by `passed_s`, not bounded."""
     mean = mean.copy()
     if passed_s <= 0.0:
         return mean, covariance.copy()
@@ -145,7 +145,7 @@ def propagate_unbounded(
 
 
 def bounded(covariance: Array, settings: DriftSettings) -> Array:
-    """Return it (of x, y, yaw, 3 x 3, or of the rate, too) symmetric, no sigma above its bound.
+    """Return `covariance` (3 x 3 of x, y, yaw, or 4 x 4 with the rate) symmetric and within the bounds.
 
     Correlations stay.
     """
@@ -161,10 +161,10 @@ def nearest_psd(covariance: Array) -> Array:
     """Return the nearest symmetric positive semidefinite 3 x 3 matrix.
 
     Raises:
-        ValueError: it is not 3 x 3 or not finite.
+        ValueError: If it is not 3 x 3 or not finite.
     """
     square = np.asarray(covariance, dtype=np.float64)
     if square.shape != (3, 3) or not np.all(np.isfinite(square)):
-        raise ValueError("a pose's covariance is 3 x 3 and finite")
+        raise ValueError("the covariance of a pose must be 3 x 3 and finite")
     values, axes = np.linalg.eigh(0.5 * (square + square.T))
     return np.asarray((axes * np.maximum(values, 0.0)) @ axes.T)

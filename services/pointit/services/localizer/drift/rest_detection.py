@@ -1,11 +1,11 @@
-"""The drift of an IMU, measured while the arm rests: whatever a resting arm seems to turn by is drift.
+"""IMU drift measured while the arm rests: any apparent turn of a resting arm is drift.
 
-To be fed only while no cursor is shown: people steer a cursor onto the target, so that their arm turns in
-the room against the drift and stands still for the IMU (pointing.md §3), which would be measured as none.
+Use it only while no cursor is shown. People steer a cursor onto the target, so that their arm turns in the
+room against the drift and stands still for the IMU (pointing.md §3), which would measure as zero drift.
 
-Only turning about the vertical drifts, gravity holds the rest; so the vertical part of the rotation from
-sample to sample is summed up, which is well defined with the arm hanging down too, where an azimuth is not.
-A slow horizontal movement at an even rate below `max_rate_radps` cannot be told from drift.
+Drift only turns about the vertical, since gravity fixes the other axes. The vertical part of the rotation
+from sample to sample is summed, which is well defined for a hanging arm, too, unlike an azimuth.
+A slow horizontal movement at a constant rate below `max_rate_radps` cannot be distinguished from drift.
 """
 
 import math
@@ -18,65 +18,66 @@ from pointit.schemas import NS_PER_S
 
 @dataclass(frozen=True, kw_only=True)
 class StillnessSettings:
-    """What counts as rest, and how people hold still (pointing.md §7)."""
+    """Criteria of rest, and noise of people who hold still (pointing.md §7)."""
 
     shortest_s: float = 2.0
-    """Shorter rests tell nothing."""
+    """Shorter rests are ignored."""
     longest_s: float = 10.0
-    """A rest this long is measured, and a new one begun."""
+    """Length of a rest after which it is measured and a new one starts."""
     settle_s: float = 0.5
-    """So much after a movement and before the next one is not rest."""
+    """Time after a movement and before the next one that is not rest."""
     bin_s: float = 0.1
-    """Samples are averaged over so much."""
+    """Length of the bins over which samples are averaged."""
     gap_s: float = 0.5
     """A longer silence ends the rest."""
     max_step_rad: float = math.radians(1.5)
-    """Turning by more within `settle_s` is movement."""
+    """Smallest turn within `settle_s` that is movement."""
     max_rate_radps: float = math.radians(1.0)
-    """Turning faster, all the time, is following something: no IMU drifts so fast."""
+    """Fastest drift of an IMU: a constant turn beyond it means that the arm follows something."""
     max_spread_rad: float = math.radians(0.75)
-    """Wander about an even rate, rms, above which the arm does not rest."""
+    """Largest rms about a constant rate at which the arm rests."""
     hold_sigma_rad: float = math.radians(0.25)
-    """How a held arm wanders sideways, rms."""
+    """Sideways tremor of a held arm, rms."""
     tilt_sigma_rad: float = math.radians(0.16)
-    """How it wanders up and down, rms."""
+    """Vertical tremor of a held arm, rms."""
     correlation_s: float = 0.3
-    """For how long that wander is alike."""
+    """Correlation time of the tremor."""
     turn_sigma_radps: float = math.radians(0.03)
-    """What a resting body itself turns by; no rest is measured better."""
+    """Standard deviation of a resting body's turn, a lower bound for each rest."""
     creep_sigma_radps: float = math.radians(0.2)
-    """What an arm that is held up creeps by, always the same way for one person: holds told the drift to
-    5.3° in 45 s (pointing.md §3)."""
+    """Standard deviation of a raised arm's creep, constant for one person: drifts measured by holds were off
+    by 5.3° in 45 s (pointing.md §3).
+    """
     hanging_rad: float = math.radians(-50.0)
-    """Elevation of the arm below which it hangs and does not creep."""
+    """Elevation below which the arm hangs and does not creep."""
     gate: float = 3.0
-    """Tilting at a rate of more than so many sigmas is movement."""
+    """Number of standard deviations of the tilt rate beyond which the arm moves."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class RestYawRate:
-    """What one rest told; goes to `DriftFilter.update_rest_rate` as it is."""
+    """Yaw rate of one rest, as in the arguments of `DriftFilter.update_rest_rate`."""
 
     stamp_ns: int
-    """The middle of the rest."""
+    """Middle of the rest."""
     yaw_rate_radps: float
-    """Of {H} in {W}: minus the rate at which the resting arm turned in {H}."""
+    """Yaw rate of {H} in {W}: minus the rate at which the resting arm turned in {H}."""
     sigma_radps: float
-    """Of this rest by itself."""
+    """Standard deviation of this rest alone."""
     creep_sigma_radps: float
-    """Of what all rests of a held-up arm have in common; 0 when it hung."""
+    """Standard deviation of the error that all rests of a raised arm share; 0 for a hanging arm."""
     span_s: float
 
 
 _Turn = tuple[int, float, float, float]
-"""Time in ns; turned by then about x, y, z of {H}, averaged over a bin."""
+"""Time (ns) and turn up to it about x, y, z of {H}, averaged over a bin."""
 
 
 class RestDetector:
-    """Finds rests in a stream of orientations; constant work a sample."""
+    """Finds rests in a stream of orientations, in constant time per sample."""
 
     def __init__(self, settings: StillnessSettings | None = None) -> None:
-        """Wait for a rest."""
+        """Start in movement."""
         self._settings = settings if settings is not None else StillnessSettings()
         self._bin_ns = round(self._settings.bin_s * NS_PER_S)
         self._gap_ns = round(self._settings.gap_s * NS_PER_S)
@@ -84,38 +85,38 @@ class RestDetector:
         self._last: Quaternion = (0.0, 0.0, 0.0, 1.0)
         self._last_ns = -1
         self._tilt_x, self._tilt_y, self._yaw = 0.0, 0.0, 0.0
-        """Turned since the rest began, about the axes of {H}."""
+        """Turn since the rest began, about the axes of {H}."""
         self._count, self._sum_ns, self._bin_start_ns = 0, 0, 0
         self._sum_x, self._sum_y, self._sum_yaw = 0.0, 0.0, 0.0
         self._recent: deque[_Turn] = deque(maxlen=self._delay + 1)
-        """What is not yet known to be rest, because a movement may just begin."""
+        """Bins that may belong to the beginning of a movement."""
         self._kept: list[_Turn] = []
         self._to_settle = self._delay
 
     def end(self) -> RestYawRate | None:
-        """Return the rate if the rest until now tells one, and begin anew: as when a cursor appears."""
-        told = self._finish()
+        """End the rest, as when a cursor appears. Return its rate, or None if it was too short."""
+        rate = self._finish()
         self._last_ns = -1
         self._begin()
-        return told
+        return rate
 
     def add(self, orientation_xyzw: Quaternion, stamp_ns: int) -> RestYawRate | None:
-        """Take a sample; return a rate when it ends a rest, or when the rest has lasted long enough.
+        """Add a sample. Return a rate if it ends a rest or the rest is long enough.
 
         Args:
             orientation_xyzw: of the arm in {H}, norm 1.
-            stamp_ns: of its measurement; a sample that is not newer than the last one is ignored, but a
-                clock that was set back by more than `gap_s` begins a new rest.
+            stamp_ns: of its measurement. A sample that is not newer than the last one is ignored, but a clock
+                step back by more than `gap_s` starts a new rest.
         """
         passed_ns = stamp_ns - self._last_ns
         if self._last_ns < 0 or not -self._gap_ns <= passed_ns <= self._gap_ns:
-            told = self._finish() if self._last_ns >= 0 and passed_ns > 0 else None
+            rate = self._finish() if self._last_ns >= 0 and passed_ns > 0 else None
             self._begin()
             self._last, self._last_ns = orientation_xyzw, stamp_ns
-            return told
+            return rate
         if passed_ns <= 0:
             return None
-        # rotation vector of new ⊗ old⁻¹, in {H}; small, so twice its sine will do
+        # rotation vector of new ⊗ old⁻¹ in {H}; it is small, so twice the sine approximates it
         x, y, z, w = orientation_xyzw
         a, b, c, d = self._last
         twice = 2.0 if w * d + x * a + y * b + z * c >= 0.0 else -2.0
@@ -130,14 +131,14 @@ class RestDetector:
             self._sum_y += self._tilt_y
             self._sum_yaw += self._yaw
             return None
-        told = self._close() if self._count else None
+        rate = self._close() if self._count else None
         self._bin_start_ns = stamp_ns
         self._count, self._sum_ns = 1, 0
         self._sum_x, self._sum_y, self._sum_yaw = self._tilt_x, self._tilt_y, self._yaw
-        return told
+        return rate
 
     def _begin(self) -> None:
-        """Begin a new rest, which must settle first."""
+        """Start a new rest, which must settle first."""
         self._tilt_x = self._tilt_y = self._yaw = 0.0
         self._count = self._sum_ns = self._bin_start_ns = 0
         self._sum_x = self._sum_y = self._sum_yaw = 0.0
@@ -146,7 +147,7 @@ class RestDetector:
         self._to_settle = self._delay
 
     def _close(self) -> RestYawRate | None:
-        """Take the bin that is full."""
+        """Add the full bin to the rest."""
         n = self._count
         newest = (
             self._bin_start_ns + self._sum_ns // n,
@@ -161,21 +162,21 @@ class RestDetector:
             math.hypot(newest[1] - oldest[1], newest[2] - oldest[2], newest[3] - oldest[3])
             > self._settings.max_step_rad
         ):
-            told = self._finish()
+            rate = self._finish()
             self._begin()
-            return told
+            return rate
         if self._to_settle > 0:
             self._to_settle -= 1
             return None
         self._kept.append(oldest)
         if oldest[0] - self._kept[0][0] < self._settings.longest_s * NS_PER_S:
             return None
-        told = self._finish()
+        rate = self._finish()
         self._kept.clear()
-        return told
+        return rate
 
     def _finish(self) -> RestYawRate | None:
-        """Return what the rest told, if it was one."""
+        """Return the rate of the rest, or None if it was too short or no rest."""
         settings, kept = self._settings, self._kept
         if len(kept) < 3:
             return None
@@ -183,10 +184,12 @@ class RestDetector:
         span_s = (kept[-1][0] - start_ns) / NS_PER_S
         if span_s < settings.shortest_s:
             return None
-        times = [(one[0] - start_ns) / NS_PER_S for one in kept]
-        rates, spreads = zip(*(_line(times, [one[axis] for one in kept]) for axis in (1, 2, 3)), strict=True)
+        times = [(turn[0] - start_ns) / NS_PER_S for turn in kept]
+        rates, spreads = zip(
+            *(_line(times, [turn[axis] for turn in kept]) for axis in (1, 2, 3)), strict=True
+        )
         share = math.sqrt(24.0 * settings.correlation_s / span_s) / span_s
-        """Of a rate's sigma in the rms of a correlated wander: least squares over `span_s`."""
+        """Standard deviation of the rate per rms of a correlated wander: least squares over `span_s`."""
         tilting = settings.gate * share
         if (
             abs(rates[2]) > settings.max_rate_radps

@@ -1,4 +1,4 @@
-"""The state of the drift filter: x, y, yaw, yaw rate and how sure they are, at one time."""
+"""State of the drift filter at one time: x, y, yaw, yaw rate and their covariance."""
 
 import copy
 import math
@@ -23,10 +23,10 @@ from pointit.services.localizer.drift.model import (
 
 
 class DriftState:
-    """Goes on with time, takes measurements and fixes, and can be doubted; judges nothing."""
+    """Predicts, applies measurements and fixes, and can be made uncertain. It does not reject anything."""
 
     def __init__(self, fix: Fix, settings: DriftSettings) -> None:
-        """Start at `fix` with an IMU of which nothing is known."""
+        """Start at `fix` with an IMU of unknown drift."""
         self._settings = settings
         self.mean = np.array([fix.x_m, fix.y_m, math.remainder(fix.yaw_rad, math.tau), 0.0])
         self.covariance = np.zeros((4, 4))
@@ -37,20 +37,20 @@ class DriftState:
 
     @property
     def is_yaw_unknown(self) -> bool:
-        """Return whether the yaw is so uncertain that it says nothing."""
+        """Return True if the yaw is too uncertain to be used."""
         return float(self.covariance[YAW, YAW]) >= self._blank_variance
 
     @property
     def rate_sigma_radps(self) -> float:
-        """Return one sigma of the yaw's rate."""
+        """Return the standard deviation of the yaw rate."""
         return math.sqrt(max(0.0, float(self.covariance[RATE, RATE])))
 
     def late_s(self, stamp_ns: int) -> float:
-        """Return by how much what was measured at `stamp_ns` is older than the state, s; at least 0."""
+        """Return the age of a measurement at `stamp_ns` relative to the state, s; at least 0."""
         return max(0, self.stamp_ns - stamp_ns) / NS_PER_S
 
     def at(self, now_ns: int, anchored_ns: int) -> DriftPose:
-        """Return the pose at `now_ns`, or at the last measurement if that is later; changes nothing."""
+        """Return the pose at `now_ns` or the last measurement, whichever is later; the state stays."""
         mean, covariance = self._predicted(max(0, now_ns - self.stamp_ns) / NS_PER_S)
         return DriftPose(
             x_m=float(mean[X]),
@@ -64,17 +64,17 @@ class DriftState:
         )
 
     def advance(self, stamp_ns: int) -> None:
-        """Go on to `stamp_ns`, where that is later."""
+        """Advance to `stamp_ns` if that is later."""
         if stamp_ns > self.stamp_ns:
             self.mean, self.covariance = self._predicted((stamp_ns - self.stamp_ns) / NS_PER_S)
             self.stamp_ns = stamp_ns
 
     def update(self, innovation: Array, slope: Array, noise: Array) -> None:
-        """Take a measurement (Joseph's form: stays symmetric and positive).
+        """Apply a measurement (Joseph form: stays symmetric and positive).
 
         Args:
-            innovation: n, measured less expected.
-            slope: n x 4, of what is measured by the state.
+            innovation: n, measured minus expected.
+            slope: n x 4, derivatives of the measurement by the state.
             noise: n x n.
         """
         covariance = self.covariance
@@ -86,17 +86,16 @@ class DriftState:
         self._bound()
 
     def move_to(self, fix: Fix, *, keeps_yaw: bool, keeps_rate: bool) -> bool:
-        """Take a new localization; the old position is forgotten. Return False if the yaws contradict.
+        """Apply a new localization and discard the old position. Return False if the yaws contradict.
 
-        A fix that is older than the state goes on to its time as the filter itself does, with the rate that
-        is known. Where its yaw and the old one fit within the gate, both are fused, which tells the rate too;
-        both of them know the same rate, so what they have in common is taken into account. Where they do not
-        fit, the old yaw is dropped and the rate counts as unknown again.
+        A fix that is older than the state is advanced to its time with the known rate. If its yaw and the old
+        one fit within the gate, both are fused, which measures the rate, too, with the correlation from the
+        rate that they share. If they do not fit, the old yaw is dropped and the rate is uncertain again.
 
         Args:
             fix: the new pose.
-            keeps_yaw: whether the old yaw counts; without it the rate stays as it was.
-            keeps_rate: whether the old rate is where to begin from when the yaws do not fit, rather than 0.
+            keeps_yaw: True to use the old yaw; otherwise the rate stays as it was.
+            keeps_rate: True to start from the old rate, rather than 0, if the yaws do not fit.
         """
         settings = self._settings
         self.advance(fix.stamp_ns)
@@ -107,7 +106,7 @@ class DriftState:
         if keeps_yaw and not self.is_yaw_unknown:
             yaw, shared = float(self.mean[YAW]), float(self.covariance[YAW, RATE])
             joint = np.zeros((5, 5))
-            """Of the fix brought to now with the rate, and of the old yaw."""
+            """Joint covariance of the fix, advanced to now with the rate, and the old yaw."""
             joint[:4, :4] = covariance
             joint[4, 4] = self.covariance[YAW, YAW]
             joint[4, YAW] = joint[YAW, 4] = late_s * shared
@@ -119,7 +118,7 @@ class DriftState:
             if total > 0.0 and abs(away) <= settings.gate * math.sqrt(total):
                 mean = mean + both[:4] / total * away
                 keep = np.eye(5) - np.outer(both / total, apart)
-                covariance = (keep @ joint @ keep.T)[:4, :4]  # as it is, not by a difference: stays positive
+                covariance = (keep @ joint @ keep.T)[:4, :4]  # not by a difference, so that it stays positive
             else:
                 fits = False
                 rate = rate if keeps_rate else 0.0
@@ -129,7 +128,7 @@ class DriftState:
         return fits
 
     def inflate_covariance(self, yaw_variance: float, position_variance: float) -> None:
-        """Make the pose less certain, its parts for themselves, and forget what is known of the rate."""
+        """Make the parts of the pose less certain independently, and reset the rate's uncertainty."""
         covariance = self.covariance
         covariance[YAW, :2] = covariance[:2, YAW] = 0.0
         covariance[YAW, YAW] += yaw_variance
@@ -137,13 +136,13 @@ class DriftState:
         self.inflate_rate_variance(self._settings.rate_sigma_radps)
 
     def inflate_rate_variance(self, sigma_radps: float) -> None:
-        """Believe the rate only so far."""
+        """Set the standard deviation of the rate and drop its correlations."""
         self.covariance[RATE, :3] = self.covariance[:3, RATE] = 0.0
         self.covariance[RATE, RATE] = sigma_radps**2
         self._bound()
 
     def without_rate(self, since_ns: int) -> "DriftState":
-        """Return the state as if nothing had been known of the rate since the yaw of `since_ns`."""
+        """Return the state as if the rate had been unknown since the yaw of `since_ns`."""
         other = copy.copy(self)
         passed_s = max(0, self.stamp_ns - since_ns) / NS_PER_S
         back = np.eye(4)
@@ -154,14 +153,14 @@ class DriftState:
         return other
 
     def reset_yaw(self) -> None:
-        """Make the yaw unknown; place and rate stay."""
+        """Make the yaw unknown; position and rate stay."""
         covariance = self.covariance
         blank = max(self._blank_variance, float(covariance[YAW, YAW]))
         covariance[YAW, :] = covariance[:, YAW] = 0.0
         covariance[YAW, YAW] = blank
 
     def reset_rate(self) -> None:
-        """Take another IMU, of which nothing is known."""
+        """Reset the rate to that of an unknown IMU."""
         self.mean[RATE] = 0.0
         self.inflate_rate_variance(self._settings.rate_sigma_radps)
 
@@ -170,9 +169,9 @@ class DriftState:
         return (0.5 * self._settings.max_yaw_sigma_rad) ** 2
 
     def _brought(self, fix: Fix, rate: float, rate_variance: float, late_s: float) -> tuple[Array, Array]:
-        """Return mean (4) and covariance (4 x 4) of `fix` and a rate, brought `late_s` on.
+        """Return mean (4) and covariance (4 x 4) of `fix` and a rate, advanced by `late_s`.
 
-        Not bounded after that, or yaw and rate would not fit the old yaw any more, which has the same rate.
+        Not bounded: yaw and rate must stay consistent with the old yaw, which has the same rate.
         """
         mean = np.array([fix.x_m, fix.y_m, math.remainder(fix.yaw_rad, math.tau), rate])
         covariance = np.zeros((4, 4))

@@ -1,4 +1,4 @@
-"""Whether a pose is good enough, and if not, what a technician should do about it."""
+"""Acceptance of poses, and advice to technicians about rejected ones."""
 
 import math
 
@@ -8,13 +8,13 @@ from pointit.services.localizer.estimation.angular_residuals import Rays
 from pointit.services.localizer.estimation.solution import Refusal, Solution, SolverSettings
 
 AMBIGUOUS_COST = 2.0
-"""Two refined minima whose costs differ by less (a factor e² in likelihood) cannot be told apart."""
+"""Two refined minima whose costs differ by less (a factor e² in likelihood) are ambiguous."""
 
 FARTHEST_TARGET_M = 1000.0
-"""Nobody points at things further away and tells their place by it."""
+"""Largest distance of a target: pointing at farther ones does not determine a position."""
 
 SAME_VIEW_RAD = math.radians(2.0)
-"""Rays that stay within this have one direction."""
+"""Rays within this have one direction."""
 
 NOWHERE = "these rays meet nowhere in the world; point at each target, arm straight"
 ONE_VIEW = (
@@ -23,13 +23,13 @@ ONE_VIEW = (
 )
 
 LEVEL_M = 0.1
-"""Targets within this of the height of the eyes are seen level."""
+"""Targets within this of the eye height are seen level."""
 
 
 def check_solution(
     solution: Solution, place_m: tuple[float, float], rays: Rays, trust: SolverSettings, limit_rad: float
 ) -> Solution | Refusal:
-    """Return `solution`, or why it is not good enough."""
+    """Return `solution`, or the refusal if it is not good enough."""
     residual_rad = solution.residual_rad
     away_m = float(np.median(np.abs(rays.targets - complex(*place_m))))
     if away_m > FARTHEST_TARGET_M or not math.isfinite(away_m + residual_rad):
@@ -38,7 +38,7 @@ def check_solution(
         return Refusal(_missed(residual_rad, rays, limit_rad), residual_rad)
     if abs(solution.bias_rad) > trust.bias_sigma_limit * trust.bias_sigma_rad:
         return Refusal(
-            f"the rays would lie {math.degrees(solution.bias_rad):+.0f}° too high all the time, which is no "
+            f"the rays would lie {math.degrees(solution.bias_rad):+.0f}° too high all the time, which is not "
             "pointing; point at each target, arm straight",
             residual_rad,
         )
@@ -49,7 +49,7 @@ def check_solution(
 
 
 def untimely(solution: Solution, trust: SolverSettings) -> str:
-    """Return what to do about a pose that is uncertain only because of the tracker's latency."""
+    """Return advice about a pose that is uncertain only because of the tracker's latency."""
     return (
         f"{_stated(solution, trust)}: the latency of what tracks the target is uncertain "
         f"by {trust.latency_sigma_s:.2f} s; "
@@ -58,7 +58,7 @@ def untimely(solution: Solution, trust: SolverSettings) -> str:
 
 
 def _missed(residual_rad: float, rays: Rays, limit_rad: float) -> str:
-    """Return what is wrong with rays that miss the targets."""
+    """Return a message about rays that miss the targets."""
     if _is_one_view(rays):
         return ONE_VIEW
     return (
@@ -68,7 +68,7 @@ def _missed(residual_rad: float, rays: Rays, limit_rad: float) -> str:
 
 
 def _unsure(solution: Solution, rays: Rays, trust: SolverSettings) -> str:
-    """Return why the pose is not certain enough, and what would make it so."""
+    """Return a message about an uncertain pose and how to make it more certain."""
     stated = _stated(solution, trust)
     if _is_one_view(rays):
         return f"{stated}: the targets lie in one direction; add one far to the side"
@@ -88,7 +88,7 @@ def _stated(solution: Solution, trust: SolverSettings) -> str:
 
 
 def _is_one_view(rays: Rays) -> bool:
-    """Return whether all rays have one direction."""
+    """Return True if all rays have one direction."""
     turned = np.angle(rays.inverse_azimuth * np.conj(rays.inverse_azimuth[0]))
     spread = float(np.ptp(turned)) * float(np.min(rays.elevation_phasor.real))
     return spread < SAME_VIEW_RAD and float(np.ptp(rays.elevations_rad)) < SAME_VIEW_RAD

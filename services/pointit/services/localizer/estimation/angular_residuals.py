@@ -1,7 +1,7 @@
-"""Angles between measured rays and the directions in which a pose would see the targets, and their slopes.
+"""Angles between measured rays and the directions of the targets from a pose, and their derivatives.
 
-Everything is batched over poses (k) and samples (n): the solver tries several poses at once. The horizontal
-plane is the complex one, where turning is one product.
+Everything is batched over poses (k) and samples (n), since the solver evaluates several poses at once. The
+horizontal plane is complex, so that rotations are products.
 """
 
 import math
@@ -15,18 +15,19 @@ Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 PARAMETERS = 5
-"""x (m), y (m) and yaw (rad) of {H} in {W}; elevation bias (rad) of the person's rays; z (m) of {H} over the
-floor, or how much higher the eyes are than the body measures say."""
+"""x (m), y (m) and yaw (rad) of {H} in {W}; elevation bias (rad) of the person's rays; z (m) of {H} above the
+floor, or the error of the eye height from the body measures.
+"""
 
 PLUMB_RAD = 0.5 * math.pi - 1e-6
-"""A ray steeper than this has no azimuth."""
+"""Rays steeper than this have no azimuth."""
 
 _TINY = 1e-9
 
 
 @dataclass(frozen=True)
 class Rays:
-    """What was measured, one row a sample: rays in {H}, targets in {W}, both relative to the floor."""
+    """Measurements, one row a sample: rays in {H}, targets in {W}, both relative to the floor."""
 
     origins_m: Array
     """n x 3."""
@@ -41,13 +42,13 @@ class Rays:
         level = np.hypot(directions[:, 0], directions[:, 1])
         azimuths = np.arctan2(directions[:, 1], directions[:, 0])
         elevations = np.arctan2(directions[:, 2], level)
-        # straight up or down only rounding tells an azimuth: any will do, but one that turns with the others
+        # vertical rays have no azimuth but that of rounding: use any that turns with the others
         azimuths[np.abs(elevations) > PLUMB_RAD] = azimuths[np.argmin(np.abs(elevations))]
         return cls(origins_m, azimuths, elevations, targets_m)
 
     @cached_property
     def inverse_azimuth(self) -> Complex:
-        """Return the turn of each ray into the forward direction, n."""
+        """Return the rotations (n) of the rays into the forward direction."""
         turn: Complex = np.exp(-1j * self.azimuths_rad)
         return turn
 
@@ -69,12 +70,12 @@ class Rays:
 
     @cached_property
     def heights(self) -> Array:
-        """Return how much higher than the origins the targets are, n."""
+        """Return the heights (n) of the targets above the origins."""
         return np.asarray(self.targets_m[:, 2] - self.origins_m[:, 2], dtype=np.float64)
 
 
 def angular_errors(rays: Rays, poses: Array) -> tuple[Array, Array]:
-    """Return the angles of `residuals` alone: to the left of the rays and above them, k x n each."""
+    """Return the residual angles without derivatives: to the left of the rays and above them, k x n each."""
     turn = np.exp(-1j * poses[:, 2])[:, None] * rays.inverse_azimuth
     flat = (rays.targets - (poses[:, 0] + 1j * poses[:, 1])[:, None]) * turn - rays.origins
     up = rays.heights - poses[:, 4, None]
@@ -87,11 +88,11 @@ def angular_errors(rays: Rays, poses: Array) -> tuple[Array, Array]:
 
 
 def residuals(rays: Rays, poses: Array) -> tuple[Array, Array]:
-    """Return how far the targets are from the rays, and how that changes with the pose.
+    """Return the angles between targets and rays, and their derivatives by the pose.
 
-    The residual is the stereographic map in the tangent plane of the measured ray, its elevation lowered by
-    the bias: its length is 2 tan(angle / 2), which is the angle but for 1 % at 20 degrees, regular straight
-    up and down, where azimuths are not, and larger the further behind a target is.
+    The residual is the stereographic projection onto the tangent plane of the measured ray, its elevation
+    lowered by the bias. Its length is 2 tan(angle / 2): the angle within 1 % up to 20 degrees, regular for
+    vertical rays, unlike azimuths, and growing the further behind a target is.
 
     Args:
         rays: n samples.

@@ -1,10 +1,10 @@
-"""Where the person stands, from rays in {H} that were pointed at known places in {W} (pointing.md §4).
+"""Pose of the person from rays in {H} that were pointed at known places in {W} (pointing.md §4).
 
-Maximum a posteriori on angles for x, y, yaw, the person's own elevation bias and, within what body measures
-leave open, the height of the eyes, the feet on the floor; from many starts, because reflected poses are
-minima too. The weights are those of the unrest within a hold, one measurement each 0.15 s: what errs all
-hold long goes into yaw and bias, and weighing it heavier made recorded people's places worse. How sure the
-pose is comes from `certainty`, where all of the errors count.
+Maximum a posteriori estimate from angles, of x, y, yaw, the person's elevation bias and, within the
+uncertainty of body measures, the eye height, with the feet on the floor. It starts from many poses because
+reflected poses are minima, too. The weights are those of the tremor within a hold, one measurement each
+0.15 s: an error that lasts a whole hold goes into yaw and bias, and weighing it heavier made positions of
+recorded people worse. The covariance comes from `uncertainty`, where all errors count.
 """
 
 import math
@@ -22,19 +22,19 @@ from pointit.services.localizer.estimation.uncertainty import covariance, effect
 __all__ = ["AMBIGUOUS_COST", "GAP_S", "Pointings", "Refusal", "Solution", "SolverSettings", "solve"]
 
 NEGLIGIBLE = 1e-3
-"""A place less probable than this is left out of the uncertainty."""
+"""Poses less probable than this are left out of the covariance."""
 
 NEAREST_M = 0.4
-"""Nobody points with a straight arm at what is nearer to their eyes."""
+"""Smallest distance from the eyes to a target of a straight arm."""
 
 TRIMMED = 0.1
-"""Share of the samples, the worst, that may be bad without spoiling the rest."""
+"""Share of the samples, the worst, that may be outliers."""
 
 LESS = math.sqrt(1.0 + TRIMMED * math.log(TRIMMED) / (1.0 - TRIMMED))
-"""Rms of the others beside that of all, for normal errors on both axes: their squares are exponential."""
+"""Ratio of the others' rms to that of all, for normal errors on both axes (exponential squares)."""
 
 SAME_PLACE_M = 0.05
-"""Targets closer together than this are one."""
+"""Targets closer together than this count as one."""
 
 
 def solve(
@@ -44,30 +44,30 @@ def solve(
     floor_m: float = 0.0,
     start: Solution | None = None,
 ) -> Solution | Refusal:
-    """Return the pose whose view of the targets fits the rays best, or why none can be had.
+    """Return the pose that fits the rays best, or the refusal if there is none.
 
-    Single bad samples pull less (Huber), and must not decide either: rays that miss the targets by too much
-    are tried once more without the worst tenth of them.
+    Outliers have less weight (Huber) and must not decide either: rays that miss the targets by too much are
+    solved once more without the worst tenth of them.
 
     Args:
         pointings: at least `trust.min_samples`, at two or more places.
         trust: weights and limits.
         floor_m: height in {W} of the floor on which the person stands.
-        start: a pose found before, to begin from besides.
+        start: a pose found before, used as an additional start.
     """
     trust = trust if trust is not None else SolverSettings()
     count = len(pointings)
     if count < trust.min_samples:
-        return Refusal(f"only {count} rays were gathered and {trust.min_samples} are needed; see the IMU")
+        return Refusal(f"only {count} rays were gathered and {trust.min_samples} are needed; check the IMU")
     targets = pointings.targets_m
     spread_m = np.ptp(targets, axis=0)
     if float(spread_m.max()) < SAME_PLACE_M:
         return Refusal("all pointing was at one place; point at two or more different ones")
     if float(spread_m[:2].max()) < SAME_PLACE_M:
-        return Refusal("all targets are above one another, which tells no direction; add one to the side")
+        return Refusal("all targets are above one another, so the direction is open; add one to the side")
     summary = blocks(pointings)
     means = summary.pointings
-    centre = np.array([*targets[:, :2].mean(axis=0), floor_m])  # numbers stay small wherever the origin is
+    centre = np.array([*targets[:, :2].mean(axis=0), floor_m])  # keeps numbers small wherever the origin is
     rays = Rays.of(means.origins_m, means.directions, means.targets_m - centre)
     weights = trust.weights()
     first = initial_poses(rays, weights)
@@ -102,7 +102,7 @@ def solve(
 
 
 def _out_of_reach(rays: Rays, poses: Array) -> Array:
-    """Return those of `poses` (k x 5) with no target nearer to the eyes than a straight arm allows."""
+    """Return those of `poses` (k x 5) in which no target is nearer to the eyes than `NEAREST_M`."""
     turned = np.exp(1j * poses[:, 2])[:, None] * (rays.origins * np.conj(rays.inverse_azimuth))
     level = np.abs(rays.targets - (poses[:, 0] + 1j * poses[:, 1])[:, None] - turned)
     nearest = np.hypot(level, rays.heights - poses[:, 4, None]).min(axis=1)
@@ -110,10 +110,10 @@ def _out_of_reach(rays: Rays, poses: Array) -> Array:
 
 
 def _solution(rays: Rays, summary: Blocks, poses: Array, trust: SolverSettings) -> Solution:
-    """Return the likeliest of `poses`, about the centre; the others that fit, too, are in its covariance."""
-    weights, doubt = trust.weights(), trust.noise_model(is_still=summary.is_still)
-    worth = effective_samples(summary, doubt.independent_hz)
-    costs = evaluate_costs(rays, poses, replace(weights, sigma_rad=doubt.sigma_rad), worth)
+    """Return the likeliest of `poses` about the centre; its covariance includes the alternatives."""
+    weights, noise = trust.weights(), trust.noise_model(is_still=summary.is_still)
+    sample_weights = effective_samples(summary, noise.independent_hz)
+    costs = evaluate_costs(rays, poses, replace(weights, sigma_rad=noise.sigma_rad), sample_weights)
     odds: Array = np.exp(costs.min() - costs)
     odds /= odds.sum()
     best = poses[0]
@@ -122,7 +122,7 @@ def _solution(rays: Rays, summary: Blocks, poses: Array, trust: SolverSettings) 
         off = pose - best
         off[2] = math.remainder(float(off[2]), math.tau)
         found, of_latency = covariance(
-            rays, pose, worth, weights, doubt, velocities_mps=summary.velocities_mps
+            rays, pose, sample_weights, weights, noise, velocities_mps=summary.velocities_mps
         )
         spread += share * (found + np.outer(off, off))
         late += share * of_latency
@@ -144,7 +144,7 @@ def _solution(rays: Rays, summary: Blocks, poses: Array, trust: SolverSettings) 
 
 
 def _missed_rad(rays: Rays, pose: Array) -> Array:
-    """Return the angles (n) between `rays` and the targets as `pose` (5) would see them."""
+    """Return the angles (n) between `rays` and the targets as seen from `pose` (5)."""
     left, above = angular_errors(rays, pose[None])
     return np.asarray(2.0 * np.arctan(0.5 * np.hypot(left, above)), dtype=np.float64).ravel()
 

@@ -1,7 +1,7 @@
-"""Downhill from several starts at once: Levenberg-Marquardt on Huber's loss, batched over the starts.
+"""Levenberg-Marquardt with Huber loss, batched over several starts.
 
-SciPy's `least_squares` takes one start a call: with the same residuals and Jacobian, 300 samples and eight
-starts took it 70 ms, where this batch takes less than 1 ms.
+SciPy's `least_squares` handles one start per call: with the same residuals and Jacobian, 300 samples and
+eight starts took 70 ms, this batch less than 1 ms.
 """
 
 import math
@@ -19,65 +19,65 @@ from pointit.services.localizer.estimation.angular_residuals import (
 )
 
 PARALLEL = 1e-6
-"""Pull towards the targets, of that of rays across: it counts where the rays leave a direction open."""
+"""Relative weight of the pull towards the targets. It counts where the rays leave a direction open."""
 
 STARTS = 24
-"""Yaws to look at first, evenly spread."""
+"""Number of evenly spaced yaws to evaluate first."""
 
 KEPT = 5
-"""Of them, the lowest so many that are lower than their neighbours are gone down from."""
+"""Largest number of starts: the lowest yaws among those that are lower than their neighbours."""
 
 HUBER = 1.5
-"""Standard deviations beyond which a sample's pull no longer grows."""
+"""Standard deviations beyond which the influence of a sample no longer grows."""
 
 ITERATIONS = 40
 
 SETTLED = 3
-"""Steps that suffice to tell ways to one minimum from ways to rivals."""
+"""Number of steps after which descents into one minimum can be told from those into rivals."""
 
 RIVAL_COST = 20.0
-"""A way this far above the lowest one does not lead to a rival."""
+"""Descents this far above the lowest one do not lead to a rival."""
 
 SAME_POSE = 0.3
-"""Metres and radians: poses nearer to each other are one."""
+"""Metres and radians: poses nearer to each other count as one."""
 
 CONVERGED = 3e-4
-"""Metres and radians: what moves less in a step has arrived."""
+"""Metres and radians: largest step of a converged descent."""
 
 NEARLY = 3e-3
-"""The same for rivals, of which only the cost is wanted."""
+"""The same for rivals, of which only the cost is needed."""
 
 _DAMPING = 1e-3
 _LEAST, _AGAIN, _STUCK = 1e-6, 1e-2, 1e3
-"""Damping after many good steps, at least after a bad one, and when no step is of use any more."""
+"""Damping: lower bound, least value after a bad step, and the value at which a descent is stuck."""
 _TINY = 1e-9
 _EYE = np.eye(PARAMETERS)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Weights:
-    """How much samples and prior knowledge count."""
+    """Weights of samples and priors."""
 
     sigma_rad: Array
-    """2 x 1: of one sample, sideways and upwards."""
+    """2 x 1: standard deviations of one sample, sideways and upwards."""
     prior: Array
-    """Of each parameter: one over its variance; 0 where nothing is known."""
+    """Inverse prior variance of each parameter; 0 if unknown."""
 
 
 @dataclass(frozen=True)
 class Minima:
-    """Where the descents ended."""
+    """Results of the descents."""
 
     poses: Array
     """k x 5."""
     costs: Array
-    """k: half the sum of squares, Huber's beyond `HUBER`, and of the priors."""
+    """k: half the sum of squares, with Huber's loss beyond `HUBER`, and of the priors."""
 
 
 def initial_poses(rays: Rays, weights: Weights) -> Array:
     """Return a pose (k x 5) for each promising yaw: the place nearest to all rays, which is linear.
 
-    In {H} turned to the yaw, the place τ minimises Σ |(I - v vᵀ)(p - τ - o)|². Each yaw is looked at with
+    In {H} turned to the yaw, the place τ minimises Σ |(I - v vᵀ)(p - τ - o)|². Each yaw is evaluated with
     elevations as measured, and raised and lowered by one sigma of the bias, which moves the place.
     """
     biases = np.array([-1.0, 0.0, 1.0]) / math.sqrt(max(float(weights.prior[3]), 1.0))
@@ -87,7 +87,7 @@ def initial_poses(rays: Rays, weights: Weights) -> Array:
         [level * np.cos(rays.azimuths_rad), level * np.sin(rays.azimuths_rad), np.sin(elevations)], axis=1
     )
     across = np.eye(3)[None, :, :, None] - directions[:, :, None] * directions[:, None, :]  # b x 3 x 3 x n
-    # counted from the ray that has an azimuth most of all: an IMU turned otherwise takes the very same ways
+    # relative to the ray with the best defined azimuth, so that the result does not depend on the IMU's yaw
     first = float(rays.azimuths_rad[np.argmax(rays.elevation_phasor.real)])
     yaws = np.arange(STARTS) * (math.tau / STARTS) - first
     turned = np.exp(-1j * yaws)[:, None] * rays.targets
@@ -113,10 +113,10 @@ def initial_poses(rays: Rays, weights: Weights) -> Array:
 
 
 def minimize(rays: Rays, poses: Array, weights: Weights, iterations: int = ITERATIONS) -> Minima:
-    """Return the minima below `poses` (k x 5), the lowest first, those that matter.
+    """Return the relevant minima below `poses` (k x 5), the lowest first.
 
-    Ways that after a few steps are still far above the lowest, or have come to where another one is, are
-    given up; of the others the lowest is followed to the end, its rivals nearly so.
+    Descents that after a few steps are far above the lowest, or coincide with another one, are dropped. Of
+    the others the lowest is followed until it converges, its rivals nearly so.
     """
     damping = np.full(len(poses), _DAMPING)
     costs, slopes, hessians = _linearized(rays, poses, weights)
@@ -129,7 +129,7 @@ def minimize(rays: Rays, poses: Array, weights: Weights, iterations: int = ITERA
         damped = hessians + (damping[:, None] * diagonal + _TINY)[:, :, None] * _EYE
         try:
             solved = np.asarray(np.linalg.solve(damped, -slopes[:, :, None]), dtype=np.float64)
-        except np.linalg.LinAlgError:  # one stands right in a target, where nothing has a slope
+        except np.linalg.LinAlgError:  # a pose lies exactly in a target, where the slope vanishes
             break
         steps: Array = solved[:, :, 0]
         tried: Array = poses + steps
@@ -142,7 +142,7 @@ def minimize(rays: Rays, poses: Array, weights: Weights, iterations: int = ITERA
             costs = np.where(better, new_costs, costs)
             slopes = np.where(better[:, None], new_slopes, slopes)
             hessians = np.where(better[:, None, None], new_hessians, hessians)
-        # a step that was of no use is no arrival, however small; where none is of use, damping ends it
+        # a rejected step does not count as convergence, however small; growing damping ends such descents
         sizes = np.where(better | (damping > _STUCK), np.abs(steps).max(axis=1), np.inf)
         damping = np.where(better, np.maximum(damping * 0.1, _LEAST), np.maximum(damping * 10.0, _AGAIN))
         if number >= SETTLED and sizes[np.argmin(costs)] < CONVERGED and sizes.max() < NEARLY:
@@ -152,7 +152,7 @@ def minimize(rays: Rays, poses: Array, weights: Weights, iterations: int = ITERA
 
 
 def _apart(poses: Array, costs: Array) -> list[int]:
-    """Return which poses are places of their own, up to `RIVAL_COST` above the lowest, in order of cost."""
+    """Return the indices of distinct poses up to `RIVAL_COST` above the lowest, in order of cost."""
     kept: list[int] = []
     for index in np.argsort(costs):
         if costs[index] > costs[kept[0] if kept else index] + RIVAL_COST:
@@ -164,7 +164,7 @@ def _apart(poses: Array, costs: Array) -> list[int]:
 
 
 def huber_weight(sizes: Array) -> Array:
-    """Return how much of a residual of `sizes` sigma counts (Huber): 1 up to `HUBER`, less beyond."""
+    """Return the Huber weights of normalized residuals `sizes`: 1 up to `HUBER`, then `HUBER / sizes`."""
     return np.asarray(HUBER / np.maximum(sizes, HUBER), dtype=np.float64)
 
 
@@ -184,16 +184,16 @@ def _linearized(rays: Rays, poses: Array, weights: Weights) -> tuple[Array, Arra
     return _loss(squares, weight).sum(axis=1) + _prior_cost(poses, weights), gradient, hessian
 
 
-def evaluate_costs(rays: Rays, poses: Array, weights: Weights, worth: Array | float = 1.0) -> Array:
-    """Return the costs (k) of `poses` (k x 5), samples counting by `worth` (n)."""
+def evaluate_costs(rays: Rays, poses: Array, weights: Weights, sample_weights: Array | float = 1.0) -> Array:
+    """Return the costs (k) of `poses` (k x 5) with sample weights `sample_weights` (n)."""
     left, above = angular_errors(rays, poses)
     squares = (left / weights.sigma_rad[0]) ** 2 + (above / weights.sigma_rad[1]) ** 2
-    losses = worth * _loss(squares, huber_weight(np.sqrt(squares)))
+    losses = sample_weights * _loss(squares, huber_weight(np.sqrt(squares)))
     return np.asarray(losses.sum(axis=1) + _prior_cost(poses, weights), dtype=np.float64)
 
 
 def _loss(squares: Array, weight: Array) -> Array:
-    """Return Huber's loss of each sample: half the square, and straight on beyond `HUBER`."""
+    """Return Huber's loss of each sample: half the square, and linear beyond `HUBER`."""
     return np.asarray(weight * (1.0 - 0.5 * weight) * squares, dtype=np.float64)
 
 

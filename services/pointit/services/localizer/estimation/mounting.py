@@ -1,10 +1,10 @@
-"""Whether the sensor points along the arm: if it sits across or backwards, rays do not rise with the target.
+"""Check that the sensor points along the arm: rays of one across or backwards do not rise with the target.
 
-The azimuths alone tell a pose, whatever the elevations do: a sensor that is turned on the arm by a constant
+The azimuths alone determine a pose, whatever the elevations: a sensor that is turned on the arm by a constant
 angle only shifts them. From that pose the target's elevation is known. The slope of the measured elevation
 over it is 1 for a sensor along the arm, about 0 for one across (its pitch is the roll of the arm) and -1 for
-one backwards. Recorded people have slopes of 0.5 to 2.4 in 8 s and more, their arms with a sensor across -0.6
-to 0.5, backwards -1 to -0.6. A target that stays at one elevation tells nothing.
+one backwards. Recorded people have slopes of 0.5 to 2.4 in 8 s and more, with a sensor across -0.6 to 0.5,
+backwards -1 to -0.6. A target at a constant elevation gives no slope.
 """
 
 import math
@@ -25,17 +25,17 @@ BACKWARDS_SLOPE = -0.5
 """Halfway between a sensor across the arm and one backwards."""
 
 LEAST_SPREAD_RAD = math.radians(0.8)
-"""Standard deviation of the target's elevation below which the slope tells nothing."""
+"""Smallest standard deviation of the target's elevation that gives a slope."""
 
 DOUBT_SIGMAS = 0.8
 """Sigmas by which a slope must exceed `LEAST_SLOPE` to be beyond doubt. At 1, 2.04 % of the accepted windows
 of recorded people were doubted; at 0.8 and at 0.75, no turned sensor is missed."""
 
 LARGEST_SIGMA = 0.25
-"""A slope that is less certain is no reason for doubt."""
+"""Largest standard deviation of a slope that is reported as doubtful."""
 
 FEWEST = 2.0
-"""Independent pointings that pose and slope use up."""
+"""Independent pointings that the estimates of pose and slope use up."""
 
 FREE_ELEVATION = 10.0
 """Factor on the sigma of elevations that leaves the pose to the azimuths."""
@@ -49,7 +49,7 @@ FOLLOWS = 2.0
 
 @dataclass(frozen=True)
 class Slope:
-    """How the measured elevation changes with that of the target."""
+    """Slope of the measured elevation over that of the target."""
 
     value: float
     sigma: float
@@ -57,15 +57,15 @@ class Slope:
     """Independent pointings beyond `FEWEST`."""
 
     sideways_rad: float
-    """Rms of what the pose of the azimuths leaves of them."""
+    """Rms of the azimuth residuals of the pose."""
 
     @property
     def is_wrong(self) -> bool:
-        """Return True if the sensor is not along the arm for sure; few pointings need a wider margin."""
+        """Return True if the sensor is certainly not along the arm; few pointings need a wider margin."""
         return self.value + (1.0 + 6.0 / self.freedom) * self.sigma < LEAST_SLOPE
 
     def follows(self, trust: SolverSettings) -> bool:
-        """Return True if the azimuths show by themselves that the arm follows the robot."""
+        """Return True if the azimuths alone show that the arm follows the robot."""
         return self.freedom >= FOLLOWS_FREEDOM and self.sideways_rad <= FOLLOWS * trust.ray_sigma_rad
 
     @property
@@ -77,14 +77,14 @@ class Slope:
 def mounting_fault(
     pointings: Pointings, result: Solution | Refusal, trust: SolverSettings, floor_m: float
 ) -> str:
-    """Return what is wrong with the sensor's mounting, one sentence, or "" if nothing can be told.
+    """Return a message about the sensor's mounting, or `""` if no fault is found.
 
-    A wrong mounting may also be why the rays miss, so rays that were refused are examined too if their
+    A wrong mounting may also be the reason why the rays miss, so refused rays are examined, too, if their
     azimuths follow the robot.
 
     Args:
         pointings: rays at a robot that moves.
-        result: what the solver made of them.
+        result: result of the solver.
         trust: weights and limits of the solver.
         floor_m: height in {W} of the floor.
     """
@@ -125,7 +125,7 @@ def mounting_slope(
 
     Args:
         pointings: the rays that were solved.
-        solution: what was found, where the pose of the azimuths is sought.
+        solution: start of the search for the pose of the azimuths.
         trust: weights.
         floor_m: height in {W} of the floor.
     """

@@ -1,6 +1,6 @@
-"""Rays as the solver and anchors want them: the person's offset taken out, but not filtered.
+"""Unfiltered rays for the solver and anchors, corrected by the person's offset.
 
-A filter lags behind the arm; what is averaged anyway needs none.
+A filter lags behind the arm, and averages do not need it.
 """
 
 import math
@@ -16,7 +16,7 @@ from pointit.services.localizer.estimation.angular_residuals import Array
 from pointit.services.localizer.estimation.estimator import SolverSettings
 
 LEAST_BIAS_SIGMA_RAD = math.radians(1.0)
-"""Nobody's elevation is known better, whatever a calibration says: people scatter by it (pointing.md §3)."""
+"""Lower bound of an elevation's standard deviation, whatever its calibration (pointing.md §3)."""
 
 
 def unfiltered(ray: PointingRay) -> Vec3:
@@ -38,14 +38,14 @@ def directions(rays: Sequence[PointingRay]) -> Array:
 
 
 def origins(rays: Sequence[PointingRay]) -> Array:
-    """Return where `rays` begin (n x 3, {H})."""
+    """Return the origins of `rays` (n x 3, {H})."""
     return np.array([ray.origin_m for ray in rays], dtype=np.float64).reshape(-1, 3)
 
 
 def believed(trust: SolverSettings, rays: Iterable[PointingRay]) -> SolverSettings:
-    """Return `trust` with what the calibration of the person says about their elevation.
+    """Return `trust` with the elevation uncertainty of the person's calibration.
 
-    Only where every ray is of a calibrated person; the largest sigma counts.
+    Only if all rays are of a calibrated person; the largest sigma counts.
     """
     sigmas = [ray.elevation_sigma_rad for ray in rays]
     known = [sigma for sigma in sigmas if sigma is not None]
@@ -56,7 +56,7 @@ def believed(trust: SolverSettings, rays: Iterable[PointingRay]) -> SolverSettin
 
 @dataclass(frozen=True, slots=True)
 class Mean:
-    """Many rays as one."""
+    """Mean of several rays."""
 
     origin_m: Vec3
     direction: Vec3
@@ -66,12 +66,12 @@ class Mean:
     spread_rad: float
     """Rms angle of the rays about their mean."""
     stamp_ns: int
-    """The middle of their time."""
+    """Middle of their time."""
     samples: int
 
 
 def mean(rays: Sequence[PointingRay]) -> Mean | None:
-    """Return the mean of `rays`, in order of time; none when there is none, or they cancel each other."""
+    """Return the mean of `rays`, in order of time, or None if there are none or they cancel each other."""
     if not rays:
         return None
     all_directions = directions(rays)

@@ -1,4 +1,4 @@
-"""Samples brought together: what was measured within a fraction of a second errs as one."""
+"""Samples averaged in blocks: errors within a fraction of a second are correlated."""
 
 import math
 from dataclasses import dataclass
@@ -9,25 +9,25 @@ from numpy.typing import NDArray
 from pointit.services.localizer.estimation.angular_residuals import Array
 
 GAP_S = 0.5
-"""A longer pause between two samples is no time of pointing."""
+"""Longer pauses between two samples do not count as pointing."""
 
 BLOCK_S = 0.15
-"""Half of the time for which the unrest of a hold lasts (pointing.md §7): one measurement each."""
+"""Half of the correlation time of the tremor in a hold (pointing.md §7): one measurement each."""
 
 MAX_BLOCKS = 64
-"""Longer pointing makes longer blocks: more of them tell nothing more."""
+"""Largest number of blocks: longer pointing makes longer blocks, since more add no information."""
 
 JUMP_M = 0.3
-"""A target further from where it was a sample ago is another one."""
+"""Distance between two samples of a target beyond which they belong to two targets."""
 
 STILL_M = 0.05
-"""A target that keeps within this stands still."""
+"""Largest movement of a target at rest."""
 
 SHORTEST_S = 1e-3
-"""Least time between two blocks of which a velocity is told."""
+"""Shortest time between two blocks for a velocity."""
 
 LEAP_RAD = math.radians(20.0)
-"""A ray that turns more within one sample belongs to another block."""
+"""Largest turn of a ray between samples of one block."""
 
 
 @dataclass(frozen=True)
@@ -49,12 +49,12 @@ class Pointings:
 
     @property
     def span_s(self) -> float:
-        """Return the time spent pointing, pauses taken out."""
+        """Return the time spent pointing without pauses."""
         steps = np.diff(self.stamps_s)
         return float(np.sum(steps[(steps > 0.0) & (steps <= GAP_S)]))
 
     def only(self, kept: NDArray[np.bool_]) -> "Pointings":
-        """Return those that are `kept` (n)."""
+        """Return the samples selected by `kept` (n)."""
         return Pointings(
             self.stamps_s[kept], self.origins_m[kept], self.directions[kept], self.targets_m[kept]
         )
@@ -62,24 +62,24 @@ class Pointings:
 
 @dataclass(frozen=True)
 class Blocks:
-    """Means over samples, one row a block, and what the samples told besides."""
+    """Means of samples, one row a block, and properties of the samples."""
 
     pointings: Pointings
     """m rows; directions have norm 1."""
     samples: Array
-    """m: how many samples each holds."""
+    """m: number of samples in each block."""
     hold: Array
-    """m: number of the hold, a stretch without a pause at one target, to which each belongs."""
+    """m: index of the block's hold, a stretch without a pause at one target."""
     held_s: Array
-    """Of each hold, how long it lasted."""
+    """Duration of each hold."""
     velocities_mps: Array
     """m x 3: of the targets, {W}."""
     is_still: bool
-    """Whether no target moved while it was pointed at."""
+    """True if no target moved while it was pointed at."""
 
 
 def blocks(pointings: Pointings) -> Blocks:
-    """Return `pointings` brought together; at least one sample, stamps never falling."""
+    """Return `pointings` in blocks; needs at least one sample and stamps that never fall."""
     t, targets = pointings.stamps_s, pointings.targets_m
     steps = np.diff(t, prepend=t[0])
     moves = np.abs(np.diff(targets, axis=0, prepend=targets[:1])).max(axis=1)
@@ -120,7 +120,7 @@ def _velocities(times_s: Array, places_m: Array, hold: NDArray[np.intp]) -> Arra
     Args:
         times_s: of the blocks, m x 1.
         places_m: of their targets, m x 3.
-        hold: to which each belongs, m.
+        hold: indices of their holds, m.
     """
     index = np.arange(len(hold))
     after = np.minimum(index + 1, index[-1])

@@ -1,4 +1,4 @@
-"""Pointing at one lamp to set the pose right: "point at the lamp once" (pointing.md §3, §4).
+"""Pointing at one lamp to correct the pose: "point at the lamp once" (pointing.md §3, §4).
 
 Pure: rays and the time go in; the lamp, progress and the anchor come out.
 """
@@ -18,15 +18,15 @@ from pointit.services.localizer.procedures.lamp_procedure import LampProcedure
 
 @dataclass(frozen=True, kw_only=True)
 class SteadinessLimits:
-    """What makes a hold an anchor."""
+    """Limits of a hold that is an anchor."""
 
     max_spread_rad: float = math.radians(3.0)
-    """Rms of the rays about their mean."""
+    """Largest rms of the rays about their mean."""
     min_samples: int = 10
 
 
 class Anchoring(LampProcedure):
-    """One pointing at one lamp; `start` begins it again."""
+    """One pointing at one lamp; `start` restarts it."""
 
     PURPOSE: ClassVar[Literal["pose", "anchor"]] = "anchor"
 
@@ -39,15 +39,15 @@ class Anchoring(LampProcedure):
         *,
         occupies: Iterable[str] = (),
     ) -> None:
-        """Prepare.
+        """Create the procedure.
 
         Args:
             lamp: to point at.
-            judge: returns what becomes of the anchor that lamp and mean ray make, and does with it what is
-                to be done; the text is why it must not be taken, mostly empty, the number the time, ns.
-            timing: how long the lamp is lit.
-            steadiness: what is demanded.
-            occupies: ids of the lamps that nobody else may use meanwhile, besides `lamp`.
+            judge: applies the anchor of a lamp and a mean ray, and returns the outcome. The text is the
+                reason to reject it or `""`, the number is the time, ns.
+            timing: times of the hold.
+            steadiness: limits of the hold.
+            occupies: ids of lamps that other people cannot use meanwhile, besides `lamp`.
         """
         self._steadiness = steadiness if steadiness is not None else SteadinessLimits()
         super().__init__((lamp.id, *occupies), timing, self._steadiness.min_samples, "ask again")
@@ -60,7 +60,7 @@ class Anchoring(LampProcedure):
         return (self._target,)
 
     def _forget(self) -> None:
-        """Have nothing to forget: the hold is new each time."""
+        """Do nothing: each hold is new."""
 
     def _next_lamp(self) -> Lamp:
         return self._target
@@ -68,15 +68,15 @@ class Anchoring(LampProcedure):
     def _held(self, now_ns: int) -> list[Output]:
         mean = ray_math.mean(self._hold.rays)
         if mean is None:
-            return self._end(now_ns, "the rays point to all sides; hold the arm still and try again")
+            return self._end(now_ns, "the rays point in all directions; hold the arm still and try again")
         limit_rad = self._steadiness.max_spread_rad
-        wrong = ""
+        problem = ""
         if mean.spread_rad > limit_rad:
-            wrong = (
+            problem = (
                 f"the arm wandered by {math.degrees(mean.spread_rad):.1f}° while {self._lamp.id} was lit and "
                 f"at most {math.degrees(limit_rad):.1f}° is accepted; hold it still and try again"
             )
-        judged = self._judge(self._lamp, mean, wrong, now_ns)
+        judged = self._judge(self._lamp, mean, problem, now_ns)
         anchor = judged.anchor
         if not judged.is_done:
             return [anchor, *self._end(now_ns, anchor.reason)]

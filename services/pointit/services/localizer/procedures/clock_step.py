@@ -1,23 +1,23 @@
-"""A clock that was set back: what waits for a time would wait until it comes again."""
+"""Detection of clock steps back, after which a deadline would come again only much later."""
 
 from pointit.schemas import NS_PER_S
 
 BACK_NS = NS_PER_S
-"""Steps back that are smaller are waited for."""
+"""Smaller steps back are ignored."""
 
 
 class ClockStepDetector:
-    """Sees the time pass."""
+    """Compares each time with the newest one."""
 
     def __init__(self) -> None:
         self._newest_ns = -1
 
     def begin(self, now_ns: int) -> None:
-        """Take that it is `now_ns`, whatever it was before."""
+        """Start at `now_ns`."""
         self._newest_ns = now_ns
 
     def by_ns(self, now_ns: int) -> int:
-        """Return by how much the clock was set back since it was asked last; 0: not, or by little."""
+        """Return the size of a clock step back since the last call, ns; 0 if none or a small one."""
         back_ns = self._newest_ns - now_ns
         if 0 <= back_ns <= BACK_NS:
             return 0

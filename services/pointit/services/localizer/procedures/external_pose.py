@@ -1,55 +1,53 @@
-"""Poses of a tracker outside: whoever knows better where the person stands is let do it."""
+"""Poses of an external tracker, which have priority over the localizer."""
 
 from pointit.schemas import NS_PER_S, UserPose
 from pointit.services.localizer.procedures.clock_step import BACK_NS
 
 FRESH_S = 2.0
-"""A tracker that was heard no longer ago than this gives the pose."""
+"""Age up to which the tracker's last pose is valid."""
 
 
 class ExternalPose:
-    """What an external tracker says of the person, and when it came here."""
+    """Last pose of an external tracker and the time of its arrival."""
 
     def __init__(self) -> None:
         self.pose: UserPose | None = None
-        """The last one; none when there was none, or the localizer was asked to take over."""
-        self._heard_ns = 0
+        """The last one. None before the first, or after the localizer was asked to take over."""
+        self._received_ns = 0
 
     def hear(self, pose: UserPose, now_ns: int) -> bool:
-        """Take a tracker's pose; return whether the localizer gives the pose until now."""
+        """Store a tracker's pose. Return True if it is the first one."""
         is_first = self.pose is None
-        self.pose, self._heard_ns = pose, now_ns
+        self.pose, self._received_ns = pose, now_ns
         return is_first
 
     def take_over(self) -> None:
-        """Let the localizer give the pose again."""
+        """Discard the tracker's pose so that the localizer publishes again."""
         self.pose = None
 
     def age_s(self, now_ns: int) -> float:
-        """Return how long ago the tracker was heard, s; by arrival, whatever its clock says.
+        """Return the age of the tracker's pose, s, by its arrival on this machine's clock.
 
-        After this machine's clock was set back nobody knows: from then on it counts from just too long.
+        After this clock is set back the age is unknown: from then on it counts from just above `FRESH_S`.
         """
-        if now_ns < self._heard_ns - BACK_NS:
-            self._heard_ns = now_ns - round(FRESH_S * NS_PER_S) - 1
-        return max(0, now_ns - self._heard_ns) / NS_PER_S
+        if now_ns < self._received_ns - BACK_NS:
+            self._received_ns = now_ns - round(FRESH_S * NS_PER_S) - 1
+        return max(0, now_ns - self._received_ns) / NS_PER_S
 
     def is_fresh(self, now_ns: int) -> bool:
-        """Return whether the tracker gives the pose."""
+        """Return True if the tracker currently provides the pose."""
         return self.pose is not None and self.age_s(now_ns) <= FRESH_S
 
     def busy_reason(self, user: str, now_ns: int) -> str:
-        """Return why the localizer does not do anything; empty when it may."""
+        """Return the reason why the localizer is inactive, or `""` if it may act."""
         if not self.is_fresh(now_ns):
             return ""
         return (
-            f"a tracker gives the pose of {user}, {self.age_s(now_ns):.1f} s ago for the last time; stop the "
+            f"a tracker provides the pose of {user}, last {self.age_s(now_ns):.1f} s ago; stop the "
             "tracker before asking the localizer"
         )
 
 
 def external_pose_message(user: str) -> str:
-    """Return why the localizer has stopped."""
-    return (
-        f"a tracker gives the pose of {user} now and the localizer stands back; stop the tracker to localize"
-    )
+    """Return the reason why the localizer has stopped."""
+    return f"a tracker provides the pose of {user} now, so the localizer pauses; stop the tracker to localize"

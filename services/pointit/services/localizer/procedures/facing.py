@@ -1,4 +1,4 @@
-"""Where the person points right now: "face the wall and press"."""
+"""Current direction of pointing: "face the wall and press"."""
 
 import math
 from collections import deque
@@ -12,18 +12,18 @@ from pointit.services.localizer.procedures.clock_step import BACK_NS
 from pointit.services.localizer.procedures.next_target import EYES_M
 
 RECENT_S = 0.5
-"""Over so long the rays are averaged."""
+"""Time over which rays are averaged."""
 
 FRESH_S = 0.3
-"""The newest of them must not be older."""
+"""Largest age of the newest ray."""
 
-FEWEST_RAYS = 5
+MIN_RAYS = 5
 
-MOST_RAYS = 1024
-"""However fast they come."""
+MAX_RAYS = 1024
+"""Largest number of rays, whatever their rate."""
 
-STEEPEST_RAD = math.radians(60.0)
-"""A steeper arm does not tell a direction."""
+MAX_ELEVATION_RAD = math.radians(60.0)
+"""Largest elevation at which an arm has a direction."""
 
 
 class HeadingWindow:
@@ -31,10 +31,10 @@ class HeadingWindow:
 
     def __init__(self, max_spread_rad: float = math.radians(2.0)) -> None:
         self._max_spread_rad = max_spread_rad
-        self._rays: deque[PointingRay] = deque(maxlen=MOST_RAYS)
+        self._rays: deque[PointingRay] = deque(maxlen=MAX_RAYS)
 
     def add(self, ray: PointingRay) -> None:
-        """Take `ray` unless it is a repeated one; after a clock was set back it begins anew."""
+        """Add `ray` unless it is not newer than the last one. A clock step back clears the window."""
         rays = self._rays
         if rays and ray.stamp_ns < rays[-1].stamp_ns - BACK_NS:
             rays.clear()
@@ -46,13 +46,13 @@ class HeadingWindow:
 
     @property
     def eyes_m(self) -> float:
-        """Return the height of the eyes over the floor, by the newest ray."""
+        """Return the eye height above the floor by the newest ray."""
         return self._rays[-1].origin_m[2] if self._rays else EYES_M
 
     def mean(self, now_ns: int) -> Mean | Refusal:
-        """Return the mean of the newest rays, or why they tell no direction."""
+        """Return the mean of the newest rays, or a refusal if they have no direction."""
         rays = self._rays
-        if len(rays) < FEWEST_RAYS or rays[-1].stamp_ns < now_ns - round(FRESH_S * NS_PER_S):
+        if len(rays) < MIN_RAYS or rays[-1].stamp_ns < now_ns - round(FRESH_S * NS_PER_S):
             return Refusal("no rays come; check that the IMU is on and sends, then point and ask again")
         mean = ray_math.mean(list(rays))
         if mean is None or mean.spread_rad > self._max_spread_rad:
@@ -62,9 +62,9 @@ class HeadingWindow:
                 "point at the wall, hold still and ask again"
             )
         elevation_rad = vector.elevation(mean.direction)
-        if abs(elevation_rad) > STEEPEST_RAD:
+        if abs(elevation_rad) > MAX_ELEVATION_RAD:
             return Refusal(
-                f"the arm points {math.degrees(elevation_rad):+.0f}° up, too steeply to tell a direction; "
+                f"the arm points {math.degrees(elevation_rad):+.0f}° up, too steeply for a direction; "
                 "point level at the wall and ask again"
             )
         return mean

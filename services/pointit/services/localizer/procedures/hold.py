@@ -1,4 +1,4 @@
-"""One hold: a lamp lights, the person notices, turns to it, settles, and then their rays count.
+"""One hold: a lamp lights, the person notices, turns to it and settles, and then their rays count.
 
 The first second or so is reaction, and an open-loop reach settles about two seconds after the light
 (pointing.md §4): the hold begins when the reaction is over and the ray is steady.
@@ -14,57 +14,57 @@ from pointit.schemas import NS_PER_S, PointingRay
 from pointit.services.localizer.estimation import rays as ray_math
 
 STEADY_S = 0.4
-"""Over so long a ray is looked at to tell whether it is steady."""
+"""Time over which a ray must be steady."""
 
-FEWEST_RAYS = 4
-"""In that time, to tell."""
+MIN_RAYS = 4
+"""Smallest number of rays in that time."""
 
-MOST_RAYS = 8192
-"""Of one hold, whatever the rate."""
+MAX_RAYS = 8192
+"""Largest number of rays in one hold, whatever their rate."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Timing:
-    """How long each lamp takes."""
+    """Times of one hold."""
 
     reaction_s: float = 1.5
-    """After a lamp lights, until the person points at it; rays of that time do not count."""
+    """From the lamp's lighting until the person points at it; rays of that time do not count."""
     hold_s: float = 2.0
-    """Then rays count."""
+    """Time after that in which rays count."""
     patience_s: float = 5.0
-    """How much longer a lamp stays lit when too few rays came, or none is steady."""
+    """Additional time in which a lamp stays lit if too few rays came, or none is steady."""
     steady_radps: float = math.inf
-    """A ray that turns faster is not settled: the hold begins when it turns no faster. Infinite: at once."""
+    """Largest turn rate of a settled ray: the hold begins when it turns no faster. Infinite: immediately."""
 
 
 class Hold:
-    """The rays of one hold; those captured before it count only for when it begins."""
+    """Rays of one hold; those captured before it only determine its beginning."""
 
     def __init__(self, lit_ns: int, timing: Timing) -> None:
-        """Begin when the lamp lights."""
+        """Create the hold of a lamp that lights at `lit_ns`."""
         self._timing = timing
         self._from_ns = lit_ns + round(timing.reaction_s * NS_PER_S)
         self._latest_ns = self._from_ns + round(timing.patience_s * NS_PER_S)
-        """Who is not steady until then will not be."""
+        """Time at which the hold begins even if the ray is not steady."""
         self._newest_ns = -1
         self._recent: deque[PointingRay] = deque()
-        """Of the last `STEADY_S`, while the ray is not steady."""
+        """Rays of the last `STEADY_S`, while the ray is not steady."""
         self._waits = math.isfinite(timing.steady_radps)
         self.rays: list[PointingRay] = []
-        """Those that count."""
+        """Rays that count."""
 
     @property
     def is_settled(self) -> bool:
-        """Return whether the ray was steady, or need not be."""
+        """Return True if the ray was steady or need not be."""
         return not self._waits
 
     def add(self, ray: PointingRay) -> None:
-        """Take `ray`, unless it is no newer than the last."""
+        """Add `ray` unless it is not newer than the last."""
         if ray.stamp_ns <= self._newest_ns:
             return
         self._newest_ns = ray.stamp_ns
         if not self._waits:
-            if ray.stamp_ns > self._from_ns and len(self.rays) < MOST_RAYS:
+            if ray.stamp_ns > self._from_ns and len(self.rays) < MAX_RAYS:
                 self.rays.append(ray)
             return
         self._recent.append(ray)
@@ -74,19 +74,19 @@ class Hold:
             self._settle()
 
     def set_back(self, by_ns: int) -> None:
-        """Take that the clock was set back after this hold was over: its rays stay in order with new ones."""
+        """Shift the rays of a finished hold after a clock step back, so that new ones stay in order."""
         self.rays = [ray.model_copy(update={"stamp_ns": max(0, ray.stamp_ns - by_ns)}) for ray in self.rays]
 
     def is_over(self, now_ns: int, enough: int) -> bool:
-        """Return whether it has lasted long enough and `enough` rays came."""
+        """Return True if the hold has lasted long enough and `enough` rays came."""
         return self.is_settled and now_ns >= self._end_ns and len(self.rays) >= enough
 
     def has_timed_out(self, now_ns: int) -> bool:
-        """Return whether waiting for more makes no sense."""
+        """Return True if waiting for more rays is useless."""
         return now_ns >= self._end_ns + round(self._timing.patience_s * NS_PER_S)
 
     def progress(self, now_ns: int) -> float:
-        """Return how far it is, 0 to 1."""
+        """Return the progress, 0 to 1."""
         if not self.is_settled:
             return 0.0
         held_s = max(0, now_ns - self._from_ns) / NS_PER_S
@@ -103,13 +103,13 @@ class Hold:
         self._recent.clear()
 
     def _is_steady(self) -> bool:
-        """Return whether the mean direction of the recent rays' halves differs by little.
+        """Return True if the mean directions of the two halves of the recent rays are close.
 
         Halves, because single rays jitter faster than the arm moves.
         """
         recent = self._recent
         span_s = (recent[-1].stamp_ns - recent[0].stamp_ns) / NS_PER_S
-        if len(recent) < FEWEST_RAYS or span_s < 0.75 * STEADY_S:
+        if len(recent) < MIN_RAYS or span_s < 0.75 * STEADY_S:
             return False
         directions = ray_math.directions(recent)
         half = len(recent) // 2

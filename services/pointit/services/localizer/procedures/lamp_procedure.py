@@ -1,4 +1,4 @@
-"""What pointing at lamps has in common, be it at one or at several: one is lit, its hold is waited for.
+"""Base of pointing at one or several lamps: one is lit and its hold is awaited.
 
 Pure: rays and the time go in; lamps to switch and progress come out.
 """
@@ -14,41 +14,41 @@ from pointit.services.localizer.procedures.hold import Hold, Timing
 
 
 class LampProcedure(ABC):
-    """Keeps one lamp lit while it runs; `start` begins it again."""
+    """Keeps one lamp lit while it runs; `start` restarts it."""
 
     PURPOSE: ClassVar[Literal["pose", "anchor"]] = "pose"
 
-    def __init__(self, lamp_ids: Iterable[str], timing: Timing | None, fewest: int, then: str) -> None:
-        """Prepare.
+    def __init__(self, lamp_ids: Iterable[str], timing: Timing | None, min_rays: int, then: str) -> None:
+        """Create the procedure.
 
         Args:
-            lamp_ids: of all that nobody else may use meanwhile.
-            timing: how long each lamp takes.
-            fewest: rays that a hold needs.
-            then: what to do when they did not come, as in `start again`.
+            lamp_ids: all lamps that other people cannot use meanwhile.
+            timing: times of each hold.
+            min_rays: number of rays that a hold needs.
+            then: advice if they did not come, as in `start again`.
         """
         self.lamp_ids = frozenset(lamp_ids)
         self.since_ns = 0
-        """When it was asked for."""
+        """Time of the request."""
         self.begun_ns = 0
-        """When it was started."""
+        """Time of the start."""
         self._timing = timing if timing is not None else Timing()
-        self._fewest = fewest
+        self._min_rays = min_rays
         self._then = then
         self._running = False
         self._holds: list[tuple[Hold, Lamp]] = []
-        """Since it was started; the last one goes on."""
-        self._told: tuple[str, int] | None = None
+        """Holds since the start; the last one is running."""
+        self._published: tuple[str, int] | None = None
         self._clock = ClockStepDetector()
 
     @property
     def running(self) -> bool:
-        """Return whether a lamp is lit and rays are wanted."""
+        """Return True if a lamp is lit and rays are needed."""
         return self._running
 
     @property
     def lit(self) -> str:
-        """Return the id of the lamp that is lit; empty when none is."""
+        """Return the id of the lamp that is lit, or `""` if none is."""
         return self._lamp.id if self._running else ""
 
     @property
@@ -57,7 +57,7 @@ class LampProcedure(ABC):
         """Return the lamps that are, were or may be pointed at."""
 
     def start(self, now_ns: int, since_ns: int | None = None) -> list[Output]:
-        """Light the first lamp; `since_ns`: when it was asked for, if that is not now."""
+        """Light the first lamp; `since_ns` is the time of the request if that is not now."""
         out = [self._switch(on=False)] if self._running else []
         self._running = True
         self.since_ns = now_ns if since_ns is None else since_ns
@@ -68,24 +68,24 @@ class LampProcedure(ABC):
         return [*out, *self._light(now_ns)]
 
     def on_ray(self, ray: PointingRay) -> None:
-        """Keep `ray` if it was captured while the person pointed at the lamp that is lit."""
+        """Add `ray` to the hold of the lamp that is lit."""
         if self._running:
             self._hold.add(ray)
 
     def step(self, now_ns: int) -> list[Output]:
-        """Go on when the hold is over; end when it is hopeless; begin it anew when the clock was set back."""
+        """Continue when the hold is over, end when it times out, and restart it after a clock step back."""
         if not self._running:
             return []
         if back_ns := self._clock.by_ns(now_ns):
             self._set_back(back_ns, now_ns)
         hold = self._hold
-        if hold.is_over(now_ns, self._fewest):
+        if hold.is_over(now_ns, self._min_rays):
             return self._held(now_ns)
         if not hold.has_timed_out(now_ns):
             return self._progress(now_ns)
         return self._end(
             now_ns,
-            f"only {len(hold.rays)} rays came while {self._lamp.id} was lit and {self._fewest} are needed; "
+            f"only {len(hold.rays)} rays came while {self._lamp.id} was lit and {self._min_rays} are needed; "
             f"check that the IMU is on and sends, then {self._then}",
         )
 
@@ -97,19 +97,19 @@ class LampProcedure(ABC):
         return [self._switch(on=False), self._localization(now_ns, "cancelled", reason=reason)]
 
     def refuse(self, now_ns: int, reason: str) -> list[Output]:
-        """Stop, lamps off, because it cannot go on: the rays are worth nothing."""
+        """Stop, lamps off, because the rays are useless."""
         return self._end(now_ns, reason) if self._running else []
 
     def stop_silently(self) -> list[Output]:
-        """Stop, lamps off, without a word: somebody else has them, and it will begin anew."""
+        """Stop, lamps off, without publishing: another person uses them, and the procedure will restart."""
         if not self._running:
             return []
         self._running = False
         return [self._switch(on=False)]
 
     def republish(self, now_ns: int) -> list[Output]:
-        """Return what is to be seen and where it stands once more: the lamp may have been switched off."""
-        self._told = None
+        """Return the lamp and the progress again, since another localizer may have switched the lamp off."""
+        self._published = None
         return [self._switch(on=True), *self._progress(now_ns)] if self._running else []
 
     @property
@@ -123,7 +123,7 @@ class LampProcedure(ABC):
 
     @abstractmethod
     def _forget(self) -> None:
-        """Forget what was made of earlier holds."""
+        """Discard the results of earlier holds."""
 
     @abstractmethod
     def _next_lamp(self) -> Lamp:
@@ -131,20 +131,20 @@ class LampProcedure(ABC):
 
     @abstractmethod
     def _held(self, now_ns: int) -> list[Output]:
-        """Go on, the hold being over."""
+        """Continue after a hold."""
 
     @abstractmethod
     def _share(self, now_ns: int) -> float:
-        """Return how far all of it is, 0 to 1."""
+        """Return the overall progress, 0 to 1."""
 
     @property
     def _count(self) -> int:
-        """Return how many holds it will take, as far as is known."""
+        """Return the expected number of holds."""
         return 1
 
     @property
     def _sigmas(self) -> tuple[float | None, float | None]:
-        """Return one sigma of the position (m) and the yaw (rad) so far; none while nothing is known."""
+        """Return the standard deviations of position (m) and yaw (rad) so far, None while unknown."""
         return None, None
 
     def _localization(
@@ -156,7 +156,7 @@ class LampProcedure(ABC):
         residual_rad: float | None = None,
         reason: str = "",
     ) -> Localization:
-        """Return where it stands."""
+        """Return a progress message."""
         position_sigma_m, yaw_sigma_rad = self._sigmas
         return Localization(
             stamp_ns=now_ns,
@@ -180,13 +180,13 @@ class LampProcedure(ABC):
         return self.republish(now_ns)
 
     def _set_back(self, by_ns: int, now_ns: int) -> None:
-        """Begin the hold anew that goes on; those before stay."""
+        """Restart the running hold; those before stay."""
         self.since_ns = max(0, self.since_ns - by_ns)
         self.begun_ns = max(0, self.begun_ns - by_ns)
         for hold, _ in self._holds[:-1]:
             hold.set_back(by_ns)
         self._holds[-1] = (Hold(now_ns, self._timing), self._lamp)
-        self._told = None
+        self._published = None
 
     def _end(self, now_ns: int, reason: str, residual_rad: float | None = None) -> list[Output]:
         self._running = False
@@ -196,11 +196,11 @@ class LampProcedure(ABC):
         ]
 
     def _progress(self, now_ns: int) -> list[Output]:
-        """Return where it stands, if that is not what was told last."""
+        """Return the progress if it differs from the last one published."""
         state = (self._lamp.id, len(self._hold.rays))
-        if state == self._told:
+        if state == self._published:
             return []
-        self._told = state
+        self._published = state
         return [self._localization(now_ns, "sampling", progress=self._share(now_ns))]
 
     def _switch(self, *, on: bool) -> Output:

@@ -1,10 +1,10 @@
-"""Whose turn it is: lamps serve one person at a time, who asked first is served first.
+"""Queue for lamps, which serve one person at a time, in order of request.
 
-Nobody leads the queue: every localizer decides for itself from what it hears of the others. Who is localized
-says which lamp is lit; who waits says whom they wait for (`Localization.ahead`). Two people share lamps when
-one points at a lamp of the other's, when one waits for the other, or when they wait for the same.
+The queue is decentralized: each localizer decides from the messages of the others. A localization states
+which lamp is lit, or for which users it waits (`Localization.ahead`). Two people share lamps when one points
+at a lamp of the other's, when one waits for the other, or when both wait for the same user.
 
-Pure: what everybody's localizers say and the time go in; who comes before comes out.
+Pure: messages of all localizers and the time go in; the users ahead come out.
 """
 
 from collections.abc import Collection
@@ -13,45 +13,45 @@ from dataclasses import dataclass
 from pointit.schemas import NS_PER_S, Localization
 
 FRESH_S = 3.0
-"""Who has said nothing for so long is not localized any more; who is, or waits, says so once a second."""
+"""Age after which a localization counts as ended; active ones are published once a second."""
 
 SETTLE_S = 0.2
-"""So soon after beginning, who hears of somebody that asked earlier, and waits, lets them go first."""
+"""Time after beginning in which a person yields to those who asked earlier and wait."""
 
 MAX_HEARD = 64
-"""Of more people, the ones longest unheard are forgotten."""
+"""Largest number of remembered people; those not heard for longest are dropped."""
 
 MAX_LAMPS = 64
-"""Of more lamps of one localization, as many are remembered."""
+"""Largest number of remembered lamps of one localization."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Heard:
-    """What somebody's localizer said last."""
+    """Last message of another person's localizer."""
 
     at_ns: int
     since_ns: int
     ahead: tuple[str, ...]
-    """For whom they wait; empty: they point, or nothing goes on."""
+    """Users for whom they wait; () if they point or are idle."""
     target_id: str
     lamps: frozenset[str]
-    """At which they have pointed in this localization."""
+    """Lamps at which they have pointed in this localization."""
     is_on: bool
-    """Whether they wait or point; else it is over."""
+    """True while they wait or point."""
 
 
 class LampQueue:
-    """What is heard of other people's localizations."""
+    """Localizations of other people."""
 
     def __init__(self, user: str = "") -> None:
         self._user = user
         self._heard: dict[str, _Heard] = {}
-        """The longest unheard first."""
+        """Those not heard for longest come first."""
 
     def on_localization(self, user: str, news: Localization, now_ns: int) -> bool:
-        """Take what `user`'s localizer says; return whether a localization of theirs has ended with it."""
+        """Store the message of `user`'s localizer. Return True if it ends a localization of theirs."""
         before = self._heard.pop(user, None)
-        if news.phase == "idle":  # a new localizer: what the old one did is over
+        if news.phase == "idle":  # a new localizer: the old one's localization has ended
             return before is not None and before.is_on
         is_on = news.phase == "sampling"
         is_same = before is not None and (before.since_ns == news.since_ns or not is_on)
@@ -71,12 +71,12 @@ class LampQueue:
         return before is not None and before.is_on and not is_on
 
     def leave(self, user: str) -> bool:
-        """Take note that `user` is not present any more; return whether they were localized, or waited."""
+        """Remove `user`. Return True if they were localized or waited."""
         before = self._heard.pop(user, None)
         return before is not None and before.is_on
 
     def pointing(self, lamps: Collection[str], now_ns: int) -> list[tuple[int, str]]:
-        """Return since when (ns) and who points at lamps that they share with who needs `lamps`."""
+        """Return start (ns) and id of the users who point at lamps shared with a user who needs `lamps`."""
         return sorted(
             (heard.since_ns, user)
             for user, heard in self._heard.items()
@@ -84,17 +84,17 @@ class LampQueue:
         )
 
     def ahead(self, lamps: Collection[str], since_ns: int, now_ns: int) -> tuple[str, ...]:
-        """Return who comes before our person, who wants `lamps` since `since_ns`: those who point first."""
+        """Return the users before ours, who wants `lamps` since `since_ns`: those who point come first."""
         pointing = [user for _, user in self.pointing(lamps, now_ns)]
         return (*pointing, *(user for _, user in self._waiting(lamps, since_ns, now_ns)))
 
     def must_yield_to(
         self, lamps: Collection[str], since_ns: int, begun_ns: int, now_ns: int
     ) -> tuple[str, ...]:
-        """Return to whom our person must leave `lamps`, at which they point since `begun_ns`; mostly nobody.
+        """Return the users to whom ours, pointing since `begun_ns`, must yield `lamps`; mostly ().
 
-        They are wanted since `since_ns`. Of two who point, who asked later yields; and who has only just
-        begun, to everybody who asked earlier.
+        Ours requested them at `since_ns`. Of two who point, the later request yields. A person who has only
+        just begun yields to everyone with an earlier request.
         """
         earlier = [user for key, user in self.pointing(lamps, now_ns) if (key, user) < (since_ns, self._user)]
         if earlier or not 0 <= now_ns - begun_ns < SETTLE_S * NS_PER_S:
@@ -116,9 +116,9 @@ class LampQueue:
         return heard.is_on and 0 <= now_ns - heard.at_ns < FRESH_S * NS_PER_S
 
     def _shares(self, heard: _Heard, lamps: Collection[str]) -> bool:
-        """Return whether they, as far as is known, use some of `lamps`, or are in one queue with us.
+        """Return True if the other person is known to use some of `lamps`, or is in one queue with ours.
 
-        What is not known is taken to be so: it is until they point.
+        What is unknown counts as not shared until they point.
         """
         if any(lamp in lamps for lamp in heard.lamps):
             return True
@@ -129,7 +129,7 @@ class LampQueue:
 
 
 def queue_timeout_message(user: str, ahead: Collection[str], limit_s: float) -> str:
-    """Return why `user` waits no longer."""
+    """Return the reason why `user` stops waiting."""
     who = ", ".join(ahead) or "nobody"
     return (
         f"{user} has waited {limit_s:g} s for the lamps; {who} came first: see that they come to an end, "
@@ -138,5 +138,5 @@ def queue_timeout_message(user: str, ahead: Collection[str], limit_s: float) -> 
 
 
 def in_turn(user: str, ahead: Collection[str]) -> str:
-    """Return that `user` waits for others."""
+    """Return a message that `user` waits for others."""
     return f"{user} waits in turn: {', '.join(ahead)} first"

@@ -1,4 +1,4 @@
-"""Which lamps of the room a person can be asked to point at."""
+"""Selection of the lamps that a person can be asked to point at."""
 
 import math
 from collections.abc import Sequence
@@ -9,12 +9,12 @@ from pointit.schemas import Environment, Lamp
 from pointit.services.localizer.estimation.estimator import SAME_PLACE_M, Refusal
 from pointit.services.localizer.procedures.target_plan import TargetPlan
 
-MOST_NAMED = 4
-"""Of more lamps a sentence names the first ones."""
+MAX_NAMED = 4
+"""Largest number of lamps that a message names."""
 
 
 def select_lamps(room: Environment | None, wanted: tuple[str, ...]) -> list[Lamp] | Refusal:
-    """Return the lamps called `wanted`, in that order, or all when none are named; or why that cannot be."""
+    """Return the lamps called `wanted`, in that order, or all if none are named; or a refusal."""
     if room is None:
         return Refusal("there is no map yet; start pui, which publishes it")
     known = {lamp.id: lamp for lamp in room.lamps}
@@ -30,12 +30,12 @@ def select_lamps(room: Environment | None, wanted: tuple[str, ...]) -> list[Lamp
 def lamps_for_pose(
     room: Environment | None, wanted: tuple[str, ...], choice: TargetPlan | None = None
 ) -> list[Lamp] | Refusal:
-    """Return lamps of which those that are lit can tell a pose, or why there are none.
+    """Return lamps that determine a pose, or a refusal.
 
     Args:
-        room: the map; none: there is none yet.
-        wanted: ids; empty: all of the map.
-        choice: which of them are lit; none: all.
+        room: the map. None if there is none yet.
+        wanted: ids, or () for all of the map.
+        choice: which of them are lit. None for all.
     """
     lamps = select_lamps(room, wanted)
     if isinstance(lamps, Refusal):
@@ -50,14 +50,14 @@ def lamps_for_pose(
         return Refusal(f"{needs}, and {_named(used)} are at one; add one elsewhere, or correct the map")
     if float(spread_m[:2].max()) < SAME_PLACE_M:
         return Refusal(
-            f"{_named(used)} are above one another, which tells no direction; add a lamp to the side, or "
+            f"{_named(used)} are above one another, so the direction is open; add a lamp to the side, or "
             "correct the map"
         )
     return lamps
 
 
 def map_change_reason(lamps: Sequence[Lamp], room: Environment) -> str:
-    """Return what became of `lamps` on a new map, as in `lamp a left`; empty when all are where they were."""
+    """Return the change of `lamps` on a new map, as in `lamp a left`, or `""` if they are where they were."""
     places = {lamp.id: lamp.position_m for lamp in room.lamps}
     for lamp in lamps:
         place_m = places.get(lamp.id)
@@ -70,14 +70,14 @@ def map_change_reason(lamps: Sequence[Lamp], room: Environment) -> str:
 
 
 def _named(lamps: Sequence[Lamp]) -> str:
-    names = [lamp.id for lamp in lamps[:MOST_NAMED]]
-    if len(lamps) > MOST_NAMED:
-        return f"{', '.join(names)} and {len(lamps) - MOST_NAMED} more"
+    names = [lamp.id for lamp in lamps[:MAX_NAMED]]
+    if len(lamps) > MAX_NAMED:
+        return f"{', '.join(names)} and {len(lamps) - MAX_NAMED} more"
     return f"{', '.join(names[:-1])} and {names[-1]}"
 
 
 def lamp_for_anchor(room: Environment | None, wanted: tuple[str, ...], asked: str) -> list[Lamp] | Refusal:
-    """Return the lamp that was `asked` for, or those to choose from; or why there is none."""
+    """Return the lamp `asked`, or those to choose from if `""`; or a refusal."""
     lamps = select_lamps(room, (asked,) if asked else wanted)
     if isinstance(lamps, Refusal):
         return (

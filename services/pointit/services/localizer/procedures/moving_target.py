@@ -19,17 +19,18 @@ from pointit.services.localizer.procedures.target_disambiguation import (
 from pointit.services.localizer.procedures.time_sync import RayWindow, Track
 
 ROBOT = "robot"
-"""Kind of the objects that are followed when no id is given."""
+"""Kind of the objects that are followed if no id is given."""
 
-LEAST_LATENCY_SIGMA_S = 0.02
-"""Least uncertainty of the time between rays and reports: the IMU's radio jitters by 5 to 20 ms."""
+MIN_LATENCY_SIGMA_S = 0.02
+"""Lower bound of the latency's uncertainty: the IMU's radio jitters by 5 to 20 ms."""
 
 AGREEING = 2.37
-"""Chi-square of x, y and yaw that half of all differences exceed. Those of a person who follows share rays
-and constant errors: on recordings they stay below 1.4. An arm that came late makes 10 to 20."""
+"""Median of chi-square of x, y and yaw. Differences of a person who follows share rays and constant errors:
+on recordings they stay below 1.4. An arm that came late makes 10 to 20.
+"""
 
 WHOLE = 0.9
-"""Share of the window that a person must have followed before it may end."""
+"""Share of the window that a person must have followed before the procedure may end."""
 
 CHANGED = "the newest rays contradict the ones before; keep following the robot with the arm straight"
 CONTRADICTED = (
@@ -38,57 +39,58 @@ CONTRADICTED = (
 )
 
 MAX_TRACKS = 256
-"""Of more robots, those that were reported last."""
+"""Largest number of robots; those reported last are kept."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Following:
-    """What is followed, and for how long."""
+    """Target and times of following."""
 
     target_id: str = ""
     """Empty: of all robots the one that the rays fit best."""
     reaction_s: float = 1.5
-    """Rays count this long after a robot is known and the wrist heard: until then the arm is on its way."""
+    """Time after a robot is known and a ray came, before rays count: the arm is still on its way."""
     window_s: float = 10.0
-    """Older rays are forgotten: the IMU's heading drifts. It ends when nine tenths of a window are accepted:
-    in a shorter one an arm that came late makes poses that are wrong and look certain."""
+    """Older rays are discarded because the IMU's heading drifts. The procedure ends when nine tenths of a
+    window are accepted: in a shorter one an arm that came late makes poses that are wrong and look certain.
+    """
     min_span_s: float = 2.0
-    """Time of pointing before the first try."""
+    """Time of pointing before the first solution."""
     solve_hz: float = 2.0
     give_up_s: float = 30.0
-    """Without a whole window until then, it is refused, or ends with what was accepted just then."""
+    """Time after which it is refused, or ends with the current solution, without a whole window."""
     continuous: bool = False
-    """Go on for ever instead of ending; poses of shorter windows are published while it samples."""
+    """Continue for ever instead of ending; poses of shorter windows are published while it samples."""
     yaw_rate_sigma_radps: float = math.radians(0.5)
-    """One sigma of the IMU's yaw drift, by which the pose may change while it is followed on."""
+    """Standard deviation of the IMU's yaw drift, by which the pose may change while following continues."""
 
 
 class MovingTarget:
-    """One run of the procedure; `start` begins it again."""
+    """One run of the procedure; `start` restarts it."""
 
     _started_ns: int
     _due_ns: int
     _rays: RayWindow
     _tracks: dict[tuple[str, str], Track]
-    """By tracker and id, those that were reported last at the end."""
+    """By tracker and id; those reported last are at the end."""
     _meant: TargetDisambiguator
     _fits: list[Fit]
-    """Of the last try, the best first."""
+    """Result of the last solution, the best first."""
     _solution: Solution | None
-    """The last one that was accepted."""
+    """The last accepted one."""
     _surest: tuple[Solution, int] | None
     """The most certain pose of a whole window and the stamp of its newest ray, None before the first.
 
-    New ones are compared with it: with the last one, whose rays they share, they would agree while both go
-    astray."""
-    _heard_ns: int
+    New poses are compared with it. The last one shares rays with them, so both could drift off together.
+    """
+    _newest_ray_ns: int
     """Stamp of the newest ray, whether it counts or not; -1: none came."""
     _tried_ns: int
-    """The same at the last try."""
+    """`_newest_ray_ns` at the last solution."""
     _counts_from_ns: int | None
-    """Rays count from here. None: no robot is known yet."""
+    """Time from which rays count. None while no robot is known."""
     _span_s: float
-    """Time of pointing in the window at the last try."""
+    """Time of pointing in the window at the last solution."""
 
     def __init__(
         self,
@@ -106,32 +108,32 @@ class MovingTarget:
 
     @property
     def running(self) -> bool:
-        """Return whether rays and objects are wanted."""
+        """Return True if rays and objects are needed."""
         return self._running
 
     @property
     def times_ns(self) -> tuple[int, int]:
-        """Return when the first ray of the last try was captured, and when the middle one was; -1: none."""
+        """Return the stamps of the first and the middle ray of the last solution, -1 if there are none."""
         return self._rays.times_ns
 
     def start(self, now_ns: int) -> list[Output]:
-        """Forget everything and begin to gather."""
+        """Discard everything and start sampling."""
         self._clear(now_ns)
         self._running = True
         return [self._localization(now_ns, "sampling")]
 
     def on_ray(self, ray: PointingRay) -> None:
-        """Keep `ray` if it counts."""
+        """Add `ray` if it counts."""
         if not self._running or ray.stamp_ns < self._started_ns:
             return
-        self._heard_ns = ray.stamp_ns
+        self._newest_ray_ns = ray.stamp_ns
         if self._counts_from_ns is None and self._tracks:
             self._counts_from_ns = ray.stamp_ns + round(self._following.reaction_s * NS_PER_S)
         if self._counts_from_ns is not None and ray.stamp_ns >= self._counts_from_ns:
             self._rays.add(ray)
 
     def on_objects(self, tracker: str, message: TrackedObjects) -> None:
-        """Keep where the robots of `tracker` are."""
+        """Store the positions of the robots of `tracker`."""
         if not self._running:
             return
         wanted = self._following.target_id
@@ -146,7 +148,7 @@ class MovingTarget:
             del self._tracks[next(iter(self._tracks))]
 
     def step(self, now_ns: int) -> list[Output]:
-        """Try again, when it is time; begin anew when the clock was set back."""
+        """Solve when it is time. Restart after a clock step back."""
         if not self._running:
             return []
         if self._clock.by_ns(now_ns):
@@ -187,39 +189,39 @@ class MovingTarget:
         self._meant = TargetDisambiguator(self._following.target_id)
         self._fits = []
         self._solution = None
-        self._heard_ns = self._tried_ns = -1
+        self._newest_ray_ns = self._tried_ns = -1
         self._counts_from_ns = None
         self._span_s = 0.0
         self._surest = None
 
     def _try(self) -> Solution | Refusal:
-        """Return the pose that fits best of those for each robot."""
+        """Return the solution for the robot that fits best."""
         if not self._tracks:
             which = self._following.target_id or "a robot"
-            return Refusal(f"nobody says where {which} is; start what tracks it")
-        before_ns, self._tried_ns = self._tried_ns, self._heard_ns
+            return Refusal(f"no tracker reports {which}; start its tracker")
+        before_ns, self._tried_ns = self._tried_ns, self._newest_ray_ns
         if self._tried_ns == before_ns:
             return Refusal("no rays come; check that the IMU is on and sends")
-        self._forget_left(self._heard_ns)
+        self._forget_left(self._newest_ray_ns)
         self._span_s = 0.0
         trust = self._rays.believed(self._trust)
         solved = [(key[1], track, self._solve(key, track, trust)) for key, track in self._tracks.items()]
         if not solved:
-            return Refusal("the robot is not tracked any more; see what tracks it")
+            return Refusal("the robot is not tracked any more; check its tracker")
         independent = 1.0 + trust.independent_hz * self._span_s
         results = [(object_id, each) for object_id, _, each in solved]
         self._fits = rank_by_posterior(results, independent, trust.ray_sigma_rad)
         result = self._meant.choose(self._fits)
-        if self._surest is not None:  # who points elsewhere now has no other mounting than before
+        if self._surest is not None:  # a person who points elsewhere now has the same mounting as before
             return result
         meant = next((track for _, track, each in solved if each is result), None)
-        if meant is None:  # refused because two robots move alike, not because of one robot's rays
+        if meant is None:  # refused because two robots move in the same way, not because of one robot's rays
             return result
         wrong = mounting_fault(self._rays.pointings(meant), result, trust, self._floor.height_m)
         return Refusal(wrong, result.residual_rad) if wrong else result
 
     def _forget_left(self, now_ns: int, tracker: str | None = None) -> None:
-        """Forget what was not reported for a window, of `tracker` or of all; their clocks may differ."""
+        """Drop targets not reported for a window, of `tracker` or of all; their clocks may differ."""
         oldest_ns = now_ns - self._following.window_s * NS_PER_S
         for key, track in list(self._tracks.items()):
             is_left = not track.is_reported if tracker is None else tracker == key[0]
@@ -228,7 +230,7 @@ class MovingTarget:
 
     def _solve(self, key: tuple[str, str], track: Track, trust: SolverSettings) -> Solution | Refusal:
         tracker, robot = key
-        fault = track.fault(robot, tracker, self._heard_ns)
+        fault = track.fault(robot, tracker, self._newest_ray_ns)
         track.is_reported = False
         if fault:
             return Refusal(fault)
@@ -237,7 +239,7 @@ class MovingTarget:
         if pointings.span_s < self._following.min_span_s:
             return Refusal("keep following the robot with the arm straight")
         if track.latency_sigma_s is not None:
-            trust = replace(trust, latency_sigma_s=max(track.latency_sigma_s, LEAST_LATENCY_SIGMA_S))
+            trust = replace(trust, latency_sigma_s=max(track.latency_sigma_s, MIN_LATENCY_SIGMA_S))
         floor_m = self._floor.height_m
         result = solve(pointings, trust, floor_m=floor_m, start=self._solution)
         if isinstance(result, Refusal) or not self._is_whole(pointings.span_s):

@@ -1,6 +1,6 @@
-"""A person who is to point at lamps and waits until it is their turn.
+"""A request to point at lamps that waits for its turn.
 
-Pure: who is before them and the time go in; what is to be said comes out.
+Pure: the users ahead and the time go in; messages come out.
 """
 
 from collections.abc import Callable
@@ -14,46 +14,45 @@ from pointit.services.localizer.procedures.clock_step import ClockStepDetector
 from pointit.services.localizer.procedures.lamp_procedure import LampProcedure
 
 Make = Callable[[int], LampProcedure | Refusal]
-"""Returns what is to be done when it is their turn, with the room and the pose of that time (ns), or why it
-cannot be."""
+"""Creates the procedure when it is its turn, from the map and the pose of that time (ns), or a refusal."""
 
 
 @dataclass(frozen=True, slots=True)
 class PointingRequest:
-    """To point at lamps."""
+    """A request to point at lamps."""
 
     make: Make
     since_ns: int
-    """When it was asked for: the order of the queue."""
+    """Time of the request, which is the order of the queue."""
 
 
 class QueuedPointing:
-    """A place in the queue; it lights nothing."""
+    """A place in the queue; it lights no lamp."""
 
     def __init__(self, wish: PointingRequest, procedure: LampProcedure, now_ns: int, limit_s: float) -> None:
         self.wish = wish
         self.lamp_ids = procedure.lamp_ids
         self.ahead: tuple[str, ...] = ()
-        """Who was before them when that was said last."""
+        """Users ahead as published last."""
         self.purpose: Literal["pose", "anchor"] = procedure.PURPOSE
         self._until_ns = now_ns + round(limit_s * NS_PER_S)
         self._clock = ClockStepDetector()
         self._clock.begin(now_ns)
 
     def is_too_long(self, now_ns: int) -> bool:
-        """Return whether the limit is reached; call it often, as clocks may be set back."""
+        """Return True if the limit is reached. Call it often, to notice clock steps back."""
         if back_ns := self._clock.by_ns(now_ns):
             self._until_ns -= back_ns
             self.wish = PointingRequest(self.wish.make, max(0, self.wish.since_ns - back_ns))
         return now_ns >= self._until_ns
 
     def say(self, ahead: tuple[str, ...], now_ns: int) -> Localization:
-        """Return that they wait for `ahead`."""
+        """Return a message that the person waits for `ahead`."""
         self.ahead = ahead
         return self._localization(now_ns, "sampling")
 
     def end(self, phase: Phase, now_ns: int, reason: str = "") -> Localization:
-        """Return that they wait no longer."""
+        """Return a message that the person waits no longer."""
         self.ahead = ()
         return self._localization(now_ns, phase, reason)
 

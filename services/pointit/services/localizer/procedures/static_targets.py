@@ -1,8 +1,8 @@
 """Localization by pointing at lamps that are lit one after the other (paper, §III-B).
 
-In the order given (two of them are the paper's case), or each time the one that tells most: as many as were
-asked for, or until the pose is sure enough. Pure: rays and the time go in, lamps to switch, progress and the
-pose come out.
+In the order given (two of them are the paper's case) or the most informative one first: as many as
+configured, or until the pose is certain enough. Pure: rays and the time go in; lamps to switch, progress
+and the pose come out.
 """
 
 import math
@@ -26,15 +26,15 @@ from pointit.services.localizer.procedures.lamp_procedure import LampProcedure
 from pointit.services.localizer.procedures.next_target import EYES_M, ObservationModel, next_target
 from pointit.services.localizer.procedures.target_plan import TargetPlan
 
-FEWEST = 2
-"""Lamps before a pose can be tried."""
+MIN_LAMPS = 2
+"""Number of lamps before a pose can be solved."""
 
 WORTHWHILE = 0.9
-"""A lamp comes again when the hold before has made the pose surer by this factor, or the pose will not do."""
+"""A lamp comes again if the last hold reduced the uncertainty by this factor, or no pose is accepted yet."""
 
 
 class StaticTargets(LampProcedure):
-    """One run of the procedure; `start` begins it again."""
+    """One run of the procedure; `start` restarts it."""
 
     def __init__(
         self,
@@ -45,13 +45,13 @@ class StaticTargets(LampProcedure):
         *,
         floor: Floor | None = None,
     ) -> None:
-        """Take the lamps in the order in which they are lit, at least one."""
+        """Create the procedure for at least one lamp, in the order of lighting."""
         self._lamps = tuple(lamps)
         self._trust = trust if trust is not None else SolverSettings()
         self._choice = choice if choice is not None else TargetPlan()
         self._floor = floor if floor is not None else Floor()
-        self._most = self._choice.max_holds(len(self._lamps))
-        shared = self._most if self._choice.order == "given" or self._choice.targets else FEWEST
+        self._max_holds = self._choice.max_holds(len(self._lamps))
+        shared = self._max_holds if self._choice.order == "given" or self._choice.targets else MIN_LAMPS
         super().__init__(
             (lamp.id for lamp in lamps), timing, -(-self._trust.min_samples // shared), "start again"
         )
@@ -64,7 +64,7 @@ class StaticTargets(LampProcedure):
 
     @property
     def times_ns(self) -> tuple[int, int]:
-        """Return when the first ray was captured, and when the middle one was; -1 when there is none."""
+        """Return the stamps of the first and the middle ray, -1 if there are none."""
         rays = self._rays
         return (rays[0].stamp_ns, rays[len(rays) // 2].stamp_ns) if rays else (-1, -1)
 
@@ -74,9 +74,9 @@ class StaticTargets(LampProcedure):
 
     def _forget(self) -> None:
         self._solution: Solution | None = None
-        """With what was gathered so far, however uncertain."""
-        self._lacking = math.inf
-        """How many times less certain than what is sure enough."""
+        """Solution of the rays so far, however uncertain."""
+        self._ratio = math.inf
+        """Ratio of the uncertainty to the one that is needed."""
 
     def _next_lamp(self) -> Lamp:
         """Return the lamp to light now."""
@@ -105,27 +105,27 @@ class StaticTargets(LampProcedure):
         off = self._switch(on=False)
         count = len(self._holds)
         if self._choice.order == "given":
-            if count < self._most:
+            if count < self._max_holds:
                 return [off, *self._light(now_ns)]
             return self._finish(now_ns, self._solve(self._trust))
-        result = self._solve(self._trust) if count >= FEWEST else None
+        result = self._solve(self._trust) if count >= MIN_LAMPS else None
         sofar = self._solve(_lax(self._trust)) if isinstance(result, Refusal) else result
         self._solution = sofar if isinstance(sofar, Solution) else None
-        before, self._lacking = self._lacking, self._choice.uncertainty_ratio(self._solution)
-        if result is None or (count < self._most and self._goes_on(result, before)):
+        before, self._ratio = self._ratio, self._choice.uncertainty_ratio(self._solution)
+        if result is None or (count < self._max_holds and self._goes_on(result, before)):
             return [off, *self._light(now_ns)]
         return self._finish(now_ns, result)
 
     def _goes_on(self, result: Solution | Refusal, before: float) -> bool:
-        """Return whether another hold is worth the person's while.
+        """Return True if another hold is useful.
 
-        Where the number is given, it is. Else until the pose is sure enough; but once all lamps were used,
-        and the pose will do, only as long as it still gains.
+        With a configured number of lamps, always. Otherwise until the pose is certain enough; once all lamps
+        were used and the pose is accepted, only as long as it still improves.
         """
         if isinstance(result, Refusal) or self._choice.targets:
             return True
         is_new = len({lamp.id for _, lamp in self._holds}) < len(self._lamps)
-        return self._lacking > 1.0 and (is_new or self._lacking < WORTHWHILE * before)
+        return self._ratio > 1.0 and (is_new or self._ratio < WORTHWHILE * before)
 
     def _solve(self, trust: SolverSettings) -> Solution | Refusal:
         rays = self._rays
@@ -138,7 +138,7 @@ class StaticTargets(LampProcedure):
     def _finish(self, now_ns: int, result: Solution | Refusal) -> list[Output]:
         if isinstance(result, Refusal):
             reason, tried = result.reason, len(self._holds)
-            if self._choice.order == "informative" and tried > FEWEST:
+            if self._choice.order == "informative" and tried > MIN_LAMPS:
                 reason = f"after pointing {tried} times {reason}"
             return self._end(now_ns, reason, result.residual_rad)
         self._solution = result
@@ -165,5 +165,5 @@ class StaticTargets(LampProcedure):
 
 
 def _lax(trust: SolverSettings) -> SolverSettings:
-    """Return `trust` for a pose so far: how uncertain it is does not matter."""
+    """Return `trust` without limits on the uncertainty, for a pose so far."""
     return replace(trust, max_position_sigma_m=math.inf, max_yaw_sigma_rad=math.inf)

@@ -1,4 +1,4 @@
-"""Which of several robots a person follows: the one that fits the rays, once it is clear (pointing.md §4)."""
+"""Identification of the robot that a person follows, by the fit of the rays (pointing.md §4)."""
 
 import math
 from collections.abc import Sequence
@@ -7,31 +7,31 @@ from dataclasses import dataclass
 from pointit.services.localizer.estimation.estimator import Refusal, Solution
 
 MEANT = 0.9
-"""A robot as probable as this is meant; with less nobody knows which it is."""
+"""Probability from which a robot is chosen; below it the choice is ambiguous."""
 
 SWITCH_AFTER = 2
-"""So many tries in a row another robot must be as probable as that beside the one that is followed."""
+"""Number of consecutive solutions in which another robot must reach that probability."""
 
 
 @dataclass(frozen=True)
 class Fit:
-    """How well the rays fit one robot."""
+    """Fit of the rays to one robot."""
 
     object_id: str
     result: Solution | Refusal
     probability: float = 0.0
-    """That this one is meant, of all there are."""
+    """Probability of this robot among all."""
 
 
 def rank_by_posterior(
     results: Sequence[tuple[str, Solution | Refusal]], independent: float, ray_sigma_rad: float
 ) -> list[Fit]:
-    """Return the fits with their probabilities, the best first; none is likelier beforehand.
+    """Return the fits with their posterior probabilities under equal priors, the best first.
 
     The likelihood of residuals of N independent pointings, r² being their mean square (sideways and upwards
-    together), is exp(-N r² / 2 sigma²). Sigma is that of one axis, so that r² of who is followed is 2 sigma²
-    or less, as the pose is fitted. It is what is believed of rays that follow something; where even the best
-    misses by more, half its r² takes the place of sigma²: who points badly leaves more doubt.
+    together), is exp(-N r² / 2 sigma²). Sigma is that of one axis, so that r² of the followed robot is 2
+    sigma² or less, as the pose is fitted. It is the assumed sigma of rays that follow a target; if even the
+    best fit misses by more, half its r² replaces sigma², so that inaccurate pointing is more ambiguous.
 
     Args:
         results: of the same rays, one a robot, with its id.
@@ -52,21 +52,21 @@ def rank_by_posterior(
         Fit(object_id, result, weight / total if total else 0.0)
         for (object_id, result), weight in zip(results, weights, strict=True)
     ]
-    return sorted(fits, key=_worth)
+    return sorted(fits, key=_fit_order)
 
 
 class TargetDisambiguator:
-    """Decides, and keeps to what was decided until another robot is clearly meant."""
+    """Chooses a robot, and keeps the choice until another robot is clearly meant."""
 
     def __init__(self, object_id: str = "") -> None:
-        """Begin undecided; `object_id` is the robot to name meanwhile."""
+        """Start without a choice; `object_id` is the robot to name meanwhile."""
         self.object_id = object_id
-        """Which is meant, or fits best as long as nobody knows."""
+        """The chosen robot, or the one that fits best while the choice is ambiguous."""
         self._decided = False
         self._streak = 0
 
     def choose(self, fits: Sequence[Fit]) -> Solution | Refusal:
-        """Return the result for the robot that is meant, or why nobody knows which it is.
+        """Return the result for the chosen robot, or a refusal if the choice is ambiguous.
 
         Args:
             fits: the best first, at least one.
@@ -87,7 +87,7 @@ class TargetDisambiguator:
         return self._first(fits)
 
     def _first(self, fits: Sequence[Fit]) -> Solution | Refusal:
-        """Decide, nothing being decided; robots from which the same place follows are one."""
+        """Choose a robot; robots that give the same pose count as one."""
         best = fits[0]
         self.object_id, self._decided, self._streak = best.object_id, False, 0
         if isinstance(best.result, Refusal):
@@ -101,7 +101,7 @@ class TargetDisambiguator:
 
 def _undecided(object_id: str, other: Fit) -> Refusal:
     return Refusal(
-        f"two robots move alike, {object_id} and {other.object_id}: have one of them move otherwise, "
+        f"two robots move alike, {object_id} and {other.object_id}: make one of them move differently, "
         "or set robot_id",
         other.result.residual_rad,
     )
@@ -111,7 +111,7 @@ def _are_near(one: Solution | Refusal, other: Solution | Refusal) -> bool:
     return isinstance(one, Solution) and isinstance(other, Solution) and one.is_near(other)
 
 
-def _worth(fit: Fit) -> tuple[bool, float]:
-    """Order solutions before refusals, small residuals first."""
+def _fit_order(fit: Fit) -> tuple[bool, float]:
+    """Sort key: solutions before refusals, small residuals first."""
     residual_rad = fit.result.residual_rad
     return isinstance(fit.result, Refusal), math.inf if residual_rad is None else residual_rad

@@ -1,4 +1,4 @@
-"""Which lamps are lit for a localization, in which order, and when it is enough."""
+"""Selection and order of the lamps of a localization, and its stop criterion."""
 
 import math
 from collections.abc import Sequence
@@ -9,22 +9,22 @@ from pointit.schemas import Lamp
 from pointit.services.localizer.estimation.estimator import Solution
 
 ROUNDS = 2
-"""When as many lamps are lit as are needed, each is lit at most so often."""
+"""Largest number of holds at each lamp without a configured number."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class TargetPlan:
-    """Which lamps are lit, in which order, and when it is enough."""
+    """Selection and order of the lamps, and the stop criterion."""
 
     order: Literal["given", "informative"] = "given"
     targets: int = 0
-    """How many, neither more nor fewer (in the given order at most all); 0: all, or as many as are needed."""
+    """Number of lamps (in the given order at most all). 0: all, or until the pose is certain enough."""
     position_sigma_m: float = 0.45
     yaw_sigma_rad: float = math.radians(7.0)
-    """In informative order without a number it ends when the pose is as certain as this, 1 sigma."""
+    """Standard deviations at which informative order without a number ends."""
 
     def max_holds(self, lamps: int) -> int:
-        """Return how many holds there are at most with so many lamps."""
+        """Return the largest number of holds with `lamps` lamps."""
         if self.order == "given":
             return min(self.targets, lamps) if self.targets else lamps
         return self.targets or ROUNDS * lamps
@@ -34,11 +34,11 @@ class TargetPlan:
         return lamps[: self.max_holds(len(lamps))] if self.order == "given" else lamps
 
     def expected_holds(self, lamps: int) -> int:
-        """Return how many holds a person should expect."""
+        """Return the number of holds that a person should expect."""
         return self.targets or lamps if self.order == "informative" else self.max_holds(lamps)
 
     def uncertainty_ratio(self, solution: Solution | None) -> float:
-        """Return how many times too uncertain a pose is: 1 is sure enough, infinite is none."""
+        """Return the ratio of a pose's uncertainty to the one that is needed, infinite without a pose."""
         if solution is None:
             return math.inf
         return max(

@@ -1,4 +1,4 @@
-"""Rays and moving targets brought together by the time of their capture, whenever they arrive."""
+"""Rays and moving targets matched by the time of their capture, whenever they arrive."""
 
 from collections import deque
 
@@ -15,16 +15,16 @@ Stamps = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
 MAX_GAP_S = 0.5
-"""Between two reports of a target further apart in time, its place is not known."""
+"""Longest time between two reports of a target over which its position is interpolated."""
 
-LEAST_HZ = 3.0
+MIN_HZ = 3.0
 """Rate of reports that keeps them closer than `MAX_GAP_S`, with some jitter."""
 
 AHEAD_S, BEHIND_S = 0.5, 1.0
-"""Reports stamped so much later or earlier than the rays of the same moment: the clocks differ."""
+"""Largest differences of the stamps of reports and rays of the same moment: beyond them the clocks differ."""
 
 MAX_RAYS = 8192
-"""A window holds no more, whatever the rate."""
+"""Largest number of rays in a window, whatever the rate."""
 
 
 class RayWindow:
@@ -41,13 +41,13 @@ class RayWindow:
 
     @property
     def newest_ns(self) -> int:
-        """Return the newest ray's stamp; -1 when there is none."""
+        """Return the newest ray's stamp, or -1 if there is none."""
         return self._rays[-1].stamp_ns if self._rays else -1
 
     def add(self, ray: PointingRay) -> None:
-        """Take `ray` unless it is older than one already taken; forget what left the window.
+        """Add `ray` unless it is not newer than the last one; drop rays that have left the window.
 
-        A whole window back, the clock was set: it begins anew.
+        A step back by more than a window is a clock step and clears the window.
         """
         if ray.stamp_ns < self.newest_ns - self._window_ns:
             self._rays.clear()
@@ -59,16 +59,16 @@ class RayWindow:
 
     @property
     def times_ns(self) -> tuple[int, int]:
-        """Return when the oldest ray was captured, and when the middle one was; -1 when there is none."""
+        """Return the stamps of the oldest and the middle ray, -1 if there are none."""
         rays = self._rays
         return (rays[0].stamp_ns, rays[len(rays) // 2].stamp_ns) if rays else (-1, -1)
 
     def believed(self, trust: SolverSettings) -> SolverSettings:
-        """Return `trust` with what a calibration of the person says; see `rays.believed`."""
+        """Return `trust` with the person's calibration; see `rays.believed`."""
         return ray_math.believed(trust, self._rays)
 
     def pointings(self, track: "Track") -> Pointings:
-        """Return the rays with the place of `track` at the time of each; those without one are left out."""
+        """Return the rays with the position of `track` at each one's time; rays without one are left out."""
         stamps, origins, directions = self._arrays()
         targets, known = track.at(stamps)
         stamps = stamps[known]
@@ -80,7 +80,7 @@ class RayWindow:
         )
 
     def _arrays(self) -> tuple[Stamps, Array, Array]:
-        """Return stamps (n), origins and directions (n x 3); made once for all tracks."""
+        """Return stamps (n), origins and directions (n x 3), cached for all tracks."""
         key = (self.newest_ns, len(self._rays))
         if self._made is None or self._made[0] != key:
             stamps = np.array([ray.stamp_ns for ray in self._rays], dtype=np.int64)
@@ -90,23 +90,23 @@ class RayWindow:
 
 
 class Track:
-    """Where one target was during the last `window_s`."""
+    """Positions of one target during the last `window_s`."""
 
     def __init__(self, window_s: float) -> None:
         self._window_ns = round((window_s + 2.0 * MAX_GAP_S) * NS_PER_S)
         self._places: deque[tuple[int, Vec3]] = deque(maxlen=MAX_RAYS)
         self.latency_sigma_s: float | None = None
-        """As the newest report states it; None if it does not."""
+        """As the newest report states it. None if it does not."""
         self.is_reported = False
-        """Whether a report came since this was last set to False."""
+        """True if a report came since this was last set to False."""
 
     @property
     def newest_ns(self) -> int:
-        """Return the newest report's stamp; -1 when there is none."""
+        """Return the newest report's stamp, or -1 if there is none."""
         return self._places[-1][0] if self._places else -1
 
     def add(self, stamp_ns: int, position_m: Vec3, latency_sigma_s: float | None = None) -> None:
-        """Take the place at `stamp_ns` unless it is older than one already taken; see `RayWindow.add`."""
+        """Add the position at `stamp_ns` unless it is not newer than the last one; see `RayWindow.add`."""
         if stamp_ns < self.newest_ns - self._window_ns:
             self._places.clear()
         if stamp_ns <= self.newest_ns:
@@ -118,7 +118,7 @@ class Track:
             self._places.popleft()
 
     def fault(self, robot: str, tracker: str, ray_ns: int) -> str:
-        """Return what is wrong with the reports, one sentence, or "" if nothing is.
+        """Return a problem of the reports, or `""` if there is none.
 
         Args:
             robot: its id.
@@ -130,7 +130,7 @@ class Track:
         if gap_s > 0.9 * MAX_GAP_S:
             return (
                 f"robot {robot} is reported by tracker {tracker} at {1.0 / gap_s:.1f} Hz and at least "
-                f"{LEAST_HZ:g} Hz are needed; set the tracker to a higher rate"
+                f"{MIN_HZ:g} Hz are needed; set the tracker to a higher rate"
             )
         ahead_s = (self.newest_ns - ray_ns) / NS_PER_S
         if ahead_s > AHEAD_S or (ahead_s < -BEHIND_S and self.is_reported):
@@ -142,7 +142,7 @@ class Track:
         return ""
 
     def at(self, stamps_ns: Stamps) -> tuple[Array, Bools]:
-        """Return the places (n x 3) at `stamps_ns`, and which of them are known.
+        """Return the positions (n x 3) at `stamps_ns`, and which of them are known.
 
         Linear between two reports; unknown before the first, after the last and in gaps.
         """

@@ -1,4 +1,4 @@
-"""Poses as the drift filter takes them, and how far those that were given are believed."""
+"""Conversion of poses to fixes of the drift filter, and the uncertainty of poses that were set."""
 
 import math
 
@@ -10,19 +10,19 @@ from pointit.services.localizer.estimation.angular_residuals import Array
 
 GIVEN_SIGMA_M = 0.05
 GIVEN_SIGMA_RAD = math.radians(15.0)
-"""How well a pose that was given is believed once pointing is to set it right."""
+"""Standard deviations of a pose that was set, once pointing corrects it."""
 
 DOUBT: Array = np.diag([GIVEN_SIGMA_M**2, GIVEN_SIGMA_M**2, GIVEN_SIGMA_RAD**2])
 """The same as a covariance of x, y, yaw."""
 
 
 def is_exact(pose: UserPose) -> bool:
-    """Return whether somebody says that `pose` is exact, rather than that it was found."""
+    """Return True if `pose` was set as exact, rather than found."""
     return pose.method == "fixed" and not any(pose.covariance)
 
 
 def to_fix(pose: UserPose, covariance: Array, stamp_ns: int) -> Fix:
-    """Return `pose` as it was at `stamp_ns`, with the `covariance` (3 x 3) that it is believed to have."""
+    """Return `pose` as it was at `stamp_ns`, with `covariance` (3 x 3)."""
     return Fix(
         x_m=pose.position_m[0],
         y_m=pose.position_m[1],

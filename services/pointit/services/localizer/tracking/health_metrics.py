@@ -1,4 +1,4 @@
-"""What health shows of a pose that is followed."""
+"""Health metrics of a tracked pose."""
 
 import math
 from collections.abc import Iterator
@@ -15,10 +15,10 @@ FIGURES = (
 
 
 def figures(pose: DriftPose | None, now_ns: int) -> Iterator[tuple[str, float | None, str]]:
-    """Yield name, value and unit of what health shows.
+    """Yield name, value and unit of each metric.
 
     Args:
-        pose: as it is estimated now; none: nothing is, and nothing has a value.
+        pose: current estimate. None if there is none; then all values are None.
         now_ns: the time.
     """
     values: tuple[float | None, ...] = (None,) * len(FIGURES)

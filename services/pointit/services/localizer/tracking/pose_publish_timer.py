@@ -1,4 +1,4 @@
-"""When a pose that changes by itself is published again, and with which stamp."""
+"""Times and stamps at which a drifting pose is published again."""
 
 import math
 from collections.abc import Callable
@@ -9,33 +9,33 @@ from pointit.schemas import NS_PER_S, UserPose
 from pointit.services.localizer.drift.filter import DriftPose
 
 SHORTEST_S = 0.2
-"""The pose is published at most this often while it drifts."""
+"""Shortest time between poses."""
 
 LONGEST_S = 2.0
-"""It is published at least this often."""
+"""Longest time between poses."""
 
 NOTICEABLE_RAD = math.radians(0.1)
 NOTICEABLE_SHARE = 0.05
-"""A change of the yaw, and one of a sigma as a share of it, that is worth a message."""
+"""Smallest changes of the yaw, and of a sigma as a share of it, that are published."""
 
 AHEAD_NS = NS_PER_S
-"""Who published a pose further ahead of the time did so before the clock was set back."""
+"""Poses stamped further in the future were published before the clock was set back."""
 
 
 class PosePublishTimer:
-    """Remembers what was published."""
+    """Stores the last published pose."""
 
     def __init__(self) -> None:
         self._last: UserPose | None = None
         self._newest_ns = 0
-        """Stamp of the newest pose, whoever published it."""
+        """Stamp of the newest pose from any source."""
 
     def heard(self, stamp_ns: int) -> None:
-        """Take note that somebody else published a pose."""
+        """Store the stamp of a pose from another source."""
         self._newest_ns = max(self._newest_ns, stamp_ns)
 
     def stamped(self, pose: UserPose, now_ns: int) -> UserPose:
-        """Return `pose` to be published now, newer than every one before: readers take the newest."""
+        """Return `pose` stamped newer than all before, because subscribers use the newest."""
         if self._newest_ns > now_ns + AHEAD_NS:
             self._newest_ns = 0
         self._newest_ns = max(pose.stamp_ns, self._newest_ns + 1)
@@ -45,7 +45,7 @@ class PosePublishTimer:
         return pose
 
     def is_due(self, now: DriftPose) -> bool:
-        """Return whether the pose of now is to be published."""
+        """Return True if the current pose is to be published."""
         last = self._last
         if last is None:
             return True
@@ -55,7 +55,7 @@ class PosePublishTimer:
         return passed_s >= SHORTEST_S and _has_changed(last, now)
 
     def wait_s(self, now_ns: int, at: Callable[[int], DriftPose]) -> float:
-        """Return how long to wait until the pose may be due, s; `at` tells it at a time."""
+        """Return the time until the pose may be due, s; `at` returns the pose at a time."""
         last = self._last
         if last is not None:
             for wait_s in (SHORTEST_S, 0.5, 1.0):

@@ -1,14 +1,14 @@
-"""Whether the IMU's yaw still counts from where it did: a pose's yaw is worth nothing once it does not."""
+"""Detection of a changed origin of the IMU's yaw, which makes a pose's yaw useless."""
 
 from typing import Literal
 
 from pointit.schemas import NS_PER_S, ImuSample
 
 BACK_NS = NS_PER_S
-"""A device's time that falls by more has begun anew; by less, samples came out of order."""
+"""Device time that falls by more is a restart; by less, samples came out of order."""
 
 Change = Literal["", "set", "restarted"]
-"""Nothing, an origin that was set anew, or a device that was switched on anew."""
+"""No change, a new yaw origin, or a restarted device."""
 
 
 class YawOrigin:
@@ -19,7 +19,7 @@ class YawOrigin:
         self._device_ns: int | None = None
 
     def add(self, sample: ImuSample) -> Change:
-        """Return what has happened since the sample before."""
+        """Return the change since the sample before."""
         epoch, self._epoch = self._epoch, sample.yaw_epoch
         before_ns, device_ns = self._device_ns, sample.device_time_ns
         fallen_ns = 0 if before_ns is None or device_ns is None else before_ns - device_ns

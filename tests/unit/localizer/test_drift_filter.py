@@ -1,4 +1,4 @@
-"""The drift filter: anchors, headings, rests and new fixes, and what it refuses to believe."""
+"""The drift filter: anchors, headings, rests and new fixes, and rejections."""
 
 import math
 
@@ -74,7 +74,7 @@ def test_without_anchors_the_yaw_is_off_and_says_so() -> None:
     assert error < 3 * pose.yaw_sigma_rad
 
 
-def test_looking_ahead_changes_nothing() -> None:
+def test_pose_at_a_later_time_does_not_change_the_filter() -> None:
     drift = calibrated(PERSON)
     before = drift.at(3 * MINUTE_NS)
     ahead = drift.at(10 * MINUTE_NS)
@@ -136,7 +136,7 @@ def test_a_drift_beyond_the_prior_is_believed_too() -> None:
         point(drift, drifted(PERSON, m * MINUTE_NS, fast), LAMPS[m % 3], m * MINUTE_NS) for m in (1, 2)
     ]
     assert [result.accepted for result in results] == [False, True]
-    assert "faster than was believed" in results[1].note
+    assert "faster than estimated" in results[1].note
     pose = drift.predict(3 * MINUTE_NS)
     error = yaw_difference(pose.yaw_rad, drifted(PERSON, 3 * MINUTE_NS, fast).yaw_rad)
     assert abs(error) < math.radians(8.0)
@@ -212,9 +212,7 @@ def test_a_yaw_that_does_not_fit_is_taken_and_the_rate_doubted() -> None:
 
 
 @pytest.mark.parametrize("restarted", [False, True])
-def test_of_another_yaw_origin_only_the_place_is_left_and_the_first_anchor_tells_the_rest(
-    *, restarted: bool
-) -> None:
+def test_yaw_origin_change_keeps_position_and_first_anchor_restores_yaw(*, restarted: bool) -> None:
     drift = calibrated(PERSON)
     at_ns = 4 * MINUTE_NS
     before = drift.predict(at_ns)
@@ -238,7 +236,7 @@ def test_of_another_yaw_origin_only_the_place_is_left_and_the_first_anchor_tells
 
 @pytest.mark.parametrize("late_s", [5.0, 20.0])
 def test_a_late_localization_counts_as_one_in_time(late_s: float) -> None:
-    """What it says of now is less certain, by the drift since; and it tells about the rate all the same."""
+    """The drift since makes it less certain now, but it still measures the rate."""
     at_ns, now_ns = 2 * MINUTE_NS, 2 * MINUTE_NS + round(late_s * NS_PER_S)
     new = fix(drifted(PERSON, at_ns), at_ns, np.array([0.2, 0.2, math.radians(4.0)]))
     timely, late = (DriftFilter(fix(PERSON, 0)) for _ in range(2))
@@ -257,14 +255,14 @@ def test_a_late_localization_counts_as_one_in_time(late_s: float) -> None:
     assert late.at(later_ns).yaw_sigma_rad == pytest.approx(timely.at(later_ns).yaw_sigma_rad, rel=0.01)
 
 
-def test_facing_a_wall_sets_the_yaw_whatever_was_believed() -> None:
+def test_facing_a_wall_sets_the_yaw_beyond_the_gate() -> None:
     drift = calibrated(PERSON)
     at_ns = 4 * MINUTE_NS
     turned = Person(PERSON.x, PERSON.y, drifted(PERSON, at_ns).yaw_rad + 1.5)
     level = vector.direction(0.7 - turned.yaw_rad, 0.1)
     result = drift.update_heading(at_ns, 0.7, level)
     assert result.accepted
-    assert "set anew" in result.note
+    assert "was replaced" in result.note
     assert abs(yaw_difference(drift.at(at_ns).yaw_rad, turned.yaw_rad)) < math.radians(1.0)
     assert math.hypot(drift.at(at_ns).x_m - PERSON.x, drift.at(at_ns).y_m - PERSON.y) < 0.05
     gentle = drift.update_heading(at_ns + NS_PER_S, 0.7, level)

@@ -30,7 +30,7 @@ LOSS_S = 1.0
 DELAY_S = 0.3
 HOLD_S = 1.1
 LASTS_S = 4 * (0.4 + HOLD_S) + 0.2
-"""Of one localization, at most."""
+"""Longest duration of one localization."""
 
 
 @dataclass
@@ -198,7 +198,7 @@ def test_first_come_is_first_served_and_never_two_at_once(
 
 @SOME
 @given(areas, delays, st.data())
-def test_with_losses_and_crashes_nobody_waits_for_ever(
+def test_every_wait_ends_despite_losses_and_crashes(
     lamps: list[tuple[str, ...]], delays_s: list[float], data: st.DataObject
 ) -> None:
     """Losses of a second now and then, processes that die and come back, people who cancel."""

@@ -1,4 +1,4 @@
-"""The pose between localizations: followed, set right, published when it is worth it."""
+"""The pose between localizations: tracked, corrected, published when it has changed."""
 
 import math
 
@@ -111,7 +111,7 @@ def test_an_anchor_says_how_far_the_ray_was_off_in_the_pose_before() -> None:
     assert anchor.accepted
 
 
-def test_what_must_not_be_taken_is_measured_and_changes_nothing() -> None:
+def test_rejected_anchor_is_measured_and_changes_nothing() -> None:
     tracking = localized()
     before = tracking.pose(at(10.0))
     anchor = tracking.anchor(LAMP, pointing(10.0), "the arm wandered").anchor
@@ -259,7 +259,7 @@ def test_a_calibration_takes_the_bias_over_and_gives_it_back() -> None:
     assert fixed.on_ray(ray(2.0), at(2.0)) is None
 
 
-def test_figures_and_doubt() -> None:
+def test_metrics_and_uncertainty_follow_the_pose() -> None:
     tracking = localized()
     tracking.anchor(LAMP, pointing(20.0))
     figures = {name: (value, unit) for name, value, unit in tracking.figures(at(50.0))}

@@ -1,4 +1,4 @@
-"""The keeper as a service: late readers, its file, a restart, what is wrong with the disk."""
+"""The keeper as a service: late subscribers, its file, a restart, disk errors."""
 
 import asyncio
 import functools
@@ -23,7 +23,7 @@ QUICK = KeeperConfig(file=FileConfig(write_every_s=0.01))
 @pytest.fixture(autouse=True)
 def _at_once(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr("pointit.services.keeper.service.SETTLE_S", 0.0)
-    monkeypatch.setattr("pointit.services.keeper.service.MIND_S", 0.01)
+    monkeypatch.setattr("pointit.services.keeper.service.EXPIRE_S", 0.01)
     monkeypatch.setenv("POINTIT_STATE", str(tmp_path))
 
 
@@ -60,7 +60,7 @@ class Room:
         return seen
 
 
-async def test_a_late_reader_gets_what_a_killed_writer_has_put() -> None:
+async def test_late_subscriber_gets_the_state_of_a_killed_writer() -> None:
     room = Room()
     anna = room.bus.announce(USER_ALIVE, "anna")
     await room.start()
@@ -113,7 +113,7 @@ async def test_it_writes_while_it_runs(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("content", [b"", b"\xc1", b"\x80", b"\xff" * 1000])
-async def test_a_damaged_file_is_said_and_written_anew(tmp_path: Path, content: bytes) -> None:
+async def test_damaged_file_is_a_warning_and_is_overwritten(tmp_path: Path, content: bytes) -> None:
     path = tmp_path / "memory" / "keeper" / "states.msgpack"
     path.parent.mkdir(parents=True)
     path.write_bytes(content)
@@ -129,7 +129,7 @@ async def test_a_damaged_file_is_said_and_written_anew(tmp_path: Path, content: 
     await room.bus.close()
 
 
-async def test_a_disk_that_takes_nothing_stops_nobody(tmp_path: Path) -> None:
+async def test_disk_error_does_not_stop_the_keeper(tmp_path: Path) -> None:
     (tmp_path / "memory").write_text("a file where a folder should be", encoding="utf-8")
     room = Room()
     health: list[Health] = []
@@ -142,7 +142,7 @@ async def test_a_disk_that_takes_nothing_stops_nobody(tmp_path: Path) -> None:
     await room.bus.close()
 
 
-async def test_the_full_shelf_is_said() -> None:
+async def test_full_keeper_warns() -> None:
     room = Room()
     health: list[Health] = []
     room.bus.subscribe(HEALTH, lambda message, _name: health.append(message))
@@ -158,7 +158,7 @@ async def test_the_full_shelf_is_said() -> None:
     await room.bus.close()
 
 
-async def test_a_machine_whose_clock_is_apart_is_said_until_it_is_right(
+async def test_skewed_clock_of_a_machine_is_a_warning_until_it_is_right(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     quick = functools.partial(ClockSkewMonitor, window_s=0.3)

@@ -39,9 +39,7 @@ def given_back(locating: PoseManager, method: str, yaw_rad: float = 0.4) -> User
 
 @pytest.mark.parametrize("method", ["fixed", "static_targets", "moving_target"])
 @pytest.mark.parametrize("track_drift", [None, True])
-def test_what_carries_a_covariance_was_found_whatever_it_is_called(
-    method: str, *, track_drift: bool | None
-) -> None:
+def test_pose_with_covariance_is_restored_by_any_method(method: str, *, track_drift: bool | None) -> None:
     locating = started(track_drift=track_drift)
     pose = given_back(locating, method)
     assert pose.method == method
@@ -58,7 +56,7 @@ def test_what_carries_a_covariance_was_found_whatever_it_is_called(
     assert later.anchored_ns == 0
 
 
-def test_what_is_given_back_twice_is_not_surer() -> None:
+def test_restoring_a_pose_twice_does_not_make_it_more_certain() -> None:
     locating = started()
     given_back(locating, "static_targets")
     again = given_back(locating, "static_targets", yaw_rad=0.42)

@@ -1,4 +1,4 @@
-"""A resting arm tells the rate of drift, a moving one tells nothing."""
+"""A resting arm measures the drift rate, a moving one does not."""
 
 import math
 import time
@@ -22,7 +22,7 @@ HZ = 50.0
 
 
 def wander(count: int, sigma_deg: float, rng: np.random.Generator, hz: float = HZ) -> NDArray[np.float64]:
-    """Return how a held arm wanders (pointing.md §7)."""
+    """Return the tremor of a held arm (pointing.md §7)."""
     stays = math.exp(-1.0 / (hz * 0.3))
     kicks = rng.normal(0.0, math.radians(sigma_deg) * math.sqrt(1.0 - stays**2), count)
     out = np.zeros(count)
@@ -80,7 +80,7 @@ def test_the_stated_sigma_is_what_rests_scatter_by() -> None:
     assert 0.5 < float(np.sqrt(np.mean(np.square(normal)))) < 1.2
 
 
-def test_no_sample_tells_twice() -> None:
+def test_rest_samples_count_once() -> None:
     told = fed(RestDetector(), stream(lambda t: DRIFT_RADPS * t, lambda _: HANGING, 120.0))
     ends = [(rate.stamp_ns - rate.span_s * 5e8, rate.stamp_ns + rate.span_s * 5e8) for rate in told]
     assert all(a[1] <= b[0] for a, b in pairwise(ends))
@@ -124,11 +124,11 @@ def test_a_movement_that_begins_gently_is_left_out() -> None:
     assert abs(told[0].yaw_rate_radps) < 3.0 * told[0].sigma_radps
 
 
-def test_a_short_rest_tells_nothing() -> None:
+def test_short_rest_has_no_rate() -> None:
     assert fed(RestDetector(), stream(lambda _: 0.0, lambda _: HANGING, 2.5)) == []
 
 
-def test_gaps_repeats_and_clocks_begin_anew_or_are_ignored() -> None:
+def test_gaps_and_clock_steps_restart_a_rest_and_repeats_are_ignored() -> None:
     samples = stream(lambda t: DRIFT_RADPS * t, lambda _: HANGING, 6.0)
     twice = [sample for sample in samples for _ in range(2)]
     assert fed(RestDetector(), twice) == fed(RestDetector(), samples)

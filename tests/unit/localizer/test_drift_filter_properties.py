@@ -1,4 +1,4 @@
-"""What holds for the drift filter whatever it is told."""
+"""Properties of the drift filter for any input."""
 
 import math
 from collections.abc import Callable
@@ -111,7 +111,7 @@ World = Callable[[Vec3], Vec3]
 def history(
     world: World, yaw: Callable[[float], float], hand: float, seed: int
 ) -> tuple[list[tuple[object, ...]], DriftPose]:
-    """Return what the filter says of anchors in that world; `hand` is -1 where {H} is mirrored."""
+    """Return the filter's results for anchors in that world; `hand` is -1 if {H} is mirrored."""
     rng = np.random.default_rng(seed)
     # isotropic, so that it is the same in every world
     covariance = np.diag([0.15**2, 0.15**2, math.radians(3.0) ** 2])

@@ -1,4 +1,4 @@
-"""Which robot is meant: probabilities, doubt, and no flicker."""
+"""Choice of the followed robot: probabilities, ambiguity, and no flicker."""
 
 import math
 from pathlib import Path
@@ -21,7 +21,7 @@ from tests.support.data import data_file
 
 TRUST = SolverSettings()
 ANY_POSE = SolverSettings(max_position_sigma_m=1e3, max_yaw_sigma_rad=1e3)
-"""Who is meant is asked, not whether the pose is good enough."""
+"""Accepts any pose, since only the choice of the robot is tested."""
 N = 9.0
 
 
@@ -38,7 +38,7 @@ def solution(residual_deg: float, x_m: float = 0.0) -> Solution:
 
 
 def decide(meant: TargetDisambiguator, **residuals_deg: float) -> str:
-    """Return whose solution is taken, or the reason why none."""
+    """Return the chosen robot, or the reason for no choice."""
     results = [(name, solution(deg, ord(name[0]))) for name, deg in residuals_deg.items()]
     fits = rank_by_posterior(results, N, TRUST.ray_sigma_rad)
     told = meant.choose(fits)
@@ -56,7 +56,7 @@ def test_probabilities_are_those_of_the_residuals() -> None:
     assert fits[2].probability == 0.0
 
 
-def test_who_points_badly_leaves_more_doubt() -> None:
+def test_inaccurate_pointing_is_more_ambiguous() -> None:
     good = rank_by_posterior([("a", solution(1.0)), ("b", solution(4.0))], N, TRUST.ray_sigma_rad)
     bad = rank_by_posterior([("a", solution(6.0)), ("b", solution(7.2))], N, TRUST.ray_sigma_rad)
     # the squares differ alike, by 15 and 15.8 square degrees
@@ -64,17 +64,17 @@ def test_who_points_badly_leaves_more_doubt() -> None:
     assert 0.8 < bad[0].probability < 0.99
 
 
-def test_nothing_fits_nobody_is_likely() -> None:
+def test_robots_without_a_fit_have_probability_zero() -> None:
     fits = rank_by_posterior([("a", Refusal("x")), ("b", Refusal("y"))], N, TRUST.ray_sigma_rad)
     assert [fit.probability for fit in fits] == [0.0, 0.0]
 
 
-def test_a_decision_is_kept_until_another_is_clearly_meant() -> None:
+def test_choice_stays_until_another_robot_is_clearly_meant() -> None:
     meant = TargetDisambiguator()
     assert "two robots move alike, a and b" in decide(meant, a=2.0, b=2.1)
     assert decide(meant, a=1.0, b=6.0) == "a"
     assert decide(meant, a=2.0, b=2.1) == "a"  # at first that would be undecided
-    # hardly better: whoever it is, the pose is not changed
+    # hardly better: the pose is not changed
     assert "two robots move alike" in decide(meant, a=2.1, b=2.0)
     assert decide(meant, a=2.0, b=2.1) == "a"
     # clearly better, but once is not enough
@@ -128,7 +128,7 @@ class Recorded(Reading):
 
 
 def meant_in(following: FollowRecording, begin_s: float, decoy_m: Array) -> str:
-    """Return who is meant in the 3 s from `begin_s` on, the robot of the recording or a decoy."""
+    """Return the choice in the 3 s from `begin_s` on, the robot of the recording or a decoy."""
     stamps_s = following.pointings.stamps_s
     part = slice(*np.searchsorted(stamps_s, (begin_s, begin_s + 3.0)).tolist())
     results = [

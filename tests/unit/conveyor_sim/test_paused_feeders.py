@@ -36,7 +36,7 @@ steps:
 
 
 def came(belts: Plant, until_ns: int) -> list[tuple[int, str, str]]:
-    """Return when each package came, to the millisecond, with its belt and kind; none leaves meanwhile."""
+    """Return time (to 1 ms), belt and kind of each package that came, while no package leaves."""
     found: dict[str, tuple[int, str, str]] = {}
     while belts.now_ns < until_ns:
         belts.step(min(until_ns, belts.now_ns + 100 * MS))
@@ -172,7 +172,7 @@ def test_a_conveyor_that_knew_no_rest_was_fed() -> None:
     assert after.is_feeding
 
 
-def test_what_was_switched_is_kept_at_once() -> None:
+def test_feeding_switch_is_saved_immediately() -> None:
     belts = plant(FORK)
     for is_on in (False, True):
         changes = belts.changes

@@ -1,4 +1,4 @@
-"""How sure a pose is: honest, whatever was pointed at, for however long."""
+"""Stated uncertainty of poses: honest for any targets and durations."""
 
 import dataclasses
 import math
@@ -73,7 +73,7 @@ def test_a_longer_hold_at_a_lamp_tells_no_more_and_longer_following_does() -> No
     assert slower.yaw_sigma_rad == pytest.approx(shorter.yaw_sigma_rad / 2.0, rel=0.25)
 
 
-def test_what_no_number_of_rays_tells_stays() -> None:
+def test_constant_errors_stay_with_any_number_of_rays() -> None:
     """The eyes beside the feet, the finger beside the model: a hundred rounds at the lamps tell neither."""
     person = Person(0.4, -0.3, 0.5)
     rounds = pointings(person, CORNERS * 100, each=20, rate_hz=25.0)

@@ -54,13 +54,13 @@ def test_staying_on_without_leaving_sends_nothing() -> None:
     assert anna.goals == []
 
 
-def test_what_is_not_confirmed_in_time_is_taken_back() -> None:
+def test_unconfirmed_proposal_is_withdrawn_in_time() -> None:
     anna = Anna().stay(THERE).stay(None, 0.2).wait(8.0)
     assert anna.cues == ["selected", "deselected"]
     assert anna.last_text == "no robot is sent: not confirmed within 8 s"
     assert anna.steps.deadline_ns is None
     anna.stay(THERE)
-    assert (anna.cues[2:], anna.goals) == (["selected"], [])  # only proposed anew
+    assert (anna.cues[2:], anna.goals) == (["selected"], [])  # only proposed again
 
 
 def test_a_stay_elsewhere_is_another_proposal() -> None:
@@ -133,7 +133,7 @@ def covariance(place_m: float, yaw_rad: float) -> tuple[float, ...]:
     return (place_m**2, 0.0, 0.0, 0.0, place_m**2, 0.0, 0.0, 0.0, yaw_rad**2)
 
 
-def test_nothing_is_sent_to_where_somebody_stands() -> None:
+def test_goal_near_a_person_is_refused() -> None:
     near_anna = Anna().stay((0.4, 0.0, 0.0))
     assert near_anna.cues == ["refused"]
     assert near_anna.last_text == "the place is 0.4 m from you: choose one 0.5 m away"
@@ -144,7 +144,7 @@ def test_nothing_is_sent_to_where_somebody_stands() -> None:
     assert (anna.cues, anna.goals) == (["selected", "refused"], [])
 
 
-def test_who_does_not_point_sends_nothing() -> None:
+def test_goal_of_a_person_who_does_not_point_is_refused() -> None:
     idle = Interaction(stamp_ns=START_NS, state="idle")
     anna = Anna().stay(THERE)
     anna.outputs += anna.steps.on_interaction(idle, anna.now_ns)
@@ -158,9 +158,9 @@ def test_who_does_not_point_sends_nothing() -> None:
     assert "uncertain" in anna.last_text
 
 
-def test_nobody_knows_where_she_stands() -> None:
+def test_goal_of_a_person_with_unknown_position_is_refused() -> None:
     anna = Anna(place=None)
-    assert anna.stay(THERE).last_text == "nobody knows where you stand: localize first"
+    assert anna.stay(THERE).last_text == "your position is unknown: localize first"
 
 
 def test_a_press_sends_where_presses_confirm() -> None:
@@ -182,12 +182,12 @@ def test_a_press_elsewhere_or_late_is_refused() -> None:
     assert (late.cues, late.goals) == (["selected", "refused"], [])
     silent = Anna(confirm="press").stay(THERE).wait(0.4).press()
     assert (silent.cues, silent.goals) == (["selected", "refused"], [])
-    assert "what is known of your arm is 0.4 s old" in silent.last_text
+    assert "the last data of your arm is 0.4 s old" in silent.last_text
     again = Anna(confirm="press").stay(THERE).stay(None, 0.1).stay(THERE)
     assert (again.cues, again.goals) == (["selected", "selected"], [])
 
 
-def test_cursors_that_overtook_each_other_are_left_out_and_a_clock_set_back_begins_anew() -> None:
+def test_cursors_out_of_order_are_ignored_and_a_clock_step_restarts_the_stay() -> None:
     anna = Anna().stay(THERE, 0.9)
     anna.lag_s = 0.1
     anna.stay(ELSEWHERE, 0.08)  # all older than the last one
@@ -201,7 +201,7 @@ def test_cursors_that_overtook_each_other_are_left_out_and_a_clock_set_back_begi
 
 
 class Told:
-    """What the doings below have said last, for the goals to be held against."""
+    """Last reported states of the actions below, to compare goals with."""
 
     def __init__(self, anna: Anna) -> None:
         self.anna = anna

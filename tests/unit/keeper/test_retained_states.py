@@ -1,4 +1,4 @@
-"""The newest of every state: what is handed out, what is forgotten, what a restart finds."""
+"""The newest of every state: lookup, expiry and restoration."""
 
 from typing import Any
 
@@ -33,7 +33,7 @@ from pointit.schemas.topics import (
     Topic,
 )
 from pointit.services.keeper.config import KeeperConfig
-from pointit.services.keeper.ownership import KEPT
+from pointit.services.keeper.ownership import RETAINED
 from pointit.services.keeper.record import KeptState, Record
 from pointit.services.keeper.retained_states import RetainedStates
 
@@ -59,9 +59,9 @@ def held(kept: RetainedStates, topic: Topic[Any]) -> dict[str, Message]:
     return dict(kept.lookup(topic))
 
 
-def test_every_state_but_the_time_of_a_run_is_kept() -> None:
+def test_every_state_but_the_time_of_a_run_is_retained() -> None:
     states = [topic for topic in TOPICS if topic.delivery is Delivery.STATE]
-    assert [topic for topic in states if topic not in KEPT] == [CLOCK]
+    assert [topic for topic in states if topic not in RETAINED] == [CLOCK]
 
 
 def test_the_newest_is_what_came_last_whatever_its_stamp() -> None:
@@ -74,7 +74,7 @@ def test_the_newest_is_what_came_last_whatever_its_stamp() -> None:
     assert len(kept) == 1
 
 
-def test_who_leaves_takes_along_what_is_theirs() -> None:
+def test_states_of_an_absent_person_are_not_handed_out() -> None:
     kept = shelf(forget_person_after_s=30.0)
     kept.take(PROFILE, "anna", profile(), NOW_NS)
     kept.take(PROFILE, "ben", profile(), NOW_NS)
@@ -97,7 +97,7 @@ def deployment(name: str, *, scenario: str = "", is_over: bool = False) -> Deplo
     return Deployment(stamp_ns=1, name=name, services=services, scenario=scenario)
 
 
-def test_what_has_vanished_is_told_for_a_day() -> None:
+def test_vanished_deployment_is_retained_for_a_day() -> None:
     kept = shelf(forget_deployment_after_s=86_400.0)
     services = (ExpectedService(service="pui"), ExpectedService(service="pointing", user="anna"))
     run = Deployment(stamp_ns=1, name="demo", services=services)
@@ -114,7 +114,7 @@ def test_what_has_vanished_is_told_for_a_day() -> None:
     assert held(kept, DEPLOYMENT) == {}
 
 
-def test_what_was_ended_on_purpose_is_missed_no_more() -> None:
+def test_deployment_ended_on_purpose_is_dropped() -> None:
     kept = shelf()
     for name in ("anna", "ben"):
         kept.take(DEPLOYMENT, name, deployment(name), NOW_NS)
@@ -130,7 +130,7 @@ def test_a_scenario_is_missed_until_another_begins_and_people_beside_it_stay() -
     assert set(held(kept, DEPLOYMENT)) == {"anna", "run.scenario_2"}
 
 
-def test_what_all_share_stays_until_long_after_its_writer() -> None:
+def test_shared_state_outlives_its_writer_for_a_long_time() -> None:
     kept = shelf(forget_site_after_s=3600.0)
     kept.set_instance("selector", NOW_NS, present=True)
     kept.take(SELECTION, "", Selection(stamp_ns=1, seq=7), NOW_NS)
@@ -161,7 +161,7 @@ def test_a_clock_that_was_set_back_forgets_no_earlier_and_no_later() -> None:
         ),
     ],
 )
-def test_what_would_mislead_is_not_kept_nor_what_was_before_it(
+def test_misleading_state_is_not_retained_and_drops_the_one_before(
     topic: Topic[Any], fine: Message, misleading: Message
 ) -> None:
     kept = shelf()
@@ -187,7 +187,7 @@ def test_strangers_give_way_and_neither_number_nor_size_grows_without_bound() ->
     assert held(kept, PROFILE) == {"anna": profile(9)}, "what is known has its room"
 
 
-def test_size_is_bounded() -> None:
+def test_total_size_of_states_is_bounded() -> None:
     kept = shelf(max_mb=1.0)
     kept.set_user("ben", NOW_NS, present=True)
     name = "x" * 12_000
@@ -214,7 +214,7 @@ def test_a_restarted_keeper_takes_up_what_nothing_newer_has_replaced() -> None:
     )
 
 
-def test_what_is_not_usable_is_counted_and_left_out() -> None:
+def test_unusable_records_are_counted_and_skipped() -> None:
     good = shelf()
     good.take(PROFILE, "anna", profile(3), NOW_NS)
     payload = good.record(NOW_NS).states[0].payload

@@ -1,4 +1,4 @@
-"""A measured mounting: in use at once, kept for the next start, forgotten when asked, never a crash."""
+"""A measured mounting: used immediately, stored for the next start, deleted on request, never a crash."""
 
 import math
 from pathlib import Path
@@ -60,7 +60,7 @@ def test_each_kind_of_source_has_its_own() -> None:
     assert list(left.by_source) == ["serial"]
 
 
-def test_what_belongs_to_another_mounting_is_not_used_and_said() -> None:
+def test_measurement_of_another_mounting_is_not_used_and_warned_of() -> None:
     state = kept(ImuBridgeConfig(), TURNED)
     wearing = MountingSelection(ImuBridgeConfig(mounting="metamotion"), state)
     assert wearing.sensor_from_arm == MOUNTINGS["metamotion"]
@@ -77,7 +77,7 @@ def test_what_belongs_to_another_mounting_is_not_used_and_said() -> None:
 def test_a_configured_rotation_wins_at_the_start_and_says_so(config: ImuBridgeConfig) -> None:
     wearing = MountingSelection(config, kept(ImuBridgeConfig(), TURNED))
     assert wearing.sensor_from_arm == pytest.approx((0.0, 0.0, 1.0, 0.0))
-    assert "is configured and wins" in wearing.warning
+    assert "is configured and overrides it" in wearing.warning
     wearing.set(ask(TURNED), 2)
     assert wearing.sensor_from_arm == pytest.approx(TURNED)
     assert not wearing.warning
@@ -137,7 +137,7 @@ async def test_it_is_used_at_once_and_after_a_restart_until_it_is_erased(own_sta
     assert not path.exists()
 
 
-async def test_a_spoilt_file_is_a_warning_and_what_cannot_be_kept_is_used(own_state: Path) -> None:
+async def test_corrupt_file_is_a_warning_and_an_unstored_mounting_is_used(own_state: Path) -> None:
     path = own_state / "users" / ANNA / "mounting.json"
     path.parent.mkdir(parents=True)
     path.write_text('{"by_source": {"simulated": 7}}', encoding="utf-8")
@@ -152,6 +152,6 @@ async def test_a_spoilt_file_is_a_warning_and_what_cannot_be_kept_is_used(own_st
         path.parent.rmdir()
         path.parent.write_text("in the way", encoding="utf-8")
         reply = await set_mounting(bench, ask(TURNED))
-        assert "used now, but not kept" in reply.message
+        assert "used now, but not stored" in reply.message
         assert reply.sensor_from_arm_xyzw == pytest.approx(TURNED)
         await until(lambda: bool(reports[-1].warnings))

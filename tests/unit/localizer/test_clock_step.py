@@ -1,4 +1,4 @@
-"""A clock that is set back hangs nothing, and makes nothing impossible until it catches up."""
+"""A clock that is set back blocks nothing."""
 
 import math
 from collections.abc import Iterable
@@ -22,8 +22,8 @@ from pointit.services.localizer.procedures.static_targets import StaticTargets
 from pointit.services.localizer.tracking.pose_tracking import PoseTracker
 from tests.unit.localizer.lab import LAMPS, ROOM
 from tests.unit.localizer.person import Person, yaw_difference
-from tests.unit.localizer.test_drift import LAMPS as PLACES
-from tests.unit.localizer.test_drift import MINUTE_NS, PERSON, RATE_RADPS, calibrated, drifted, point
+from tests.unit.localizer.test_drift_filter import LAMPS as PLACES
+from tests.unit.localizer.test_drift_filter import MINUTE_NS, PERSON, RATE_RADPS, calibrated, drifted, point
 
 S = NS_PER_S
 START_NS = 1_700_000_000 * S
@@ -98,7 +98,7 @@ def test_only_a_step_of_more_than_a_second_is_one() -> None:
 
 
 @pytest.mark.parametrize("back_s", [3.0, HOUR_S])
-def test_an_anchor_begins_its_hold_anew(back_s: float) -> None:
+def test_anchor_restarts_its_hold_after_a_clock_step(back_s: float) -> None:
     world = World(FIXED)
     world.live(1.0)
     world.accepted(world.locating.point_anchor("led_1", world.now_ns))
@@ -174,7 +174,7 @@ def test_without_rays_a_hold_ends_as_ever() -> None:
     assert not procedure.running
 
 
-def test_a_robot_is_followed_anew() -> None:
+def test_following_restarts_after_a_clock_step() -> None:
     procedure = MovingTarget(Following(reaction_s=0.0))
     procedure.start(START_NS)
     procedure.step(START_NS + S)

@@ -1,4 +1,4 @@
-"""Whose turn it is, by example: what is heard of others, and what follows for our person."""
+"""The queue for lamps by example: messages of others, and the order that follows."""
 
 import pytest
 
@@ -83,7 +83,7 @@ def test_those_who_wait_for_other_lamps_are_of_another_queue() -> None:
         (news("sampling", 10, "led_9"), 0.1, False),
     ],
 )
-def test_who_yields(other: Localization, after_s: float, *, yields: bool) -> None:
+def test_yields_to_users_with_earlier_requests(other: Localization, after_s: float, *, yields: bool) -> None:
     turns = LampQueue("me")
     now_ns = 5 * S + round(after_s * S)
     turns.on_localization("anna", other, now_ns)

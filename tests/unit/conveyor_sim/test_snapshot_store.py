@@ -1,4 +1,4 @@
-"""What a conveyor keeps on disk, and how it goes on from there."""
+"""Stored snapshots of a conveyor, and its restoration from them."""
 
 import json
 from pathlib import Path
@@ -55,7 +55,7 @@ def test_one_that_was_restored_is_as_the_one_before(
         assert all(tracked.id in ids or int(tracked.id.split("-")[1]) > len(ids) for tracked in objects)
 
 
-def test_what_was_selected_stays_so_until_it_is_said_otherwise() -> None:
+def test_selection_stays_until_it_is_changed() -> None:
     before, after = plant(FORK), plant(FORK)
     before.step(S)
     (package,) = before.tracked(0).objects
@@ -88,7 +88,7 @@ def test_a_schedule_goes_on_where_it_was(tmp_path: Path) -> None:
     assert again.state(0).step == "end"
 
 
-def test_what_was_kept_is_read_again_with_what_was_not_told() -> None:
+def test_stored_snapshot_is_read_with_its_unpublished_events() -> None:
     file = SnapshotStore(site_folder("lab", "conveyor-sim"))
     assert file.read() is None
     file.commit(5, "mark", {"a": [1, 2.5]}, 3, [EVENT])
@@ -115,7 +115,7 @@ def test_only_one_conveyor_of_a_site_keeps_and_others_say_so() -> None:
     SnapshotStore(site_folder("lab", "conveyor-sim")).close()
 
 
-def test_a_file_that_is_none_is_begun_anew() -> None:
+def test_corrupt_file_is_recreated() -> None:
     path = site_folder("lab", "conveyor-sim") / FILE
     path.parent.mkdir(parents=True)
     path.write_bytes(b"this is no database, " * 1000)
@@ -128,7 +128,7 @@ def test_a_file_that_is_none_is_begun_anew() -> None:
 
 def test_a_disk_that_takes_nothing_is_said(own_state: Path) -> None:
     own_state.write_text("a file where the folder should be")
-    with pytest.raises(SnapshotError, match=r"plant\.sqlite: cannot be written .*see to the disk"):
+    with pytest.raises(SnapshotError, match=r"plant\.sqlite: cannot be written .*check the disk"):
         SnapshotStore(site_folder("lab", "conveyor-sim"))
 
 
@@ -145,7 +145,7 @@ def test_erasing_says_whether_there_was_something() -> None:
     file.close()
 
 
-def test_what_another_conveyor_has_in_use_is_not_erased() -> None:
+def test_snapshot_in_use_is_not_erased() -> None:
     folder = site_folder("lab", "conveyor-sim")
     file = SnapshotStore(folder)
     file.commit(5, "mark", {}, 0)

@@ -15,7 +15,7 @@ BOX_HEIGHT = 66
 ROOMS = {
     "cli": (480, 16, 700, "the commands of the program pointit"),
     "launch": (720, 114, 440, "a scenario becomes running services"),
-    "evaluation": (205, 212, 370, "estimates beside baselines"),
+    "evaluation": (205, 212, 400, "estimates beside baselines"),
     "bridges": (720, 212, 440, "web page, ROS 2, Foxglove"),
     "diagnosis": (750, 310, 280, "faults of a site, and remedies"),
     "access": (445, 310, 250, "rights and certificates"),
@@ -76,7 +76,7 @@ def picture() -> str:
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} {HEIGHT}" role="img">',
         "<title>Rooms of PointIt and the number of imports between them</title>",
         f"<style>{STYLE}</style>",
-        '<defs><marker id="tip" viewBox="0 0 8 8" refX="7" refY="4" orient="auto" markerWidth="7">',
+        '<defs><marker id="tip" refX="7" refY="4" orient="auto" markerWidth="8" markerHeight="8">',
         '<path d="M0 0 8 4 0 8" style="fill:#52708f;stroke:none"/></marker></defs>',
         f'<rect width="{WIDTH}" height="{HEIGHT}" style="fill:#fff;stroke:none"/>',
     ]

@@ -28,6 +28,7 @@ TOOLS = (
     "mkdir",
     "sed",
     "tr",
+    "date",
 )
 
 PYTHON = """#!/bin/sh

@@ -93,7 +93,7 @@ def picture() -> str:
     for room, (x, y, width, purpose) in ROOMS.items():
         others = [
             f"{target} {count}"
-            for (source, target), count in arrows.most_common()
+            for (source, target), count in sorted(arrows.items(), key=lambda each: (-each[1], each[0]))
             if source == room != target and (source, target) not in drawn
         ]
         parts += [

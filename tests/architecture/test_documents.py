@@ -8,8 +8,10 @@ import pytest
 from pointit.cli.main import COMMANDS
 from tests.architecture.sources import ROOT, all_modules
 
-DOCUMENTS = [ROOT / "README.md", ROOT / "CHANGELOG.md", ROOT / "deploy/README.md", ROOT / "bridges/README.md"]
-DOCUMENTS += sorted((ROOT / "docs").glob("*.md"))
+DOCUMENTS = (
+    *(ROOT / name for name in ("README.md", "CHANGELOG.md", "deploy/README.md", "bridges/README.md")),
+    *sorted((ROOT / "docs").glob("*.md")),
+)
 TOP = (
     "schemas/",
     "services/",

@@ -282,11 +282,11 @@ def test_check_goes_on_after_a_failure_and_names_what_failed(machine: Machine) -
     assert done.returncode == 1
     assert done.stderr == "failed: mypy,lint-imports\n"
     assert [line.split()[0] for line in done.stdout.splitlines() if line.startswith(("ok", "FAILED"))] == [
-        *("ok", "ok", "FAILED", "ok", "FAILED", "ok", "ok")
+        *("ok", "ok", "FAILED", "ok", "FAILED", "ok", "ok", "ok")
     ]
     assert "mypy complains" in done.stdout
     assert "ruff complains" not in done.stdout
-    assert machine.calls == ["pointit schema --check"]
+    assert machine.calls == ["pointit schema --check", "python scripts/prose"]
 
 
 @pytest.mark.parametrize("there", [False, True])

@@ -27,7 +27,7 @@ SIZE = (1280, 800)
 QUALITY = 88
 MOST_BYTES = 250_000
 SPEED = "0.25"
-"""Of the site: a picture takes its time here, and what it shows should still be so when it is done."""
+"""Speed of the site's clock: the scene must not change while the browser draws, which is slow here."""
 DWELL_S = 3.0
 """Till an object is selected, that a slow picture is in time."""
 ARGUMENTS = ("scenario_4", "--seed", "3", "--speed", SPEED, "--duration", "900", "--lan")

@@ -28,6 +28,7 @@ TOOLS = (
     "mkdir",
     "sed",
     "tr",
+    "date",
 )
 
 PYTHON = """#!/bin/sh
@@ -281,11 +282,11 @@ def test_check_goes_on_after_a_failure_and_names_what_failed(machine: Machine) -
     assert done.returncode == 1
     assert done.stderr == "failed: mypy,lint-imports\n"
     assert [line.split()[0] for line in done.stdout.splitlines() if line.startswith(("ok", "FAILED"))] == [
-        *("ok", "ok", "FAILED", "ok", "FAILED", "ok", "ok")
+        *("ok", "ok", "FAILED", "ok", "FAILED", "ok", "ok", "ok")
     ]
     assert "mypy complains" in done.stdout
     assert "ruff complains" not in done.stdout
-    assert machine.calls == ["pointit schema --check"]
+    assert machine.calls == ["pointit schema --check", "python scripts/prose"]
 
 
 @pytest.mark.parametrize("there", [False, True])
@@ -366,5 +367,9 @@ def test_an_image_that_ci_makes_is_not_named_as_the_official_one(
 
 def test_all_scripts_are_executable_and_parse() -> None:
     for script in (*(ROOT / "scripts").iterdir(), *(ROOT / ".ci").iterdir()):
-        assert subprocess.run(["bash", "-n", script], check=False).returncode == 0  # noqa: S607 - whichever bash
+        text = script.read_text(encoding="utf-8")
+        if "python" in text.partition("\n")[0]:
+            compile(text, script, "exec")
+        else:
+            assert subprocess.run(["bash", "-n", script], check=False).returncode == 0  # noqa: S607 - any bash
         assert script.suffix == ".sh" or os.access(script, os.X_OK), f"{script} is not executable"

@@ -1,0 +1,96 @@
+"""Files, scripts and commands that the documents name exist."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from pointit.cli.main import COMMANDS
+from tests.architecture.sources import ROOT, all_modules
+
+DOCUMENTS = (
+    *(ROOT / name for name in ("README.md", "CHANGELOG.md", "deploy/README.md", "bridges/README.md")),
+    *sorted((ROOT / "docs").glob("*.md")),
+)
+TOP = (
+    "schemas/",
+    "services/",
+    "bridges/",
+    "tests/",
+    "benchmarks/",
+    "docs/",
+    "scripts/",
+    "deploy/",
+    "requirements/",
+)
+MADE_BY_READERS = {"deploy/.env"}
+MODULES = (
+    *all_modules(),
+    *(ROOT / "docs").glob("*.py"),
+    *(ROOT / "bridges/pointit/bridges/web/client/src").rglob("*.ts"),
+)
+documents = pytest.mark.parametrize(
+    "path", [pytest.param(path, id=str(path.relative_to(ROOT))) for path in DOCUMENTS]
+)
+
+
+def anchors(text: str) -> set[str]:
+    """Return the fragments of all headings, as GitHub makes them."""
+    headings = re.findall(r"^#+ (.*)$", text, re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+
+def missing_links(text: str, path: Path) -> list[str]:
+    """Return relative links of the document at `path` that lead nowhere."""
+    missing: list[str] = []
+    for link in re.findall(r"\]\(([^)\s]+)\)", text):
+        target, _, fragment = link.partition("#")
+        if "://" in target:
+            continue
+        file = (path.parent / target).resolve() if target else path
+        if not file.exists() or (fragment and fragment not in anchors(file.read_text(encoding="utf-8"))):
+            missing.append(link)
+    return missing
+
+
+def missing_paths(text: str) -> list[str]:
+    """Return paths of the repository and names of modules, in backticks, that do not exist."""
+    missing: list[str] = []
+    for quoted in re.findall(r"`([^`\s]+)`", text):
+        is_module = re.fullmatch(r"[\w/.]+\.(py|ts)", quoted) is not None
+        if not is_module and (not quoted.startswith(TOP) or re.search(r"[{*<…]", quoted)):
+            continue
+        is_there = (ROOT / quoted).exists() or quoted in MADE_BY_READERS
+        if is_module and not is_there:
+            is_there = any(module.as_posix().endswith(f"/{quoted}") for module in MODULES)
+        if not is_there:
+            missing.append(quoted)
+    return missing
+
+
+def unknown_commands(text: str) -> set[str]:
+    """Return the scripts and commands in code that do not exist."""
+    code = "\n".join(
+        [*re.findall(r"^```.*?^```", text, re.MULTILINE | re.DOTALL), *re.findall(r"`([^`\n]+)`", text)]
+    )
+    commands = set(re.findall(r"(?:^|[\s(])pointit ([a-z][\w-]*)", code, re.MULTILINE))
+    scripts = {f"scripts/{name}" for name in re.findall(r"scripts/(\w+)", text)}
+    known = {name for name, _, _ in COMMANDS}
+    return (commands - known) | {script for script in scripts if not (ROOT / script).is_file()}
+
+
+@documents
+def test_links_paths_and_commands_exist(path: Path) -> None:
+    text = path.read_text(encoding="utf-8")
+    assert missing_links(text, path) == []
+    assert missing_paths(text) == []
+    assert unknown_commands(text) == set()
+
+
+def test_missing_files_and_commands_are_found() -> None:
+    text = (
+        "[a](docs/none.md) `services/none.py` `nothing/service.py`\n```sh\npointit fly\nscripts/land\n```\n"
+    )
+    assert missing_links(text, ROOT / "README.md") == ["docs/none.md"]
+    assert missing_paths(text) == ["services/none.py", "nothing/service.py"]
+    assert unknown_commands(text) == {"fly", "scripts/land"}

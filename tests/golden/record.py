@@ -43,7 +43,7 @@ class Record:
                 yield topic.at(name), self._messages[topic.key][name]
 
     def has(self, wanted: str) -> bool:
-        """Return whether there is a message on the key `wanted`, for `key=value` one with that value."""
+        """Return True if there is a message on the key `wanted`, for `key=value` one with that value."""
         key, _, value = wanted.partition("=")
         messages = dict(self).get(key, [])
         return any(not value or value in vars(message).values() for message in messages)

@@ -40,7 +40,7 @@ class Connection:
 
     @property
     def can_be_cut(self) -> bool:
-        """Return whether there is a socket of its own to shut: connections by QUIC share the listener's."""
+        """Return True if there is a socket of its own to shut: connections by QUIC share the listener's."""
         return not self.address.startswith("quic/")
 
 

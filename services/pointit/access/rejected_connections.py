@@ -62,7 +62,7 @@ class RejectedConnections:
         """By thread: from where its last newcomer came, and who they say they are."""
 
     def take(self, line: str, where: str) -> bool:
-        """Take a line of the log, without colours, of the thread `where`; return whether it tells of one."""
+        """Take a line of the log, without colours, of the thread `where`. Return True if it tells of one."""
         if knock := KNOCKS.match(line):
             self._knocks[where] = knock[1], _claimed(line)
             return False

@@ -38,7 +38,7 @@ def diagnose(seen: Observation) -> list[Finding]:
 
 
 def is_healthy(findings: Sequence[Finding]) -> bool:
-    """Return whether nothing is wrong now; notes are about the past."""
+    """Return True if nothing is wrong now; notes are about the past."""
     return all(finding.severity == "note" for finding in findings)
 
 
@@ -142,7 +142,7 @@ def _reports(seen: Observation) -> Iterator[Finding]:
 
 
 def _says_what_to_do(warning: str) -> bool:
-    """Return whether a warning goes on after what is wrong: `...; do this`, `...: do this`."""
+    """Return True if a warning goes on after what is wrong: `...; do this`, `...: do this`."""
     return any(mark in warning for mark in ("; ", ": ", "`"))
 
 

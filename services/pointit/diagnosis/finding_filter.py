@@ -7,7 +7,7 @@ from pointit.diagnosis.writers import split_instance
 
 
 def is_about(instance: str, name: str) -> bool:
-    """Return whether `name` is the instance, its service or its person."""
+    """Return True if `name` is the instance, its service or its person."""
     return name in (instance, *split_instance(instance))
 
 

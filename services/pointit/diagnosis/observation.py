@@ -102,7 +102,7 @@ class Observation:
         return self.now_s - (reports[-1].received_s if reports else self.began_s)
 
     def is_silent(self, instance: str) -> bool:
-        """Return whether nothing was heard of `instance` for too long."""
+        """Return True if nothing was heard of `instance` for too long."""
         return self.silence_s(instance) > SILENT_S
 
 

@@ -63,7 +63,7 @@ def _is_old(key: KeyHealth | None, topic: AnyTopic, seen: Observation, uptime_s:
 
 
 def _written(seen: Observation, topic: AnyTopic, writers: Sequence[str]) -> bool:
-    """Return whether one of `writers` reports to have just written `topic`."""
+    """Return True if one of `writers` reports to have just written `topic`."""
     for writer in writers:
         health = seen.newest(writer)
         for other, key in _rated(health, "out"):

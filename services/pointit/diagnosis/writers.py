@@ -17,7 +17,7 @@ def split_instance(instance: str) -> tuple[str, str]:
 
 
 def is_bridge(instance: str) -> bool:
-    """Return whether an instance brings what comes from a foreign world."""
+    """Return True if an instance brings what comes from a foreign world."""
     row = _ROWS.get(split_instance(instance)[0])
     return row is not None and row.room == "bridges"
 

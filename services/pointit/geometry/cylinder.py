@@ -34,7 +34,7 @@ class CylinderSolid:
         self.bounding_sphere = (centre, math.hypot(radius_m, height_m / 2.0))
 
     def contains(self, point_m: Vec3) -> bool:
-        """Return whether `point_m` is inside."""
+        """Return True if `point_m` is inside."""
         x, y, z = vector.subtract(point_m, self._foot)
         return math.hypot(x, y) < self._radius and 0.0 < z < self._height
 

@@ -25,7 +25,7 @@ class Solid(Protocol):
     """Centre and radius of a ball that it lies in; the radius is infinite when it has no end."""
 
     def contains(self, point_m: Vec3) -> bool:
-        """Return whether `point_m` is inside."""
+        """Return True if `point_m` is inside."""
         ...
 
     def intersect(self, origin_m: Vec3, direction: Vec3) -> float | None:
@@ -57,7 +57,7 @@ class BoxSolid:
         self.bounding_sphere = (center_m, vector.norm(self._half))
 
     def contains(self, point_m: Vec3) -> bool:
-        """Return whether `point_m` is inside."""
+        """Return True if `point_m` is inside."""
         own = self._own(point_m)
         return all(abs(x) < half for x, half in zip(own, self._half, strict=True))
 
@@ -106,7 +106,7 @@ class SphereSolid:
         self.bounding_sphere = (center_m, radius_m)
 
     def contains(self, point_m: Vec3) -> bool:
-        """Return whether `point_m` is inside."""
+        """Return True if `point_m` is inside."""
         return math.dist(point_m, self._center) < self._radius
 
     def intersect(self, origin_m: Vec3, direction: Vec3) -> float | None:

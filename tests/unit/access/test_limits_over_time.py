@@ -9,7 +9,7 @@ ROLES = {"lab/anna": "user"}
 
 
 def look(limits: Limits, now_s: float, *keys: str) -> bool:
-    """Look once; return whether the connection is cut."""
+    """Look once. Return True if the connection is cut."""
     cut, told = limits.excess([ANNA], ROLES, {}, now_s, {"lab/anna": keys})
     assert (cut, list(told)) in (([], []), ([ANNA], ["lab/anna"]))
     return bool(cut)

@@ -79,7 +79,7 @@ def following(seed: int, turn: Quaternion, *, rise_m: float = 0.4, is_around: bo
 
 
 def verdict(pointings: Pointings) -> tuple[bool, str]:
-    """Return whether the solver accepts `pointings`, and what is said of the mounting."""
+    """Return True if the solver accepts `pointings`, and what is said of the mounting."""
     result = solve(pointings, SolverSettings())
     return isinstance(result, Solution), mounting_fault(pointings, result, SolverSettings(), 0.0)
 

@@ -126,7 +126,7 @@ for seq in range(1, 6):
     journal.add(record)
     journal.commit(%d)
     if seq == 3:
-        journal.tell(3)
+        journal.mark_published(3)
 print("ready", flush=True)
 time.sleep(60)
 """
@@ -166,7 +166,7 @@ def test_a_damaged_file_is_moved_aside(tmp_path: Path, content: bytes) -> None:
     (tmp_path / "journal.sqlite").write_bytes(content)
     journal = Journal(tmp_path)
     assert journal.begin(NOW).entries == {}
-    assert "was damaged and is kept as journal.corrupt-" in journal.problem
+    assert "was damaged and is now journal.corrupt-" in journal.problem
     journal.add(selected("a", 1))
     journal.commit(NOW)
     assert "was damaged" in journal.problem  # still to be seen

@@ -142,7 +142,7 @@ def _grid(axes: Axes, side_m: float) -> None:
 
 
 def on_belt(room: Environment, x: float, y: float) -> bool:
-    """Return whether the place lies on a belt, as seen from above."""
+    """Return True if the place lies on a belt, as seen from above."""
     for belt in room.belts:
         try:
             flat = Polyline([(*vertex[:2], 0.0) for vertex in belt.line_m])

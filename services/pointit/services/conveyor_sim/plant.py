@@ -81,7 +81,7 @@ class Plant:
 
     @property
     def is_feeding(self) -> bool:
-        """Return whether the feeders give packages; otherwise they rest."""
+        """Return True if the feeders give packages; otherwise they rest."""
         return self._feeders.is_on
 
     @property

@@ -46,7 +46,7 @@ class Tracker:
         return report.model_copy(update={"objects": objects})
 
     def _loses(self, now_ns: int) -> bool:
-        """Return whether this report is lost; bursts begin and end at random, the share is kept."""
+        """Return True if this report is lost; bursts begin and end at random, the share is kept."""
         config = self._config
         chance = self._random.random()
         if self._seen_ns is None:

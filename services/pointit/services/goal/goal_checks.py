@@ -25,7 +25,7 @@ class GoalChecker:
 
     @property
     def is_pointing(self) -> bool:
-        """Return whether the person's supervisor says that they point."""
+        """Return True if the person's supervisor says that they point."""
         return self._interaction is not None and self._interaction.state == "pointing"
 
     def on_map(self, environment: Environment) -> None:

@@ -56,7 +56,7 @@ class PageWrist:
         return "arm" if self._newest is None else self._newest.device
 
     def is_active(self, now_ns: int, speed: float = 1.0) -> bool:
-        """Return whether the page moves the wrist; the time runs `speed` times as fast as the wall's."""
+        """Return True if the page moves the wrist; the time runs `speed` times as fast as the wall's."""
         heard_ns = self._heard_ns
         return heard_ns is not None and abs(now_ns - heard_ns) <= WRIST_PATIENCE_S * NS_PER_S * speed
 

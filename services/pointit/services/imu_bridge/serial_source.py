@@ -80,7 +80,7 @@ class SerialSource:
                 self._thread.post(self._on_silence, change)
 
     def _take(self, line: bytes, stamp_ns: int) -> bool:
-        """Hand `line` over to the loop; return whether there was something in it."""
+        """Hand `line` over to the loop. Return True if there was something in it."""
         parsed = self._parser.parse(line)
         if parsed is None:
             return False

@@ -27,7 +27,7 @@ KEPT: tuple[Topic[Any], ...] = tuple(
 
 
 def dies_with_writer(message: Message) -> bool:
-    """Return whether `message` must not outlive its writer."""
+    """Return True if `message` must not outlive its writer."""
     if isinstance(message, UserPose):
         return message.method == "external"
     if isinstance(message, Deployment):
@@ -36,17 +36,17 @@ def dies_with_writer(message: Message) -> bool:
 
 
 def is_personal(topic: Topic[Any]) -> bool:
-    """Return whether `topic` is a person's: handed out to nobody while they are not there."""
+    """Return True if `topic` is a person's: handed out to nobody while they are not there."""
     return topic.placeholder == "user"
 
 
 def is_shared(topic: Topic[Any]) -> bool:
-    """Return whether `topic` is the site's, nobody's in particular."""
+    """Return True if `topic` is the site's, nobody's in particular."""
     return not is_personal(topic) and topic is not DEPLOYMENT
 
 
 def is_superseded(earlier: Message, later: Message) -> bool:
-    """Return whether `later`, under another name, tells that `earlier` runs no more.
+    """Return True if `later`, under another name, tells that `earlier` runs no more.
 
     A site runs one scenario at a time; people come and go beside it.
     """
@@ -60,7 +60,7 @@ def is_superseded(earlier: Message, later: Message) -> bool:
 def has_owner(
     topic: Topic[Any], name: str, message: Message, users: Collection[str], instances: Collection[str]
 ) -> bool:
-    """Return whether somebody is present whose state it is.
+    """Return True if somebody is present whose state it is.
 
     Args:
         topic: its row.

@@ -60,12 +60,12 @@ class PoseManager:
 
     @property
     def is_busy(self) -> bool:
-        """Return whether a procedure runs and wants to be stepped."""
+        """Return True if a procedure runs and wants to be stepped."""
         return self._procedures.is_busy
 
     @property
     def is_followed(self) -> bool:
-        """Return whether the pose is to be looked at from time to time."""
+        """Return True if the pose is to be looked at from time to time."""
         return self._tracking.follows or self._outside.pose is not None
 
     def begin(self, now_ns: int) -> list[Output]:

@@ -49,12 +49,12 @@ class ProcedureRunner:
 
     @property
     def is_busy(self) -> bool:
-        """Return whether a procedure runs, or waits, and wants to be stepped."""
+        """Return True if a procedure runs, or waits, and wants to be stepped."""
         return self._running is not None
 
     @property
     def is_localizing(self) -> bool:
-        """Return whether one runs, or waits, that finds the pose, rather than an anchor."""
+        """Return True if one runs, or waits, that finds the pose, rather than an anchor."""
         running = self._running
         if isinstance(running, QueuedPointing):
             return running.purpose == "pose"
@@ -62,7 +62,7 @@ class ProcedureRunner:
 
     @property
     def is_following(self) -> bool:
-        """Return whether the arm follows something that moves."""
+        """Return True if the arm follows something that moves."""
         return isinstance(self._running, MovingTarget)
 
     @property

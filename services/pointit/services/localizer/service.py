@@ -161,7 +161,7 @@ class Localizer(Service[LocalizerConfig]):
             self._locating.on_objects(objects, tracker)
 
     def _is_timely(self, key: str, stamp_ns: int) -> bool:
-        """Return whether `stamp_ns` is not in the future, but for clocks that differ a little, and say so."""
+        """Return True if `stamp_ns` is not in the future, but for clocks that differ a little, and say so."""
         ahead_ns = stamp_ns - self.clock.now_ns()
         if ahead_ns <= AHEAD_NS * self.clock.speed:
             self.bus.clear(f"future {key}")

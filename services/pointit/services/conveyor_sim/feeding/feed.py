@@ -47,7 +47,7 @@ class Feeder:
 
     @property
     def is_done(self) -> bool:
-        """Return whether there is nothing more to feed."""
+        """Return True if there is nothing more to feed."""
         supply = self.supply
         has_kinds = bool(supply.sequence or supply.probabilities)
         return not has_kinds or 0 < supply.count <= self.taken

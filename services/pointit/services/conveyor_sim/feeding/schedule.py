@@ -109,7 +109,7 @@ class Schedule:
 
     @property
     def is_over(self) -> bool:
-        """Return whether all steps are over."""
+        """Return True if all steps are over."""
         return self.index >= len(self._steps)
 
     @property
@@ -118,7 +118,7 @@ class Schedule:
         return () if self.is_over else self.step.feeders
 
     def tick(self, elapsed_s: float) -> bool:
-        """Let time go by, no more than is left of the step; return whether another step begins."""
+        """Let time go by, no more than is left of the step. Return True if another step begins."""
         self.left_s -= elapsed_s
         if self.is_over or self.left_s > 0.5e-9:
             return False

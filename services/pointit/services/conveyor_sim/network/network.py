@@ -47,7 +47,7 @@ class NetworkEdge:
 
     @property
     def is_bridge(self) -> bool:
-        """Return whether it is the bridge of a link."""
+        """Return True if it is the bridge of a link."""
         return bool(self.target)
 
     def point(self, offset_m: float) -> Vec3:

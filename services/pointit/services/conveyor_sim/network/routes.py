@@ -26,12 +26,12 @@ class Routes:
         return self._next[bay][piece]
 
     def reaches(self, piece: int, bay: str) -> bool:
-        """Return whether a way leads from `piece` to `bay`."""
+        """Return True if a way leads from `piece` to `bay`."""
         lengths_m = self._length_m.get(bay)
         return lengths_m is not None and lengths_m[piece] < math.inf
 
     def has(self, bay: str) -> bool:
-        """Return whether the network has a bay of that name."""
+        """Return True if the network has a bay of that name."""
         return bay in self._length_m
 
     def best(self, piece: int, wanted: str) -> str:

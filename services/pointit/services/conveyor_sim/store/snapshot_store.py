@@ -42,7 +42,7 @@ FILE = "plant.sqlite"
 
 
 def erase(folder: Path) -> bool:
-    """Let the next conveyor that keeps in `folder` begin anew; return whether there was something to forget.
+    """Let the next conveyor that keeps in `folder` begin anew. Return True if there was something to forget.
 
     What another conveyor has in use, or the disk does not give, stays as it is: who opens it next says so.
     """
@@ -146,7 +146,7 @@ class SnapshotStore:
             raise self._failure(error) from error
 
     def clear(self) -> bool:
-        """Forget everything; return whether there was something."""
+        """Forget everything. Return True if there was something."""
         with contextlib.suppress(sqlite3.Error), self._file:
             self._file.execute("DELETE FROM outbox")
             return self._file.execute("DELETE FROM plant").rowcount > 0

@@ -108,7 +108,7 @@ class Traffic:
         return missing_m if missing_m > TOLERANCE_M else 0.0
 
     def is_clear(self, piece: NetworkEdge, offset_m: float, length_m: float) -> bool:
-        """Return whether a package of `length_m` may be put there: nothing near, no zone that is in use."""
+        """Return True if a package of `length_m` may be put there: nothing near, no zone that is in use."""
         return self.wait_m(piece, offset_m, length_m) == 0.0
 
     def move(self, elapsed_s: float) -> list[Package]:

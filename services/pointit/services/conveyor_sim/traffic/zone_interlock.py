@@ -81,7 +81,7 @@ class ZoneInterlock:
             package.leave_zone()
 
     def is_free(self, zone: int) -> bool:
-        """Return whether nobody is in `zone`."""
+        """Return True if nobody is in `zone`."""
         return not self._inside[zone]
 
     def occupy(self, package: Package, gate: Gate) -> None:
@@ -168,7 +168,7 @@ class ZoneInterlock:
         return _Passage(tuple(way), lane, not is_straight_on and float(along) < SHARP, exit_m)
 
     def _ring_takes(self, package: Package, zone: int, passage: _Passage) -> bool:
-        """Return whether the ring to which `passage` leads, if it does from outside, takes one more."""
+        """Return True if the ring to which `passage` leads, if it does from outside, takes one more."""
         ring = self._rings.of[passage.way[-1]] if passage.way else NO_RING
         if ring == NO_RING or self._rings.of[package.piece] == ring:
             return True
@@ -180,12 +180,12 @@ class ZoneInterlock:
         return sum(len(self._held[piece]) for piece in self._rings.pieces[ring])
 
     def takes(self, piece: int) -> bool:
-        """Return whether one more may be put on `piece`; a ring is never filled."""
+        """Return True if one more may be put on `piece`; a ring is never filled."""
         ring = self._rings.of[piece]
         return ring == NO_RING or self.on_ring(ring) <= self._rings.most[ring]
 
     def _has_room(self, package: Package, gate: Gate, passage: _Passage) -> bool:
-        """Return whether all that is on its way out of the zone, and `package`, fit before the next zone."""
+        """Return True if all that is on its way out of the zone, and `package`, fit before the next zone."""
         here = passage.way[-1] if passage.way else package.piece
         if not all(self._runs(piece) for piece in (here, *passage.way)):
             return False
@@ -221,7 +221,7 @@ class ZoneInterlock:
 
     @staticmethod
     def _fit(lengths_m: list[float], package: Package, room_m: float) -> bool:
-        """Return whether all have their centres within `room_m`; the first and the last stick out by half."""
+        """Return True if all have their centres within `room_m`; the first and the last stick out by half."""
         needed_m = sum(lengths_m) + package.length_m
         ends_m = ((lengths_m[0] if lengths_m else package.length_m) + package.length_m) / 2.0
         return needed_m - ends_m <= room_m + PAST_M

@@ -305,7 +305,7 @@ class DriftFilter:
             self._agreed = 0
 
     def _fits_without_rate(self, sight: AnchorMeasurement) -> bool:
-        """Update the state with `sight` and without the rate, where it fits so; return whether it does."""
+        """Update the state with `sight` and without the rate, where it fits so. Return True if it does."""
         state = self._state.without_rate(self._agreed_ns)
         innovation, slope, noise = innovation_terms(
             state.mean, sight, state.late_s(sight.stamp_ns), self._settings

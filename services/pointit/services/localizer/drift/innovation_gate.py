@@ -60,7 +60,7 @@ def judge_rejected(
 
 
 def _is_step(a: Rejected, b: Rejected, gate: float, rate_sigma_radps: float) -> bool:
-    """Return whether the pose is beside by the same in both."""
+    """Return True if the pose is beside by the same in both."""
     drifted = rate_sigma_radps * (a.sight.stamp_ns - b.sight.stamp_ns) / NS_PER_S
     step = math.remainder(a.azimuth_error_rad - b.azimuth_error_rad, math.tau)
     allowed = gate * math.sqrt(a.azimuth_variance + b.azimuth_variance + drifted**2)
@@ -68,7 +68,7 @@ def _is_step(a: Rejected, b: Rejected, gate: float, rate_sigma_radps: float) -> 
 
 
 def _is_ramp(a: Rejected, b: Rejected, gate: float, since_ns: int) -> bool:
-    """Return whether the yaw has gone beside evenly since `since_ns`."""
+    """Return True if the yaw has gone beside evenly since `since_ns`."""
     earlier_ns = b.sight.stamp_ns - since_ns
     if earlier_ns <= 0:
         return False

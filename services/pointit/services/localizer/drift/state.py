@@ -37,7 +37,7 @@ class DriftState:
 
     @property
     def is_yaw_unknown(self) -> bool:
-        """Return whether the yaw is so uncertain that it says nothing."""
+        """Return True if the yaw is so uncertain that it says nothing."""
         return float(self.covariance[YAW, YAW]) >= self._blank_variance
 
     @property

@@ -88,7 +88,7 @@ def _stated(solution: Solution, trust: SolverSettings) -> str:
 
 
 def _is_one_view(rays: Rays) -> bool:
-    """Return whether all rays have one direction."""
+    """Return True if all rays have one direction."""
     turned = np.angle(rays.inverse_azimuth * np.conj(rays.inverse_azimuth[0]))
     spread = float(np.ptp(turned)) * float(np.min(rays.elevation_phasor.real))
     return spread < SAME_VIEW_RAD and float(np.ptp(rays.elevations_rad)) < SAME_VIEW_RAD

@@ -109,7 +109,7 @@ class Solution:
         return math.sqrt(max(0.0, 0.5 * (xx + yy) + math.hypot(0.5 * (xx - yy), xy)))
 
     def is_near(self, other: "Solution") -> bool:
-        """Return whether it makes no difference which of the two is taken."""
+        """Return True if it makes no difference which of the two is taken."""
         away_m = math.hypot(self.x_m - other.x_m, self.y_m - other.y_m)
         turned_rad = abs(math.remainder(self.yaw_rad - other.yaw_rad, math.tau))
         return away_m <= SAME_POSE and turned_rad <= SAME_POSE

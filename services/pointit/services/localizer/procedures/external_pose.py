@@ -16,7 +16,7 @@ class ExternalPose:
         self._heard_ns = 0
 
     def hear(self, pose: UserPose, now_ns: int) -> bool:
-        """Take a tracker's pose; return whether the localizer gives the pose until now."""
+        """Take a tracker's pose. Return True if the localizer gives the pose until now."""
         is_first = self.pose is None
         self.pose, self._heard_ns = pose, now_ns
         return is_first
@@ -35,7 +35,7 @@ class ExternalPose:
         return max(0, now_ns - self._heard_ns) / NS_PER_S
 
     def is_fresh(self, now_ns: int) -> bool:
-        """Return whether the tracker gives the pose."""
+        """Return True if the tracker gives the pose."""
         return self.pose is not None and self.age_s(now_ns) <= FRESH_S
 
     def busy_reason(self, user: str, now_ns: int) -> str:

@@ -55,7 +55,7 @@ class Hold:
 
     @property
     def is_settled(self) -> bool:
-        """Return whether the ray was steady, or need not be."""
+        """Return True if the ray was steady, or need not be."""
         return not self._waits
 
     def add(self, ray: PointingRay) -> None:
@@ -78,11 +78,11 @@ class Hold:
         self.rays = [ray.model_copy(update={"stamp_ns": max(0, ray.stamp_ns - by_ns)}) for ray in self.rays]
 
     def is_over(self, now_ns: int, enough: int) -> bool:
-        """Return whether it has lasted long enough and `enough` rays came."""
+        """Return True if it has lasted long enough and `enough` rays came."""
         return self.is_settled and now_ns >= self._end_ns and len(self.rays) >= enough
 
     def has_timed_out(self, now_ns: int) -> bool:
-        """Return whether waiting for more makes no sense."""
+        """Return True if waiting for more makes no sense."""
         return now_ns >= self._end_ns + round(self._timing.patience_s * NS_PER_S)
 
     def progress(self, now_ns: int) -> float:
@@ -103,7 +103,7 @@ class Hold:
         self._recent.clear()
 
     def _is_steady(self) -> bool:
-        """Return whether the mean direction of the recent rays' halves differs by little.
+        """Return True if the mean direction of the recent rays' halves differs by little.
 
         Halves, because single rays jitter faster than the arm moves.
         """

@@ -43,7 +43,7 @@ class LampProcedure(ABC):
 
     @property
     def running(self) -> bool:
-        """Return whether a lamp is lit and rays are wanted."""
+        """Return True if a lamp is lit and rays are wanted."""
         return self._running
 
     @property

@@ -49,7 +49,7 @@ class LampQueue:
         """The longest unheard first."""
 
     def on_localization(self, user: str, news: Localization, now_ns: int) -> bool:
-        """Take what `user`'s localizer says; return whether a localization of theirs has ended with it."""
+        """Take what `user`'s localizer says. Return True if a localization of theirs has ended with it."""
         before = self._heard.pop(user, None)
         if news.phase == "idle":  # a new localizer: what the old one did is over
             return before is not None and before.is_on
@@ -71,7 +71,7 @@ class LampQueue:
         return before is not None and before.is_on and not is_on
 
     def leave(self, user: str) -> bool:
-        """Take note that `user` is not present any more; return whether they were localized, or waited."""
+        """Take note that `user` is not present any more. Return True if they were localized, or waited."""
         before = self._heard.pop(user, None)
         return before is not None and before.is_on
 
@@ -116,7 +116,7 @@ class LampQueue:
         return heard.is_on and 0 <= now_ns - heard.at_ns < FRESH_S * NS_PER_S
 
     def _shares(self, heard: _Heard, lamps: Collection[str]) -> bool:
-        """Return whether they, as far as is known, use some of `lamps`, or are in one queue with us.
+        """Return True if they, as far as is known, use some of `lamps`, or are in one queue with us.
 
         What is not known is taken to be so: it is until they point.
         """

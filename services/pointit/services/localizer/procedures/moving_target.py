@@ -106,7 +106,7 @@ class MovingTarget:
 
     @property
     def running(self) -> bool:
-        """Return whether rays and objects are wanted."""
+        """Return True if rays and objects are wanted."""
         return self._running
 
     @property

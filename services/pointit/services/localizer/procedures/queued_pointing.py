@@ -41,7 +41,7 @@ class QueuedPointing:
         self._clock.begin(now_ns)
 
     def is_too_long(self, now_ns: int) -> bool:
-        """Return whether the limit is reached; call it often, as clocks may be set back."""
+        """Return True if the limit is reached; call it often, as clocks may be set back."""
         if back_ns := self._clock.by_ns(now_ns):
             self._until_ns -= back_ns
             self.wish = PointingRequest(self.wish.make, max(0, self.wish.since_ns - back_ns))

@@ -117,7 +117,7 @@ class StaticTargets(LampProcedure):
         return self._finish(now_ns, result)
 
     def _goes_on(self, result: Solution | Refusal, before: float) -> bool:
-        """Return whether another hold is worth the person's while.
+        """Return True if another hold is worth the person's while.
 
         Where the number is given, it is. Else until the pose is sure enough; but once all lamps were used,
         and the pose will do, only as long as it still gains.

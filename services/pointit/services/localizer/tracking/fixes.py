@@ -17,7 +17,7 @@ DOUBT: Array = np.diag([GIVEN_SIGMA_M**2, GIVEN_SIGMA_M**2, GIVEN_SIGMA_RAD**2])
 
 
 def is_exact(pose: UserPose) -> bool:
-    """Return whether somebody says that `pose` is exact, rather than that it was found."""
+    """Return True if somebody says that `pose` is exact, rather than that it was found."""
     return pose.method == "fixed" and not any(pose.covariance)
 
 

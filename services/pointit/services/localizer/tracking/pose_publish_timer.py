@@ -45,7 +45,7 @@ class PosePublishTimer:
         return pose
 
     def is_due(self, now: DriftPose) -> bool:
-        """Return whether the pose of now is to be published."""
+        """Return True if the pose of now is to be published."""
         last = self._last
         if last is None:
             return True

@@ -64,7 +64,7 @@ class PoseTracker:
 
     @property
     def follows(self) -> bool:
-        """Return whether the pose changes with time by itself."""
+        """Return True if the pose changes with time by itself."""
         return self._follows
 
     def set_localized(self, pose: UserPose, since_ns: int, middle_ns: int, now_ns: int) -> UserPose:
@@ -167,7 +167,7 @@ class PoseTracker:
 
     @property
     def has_lost_yaw(self) -> bool:
-        """Return whether nothing has told the yaw since the IMU's origin changed."""
+        """Return True if nothing has told the yaw since the IMU's origin changed."""
         return self._has_lost_yaw
 
     def anchor(self, lamp: Lamp, mean: Mean, wrong: str = "", now_ns: int | None = None) -> AnchorOutcome:

@@ -65,7 +65,7 @@ class Wristband:
         self.drift_rad += self._rate_radps * passed_s
 
     def _is_silent(self, passed_s: float) -> bool:
-        """Return whether the radio is silent; two states with exponential stays (Gilbert)."""
+        """Return True if the radio is silent; two states with exponential stays (Gilbert)."""
         share = self._config.dropout_share
         if share <= 0.0:
             return False

@@ -65,7 +65,7 @@ class Correction:
 
     @property
     def is_lost(self) -> bool:
-        """Return whether the cursor was searched for in vain."""
+        """Return True if the cursor was searched for in vain."""
         return self._searches >= LOST_SEARCHES
 
     @property
@@ -145,7 +145,7 @@ class Correction:
         self._is_turning = True
 
     def step(self, now_ns: int) -> bool:
-        """Return whether `now_rad` changed, so that the hand must move."""
+        """Return True if `now_rad` changed, so that the hand must move."""
         if self._is_turning:
             self._is_turning = False
             self._next_ns = now_ns + self._period_ns

@@ -34,7 +34,7 @@ class DecisionTimes:
         return self.quickness * usual_s * math.exp(mind.search_spread * float(self._rng.standard_normal()))
 
     def lapses(self) -> bool:
-        """Return whether something goes wrong now."""
+        """Return True if something goes wrong now."""
         return self._lapse_share > 0.0 and float(self._rng.random()) < self._lapse_share
 
     def between(self, least: float, most: float) -> float:

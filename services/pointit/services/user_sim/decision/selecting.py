@@ -114,7 +114,7 @@ class Selecting:
         return seen.thing.kind in self._kinds or seen.thing.id == self._mistaken
 
     def _is_worth(self, seen: SeenObject, now_ns: int, sight: Sight) -> bool:
-        """Return whether to turn to an object now: there is something to do, and time for it."""
+        """Return True if to turn to an object now: there is something to do, and time for it."""
         if not self._is_task(seen) or not sight.has_come(seen, now_ns):
             return False
         until_ns = self._pause_until_ns.get(seen.thing.id, 0)

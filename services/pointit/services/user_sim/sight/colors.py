@@ -63,7 +63,7 @@ def brightness(code: int) -> int:
 
 @functools.lru_cache(maxsize=4096)
 def is_same_hue(code: int, other: int) -> bool:
-    """Return whether two colours differ in brightness alone."""
+    """Return True if two colours differ in brightness alone."""
     a, b = rgb(code), rgb(other)
     dot = a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
     lengths = math.hypot(*a) * math.hypot(*b)

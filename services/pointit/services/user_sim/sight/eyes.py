@@ -263,5 +263,5 @@ def _grouped(line: ShownLine, lit: Sequence[tuple[float, int]], gap: float) -> l
 
 
 def _is_cut(run: _Run) -> bool:
-    """Return whether a run touches the first or last pixel of its line, so that a part of it is not seen."""
+    """Return True if a run touches the first or last pixel of its line, so that a part of it is not seen."""
     return run.first_m <= run.line.arcs_m[0] or run.last_m >= run.line.arcs_m[-1]

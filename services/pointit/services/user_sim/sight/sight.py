@@ -145,7 +145,7 @@ class Sight:
         return left_m / speed - seen.age_s(now_ns)
 
     def has_come(self, seen: SeenObject, now_ns: int) -> bool:
-        """Return whether all of an object, and half as much again, has come in where its surface begins."""
+        """Return True if all of an object, and half as much again, has come in where its surface begins."""
         thing, key, speed = seen.thing, seen.key, seen.thing.surface_speed_mps
         line = self.lines.get(key) if key is not None else None
         if line is None or speed == 0.0 or self._is_fed(thing):
@@ -154,7 +154,7 @@ class Sight:
         return come_m + abs(speed) * seen.age_s(now_ns) >= thing.length_m
 
     def _is_fed(self, thing: TrackedObject) -> bool:
-        """Return whether its belt goes on from others, so that it was there before."""
+        """Return True if its belt goes on from others, so that it was there before."""
         return thing.surface == "belt" and thing.surface_id in self._fed
 
     def _left_m(self, key: Key, at_m: float) -> float:

@@ -18,7 +18,7 @@ AT_LED: Heard = ("target", "Point at led_1.", "led_1")
 def after(*heard: Heard) -> Belief:
     belief = Belief()
     for number, (cue, text, target) in enumerate(heard):
-        belief.hear(
+        belief.on_cue(
             Feedback(stamp_ns=0, cue=cue, text=text, target_id=target, waits="wait" in text.lower()),
             number * NS_PER_S,
         )
@@ -53,7 +53,7 @@ def test_who_queues_knows_it_until_it_is_their_turn() -> None:
     queuing = after(WAITING, ("target", "Wait: ben is pointing at the lamps, you are next.", ""))
     assert queuing.is_queuing
     assert queuing.state == "asked"
-    queuing.hear(Feedback(stamp_ns=0, cue="target", text="Point at led_1.", target_id="led_1"), 0)
+    queuing.on_cue(Feedback(stamp_ns=0, cue="target", text="Point at led_1.", target_id="led_1"), 0)
     assert not queuing.is_queuing
 
 

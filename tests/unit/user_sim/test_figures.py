@@ -128,8 +128,8 @@ def test_holds_are_as_unsteady_as_peoples(axis: int) -> None:
     sds: list[float] = []
     for seed in range(60):
         person = Person(UserSimConfig(), "a", np.random.default_rng(seed))
-        person._arm.hold_anew()
-        unrest = person._arm._unrest
+        person._arm.start_hold()
+        unrest = person._arm._noise
         at = np.degrees([unrest.at(i * PERIOD_NS) for i in range(300)])[50:]
         sds.append(float(at[:, axis].std()))
     print(f"\nhold sd {'yaw' if axis == 0 else 'pitch'}: median {np.median(sds):.2f} deg")  # noqa: T201

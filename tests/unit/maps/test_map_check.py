@@ -114,7 +114,7 @@ FINDINGS: dict[str, tuple[str, list[tuple[str, str, str]]]] = {
             (
                 "error",
                 "links",
-                "things on b, a go round for ever; link one of these to a belt that has a bay",
+                "objects on b, a circulate forever; link one of these to a belt that has a bay",
             ),
         ],
     ),
@@ -123,13 +123,13 @@ FINDINGS: dict[str, tuple[str, list[tuple[str, str, str]]]] = {
             f"belts:\n  a: {ROUND}\n  c: {belt((0.2, -0.3), (0.2, -2))}\n"
             "bays: {1: c}\nlinks: [{from: a, to: a, to_position: 0.5}, {from: a, from_position: 0.2, to: c}]"
         ),
-        [("error", "links.0", "0.58 m apart"), ("error", "links", "things on a go round for ever")],
+        [("error", "links.0", "0.58 m apart"), ("error", "links", "objects on a circulate forever")],
     ),
     "a carousel": (
         f"belts: {{a: {ROUND}}}\nlinks: [{{from: a, to: a}}]",
         [
             ("warning", "belts", "none has a start that is free, so nothing can be fed"),
-            ("warning", "links", "things on a go round for ever; link one of these to a belt that ends"),
+            ("warning", "links", "objects on a circulate forever; link one of these to a belt that ends"),
         ],
     ),
     "a circle that passes a belt with a bay": (
@@ -211,7 +211,7 @@ FINDINGS: dict[str, tuple[str, list[tuple[str, str, str]]]] = {
         "leds: {a: {position: [0, 0, -0.2]}, b: {position: [2, 0, 5.5]}, c: {position: [4, 0, 5]}}",
         [
             ("error", "leds.a", "is 0.2 m below the floor"),
-            ("warning", "leds.b", "is 5.5 m high, where few can point well; hang it below 5 m"),
+            ("warning", "leds.b", "is 5.5 m high, where pointing is difficult; mount it below 5 m"),
         ],
     ),
     "lamps at one place": (
@@ -224,7 +224,7 @@ FINDINGS: dict[str, tuple[str, list[tuple[str, str, str]]]] = {
     ),
     "lamps in a column": (
         "leds: {a: {position: [2, 0, 1]}, b: {position: [2.1, 0.1, 2]}}",
-        [("error", "leds", "all lie one above the other, which tells no place; move one")],
+        [("error", "leds", "all lie one above the other, which determines no position; move one")],
     ),
     "one lamp": (
         "leds: {a: {position: [2, 0, 1]}}",

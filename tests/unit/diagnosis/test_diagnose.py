@@ -32,7 +32,7 @@ def health(instance: str, *keys: KeyHealth, **fields: Any) -> Health:
 
 
 def observation(*newest: Health, before: Sequence[Health] = (), **fields: Any) -> Observation:
-    """Return what is seen when `newest` report just now and `before` a second earlier."""
+    """Return an observation with `newest` reports of now and `before` reports of a second earlier."""
     reports: dict[str, list[Report]] = {}
     for time_s, messages in ((NOW_S - 1.1, before), (NOW_S - 0.1, newest)):
         for message in messages:
@@ -257,7 +257,7 @@ def test_counters_are_an_error_while_they_grow_and_a_note_afterwards(topic: Topi
     assert (growing.code, growing.severity) == ("failing", "error")
     assert growing.sentence.startswith("6 ")
     assert topic.key in growing.sentence
-    assert growing.sentence.endswith("and it goes on")
+    assert growing.sentence.endswith("and the number grows")
     past = only(observation(six, before=[six]))
     assert (past.code, past.severity) == ("failed", "note")
 
@@ -306,10 +306,10 @@ def certainty(**figures: float) -> Health:
         (
             {"place": UNSURE_M + 0.01, "yaw": 2.0},
             "unsure",
-            "place is uncertain by",
+            "position is uncertain by",
             "press anna --gesture hold",
         ),
-        ({"place": 2.9, "yaw": 60.0}, "unsure", "place is uncertain by 2.90 m", "localize anew"),
+        ({"place": 2.9, "yaw": 60.0}, "unsure", "position is uncertain by 2.90 m", "localize again"),
         ({"place": 0.2, "yaw": UNSURE_DEG + 0.1}, "unsure", "yaw is uncertain by", "`pointit anchor anna`"),
         (
             {"yaw": UNSURE_DEG + 5.0, "age": 400.0},

@@ -1,4 +1,4 @@
-"""How steady and how quick the 1 € filter is, beside the raw ray and a plain low-pass (pointing.md §2)."""
+"""Noise and delay of the 1 € filter, beside the raw ray and a plain low-pass (pointing.md §2)."""
 
 import math
 from collections.abc import Iterator
@@ -50,7 +50,7 @@ def one_euro(stream: Stream, cutoff_hz: float) -> Array:
 
 
 def low_pass(stream: Stream, cutoff_hz: float) -> Array:
-    """Return what an exponential moving average makes of it."""
+    """Return the output of an exponential moving average."""
     out = [stream.directions[0]]
     for passed_s, direction in zip(np.diff(stream.t_s), stream.directions[1:], strict=True):
         turn = math.tau * cutoff_hz * passed_s

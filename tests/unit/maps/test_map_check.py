@@ -1,4 +1,4 @@
-"""What `pointit map check` finds: every finding on a map that has just that, and nothing on a good one."""
+"""Findings of `pointit map check`: every finding on a map that has just that, and nothing on a good one."""
 
 from pathlib import Path
 
@@ -61,7 +61,7 @@ FINDINGS: dict[str, tuple[str, list[tuple[str, str, str]]]] = {
     ),
     "entered at its end": (
         f"belts: {{a: {A}, b: {belt((4, 0), (2.1, 0))}}}\nlinks: [{{from: a, to: b, to_position: 1.9}}]",
-        [("warning", "links.0", "b is entered where it ends, at 1.9 m; turn its line round")],
+        [("warning", "links.0", "b is entered at its end, at 1.9 m; reverse its line")],
     ),
     "the same link twice": (
         f"belts: {{a: {A}, b: {B}}}\nlinks: [{{from: a, to: b}}, {{from: a, to: b}}]",
@@ -228,7 +228,7 @@ FINDINGS: dict[str, tuple[str, list[tuple[str, str, str]]]] = {
     ),
     "one lamp": (
         "leds: {a: {position: [2, 0, 1]}}",
-        [("warning", "leds", "there is one lamp and localizing by pointing takes two")],
+        [("warning", "leds", "there is one lamp and localizing by pointing needs two")],
     ),
     "no lamps": (
         "boxes: {b: {center: [0, 0, 0], size: [1, 1, 1]}}",
@@ -243,7 +243,7 @@ FINDINGS: dict[str, tuple[str, list[tuple[str, str, str]]]] = {
             "spheres: {s: {center: [0, 0, 0], radius: 1e-4}}"
         ),
         [
-            ("error", "boxes.b", "is 0.0005 m small, it has no area to point at"),
+            ("error", "boxes.b", "is 0.0005 m small, too little to point at"),
             ("error", "planes.p", "is 1e-06 m small"),
             ("error", "cylinders.c", "is 0.0001 m small"),
             ("error", "spheres.s", "is 0.0001 m small"),
@@ -262,7 +262,7 @@ FINDINGS: dict[str, tuple[str, list[tuple[str, str, str]]]] = {
     ),
     "millimetres": (
         f"strips: {{s: {strip((0, 0), (5000, 0))}}}",
-        [("warning", "map", "is 5000 m wide; write positions in metres, if these are millimetres")],
+        [("warning", "map", "is 5000 m wide; give positions in metres, if these are millimetres")],
     ),
 }
 

@@ -1,4 +1,4 @@
-"""How far a ray may pass what it points at, set while pui runs."""
+"""Change of the tolerance of hits while pui runs."""
 
 import math
 from typing import Any

@@ -122,7 +122,7 @@ def test_places_on_workspaces() -> None:
     left = laid("facing", (3.0, 0.0, 0.5), feet).meet(eyes, vector.direction(0.1, 0.0), feet)
     assert left is not None
     assert left.uv_m is not None
-    assert left.uv_m[0] == pytest.approx(-2.0 * math.tan(0.1))  # u is to the right of whoever looks at it
+    assert left.uv_m[0] == pytest.approx(-2.0 * math.tan(0.1))  # u is to the right of a viewer
 
 
 @pytest.mark.parametrize(("angle_deg", "met"), [(4.9, False), (5.1, True)])

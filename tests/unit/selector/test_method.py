@@ -1,4 +1,4 @@
-"""Another method or dwell time while people point: what is selected stays, progress begins anew."""
+"""Another method or dwell time while people point: what is selected stays, progress restarts."""
 
 import itertools
 from typing import Any

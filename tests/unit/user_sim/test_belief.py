@@ -1,4 +1,4 @@
-"""What the person takes to be going on, from cues alone; and when they press their button for it."""
+"""Belief of the person about the interaction, from cues alone, and presses that follow from it."""
 
 import pytest
 
@@ -69,7 +69,7 @@ def test_who_hears_of_nobody_presses_all_the_same_and_again() -> None:
 
 
 def test_a_press_that_stopped_what_went_on_unknown_is_made_good() -> None:
-    """Who came late has missed `started`: their press stops it, and the next one starts it again."""
+    """A late start misses `started`: the press then stops pointing, and the next one starts it again."""
     life = Life(PRECISE)
     life.run(4.5)
     assert len(life.presses) == 1

@@ -50,7 +50,7 @@ class Laser(Eyes):
 
 @functools.cache
 def pointing_at_the_floor(number: int) -> tuple[tuple[float, ...], float]:
-    """Return how far the light is from the target, m, at every step; and how far the arm had to turn, rad."""
+    """Return the distance from the light to the target, m, at every step, and the reach, rad."""
     person = Person(
         UserSimConfig(position_m=(0.0, 0.0, 0.0), target_kinds=("spot",)), "a", np.random.default_rng(number)
     )

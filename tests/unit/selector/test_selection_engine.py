@@ -17,7 +17,7 @@ def reach(to_m: float, arrival_s: float, wobble_m: float, phase: float) -> "Plac
 
 
 class Place:
-    """Where somebody points: from afar to `to_m` with minimum jerk in 0.8 s, then held with a wobble."""
+    """Aim of a person: from afar to `to_m` with minimum jerk in 0.8 s, then held with a wobble."""
 
     def __init__(self, to_m: float, arrival_s: float, wobble_m: float, phase: float) -> None:
         self._to_m, self._arrival_s, self._wobble_m, self._phase = to_m, arrival_s, wobble_m, phase

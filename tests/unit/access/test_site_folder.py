@@ -121,7 +121,7 @@ def test_passwords_end_with_their_owner(tmp_path: Path) -> None:
 IMPOSSIBLE: list[tuple[Callable[[SiteFolder], object], str]] = [
     (lambda site: site.renew(["zoe"], NOW), "site lab has no zoe; it has router, anna, services"),
     (lambda site: site.revoke("router"), "the router cannot be without a certificate"),
-    (lambda site: site.add({"anna": "user"}, NOW), "anna is there already"),
+    (lambda site: site.add({"anna": "user"}, NOW), "anna exists already"),
     (lambda site: site.add({"router": "user"}, NOW), "router"),
     (lambda site: site.add({"x" * 64: "user"}, NOW), "choose shorter names"),
     (lambda site: site.renew(["router"], NOW, ["no host!"]), "'no host!' is not a name or address"),

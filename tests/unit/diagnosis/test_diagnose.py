@@ -66,7 +66,7 @@ def test_a_site_that_is_well() -> None:
     assert is_healthy([])
 
 
-def test_empty() -> None:
+def test_reports_an_error_when_no_service_is_present() -> None:
     finding = only(observation())
     assert (finding.code, finding.severity) == ("empty", "error")
     assert "`pointit run`" in finding.remedy
@@ -266,7 +266,7 @@ def test_only_the_newest_counts_elsewhere_so_drops_are_no_fault() -> None:
     assert not diagnose(observation(health("pui", key(IMU, "in", dropped=9))))
 
 
-def test_handlers_that_raise() -> None:
+def test_errors_of_handlers_are_reported() -> None:
     seen = observation(health("pui", errors=2), before=[health("pui", errors=1)])
     assert (only(seen).code, only(seen).severity) == ("failing", "error")
     assert "traceback" in only(seen).remedy
@@ -283,7 +283,7 @@ def test_degraded_without_a_word() -> None:
     assert only(observation(health("pui", status="degraded"))).code == "degraded"
 
 
-def test_slow() -> None:
+def test_high_latency_is_reported() -> None:
     finding = only(observation(health("pui", latency=Quantiles(p50_s=0.05, p99_s=0.151))))
     assert (finding.code, finding.severity) == ("slow", "warning")
     assert "151 ms" in finding.sentence

@@ -150,7 +150,7 @@ def test_progress_is_shown_from_a_moment_on_and_rises(method: str) -> None:
     assert {hover.action for hover in hovers} == {"select"}
 
 
-def test_leaving_cancels() -> None:
+def test_leaving_an_object_cancels_its_dwell() -> None:
     room = Room(package("a", 5.0), package("b", 5.6))
     room.stay(0.7, 100.0, anna=5.0)
     room.stay(1.5, 100.0, anna=9.0)

@@ -99,7 +99,7 @@ def test_time_to_stay_within_10_cm_at_2_m() -> None:
     assert late < 0.2
 
 
-def test_throughput() -> None:
+def test_throughput_of_pointing_is_as_measured() -> None:
     """Measured with an arm's IMU: 1.05 to 1.12 bit/s, ID = log2(A / 2r + 1)."""
     width_rad = 2.0 * math.atan(WITHIN_M / math.hypot(2.1, 1.64))
     rates: list[float] = []

@@ -11,11 +11,11 @@ from pointit.access.denied_operations import FLOOD_HZ, KINDS, MAX_KEY, DeniedOpe
 from pointit.access.recent_denials import MAX_MESSAGES, RECENT_S, RecentDenials
 from pointit.access.rejected_connections import (
     CLAIMS,
-    LONGEST_LENGTH,
+    MAX_CLAIMED,
+    MAX_LENGTH,
     MAX_NAME,
     MAX_REASONS,
     MAX_SHOWN,
-    MOST_CLAIMED,
 )
 
 TARGET = "\x1b[2mzenoh::net::routing::interceptor::access_control\x1b[0m\x1b[2m:\x1b[0m "
@@ -215,11 +215,11 @@ def test_however_much_a_stranger_says_little_of_it_is_looked_at() -> None:
     line = knock_by(b"\xff" * 60_000)
     claims = CLAIMS.search(line)
     assert claims is not None
-    assert len(bytes.fromhex(claims[1].replace(",", ""))) == MOST_CLAIMED
+    assert len(bytes.fromhex(claims[1].replace(",", ""))) == MAX_CLAIMED
     (told,) = sentences(line, refusal("Invalid user"))
     name = "?" * MAX_NAME
     assert told == f"somebody was not let in: an unknown or former password for {name}… from 10.0.0.5"
-    endless = knock_by(b"\xff" * LONGEST_LENGTH + b"\x0alab/anna/1" + bytes(32))
+    endless = knock_by(b"\xff" * MAX_LENGTH + b"\x0alab/anna/1" + bytes(32))
     (told,) = sentences(endless, refusal("Invalid user"))
     assert told.endswith(" for lab/anna from 10.0.0.5"), "no length goes on for ever"
     (told,) = sentences(knock(f"lab/{'x' * 1000}/1"), refusal("Invalid user"))

@@ -1,6 +1,7 @@
 """What holds for every test: no task, no command outlives it; no state of this machine is read or written."""
 
 import asyncio
+import os
 import signal
 from collections.abc import AsyncIterator, Iterator
 from pathlib import Path
@@ -20,7 +21,12 @@ settings.load_profile("repeatable")
 
 
 def pytest_configure() -> None:
-    """Take Ctrl-C: a shell starts what runs beside it with SIGINT ignored, and children inherit that."""
+    """Restore Ctrl-C and the width of tables.
+
+    A shell starts background jobs with SIGINT ignored, and children inherit that. Workers of pytest-xdist set
+    COLUMNS, which would make tables as narrow as a terminal.
+    """
+    os.environ.pop("COLUMNS", None)
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
 

@@ -19,7 +19,7 @@ def main() -> None:
         began_s = time.process_time()
         record = play(SESSIONS[name])
         if options.dump:
-            record.dump(options.dump / name)
+            record.dump(options.dump / f"{name}.jsonl")
         else:
             hashes[name] = record.hashes()
         print(f"{name}: {time.process_time() - began_s:.1f} s of CPU")  # noqa: T201

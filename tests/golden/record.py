@@ -2,14 +2,14 @@
 
 import hashlib
 import json
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, cast
 
-from pointit.runtime import Bus
+from pointit.runtime.bus.contract import Bus
 from pointit.schemas import Message
-from pointit.schemas.topics import HEALTH, TOPICS, Delivery, Topic
+from pointit.schemas.topics import HEALTH, TOPICS, Delivery, Topic, topic_of
 
 TOPICS_HASHED: tuple[Topic[Any], ...] = tuple(topic for topic in TOPICS if topic is not HEALTH)
 """All but health, which reports load and delays of this machine in wall time."""
@@ -24,34 +24,35 @@ SENTENCES = " (sentences)"
 
 
 class Record:
-    """All messages of a session, by key."""
+    """All messages of a session."""
 
     def __init__(self, bus: Bus) -> None:
         """Subscribe to every hashed topic of `bus`, as events: no message replaces an earlier one."""
-        self._messages: dict[str, dict[str, list[Message]]] = {topic.key: {} for topic in TOPICS_HASHED}
+        self._lines: list[tuple[str, Message]] = []
+        """Key and message, in the order of arrival."""
         for topic in TOPICS_HASHED:
             bus.subscribe(replace(topic, delivery=Delivery.EVENT), self._reader(topic))
 
     def _reader(self, topic: Topic[Any]) -> Callable[[Message, str], None]:
-        messages = self._messages[topic.key]
-        return lambda message, name: messages.setdefault(name, []).append(message)
+        return lambda message, name: self._lines.append((topic.at(name), message))
 
-    def __iter__(self) -> Iterator[tuple[str, list[Message]]]:
-        """Yield each key that has messages, in the order of the topic table, with its messages."""
-        for topic in TOPICS_HASHED:
-            for name in sorted(self._messages[topic.key]):
-                yield topic.at(name), self._messages[topic.key][name]
+    def by_key(self) -> dict[str, list[Message]]:
+        """Return the messages of each key that has any; keys in the order of the topic table."""
+        found: dict[str, list[Message]] = {}
+        for key, message in sorted(self._lines, key=lambda line: (_row(line[0]), line[0])):
+            found.setdefault(key, []).append(message)
+        return found
 
     def has(self, wanted: str) -> bool:
         """Return True if there is a message on the key `wanted`, for `key=value` one with that value."""
         key, _, value = wanted.partition("=")
-        messages = dict(self).get(key, [])
+        messages = self.by_key().get(key, [])
         return any(not value or value in vars(message).values() for message in messages)
 
     def hashes(self) -> dict[str, str]:
         """Return `count hash` by key, and by key and `SENTENCES` where messages have texts."""
         found: dict[str, str] = {}
-        for key, messages in self:
+        for key, messages in self.by_key().items():
             texts: list[str] = []
             lines = [line_of(message, texts) for message in messages]
             found[key] = _hash(lines)
@@ -59,12 +60,15 @@ class Record:
                 found[key + SENTENCES] = _hash(texts)
         return found
 
-    def dump(self, folder: Path) -> None:
-        """Write the messages into `folder`, one file per key and one line per message, for `diff -r`."""
-        for key, messages in self:
-            path = folder / f"{key.replace('/', '.')}.jsonl"
-            path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_text("".join(f"{line_of(message)}\n" for message in messages), encoding="utf-8")
+    def dump(self, path: Path) -> None:
+        """Write one line per message, in order of arrival: where two dumps begin to differ is the cause."""
+        path.parent.mkdir(parents=True, exist_ok=True)
+        lines = [f"{key} {line_of(message)}\n" for key, message in self._lines]
+        path.write_text("".join(lines), encoding="utf-8")
+
+
+def _row(key: str) -> int:
+    return TOPICS_HASHED.index(found) if (found := topic_of(key)) else -1
 
 
 def line_of(message: Message, texts: list[str] | None = None) -> str:

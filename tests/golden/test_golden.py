@@ -4,12 +4,12 @@ These tests hold behaviour while code is rearranged. They know the topic table, 
 bus in memory, and nothing of services' insides. `sessions.py` lists what is played, `record.py` says how
 messages become hashes, `hashes.json` holds for each session and key the number of messages and their hash.
 
-When a test fails, the first changed key it names is the nearest to the cause: keys are in the order in which
-data flow, from the wrist to the lights. To see what changed, dump the messages here and at the commit before,
-and compare:
+A failing test names the changed keys in the order of the topic table, roughly from the wrist to the lights.
+People see the lights, so a change of light may change how they move, and the first key is not always the
+cause. The first message that differs is: dump the messages here and at the commit before, and compare:
 
     .venv/bin/python -m tests.golden --dump /tmp/after "scenario 3, fraction"
-    diff -r /tmp/before /tmp/after
+    diff /tmp/before/*.jsonl /tmp/after/*.jsonl | head
 
 If the change is wanted, `.venv/bin/python -m tests.golden` rewrites hashes.json: commit that by itself and
 say why. An entry `(sentences)` holds the texts of a key: where only such entries change, only wording did.
@@ -20,7 +20,7 @@ from typing import Any
 
 import pytest
 
-from pointit.runtime import MemoryBus
+from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.schemas import Feedback, UserPose
 from pointit.schemas.topics import FEEDBACK, POSE, Topic
 from tests.golden.record import SENTENCES, Record, difference, read_hashes

@@ -106,10 +106,6 @@ def command() -> int:
     return run_until_shutdown(_work())
 
 
-if __name__ == "__main__":
-    run_program(command)
-
-
 @dataclass(frozen=True, kw_only=True)
 class UsageSample:
     """So far."""
@@ -136,3 +132,7 @@ def _own() -> UsageSample:
     usage = resource.getrusage(resource.RUSAGE_SELF)
     unit = 1 if sys.platform == "darwin" else 1024  # getrusage(2): the peak, in bytes or in KiB
     return UsageSample(cpu_s=usage.ru_utime + usage.ru_stime, memory_mb=usage.ru_maxrss * unit / 1e6)
+
+
+if __name__ == "__main__":
+    run_program(command)

@@ -65,7 +65,7 @@ async def test_random_bytes_of_who_may_write_are_dropped_and_counted(site: Site,
             def again() -> None:
                 attack(evil, keys, dice.randbytes(1000))
 
-            words = "were not what they should be, and were dropped"
+            words = "were invalid, and were dropped"
             noticed_s = max(
                 [
                     await attacked.is_told(words, key, instance=instance, again=again)

@@ -44,7 +44,7 @@ class Record:
         return found
 
     def has(self, wanted: str) -> bool:
-        """Return whether there is a message on the key `wanted`, for `key=value` one with that value."""
+        """Return True if there is a message on the key `wanted`, for `key=value` one with that value."""
         key, _, value = wanted.partition("=")
         messages = self.by_key().get(key, [])
         return any(not value or value in vars(message).values() for message in messages)

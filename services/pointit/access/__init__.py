@@ -1,1 +1,1 @@
-"""Who may do what on a site: its certificate authority, its rules, the configuration of its router; pure."""
+"""Access control of a site: certificate authority, rules, and router configuration. Pure."""

@@ -13,10 +13,10 @@ from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 from pointit.runtime.errors import ConfigError
 
 AUTHORITY_DAYS = 3653
-LONGEST_NAME = 64
-"""Characters of a common name, says X.509."""
+MAX_NAME = 64
+"""Maximum number of characters of a common name in X.509."""
 BEFORE = dt.timedelta(hours=1)
-"""Machines whose clocks are behind by no more take a new certificate."""
+"""Clock error of machines that still accept a new certificate."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,13 +32,13 @@ class IssuedCertificate:
 
 
 class Authority:
-    """Certifies; holds the key that must stay with whoever runs the site."""
+    """Issues certificates. Holds the key that must stay with the operator of the site."""
 
     def __init__(self, certificate: bytes, key: bytes) -> None:
-        """Take over what `create_authority` has made.
+        """Load what `create_authority` has made.
 
         Raises:
-            ConfigError: the two are not an authority's certificate and its key.
+            ConfigError: If they are not an authority's certificate and its key.
         """
         try:
             self._certificate = x509.load_pem_x509_certificate(certificate)
@@ -54,7 +54,7 @@ class Authority:
 
     @property
     def valid_until(self) -> dt.datetime:
-        """Return when everything it has certified ends."""
+        """Return the time at which all its certificates have expired."""
         return self._certificate.not_valid_after_utc
 
     def issue(
@@ -63,17 +63,17 @@ class Authority:
         """Return a certificate for `common_name`, valid for `days`, but not longer than the authority.
 
         Args:
-            common_name: by which the router knows it.
-            now: with a time zone.
-            days: may be below 0, for tests.
-            hosts: names and addresses of a server; a client has none.
+            common_name: name by which the router knows it.
+            now: time with time zone.
+            days: validity, negative in tests.
+            hosts: names and addresses of a server, empty for a client.
 
         Raises:
-            ConfigError: the name is too long, or a host is none.
+            ConfigError: If the name is too long, or a host is invalid.
         """
-        if len(common_name) > LONGEST_NAME:
+        if len(common_name) > MAX_NAME:
             raise ConfigError(
-                f"{common_name!r} has {len(common_name)} characters and a certificate takes {LONGEST_NAME}; "
+                f"{common_name!r} has {len(common_name)} characters, limit {MAX_NAME}; "
                 "choose shorter names for the site or the person"
             )
         key = ec.generate_private_key(ec.SECP256R1())
@@ -99,7 +99,7 @@ class Authority:
 def create_authority(site: str, now: dt.datetime) -> IssuedCertificate:
     """Return the certificate and the key of a new authority for `site`."""
     key = ec.generate_private_key(ec.SECP256R1())
-    subject = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, f"PointIt {site}"[:LONGEST_NAME])])
+    subject = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, f"PointIt {site}"[:MAX_NAME])])
     builder = (
         _builder("", subject, key, now - BEFORE, now + dt.timedelta(days=AUTHORITY_DAYS))
         .subject_name(subject)
@@ -154,7 +154,7 @@ def _general_name(host: str) -> x509.GeneralName:
         for part in host.split(".")
     )
     if not is_name:
-        raise ConfigError(f"{host!r} is no name or address of a machine")
+        raise ConfigError(f"{host!r} is not a name or address of a machine")
     return x509.DNSName(host)
 
 

@@ -1,4 +1,4 @@
-"""A site's files: read with a limit, changed by one writer at a time."""
+"""Files of a site: read with a size limit, changed by one writer at a time."""
 
 import contextlib
 import sys
@@ -12,11 +12,11 @@ MAX_BYTES = 16 * 1024 * 1024
 
 
 def read(path: Path) -> bytes:
-    """Return what stands in `path`.
+    """Return the content of `path`.
 
     Raises:
-        FileNotFoundError: nothing.
-        ConfigError: it cannot be read; names the file.
+        FileNotFoundError: If there is no file.
+        ConfigError: If it cannot be read. Names the file.
     """
     try:
         with path.open("rb") as file:
@@ -29,10 +29,10 @@ def read(path: Path) -> bytes:
 
 @contextlib.contextmanager
 def locked(folder: Path) -> Generator[None]:
-    """Hold the folder while inside; it is made when it is missing.
+    """Lock the folder in the context. It is created if missing.
 
     Raises:
-        ConfigError: somebody else changes it right now, or it cannot be written.
+        ConfigError: If another process changes it, or it cannot be written.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True, mode=0o700)
@@ -43,7 +43,7 @@ def locked(folder: Path) -> Generator[None]:
         try:
             _hold(file.fileno())
         except OSError as error:
-            raise ConfigError(f"{folder}: somebody else is changing it; try again in a moment") from error
+            raise ConfigError(f"{folder}: another process is changing it; try again in a moment") from error
         yield
 
 

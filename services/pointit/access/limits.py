@@ -1,30 +1,31 @@
-"""Who takes more of a router than one identity may, in connections or messages, and who reads nothing; pure.
+"""Limits of one identity at a router, in connections, messages and keys, and stuck readers. Pure.
 
-Zenoh has no such limits. Its `downsampling` asks for a time between two messages of a key, so it would drop
-all but the first of what an honest sensor sends after its link stood still.
+Zenoh has no such limits. Its `downsampling` sets a minimum time between two messages of a key, so it would
+drop
+all but the first of what an honest sensor sends after its link stalled.
 """
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 LIMITED = frozenset({"user", "dashboard"})
-"""Roles that have limits. An identity of the others serves all, as a site's services do."""
-MOST_CONNECTIONS = 16
-"""Connections of one identity: a person's five services as processes, and some commands beside them."""
-MOST_HZ = 5000.0
-"""Messages that one identity writes. An IMU of 200 Hz, with all that follows from it, makes 1400."""
+"""Roles with limits. Identities of other roles serve all people, like a site's services."""
+MAX_CONNECTIONS = 16
+"""Maximum connections of one identity: a person's five services as processes, and some commands."""
+MAX_HZ = 5000.0
+"""Maximum rate of messages of one identity. An IMU of 200 Hz, with all derived messages, makes 1400."""
 PATIENCE = 3
-"""Looks, one a second, at which an identity is above `MOST_HZ` before it is cut off, or a connection reads
-nothing before that is said. What a stalled link has held up comes at once: at most a lease (3 s) of it."""
-MOST_KEYS = 1024
-"""Keys that one identity writes within `KEYS_S`: a person's topics, and the lamps that they are shown,
-several hundred in a large room. A reader takes four times as many names of lamps (`runtime.names`)."""
+"""Number of consecutive checks, one per second, above `MAX_HZ` before an identity is cut off, or without
+reading before a connection is reported. A stalled link delivers at most a lease (3 s) of messages at once."""
+MAX_KEYS = 1024
+"""Maximum keys of one identity within `KEYS_S`: a person's topics, and their lamps, several hundred in a
+large room. A subscriber accepts four times as many names of lamps (`runtime.names`)."""
 KEYS_S = 60.0
-"""How long readers keep a place for a name (`runtime.names`)."""
+"""Time for which subscribers keep a place for a name (`runtime.names`), s."""
 HOLD_S = 30.0
-"""How long a flooding identity stays cut off."""
-LEAST_UNREAD = 16 * 1024
-"""Bytes that wait for a reader which takes none of them; fewer may be what has just been sent."""
+"""Time for which a flooding identity stays cut off, s."""
+MIN_UNREAD = 16 * 1024
+"""Minimum number of waiting bytes of a stuck reader. Fewer may have just been sent."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,33 +33,33 @@ class Connection:
     """One session at the router."""
 
     identity: str
-    """`SITE/NAME`; empty if nobody knows it."""
+    """`SITE/NAME`, or `""` if unknown."""
     session: str
-    """Zenoh's own name of it."""
+    """Zenoh's name of the session."""
     address: str
-    """From where it comes, `tls/192.168.1.5:40001`."""
+    """Source address, `tls/192.168.1.5:40001`."""
 
     @property
     def can_be_cut(self) -> bool:
-        """Return whether there is a socket of its own to shut: connections by QUIC share the listener's."""
+        """Return True if it has a socket of its own to close. QUIC connections share the listener's."""
         return not self.address.startswith("quic/")
 
 
 class Limits:
-    """Decides at each look which connections are cut."""
+    """Decides at each check which connections to cut."""
 
-    def __init__(self, most_connections: int = MOST_CONNECTIONS) -> None:
+    def __init__(self, most_connections: int = MAX_CONNECTIONS) -> None:
         self._most = most_connections
         self._seen: dict[tuple[str, str], Connection] = {}
-        """Connections by session and address, in the order of their coming: who it is may be known later."""
+        """Connections by session and address, in order of arrival. Their identity may be known later."""
         self._floods: dict[str, int] = {}
-        """Looks in a row at which an identity has flooded."""
+        """Number of consecutive checks at which an identity has flooded."""
         self._held: dict[str, tuple[float, str]] = {}
-        """Identities that are cut off: until when, and for what."""
+        """Identities that are cut off: end of the time, and reason."""
         self._keys: dict[str, dict[str, float]] = {}
-        """By identity: its keys, and when each was written last."""
+        """By identity: its keys, with the time of the last write of each."""
         self._unread: dict[Connection, tuple[int, int]] = {}
-        """Bytes that wait for a connection, and looks in a row at which they were the same."""
+        """Waiting bytes of a connection, and number of consecutive checks with the same value."""
 
     def excess(
         self,
@@ -68,14 +69,14 @@ class Limits:
         now_s: float,
         keys: Mapping[str, Collection[str]] | None = None,
     ) -> tuple[list[Connection], dict[str, str]]:
-        """Return the connections to be cut, and a sentence by identity.
+        """Return the connections to cut, and a message by identity.
 
         Args:
-            connections: those that there are.
-            roles: by identity.
-            rates_hz: messages a second since the last look, by identity.
-            now_s: of a monotonic clock.
-            keys: written since the last look, by identity.
+            connections: current connections.
+            roles: roles by identity.
+            rates_hz: messages per second since the last check, by identity.
+            now_s: time of a monotonic clock.
+            keys: keys written since the last check, by identity.
         """
         there = {(each.session, each.address): each for each in connections}
         self._seen = {key: there[key] for key in (*self._seen, *there) if key in there}
@@ -87,12 +88,12 @@ class Limits:
         written = {name: own for name, own in (keys or {}).items() if roles.get(name) in LIMITED}
         self._count_keys(written, now_s)
         cut: list[Connection] = []
-        told: dict[str, str] = {}
+        messages: dict[str, str] = {}
         for name, (_, what) in self._held.items():
             own = by_identity.pop(name, [])
             cut += own
-            told[name] = f"{name} has written {what} and " + (
-                f"is cut off for {HOLD_S:.0f} s: end what does"
+            messages[name] = f"{name} has written {what} and " + (
+                f"is cut off for {HOLD_S:.0f} s: end the process that does"
                 if all(each.can_be_cut for each in own)
                 else _stays(name)
             )
@@ -100,7 +101,7 @@ class Limits:
             if len(own) > self._most:
                 newest = own[self._most :]
                 cut += newest
-                told[name] = (
+                messages[name] = (
                     f"{name} has {len(own)} connections, at most {self._most} are let in "
                     f"(--most-connections), the newest are cut: what opens so many? If its certificate is in "
                     f"other hands: `pointit site renew {_short(name)}`"
@@ -108,18 +109,18 @@ class Limits:
                     else f"{name} has {len(own)} connections, more than {self._most} "
                     f"(--most-connections), and {_stays(name)}"
                 )
-        return [each for each in cut if each.can_be_cut], told
+        return [each for each in cut if each.can_be_cut], messages
 
     def stuck(self, unread: Mapping[Connection, int]) -> dict[str, str]:
-        """Return a sentence by identity on readers that take nothing of what waits for them.
+        """Return a message by identity on readers that accept none of the waiting data.
 
         Args:
-            unread: bytes that wait, by connection. Of who reads slowly they change from look to look.
+            unread: waiting bytes by connection. For slow readers they change from check to check.
         """
         looks = {
             each: (count, before[1] + 1 if (before := self._unread.get(each, (0, 0)))[0] == count else 1)
             for each, count in unread.items()
-            if count >= LEAST_UNREAD
+            if count >= MIN_UNREAD
         }
         self._unread = looks
         return {
@@ -131,19 +132,19 @@ class Limits:
 
     def _hold(self, rates_hz: Mapping[str, float], now_s: float) -> None:
         self._held = {name: held for name, held in self._held.items() if held[0] > now_s}
-        flooding = {name for name, rate in rates_hz.items() if rate > MOST_HZ}
+        flooding = {name for name, rate in rates_hz.items() if rate > MAX_HZ}
         self._floods = {name: self._floods.get(name, 0) + 1 for name in flooding}
         for name, looks in self._floods.items():
             if looks >= PATIENCE:
-                what = f"more than {MOST_HZ:.0f} messages a second for {PATIENCE} s"
+                what = f"more than {MAX_HZ:.0f} messages a second for {PATIENCE} s"
                 self._held[name] = (now_s + HOLD_S, what)
 
     def _count_keys(self, keys: Mapping[str, Collection[str]], now_s: float) -> None:
         for name in {*self._keys, *keys}:
             last_s = {key: at for key, at in self._keys.get(name, {}).items() if now_s - at <= KEYS_S}
-            last_s |= dict.fromkeys(sorted(keys.get(name, ()))[: MOST_KEYS + 1], now_s)
-            if len(last_s) > MOST_KEYS:
-                what = f"more than {MOST_KEYS} keys within {KEYS_S:.0f} s, such as {min(last_s)},"
+            last_s |= dict.fromkeys(sorted(keys.get(name, ()))[: MAX_KEYS + 1], now_s)
+            if len(last_s) > MAX_KEYS:
+                what = f"more than {MAX_KEYS} keys within {KEYS_S:.0f} s, such as {min(last_s)},"
                 self._held[name] = (now_s + HOLD_S, what)
                 last_s.clear()
             self._keys[name] = last_s

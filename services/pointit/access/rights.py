@@ -1,4 +1,4 @@
-"""What each role may do, as keys of the tables: a new row of a table has its rights by itself."""
+"""Rights of each role, derived from the tables: a new row of a table has its rights automatically."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -28,39 +28,39 @@ from pointit.schemas.topics import (
 from pointit.services.registry import PROCESSES, Process
 
 Role = Literal["user", "services", "web", "ros2", "dashboard", "operator", "supervisor", "router"]
-"""Whose identity it is: a person's services; those all share; the page's server; the bridge to ROS 2; who
-only looks on; who may ask too; who may do anything on the site; another router of the site."""
+"""Role of an identity: a person's services; the shared services; the page's server; the ROS 2 bridge; a
+viewer; a viewer who may send requests; unlimited; another router of the site."""
 
 ROLES: tuple[Role, ...] = get_args(Role)
 
 PRIVATE: tuple[Topic[Any], ...] = (IMU, WRIST, RAY)
-"""What onlookers and other people never get: how somebody moves."""
+"""Topics that viewers and other people never get: a person's movements."""
 
 SHOWN: tuple[Topic[Any], ...] = tuple(topic for topic in TOPICS if topic not in PRIVATE)
 
 RECALLED: tuple[Request[Any, Any], ...] = (READ_HISTORY,)
-"""What everybody may ask: it changes nothing, and tells again what everybody is shown."""
+"""Requests open to all roles: they change nothing, and repeat what all may read."""
 
 ALL = "**"
 
 
 @dataclass(frozen=True, kw_only=True)
 class Rights:
-    """Keys below the site's namespace, each perhaps with `*` for any name or `$*` for its end; sorted."""
+    """Keys below the site's namespace, possibly with `*` for a name or `$*` for its end. Sorted."""
 
     writes: tuple[str, ...] = ()
     reads: tuple[str, ...] = ()
     serves: tuple[str, ...] = ()
     asks: tuple[str, ...] = ()
     keeps: tuple[str, ...] = ()
-    """States for whose writers it answers when they are gone."""
+    """States that it serves after their publishers have gone."""
     announces: tuple[str, ...] = ()
-    """As whom it may be present."""
+    """Keys of presence."""
     watches: tuple[str, ...] = tuple(presence.at(ANY) for presence in PRESENCES)
 
 
 def rights_of(role: Role, name: str) -> Rights:
-    """Return what the identity `name` in `role` may do."""
+    """Return the rights of the identity `name` in `role`."""
     if role in ("supervisor", "router"):
         return Rights(
             writes=(ALL,), reads=(ALL,), serves=(ALL,), asks=(ALL,), announces=(ALL,), watches=(ALL,)
@@ -78,9 +78,9 @@ def rights_of(role: Role, name: str) -> Rights:
 
 
 def _bridge(name: str) -> Rights:
-    """Return what the bridge `name` may do: as its row of the table says, and ask.
+    """Return the rights of the bridge `name`: those of its row of the table, and all requests.
 
-    The bridge to ROS may be present for anybody: which people's nodes are all ROS's is its configuration's.
+    The ROS bridge may be present for any person. Its configuration decides for whom.
     """
     (row,) = (row for row in PROCESSES if row.name == name)
     return Rights(
@@ -92,14 +92,14 @@ def _bridge(name: str) -> Rights:
 
 
 def _numbered(key: str) -> tuple[str, ...]:
-    """Return the key of the first of a kind, and the pattern of all others, as `web.2`."""
+    """Return the key of the first instance, and the pattern of all others, as `web.2`."""
     return (key, f"{key}.$*")
 
 
 def _user(name: str) -> Rights:
-    """Return what the services of the person `name` may do: write and answer below the person's own keys.
+    """Return the rights of the services of the person `name`: write and answer below the person's own keys.
 
-    Of keys that name no person they write what theirs do too: the lamps that the localizer lights.
+    Keys without a person, such as the lamps of the localizer, are written by them, too.
     """
     mine = _of_scope("user")
     instances = [f"{row.name}.{name}" for row in mine]

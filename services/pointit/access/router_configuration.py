@@ -1,7 +1,8 @@
-"""The configuration of a router for one or several sites, for `pointit router` and zenohd alike.
+"""Configuration of a router for one or several sites, for `pointit router` and zenohd.
 
-Zenoh knows an identity by the common name of its certificate (or by its user name), so every rule hangs on
-one; a name without rules, as that of a certificate that was replaced or revoked, may do nothing at all.
+Zenoh knows an identity by the common name of its certificate (or by its user name), so every rule refers to
+one. A
+name without rules, such as that of a replaced or revoked certificate, has no rights at all.
 """
 
 import json
@@ -15,20 +16,20 @@ from pointit.runtime.errors import ConfigError
 from pointit.runtime.link.link import LEASE_MS
 from pointit.schemas.topics import ANY, HEALTH, REQUESTS, TOPICS, Delivery, Request, Topic
 
-LARGEST_BYTES = 1024 * 1024
-"""No message of a site is longer."""
-LARGEST_TRAVELLING_BYTES = 16 * LARGEST_BYTES
-"""What is longer is not even put together from its fragments, and nobody learns of it; what is shorter is
-dropped where the router knows who sent it, and says so."""
+MAX_BYTES = 1024 * 1024
+"""Upper limit of the messages of a site."""
+MAX_TRAVELLING_BYTES = 16 * MAX_BYTES
+"""Limit above which fragments are not even reassembled, without any report. Shorter messages are dropped
+where the router knows the sender, and reports it."""
 ONE_STREAM = "?multistream=0"
-"""Of QUIC: with a stream for each priority, as Zenoh would have it, a question may overtake the declaration
-of the key it is about; the router drops it then without a word."""
-MOST_SESSIONS = 1000
+"""Setting of QUIC. With a stream for each priority, Zenoh's default, a query may overtake the declaration of
+its key, and the router drops it silently."""
+MAX_SESSIONS = 1000
 ACCEPT_MS = 3000
-MOST_NEWCOMERS = 500
-"""Where TLS lets in who has no certificate, so many may say nothing for so long before others have to wait;
-as Zenoh would have it, 100 for 10 s. Half of the files that a process may have open, mostly; `pointit router`
-takes what the system lets it, for `MOST_SESSIONS` beside them."""
+MAX_NEWCOMERS = 500
+"""Limit of clients without certificate that may be silent during TLS for `ACCEPT_MS` before others have to
+wait. Zenoh's default is 100 for 10 s. This is about half of the usual limit of open files of a process.
+`pointit router` raises that limit for `MAX_SESSIONS` in addition."""
 
 HEADER = """\
 // Made by `pointit site`; changes by hand are lost. For `pointit router --config` and for zenohd alike, which
@@ -43,33 +44,33 @@ class Member:
     name: str
     role: Role
     common_name: str
-    """Of its certificate that is valid now; as user name where there are passwords."""
+    """Common name of its current certificate, or its user name if there are passwords."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class RouterSite:
-    """A site as its router sees it."""
+    """Configuration of a site for its router."""
 
     site: str
     port: int
     members: Sequence[Member]
     former: Sequence[str] = ()
-    """Common names of certificates that were replaced or revoked."""
+    """Common names of replaced or revoked certificates."""
     folder: str = ""
-    """Where the router's own files are: nothing (its own folder), or a path with `/` behind."""
+    """Folder of the router's own files: `""` (its own folder), or a path with trailing `/`."""
     password: bool = False
-    """Connections are known by user and password instead of by certificates."""
+    """True if connections are identified by user and password instead of by certificates."""
     dashboard_rate_hz: float = 0.0
-    """What dashboards get at most of each *latest* key, by QUIC; 0: as it comes, by TLS."""
+    """Maximum rate of each *latest* key for dashboards, by QUIC. 0: no limit, by TLS."""
     uplinks: tuple[str, ...] = ()
-    """Addresses of other routers of the site, that this one connects to."""
+    """Addresses of other routers of the site to which this one connects."""
 
 
 def configuration(sites: Sequence[RouterSite], addresses: Sequence[str] = ("0.0.0.0",)) -> dict[str, Any]:  # noqa: S104 - a router is there to be reached; who may what is decided below
     """Return the configuration of a router for `sites`, listening at `addresses` (without port).
 
     Raises:
-        ConfigError: two sites cannot share one router; says why.
+        ConfigError: If two sites cannot share one router. The message gives the reason.
     """
     _check(sites)
     listen: list[str] = []
@@ -109,11 +110,11 @@ def configuration(sites: Sequence[RouterSite], addresses: Sequence[str] = ("0.0.
         "timestamping": {"enabled": True},
         "adminspace": {"enabled": False, "permissions": {"read": False, "write": False}},
         "transport": {
-            "unicast": {"max_sessions": MOST_SESSIONS},
+            "unicast": {"max_sessions": MAX_SESSIONS},
             "shared_memory": {"enabled": False},
             "link": {
                 "protocols": ["tls", "quic"],
-                "rx": {"max_message_size": LARGEST_TRAVELLING_BYTES},
+                "rx": {"max_message_size": MAX_TRAVELLING_BYTES},
                 "tx": {"lease": LEASE_MS},
             },
         },
@@ -140,15 +141,15 @@ def configuration(sites: Sequence[RouterSite], addresses: Sequence[str] = ("0.0.
     if any(routed.password for routed in sites):
         (routed,) = sites
         made["transport"]["auth"] = {"usrpwd": {"dictionary_file": f"{routed.folder}users.txt"}}
-        made["transport"]["unicast"] |= {"accept_timeout": ACCEPT_MS, "accept_pending": MOST_NEWCOMERS}
+        made["transport"]["unicast"] |= {"accept_timeout": ACCEPT_MS, "accept_pending": MAX_NEWCOMERS}
     else:
-        # Of clients' certificates: of who has none Zenoh would warn at each connection.
+        # Of clients' certificates. Zenoh would warn at each connection of a client without one.
         made["transport"]["link"]["tls"] = {"close_link_on_expiration": True}
     return made
 
 
 def to_json5(sites: Sequence[RouterSite], addresses: Sequence[str] = ("0.0.0.0",)) -> str:  # noqa: S104 - as above
-    """Return `configuration` as JSON5, with a word on what it is."""
+    """Return `configuration` as JSON5, with an explanatory comment."""
     return HEADER + json.dumps(configuration(sites, addresses), indent=1) + "\n"
 
 
@@ -157,7 +158,7 @@ def _check(sites: Sequence[RouterSite]) -> None:
     names: set[str] = set()
     for routed in sites:
         if routed.site in names:
-            raise ConfigError(f"site {routed.site} is given twice; two sites of one router need two names")
+            raise ConfigError(f"site {routed.site} is given twice; sites of one router need different names")
         names.add(routed.site)
         other = ports.setdefault(routed.port, routed.site)
         if other != routed.site:
@@ -203,7 +204,7 @@ def _bracketed(address: str) -> str:
 
 
 def _limits(site: str) -> list[dict[str, Any]]:
-    """Return the longest each kind of message may be; where two fit a key, Zenoh takes the smaller."""
+    """Return the maximum size of each kind of message. If two limits match a key, Zenoh uses the smaller."""
     root = namespace(site)
     by_size: dict[tuple[str, int], list[str]] = {}
 
@@ -218,7 +219,7 @@ def _limits(site: str) -> list[dict[str, Any]]:
         add(request, "query", request.query.max_bytes)
         add(request, "reply", request.reply.max_bytes)
     for message in ("put", "query", "reply"):
-        by_size[message, LARGEST_BYTES] = list(all_key_expressions(site))
+        by_size[message, MAX_BYTES] = list(all_key_expressions(site))
     return [
         {
             "id": f"{site}/{message}/{size}",
@@ -232,10 +233,11 @@ def _limits(site: str) -> list[dict[str, Any]]:
 
 
 def _never_waits(site: str) -> dict[str, Any]:
-    """Return that the router drops what a reader does not take, however its writer wants it sent.
+    """Return the rule that drops messages for slow readers, regardless of their publisher's settings.
 
-    A router that waits for a reader that stands still (5 s, Zenoh's default) holds up everybody: its threads
-    are few. Our own writers never ask for that; what is lost of states and events is fetched again from them.
+    A router that waits for a stalled reader (5 s, Zenoh's default) delays all clients, as its threads are
+    few. Our own
+    publishers never request that. Lost states and events are fetched again from them.
     """
     return {
         "id": f"{site}/never waits",
@@ -247,7 +249,7 @@ def _never_waits(site: str) -> dict[str, Any]:
 
 
 def _nothing(site: str, name: str) -> Rule:
-    """Return the only right of who has none: Zenoh logs no decision on whom no rule is for."""
+    """Return the only right of former identities, as Zenoh logs no decision on a name without a rule."""
     return {
         "id": name,
         "permission": "allow",
@@ -258,9 +260,9 @@ def _nothing(site: str, name: str) -> Rule:
 
 
 def _thinned(routed: RouterSite) -> list[dict[str, Any]]:
-    """Return one rule for each key of each person: those whom one rule covers would share its rate.
+    """Return one rule for each key of each person, since keys of one rule would share its rate.
 
-    Trackers have names that nobody knows beforehand; their objects come as they are, and so does health.
+    Names of trackers are unknown beforehand, so their objects are not limited, nor is health.
     """
     root = namespace(routed.site)
     people = [member.name for member in routed.members if member.role == "user"]
@@ -276,5 +278,5 @@ def _thinned(routed: RouterSite) -> list[dict[str, Any]]:
 
 
 def common_name(site: str, name: str, generation: int) -> str:
-    """Return by what the router knows a certificate: no name has a `/`, so no two are alike."""
+    """Return the name of a certificate for the router. It is unique, as no name has a `/`."""
     return f"{site}/{name}/{generation}"

@@ -1,8 +1,10 @@
-"""Rights as Zenoh's access-control rules, which a router applies to every connection by its certificate.
+"""Rights as Zenoh's access-control rules, which a router applies to connections by their certificate.
 
-A key below `@` is never covered by `**`: what writers of states and events exchange with late joiners
-travels below `@adv` of their key, the test of an identity's own rights (`runtime.self_test`) below `@may`.
-Both are granted with the key itself, both flows: denied traffic vanishes without a word.
+`**` never covers a key below `@`. Publishers of states and events exchange data with late subscribers below
+`@adv`
+of their key, and the test of an identity's own rights (`runtime.self_test`) is below `@may`. Both are granted
+with
+the key itself, for both flows, since denied traffic disappears silently.
 """
 
 from collections.abc import Iterable, Sequence
@@ -15,7 +17,7 @@ Rule = dict[str, Any]
 """An entry of Zenoh's `access_control.rules`."""
 
 LATE = f"{ALL}/@adv/{ALL}"
-"""Below any key: caches and heartbeats of writers, for who joins late or lost something."""
+"""Keys of caches and heartbeats of publishers, for late subscribers and recovery of losses."""
 
 MESSAGES = (
     "put",
@@ -31,21 +33,22 @@ MESSAGES = (
 
 
 def namespace(site: str) -> str:
-    """Return what every key of `site` begins with."""
+    """Return the first part of every key of `site`."""
     return f"pointit/{site}"
 
 
 def all_key_expressions(site: str) -> tuple[str, ...]:
-    """Return patterns that cover every key of `site`, those below `@` too."""
+    """Return patterns that cover every key of `site`, including those below `@`."""
     root = namespace(site)
     return (f"{root}/{ALL}", f"{root}/{LATE}", f"{root}/{ALL}/{ROOM}/{ALL}")
 
 
 def rules_of(site: str, name: str, rights: Rights) -> list[Rule]:
-    """Return the rules that grant `rights` to the identity `name` of `site`, and nothing else.
+    """Return the rules that grant exactly `rights` to the identity `name` of `site`.
 
-    Declarations and queries go out to everyone of the site: who has declared nothing that fits gets none of
-    the queries, and without them nobody would write (`matching`) or answer.
+    Declarations and queries are sent to all clients of the site. A client without a matching declaration gets
+    none of
+    the queries, and without declarations no client would write (`matching`) or answer.
     """
     root = namespace(site)
     prefix = f"{site}/{name}"

@@ -1,11 +1,11 @@
 """The folder of a site: its authority, its router's files, a folder for each identity.
 
-    site.json                      who there is: roles, generations, when certificates end; no secret
-    authority/{ca,key}.pem         stays with whoever runs the site
+    site.json                      identities: roles, generations, validity of certificates; no secret
+    authority/{ca,key}.pem         stays with the operator of the site
     router/                        {ca,cert,key}.pem, router.json5, users.txt: goes to the router's machine
     identities/NAME/               {ca,cert,key}.pem (or password), link.json: goes to NAME's machine
 
-Every change is written as a whole, `site.json` last but for the router's configuration, under a lock.
+Every change is written atomically, `site.json` last but for the router's configuration, under a lock.
 """
 
 import datetime as dt
@@ -41,46 +41,46 @@ CONFIGURATION = "router.json5"
 USERS = "users.txt"
 SECRET_BYTES = 24
 
-_keep = functools.partial(write_atomically, durable=True)
-"""A certificate that was handed out must not be unknown after a power cut."""
+_save = functools.partial(write_atomically, durable=True)
+"""Durable, as a certificate that was handed out must not be unknown after a power cut."""
 
 
 class SiteFolder:
-    """Makes and changes what a site's access rests on; each change is one call."""
+    """Creates and changes the credentials of a site. Each change is one call."""
 
     def __init__(self, path: Path) -> None:
-        """Touch nothing yet."""
+        """Create without file access."""
         self.path = path
 
     def state(self) -> SiteState:
-        """Return who there is.
+        """Return the state of the site.
 
         Raises:
-            ConfigError: the folder is none of a site, or cannot be read; names the file.
+            ConfigError: If it is not the folder of a site, or cannot be read. Names the file.
         """
         file = self.path / STATE
         try:
             return SiteState.model_validate_json(read(file))
         except FileNotFoundError as error:
             raise ConfigError(
-                f"{self.path}: holds no site ({STATE} is missing); name the folder of one, "
-                "or make one with `pointit site init NAME`"
+                f"{self.path}: is not the folder of a site ({STATE} is missing); give the right one, "
+                "or create one with `pointit site init NAME`"
             ) from error
         except ValidationError as error:
             raise ConfigError(f"{file}: {describe_validation_error(error, SiteState)}") from error
 
     def create(self, state: SiteState, names: Mapping[str, Role], now: dt.datetime) -> SiteState:
-        """Make the folder with an authority, the router's files, and an identity for each of `names`.
+        """Create the folder with an authority, the router's files, and an identity for each of `names`.
 
-        Git leaves it alone, wherever it is: it is full of private keys.
+        It is excluded from Git anywhere, as it is full of private keys.
 
         Args:
-            state: its settings; identities in it are ignored.
-            names: role by name.
-            now: with a time zone.
+            state: settings of the site. Identities in it are ignored.
+            names: roles by name.
+            now: time with time zone.
 
         Raises:
-            ConfigError: there is a site already, or something cannot be written.
+            ConfigError: If there is a site already, or a file cannot be written.
         """
         check_name(state.site, "site")
         with locked(self.path):
@@ -90,17 +90,17 @@ class SiteFolder:
                     "`pointit site user`, `renew` or `revoke`"
                 )
             if not (self.path / UNTRACKED).exists():
-                _keep(self.path / UNTRACKED, b"*\n", mode=0o644)
-            authority = _certifying().create_authority(state.site, now)
-            _keep(self.path / "authority" / KEY, authority.key)
-            _keep(self.path / "authority" / CA, authority.certificate, mode=0o644)
+                _save(self.path / UNTRACKED, b"*\n", mode=0o644)
+            authority = _authority_module().create_authority(state.site, now)
+            _save(self.path / "authority" / KEY, authority.key)
+            _save(self.path / "authority" / CA, authority.certificate, mode=0o644)
             return self._issue(state.model_copy(update={"identities": {}}), {ROUTER: "router", **names}, now)
 
     def add(self, names: Mapping[str, Role], now: dt.datetime) -> SiteState:
         """Add identities.
 
         Raises:
-            ConfigError: one is there already, or something cannot be written.
+            ConfigError: If one exists already, or a file cannot be written.
         """
         with locked(self.path):
             state = self.state()
@@ -108,21 +108,21 @@ class SiteFolder:
                 known = state.identities.get(name)
                 if known is not None and known.state == "valid":
                     raise ConfigError(
-                        f"{name} is there already, as {known.role}; give them a new certificate with "
+                        f"{name} exists already, as {known.role}; renew its certificate with "
                         f"`pointit site renew {name}`"
                     )
             return self._issue(state, names, now)
 
     def renew(self, names: Iterable[str], now: dt.datetime, hosts: Sequence[str] = ()) -> SiteState:
-        """Give identities new certificates; what they had is worth nothing from now on.
+        """Issue new certificates for identities. Their old ones become invalid immediately.
 
         Args:
-            names: whose; revoked ones come back.
-            now: with a time zone.
-            hosts: more names and addresses of the router, from now on.
+            names: identities. Revoked ones become valid again.
+            now: time with time zone.
+            hosts: additional names and addresses of the router.
 
         Raises:
-            ConfigError: one is not there, or something cannot be written.
+            ConfigError: If one does not exist, or a file cannot be written.
         """
         with locked(self.path):
             state = self.state()
@@ -131,39 +131,39 @@ class SiteFolder:
             return self._issue(state, {name: state.known(name).role for name in names}, now)
 
     def revoke(self, name: str) -> SiteState:
-        """Take every right from an identity.
+        """Revoke all rights of an identity.
 
         Raises:
-            ConfigError: it is not there, or is the router.
+            ConfigError: If it does not exist, or is the router.
         """
         return self._end(name, "revoked")
 
     def remove(self, name: str) -> SiteState:
-        """Take every right from an identity, and forget it.
+        """Revoke all rights of an identity, and delete it.
 
         Raises:
-            ConfigError: it is not there, or is the router.
+            ConfigError: If it does not exist, or is the router.
         """
         return self._end(name, "removed")
 
     def router_site(self, uplinks: tuple[str, ...] = ()) -> RouterSite:
-        """Return what a router that runs on this machine needs to know of the site.
+        """Return the configuration of the site for a router on this machine.
 
         Args:
-            uplinks: addresses of other routers of the site, that it joins.
+            uplinks: addresses of other routers of the site to connect to.
 
         Raises:
-            ConfigError: as `state`.
+            ConfigError: As for `state`.
         """
         return self.state().router_site(f"{(self.path / ROUTER).absolute()}/", uplinks)
 
     def router_files(self) -> tuple[Path, ...]:
-        """Return the files whose change a router of this site must follow."""
+        """Return the files whose changes a router of this site must follow."""
         files = (CA, CERTIFICATE, KEY, USERS)
         return (self.path / STATE, *(self.path / ROUTER / name for name in files))
 
     def identity_folder(self, name: str) -> Path:
-        """Return what is carried to the machine of `name`."""
+        """Return the folder to copy to the machine of `name`."""
         return self.path / ROUTER if name == ROUTER else self.path / "identities" / name
 
     def _end(self, name: str, how: Literal["revoked", "removed"]) -> SiteState:
@@ -179,14 +179,14 @@ class SiteFolder:
             folder = self.identity_folder(name)
             password = folder / PASSWORD
             if state.password:
-                password.unlink(missing_ok=True)  # the list of passwords below is made from these
+                password.unlink(missing_ok=True)  # the list of passwords is made from these
             self._write(state)
             if how == "removed":
                 shutil.rmtree(folder, ignore_errors=True)
             return state
 
     def _issue(self, state: SiteState, names: Mapping[str, Role], now: dt.datetime) -> SiteState:
-        authority = _certifying().Authority(
+        authority = _authority_module().Authority(
             read(self.path / "authority" / CA), read(self.path / "authority" / KEY)
         )
         made: dict[str, tuple[Identity, IssuedCertificate]] = {}
@@ -221,37 +221,37 @@ class SiteFolder:
     def _carry(self, state: SiteState, name: str, identity: Identity, issued: "IssuedCertificate") -> None:
         """Write the folder of one identity."""
         folder = self.identity_folder(name)
-        _keep(folder / CA, read(self.path / "authority" / CA), mode=0o644)
+        _save(folder / CA, read(self.path / "authority" / CA), mode=0o644)
         if identity.role == "router" or not state.password:
-            _keep(folder / KEY, issued.key)
-            _keep(folder / CERTIFICATE, issued.certificate, mode=0o644)
+            _save(folder / KEY, issued.key)
+            _save(folder / CERTIFICATE, issued.certificate, mode=0o644)
         else:
-            _keep(folder / PASSWORD, secrets.token_urlsafe(SECRET_BYTES).encode())
+            _save(folder / PASSWORD, secrets.token_urlsafe(SECRET_BYTES).encode())
         if identity.role == "router":
             return
-        _keep(folder / LINK, (state.link_file(name).model_dump_json(indent=1) + "\n").encode(), mode=0o644)
+        _save(folder / LINK, (state.link_file(name).model_dump_json(indent=1) + "\n").encode(), mode=0o644)
 
     def _write(self, state: SiteState) -> None:
-        """Write the state, and what a router goes by that has no more than its own folder."""
+        """Write the state, and the files of a router that has only its own folder."""
         if state.password:
             lines = [
                 f"{member.common_name}:{read(self.identity_folder(member.name) / PASSWORD).decode()}\n"
                 for member in state.router_site("").members
                 if member.role != "router"
             ]
-            _keep(self.path / ROUTER / USERS, "".join(lines).encode())
+            _save(self.path / ROUTER / USERS, "".join(lines).encode())
         kept = json.dumps(state.model_dump(mode="json"), indent=1) + "\n"
-        _keep(self.path / STATE, kept.encode(), mode=0o644)
+        _save(self.path / STATE, kept.encode(), mode=0o644)
         configuration = router_configuration.to_json5([state.router_site("")])
-        _keep(self.path / ROUTER / CONFIGURATION, configuration.encode())
+        _save(self.path / ROUTER / CONFIGURATION, configuration.encode())
 
 
-def _certifying() -> ModuleType:
-    """Return the module that needs the extra, where routers only read."""
+def _authority_module() -> ModuleType:
+    """Return the module that needs the extra. Routers that only read do not need it."""
     try:
         from pointit.access import authority  # noqa: PLC0415 - see above
     except ModuleNotFoundError as error:
         raise ConfigError(
-            "certificates need what `scripts/setup site` in the folder of PointIt installs"
+            "certificates need an extra: run `scripts/setup site` in the folder of PointIt"
         ) from error
     return authority

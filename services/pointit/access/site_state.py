@@ -1,4 +1,4 @@
-"""Who there is on a site: what `site.json` holds, and what its router and its identities are told of it."""
+"""Identities of a site: content of `site.json`, and what its router and its identities get from it."""
 
 import datetime as dt
 from collections.abc import Mapping
@@ -12,16 +12,16 @@ from pointit.runtime.config.config import Config
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.link.credentials import LinkFile
 
-MOST_FORMER = 20
-"""Certificates of an identity that are named when somebody still uses them."""
+MAX_FORMER = 20
+"""Limit of an identity's former certificates that are named if still in use."""
 
 
 class Identity(Config):
-    """Who may connect, and by which certificate."""
+    """A client that may connect, and its certificate."""
 
     role: Role
     generation: Annotated[int, Field(ge=1)]
-    """Raised whenever the certificate is made anew: the router knows the newest only."""
+    """Raised with every new certificate, as the router knows the newest only."""
     state: Literal["valid", "revoked", "removed"] = "valid"
     valid_from: dt.datetime
     valid_until: dt.datetime
@@ -29,7 +29,7 @@ class Identity(Config):
 
 
 class SiteState(Config):
-    """What `site.json` holds."""
+    """Content of `site.json`."""
 
     site: str
     hosts: tuple[str, ...]
@@ -38,13 +38,13 @@ class SiteState(Config):
     password: bool
     dashboard_rate_hz: float
     identities: Mapping[str, Identity]
-    """By name; those that were removed stay, so that their generations are never used again."""
+    """Identities by name. Removed ones stay, so that their generations are never reused."""
 
     def known(self, name: str) -> Identity:
         """Return the identity `name`, valid or revoked.
 
         Raises:
-            ConfigError: it is not there, or was removed.
+            ConfigError: If it does not exist, or was removed.
         """
         known = self.identities.get(name)
         if known is None or known.state == "removed":
@@ -53,15 +53,15 @@ class SiteState(Config):
         return known
 
     def router_hosts(self) -> tuple[str, ...]:
-        """Return by which names and addresses the router is reached; on its own machine always."""
+        """Return the names and addresses of the router, including those on its own machine."""
         return tuple(dict.fromkeys((*self.hosts, "localhost", "127.0.0.1", "::1")))
 
     def router_site(self, folder: str, uplinks: tuple[str, ...] = ()) -> RouterSite:
-        """Return the site as its router sees it.
+        """Return the configuration of the site for its router.
 
         Args:
-            folder: where the router's own files are: nothing (its own folder), or a path with `/` behind.
-            uplinks: addresses of other routers of the site, that it joins.
+            folder: folder of the router's own files: `""` (its own folder), or a path with trailing `/`.
+            uplinks: addresses of other routers of the site to connect to.
         """
         return RouterSite(
             site=self.site,
@@ -83,7 +83,7 @@ class SiteState(Config):
         )
 
     def link_file(self, name: str) -> LinkFile:
-        """Return how the identity `name`, which is not the router, joins the site."""
+        """Return the link file of the identity `name`, which is not the router."""
         identity = self.identities[name]
         protocol = "quic" if identity.role == "dashboard" and self.dashboard_rate_hz else "tls"
         return LinkFile(
@@ -98,13 +98,13 @@ class SiteState(Config):
         )
 
     def _former(self) -> list[str]:
-        """Return the newest common names of certificates that are worth nothing any more."""
+        """Return the newest common names of invalid certificates."""
         found: list[str] = []
         for name, identity in self.identities.items():
             newest = identity.generation - (identity.state == "valid")
             found += [
                 common_name(self.site, name, generation)
-                for generation in range(max(newest - MOST_FORMER, 0) + 1, newest + 1)
+                for generation in range(max(newest - MAX_FORMER, 0) + 1, newest + 1)
             ]
         return found
 

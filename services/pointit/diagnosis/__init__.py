@@ -1,1 +1,1 @@
-"""What is wrong with a running site and what to do, from what its services say of themselves; pure."""
+"""Diagnosis of a running site from its services' reports. Pure."""

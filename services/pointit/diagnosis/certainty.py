@@ -1,4 +1,4 @@
-"""How sure a person's pose is, from the bus and from the localizer's health, and when that is too little."""
+"""Certainty of a person's pose, from the bus and from the localizer's health, and its limits."""
 
 import math
 
@@ -10,32 +10,32 @@ from pointit.services.localizer.procedures.target_plan import TargetPlan
 
 UNSURE_M = SolverSettings().max_position_sigma_m
 UNSURE_DEG = round(math.degrees(SolverSettings().max_yaw_sigma_rad), 6)
-"""1 sigma; a pose less certain than one of these is one that the localizer would refuse."""
+"""Standard deviations above which the localizer would reject a pose."""
 
 OLD_ANCHOR_S = 180.0
-"""By then the yaw of a common IMU may be 45 deg off; no fault while the pose is still certain."""
+"""Age of an anchor at which the yaw of a common IMU may be 45 deg off. It may still be certain."""
 
 SURE_DEG = math.degrees(TargetPlan().yaw_sigma_rad)
-"""Who localizes goes on pointing until the yaw is as certain as this."""
+"""Standard deviation of the yaw at which localization ends."""
 
 ANCHOR_AGE, POSITION_SIGMA, YAW_SIGMA = "anchor age", "position σ", "yaw σ"  # noqa: RUF001 - the localizer's own
-"""Names of the localizer's figures."""
+"""Names of the localizer's metrics."""
 
 FRAME_RATE = "frame rate"
-"""Begins the name of led-driver's figure of how many frames a second a port carries; the port ends it."""
+"""First words of the name of led-driver's metric of a port's frames per second, before the port."""
 
 
 def position_sigma_m(pose: UserPose) -> float:
-    """Return 1 sigma of the place along the worse direction; 0: it is taken as exact."""
+    """Return the standard deviation of the position along the worse direction. 0: assumed exact."""
     covariance = np.array(pose.covariance).reshape(3, 3)[:2, :2]
     return math.sqrt(max(float(np.linalg.eigvalsh(covariance)[-1]), 0.0))
 
 
 def yaw_sigma_deg(pose: UserPose) -> float:
-    """Return 1 sigma of the yaw; 0: it is taken as exact."""
+    """Return the standard deviation of the yaw. 0: assumed exact."""
     return math.degrees(math.sqrt(max(pose.covariance[8], 0.0)))
 
 
 def figure(health: Health, name: str) -> float | None:
-    """Return one of a service's own figures."""
+    """Return the value of a service's metric, or None."""
     return next((figure.value for figure in health.figures if figure.name == name), None)

@@ -1,4 +1,4 @@
-"""Which machines' clocks are apart from the one that looks; pure."""
+"""Clock skew of machines relative to the observer. Pure."""
 
 from collections.abc import Iterator
 
@@ -7,7 +7,7 @@ from pointit.runtime.health.clock_skew import REMEDY, ClockSkewMonitor
 
 
 def find_clock_skew(seen: Observation) -> Iterator[Finding]:
-    """Find machines whose clocks are apart from ours, where no keeper has said so already."""
+    """Find machines with clock skew relative to ours, unless a keeper has reported it."""
     watch = ClockSkewMonitor(seen.host, window_s=seen.now_s - seen.began_s + 1.0)
     for reports in seen.reports.values():
         for report in reports:

@@ -1,4 +1,4 @@
-"""What is wrong with a running site, from what its services say about themselves; pure."""
+"""Problems of a running site, from its services' reports. Pure."""
 
 from collections.abc import Iterator, Sequence
 
@@ -22,23 +22,23 @@ from pointit.schemas.text import one_line
 from pointit.schemas.topics import TOPICS, Delivery
 
 SLOW_S = 0.1
-"""Latency from capture to output, 99th percentile, above which pointing feels detached from the hand."""
+"""Latency from capture to output, 99th percentile, above which pointing feels detached from the hand, s."""
 
 UNCERTAIN = "uncertain"
-"""A word of the localizer's own warnings about the pose."""
+"""Word in the localizer's own warnings about the pose."""
 
 _EVENTS = frozenset(topic.key for topic in TOPICS if topic.delivery is Delivery.EVENT)
 
 
 def diagnose(seen: Observation) -> list[Finding]:
-    """Return what is wrong, the worst first."""
+    """Return the problems, the worst first."""
     findings = [*_presence(seen), *find_clock_skew(seen), *_reports(seen), *stale_inputs(seen)]
     order = ("error", "warning", "note")
     return sorted(findings, key=lambda finding: (order.index(finding.severity), finding.service))
 
 
 def is_healthy(findings: Sequence[Finding]) -> bool:
-    """Return whether nothing is wrong now; notes are about the past."""
+    """Return True if there is no current problem. Notes are about the past."""
     return all(finding.severity == "note" for finding in findings)
 
 
@@ -60,7 +60,7 @@ def _presence(seen: Observation) -> Iterator[Finding]:
             severity="error",
             code="empty",
             service="",
-            sentence="somebody answers, but no service runs on this site",
+            sentence="the router answers, but no service runs on this site",
             remedy="start with `pointit run`, or name the right site with --site, or its address with "
             "--connect (of a run with --ros2: tcp/127.0.0.1:7448)",
         )
@@ -87,7 +87,7 @@ def _presence(seen: Observation) -> Iterator[Finding]:
             severity="warning",
             code="left",
             service=instance,
-            sentence="was there and has left: ended, killed, stopped or cut off",
+            sentence="was present and has left: ended, killed, stopped or cut off",
             remedy=_restart(instance, seen.options),
         )
     for instance in seen.present:
@@ -119,14 +119,14 @@ def _reports(seen: Observation) -> Iterator[Finding]:
                 code="warning",
                 service=instance,
                 sentence=f"says: “{sentence}”" if split_instance(instance)[1] else sentence,
-                remedy="" if _says_what_to_do(sentence) else "look at its log, which tells more",
+                remedy="" if _says_what_to_do(sentence) else "look at its log, which has details",
             )
         if health.status == "degraded" and not health.warnings:
             yield Finding(
                 severity="warning",
                 code="degraded",
                 service=instance,
-                sentence="calls itself degraded without saying why",
+                sentence="reports itself as degraded without a reason",
                 remedy="look at its log",
             )
         if health.latency is not None and health.latency.p99_s > SLOW_S:
@@ -142,12 +142,12 @@ def _reports(seen: Observation) -> Iterator[Finding]:
 
 
 def _says_what_to_do(warning: str) -> bool:
-    """Return whether a warning goes on after what is wrong: `...; do this`, `...: do this`."""
+    """Return True if a warning continues after the problem: `...; do this`, `...: do this`."""
     return any(mark in warning for mark in ("; ", ": ", "`"))
 
 
 def _twice(seen: Observation, instance: str, reports: Sequence[Report]) -> Iterator[Finding]:
-    """Find two processes under one name; one that was only restarted is younger than our look."""
+    """Find two processes under one name. One that was only restarted is younger than our observation."""
     watched_s = seen.now_s - seen.began_s
     ages_s = {
         (report.health.host, report.health.pid): report.health.uptime_s + seen.now_s - report.received_s
@@ -165,7 +165,7 @@ def _twice(seen: Observation, instance: str, reports: Sequence[Report]) -> Itera
 
 
 def _counters(instance: str, first: Health, last: Health) -> Iterator[Finding]:
-    """Find what should be 0: an error while it grows, a note afterwards."""
+    """Find counters that should be 0: an error while one grows, a note afterwards."""
     before = {(key.key, key.direction): key for key in first.keys}
     for key in last.keys:
         old = before.get((key.key, key.direction), key)
@@ -174,7 +174,7 @@ def _counters(instance: str, first: Health, last: Health) -> Iterator[Finding]:
             (
                 key.invalid,
                 old.invalid,
-                f"messages on {pattern} were not what they should be, and were dropped",
+                f"messages on {pattern} were invalid, and were dropped",
                 "a writer of another version? `pointit --version` on both machines",
             ),
             (
@@ -184,7 +184,7 @@ def _counters(instance: str, first: Health, last: Health) -> Iterator[Finding]:
                 "the network loses more than can be fetched again: look at the link between the machines",
             ),
         ]
-        if pattern in _EVENTS:  # of the others only the newest counts
+        if pattern in _EVENTS:  # for others only the newest counts
             counts.append(
                 (
                     key.dropped,
@@ -201,19 +201,19 @@ def _counters(instance: str, first: Health, last: Health) -> Iterator[Finding]:
 
 
 def _certainty(instance: str, health: Health) -> Iterator[Finding]:
-    """Find a pose that cannot be trusted any more, and what sets it right."""
+    """Find a pose that is uncertain, and the remedy."""
     where_m, yaw_deg = figure(health, POSITION_SIGMA), figure(health, YAW_SIGMA)
     age_s = figure(health, ANCHOR_AGE)
     if any(UNCERTAIN in sentence for sentence in health.warnings):
-        return  # it says so itself, and what to do
+        return  # it reports this itself, with a remedy
     who = split_instance(instance)[1] or "NAME"
     if where_m is not None and where_m > UNSURE_M:
         yield Finding(
             severity="warning",
             code="unsure",
             service=instance,
-            sentence=f"the person's place is uncertain by {where_m:.2f} m (1 sigma; {UNSURE_M:g} m is much)",
-            remedy=f"have them localize anew: hold the button, or `pointit press {who} --gesture hold`; "
+            sentence=f"the person's position is uncertain by {where_m:.2f} m (1 sigma, limit {UNSURE_M:g} m)",
+            remedy=f"let them localize again: hold the button, or `pointit press {who} --gesture hold`; "
             "point at more lamps with --targets",
         )
     elif yaw_deg is not None and yaw_deg > UNSURE_DEG:
@@ -221,7 +221,7 @@ def _certainty(instance: str, health: Health) -> Iterator[Finding]:
             severity="warning",
             code="unsure",
             service=instance,
-            sentence=f"the person's yaw is uncertain by {yaw_deg:.1f}° (1 sigma; {UNSURE_DEG:g}° is much)"
+            sentence=f"the person's yaw is uncertain by {yaw_deg:.1f}° (1 sigma, limit {UNSURE_DEG:g}°)"
             + ("" if age_s is None else f", the last anchor is {age_s:.0f} s old"),
             remedy=f"have them point at one lamp: `pointit anchor {who}`, or press the button twice",
         )
@@ -243,7 +243,7 @@ def _counter(instance: str, now: int, then: int, sentence: str, remedy: str) -> 
         severity="error" if growing else "note",
         code="failing" if growing else "failed",
         service=instance,
-        sentence=f"{now} {sentence}" + (", and it goes on" if growing else ", not any more"),
+        sentence=f"{now} {sentence}" + (", and the number grows" if growing else ", not any more"),
         remedy=remedy,
     )
 

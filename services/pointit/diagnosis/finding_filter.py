@@ -1,4 +1,4 @@
-"""What was found about one service or person, out of all that was found; pure."""
+"""Findings about one service or person. Pure."""
 
 from collections.abc import Sequence
 
@@ -7,14 +7,14 @@ from pointit.diagnosis.writers import split_instance
 
 
 def is_about(instance: str, name: str) -> bool:
-    """Return whether `name` is the instance, its service or its person."""
+    """Return True if `name` is the instance, its service or its person."""
     return name in (instance, *split_instance(instance))
 
 
 def filter_findings(findings: Sequence[Finding], seen: Observation, name: str) -> list[Finding]:
-    """Return the findings about `name`; one more when nothing of that name runs or should run.
+    """Return the findings about `name`, or one that nothing of that name runs or should run.
 
-    Who may not look on knows neither, and gets them all.
+    Without the right to view the site, all findings are returned.
     """
     if seen.denied:
         return list(findings)

@@ -1,4 +1,4 @@
-"""Which services wait in vain for input that somebody should write; pure."""
+"""Services whose inputs are old although a writer is present. Pure."""
 
 from collections.abc import Iterator, Sequence
 
@@ -10,23 +10,23 @@ from pointit.schemas.text import one_line
 from pointit.schemas.topics import ANY, CURSOR, HOVER, TOPICS
 
 GRACE_S = 3.0
-"""A service this young need not have heard everybody yet."""
+"""Uptime within which a service need not have received all inputs, s."""
 
 PAUSES = (CURSOR, HOVER)
-"""Topics with a rate that rest, rightly, while nobody points."""
+"""Topics with a rate that pause while no person points."""
 
 _BY_KEY: dict[str, AnyTopic] = {topic.key: topic for topic in TOPICS}
 
 
 def stale_inputs(seen: Observation) -> Iterator[Finding]:
-    """Find inputs that somebody present should write and that are old; the first cause only."""
+    """Find old inputs with a present writer, reporting the first cause only."""
     stale: dict[str, list[tuple[AnyTopic, KeyHealth, list[str]]]] = {}
     for instance, health in ((instance, seen.newest(instance)) for instance in seen.present):
         for topic, key in _rated(health, "in"):
             if health is None or not _is_old(key, topic, seen, health.uptime_s):
                 continue
             able = present_writers(topic, health.user or ANY, seen.present)
-            writers = [each for each in able if not is_bridge(each)]  # those pass on what comes, if anything
+            writers = [each for each in able if not is_bridge(each)]  # bridges only forward
             if writers and (topic not in PAUSES or _written(seen, topic, writers)):
                 stale.setdefault(instance, []).append((topic, key, writers))
     for instance, inputs in stale.items():
@@ -34,7 +34,7 @@ def stale_inputs(seen: Observation) -> Iterator[Finding]:
             if _written(seen, topic, writers):
                 remedy = f"{writers[0]} does write it: what is between the two? A link, an access rule?"
             elif any(writer in stale or seen.is_silent(writer) for writer in writers):
-                continue  # the writer's own trouble is the cause
+                continue  # the writer's own problem is the cause
             else:
                 remedy = _look_at(seen, writers[0])
             age = "never came" if key.age_s is None else f"is {key.age_s:.1f} s old"
@@ -63,7 +63,7 @@ def _is_old(key: KeyHealth | None, topic: AnyTopic, seen: Observation, uptime_s:
 
 
 def _written(seen: Observation, topic: AnyTopic, writers: Sequence[str]) -> bool:
-    """Return whether one of `writers` reports to have just written `topic`."""
+    """Return True if one of `writers` reports a recent write of `topic`."""
     for writer in writers:
         health = seen.newest(writer)
         for other, key in _rated(health, "out"):

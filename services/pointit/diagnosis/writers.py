@@ -1,4 +1,4 @@
-"""Who writes a topic, as far as presence tells; pure."""
+"""Writers of a topic, as far as presence shows. Pure."""
 
 from collections.abc import Collection, Iterable
 
@@ -17,21 +17,22 @@ def split_instance(instance: str) -> tuple[str, str]:
 
 
 def is_bridge(instance: str) -> bool:
-    """Return whether an instance brings what comes from a foreign world."""
+    """Return True if an instance is a bridge to a foreign system."""
     row = _ROWS.get(split_instance(instance)[0])
     return row is not None and row.room == "bridges"
 
 
 def instance_of(service: str, user: str = "") -> str:
-    """Return the name under which a service is present."""
+    """Return the name of a service's presence."""
     return f"{service}.{user}" if user else service
 
 
 def start_command(service: str, user: str = "") -> str:
     """Return the command that starts `service`, or `""` if the process table has none of that scope.
 
-    Names come from other machines: nothing of them but a name of the table and a name that may stand in a
-    key is part of a command.
+    Names come from other machines. Only a name of the table and a name that is valid in a key become part of
+    a
+    command.
     """
     row = _ROWS.get(service)
     if row is None or (row.scope == "user") != bool(user):
@@ -42,7 +43,7 @@ def start_command(service: str, user: str = "") -> str:
 
 
 def present_writers(topic: AnyTopic, name: str, present: Iterable[str]) -> list[str]:
-    """Return the instances among `present` that may write `topic` at `name` (`*` or empty: at any)."""
+    """Return the instances among `present` that may write `topic` at `name` (`*` or `""`: any)."""
     if topic is HEALTH:
         return sorted(instance for instance in present if name in (ANY, "", instance))
     found: list[str] = []
@@ -55,7 +56,7 @@ def present_writers(topic: AnyTopic, name: str, present: Iterable[str]) -> list[
 
 
 def silence_reason(topic: AnyTopic, name: str, present: Collection[str]) -> str:
-    """Return one clause on who should write `topic` at `name`, whether they run, and what to do."""
+    """Return a clause on the writers of `topic` at `name`, whether they run, and the remedy."""
     there = present_writers(topic, name, present)
     if there:
         return f"{', '.join(there)} can write it and runs; does `pointit doctor` find something wrong?"
@@ -65,4 +66,4 @@ def silence_reason(topic: AnyTopic, name: str, present: Collection[str]) -> str:
     user = name if topic.placeholder == "user" and name not in (ANY, "") else ""
     row = _ROWS[services[0]]
     command = f"pointit service {row.name}" + (f" --user {user or 'NAME'}" if row.scope == "user" else "")
-    return f"nobody is present who writes it ({' or '.join(topic.writers)}); start it with `{command}`"
+    return f"no writer is present ({' or '.join(topic.writers)}); start it with `{command}`"

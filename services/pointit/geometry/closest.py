@@ -1,6 +1,6 @@
-"""Where a segment comes closest to a ray, by angle and by metres, in closed form (pointing.md §5).
+"""Closest point of a segment to a ray, by angle and by metres, in closed form (pointing.md §5).
 
-A ray starts at o and goes along the unit vector d. A segment runs from o + a to o + a + u; its points are
+A ray starts at o and has the unit direction d. A segment runs from o + a to o + a + u. Its points are
 o + a + t·u with t from 0 to 1. Plain Python for single segments; `ray_cast` has the same formulas on arrays.
 """
 
@@ -11,28 +11,28 @@ from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
 
 Measure = Literal["angle", "metres"]
-"""What is made smallest: the angle seen from the ray's origin, or the distance to the ray."""
+"""Quantity to minimize: the angle at the ray's origin, or the distance to the ray."""
 
 TINY = 1e-30
-"""Stands in for denominators that vanish: quotients grow large, never infinite."""
+"""Replaces vanishing denominators, so that quotients grow large but not infinite."""
 
 
 class Hit(NamedTuple):
-    """A point of a target and how far the ray passes it."""
+    """A point of a target, and its distances to the ray."""
 
     target: int
     """Index of the target."""
     position_m: float
-    """Arc length along the target from its start; 0 for a point."""
+    """Arc length along the target from its start, 0 for a point."""
     point_m: Vec3
     miss_m: float
-    """Distance of the point to the ray (to its origin where the point lies behind it)."""
+    """Distance of the point to the ray, or to its origin if the point lies behind it."""
     miss_rad: float
     """Angle at the ray's origin between the ray and the point, 0 to pi."""
     range_m: float
     """Distance from the ray's origin to the point."""
     uv_m: tuple[float, float] | None = None
-    """Place on a thing with an area, in its own two axes."""
+    """Position on a thing with an area, in its own two axes."""
 
 
 def make_hit(target: int, position_m: float, point_m: Vec3, origin_m: Vec3, direction: Vec3) -> Hit:
@@ -49,9 +49,9 @@ def nearest_in_angle(a: Vec3, u: Vec3, d: Vec3) -> tuple[float, float]:
     """Return t of the segment's point at the smallest angle from d, and minus that angle's cosine.
 
     The cosine (p + q·t) / |a + t·u|, with p = d·a and q = d·u, has a single stationary point,
-    t = (q·a² - p·(a·u)) / (p·u² - q·(a·u)). Where that is a maximum it counts, clamped to the segment;
-    where it is a minimum an end does. The point at the ray's own origin is at no angle and never chosen
-    before others.
+    t = (q·a² - p·(a·u)) / (p·u² - q·(a·u)). A maximum counts, clamped to the segment. If it is a minimum, an
+    end
+    is nearest. The point at the ray's own origin has no angle and is chosen last.
     """
     p, q = vector.dot(d, a), vector.dot(d, u)
     aa, au, uu = vector.dot(a, a), vector.dot(a, u), vector.dot(u, u)
@@ -67,9 +67,11 @@ def nearest_in_angle(a: Vec3, u: Vec3, d: Vec3) -> tuple[float, float]:
 def nearest_in_metres(a: Vec3, u: Vec3, d: Vec3) -> tuple[float, float]:
     """Return t of the segment's point nearest to the ray, and its squared distance, m².
 
-    Two points are compared: the one nearest to the whole line (right unless it lies behind the ray's
-    origin) and the one nearest to the origin. All points of a segment parallel to the ray may be as near;
-    then either may be returned.
+    Two points are compared: the one nearest to the whole line (correct unless it lies behind the ray's
+    origin) and
+    the one nearest to the origin. If the segment is parallel to the ray, any of its equally near points may
+    be
+    returned.
     """
     p, q = vector.dot(d, a), vector.dot(d, u)
     aa, au, uu = vector.dot(a, a), vector.dot(a, u), vector.dot(u, u)
@@ -84,12 +86,12 @@ def nearest_in_metres(a: Vec3, u: Vec3, d: Vec3) -> tuple[float, float]:
 
 
 def clip_to_reach(p: float, q: float, reach_m: float) -> tuple[float, float] | None:
-    """Return from which t to which a segment is no further along the ray than `reach_m`, or none.
+    """Return the interval of t in which a segment is within `reach_m` along the ray, or None.
 
     Args:
-        p: how far along the ray the segment starts, d·a.
-        q: how much further it ends, d·u.
-        reach_m: the limit.
+        p: distance along the ray of the segment's start, d·a.
+        q: additional distance of its end, d·u.
+        reach_m: maximum distance along the ray.
     """
     if max(p, p + q) <= reach_m:
         return 0.0, 1.0

@@ -1,9 +1,9 @@
-"""The point of a cloud that a ray passes closest, exactly, in a million points within a fraction of a ms.
+"""Exact closest point of a cloud to a ray, for a million points in a fraction of a millisecond.
 
-The cloud is halved again and again across its longest side, down to leaves of some tens of points; sixty-four
-neighbouring leaves make a node, sixty-four of these the next. Each lies in a ball around one of its own
-points. A ray looks at one level at a time, on arrays: the best of the balls' centres is a point that is
-really there, so whatever lies wholly outside that cone (or tube) is out, and only what is left is opened.
+The cloud is halved repeatedly across its longest side, down to leaves of some tens of points. 64 neighbouring
+leaves form a node, 64 of these the next. Each lies in a ball around one of its own points. A ray is tested
+against one level at a time, on arrays. The best of the balls' centres is a real point, so all balls wholly
+outside that cone (or tube) are excluded, and only the rest is opened.
 """
 
 import math
@@ -21,23 +21,23 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 CloudMeasure = Literal["angle", "metres", "samples"]
-"""What is made smallest: the angle at the ray's origin, the distance to the ray, or the paper's distance to
-the nearest of points set along the ray at equal steps (§III-C)."""
+"""Quantity to minimize: the angle at the ray's origin, the distance to the ray, or the paper's distance
+to the nearest of points at equal steps along the ray (§III-C)."""
 
 LEAF_POINTS = 64
-"""A leaf has at most this many points."""
+"""Maximum number of points of a leaf."""
 FAN_HALVINGS = 6
-"""A node has two to the power of this children."""
+"""Binary logarithm of the number of children of a node."""
 TOP_HALVINGS = 9
-"""The topmost node may have two to the power of this."""
+"""Maximum of the same for the topmost node."""
 MANY = 8
-"""When more leaves than this are left, the most promising is opened first: it may rule others out."""
+"""Number of remaining leaves above which the best is opened first, as it may exclude others."""
 SLACK_M = 1e-6
-"""Balls are this much larger than they need be, so that rounding never loses a point."""
+"""Margin of the balls' radii, so that rounding never loses a point."""
 
 
 class _Level(NamedTuple):
-    """Children of the nodes above: where they are, and the balls around them."""
+    """Children of the nodes above: positions, and the balls around them."""
 
     places: Array
     """nodes x 3 x fan."""
@@ -53,7 +53,7 @@ class _Ray(NamedTuple):
 
 
 class CloudTree:
-    """Points that do not move, laid out for casting rays at them."""
+    """Static points, arranged for casting rays at them."""
 
     def __init__(
         self,
@@ -63,16 +63,16 @@ class CloudTree:
         step_m: float = 0.05,
         length_m: float = 20.0,
     ) -> None:
-        """Lay out `points`, n x 3.
+        """Arrange `points`, n x 3.
 
         Args:
             points: {W}, m.
-            measure: what is to be smallest.
-            step_m: of `samples`: spacing of the ray's points.
-            length_m: of `samples`: where the last of them is; a point there too when it is no multiple.
+            measure: quantity to minimize.
+            step_m: for `samples`: spacing of the ray's points.
+            length_m: for `samples`: distance of the last point, also if it is no multiple of the spacing.
 
         Raises:
-            ValueError: there are no points, or one is not finite.
+            ValueError: If there are no points, or one is not finite.
         """
         places = np.asarray(points, dtype=np.float64).reshape(-1, 3)
         if not len(places):
@@ -89,16 +89,16 @@ class CloudTree:
     def cast(
         self, origin_m: Vec3, direction: Vec3, tolerance: float = math.inf, reach_m: float = math.inf
     ) -> Hit | None:
-        """Return the point that the ray passes closest, its index as target, or none beyond `tolerance`.
+        """Return the closest point to the ray, with its index as target, or None beyond `tolerance`.
 
         Args:
-            origin_m: of the ray.
-            direction: of the ray; normed here.
+            origin_m: origin of the ray.
+            direction: direction of the ray, normalized here.
             tolerance: rad for `angle`, m otherwise.
-            reach_m: points further along the ray are left out.
+            reach_m: points further along the ray are ignored.
 
         Returns:
-            The hit, with its misses to the ray itself. Choosing resolves 2e-8 rad, or 1e-7 m.
+            The hit, with its misses to the ray itself. The resolution is 2e-8 rad, or 1e-7 m.
         """
         direction = vector.normalized(direction)
         ray = _Ray(np.array(origin_m)[:, None], np.array(direction), reach_m)
@@ -117,7 +117,7 @@ class CloudTree:
         return make_hit(int(self._order[index]), 0.0, (x, y, z), origin_m, direction)
 
     def _look(self, level: _Level, kept: Indices, ray: _Ray, bound: float) -> tuple[Indices, Indices, float]:
-        """Return which children of `kept` may hold the closest point, and what it misses by at most."""
+        """Return the children of `kept` that may hold the closest point, and an upper bound of its miss."""
         places, radii = level.places.take(kept, axis=0), level.radii.take(kept, axis=0)
         along, square = _seen(places, ray)
         costs = self._costs(along, square, ray)
@@ -125,7 +125,7 @@ class CloudTree:
         bound = min(bound, float(costs.ravel()[best]))
         rows, columns = self._open(along, square, radii, ray, bound)
         if level is self._levels[-2] and len(rows) > MANY:
-            # costs of the centres alone bound loosely: the points of the best leaf do it tightly
+            # costs of the centres are a loose bound, the points of the best leaf a tight one
             row, column = divmod(best, costs.shape[1])
             _, cost = self._best(kept[[row]] * costs.shape[1] + column, ray)
             bound = min(bound, cost)
@@ -133,7 +133,7 @@ class CloudTree:
         return rows, columns, bound
 
     def _best(self, leaves: Indices, ray: _Ray) -> tuple[int, float]:
-        """Return the index in the order of leaves of their closest point and what it misses by, or -1."""
+        """Return the index (in leaf order) of the closest point of `leaves` and its miss, or -1."""
         points = self._levels[-1].places.take(leaves, axis=0)
         costs = self._costs(*_seen(points, ray), ray)
         best = int(costs.argmin())
@@ -142,7 +142,7 @@ class CloudTree:
         return (-1 if math.isinf(cost) else int(leaves[row]) * costs.shape[1] + column), cost
 
     def _costs(self, along: Array, square: Array, ray: _Ray) -> Array:
-        """Return what places miss by, rad or m; infinite beyond the reach."""
+        """Return the misses of points, rad or m, infinite beyond the reach."""
         if self.measure == "angle":
             cosines = along / np.sqrt(np.maximum(square, TINY))
             costs = np.arccos(np.minimum(np.maximum(cosines, -1.0), 1.0))
@@ -162,7 +162,7 @@ class CloudTree:
         if self.measure == "angle":
             cone = min(bound, math.pi)
             across = np.sqrt(np.maximum(square - along * along, 0.0))
-            # the centre's distance to the cone, where that is in front; smaller, never larger, elsewhere
+            # the centre's distance to the cone if that is in front, otherwise a smaller value
             near = across * math.cos(cone) - along * math.sin(cone) <= radii
         else:
             end_m = self._length_m if self.measure == "samples" else math.inf
@@ -176,18 +176,18 @@ class CloudTree:
 
 
 def _seen(places: Array, ray: _Ray) -> tuple[Array, Array]:
-    """Return how far along the ray `places` (k x 3 x f) are, and their squared distance from its origin."""
+    """Return the distances of `places` (k x 3 x f) along the ray, and squared from its origin."""
     reaches = places - ray.origin
     return ray.direction @ reaches, np.einsum("ijk,ijk->ik", reaches, reaches)
 
 
 def _halved(points: Array) -> tuple[Indices, int]:
-    """Return indices of the points leaf by leaf, all of one size, and how often they were halved."""
+    """Return the indices of the points by leaf, all of one size, and the number of halvings."""
     count = len(points)
     halvings = max(0, math.ceil(math.log2(count / LEAF_POINTS)))
     size = math.ceil(count / 2**halvings)
     order: Indices = np.arange(size * 2**halvings, dtype=np.intp)
-    order[count:] = count - 1  # the last repeated: it is itself again
+    order[count:] = count - 1  # the last point is repeated
     for halving in range(halvings):
         nodes = order.reshape(2**halving, -1)
         places = points[nodes]
@@ -199,7 +199,7 @@ def _halved(points: Array) -> tuple[Indices, int]:
 
 
 def _levels(points: Array, halvings: int) -> list[_Level]:
-    """Return the levels from the topmost down to the points, which lie leaf by leaf."""
+    """Return the levels from the topmost down to the points, which are in leaf order."""
     leaves = points.reshape(2**halvings, -1, 3)
     levels = [_Level(np.ascontiguousarray(leaves.transpose(0, 2, 1)), np.zeros(leaves.shape[:2]))]
     while True:

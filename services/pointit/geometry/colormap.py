@@ -1,8 +1,10 @@
-"""Colormaps by name, without matplotlib: tables of 33 colours, linear in between.
+"""Colormaps by name, without matplotlib: tables of 33 colours with linear interpolation.
 
-The colours are those of matplotlib's maps of the same names, fitted so that all 256 of their steps are met
-within `ERROR` of 255 (measured against matplotlib in the tests). RdYlGn is ColorBrewer's
-(colorbrewer2.org, C. Brewer), turbo is A. Mikhailov's, coolwarm is K. Moreland's.
+The colours are those of matplotlib's maps of the same names, fitted so that all 256 steps are within `ERROR`
+of
+255 (measured against matplotlib in the tests). RdYlGn is ColorBrewer's (colorbrewer2.org, C. Brewer), turbo
+is
+A. Mikhailov's, coolwarm is K. Moreland's.
 """
 
 from functools import lru_cache
@@ -13,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 NODES = 33
 
 ERROR = 4
-"""No channel of 255 is further from matplotlib's; 8 at the corners of jet."""
+"""Maximum difference of a channel from matplotlib's, of 255. 8 at the corners of jet."""
 
 REVERSED = "_r"
 
@@ -77,42 +79,42 @@ _TABLES: dict[str, str] = {
 
 
 class UnknownColormapError(ValueError):
-    """There is no colormap of that name; the text lists those there are."""
+    """There is no colormap of that name. The message lists the existing ones."""
 
 
 class Colormap:
-    """Fractions to colours."""
+    """Map from fractions to colours."""
 
     def __init__(self, name: str, colors: NDArray[np.uint8]) -> None:
-        """Take `colors`, 256 x 3."""
+        """Create from `colors`, 256 x 3."""
         self.name = name
         self._colors = colors
 
     def __call__(self, fractions: ArrayLike) -> NDArray[np.uint8]:
         """Return the colours at `fractions` (any shape), clipped to 0 to 1: red green blue in a last axis.
 
-        What is no number has the colour of 0.
+        NaN has the colour of 0.
         """
         inside = np.clip(np.nan_to_num(np.asarray(fractions, dtype=np.float64), nan=0.0), 0.0, 1.0)
         return self._colors[np.rint(inside * 255.0).astype(np.intp)]
 
     def rgb(self, fraction: float) -> tuple[int, int, int]:
-        """Return one colour."""
+        """Return the colour at `fraction`."""
         red, green, blue = self(fraction).tolist()
         return (red, green, blue)
 
 
 def names() -> tuple[str, ...]:
-    """Return every name there is; each also reversed, with `_r`."""
+    """Return all names. Each also exists reversed, with `_r`."""
     return tuple(_TABLES)
 
 
 @lru_cache(maxsize=64)
 def colormap(name: str) -> Colormap:
-    """Return the colormap called `name`, such as `viridis`, or `viridis_r` from its end to its start.
+    """Return the colormap `name`, such as `viridis`, or `viridis_r` for the reversed one.
 
     Raises:
-        UnknownColormapError: there is none; the text lists those there are.
+        UnknownColormapError: If there is none. The message lists the existing ones.
     """
     table = _TABLES.get(name.removesuffix(REVERSED))
     if table is None:

@@ -1,9 +1,9 @@
-"""Upright cylinders with both ends: where a ray meets them, and what of them it passes closest.
+"""Upright cylinders with both ends: intersection with a ray, and the closest point to one.
 
-By angle that is on the outline: two upright lines that rays from the origin touch, and the two rims. The
-lines are segments, solved in closed form; a rim is a circle seen askew, an equation of fourth degree, solved
-by the golden section about its lowest points. By metres, the distance from the ray's points to a convex
-thing falls and then rises along the ray: where it turns is found by halving.
+The closest point by angle is on the outline: two upright lines that rays from the origin touch, and the two
+rims. The lines are segments, solved in closed form. A rim is an equation of fourth degree, solved by golden
+section search around its lowest samples. By metres, the distance from the ray's points to a convex body falls
+and then rises along the ray, so its minimum is found by bisection.
 """
 
 import math
@@ -15,18 +15,18 @@ from pointit.geometry.vector import Vec3
 RIM_POINTS = 24
 GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
 GOLDEN_STEPS = 40
-"""Of the golden section: the bracket shrinks by 4e-9."""
+"""Steps of the golden section search, which shrink the bracket by 4e-9."""
 HALVINGS = 60
 
 
 class CylinderSolid:
     """An upright cylinder, a column or a tank.
 
-    A place on its side is (radius · azimuth, height above its foot); on its ends it is (x, y) from its axis.
+    A position on its side is (radius · azimuth, height above its foot), on its ends (x, y) from its axis.
     """
 
     def __init__(self, foot_m: Vec3, radius_m: float, height_m: float) -> None:
-        """Take the centre of its foot, radius and height."""
+        """Create from the centre of its foot, radius and height."""
         self._foot = foot_m
         self._radius = radius_m
         self._height = height_m
@@ -34,12 +34,12 @@ class CylinderSolid:
         self.bounding_sphere = (centre, math.hypot(radius_m, height_m / 2.0))
 
     def contains(self, point_m: Vec3) -> bool:
-        """Return whether `point_m` is inside."""
+        """Return True if `point_m` is inside."""
         x, y, z = vector.subtract(point_m, self._foot)
         return math.hypot(x, y) < self._radius and 0.0 < z < self._height
 
     def intersect(self, origin_m: Vec3, direction: Vec3) -> float | None:
-        """Return how far along the ray it is met first: where it leaves, for a ray from inside."""
+        """Return the distance to the first intersection, or to the exit for a ray from inside, or None."""
         x, y, z = vector.subtract(origin_m, self._foot)
         dx, dy, dz = direction
         first, last = -math.inf, math.inf
@@ -61,13 +61,13 @@ class CylinderSolid:
         return first if first >= 0.0 else last
 
     def closest_approach(self, origin_m: Vec3, direction: Vec3, measure: Measure) -> Vec3 | None:
-        """Return the point that a ray which does not meet it passes closest."""
+        """Return the closest point to a ray that does not intersect it."""
         own = vector.subtract(origin_m, self._foot)
         found = self._by_angle(own, direction) if measure == "angle" else self._by_metres(own, direction)
         return vector.add(self._foot, found)
 
     def uv_at(self, point_m: Vec3) -> tuple[float, float]:
-        """Return the place on its side, or on the end that is nearer to `point_m` than the side."""
+        """Return the position on its side, or on the end that is nearer to `point_m` than the side."""
         x, y, z = vector.subtract(point_m, self._foot)
         on_side = abs(math.hypot(x, y) - self._radius) <= min(abs(z), abs(self._height - z))
         return (self._radius * math.atan2(y, x), z) if on_side else (x, y)
@@ -78,7 +78,7 @@ class CylinderSolid:
             start, span = (x, y, 0.0), (0.0, 0.0, self._height)
             t, cost = nearest_in_angle(vector.subtract(start, own), span, d)
             if 0.0 < t < 1.0 and cost < 0.0 and d[0] * outwards[0] + d[1] * outwards[1] >= 0.0:
-                return (x, y, t * self._height)  # all of it lies beyond the plane that touches it there
+                return (x, y, t * self._height)  # the cylinder is beyond the tangent plane
             if cost < least:
                 best, least = (x, y, t * self._height), cost
         for z in (0.0, self._height):
@@ -88,9 +88,9 @@ class CylinderSolid:
         return best
 
     def _touched(self, own: Vec3) -> list[tuple[float, float, tuple[float, float]]]:
-        """Return where upright lines that bound the view of its side stand; none from above or below.
+        """Return the upright lines that bound the view of its side, none from above or below.
 
-        With each, which way leads out of that view.
+        Each comes with the direction that leads out of that view.
         """
         distance = math.hypot(own[0], own[1])
         if distance <= self._radius:
@@ -105,9 +105,9 @@ class CylinderSolid:
         return touched
 
     def _on_rim(self, own: Vec3, d: Vec3, z: float) -> tuple[Vec3, float]:
-        """Return the point of the rim at height `z` at the least angle, and minus that angle's cosine.
+        """Return the point of the rim at height `z` at the smallest angle, and minus that angle's cosine.
 
-        Seen edge-on, its near and its far side may each have one that is the least around.
+        Seen edge-on, its near and its far side may each have a local minimum.
         """
         step = math.tau / RIM_POINTS
         costs = [self._minus_cosine(own, d, z, step * i) for i in range(RIM_POINTS)]
@@ -120,7 +120,7 @@ class CylinderSolid:
         return (self._radius * math.cos(angle), self._radius * math.sin(angle), z), cost
 
     def _least_around(self, own: Vec3, d: Vec3, z: float, angle: float) -> tuple[float, float]:
-        """Return the least minus cosine about a point of the rim, and where."""
+        """Return the minimum of minus the cosine near a point of the rim, and its angle on the rim."""
         low, high = angle - math.tau / RIM_POINTS, angle + math.tau / RIM_POINTS
         inner, outer = high - GOLDEN * (high - low), low + GOLDEN * (high - low)
         at_inner, at_outer = (self._minus_cosine(own, d, z, at) for at in (inner, outer))
@@ -155,7 +155,7 @@ class CylinderSolid:
         return self._nearest(vector.add(own, vector.scale(d, low)))
 
     def _nearest(self, point: Vec3) -> Vec3:
-        """Return the point of it, own axes, that is nearest to `point` outside of it."""
+        """Return its nearest point, in own axes, to `point` outside."""
         x, y, z = point
         shrink = min(1.0, self._radius / max(math.hypot(x, y), 1e-12))
         return (x * shrink, y * shrink, min(max(z, 0.0), self._height))

@@ -1,8 +1,8 @@
-"""The 1 € filter for directions: still while the hand is still, quick when it moves (pointing.md §2).
+"""The 1 € filter for directions: steady while the hand rests, fast when it moves (pointing.md §2).
 
-After Casiez, Roussel, Vogel: 1 € Filter, CHI 2012, carried over to the sphere: positions are unit vectors,
-a difference is the arc between two of them, the speed is the norm of one angular velocity for both axes. So
-the filter knows no azimuth that could wrap and no pole, and turning everything turns the output.
+After Casiez, Roussel, Vogel: 1 € Filter, CHI 2012, adapted to the sphere: positions are unit vectors, a
+difference is the arc between two of them, the speed is the norm of one angular velocity for both axes. So the
+filter has no azimuth that could wrap and no pole, and a rotation of all inputs rotates the output.
 """
 
 import math
@@ -14,7 +14,7 @@ _STILL: Vec3 = (0.0, 0.0, 0.0)
 
 
 class OneEuro:
-    """Smooths one stream of unit vectors; keeps the last one that came, the last one it gave, their speed."""
+    """Smooths one stream of unit vectors. Stores the last input, the last output and the angular velocity."""
 
     def __init__(
         self,
@@ -24,16 +24,16 @@ class OneEuro:
         derivative_cutoff_hz: float = 1.0,
         gap_s: float = 0.5,
     ) -> None:
-        """Take the parameters.
+        """Create with the given parameters.
 
         Args:
-            min_cutoff_hz: cut-off at rest; lower is steadier and slower.
-            beta_hz_per_degps: how much the cut-off rises with the speed.
+            min_cutoff_hz: cut-off at rest. Lower is steadier and slower.
+            beta_hz_per_degps: increase of the cut-off with speed.
             derivative_cutoff_hz: cut-off of the speed itself.
-            gap_s: after a longer silence it begins anew, as it does when time goes backwards.
+            gap_s: a longer silence resets the filter, as does a step back in time.
 
         Raises:
-            ValueError: a parameter has no meaning.
+            ValueError: If a parameter is out of range.
         """
         if min(min_cutoff_hz, derivative_cutoff_hz, gap_s) <= 0.0 or beta_hz_per_degps < 0.0:
             raise ValueError("cut-offs and gap must be above 0, beta must not be below")
@@ -44,25 +44,25 @@ class OneEuro:
         self.reset()
 
     def reset(self) -> None:
-        """Forget everything: the next direction comes out as it goes in."""
+        """Reset to the initial state: the next direction is returned unchanged."""
         self._at_s: float | None = None
         self._came: Vec3 = _STILL
         self._gave: Vec3 = _STILL
         self._rate: Vec3 = _STILL
-        """Angular velocity, rad/s, low-passed; a vector, so that noise to and fro cancels."""
+        """Low-passed angular velocity, rad/s. A vector, so that alternating noise cancels."""
 
     def smooth(self, direction: Vec3, at_s: float) -> Vec3:
-        """Return the filtered direction at `at_s`; it lies on the arc from the last one to `direction`.
+        """Return the filtered direction at `at_s`, on the arc from the last one to `direction`.
 
         Args:
-            direction: norm 1.
-            at_s: when it was captured, s; any clock that does not jump.
+            direction: unit vector.
+            at_s: time of capture, s, on any clock without jumps.
         """
         passed_s = None if self._at_s is None else at_s - self._at_s
         if passed_s is None or not 0.0 <= passed_s <= self._gap_s:
             self._at_s, self._came, self._gave, self._rate = at_s, direction, direction, _STILL
             return direction
-        if passed_s == 0.0:  # two at one time: the later one counts as where the movement has come to
+        if passed_s == 0.0:  # same time: only the position is updated
             self._came = direction
             return self._gave
         self._at_s = at_s
@@ -91,10 +91,10 @@ def _weight(cutoff_radps: float, passed_s: float) -> float:
 
 
 def _between(start: Vec3, end: Vec3, share: float) -> Vec3:
-    """Return the unit vector `share` of the way along the arc; `end` where the two are opposite."""
+    """Return the unit vector at `share` of the arc, or `end` if the two are opposite."""
     sine = vector.norm(vector.cross(start, end))
     cosine = vector.dot(start, end)
-    if sine < 1e-9:  # no arc to speak of, or no single one
+    if sine < 1e-9:  # no arc, or not a unique one
         return start if cosine > 0.0 else end
     angle = math.atan2(sine, cosine)
     first, second = math.sin((1.0 - share) * angle) / sine, math.sin(share * angle) / sine

@@ -1,4 +1,4 @@
-"""Flat things, with or without end: where a ray meets them, and what of their rim it passes closest."""
+"""Planes and rectangles: intersection with a ray, and the closest point of their rim."""
 
 import math
 
@@ -8,16 +8,16 @@ from pointit.geometry.solids import Edge, nearer, nearest_on_edges
 from pointit.geometry.vector import Vec3
 
 GRAZING_RAD = math.radians(5.0)
-"""A ray that is closer to parallel meets a plane anywhere, as the hand trembles (pointing.md §5)."""
+"""Angle below which a trembling hand moves the intersection too much (pointing.md §5)."""
 
 LEVEL = 1e-6
-"""A plane whose normal leans by less is level."""
+"""Inclination of the normal below which a plane is level."""
 
 
 def plane_axes(normal: Vec3) -> tuple[Vec3, Vec3]:
     """Return u and v of a plane, unit, right-handed with its normal.
 
-    v is the direction in the plane that rises most, y where the plane is level; u is v x normal.
+    v is the direction of steepest ascent in the plane, or y if the plane is level; u is v x normal.
     """
     n = vector.normalized(normal)
     upwards = (0.0, 0.0, 1.0) if math.hypot(n[0], n[1]) > LEVEL else (0.0, 1.0, 0.0)
@@ -26,7 +26,7 @@ def plane_axes(normal: Vec3) -> tuple[Vec3, Vec3]:
 
 
 class PlaneSolid:
-    """A plane or an upright or leaning rectangle, seen from both sides. A place is (u, v) from its centre."""
+    """A plane, or an upright or inclined rectangle, two-sided. A position is (u, v) from its centre."""
 
     def __init__(
         self,
@@ -36,9 +36,9 @@ class PlaneSolid:
         *,
         grazing_rad: float = GRAZING_RAD,
     ) -> None:
-        """Take a point of it, its normal, and its extents along u and v unless it has no end.
+        """Create from a point of it, its normal, and its extents along u and v, or None if unbounded.
 
-        A ray within `grazing_rad` of it neither meets it nor passes it by.
+        A ray within `grazing_rad` of it has neither an intersection nor a closest point.
         """
         self._center = center_m
         self._normal = vector.normalized(normal)
@@ -49,11 +49,11 @@ class PlaneSolid:
         self.bounding_sphere = (center_m, math.inf if self._half is None else math.hypot(*self._half))
 
     def contains(self, point_m: Vec3) -> bool:  # noqa: ARG002 - of every solid
-        """Return that nothing is inside of what has no inside."""
+        """Return False, as a plane has no inside."""
         return False
 
     def intersect(self, origin_m: Vec3, direction: Vec3) -> float | None:
-        """Return how far along the ray it is met."""
+        """Return the distance along the ray to the intersection, or None."""
         towards = vector.dot(direction, self._normal)
         if abs(towards) <= self._grazing:
             return None
@@ -67,7 +67,7 @@ class PlaneSolid:
         return ahead
 
     def closest_approach(self, origin_m: Vec3, direction: Vec3, measure: Measure) -> Vec3 | None:
-        """Return the point of its rim, or nearest to the ray's origin, that the ray passes closest."""
+        """Return the point of its rim, or the nearest to the ray's origin, that is closest to the ray."""
         if self._half is None or abs(vector.dot(direction, self._normal)) <= self._grazing:
             return None
         found = nearest_on_edges(self._edges, origin_m, direction, measure)
@@ -81,7 +81,7 @@ class PlaneSolid:
         return found
 
     def uv_at(self, point_m: Vec3) -> tuple[float, float]:
-        """Return the place of a point, or of its foot on the plane."""
+        """Return the position of a point, projected onto the plane."""
         own = vector.subtract(point_m, self._center)
         return (vector.dot(own, self._u), vector.dot(own, self._v))
 

@@ -1,9 +1,9 @@
-"""The paper's way to meet the room: things as points, the ray as points, nearest neighbours (§III-C).
+"""The paper's hit test: things as points, the ray as points, nearest neighbours (§III-C).
 
-The result is the paper's, of asking a k-d tree for the nearest neighbour of every point of the ray; the way
-to it is not: the points of a ray are evenly spaced, so which of them is nearest to a given point is plain
-arithmetic, and one walk down a tree of the room's points does. Kept for comparison with the paper; for
-lines, `ray_cast` is exact and faster.
+The result is the paper's, of querying a k-d tree for the nearest neighbour of every point of the ray. The
+method differs: the points of a ray are evenly spaced, so the nearest to a given point follows by arithmetic,
+and one descent of a tree of the room's points suffices. Kept for comparison with the paper; for lines,
+`ray_cast` is exact and faster.
 """
 
 import math
@@ -24,7 +24,7 @@ REACH_M = 20.0
 
 
 class PointTree:
-    """Lines, points and clouds as points; targets are numbered lines, then points, then clouds, as given."""
+    """Lines, points and clouds as points. Targets are numbered in the order lines, points, clouds."""
 
     def __init__(
         self,
@@ -35,17 +35,17 @@ class PointTree:
         step_m: float = STEP_M,
         reach_m: float = REACH_M,
     ) -> None:
-        """Put a point on every line at least every `step_m`, on both ends too.
+        """Put points on every line at most `step_m` apart, including both ends.
 
         Args:
-            lines: their points stand for them.
-            points: each a target of its own.
-            clouds: each n x 3.
+            lines: targets represented by their points.
+            points: targets of one point each.
+            clouds: targets, each n x 3.
             step_m: spacing of the points of lines and ray.
-            reach_m: where the ray's last point is.
+            reach_m: distance of the ray's last point.
 
         Raises:
-            ValueError: there is nothing to cast at.
+            ValueError: If there are no targets.
         """
         if not lines and not points and not clouds:
             raise ValueError("a point tree needs at least one line, point or cloud")
@@ -62,9 +62,9 @@ class PointTree:
     def cast(
         self, origin_m: Vec3, direction: Vec3, tolerance_m: float = math.inf, reach_m: float = math.inf
     ) -> Hit | None:
-        """Return the point nearest to any point of the ray, or none beyond `tolerance_m` from those.
+        """Return the point nearest to any point of the ray, or None beyond `tolerance_m` from those.
 
-        Points further along the ray than `reach_m` are left out. The misses of the hit are to the ray
+        Points further along the ray than `reach_m` are ignored. The misses of the hit are to the ray
         itself, not to its points.
         """
         hit = self._tree.cast(origin_m, direction, tolerance_m, reach_m)

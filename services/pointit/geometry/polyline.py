@@ -10,21 +10,21 @@ from pointit.geometry.vector import Vec3
 Array = NDArray[np.float64]
 
 FARTHEST_M = 1e6
-"""Vertices beyond are mistakes."""
+"""Limit of coordinates, m."""
 SAME_M = 1e-9
-"""Vertices closer together than this are one: a step so short has no direction."""
+"""Distance below which vertices are merged, m, as they have no direction."""
 AT_ONCE = 500_000
-"""Pairs of a point and a segment that are held in memory together."""
+"""Maximum number of pairs of point and segment in memory at once."""
 
 
 class Polyline:
     """A line through vertices, addressed by the distance from its start."""
 
     def __init__(self, vertices_m: Sequence[Vec3]) -> None:
-        """Take `vertices_m`, at least two, not all equal; repeated ones are dropped.
+        """Create from `vertices_m`, at least two, not all equal. Repeated ones are dropped.
 
         Raises:
-            ValueError: the line has no length, or goes further than can be calculated with.
+            ValueError: If the line has no length, or a coordinate exceeds the limit.
         """
         points = np.asarray(vertices_m, dtype=np.float64).reshape(-1, 3)
         if not np.all(np.abs(points) <= FARTHEST_M):
@@ -83,12 +83,12 @@ class Polyline:
         return positions_m, apart_m
 
     def is_beyond_ends(self, points_m: Array, positions_m: Array, by_m: float = 0.0) -> NDArray[np.bool_]:
-        """Tell which of `points_m` (k x 3) lie more than `by_m` before the line's start or after its end.
+        """Return True for each of `points_m` (k x 3) more than `by_m` before the start or after the end.
 
         Args:
             points_m: the points.
-            positions_m: the arc lengths nearest to them, as `nearest_to` has them.
-            by_m: how far beyond an end is still there.
+            positions_m: nearest arc lengths of the points, from `nearest_to`.
+            by_m: tolerance beyond an end.
         """
         before_m = (points_m - self.vertices_m[0]) @ self.tangents[0]
         after_m = (points_m - self.vertices_m[-1]) @ self.tangents[-1]

@@ -1,8 +1,10 @@
-"""Which point of many lines and points a ray passes closest, exactly, in tens of microseconds.
+"""Exact closest point of many lines and points to a ray, in tens of microseconds.
 
-Lines are cut into short runs of segments, each in a ball around a point of the line itself. A ray first
-meets the balls: the best of their centres is a point that is really there, so every run whose ball lies
-wholly outside that cone (or cylinder) is out. The closed form then decides among the few that are left.
+Lines are divided into short runs of segments, each in a ball around a point of the line itself. The best of
+the
+balls' centres is a real point, so every run whose ball lies wholly outside that cone (or cylinder) is
+excluded.
+The closed form then decides among the remaining few.
 """
 
 import math
@@ -29,19 +31,19 @@ from pointit.geometry.vector import Vec3
 Array = NDArray[np.float64]
 
 RUN_M = 0.25
-"""A run is at most this long; longer segments are cut."""
+"""Maximum length of a run, m. Longer segments are cut."""
 RUN_SEGMENTS = 16
-"""A run has at most this many segments."""
+"""Maximum number of segments of a run."""
 FEW = 8
-"""Up to this many segments and points, plain Python on each of them is faster than any array."""
+"""Number of segments and points up to which plain Python on each is faster than arrays."""
 SLACK_M = 1e-6
-"""Balls are this much larger than they need be, so that rounding never loses a run."""
+"""Margin of the balls' radii, so that rounding never loses a run."""
 
 
 class _Segment(NamedTuple):
     start_m: Vec3
     span_m: Vec3
-    """From its start to its end; null for a point."""
+    """Vector from its start to its end, zero for a point."""
     position_m: float
     """Arc length of its start along its target."""
     length_m: float
@@ -49,7 +51,7 @@ class _Segment(NamedTuple):
 
 
 class RayCaster:
-    """Lines and points that do not move, laid out for casting rays at them.
+    """Static lines and points, arranged for casting rays at them.
 
     Targets are numbered lines first, then points, as given.
     """
@@ -57,10 +59,10 @@ class RayCaster:
     def __init__(
         self, lines: Sequence[Polyline], points: Sequence[Vec3] = (), *, measure: Measure = "angle"
     ) -> None:
-        """Take the targets, and what is to be smallest.
+        """Create from the targets, and the quantity to minimize.
 
         Raises:
-            ValueError: there is nothing to cast at.
+            ValueError: If there are no targets.
         """
         if not lines and not points:
             raise ValueError("a ray caster needs at least one line or point")
@@ -87,7 +89,7 @@ class RayCaster:
             centres.append(point.start_m)
         self._width = width = max(len(run) for run in runs)
         radii = [_radius(run, centre) for run, centre in zip(runs, centres, strict=True)]
-        # the last segment repeated fills a run up: it cannot win against itself
+        # runs are padded with their last segment, which cannot win against itself
         self._segments: list[_Segment] = [run[min(i, len(run) - 1)] for run in runs for i in range(width)]
         starts = np.array([segment.start_m for segment in self._segments])
         spans = np.array([segment.span_m for segment in self._segments])
@@ -103,10 +105,11 @@ class RayCaster:
     def cast(
         self, origin_m: Vec3, direction: Vec3, tolerance: float = math.inf, reach_m: float = math.inf
     ) -> Hit | None:
-        """Return the point that the ray passes closest, or none beyond `tolerance` (rad, or m).
+        """Return the closest point to the ray, or None beyond `tolerance` (rad, or m).
 
-        Whatever is further along the ray than `reach_m` is left out.
-        Choosing between points resolves 2e-8 rad, or 1e-7 m; the misses of the hit are exact.
+        Points further along the ray than `reach_m` are ignored. The choice between points has a resolution of
+        2e-8 rad,
+        or 1e-7 m; the misses of the hit are exact.
         """
         direction = vector.normalized(direction)
         if self._few:
@@ -179,7 +182,7 @@ class RayCaster:
             if reach_m < math.inf:
                 cosines[along > reach_m] = -1.0
             cone = min(math.acos(min(max(float(cosines.max()), -1.0), 1.0)), tolerance)
-            # the centre's distance to the cone, where that is in front; smaller, never larger, elsewhere
+            # the centre's distance to the cone if that is in front, otherwise a smaller value
             return np.flatnonzero((across * math.cos(cone) - along * math.sin(cone) <= self._radii) & is_near)
         ahead = np.maximum(along, 0.0)
         across = np.sqrt(np.maximum(square - ahead * ahead, 0.0))
@@ -188,7 +191,7 @@ class RayCaster:
 
 
 def _spans_within(p: Array, q: Array, reach_m: float) -> tuple[Array, Array]:
-    """Return from which t to which segments are within the reach; the second is less where they are not."""
+    """Return the intervals of t in which segments are within the reach, with end < start if they are not."""
     crossing = np.minimum(np.maximum((reach_m - p) / np.where(q == 0.0, TINY, q), 0.0), 1.0)
     low = np.where((p > reach_m) & (q < 0.0), crossing, 0.0)
     high = np.where((p + q > reach_m) & (q > 0.0), crossing, 1.0)

@@ -11,7 +11,7 @@ IDENTITY: Quaternion = (0.0, 0.0, 0.0, 1.0)
 
 
 def multiply(a: Quaternion, b: Quaternion) -> Quaternion:
-    """Return the rotation b, then a: world_from_body is world_from_arm times arm_from_body."""
+    """Return the product, b applied first: world_from_body is world_from_arm times arm_from_body."""
     ax, ay, az, aw = a
     bx, by, bz, bw = b
     return (
@@ -65,7 +65,7 @@ def normalized(q: Quaternion) -> Quaternion:
     """Return `q` with norm 1.
 
     Raises:
-        ValueError: `q` is null.
+        ValueError: If `q` is zero.
     """
     length = math.hypot(*q)
     if length == 0.0:

@@ -1,4 +1,4 @@
-"""Which of many things with an area a ray meets first, or passes closest."""
+"""First intersection of a ray with many solids, or their closest point."""
 
 import math
 from collections.abc import Sequence
@@ -11,21 +11,21 @@ from pointit.geometry.solids import Solid
 from pointit.geometry.vector import Vec3
 
 FEW = 6
-"""Up to this many, looking at each ball in plain Python is faster than at all on arrays."""
+"""Number of solids up to which plain Python on each ball is faster than arrays."""
 SLACK_RAD = 1e-6
-"""Cones around balls are this much wider than they need be."""
+"""Margin of cones around balls, rad."""
 SAME = 1e-9
-"""Misses that differ by less are one; then the nearer thing counts."""
+"""Difference below which misses are equal. The nearer solid wins then."""
 
 
 class SolidCaster:
-    """Things that do not move; targets are numbered as given."""
+    """Static solids. Targets are numbered as given."""
 
     def __init__(self, solids: Sequence[Solid], *, measure: Measure = "angle") -> None:
-        """Take the things, and what is to be smallest.
+        """Create from the solids, and the quantity to minimize.
 
         Raises:
-            ValueError: there is nothing to cast at.
+            ValueError: If there are no solids.
         """
         if not solids:
             raise ValueError("a solid caster needs at least one solid")
@@ -38,13 +38,13 @@ class SolidCaster:
     def cast(
         self, origin_m: Vec3, direction: Vec3, tolerance: float = math.inf, reach_m: float = math.inf
     ) -> Hit | None:
-        """Return the point of what the ray meets first, or else passes closest within `tolerance`.
+        """Return the first intersection of the ray, or else the closest point within `tolerance`.
 
         Args:
-            origin_m: of the ray.
-            direction: of the ray; normed here.
+            origin_m: origin of the ray.
+            direction: direction of the ray, normalized here.
             tolerance: rad, or m.
-            reach_m: points further along the ray are left out.
+            reach_m: points further along the ray are ignored.
         """
         direction = vector.normalized(direction)
         near = self._near(origin_m, direction, tolerance)
@@ -52,16 +52,16 @@ class SolidCaster:
             (ahead, i) for i in near if (ahead := self._solids[i].intersect(origin_m, direction)) is not None
         ]
         first, index = min(met, default=(math.inf, -1))
-        if index >= 0 and first <= reach_m:  # whatever it passes by, it misses by more
+        if index >= 0 and first <= reach_m:  # all misses are larger
             return self._hit(index, first, origin_m, direction)
         behind = {i for _, i in met}
         passed = [i for i in near if i not in behind]
         return self._closest(passed, origin_m, direction, tolerance, reach_m)
 
     def first_hit_m(self, origin_m: Vec3, direction: Vec3) -> float:
-        """Return how far along the ray the first thing is met, or infinity.
+        """Return the distance along the ray to the first intersection, or infinity.
 
-        Those that the ray begins in do not count.
+        Solids that contain the ray's origin are ignored.
         """
         direction = vector.normalized(direction)
         ahead = math.inf
@@ -94,7 +94,7 @@ class SolidCaster:
         return None if best is None else best._replace(uv_m=self._solids[best.target].uv_at(best.point_m))
 
     def _near(self, origin_m: Vec3, direction: Vec3, tolerance: float) -> list[int]:
-        """Return those whose ball comes within `tolerance` of the ray."""
+        """Return the solids whose ball comes within `tolerance` of the ray."""
         if len(self._solids) <= FEW:
             return [i for i in range(len(self._solids)) if self._is_near(i, origin_m, direction, tolerance)]
         d = np.array(direction)

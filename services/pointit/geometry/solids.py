@@ -1,8 +1,9 @@
-"""Boxes and balls: where a ray meets them, and what of them it passes closest when it does not.
+"""Boxes and spheres: intersection with a ray, and the closest point to one.
 
-A convex thing that a ray misses is closest by angle on its outline: a box on one of its edges, a ball on the
-cone that touches it. Closest by metres it may also be in the midst of a face, the one nearest to where the
-ray begins. Whoever is inside of one points at its wall from within.
+The closest point of a convex solid by angle is on its outline: on an edge of a box, or on the cone that
+touches a
+sphere. By metres it may also be inside a face, nearest to the ray's origin. A ray from inside intersects the
+wall from within.
 """
 
 import math
@@ -15,41 +16,42 @@ from pointit.geometry.closest import TINY, Measure, nearest_in_angle, nearest_in
 from pointit.geometry.vector import Vec3
 
 Edge = tuple[Vec3, Vec3]
-"""Start, and span to its end."""
+"""Start of an edge, and vector to its end."""
 
 
 class Solid(Protocol):
-    """A convex thing with an area."""
+    """A convex solid."""
 
     bounding_sphere: tuple[Vec3, float]
-    """Centre and radius of a ball that it lies in; the radius is infinite when it has no end."""
+    """Centre and radius of a bounding ball. The radius is infinite for an unbounded solid."""
 
     def contains(self, point_m: Vec3) -> bool:
-        """Return whether `point_m` is inside."""
+        """Return True if `point_m` is inside."""
         ...
 
     def intersect(self, origin_m: Vec3, direction: Vec3) -> float | None:
-        """Return how far along the ray (unit direction) it is met first, or none."""
+        """Return the distance along the ray (unit direction) to the first intersection, or None."""
         ...
 
     def closest_approach(self, origin_m: Vec3, direction: Vec3, measure: Measure) -> Vec3 | None:
-        """Return the point that a ray which does not meet it passes closest, or none if there is none."""
+        """Return the closest point to a ray that does not intersect it, or None if there is none."""
         ...
 
     def uv_at(self, point_m: Vec3) -> tuple[float, float]:
-        """Return the place of a point of its surface in its own two axes, m."""
+        """Return the position of a point of its surface in its own two axes, m."""
         ...
 
 
 class BoxSolid:
-    """A box that stands upright, turned about z.
+    """An upright box, rotated about z.
 
-    Its own axes begin at its centre. A place is (x, y) on top and bottom, (y, z) on the faces across its
-    x axis, (x, z) on those across its y axis; which face it is follows from the point.
+    Its own axes begin at its centre. A position is (x, y) on top and bottom, (y, z) on the faces across its x
+    axis,
+    (x, z) on those across its y axis. The face follows from the point.
     """
 
     def __init__(self, center_m: Vec3, size_m: Vec3, yaw_rad: float = 0.0) -> None:
-        """Take centre, extents along its own axes, and the azimuth of its x axis."""
+        """Create from centre, extents along its own axes, and the azimuth of its x axis."""
         self._center = center_m
         self._half = vector.scale(size_m, 0.5)
         self._yaw = yaw_rad
@@ -57,12 +59,12 @@ class BoxSolid:
         self.bounding_sphere = (center_m, vector.norm(self._half))
 
     def contains(self, point_m: Vec3) -> bool:
-        """Return whether `point_m` is inside."""
+        """Return True if `point_m` is inside."""
         own = self._own(point_m)
         return all(abs(x) < half for x, half in zip(own, self._half, strict=True))
 
     def intersect(self, origin_m: Vec3, direction: Vec3) -> float | None:
-        """Return how far along the ray it is met first: where it leaves, for a ray from inside."""
+        """Return the distance to the first intersection, or to the exit for a ray from inside, or None."""
         first, last = -math.inf, math.inf
         own, ahead = self._own(origin_m), vector.rotate_z(direction, -self._yaw)
         for x, d, half in zip(own, ahead, self._half, strict=True):
@@ -77,7 +79,7 @@ class BoxSolid:
         return first if first >= 0.0 else last
 
     def closest_approach(self, origin_m: Vec3, direction: Vec3, measure: Measure) -> Vec3 | None:
-        """Return the point that a ray which does not meet it passes closest."""
+        """Return the closest point to a ray that does not intersect it."""
         own, ahead = self._own(origin_m), vector.rotate_z(direction, -self._yaw)
         found = nearest_on_edges(self._edges, own, ahead, measure)
         if measure == "metres":
@@ -86,7 +88,7 @@ class BoxSolid:
         return vector.add(self._center, vector.rotate_z(found, self._yaw))
 
     def uv_at(self, point_m: Vec3) -> tuple[float, float]:
-        """Return the place on the face that `point_m` is on."""
+        """Return the position on the face of `point_m`."""
         x, y, z = own = self._own(point_m)
         inside = [half - abs(at) for at, half in zip(own, self._half, strict=True)]
         face = inside.index(min(inside))
@@ -97,20 +99,20 @@ class BoxSolid:
 
 
 class SphereSolid:
-    """A ball. A place is (radius · azimuth, radius · elevation) seen from its centre."""
+    """A sphere. A position is (radius · azimuth, radius · elevation) seen from its centre."""
 
     def __init__(self, center_m: Vec3, radius_m: float) -> None:
-        """Take centre and radius."""
+        """Create from centre and radius."""
         self._center = center_m
         self._radius = radius_m
         self.bounding_sphere = (center_m, radius_m)
 
     def contains(self, point_m: Vec3) -> bool:
-        """Return whether `point_m` is inside."""
+        """Return True if `point_m` is inside."""
         return math.dist(point_m, self._center) < self._radius
 
     def intersect(self, origin_m: Vec3, direction: Vec3) -> float | None:
-        """Return how far along the ray it is met first: where it leaves, for a ray from inside."""
+        """Return the distance to the first intersection, or to the exit for a ray from inside, or None."""
         reach = vector.subtract(self._center, origin_m)
         along = vector.dot(direction, reach)
         across = vector.norm(vector.cross(direction, reach))
@@ -122,7 +124,7 @@ class SphereSolid:
         return along + half if along + half >= 0.0 else None
 
     def closest_approach(self, origin_m: Vec3, direction: Vec3, measure: Measure) -> Vec3 | None:
-        """Return the point that a ray which does not meet it passes closest."""
+        """Return the closest point to a ray that does not intersect it."""
         reach = vector.subtract(self._center, origin_m)
         along = vector.dot(direction, reach)
         if measure == "metres":
@@ -131,11 +133,11 @@ class SphereSolid:
             return vector.add(self._center, vector.scale(outwards, self._radius))
         distance = vector.norm(reach)
         if distance <= self._radius:
-            return None  # on its skin, looking away
+            return None  # on its surface, pointing away
         # in the plane of ray and centre: where a line from the origin touches it, on the ray's side
         to_center = vector.scale(reach, 1.0 / distance)
         sideways = vector.subtract(direction, vector.scale(to_center, along / distance))
-        if vector.norm(sideways) < 1e-12:  # straight away from it: every side is as good
+        if vector.norm(sideways) < 1e-12:  # pointing straight away: all sides are equal
             sideways = vector.cross(
                 to_center, (0.0, 0.0, 1.0) if abs(to_center[2]) < 0.9 else (1.0, 0.0, 0.0)
             )
@@ -153,7 +155,7 @@ class SphereSolid:
 
 
 def nearest_on_edges(edges: Iterable[Edge], origin_m: Vec3, direction: Vec3, measure: Measure) -> Vec3:
-    """Return the point of the edges that the ray passes closest."""
+    """Return the closest point of the edges to the ray."""
     nearest = nearest_in_angle if measure == "angle" else nearest_in_metres
     best, least = origin_m, math.inf
     for start, span in edges:
@@ -164,7 +166,7 @@ def nearest_on_edges(edges: Iterable[Edge], origin_m: Vec3, direction: Vec3, mea
 
 
 def nearer(a: Vec3, b: Vec3, origin_m: Vec3, direction: Vec3) -> Vec3:
-    """Return which of two points is nearer to the ray, in metres."""
+    """Return the one of two points that is nearer to the ray, in metres."""
     return min(a, b, key=lambda point: distance_to_ray(point, origin_m, direction))
 
 

@@ -1,4 +1,4 @@
-"""Three numbers at a time, in plain Python: for single vectors this is several times faster than numpy."""
+"""3-D vectors in plain Python, which is several times faster than numpy for single vectors."""
 
 import math
 
@@ -39,7 +39,7 @@ def normalized(a: Vec3) -> Vec3:
     """Return a / |a|.
 
     Raises:
-        ValueError: `a` is the null vector.
+        ValueError: If `a` is zero.
     """
     length = norm(a)
     if length == 0.0:
@@ -69,7 +69,7 @@ def direction(azimuth_rad: float, elevation_rad: float) -> Vec3:
 
 
 def rotate_z(a: Vec3, yaw_rad: float) -> Vec3:
-    """Return a turned about z."""
+    """Return `a` rotated about z."""
     c, s = math.cos(yaw_rad), math.sin(yaw_rad)
     return (c * a[0] - s * a[1], s * a[0] + c * a[1], a[2])
 

@@ -1,4 +1,4 @@
-"""Reads point clouds: PLY (text or binary) and plain text with a point a line (XYZ, TXT, CSV, PTS, ASC)."""
+"""Reads point clouds: PLY (text or binary) and plain text with a point per line (XYZ, TXT, CSV, PTS, ASC)."""
 
 import itertools
 import re
@@ -18,7 +18,7 @@ from pointit.runtime.errors import ConfigError
 Points = NDArray[np.float64]
 
 MAX_POINTS = 5_000_000
-"""Of one cloud: 120 MB as they are kept, some seconds to read."""
+"""Limit of the points of one cloud: 120 MB in memory, some seconds to read."""
 
 SUFFIXES = (".ply", ".xyz", ".txt", ".csv", ".pts", ".asc")
 
@@ -29,14 +29,14 @@ def read_cloud(path: Path) -> Points:
     """Return the points in the file at `path`, n x 3, in the file's units and frame.
 
     Raises:
-        ConfigError: one sentence with file, what is wrong in it and what to do.
+        ConfigError: If it is invalid. One sentence with file, problem and remedy.
     """
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
-        raise ConfigError(f"{path}: is no point cloud; give a file that ends in {join_names(SUFFIXES)}")
+        raise ConfigError(f"{path}: is not a point cloud; give a file that ends in {join_names(SUFFIXES)}")
     try:
-        if path.exists() and not (path.is_file() or path.is_dir()):  # a pipe: reading would wait for ever
-            raise ConfigError(f"{path}: is no file; give the file itself")
+        if path.exists() and not (path.is_file() or path.is_dir()):  # reading a pipe would block
+            raise ConfigError(f"{path}: is not a file; give the file itself")
         points = _read_ply(path) if suffix == ".ply" else _read_text(path)
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read ({error.strerror or error})") from error
@@ -54,29 +54,27 @@ def read_cloud(path: Path) -> Points:
     return points
 
 
-def _refuse_many(path: Path, count: int, how_many: str) -> None:
+def _check_size(path: Path, count: int, how_many: str) -> None:
     if count > MAX_POINTS:
         raise ConfigError(
-            f"{path}: has {how_many} points and at most {MAX_POINTS} are taken; thin it, "
-            "points closer together than 1 cm serve no pointing"
+            f"{path}: has {how_many} points, limit {MAX_POINTS}; thin it, "
+            "as points closer than 1 cm do not improve pointing"
         )
 
 
 def _read_ply(path: Path) -> Points:
     header = read_ply_header(path)
     wanted = header.vertex.rows
-    _refuse_many(path, wanted, str(wanted))
+    _check_size(path, wanted, str(wanted))
     if header.order:
         points = binary_vertices(path, header)
     else:
         with path.open(encoding="ascii", errors="replace") as file:
             file.seek(header.body)
             skip = min(sum(each.rows for each in header.before), sys.maxsize)
-            points = _table(path, file, columns=header.columns, skip=skip, most=max(wanted, 1))[:wanted]
+            points = _table(path, file, columns=header.columns, skip=skip, max_rows=max(wanted, 1))[:wanted]
     if len(points) < wanted:
-        raise ConfigError(
-            f"{path}: is cut off, its header says {wanted} points and {len(points)} are there; copy it again"
-        )
+        raise ConfigError(f"{path}: is cut off, {len(points)} of {wanted} points are there; copy it again")
     return points
 
 
@@ -84,15 +82,15 @@ def _read_text(path: Path) -> Points:
     with path.open(encoding="utf-8-sig") as file:
         skip, delimiter, columns = _text_layout(path, file)
         file.seek(0)
-        points = _table(path, file, columns=columns, skip=skip, most=MAX_POINTS + 1, delimiter=delimiter)
-    _refuse_many(path, len(points), "more")
+        points = _table(path, file, columns=columns, skip=skip, max_rows=MAX_POINTS + 1, delimiter=delimiter)
+    _check_size(path, len(points), "more")
     return points
 
 
 def _text_layout(path: Path, file: TextIO) -> tuple[int, str | None, list[int]]:
-    """Return how many lines stand before the first point, what separates columns (none: blanks), and x, y, z.
+    """Return the number of lines before the points, the delimiter (None: blanks), and columns of x, y, z.
 
-    They are the first three columns, unless a line before says which they are.
+    They are the first three columns, unless a header names them.
     """
     first, columns = "", [0, 1, 2]
     for number, line in enumerate(itertools.islice(file, _MAX_HEADER_LINES)):
@@ -105,7 +103,7 @@ def _text_layout(path: Path, file: TextIO) -> tuple[int, str | None, list[int]]:
             words = text.split(delimiter)
             numbers = [float(words[column]) for column in columns]
         except (ValueError, IndexError):
-            numbers = []  # names of columns, remarks, how many there are
+            numbers = []  # names of columns, comments, number of points
         if numbers:
             return number, delimiter, columns
         first = first or line.strip()
@@ -113,7 +111,7 @@ def _text_layout(path: Path, file: TextIO) -> tuple[int, str | None, list[int]]:
         return 0, None, columns
     raise ConfigError(
         f"{path}: no line begins with x, y and z, the first is {format_value(first)}; "
-        "write three numbers a line"
+        "write three numbers per line"
     )
 
 
@@ -123,15 +121,15 @@ def _table(
     *,
     columns: Sequence[int],
     skip: int,
-    most: int,
+    max_rows: int,
     delimiter: str | None = None,
 ) -> Points:
-    """Return `columns` of the rows that follow after `skip` lines, at most `most` of them."""
+    """Return `columns` of at most `max_rows` rows after `skip` lines."""
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)  # no rows: told better by who asked for them
+        warnings.simplefilter("ignore", UserWarning)  # no rows: the caller reports it
         try:
             return np.loadtxt(
-                file, usecols=columns, skiprows=skip, max_rows=most, delimiter=delimiter, ndmin=2
+                file, usecols=columns, skiprows=skip, max_rows=max_rows, delimiter=delimiter, ndmin=2
             )
         except UnicodeDecodeError:
             raise

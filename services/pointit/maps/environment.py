@@ -1,4 +1,4 @@
-"""Makes the message of a map file."""
+"""Converts a map file to its message."""
 
 from collections.abc import Mapping
 
@@ -26,13 +26,13 @@ from pointit.schemas.environment import (
 def environment(
     file: MapFile, clouds: Mapping[str, NDArray[np.float64]], *, name: str, stamp_ns: int
 ) -> Environment:
-    """Return the message of `file`, whose `links` and `bays` name lanes it has.
+    """Return the message of `file`, whose `links` and `bays` must be valid.
 
     Args:
-        file: the map.
+        file: map.
         clouds: points of each of its clouds in {W}, n x 3.
-        name: of the map.
-        stamp_ns: when it was read.
+        name: name of the map.
+        stamp_ns: time of reading.
     """
     return Environment(
         stamp_ns=stamp_ns,
@@ -75,7 +75,7 @@ def environment(
 
 
 def _links(file: MapFile) -> tuple[BeltLink, ...]:
-    """Return the links, positions that were rounded beyond an end set back to it."""
+    """Return the links, with positions that were rounded beyond an end clamped to it."""
     lanes = lanes_of(file)
     return tuple(
         BeltLink(

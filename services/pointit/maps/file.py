@@ -1,4 +1,4 @@
-"""Reads maps: the YAML format of the ROS toolkit, and what it lacks."""
+"""Reads maps: the YAML format of the ROS toolkit, with additions."""
 
 import math
 from collections.abc import Generator, Iterator, Mapping, Sequence
@@ -36,13 +36,13 @@ Clouds = dict[str, NDArray[np.float64]]
 
 
 class MapError(ConfigError):
-    """A map that cannot be used; its text names the file and the first mistake, and counts the others."""
+    """An invalid map. The message names the file and the first mistake, and counts the others."""
 
     def __init__(self, path: Path, mistakes: Sequence[tuple[str, str]]) -> None:
         where, text = mistakes[0]
         super().__init__(f"{path}: {where}: {text}{more_errors_suffix(len(mistakes) - 1)}")
         self.mistakes = tuple(mistakes)
-        """Place in the file (`strips.1.pixels`), and what is wrong there and what to do; at least one."""
+        """Place in the file (`strips.1.pixels`), and problem with remedy, at least one."""
 
 
 def shipped_maps() -> tuple[str, ...]:
@@ -52,7 +52,7 @@ def shipped_maps() -> tuple[str, ...]:
 
 
 def about_map(path: Path) -> str:
-    """Return the first line of the file at `path` if it is a remark, without its end; else nothing."""
+    """Return the first line of the file at `path` if it is a comment, without its end, or `""`."""
     with path.open(encoding="utf-8") as file:
         line = file.readline().strip()
     return line.lstrip("# ").rstrip(".:") if line.startswith("#") else ""
@@ -60,12 +60,12 @@ def about_map(path: Path) -> str:
 
 @contextmanager
 def map_path(name_or_path: str) -> Generator[Path]:
-    """Give the file of the shipped map of that name, or the path itself.
+    """Yield the file of the shipped map of that name, or the path itself.
 
-    Whatever has a folder or a suffix (`./site.yaml`) is a path, relative to the current directory.
+    A name with a folder or a suffix (`./site.yaml`) is a path, relative to the current directory.
 
     Raises:
-        ConfigError: no map of that name is shipped.
+        ConfigError: If no map of that name is shipped.
     """
     path = Path(name_or_path)
     if path.suffix or len(path.parts) != 1 or name_or_path.endswith("/"):
@@ -84,7 +84,7 @@ def load_map(name_or_path: str, stamp_ns: int) -> Environment:
     """Return the shipped map of that name, or the one in the file of that path.
 
     Raises:
-        ConfigError: one sentence with file, key, value and what to do.
+        ConfigError: If it is invalid. One sentence with file, key, value and remedy.
     """
     return load_map_and_clouds(name_or_path, stamp_ns)[0]
 
@@ -93,7 +93,7 @@ def load_map_and_clouds(name_or_path: str, stamp_ns: int) -> tuple[Environment, 
     """Return the map as `load_map`, and the points of its clouds in {W}, n x 3, by id.
 
     Raises:
-        ConfigError: one sentence with file, key, value and what to do.
+        ConfigError: If it is invalid. One sentence with file, key, value and remedy.
     """
     with map_path(name_or_path) as path:
         _, room, clouds = read_whole_map(path, stamp_ns)
@@ -101,10 +101,10 @@ def load_map_and_clouds(name_or_path: str, stamp_ns: int) -> tuple[Environment, 
 
 
 def read_whole_map(path: Path, stamp_ns: int) -> tuple[MapFile, Environment, Clouds]:
-    """Return the file at `path`, the message it makes, and the points of its clouds in {W}, n x 3, by id.
+    """Return the file at `path`, its message, and the points of its clouds in {W}, n x 3, by id.
 
     Raises:
-        ConfigError: one sentence with file, key, value and what to do.
+        ConfigError: If it is invalid. One sentence with file, key, value and remedy.
     """
     file = read_map_file(path)
     broken = list(broken_references(file))
@@ -115,19 +115,19 @@ def read_whole_map(path: Path, stamp_ns: int) -> tuple[MapFile, Environment, Clo
 
 
 def read_map_file(path: Path) -> MapFile:
-    """Return what stands in the file at `path`; names in `links` and `bays` may still lead nowhere.
+    """Return the content of the file at `path`. Names in `links` and `bays` may not exist.
 
     Raises:
-        ConfigError: one sentence with file, key, value and what to do.
+        ConfigError: If it is invalid. One sentence with file, key, value and remedy.
     """
     return _map_of(read_yaml(path), path)
 
 
 def parse_map_file(content: bytes, path: Path) -> MapFile:
-    """Return what stands in `content`, as `read_map_file` would if it were in the file at `path`.
+    """Return the map in `content`, as `read_map_file` would for the file at `path`.
 
     Raises:
-        ConfigError: one sentence with file, key, value and what to do.
+        ConfigError: If it is invalid. One sentence with file, key, value and remedy.
     """
     return _map_of(parse_yaml(content, path), path)
 
@@ -153,7 +153,7 @@ def read_clouds(path: Path, file: MapFile) -> Clouds:
     """Return the points of the clouds of `file`, which is at `path`, in {W}.
 
     Raises:
-        MapError: files of clouds cannot be used.
+        MapError: If a file of a cloud is invalid.
     """
     clouds: Clouds = {}
     mistakes: list[tuple[str, str]] = []
@@ -168,24 +168,24 @@ def read_clouds(path: Path, file: MapFile) -> Clouds:
 
 
 def to_message(path: Path, file: MapFile, clouds: Clouds, stamp_ns: int) -> Environment:
-    """Return the message that `file` makes, named as its path.
+    """Return the message of `file`, named after its path.
 
     Raises:
-        ConfigError: it is too large to travel.
+        ConfigError: If it is too large for a message.
     """
     room = environment(file, clouds, name=path.stem, stamp_ns=stamp_ns)
     size = len(encode(room))
     if size > Environment.max_bytes:
         raise ConfigError(
-            f"{path}: the map has {size} bytes as it travels and at most {Environment.max_bytes} are taken; "
+            f"{path}: the map has {size} bytes as a message, limit {Environment.max_bytes}; "
             "split it into several sites"
         )
     return room
 
 
 def _placed(points: NDArray[np.float64], entry: CloudEntry) -> NDArray[np.float64]:
-    """Return `points` where the map puts them."""
-    with np.errstate(over="ignore", invalid="ignore"):  # what is too far is refused below
+    """Return `points` transformed as the map specifies."""
+    with np.errstate(over="ignore", invalid="ignore"):  # checked below
         placed = points * entry.scale
         if entry.yaw_deg:
             c, s = math.cos(math.radians(entry.yaw_deg)), math.sin(math.radians(entry.yaw_deg))
@@ -194,8 +194,8 @@ def _placed(points: NDArray[np.float64], entry: CloudEntry) -> NDArray[np.float6
     farthest = float(np.abs(placed).max())
     if not farthest <= FARTHEST:
         raise ConfigError(
-            f"{entry.file}: a coordinate is {farthest:g} and at most {FARTHEST:g} m are taken; "
-            "bring it near to the room's origin with scale and position"
+            f"{entry.file}: a coordinate is {farthest:g}, limit {FARTHEST:g} m; "
+            "move it near the room's origin with scale and position"
         )
     return placed
 
@@ -203,7 +203,7 @@ def _placed(points: NDArray[np.float64], entry: CloudEntry) -> NDArray[np.float6
 def _wrong_names(section: str, entries: Any) -> Iterator[tuple[str, str]]:
     """Yield names that cannot be in a key, and names that differ in YAML but not here (`1`, `"1"`)."""
     if not isinstance(entries, dict):
-        return  # the model says so
+        return  # the model reports it
     seen: set[str] = set()
     for key in cast("dict[object, object]", entries):
         name = str(key)
@@ -212,12 +212,12 @@ def _wrong_names(section: str, entries: Any) -> Iterator[tuple[str, str]]:
         except KeyNameError as error:
             yield section, str(error)
         if name in seen:
-            yield section, f"{name} stands there twice; rename one of them"
+            yield section, f"{name} is defined twice; rename one of them"
         seen.add(name)
 
 
 def _mistakes(error: ValidationError) -> list[tuple[str, str]]:
-    """Return the place and the sentence of each mistake."""
+    """Return the place and the message of each mistake."""
     return [
         (".".join(str(part) for part in detail["loc"]), _sentence(detail))
         for detail in error.errors(include_url=False)
@@ -225,7 +225,7 @@ def _mistakes(error: ValidationError) -> list[tuple[str, str]]:
 
 
 def _sentence(detail: ErrorDetails) -> str:
-    """Return what is wrong and what to do, to go on after the place."""
+    """Return problem and remedy, to continue the place."""
     loc, kind, value = detail["loc"], detail["type"], detail["input"]
     model = MapFile if len(loc) == 1 else ENTRIES.get(str(loc[0]), MapFile)
     if kind == "missing":

@@ -1,4 +1,4 @@
-"""The lines that objects move along, and how they hang together: belts, or strips where there are none."""
+"""Lines along which objects move, and their links: belts, or strips if there are no belts."""
 
 import math
 from collections.abc import Iterator
@@ -9,15 +9,15 @@ from pointit.maps.model import LinkEntry, MapFile
 from pointit.runtime.config.validation_message import join_names
 
 OVERHANG_M = 0.01
-"""A position this far off its belt is one that was rounded."""
+"""Distance off its belt up to which a position was rounded, m."""
 
 STRIP_WIDTH_M = 0.5
-"""Of lanes that are strips: as a belt whose width nobody gave."""
+"""Width of lanes that are strips, m."""
 
 
 @dataclass(frozen=True)
 class Lane:
-    """A line that objects move along."""
+    """A line along which objects move."""
 
     name: str
     line: Polyline
@@ -43,7 +43,7 @@ def enters_at(link: LinkEntry, target: Lane) -> float:
 
 
 def broken_references(file: MapFile) -> Iterator[tuple[str, str]]:
-    """Yield where and a sentence for each link and bay that names no lane, or a place off its lane."""
+    """Yield place and message for each link and bay with an unknown lane, or a position off its lane."""
     kind, lanes = ("belt" if file.belts else "strip"), lanes_of(file)
     known = f"use one of {join_names(lanes)}" if lanes else "the map has neither belts nor strips"
     for index, link in enumerate(file.links):

@@ -1,4 +1,4 @@
-"""What stands in a map file: the sections of the ROS toolkit, and more; {W}, metres, z up."""
+"""Content of a map file: the sections of the ROS toolkit, with additions. {W}, metres, z up."""
 
 import math
 from typing import Annotated, Literal, cast
@@ -14,7 +14,7 @@ MAX_PIXELS = 4096
 
 
 def _number(value: object) -> float:
-    if isinstance(value, str):  # YAML 1.1 takes 1e-3 for text
+    if isinstance(value, str):  # YAML 1.1 reads 1e-3 as text
         value = float(value)
     if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= FARTHEST:
         raise ValueError
@@ -128,7 +128,7 @@ class LedEntry(_Entry):
 
 
 class StripEntry(_Entry):
-    """A strip; the `length` that the toolkit's files repeat is taken from the line instead."""
+    """A strip. The `length` that the toolkit's files repeat is ignored in favour of the line's."""
 
     line: _Line
     pixels: Annotated[int, BeforeValidator(_pixels)]
@@ -137,7 +137,7 @@ class StripEntry(_Entry):
 
 
 class BeltEntry(_Entry):
-    """A belt; `length` as for strips."""
+    """A belt. `length` as for strips."""
 
     centerline: _Line
     width: _Metres
@@ -145,7 +145,7 @@ class BeltEntry(_Entry):
 
 
 class LinkEntry(_Entry):
-    """Objects go from one belt to another; without positions, from its end to the other's start."""
+    """Objects move from one belt to another. Without positions, from its end to the other's start."""
 
     source: Annotated[_Name, Field(alias="from")]
     target: Annotated[_Name, Field(alias="to")]
@@ -154,7 +154,7 @@ class LinkEntry(_Entry):
 
 
 class BoxEntry(_Entry):
-    """A box that stands upright; `size` along its own x, y, z."""
+    """An upright box. `size` along its own x, y, z."""
 
     center: _Point
     size: Annotated[Vec3, BeforeValidator(lambda value: _sizes(value, 3))]
@@ -162,12 +162,12 @@ class BoxEntry(_Entry):
 
     @property
     def yaw_rad(self) -> float:
-        """Return where its x axis points."""
+        """Return the azimuth of its x axis."""
         return math.radians(self.yaw_deg)
 
 
 class PlaneEntry(_Entry):
-    """A wall, a table; without `size` it has no end."""
+    """A wall or a table. Without `size` it is unbounded."""
 
     center: _Point
     normal: Annotated[Vec3, BeforeValidator(_normal)]
@@ -175,7 +175,7 @@ class PlaneEntry(_Entry):
 
 
 class CylinderEntry(_Entry):
-    """An upright cylinder; `center` is that of its foot."""
+    """An upright cylinder. `center` is that of its foot."""
 
     center: _Point
     radius: _Metres
@@ -183,14 +183,14 @@ class CylinderEntry(_Entry):
 
 
 class SphereEntry(_Entry):
-    """A ball."""
+    """A sphere."""
 
     center: _Point
     radius: _Metres
 
 
 class CloudEntry(_Entry):
-    """A point cloud in a file: its points times `scale`, turned by `yaw_deg` about z, moved by `position`."""
+    """A point cloud in a file: its points times `scale`, rotated by `yaw_deg` about z, plus `position`."""
 
     file: Annotated[str, BeforeValidator(_file)]
     scale: _Metres = 1.0
@@ -199,7 +199,7 @@ class CloudEntry(_Entry):
 
 
 class MapFile(_Entry):
-    """The file as a whole; {W}, metres, z up."""
+    """The whole file. {W}, metres, z up."""
 
     leds: dict[_Name, LedEntry] = {}
     strips: dict[_Name, StripEntry] = {}
@@ -224,4 +224,4 @@ ENTRIES: dict[str, type[BaseModel]] = {
     "spheres": SphereEntry,
     "clouds": CloudEntry,
 }
-"""What the entries of each section are; `bays` are plain names."""
+"""Models of the entries of each section. `bays` are plain names."""

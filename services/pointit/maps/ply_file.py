@@ -1,4 +1,4 @@
-"""What a PLY file has in it: its header, and where x, y and z of its vertices stand (text or binary)."""
+"""Content of a PLY file: its header, and the columns x, y and z of its vertices (text or binary)."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -12,7 +12,7 @@ from pointit.runtime.config.validation_message import format_value, join_names
 from pointit.runtime.errors import ConfigError
 
 MAX_HEADER_LINES = 1000
-"""Whatever goes on for longer is something else."""
+"""Limit of the lines of a header. A longer one is not a PLY."""
 
 AXES = ("x", "y", "z")
 
@@ -35,43 +35,43 @@ _ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 
 @dataclass(frozen=True, kw_only=True)
 class Element:
-    """One of the tables in a PLY."""
+    """One of the tables of a PLY."""
 
     name: str
     rows: int
     properties: list[tuple[str, str]] = field(default_factory=list[tuple[str, str]])
-    """Name and numpy's type; a list's type is empty."""
+    """Name and numpy's type, `""` for a list."""
 
     def row(self, order: str) -> np.dtype[np.void]:
-        """Return how a row lies in the file, fields f0, f1, … (a PLY may have a name twice)."""
+        """Return the layout of a row in the file, with fields f0, f1, … as a PLY may have a name twice."""
         return np.dtype([(f"f{at}", order + kind) for at, (_, kind) in enumerate(self.properties)])
 
 
 @dataclass(frozen=True, kw_only=True)
 class PlyHeader:
-    """What a PLY says of its body."""
+    """Header of a PLY."""
 
     order: str
-    """Of the bytes, `<` or `>`; empty: the body is text."""
+    """Byte order, `<` or `>`. `""` if the body is text."""
     body: int
-    """Where the body begins, bytes."""
+    """Offset of the body, bytes."""
     before: list[Element]
-    """What stands in the body before the vertices."""
+    """Tables of the body before the vertices."""
     vertex: Element
 
     @property
     def columns(self) -> list[int]:
-        """Return which properties of a vertex x, y and z are."""
+        """Return the indices of x, y and z among the properties of a vertex."""
         names = [name for name, _ in self.vertex.properties]
         return [names.index(axis) for axis in AXES]
 
 
 def read_ply_header(path: Path) -> PlyHeader:
-    """Return what the PLY at `path` says of its vertices.
+    """Return the header of the PLY at `path`.
 
     Raises:
-        ConfigError: it is no PLY, or its vertices cannot be read without what is not asked for (lists).
-        OSError: it cannot be read.
+        ConfigError: If it is not a PLY, or lists precede the vertices.
+        OSError: If it cannot be read.
     """
     with path.open("rb") as file:
         order, elements = _read_lines(path, file)
@@ -86,28 +86,28 @@ def read_ply_header(path: Path) -> PlyHeader:
             f"{path}: its vertices have {join_names(names) or 'nothing'}, not {join_names(missing)} once; "
             "export it with x, y and z"
         )
-    _refuse_lists(path, header)
+    _check_lists(path, header)
     return header
 
 
 def binary_vertices(path: Path, header: PlyHeader) -> NDArray[np.float64]:
-    """Return x, y, z of the vertices, n x 3; fewer than the header says where the file is cut off.
+    """Return x, y, z of the vertices, n x 3. Fewer than in the header if the file is cut off.
 
     Raises:
-        OSError: it cannot be read.
+        OSError: If it cannot be read.
     """
     offset = header.body + sum(each.row(header.order).itemsize * each.rows for each in header.before)
     row = header.vertex.row(header.order)
     there = max(0, path.stat().st_size - offset) // row.itemsize
-    if not there:  # a header may say of what is before them that it is longer than any file
+    if not there:  # a header may claim more than the file has
         return np.zeros((0, 3))
     rows = np.fromfile(path, dtype=row, count=min(there, header.vertex.rows), offset=offset)
-    with np.errstate(invalid="ignore"):  # a signalling NaN: refused with the other numbers that are none
+    with np.errstate(invalid="ignore"):  # a signalling NaN, rejected later like other NaNs
         return np.column_stack([rows[f"f{column}"].astype(np.float64) for column in header.columns])
 
 
 def _read_lines(path: Path, file: BinaryIO) -> tuple[str, list[Element]]:
-    """Return order and elements; afterwards `file` stands at the body."""
+    """Return order and elements. Afterwards `file` is at the body."""
     if file.readline(80).strip() != b"ply":
         raise ConfigError(
             f"{path}: does not begin with `ply`; give a PLY file, or rename it to .xyz if it is plain text"
@@ -125,13 +125,13 @@ def _read_lines(path: Path, file: BinaryIO) -> tuple[str, list[Element]]:
             if words[:1] == ["format"]:
                 order = _order(words)
             else:
-                _take(words, elements)
+                _parse_line(words, elements)
         except (KeyError, IndexError, ValueError):
             raise ConfigError(
                 f"{path}: line {number} of its header is not understood, {format_value(' '.join(words))}; "
                 "export it as PLY 1.0 again"
             ) from None
-    raise ConfigError(f"{path}: its header does not end; it is cut off or no PLY, copy or export it again")
+    raise ConfigError(f"{path}: its header does not end; it is cut off or not a PLY, copy or export it again")
 
 
 def _order(words: Sequence[str]) -> str:
@@ -141,8 +141,8 @@ def _order(words: Sequence[str]) -> str:
     return _ORDERS[name]
 
 
-def _take(words: Sequence[str], elements: list[Element]) -> None:
-    """Take one line of a header."""
+def _parse_line(words: Sequence[str], elements: list[Element]) -> None:
+    """Parse one line of a header."""
     match words:
         case [] | ["comment" | "obj_info", *_]:
             pass
@@ -163,8 +163,8 @@ def _count(text: str) -> int:
     return count
 
 
-def _refuse_lists(path: Path, header: PlyHeader) -> None:
-    """Refuse lists where they hide how far the points are: anywhere in binary, before them in text."""
+def _check_lists(path: Path, header: PlyHeader) -> None:
+    """Check that no lists hide the position of the points: anywhere in binary, before them in text."""
     if header.order:
         inside = [(each.name, each.properties) for each in (*header.before, header.vertex)]
     else:

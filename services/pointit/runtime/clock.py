@@ -117,7 +117,7 @@ class SiteClock:
         return time.time_ns() if tick is None else self._at(tick, here_ns)
 
     async def wait_for_tick(self, patience_s: float) -> bool:
-        """Wait for the site's time; return whether it came, so that nothing sees the jump towards it."""
+        """Wait for the site's time. Return True if it came, so that nothing sees the jump towards it."""
         try:
             await asyncio.wait_for(self._ticked.wait(), patience_s)
         except TimeoutError:

@@ -1,7 +1,7 @@
-"""THE PROCESS TABLE: every process, bridges to foreign worlds too, what it reads, writes and answers.
+"""Process table: all processes including bridges, their topics and requests.
 
-`pointit list`, the scenarios and the architecture tests come from it; modules are named, not imported, so
-that a process loads only what it needs.
+`pointit list`, the scenarios and the architecture tests use it. Modules are named, not imported, so that a
+process loads only what it needs.
 """
 
 import importlib
@@ -18,25 +18,25 @@ class Process:
 
     name: str
     scope: Literal["site", "user"]
-    """One for all, or one per person."""
+    """One instance per site, or one per person."""
     about: str
     reads: tuple[Topic[Any], ...]
     writes: tuple[Topic[Any], ...]
     serves: tuple[Request[Any, Any], ...] = ()
     announces: tuple[Presence, ...] = ()
-    """Besides its own: for whom else it is present."""
+    """Presences that it announces besides its own."""
     room: Literal["services", "bridges"] = "services"
-    """Where its folder is."""
+    """Folder of its package."""
     extra: str = ""
-    """Of the distribution, where it needs more than the base."""
+    """Extra of the distribution, if it needs more than the base."""
 
     @property
     def package(self) -> str:
-        """Return the module that holds it, runnable with `python -m`."""
+        """Return its module, runnable with `python -m`."""
         return f"pointit.{self.room}.{self.name.replace('-', '_')}"
 
     def config(self) -> Any:
-        """Return the class of its parameters, which needs no extra: `led-driver` has a `LedDriverConfig`."""
+        """Return the class of its parameters, which needs no extra: `LedDriverConfig` for `led-driver`."""
         module = importlib.import_module(f"{self.package}.config")
         return getattr(module, f"{self.name.title().replace('-', '')}Config")
 
@@ -64,7 +64,7 @@ SHOWN: tuple[Topic[Any], ...] = (
     topics.HEALTH,
     topics.DEPLOYMENT,
 )
-"""What onlookers are shown: everything but raw IMU samples and rays."""
+"""Topics for viewers: everything but raw IMU samples and rays."""
 
 PROCESSES: tuple[Process, ...] = (
     Process(
@@ -274,7 +274,7 @@ def process(name: str) -> Process:
     """Return the row called `name`.
 
     Raises:
-        KeyError: there is none; the text lists those there are.
+        KeyError: If there is none. The message lists the existing ones.
     """
     for row in PROCESSES:
         if row.name == name:

@@ -76,7 +76,7 @@ class Picture:
         )
 
     def shows(self, scenario: str) -> bool:
-        """Return whether there is as much to see as there should be."""
+        """Return True if there is as much to see as there should be."""
         is_lit = self.white > 100 if scenario == "scenario_2" else self.strong > 60
         return self.colors > 60 and self.contrast > 0.04 and is_lit
 

@@ -43,7 +43,7 @@ def hears(listener: Member, key: str, speaker: Member) -> None:
 
 
 def is_silent(listener: Member, speaker: Member, key: str, witness: Member, known: str) -> bool:
-    """Return whether nothing of `speaker` arrives, while a witness's does."""
+    """Return True if nothing of `speaker` arrives, while a witness's does."""
 
     def say() -> None:
         speaker.put(key)

@@ -13,7 +13,7 @@ import pytest
 import zenoh
 from zenoh.handlers import Callback
 
-from pointit.access.limits import MOST_CONNECTIONS, MOST_KEYS
+from pointit.access.limits import MAX_CONNECTIONS, MAX_KEYS
 from pointit.access.site_folder import SiteFolder
 from pointit.schemas.topics import ANY, BUTTON, CURSOR, LAMP_COLOR, RAY
 from tests.integration.access.secured import Member, RouterProgram, make_site, routed, wait
@@ -118,13 +118,13 @@ def test_newest_of_too_many_connections_of_one_identity_are_cut_and_the_identity
 ) -> None:
     more = 8
     with RouterProgram("--site-folder", str(folder.path)) as router, ExitStack() as stack:
-        site = [stack.enter_context(Member(folder, "services")) for _ in range(MOST_CONNECTIONS + more)]
+        site = [stack.enter_context(Member(folder, "services")) for _ in range(MAX_CONNECTIONS + more)]
         ben = stack.enter_context(Member(folder, "ben"))
         first = stack.enter_context(Member(folder, "anna"))
         lost = [Ends(each) for each in (*site, ben, first)]
-        others = [stack.enter_context(Member(folder, "anna")) for _ in range(MOST_CONNECTIONS + more - 1)]
+        others = [stack.enter_context(Member(folder, "anna")) for _ in range(MAX_CONNECTIONS + more - 1)]
         cut = [Ends(each) for each in others]
-        wait(lambda: f"has {MOST_CONNECTIONS + more} connections" in router.said, "the name")
+        wait(lambda: f"has {MAX_CONNECTIONS + more} connections" in router.said, "the name")
         assert "lab/anna has " in router.said
         wait(lambda: sum(each.count > 0 for each in cut) >= more, "the newest to be cut")
         assert [each.count for each in lost] == [0] * len(lost)
@@ -153,6 +153,6 @@ def test_person_who_makes_up_lamps_is_named_and_cut_off(folder: SiteFolder) -> N
     ):
         ends = Ends(anna)
         ear.hears(LAMP_COLOR.at("x"), lambda: anna.put(LAMP_COLOR.at("x")))
-        anna.put(*(LAMP_COLOR.at(f"x{number}") for number in range(2 * MOST_KEYS)))
-        wait(lambda: f"lab/anna has written more than {MOST_KEYS} keys" in router.said, "the name")
+        anna.put(*(LAMP_COLOR.at(f"x{number}") for number in range(2 * MAX_KEYS)))
+        wait(lambda: f"lab/anna has written more than {MAX_KEYS} keys" in router.said, "the name")
         wait(lambda: ends.count > 0, "the end of the connection")

@@ -50,7 +50,7 @@ async def test_echo_shows_a_state_that_was_put_before(site: Site) -> None:
 async def test_echo_says_what_it_waits_for_and_who_is_missing(site: Site) -> None:
     async with site.command("echo", "users/anna/ray") as process:
         told = await next_line(process.stderr)
-        assert told.startswith("waiting: nothing on users/anna/ray for 2 s; nobody is present")
+        assert told.startswith("waiting: nothing on users/anna/ray for 2 s; no writer is present")
         assert "`pointit service pointing --user anna`" in told
         assert (await interrupt(process))[0] == 0
     site.start(Pointing, "anna")

@@ -93,13 +93,13 @@ async def state(look: Onlooker, wanted: str) -> None:
 
 
 def shown(look: Onlooker) -> bool:
-    """Return whether the newest cursor is somewhere."""
+    """Return True if the newest cursor is somewhere."""
     cursors = look.cursors[ANNA]
     return bool(cursors) and cursors[-1].point_m is not None
 
 
 def has_color(frame: StripsFrame) -> bool:
-    """Return whether a pixel is of her cursor's colour, however bright."""
+    """Return True if a pixel is of her cursor's colour, however bright."""
     for strip in frame.strips:
         pixels = [strip.rgb[at : at + 3] for at in range(0, len(strip.rgb), 3)]
         if any(red == blue > 0 == green for red, green, blue in pixels):

@@ -59,7 +59,7 @@ async def answered(listener: Listener) -> bytes:
 
 
 async def is_cut(client: socket.socket) -> bool:
-    """Return whether the server ends the connection soon."""
+    """Return True if the server ends the connection soon."""
     try:
         return await asyncio.wait_for(asyncio.get_running_loop().sock_recv(client, 10), 2.0) == b""
     except ConnectionError:

@@ -79,7 +79,7 @@ class Peer:
         forever(self.look)
 
     def look(self) -> bool:
-        """Take what has come; return whether anything has."""
+        """Take what has come. Return True if anything has."""
         found = False
         for subscription, heard in tuple(self.subscriptions):
             while (value := subscription.next()) is not None:

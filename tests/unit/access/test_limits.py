@@ -1,4 +1,4 @@
-"""Who is cut off at a router, and who is only named."""
+"""Connections that are cut off at a router, and identities that are only reported."""
 
 import dataclasses
 
@@ -6,10 +6,10 @@ import pytest
 
 from pointit.access.limits import (
     HOLD_S,
-    LEAST_UNREAD,
-    MOST_CONNECTIONS,
-    MOST_HZ,
-    MOST_KEYS,
+    MAX_CONNECTIONS,
+    MAX_HZ,
+    MAX_KEYS,
+    MIN_UNREAD,
     PATIENCE,
     Connection,
     Limits,
@@ -28,7 +28,7 @@ def connections(identity: str, count: int, first: int = 0) -> list[Connection]:
 
 def test_newest_connections_of_an_identity_that_has_too_many_are_cut_and_named() -> None:
     limits = Limits()
-    old, ben = connections("lab/anna", MOST_CONNECTIONS), connections("lab/ben", 3, 5000)
+    old, ben = connections("lab/anna", MAX_CONNECTIONS), connections("lab/ben", 3, 5000)
     assert limits.excess([*old, *ben], ROLES, {}, 0.0) == ([], {})
     new = connections("lab/anna", 1000, 100)
     cut, told = limits.excess([*new, *ben, *old], ROLES, {}, 1.0)  # in whatever order Zenoh lists them
@@ -42,7 +42,7 @@ def test_newest_connections_of_an_identity_that_has_too_many_are_cut_and_named()
 @pytest.mark.parametrize("identity", ["lab/services", "lab/operator", "", "lab/nobody"])
 def test_identities_that_serve_all_and_unknown_ones_have_no_limit(identity: str) -> None:
     limits = Limits(1)
-    rates = {identity: 100 * MOST_HZ}
+    rates = {identity: 100 * MAX_HZ}
     for now_s in range(2 * PATIENCE):
         assert limits.excess(connections(identity, 50), ROLES, rates, float(now_s)) == ([], {})
 
@@ -68,7 +68,7 @@ def test_connections_by_quic_are_named_with_what_ends_them_and_not_said_to_be_cu
         "cannot be cut (QUIC): revoke it: `pointit site revoke dashboard1`"
     )
     for now_s in range(1, 1 + PATIENCE):
-        cut, told = limits.excess(own, roles, {"lab/dashboard1": MOST_HZ + 1.0}, float(now_s))
+        cut, told = limits.excess(own, roles, {"lab/dashboard1": MAX_HZ + 1.0}, float(now_s))
     assert not cut
     assert "messages a second" in told["lab/dashboard1"]
     assert told["lab/dashboard1"].endswith(
@@ -79,7 +79,7 @@ def test_connections_by_quic_are_named_with_what_ends_them_and_not_said_to_be_cu
 def test_flood_is_cut_off_for_a_while_and_only_that_identity() -> None:
     limits, own = Limits(), connections("lab/anna", 2)
     everybody = [*own, *connections("lab/ben", 2, 50)]
-    rates = {"lab/anna": MOST_HZ + 1.0, "lab/ben": 1400.0}
+    rates = {"lab/anna": MAX_HZ + 1.0, "lab/ben": 1400.0}
     for now_s in range(PATIENCE - 1):
         assert limits.excess(everybody, ROLES, rates, float(now_s)) == ([], {})
     flooded_s = float(PATIENCE - 1)
@@ -97,7 +97,7 @@ def test_burst_after_a_link_stood_still_is_not_cut_off() -> None:
         rate_hz = 3 * 1400.0 + 1400.0 if now_s % 4 == 0 else 1400.0
         assert limits.excess(own, ROLES, {"lab/anna": rate_hz}, float(now_s)) == ([], {})
     for now_s in range(60, 120):  # all at once, twice what can be
-        rate_hz = 4 * MOST_HZ if now_s % PATIENCE == 0 else 1400.0
+        rate_hz = 4 * MAX_HZ if now_s % PATIENCE == 0 else 1400.0
         assert limits.excess(own, ROLES, {"lab/anna": rate_hz}, float(now_s)) == ([], {})
 
 
@@ -110,9 +110,9 @@ def test_reader_that_takes_nothing_is_named_and_a_slow_one_is_not() -> None:
         assert bool(told) == (look == PATIENCE - 1)
     assert "reads nothing" in told["lab/anna"]
     assert "from tls/10.0.0.7:40000, 4000 kB wait" in told["lab/anna"]
-    assert limits.stuck({stuck: LEAST_UNREAD - 1}) == {}
+    assert limits.stuck({stuck: MIN_UNREAD - 1}) == {}
     for _ in range(2 * PATIENCE):
-        assert limits.stuck({stuck: LEAST_UNREAD - 1}) == {}
+        assert limits.stuck({stuck: MIN_UNREAD - 1}) == {}
 
 
 def test_identity_that_makes_up_names_is_cut_off_and_named_however_slowly_it_does() -> None:
@@ -123,8 +123,8 @@ def test_identity_that_makes_up_names_is_cut_off_and_named_however_slowly_it_doe
         made_up = {f"leds/x{looks * 20 + number}/color" for number in range(20)}
         _, told = limits.excess(own, ROLES, {}, float(looks), {"lab/anna": made_up})
         looks += 1
-    assert (looks - 1) * 20 <= MOST_KEYS < looks * 20
-    assert f"has written more than {MOST_KEYS} keys within 60 s, such as leds/x" in told["lab/anna"]
+    assert (looks - 1) * 20 <= MAX_KEYS < looks * 20
+    assert f"has written more than {MAX_KEYS} keys within 60 s, such as leds/x" in told["lab/anna"]
     assert limits.excess(own, ROLES, {}, float(looks)) == (own, told)
 
 

@@ -2,14 +2,14 @@
 
 import pytest
 
-from pointit.access.limits import HOLD_S, KEYS_S, LEAST_UNREAD, MOST_KEYS, PATIENCE, Connection, Limits
+from pointit.access.limits import HOLD_S, KEYS_S, MAX_KEYS, MIN_UNREAD, PATIENCE, Connection, Limits
 
 ANNA = Connection(identity="lab/anna", session="a1", address="tls/10.0.0.7:40000")
 ROLES = {"lab/anna": "user"}
 
 
 def look(limits: Limits, now_s: float, *keys: str) -> bool:
-    """Look once; return whether the connection is cut."""
+    """Look once. Return True if the connection is cut."""
     cut, told = limits.excess([ANNA], ROLES, {}, now_s, {"lab/anna": keys})
     assert (cut, list(told)) in (([], []), ([ANNA], ["lab/anna"]))
     return bool(cut)
@@ -20,8 +20,8 @@ def test_little_that_waits_is_no_sign_of_a_stuck_reader() -> None:
     for _ in range(2 * PATIENCE):
         assert limits.stuck({ANNA: 1000}) == {}
     for _ in range(PATIENCE - 1):
-        assert limits.stuck({ANNA: LEAST_UNREAD}) == {}
-    assert list(limits.stuck({ANNA: LEAST_UNREAD})) == ["lab/anna"]
+        assert limits.stuck({ANNA: MIN_UNREAD}) == {}
+    assert list(limits.stuck({ANNA: MIN_UNREAD})) == ["lab/anna"]
 
 
 @pytest.mark.parametrize("change", [-1, 1])
@@ -40,14 +40,14 @@ def test_looks_at_which_a_backlog_stands_still_count_in_a_row() -> None:
 
 def test_keys_that_are_not_written_any_more_are_forgotten() -> None:
     """A person who is shown many lamps in five minutes, a few each second."""
-    limits, few = Limits(), MOST_KEYS // 100
+    limits, few = Limits(), MAX_KEYS // 100
     for second in range(300):
         assert not look(limits, float(second), *(f"leds/{second}_{number}/color" for number in range(few)))
 
 
 def test_keys_count_for_as_long_as_readers_keep_them() -> None:
-    half = [f"leds/{number}/color" for number in range(MOST_KEYS // 2)]
-    other = [f"leds/x{number}/color" for number in range(MOST_KEYS // 2 + 1)]
+    half = [f"leds/{number}/color" for number in range(MAX_KEYS // 2)]
+    other = [f"leds/x{number}/color" for number in range(MAX_KEYS // 2 + 1)]
     for span_s, is_cut in ((KEYS_S, True), (KEYS_S + 1.0, False)):
         limits = Limits()
         assert not look(limits, 0.0, *half)
@@ -56,7 +56,7 @@ def test_keys_count_for_as_long_as_readers_keep_them() -> None:
 
 def test_identity_that_made_up_names_is_let_in_again_when_it_has_ended_to() -> None:
     limits = Limits()
-    assert look(limits, 0.0, *(f"leds/x{number}/color" for number in range(MOST_KEYS + 1)))
+    assert look(limits, 0.0, *(f"leds/x{number}/color" for number in range(MAX_KEYS + 1)))
     for second in range(1, int(HOLD_S)):
         assert look(limits, float(second))
     for second in range(int(HOLD_S), 200):

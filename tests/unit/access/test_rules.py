@@ -29,7 +29,7 @@ NAMES = st.from_regex(r"[A-Za-z0-9_][A-Za-z0-9_.\-]{0,20}", fullmatch=True)
 
 
 def permits(rules: list[dict[str, Any]], message: str, flow: str, key: str) -> bool:
-    """What Zenoh does: a rule applies when one of its patterns includes the whole key."""
+    """Zenoh's behaviour: a rule applies if one of its patterns includes the whole key."""
     return any(
         message in rule["messages"]
         and flow in rule["flows"]
@@ -207,7 +207,7 @@ def test_what_is_written_is_what_zenoh_takes() -> None:
 
 
 def test_the_router_watches_the_end_of_certificates_that_there_are() -> None:
-    """Of a client without one Zenoh would warn, as of somebody who was not let in."""
+    """Zenoh would warn about a client without certificate like about a rejected one."""
     assert configuration([routed()])["transport"]["link"]["tls"] == {"close_link_on_expiration": True}
     by_password = configuration([routed(password=True)])["transport"]
     assert "tls" not in by_password["link"]

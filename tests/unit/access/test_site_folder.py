@@ -121,10 +121,10 @@ def test_passwords_end_with_their_owner(tmp_path: Path) -> None:
 IMPOSSIBLE: list[tuple[Callable[[SiteFolder], object], str]] = [
     (lambda site: site.renew(["zoe"], NOW), "site lab has no zoe; it has router, anna, services"),
     (lambda site: site.revoke("router"), "the router cannot be without a certificate"),
-    (lambda site: site.add({"anna": "user"}, NOW), "anna is there already"),
+    (lambda site: site.add({"anna": "user"}, NOW), "anna exists already"),
     (lambda site: site.add({"router": "user"}, NOW), "router"),
     (lambda site: site.add({"x" * 64: "user"}, NOW), "choose shorter names"),
-    (lambda site: site.renew(["router"], NOW, ["no host!"]), "'no host!' is no name or address"),
+    (lambda site: site.renew(["router"], NOW, ["no host!"]), "'no host!' is not a name or address"),
 ]
 
 
@@ -150,7 +150,7 @@ def test_a_folder_holds_one_site(tmp_path: Path) -> None:
     site = site_of(tmp_path)
     with pytest.raises(ConfigError, match="holds a site already"):
         site.create(site.state(), ROLES, NOW)
-    with pytest.raises(ConfigError, match=r"holds no site .*pointit site init"):
+    with pytest.raises(ConfigError, match=r"is not the folder of a site .*pointit site init"):
         SiteFolder(tmp_path / "other").state()
     (site.path / "site.json").write_text("{}")
     with pytest.raises(ConfigError, match=r"site\.json"):
@@ -159,7 +159,7 @@ def test_a_folder_holds_one_site(tmp_path: Path) -> None:
 
 def test_two_at_once_are_one_after_the_other(tmp_path: Path) -> None:
     site = site_of(tmp_path)
-    with locked(site.path), pytest.raises(ConfigError, match="somebody else is changing it"):
+    with locked(site.path), pytest.raises(ConfigError, match="another process is changing it"):
         site.renew(["anna"], NOW)
     site.renew(["anna"], NOW)
 

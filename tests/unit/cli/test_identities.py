@@ -77,7 +77,7 @@ def test_a_folder_around_it_that_is_broken_or_of_another_site_does_no_harm(
     assert not any(row["own"] for row in visible_rows(credentials, other.path, NOW))
     (site.path / "site.json").write_text("{}")
     assert list(standing(visible_rows(credentials, None, NOW))) == ["operator"]
-    with pytest.raises(ConfigError, match="holds no site"):
+    with pytest.raises(ConfigError, match="is not the folder of a site"):
         visible_rows(credentials, tmp_path, NOW)
 
 

@@ -125,7 +125,7 @@ def test_a_map_too_large_to_travel_is_an_error(room: Path, monkeypatch: pytest.M
     monkeypatch.setattr(Environment, "max_bytes", 200)
     result = invoke("check", str(room))
     assert result.exit_code == 1
-    assert "bytes as it travels and at most 200 are taken" in result.output
+    assert "bytes as a message, limit 200;" in result.output
 
 
 def test_findings_as_json() -> None:

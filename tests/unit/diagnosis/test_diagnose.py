@@ -32,7 +32,7 @@ def health(instance: str, *keys: KeyHealth, **fields: Any) -> Health:
 
 
 def observation(*newest: Health, before: Sequence[Health] = (), **fields: Any) -> Observation:
-    """Return what is seen when `newest` report just now and `before` a second earlier."""
+    """Return an observation with `newest` reports of now and `before` reports of a second earlier."""
     reports: dict[str, list[Report]] = {}
     for time_s, messages in ((NOW_S - 1.1, before), (NOW_S - 0.1, newest)):
         for message in messages:
@@ -66,7 +66,7 @@ def test_a_site_that_is_well() -> None:
     assert is_healthy([])
 
 
-def test_empty() -> None:
+def test_reports_an_error_when_no_service_is_present() -> None:
     finding = only(observation())
     assert (finding.code, finding.severity) == ("empty", "error")
     assert "`pointit run`" in finding.remedy
@@ -257,7 +257,7 @@ def test_counters_are_an_error_while_they_grow_and_a_note_afterwards(topic: Topi
     assert (growing.code, growing.severity) == ("failing", "error")
     assert growing.sentence.startswith("6 ")
     assert topic.key in growing.sentence
-    assert growing.sentence.endswith("and it goes on")
+    assert growing.sentence.endswith("and the number grows")
     past = only(observation(six, before=[six]))
     assert (past.code, past.severity) == ("failed", "note")
 
@@ -266,7 +266,7 @@ def test_only_the_newest_counts_elsewhere_so_drops_are_no_fault() -> None:
     assert not diagnose(observation(health("pui", key(IMU, "in", dropped=9))))
 
 
-def test_handlers_that_raise() -> None:
+def test_errors_of_handlers_are_reported() -> None:
     seen = observation(health("pui", errors=2), before=[health("pui", errors=1)])
     assert (only(seen).code, only(seen).severity) == ("failing", "error")
     assert "traceback" in only(seen).remedy
@@ -283,7 +283,7 @@ def test_degraded_without_a_word() -> None:
     assert only(observation(health("pui", status="degraded"))).code == "degraded"
 
 
-def test_slow() -> None:
+def test_high_latency_is_reported() -> None:
     finding = only(observation(health("pui", latency=Quantiles(p50_s=0.05, p99_s=0.151))))
     assert (finding.code, finding.severity) == ("slow", "warning")
     assert "151 ms" in finding.sentence
@@ -306,10 +306,10 @@ def certainty(**figures: float) -> Health:
         (
             {"place": UNSURE_M + 0.01, "yaw": 2.0},
             "unsure",
-            "place is uncertain by",
+            "position is uncertain by",
             "press anna --gesture hold",
         ),
-        ({"place": 2.9, "yaw": 60.0}, "unsure", "place is uncertain by 2.90 m", "localize anew"),
+        ({"place": 2.9, "yaw": 60.0}, "unsure", "position is uncertain by 2.90 m", "localize again"),
         ({"place": 0.2, "yaw": UNSURE_DEG + 0.1}, "unsure", "yaw is uncertain by", "`pointit anchor anna`"),
         (
             {"yaw": UNSURE_DEG + 5.0, "age": 400.0},

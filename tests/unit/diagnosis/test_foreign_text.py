@@ -1,4 +1,4 @@
-"""What strangers write reaches the operator neither as a command of ours nor as more than one plain line."""
+"""Foreign text reaches the operator neither as a command of ours nor as more than one plain line."""
 
 from dataclasses import asdict
 

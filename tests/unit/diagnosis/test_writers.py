@@ -1,4 +1,4 @@
-"""Who writes a topic, and what the person is told when nothing comes."""
+"""Writers of a topic, and messages to the person if nothing comes."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""What a ray misses every one of many points by: what closed forms and trees are held against."""
+"""Reference for closed forms and trees: the miss of every one of many points."""
 
 import math
 
@@ -11,11 +11,11 @@ from pointit.geometry.vector import Vec3
 Array = NDArray[np.float64]
 
 STEP_M, LENGTH_M = 0.05, 8.0
-"""Of `samples`."""
+"""Spacing of `samples`."""
 
 
 def misses(points: Array, origin: Vec3, direction: Vec3, measure: CloudMeasure) -> Array:
-    """Return what every point is missed by; `samples` by distances to all points of the ray."""
+    """Return the miss of every point; `samples` by distances to all points of the ray."""
     reach = points - np.array(origin)
     d = np.array(direction)
     along: Array = reach @ d

@@ -59,7 +59,7 @@ def test_turning_everything_turns_the_output(
 
 @given(streams)
 def test_it_never_overshoots(stream: list[tuple[float, Vec3]]) -> None:
-    """What comes out lies on the arc between what came out before and what came in."""
+    """The output lies on the arc between the last output and the input."""
     out = filtered(stream)
     for before, (_, new), after in zip(out, stream[1:], out[1:], strict=False):
         way = vector.angle_between(before, after) + vector.angle_between(after, new)

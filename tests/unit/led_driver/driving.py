@@ -1,4 +1,4 @@
-"""What the tests of the service share: a fast driver, a map of two strips, what goes on them."""
+"""Shared parts of the tests of the service: a fast driver, a map of two strips, objects on them."""
 
 from pointit.schemas import (
     Cursor,

@@ -167,7 +167,7 @@ async def test_silent_cursors_and_objects_vanish_by_themselves() -> None:
         await until(lambda: not pixels(frames[-1], "a"))
 
 
-async def test_brightness_by_request() -> None:
+async def test_a_request_sets_the_brightness() -> None:
     clock = ManualClock()
     async with memory_bench(clock) as bench:
         reports = bench.collect(HEALTH)

@@ -1,4 +1,4 @@
-"""What is sent to LEDs: gamma, and never more current than there is."""
+"""Values sent to LEDs: gamma, and the current limit."""
 
 import pytest
 from hypothesis import given

@@ -1,4 +1,4 @@
-"""What pui can tell of its map before it joins a site."""
+"""Checks of pui's map before it joins a site."""
 
 import pytest
 

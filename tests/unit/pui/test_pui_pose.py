@@ -1,4 +1,4 @@
-"""What pui makes of a pose: the person's elevation bias, and two who tell it at once."""
+"""Effect of poses on pui: the person's elevation bias, and two sources at once."""
 
 import math
 

@@ -102,7 +102,7 @@ def offset(angle_deg: float, pose: UserPose) -> PointingRay:
 
 
 @pytest.mark.parametrize(("angle_deg", "hit"), [(11.9, True), (12.1, False)])
-def test_the_angle_tolerance(angle_deg: float, hit: bool) -> None:  # noqa: FBT001
+def test_only_a_ray_within_the_angle_tolerance_hits_the_strip(angle_deg: float, hit: bool) -> None:  # noqa: FBT001
     x, y, _ = on_strip(1, 2.5)
     pose = pose_at((x, y - 3.0, 0.0))
     person = PersonCursor(Surfaces(LAB, tolerance_rad=math.radians(12)))

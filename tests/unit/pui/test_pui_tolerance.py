@@ -1,4 +1,4 @@
-"""How far a ray may pass what it points at, set while pui runs."""
+"""Change of the tolerance of hits while pui runs."""
 
 import math
 from typing import Any
@@ -58,7 +58,7 @@ async def test_where_metres_tell_there_is_no_angle_to_set(config: dict[str, Any]
         reply = await ask(here)
         assert reply.tolerance_rad is None
         assert why in reply.message
-        with pytest.raises(RefusedError, match=f"metres tell what is near enough here: {why}"):
+        with pytest.raises(RefusedError, match=f"the tolerance is in metres here: {why}"):
             await ask(here, 5.0)
         assert await point(here, 4.0) == "strip"  # 0.36 m beside
 

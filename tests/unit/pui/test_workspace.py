@@ -107,7 +107,7 @@ def test_cursors_are_on_the_surface(
         assert math.dist(point, eyes) == pytest.approx(math.dist(through, eyes))
 
 
-def test_places_on_workspaces() -> None:
+def test_uv_of_hits_on_each_kind_of_workspace() -> None:
     feet = (1.0, 0.0, 0.2)
     eyes = vector.add(feet, EYES)
     ahead = {kind: laid(kind, (3.0, 0.0, 0.5), feet).meet(eyes, (1.0, 0.0, 0.0), feet) for kind in KINDS}
@@ -122,12 +122,12 @@ def test_places_on_workspaces() -> None:
     left = laid("facing", (3.0, 0.0, 0.5), feet).meet(eyes, vector.direction(0.1, 0.0), feet)
     assert left is not None
     assert left.uv_m is not None
-    assert left.uv_m[0] == pytest.approx(-2.0 * math.tan(0.1))  # u is to the right of whoever looks at it
+    assert left.uv_m[0] == pytest.approx(-2.0 * math.tan(0.1))  # u is to the right of a viewer
 
 
 @pytest.mark.parametrize(("angle_deg", "met"), [(4.9, False), (5.1, True)])
 @pytest.mark.parametrize("kind", ["horizontal", "facing", "cylinder"])
-def test_grazing_is_refused(kind: WorkspaceKind, angle_deg: float, met: bool) -> None:  # noqa: FBT001
+def test_a_ray_near_parallel_to_a_workspace_misses(kind: WorkspaceKind, angle_deg: float, met: bool) -> None:  # noqa: FBT001
     angle = math.radians(angle_deg)
     direction = vector.direction(0.0, -angle if kind == "horizontal" else angle - math.pi / 2)
     hit = laid(kind, (2.0, 0.0, 0.5)).meet(EYES, direction, (0.0, 0.0, 0.0))

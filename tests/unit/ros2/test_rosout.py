@@ -123,7 +123,7 @@ def test_calls_that_fail_are_an_error_while_they_do(log: Log) -> None:
     assert log.says(health(errors=3)) == [], "before we looked"
     ((level, said),) = log.says(health(errors=4))
     assert level == ERROR
-    assert said.startswith("4 of its handlers' calls failed, and it goes on; its log has")
+    assert said.startswith("4 of its handlers' calls failed, and the number grows; its log has")
     assert log.says(health(errors=5)) == []
     ((level, said),) = log.says(health(errors=5), OVER_REPORTS)
     assert (level, said.split(" ")[:3]) == (INFO, ["over:", "5", "of"])
@@ -146,7 +146,7 @@ def test_another_process_of_the_name_has_counts_of_its_own(log: Log) -> None:
 
 def test_a_service_that_does_not_say_why_is_told_of_too(log: Log) -> None:
     degraded = health().model_copy(update={"status": "degraded"})
-    assert log.says(degraded, 9) == [(WARN, "calls itself degraded without saying why; look at its log")]
+    assert log.says(degraded, 9) == [(WARN, "reports itself as degraded without a reason; look at its log")]
 
 
 def test_a_router_alone_is_nothing_wrong(log: Log) -> None:

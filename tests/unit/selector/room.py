@@ -69,7 +69,7 @@ def pointing(time_s: float, x_m: float, *, raised_rad: float = 0.0, eyes: Vec3 =
 
 
 class Room:
-    """A selecting with its outputs by kind; objects are listed anew before every cursor."""
+    """A selecting with its outputs by kind; objects are listed again before every cursor."""
 
     def __init__(self, *objects: TrackedObject, **config: object) -> None:
         self.records: list[Record] = []
@@ -89,7 +89,7 @@ class Room:
 
     @property
     def owners(self) -> dict[str, str]:
-        """Return who has what selected, now."""
+        """Return the current owners of selected objects."""
         return {one.id: one.user for one in self.selecting.selection(self.now_ns).objects}
 
     @property

@@ -1,4 +1,4 @@
-"""What was told before: in order, bounded, also after a restart, and at nobody's cost."""
+"""Past events: in order, bounded, also after a restart, without delaying selection."""
 
 import asyncio
 import threading

@@ -166,7 +166,7 @@ def test_a_damaged_file_is_moved_aside(tmp_path: Path, content: bytes) -> None:
     (tmp_path / "journal.sqlite").write_bytes(content)
     journal = Journal(tmp_path)
     assert journal.begin(NOW).entries == {}
-    assert "was damaged and is kept as journal.corrupt-" in journal.problem
+    assert "was damaged and is now journal.corrupt-" in journal.problem
     journal.add(selected("a", 1))
     journal.commit(NOW)
     assert "was damaged" in journal.problem  # still to be seen

@@ -1,4 +1,4 @@
-"""Another method or dwell time while people point: what is selected stays, progress begins anew."""
+"""Another method or dwell time while people point: what is selected stays, progress restarts."""
 
 import itertools
 from typing import Any
@@ -36,10 +36,10 @@ def test_a_method_that_is_named_has_its_own_time_or_the_one_that_is_given(method
 
 
 def test_what_cannot_be_is_refused_in_a_sentence() -> None:
-    with pytest.raises(ValueError, match=r"0\.05 s is less than the timestep of 0\.1 s in which hold"):
+    with pytest.raises(ValueError, match=r"0\.05 s is less than the timestep of 0\.1 s of method hold"):
         apply_method(CONFIG, CONFIG, "hold", 0.05)
     lazy = CONFIG.model_copy(update={"gauge": CONFIG.gauge.model_copy(update={"sparse_full_s": 1.0})})
-    with pytest.raises(ValueError, match="would take 12 s, at most 10 s"):
+    with pytest.raises(ValueError, match="would take 12 s, limit 10 s"):
         apply_method(lazy, lazy, None, 6.0)
     assert apply_method(CONFIG, CONFIG, "gauge", 0.05).dwell_s == 0.05
 

@@ -307,7 +307,7 @@ def test_whatever_people_do_an_object_has_one_owner_and_events_tell_the_story(
             assert story.pop(record.object_id) == record.owner
             if ownerless_after_s == 3600.0 and record.cause in ("dwell", "clear"):
                 assert record.user == record.owner
-        elif record.owner:  # refused, as it is somebody's
+        elif record.owner:  # refused, as another person has it
             assert story[record.object_id] == record.owner != record.user or record.cause == "undo"
     assert room.owners == story
     told = [record.seq for record in room.records if record.seq is not None]

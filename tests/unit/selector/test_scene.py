@@ -1,4 +1,4 @@
-"""What is seen along a ray: angles, half widths, places at the ray's time, what hides what."""
+"""Objects seen along a ray: angles, half widths, positions at the ray's time, occlusion."""
 
 import math
 

@@ -181,7 +181,7 @@ async def test_a_tracker_that_fell_silent_is_warned_of_and_then_forgotten_with_i
         assert [o.id for o in selections[-1].objects] == ["a"]
         assert health[-1].warnings == ()
         clock.advance(2.0)
-        await until(lambda: any("from conveyor;" in text for text in health[-1].warnings), what="the warning")
+        await until(lambda: any("from conveyor," in text for text in health[-1].warnings), what="the warning")
         assert selections[-1].objects
         clock.advance(28.0)
         assert selections[-1].objects  # it may come back

@@ -23,7 +23,7 @@ def test_file_set_aside_by_an_earlier_process_is_named_for_a_day_and_logged(
     monkeypatch.setattr("pointit.services.selector.service.site_folder", folder)
     Selector.discard_saved_state("lab", NOW_NS)
     [aside] = tmp_path.glob("journal.corrupt-*")
-    assert f"was damaged and is kept as {aside.name}" in caplog.text
+    assert f"was damaged and is now {aside.name}" in caplog.text
     day_ns = 86_400 * NS_PER_S
     for now_ns, is_told in ((NOW_NS + NS_PER_S, True), (NOW_NS + day_ns, True), (NOW_NS + day_ns + 1, False)):
         journal = Journal(tmp_path)

@@ -1,4 +1,4 @@
-"""What the life cycle hears and says, for its tests: samples of a wrist, outputs in short."""
+"""Inputs and outputs of the life cycle for its tests: samples of a wrist, outputs in short."""
 
 from collections.abc import Sequence
 from typing import Literal

@@ -39,7 +39,7 @@ def pointing(since_s: float = 9.0) -> LifeCycle:
 
 
 def went_back(cue: str, back: str) -> list[str]:
-    """Return what is said when it ends with `cue`: who points on is told so, who rests as well."""
+    """Return the outputs of an end with `cue`, for pointing and idle people."""
     if back == "pointing":
         return [f"cue {cue}", "pointing", "cue started"]
     return ["cue localized", "idle", "cue stopped"] if cue == "localized" else ["idle", f"cue {cue}"]
@@ -187,7 +187,7 @@ def test_while_the_yaw_is_uncertain_the_next_thing_to_do_is_an_anchor() -> None:
 
 
 def test_an_anchor_that_takes_the_place_of_another_is_joined() -> None:
-    """Whoever asks again: the first is cancelled and the second begins at one time, and news take a while."""
+    """A second request cancels the first and begins at the same time, and its messages take a while."""
     cycle = pointing()
     assert "localizing" in told(cycle.localization(*news(10, "sampling", since_ns=10 * S, target_id="led_0")))
     cycle.localization(news(11, "cancelled", since_ns=10 * S)[0], round(11.02 * S))

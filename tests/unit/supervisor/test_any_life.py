@@ -12,7 +12,7 @@ from tests.unit.supervisor.played import Gesture, Phase, S, sample
 
 Purpose = Literal["pose", "anchor"]
 Doing = str
-"""What somebody does who only hears the cues: `rest`, `go on`, `point at led_0`."""
+"""Reaction of a person who only hears the cues: `rest`, `go on`, `point at led_0`."""
 
 
 class AnyLife(RuleBasedStateMachine):
@@ -25,7 +25,7 @@ class AnyLife(RuleBasedStateMachine):
             ("localizing", "pointing"),
             ("localizing", "idle"),
             ("pointing", "idle"),
-            ("pointing", "localizing"),  # hold: localize anew; double: an anchor
+            ("pointing", "localizing"),  # hold: localize again; double: an anchor
         }
     )
 

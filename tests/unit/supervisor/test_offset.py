@@ -84,7 +84,7 @@ async def test_a_spoilt_file_is_a_warning_and_no_offset(own_state: Path) -> None
         shutil.rmtree(path.parent)
         path.parent.write_text("in the way", encoding="utf-8")
         reply: Done = await bench.bus.call(SET_OFFSET, SetOffset(offset=OFFSET), ANNA)
-        assert "but a restart brings the one of before" in reply.message
+        assert "but a restart restores the previous one" in reply.message
         await until(lambda: bool(reports[-1].warnings))
 
 
@@ -129,7 +129,7 @@ async def test_an_offset_that_nobody_has_is_refused() -> None:
         bench.bus.subscribe(PROFILE, lambda profile, _user: profiles.append(profile), ANNA)
         bench.start(Supervisor, user=ANNA)
         await until(lambda: len(profiles) == 1)
-        with pytest.raises(RefusedError, match="is nobody's and at most 45°"):
+        with pytest.raises(RefusedError, match="exceeds the limit of 45°"):
             await bench.bus.call(SET_OFFSET, SetOffset(offset=absurd), ANNA)
         await bench.settle()
         assert [profile.offset for profile in profiles] == [None]

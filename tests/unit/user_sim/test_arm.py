@@ -1,4 +1,4 @@
-"""How the arm moves: bell-shaped reaches of human duration onto aims that may move, human unrest."""
+"""Motion of the arm: bell-shaped reaches of human duration onto moving aims, human noise."""
 
 import math
 

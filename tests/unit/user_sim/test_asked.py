@@ -1,4 +1,4 @@
-"""What the person does when the localizer asks, and when they ask it to: open loop, at any time."""
+"""Reactions of the person to requests of the localizer, and requests of their own: open loop, at any time."""
 
 import math
 from typing import Literal

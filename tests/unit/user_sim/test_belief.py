@@ -1,4 +1,4 @@
-"""What the person takes to be going on, from cues alone; and when they press their button for it."""
+"""Belief of the person about the interaction, from cues alone, and presses that follow from it."""
 
 import pytest
 
@@ -18,7 +18,7 @@ AT_LED: Heard = ("target", "Point at led_1.", "led_1")
 def after(*heard: Heard) -> Belief:
     belief = Belief()
     for number, (cue, text, target) in enumerate(heard):
-        belief.hear(
+        belief.on_cue(
             Feedback(stamp_ns=0, cue=cue, text=text, target_id=target, waits="wait" in text.lower()),
             number * NS_PER_S,
         )
@@ -53,7 +53,7 @@ def test_who_queues_knows_it_until_it_is_their_turn() -> None:
     queuing = after(WAITING, ("target", "Wait: ben is pointing at the lamps, you are next.", ""))
     assert queuing.is_queuing
     assert queuing.state == "asked"
-    queuing.hear(Feedback(stamp_ns=0, cue="target", text="Point at led_1.", target_id="led_1"), 0)
+    queuing.on_cue(Feedback(stamp_ns=0, cue="target", text="Point at led_1.", target_id="led_1"), 0)
     assert not queuing.is_queuing
 
 
@@ -69,7 +69,7 @@ def test_who_hears_of_nobody_presses_all_the_same_and_again() -> None:
 
 
 def test_a_press_that_stopped_what_went_on_unknown_is_made_good() -> None:
-    """Who came late has missed `started`: their press stops it, and the next one starts it again."""
+    """A late start misses `started`: the press then stops pointing, and the next one starts it again."""
     life = Life(PRECISE)
     life.run(4.5)
     assert len(life.presses) == 1

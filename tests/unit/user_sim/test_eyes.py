@@ -1,4 +1,4 @@
-"""What the eyes find in frames as they are drawn: the own cursor anywhere, and what became of things."""
+"""Perception of rendered frames: the own cursor anywhere, and states of things."""
 
 import pytest
 from hypothesis import given, settings

@@ -50,7 +50,7 @@ class Laser(Eyes):
 
 @functools.cache
 def pointing_at_the_floor(number: int) -> tuple[tuple[float, ...], float]:
-    """Return how far the light is from the target, m, at every step; and how far the arm had to turn, rad."""
+    """Return the distance from the light to the target, m, at every step, and the reach, rad."""
     person = Person(
         UserSimConfig(position_m=(0.0, 0.0, 0.0), target_kinds=("spot",)), "a", np.random.default_rng(number)
     )
@@ -99,7 +99,7 @@ def test_time_to_stay_within_10_cm_at_2_m() -> None:
     assert late < 0.2
 
 
-def test_throughput() -> None:
+def test_throughput_of_pointing_is_as_measured() -> None:
     """Measured with an arm's IMU: 1.05 to 1.12 bit/s, ID = log2(A / 2r + 1)."""
     width_rad = 2.0 * math.atan(WITHIN_M / math.hypot(2.1, 1.64))
     rates: list[float] = []
@@ -128,8 +128,8 @@ def test_holds_are_as_unsteady_as_peoples(axis: int) -> None:
     sds: list[float] = []
     for seed in range(60):
         person = Person(UserSimConfig(), "a", np.random.default_rng(seed))
-        person._arm.hold_anew()
-        unrest = person._arm._unrest
+        person._arm.start_hold()
+        unrest = person._arm._noise
         at = np.degrees([unrest.at(i * PERIOD_NS) for i in range(300)])[50:]
         sds.append(float(at[:, axis].std()))
     print(f"\nhold sd {'yaw' if axis == 0 else 'pitch'}: median {np.median(sds):.2f} deg")  # noqa: T201

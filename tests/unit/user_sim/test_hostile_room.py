@@ -1,4 +1,4 @@
-"""What others put on the bus, and clocks that jump, end no simulated person."""
+"""Hostile messages on the bus and clock steps do not end a simulated person."""
 
 from typing import Literal
 

@@ -112,7 +112,7 @@ def test_the_cursor_takes_the_person_to_the_target_although_everything_errs() ->
         target = thing("a", "green", 2.0)
         life.light(off_rad=math.radians(10.0))
         life.before_step = lambda life=life, target=target: life.objects(target)  # type: ignore[misc]
-        life.person._wish = Staring()
+        life.person._behaviour = Staring()
         life.run(4.0)
         shown = [c.position_m for c in life.cursors[-25:] if c.surface == "strip"]
         finals.append(math.degrees(float(np.median(np.abs(np.array(shown) - 2.0))) / 3.0))

@@ -1,4 +1,4 @@
-"""Which thing the person turns to next, what they take back, what they leave to others; lapses."""
+"""Choice of the next thing, deselection of mistakes, respect for other people's objects; lapses."""
 
 from itertools import pairwise
 

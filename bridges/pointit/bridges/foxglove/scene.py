@@ -108,7 +108,7 @@ class Scene:
 
     @property
     def is_moving(self) -> bool:
-        """Return whether something is shown that grows old."""
+        """Return True if something is shown that grows old."""
         return bool(self._pointed_s or self._hovers or self._objects)
 
     def leave(self, user: str) -> None:

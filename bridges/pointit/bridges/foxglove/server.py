@@ -62,7 +62,7 @@ class Viewers(ServerListener):
 
     @property
     def any(self) -> bool:
-        """Return whether anybody looks at anything."""
+        """Return True if anybody looks at anything."""
         return self._counts.total() > 0
 
     def _pass_on(self, topic: str, *, begins: bool) -> None:

@@ -18,7 +18,7 @@ BUTTON_KEYS = frozenset(b" \n\r")
 
 
 def has_keyboard() -> bool:
-    """Return whether keys can be read one by one: a terminal of a system that has termios."""
+    """Return True if keys can be read one by one: a terminal of a system that has termios."""
     return os.name == "posix" and sys.stdin.isatty()
 
 

@@ -33,7 +33,7 @@ def check_writable(file: Path | None, option: str = "--json") -> None:
 
 
 def write_json(document: dict[str, Any], file: Path | None) -> bool:
-    """Write `document` where asked; return whether standard output is taken by it.
+    """Write `document` where asked. Return True if standard output is taken by it.
 
     Raises:
         ConfigError: the file cannot be written.

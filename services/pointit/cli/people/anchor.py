@@ -77,7 +77,7 @@ async def _anchor(
 
 
 def is_after(pose: UserPose, anchor: Anchor, before: UserPose | None) -> bool:
-    """Return whether `anchor` is in `pose` already."""
+    """Return True if `anchor` is in `pose` already."""
     return pose.anchored_ns >= anchor.stamp_ns or (
         before is not None and pose.anchored_ns > before.anchored_ns
     )

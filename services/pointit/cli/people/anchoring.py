@@ -54,11 +54,11 @@ class Anchoring:
 
     @property
     def is_busy(self) -> bool:
-        """Return whether somebody is being localized, or points at a lamp: this person or another."""
+        """Return True if somebody is being localized, or points at a lamp: this person or another."""
         return any(news.phase == "sampling" for news in self._everybody.values())
 
     async def wait_until_idle(self, patience_s: float) -> bool:
-        """Wait until nobody is localized any more; return whether that was within `patience_s`."""
+        """Wait until nobody is localized any more. Return True if that was within `patience_s`."""
         await asyncio.sleep(RETRY_S)
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(patience_s):

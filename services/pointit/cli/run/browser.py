@@ -20,14 +20,14 @@ SNAPS = Path("/snap")
 
 
 def has_desktop(environment: Mapping[str, str] = os.environ, platform: str = sys.platform) -> bool:
-    """Return whether a browser can show itself: always on macOS and Windows, elsewhere with a display."""
+    """Return True if a browser can show itself: always on macOS and Windows, elsewhere with a display."""
     if platform in {"darwin", "win32"}:
         return True
     return bool(environment.get("DISPLAY") or environment.get("WAYLAND_DISPLAY"))
 
 
 def is_wanted() -> bool:
-    """Return whether somebody sits there: a terminal, and a desktop beside it."""
+    """Return True if somebody sits there: a terminal, and a desktop beside it."""
     return sys.stderr.isatty() and has_desktop()
 
 

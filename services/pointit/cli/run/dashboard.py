@@ -107,7 +107,7 @@ def _asked(port: int | None, host: str, *, is_lan: bool) -> dict[str, Any]:
 
 
 def is_loopback(host: str) -> bool:
-    """Return whether only this machine itself reaches `host`."""
+    """Return True if only this machine itself reaches `host`."""
     try:
         return ipaddress.ip_address(host).is_loopback
     except ValueError:

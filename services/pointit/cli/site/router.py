@@ -10,7 +10,7 @@ import click
 from click.core import ParameterSource
 
 from pointit.access.denied_operations import FILTER, MARKS, DeniedOperations
-from pointit.access.limits import MOST_CONNECTIONS, Connection, Limits
+from pointit.access.limits import MAX_CONNECTIONS, Connection, Limits
 from pointit.access.recent_denials import RecentDenials
 from pointit.access.router_configuration import configuration
 from pointit.access.site_folder import SiteFolder
@@ -61,7 +61,7 @@ BESIDE = ("ca.pem", "cert.pem", "key.pem", "users.txt")
 @click.option(
     "--most-connections",
     type=click.IntRange(1, 1000),
-    default=MOST_CONNECTIONS,
+    default=MAX_CONNECTIONS,
     show_default=True,
     help="connections of one person or dashboard at a time; the newest of more are cut",
 )
@@ -123,7 +123,7 @@ def _of_sites(folders: Sequence[Path], uplinks: tuple[str, ...]) -> Router:
     return Router(make, Path(), [file for site in sites for file in site.router_files()])
 
 
-async def _guard(router: Router, most_connections: int = MOST_CONNECTIONS) -> int:
+async def _guard(router: Router, most_connections: int = MAX_CONNECTIONS) -> int:
     refused, limits = DeniedOperations(), Limits(most_connections)
     with captured_log(FILTER, refused.take, MARKS):
         await router.open()

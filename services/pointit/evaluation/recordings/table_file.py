@@ -72,7 +72,7 @@ class Table:
 
 
 def is_file(path: Path) -> bool:
-    """Return whether there is a file at `path`.
+    """Return True if there is a file at `path`.
 
     Raises:
         ConfigError: it cannot be told, or something else is there, as a folder or a pipe.

@@ -32,7 +32,7 @@ class Condition:
 
     @property
     def per_package(self) -> bool:
-        """Return whether packages pass by, so that times are of each and not of a run."""
+        """Return True if packages pass by, so that times are of each and not of a run."""
         return self.bench != LAB
 
 

@@ -33,7 +33,7 @@ class Interval:
 
     @property
     def excludes_zero(self) -> bool:
-        """Return whether there is a difference."""
+        """Return True if there is a difference."""
         return self.low > 0.0 or self.high < 0.0
 
 

@@ -89,7 +89,7 @@ class TrialRecorder:
                 self._leave(event)
 
     def is_over(self, now_ns: int) -> bool:
-        """Return whether nothing can change any more."""
+        """Return True if nothing can change any more."""
         if self._passing:
             return len(self._out) >= self._stage.packages
         return self._is_complete and now_ns - self._last_ns >= SETTLE_S * NS_PER_S

@@ -18,7 +18,7 @@ def remedy(extra: str) -> str:
 
 
 def has_extra(extra: str) -> bool:
-    """Return whether what `extra` brings is installed; none of it is loaded."""
+    """Return True if what `extra` brings is installed; none of it is loaded."""
     for requirement in importlib.metadata.requires("pointit") or ():
         named, of = NAME.match(requirement), EXTRA.search(requirement)
         if named is None or of is None or of["extra"] != extra:

@@ -85,7 +85,7 @@ class Page:
 
 
 def is_available() -> bool:
-    """Return whether what a page needs is installed; none of it is loaded."""
+    """Return True if what a page needs is installed; none of it is loaded."""
     return has_extra(registry.process(PAGE).extra)
 
 
@@ -142,7 +142,7 @@ def page_of(
 
 
 def is_asked_of_page(settings: Iterable[str]) -> bool:
-    """Return whether one of `--set` is for the page."""
+    """Return True if one of `--set` is for the page."""
     return any(service_of(setting) == PAGE for setting in settings)
 
 
@@ -223,7 +223,7 @@ class Onlookers:
         """Somebody looks on until then, unless more is heard; on the clock of `on_health`."""
 
     def on_health(self, health: Health, now_s: float) -> bool:
-        """Take note of what a service says; return whether it is news of people who look on."""
+        """Take note of what a service says. Return True if it is news of people who look on."""
         is_open = any(figure.name == VIEWERS and figure.value > 0 for figure in health.figures)
         if is_open and health.service == PAGE:
             self.until_s = max(self.until_s, now_s + SILENT_S)
@@ -231,5 +231,5 @@ class Onlookers:
         return False
 
     def are_there(self, now_s: float) -> bool:
-        """Return whether somebody looks on at `now_s`."""
+        """Return True if somebody looks on at `now_s`."""
         return now_s < self.until_s

@@ -83,12 +83,12 @@ class RunningScenario:
 
     @property
     def has_ended(self) -> bool:
-        """Return whether the scenario's services have ended by themselves."""
+        """Return True if the scenario's services have ended by themselves."""
         return self._cast is not None and self._cast.has_ended
 
     @property
     def has_page(self) -> bool:
-        """Return whether a page runs beside the scenario."""
+        """Return True if a page runs beside the scenario."""
         return (
             self._page is not None
             and self._opening is not None

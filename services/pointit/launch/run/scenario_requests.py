@@ -19,7 +19,7 @@ class ScenarioRequests:
         self._waiting: deque[tuple[RunScenario, asyncio.Future[Done]]] = deque()
 
     def __bool__(self) -> bool:
-        """Return whether somebody waits."""
+        """Return True if somebody waits."""
         return bool(self._waiting)
 
     async def serve(self, query: RunScenario, _name: str) -> Done:

@@ -37,7 +37,7 @@ class ServiceGroup:
 
     @property
     def has_ended(self) -> bool:
-        """Return whether all have ended."""
+        """Return True if all have ended."""
         return self._work is not None and self._work.done()
 
     def commands(self) -> list[tuple[str, ...]]:

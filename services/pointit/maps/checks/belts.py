@@ -1,4 +1,4 @@
-"""What is wrong with belts and how they hang together."""
+"""Checks of belts and their links."""
 
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -14,19 +14,19 @@ from pointit.maps.model import LinkEntry, MapFile
 from pointit.runtime.config.validation_message import join_names
 
 AT_END_M = 0.05
-"""So near to a line's end is at its end."""
+"""Distance within which a position is at a line's end, m."""
 SAMPLES = 50
 
 Lanes = Mapping[str, Lane]
 
 
 def check_belts(file: MapFile, lanes: Lanes, links: Sequence[tuple[int, LinkEntry]]) -> Iterator[Finding]:
-    """Yield what is wrong with how the lanes of `file` hang together.
+    """Yield problems of the links and bays of the lanes of `file`.
 
-    Args:
+    file: map.
         file: the map.
-        lanes: its lanes by name.
-        links: those of its links whose lanes exist, with their places in the file.
+        lanes: lanes of the map by name.
+        links: links whose lanes exist, with their indices in the file.
     """
     for index, link in links:
         yield from _check_link(index, link, lanes)
@@ -59,12 +59,12 @@ def _check_link(index: int, link: LinkEntry, lanes: Lanes) -> Iterator[Finding]:
     if enters > target.line.length_m - AT_END_M:
         yield warning(
             where,
-            f"{target.name} is entered where it ends, at {enters:.3g} m; turn its line round, or correct it",
+            f"{target.name} is entered at its end, at {enters:.3g} m; reverse its line, or correct the link",
         )
 
 
 def _bare_m(a: Vec3, b: Vec3, others: Sequence[Lane]) -> float:
-    """Return how much of the straight from `a` to `b` lies on none of `others`: links may cross belts."""
+    """Return the length of the straight from `a` to `b` outside of `others`, since links may cross belts."""
     places = np.linspace(a, b, SAMPLES)
     covered = np.zeros(SAMPLES, dtype=bool)
     for lane in others:
@@ -82,7 +82,7 @@ def _twice(links: Sequence[tuple[int, LinkEntry]]) -> Iterator[Finding]:
 
 
 def _goes_on(lane: Lane, links: Sequence[LinkEntry]) -> str | None:
-    """Return where things go from the end of `lane`, if a link says."""
+    """Return the lane that follows the end of `lane` by a link, or None."""
     for link in links:
         if link.source == lane.name and leaves_at(link, lane) >= lane.line.length_m - AT_END_M:
             return link.target
@@ -104,7 +104,7 @@ def _check_bays(bays: Mapping[str, str], links: Sequence[LinkEntry], lanes: Lane
 
 
 def _missing_links(links: Sequence[LinkEntry], lanes: Lanes) -> Iterator[Finding]:
-    """Yield belts that begin or end beside another one to which no link leads."""
+    """Yield belts that begin or end beside another one without a link to it."""
     known = {(link.source, link.target) for link in links}
     fed = {link.target for link in links}
     around = _Around(lanes)
@@ -124,12 +124,12 @@ def _missing_links(links: Sequence[LinkEntry], lanes: Lanes) -> Iterator[Finding
             yield warning(
                 f"belts.{lane.name}",
                 f"{'begins' if at_start else 'ends'} beside {other.name} and no link joins them; "
-                f"if things pass there, add to links: {text}",
+                f"if objects pass there, add to links: {text}",
             )
 
 
 class _Around:
-    """Boxes around lanes, and a lane's width more: to look at every pair of lanes takes minutes for 1000."""
+    """Bounding boxes of lanes, extended by a lane's width. All pairs of 1000 lanes would take minutes."""
 
     def __init__(self, lanes: Lanes) -> None:
         self._lanes = list(lanes.values())
@@ -138,15 +138,15 @@ class _Around:
         self._high = np.array([lane.line.vertices_m.max(axis=0) for lane in self._lanes]) + widest_m
 
     def near(self, place: Vec3) -> list[Lane]:
-        """Return at least those that are within a lane's width of `place`."""
+        """Return a superset of the lanes within a lane's width of `place`."""
         inside = np.all((self._low <= place) & (self._high >= place), axis=1)
         return [self._lanes[index] for index in np.flatnonzero(inside)]
 
 
 def _beside(place: Vec3, lane: Lane, lanes: Iterable[Lane], *, at_start: bool) -> tuple[Lane | None, float]:
-    """Return the nearest other of `lanes` within a belt's width of `place`, and where on it; none if none is.
+    """Return the nearest other lane within a belt's width of `place`, and the position on it, or None.
 
-    Belts that begin side by side, or end so, are neighbours and hand nothing over.
+    Belts that begin or end side by side are neighbours without a handover.
     """
     best: tuple[float, Lane | None, float] = (math.inf, None, 0.0)
     for other in lanes:
@@ -170,7 +170,7 @@ def _link_text(pair: tuple[str, str], other: Lane, position: float, *, at_start:
 
 
 def _loose_lanes(section: str, links: Sequence[LinkEntry], bays: set[str], lanes: Lanes) -> Iterator[Finding]:
-    """Yield lanes that are not part of the whole, in a map that says how things go."""
+    """Yield lanes without connection, in a map with links or bays."""
     touched = {link.source for link in links} | {link.target for link in links} | bays
     entered_at_start = {link.target for link in links if enters_at(link, lanes[link.target]) < AT_END_M}
     for lane in lanes.values():
@@ -189,7 +189,7 @@ def _loose_lanes(section: str, links: Sequence[LinkEntry], bays: set[str], lanes
 
 
 def _endless(links: Sequence[LinkEntry], bays: set[str], lanes: Lanes) -> Iterator[Finding]:
-    """Yield circles that things never leave; without bays, things leave where a lane leads nowhere."""
+    """Yield circles that objects never leave. Without bays, objects leave where a lane has no link."""
     if not links:
         return
     exits = bays or {name for name, lane in lanes.items() if _goes_on(lane, links) is None}
@@ -213,5 +213,5 @@ def _endless(links: Sequence[LinkEntry], bays: set[str], lanes: Lanes) -> Iterat
         if not any(first in members and then in members for first, then in pairs):
             continue
         names = join_names(dict.fromkeys(links[index].target for index in sorted(members)))
-        text = f"things on {names} go round for ever; link one of these to a belt that"
+        text = f"objects on {names} circulate forever; link one of these to a belt that"
         yield error("links", f"{text} has a bay") if bays else warning("links", f"{text} ends")

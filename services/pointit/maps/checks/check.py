@@ -1,4 +1,4 @@
-"""What is probably wrong with a map that can be read: `pointit map check`."""
+"""Checks for probable mistakes in a readable map: `pointit map check`."""
 
 from collections.abc import Iterator, Mapping, Sequence
 
@@ -16,11 +16,11 @@ FLOOR_M = 0.0
 HIGHEST_LAMP_M = 5.0
 SAME_PLACE_M = 0.01
 ONE_BEARING_M = 0.2
-"""Lamps that lie in a column so narrow are at one bearing from everywhere."""
+"""Width of a column of lamps that has the same bearing from everywhere, m."""
 LEAST_SPREAD_DEG = 5.0
 THINNEST_M = 0.001
 WIDEST_M = 1000.0
-"""A room that is wider is one in millimetres."""
+"""Extent of a room above which its unit is probably millimetres, m."""
 
 Point = tuple[float, float]
 
@@ -28,12 +28,12 @@ Point = tuple[float, float]
 def check_map(
     file: MapFile, clouds: Mapping[str, NDArray[np.float64]], *, person_m: Point | None = None
 ) -> list[Finding]:
-    """Return what is wrong with a map, errors first.
+    """Return the findings, errors first.
 
     Args:
-        file: the map as it stands in its file.
+        file: map as read from its file.
         clouds: points of its clouds in {W}, n x 3.
-        person_m: where the person stands, x and y; empty: anywhere.
+        person_m: position of the person, x and y. None: anywhere.
     """
     broken = [error(where, text) for where, text in broken_references(file)]
     lanes = lanes_of(file)
@@ -57,7 +57,7 @@ def check_map(
 
 
 def contents(file: MapFile, clouds: Mapping[str, NDArray[np.float64]]) -> str:
-    """Return what a map has, `8 belts, 8 links, 4 bays, 22 strips with 1228 pixels, 3 lamps`."""
+    """Return a summary of a map, `8 belts, 8 links, 4 bays, 22 strips with 1228 pixels, 3 lamps`."""
     counts = (
         (len(file.belts), "belt", ""),
         (len(file.links), "link", ""),
@@ -89,23 +89,23 @@ def _check_lamps(lamps: Mapping[str, Vec3], person_m: Point | None) -> Iterator[
         elif z > HIGHEST_LAMP_M:
             yield warning(
                 f"leds.{name}",
-                f"is {z:g} m high, where few can point well; hang it below {HIGHEST_LAMP_M:g} m",
+                f"is {z:g} m high, where pointing is difficult; mount it below {HIGHEST_LAMP_M:g} m",
             )
     names, places = list(lamps), np.array(list(lamps.values()))
     for index, name in enumerate(names):
         near = np.linalg.norm(places[:index] - places[index], axis=1) < SAME_PLACE_M
-        if near.any():  # one is enough: of many at one place there would be as many pairs as nobody reads
+        if near.any():  # report one pair only
             other = names[int(near.argmax())]
             yield error(f"leds.{name}", f"is where {other} is, {list(lamps[name])}; correct one of them")
     if len(lamps) < 2:
         yield warning(
             "leds",
-            f"{'there is one lamp' if lamps else 'there are no lamps'} and localizing by pointing takes two; "
+            f"{'there is one lamp' if lamps else 'there are no lamps'} and localizing by pointing needs two; "
             "add lamps, or say where people stand",
         )
     elif _one_bearing(list(lamps.values()), person_m):
         seen = "one above the other" if person_m is None else f"in one direction from {list(person_m)}"
-        yield error("leds", f"all lie {seen}, which tells no place; move one of them aside")
+        yield error("leds", f"all lie {seen}, which determines no position; move one of them aside")
 
 
 def _one_bearing(places: Sequence[Vec3], person_m: Point | None) -> bool:
@@ -127,7 +127,7 @@ def _check_solids(file: MapFile) -> Iterator[Finding]:
     for where, measures in sizes.items():
         if min(measures) < THINNEST_M:
             yield error(
-                where, f"is {min(measures):g} m small, it has no area to point at; write its size in metres"
+                where, f"is {min(measures):g} m small, too little to point at; give its size in metres"
             )
 
 
@@ -141,7 +141,7 @@ def _check_clouds(clouds: Mapping[str, NDArray[np.float64]]) -> Iterator[Finding
 
 
 def _check_twins(file: MapFile) -> Iterator[Finding]:
-    """Yield strips, belts and solids that are where another of their kind is."""
+    """Yield strips, belts and solids at the same place as another one of their kind."""
     yield from _twins("strips", {name: strip.line for name, strip in file.strips.items()})
     yield from _twins("belts", {name: belt.centerline for name, belt in file.belts.items()})
     yield from _twins("boxes", file.boxes)
@@ -169,4 +169,4 @@ def _check_extent(file: MapFile) -> Iterator[Finding]:
         places += line
     extent = float(np.ptp(np.array(places), axis=0).max()) if places else 0.0
     if extent > WIDEST_M:
-        yield warning("map", f"is {extent:.0f} m wide; write positions in metres, if these are millimetres")
+        yield warning("map", f"is {extent:.0f} m wide; give positions in metres, if these are millimetres")

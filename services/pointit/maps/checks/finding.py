@@ -1,4 +1,4 @@
-"""What is found to be wrong with a map."""
+"""A problem found in a map."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -6,21 +6,21 @@ from typing import Literal
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing that is wrong with a map."""
+    """One problem of a map."""
 
     severity: Literal["error", "warning"]
-    """Errors make something impossible that the map promises; warnings are probably mistakes."""
+    """Errors make a function of the map impossible. Warnings are probable mistakes."""
     where: str
     """Section and name in the file, `strips.17`."""
     text: str
-    """What is wrong and what to do, a sentence that goes on from `where: `."""
+    """Problem and remedy, a sentence that continues `where: `."""
 
 
 def error(where: str, text: str) -> Finding:
-    """Return a finding that makes something impossible."""
+    """Return a finding that makes a function impossible."""
     return Finding("error", where, text)
 
 
 def warning(where: str, text: str) -> Finding:
-    """Return a finding that is probably a mistake."""
+    """Return a probable mistake."""
     return Finding("warning", where, text)

@@ -1,4 +1,4 @@
-"""What is wrong with strips, and with lines as such."""
+"""Checks of strips, and of lines in general."""
 
 import statistics
 from collections.abc import Iterator, Mapping, Sequence
@@ -18,11 +18,11 @@ LENGTH_M = 0.01
 SHARPEST_DEG = 120.0
 SAMPLES = 50
 OFF_SHARE = 0.1
-"""So much of a strip may lie beyond its belt's end."""
+"""Share of a strip that may lie beyond its belt's end."""
 
 
 def check_strips(file: MapFile) -> Iterator[Finding]:
-    """Yield what is wrong with the strips: beside no belt, too many pixels or too few."""
+    """Yield problems of strips: beside no belt, too many pixels or too few."""
     lines = {name: Polyline(strip.line) for name, strip in file.strips.items()}
     if file.belts:
         belts = lanes_of(file)
@@ -44,7 +44,7 @@ def check_strips(file: MapFile) -> Iterator[Finding]:
 
 
 def check_lines(file: MapFile) -> Iterator[Finding]:
-    """Yield what is wrong with lines: a `length` that is not theirs, vertices twice or out of order."""
+    """Yield problems of lines: a wrong `length`, vertices twice or out of order."""
     for name, strip in file.strips.items():
         yield from _check_line(f"strips.{name}", strip.line, strip.length)
     for name, belt in file.belts.items():

@@ -14,13 +14,13 @@ from pointit.schemas import Environment
 from pointit.schemas.environment import Belt, Strip
 
 ARROWS_ACROSS = 14
-"""So many arrows of direction fit into the map's longer side."""
+"""Number of direction arrows that fit into the map's longer side."""
 LETTER = 0.0075
-"""Share of the longer side that a letter of a belt's name takes."""
+"""Width of a letter of a belt's name, as a share of the longer side."""
 
 
 def draw_belts(axes: Axes, room: Environment, side_m: float) -> list[Any]:
-    """Draw the belts of a map that is `side_m` long, and return what the legend says of them."""
+    """Draw the belts of a map that is `side_m` long. Return their entries of the legend."""
     for belt in room.belts:
         line = Polyline(belt.line_m)
         left, right = beside(line, belt.width_m / 2), beside(line, -belt.width_m / 2)
@@ -35,7 +35,7 @@ def draw_belts(axes: Axes, room: Environment, side_m: float) -> list[Any]:
 
 
 def draw_strips(axes: Axes, room: Environment) -> list[Any]:
-    """Draw the strips, and return what the legend says of them."""
+    """Draw the strips. Return their entries of the legend."""
     for strip in room.strips:
         line = Polyline(strip.line_m)
         axes.plot(*line.vertices_m[:, :2].T, color=STRIP, lw=2.2, solid_capstyle="butt", zorder=4)
@@ -51,7 +51,7 @@ def draw_strips(axes: Axes, room: Environment) -> list[Any]:
 
 
 def draw_links(axes: Axes, room: Environment) -> list[Any]:
-    """Draw the links, and return what the legend says of them."""
+    """Draw the links. Return their entries of the legend."""
     lines = _lanes(room)
     for link in room.links:
         source, target = lines[link.source], lines[link.target]
@@ -66,7 +66,7 @@ def draw_links(axes: Axes, room: Environment) -> list[Any]:
 
 
 def draw_bays(axes: Axes, room: Environment) -> list[Any]:
-    """Draw the bays, and return what the legend says of them."""
+    """Draw the bays. Return their entries of the legend."""
     lines = _lanes(room)
     for bay in room.bays:
         line = lines[bay.belt]
@@ -95,13 +95,13 @@ def beside(line: Polyline, offset_m: float) -> NDArray[np.float64]:
 
 
 def _lanes(room: Environment) -> dict[str, Polyline]:
-    """Return the lines that objects move along: belts, or strips where there are none."""
+    """Return the lines along which objects move: belts, or strips if there are no belts."""
     lanes: tuple[Belt | Strip, ...] = room.belts or room.strips
     return {lane.id: Polyline(lane.line_m) for lane in lanes}
 
 
 def _spaced(length_m: float, step_m: float, name_m: float) -> tuple[float, list[float]]:
-    """Return where a belt's name stands and where its arrows, about `step_m` apart and not under the name."""
+    """Return the positions of a belt's name and of its arrows, about `step_m` apart beside the name."""
     half = length_m / 2
     count = max(2, 2 * round(half / step_m))  # even: the name is in the middle
     places = [(index + 0.5) * length_m / count for index in range(count)]
@@ -117,7 +117,7 @@ def _draw_chevron(axes: Axes, line: Polyline, at_m: float, size_m: float) -> Non
 
 
 def _label_along(axes: Axes, line: Polyline, at_m: float, text: str, color: str, **look: Any) -> None:
-    """Write `text` on `line`, along it, never upside down."""
+    """Write `text` along `line`, never upside down."""
     x, y, _ = line.point_at(at_m)
     dx, dy, _ = line.tangent_at(at_m)
     angle = (math.degrees(math.atan2(dy, dx)) + 89.0) % 180.0 - 89.0

@@ -1,11 +1,11 @@
-"""Colours and writing of the pictures of maps; the palette is that of Okabe and Ito."""
+"""Colours and text of the pictures of maps. The palette is that of Okabe and Ito."""
 
 from typing import Any
 
 from matplotlib.patheffects import withStroke
 
 Axes = Any
-"""Matplotlib's; its stubs leave the types of keywords open, which strict checkers do not take."""
+"""Matplotlib's axes. Its stubs leave the types of keywords open, which strict checkers reject."""
 
 BELT, BELT_EDGE, ARROW, INK = "#e3e6ea", "#a4abb5", "#7c8591", "#2b2f36"
 STRIP, LAMP, LINK, BAY, CLOUD = "#0072b2", "#e69f00", "#d55e00", "#009e73", "#56b4e9"
@@ -14,4 +14,4 @@ SOLID, SOLID_FILL = "#8a4a77", "#cc79a733"
 
 HALO: list[Any] = [withStroke(linewidth=2.5, foreground="white")]
 ON_TOP: dict[str, Any] = {"path_effects": HALO, "zorder": 9}
-"""Of writing."""
+"""Properties of text."""

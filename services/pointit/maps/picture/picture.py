@@ -1,4 +1,4 @@
-"""Draws a map from above: to scale, on white, in colours that colour-blind people tell apart."""
+"""Draws a map from above: to scale, on white, in colours distinguishable for colour-blind people."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -21,9 +21,9 @@ from pointit.schemas import Environment
 MAX_CLOUD_POINTS = 20_000
 MARGIN_M = 0.6
 MARGIN_SHARE = 0.06
-"""Of the longer side; for what is written beside things."""
+"""Margin for text beside things, as a share of the longer side."""
 LEAST_ASPECT = 0.65
-"""Width by height; a narrow map has room beside it for what is written."""
+"""Minimum width by height, as a narrow map has space for text beside it."""
 WIDEST_IN, TALLEST_IN = 10.5, 8.5
 DPI = 150
 _STYLE: dict[str, Any] = {
@@ -48,19 +48,19 @@ def draw_map(
     """Write a picture of `room` from above to `path`, in the format of its suffix.
 
     Args:
-        path: the file; svg, png or pdf.
-        room: the map.
+        path: file, svg, png or pdf.
+        room: map.
         clouds: points of its clouds, n x 3, by id.
-        title: what stands above the picture.
-        person_m: where a person stands, x and y.
+        title: title above the picture.
+        person_m: position of a person, x and y.
 
     Raises:
-        OSError: the file cannot be written.
+        OSError: If the file cannot be written.
     """
     settings: Any = mpl  # its stubs list every parameter there is
     with settings.rc_context(_STYLE):
         figure: Any = map_figure(room, clouds, title, person_m)
-        metadata = {"Date": None} if path.suffix.lower() == ".svg" else None  # the same map, the same file
+        metadata = {"Date": None} if path.suffix.lower() == ".svg" else None  # reproducible
         figure.savefig(path, dpi=DPI, metadata=metadata, bbox_inches="tight", pad_inches=0.15)
 
 
@@ -70,7 +70,7 @@ def map_figure(
     title: str,
     person_m: tuple[float, float] | None = None,
 ) -> Any:
-    """Return matplotlib's figure that `draw_map` writes, in the style that is set."""
+    """Return matplotlib's figure for `draw_map`, in the current style."""
     low, high = _extent(room, clouds, person_m)
     wide, tall = high - low
     side = float(max(wide, tall))
@@ -99,7 +99,7 @@ def map_figure(
 def _extent(
     room: Environment, clouds: Mapping[str, NDArray[np.float64]], person_m: tuple[float, float] | None
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the least and greatest x and y that are drawn, with a margin."""
+    """Return the minimum and maximum x and y of the picture, with a margin."""
     places: list[tuple[float, float]] = [] if person_m is None else [person_m]
     places += [lamp.position_m[:2] for lamp in room.lamps]
     for strip in room.strips:
@@ -142,11 +142,11 @@ def _grid(axes: Axes, side_m: float) -> None:
 
 
 def on_belt(room: Environment, x: float, y: float) -> bool:
-    """Return whether the place lies on a belt, as seen from above."""
+    """Return True if the point is on a belt, as seen from above."""
     for belt in room.belts:
         try:
             flat = Polyline([(*vertex[:2], 0.0) for vertex in belt.line_m])
-        except ValueError:  # upright: there is nothing of it to be on
+        except ValueError:  # vertical belts have no area
             continue
         if flat.nearest_to(np.array([[x, y, 0.0]]))[1][0] <= belt.width_m / 2:
             return True

@@ -16,11 +16,11 @@ from pointit.schemas.environment import Plane
 
 _FILL: dict[str, Any] = {"facecolor": SOLID_FILL, "edgecolor": SOLID, "linewidth": 1.1, "zorder": 1.8}
 LEVEL = 0.999
-"""A plane whose normal rises so much is drawn as a floor, which is everywhere if it has no end."""
+"""Vertical component of the normal above which a plane is drawn as a floor, everywhere if unbounded."""
 
 
 MAX_NAMED = 200
-"""Solids whose names are written beside them; more names hide each other, and each takes 3 ms."""
+"""Number of solids up to which names are drawn. More would overlap, and each takes 3 ms."""
 
 
 def draw_solids(axes: Axes, room: Environment) -> list[Any]:
@@ -61,7 +61,7 @@ def _draw_plane(axes: Axes, plane: Plane, outlines: list[Patch], *, is_named: bo
     x, y, _ = plane.center_m
     if plane.size_m is None:
         nx, ny, nz = plane.normal
-        if abs(nz) < LEVEL:  # a level one is everywhere
+        if abs(nz) < LEVEL:  # a level plane is everywhere
             axes.axline((x, y), (x - ny, y + nx), color=SOLID, lw=1.3, ls=(0, (6, 2)), zorder=1.8)
             if is_named:
                 _name(axes, f"{plane.id} (without end)", plane.center_m)

@@ -84,7 +84,7 @@ class Participant:
 
     @property
     def is_closed(self) -> bool:
-        """Return whether the bus is closed, or being closed."""
+        """Return True if the bus is closed, or being closed."""
         return self._closed.done()
 
     def spawn(self, work: Coroutine[Any, Any, T], name: str) -> asyncio.Task[T]:

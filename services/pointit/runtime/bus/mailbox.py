@@ -47,7 +47,7 @@ class Dispatcher:
         self._logged_s: dict[tuple[str, str], float] = {}
 
     def should_log(self, key: str, what: str) -> bool:
-        """Return whether it is time for a line on `what` about the topic `key`; from any thread."""
+        """Return True if it is time for a line on `what` about the topic `key`; from any thread."""
         now_s = time.monotonic()
         with self._log_lock:
             if now_s - self._logged_s.get((key, what), -math.inf) < LOG_PERIOD_S:
@@ -137,7 +137,7 @@ class Mailbox:
 
     @property
     def accepts_retained(self) -> bool:
-        """Return whether `offer_retained` has a meaning now."""
+        """Return True if `offer_retained` has a meaning now."""
         return self._takes_kept and not self._closed
 
     def offer(self, name: str, item: Any) -> None:
@@ -203,7 +203,7 @@ class Mailbox:
             self._drain_kept()
 
     def _is_known(self, name: str, message: Message) -> bool:
-        """Take note that a living writer has put `message`; return whether it is what was kept of it."""
+        """Take note that a living writer has put `message`. Return True if it is what was kept of it."""
         self._live.add(name)
         return bool(self._recalled) and self._recalled.pop(name, None) == message
 

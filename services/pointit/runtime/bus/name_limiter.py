@@ -25,7 +25,7 @@ class Places:
         self._kept[placeholder] = frozenset(names)
 
     def holds(self, placeholder: str, name: str) -> bool:
-        """Return whether `name` has a place; from any thread."""
+        """Return True if `name` has a place; from any thread."""
         return name in self._kept.get(placeholder, ())
 
 

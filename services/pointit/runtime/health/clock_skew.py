@@ -48,7 +48,7 @@ class ClockSkew:
 
     @property
     def exceeds_limit(self) -> bool:
-        """Return whether samples are refused for it."""
+        """Return True if samples are refused for it."""
         return abs(self.ahead_s) >= REFUSED_S
 
     def sentence(self, here: str) -> str:
@@ -107,7 +107,7 @@ class ClockSkewMonitor:
 
 
 def _is_sure(values: list[float]) -> bool:
-    """Return whether delays alone do not explain `values`, which are sorted, s."""
+    """Return True if delays alone do not explain `values`, which are sorted, s."""
     if len(values) >= LEAST_BEHIND:
         return True
     if len(values) < (LEAST_REFUSED if values[0] >= REFUSED_S else LEAST_STEADY):

@@ -48,7 +48,7 @@ class _Complaint:
         self._grown_s = -math.inf
 
     def holds(self, count: int, now_s: float) -> bool:
-        """Return whether there were more than before, now or a while ago."""
+        """Return True if there were more than before, now or a while ago."""
         if count > self._count:
             self._count, self._grown_s = count, now_s
         return now_s - self._grown_s <= REFUSED_SHOWN_S

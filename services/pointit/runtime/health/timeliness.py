@@ -74,7 +74,7 @@ class LateMessageFilter:
         self._paces: dict[str, _Pace] = {}
 
     def accepts(self, name: str, age_s: float, now_s: float) -> bool:
-        """Return whether a message of `name` comes in time.
+        """Return True if a message of `name` comes in time.
 
         Args:
             name: whose.
@@ -118,7 +118,7 @@ class OutOfOrderFilter:
         """By name: the newest stamp, and when it came."""
 
     def accepts(self, name: str, stamp_ns: int, now_s: float) -> bool:
-        """Return whether a message of `name` is news; `now_s` is monotonic."""
+        """Return True if a message of `name` is news; `now_s` is monotonic."""
         newest = self._newest.get(name)
         if newest is not None and now_s - newest[1] <= SILENT_S:
             ahead_ns = stamp_ns - newest[0]

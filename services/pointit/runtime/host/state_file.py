@@ -81,7 +81,7 @@ class StateFile(Generic[T]):
         write_atomically(self.path, (value.model_dump_json(indent=2) + "\n").encode())
 
     def erase(self) -> bool:
-        """Forget what is kept; return whether something was.
+        """Forget what is kept. Return True if something was.
 
         Raises:
             ConfigError: it cannot be erased; names the file.

@@ -69,7 +69,7 @@ def _start(run: Callable[[], None], name: str) -> None:
 
 
 def has_running_threads() -> bool:
-    """Return whether a thread is left behind."""
+    """Return True if a thread is left behind."""
     return any(thread.is_alive() for thread in _threads)
 
 

@@ -31,6 +31,6 @@ def own_address(otherwise: str) -> str:
 
 
 def is_reachable(address: str) -> bool:
-    """Return whether other machines could reach `address`."""
+    """Return True if other machines could reach `address`."""
     parsed = ipaddress.ip_address(address)
     return not (parsed.is_loopback or parsed.is_unspecified or parsed.is_multicast)

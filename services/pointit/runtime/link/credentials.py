@@ -81,7 +81,7 @@ class Credentials:
 
     @property
     def is_observer(self) -> bool:
-        """Return whether nobody is told of what runs by this identity."""
+        """Return True if nobody is told of what runs by this identity."""
         return self.link.role in ONLOOKERS
 
     def check_endpoint(self, endpoint: str) -> None:

@@ -72,7 +72,7 @@ class ZenohBus(MemoryBus):
 
     @property
     def connected(self) -> bool:
-        """Return whether there is a router, for a bus that needs one."""
+        """Return True if there is a router, for a bus that needs one."""
         return self._watch is None or self._watch.up
 
     @property

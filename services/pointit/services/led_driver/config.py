@@ -14,7 +14,7 @@ Level = Annotated[float, Field(ge=0.0, le=1.0)]
 
 
 class ChannelConfig(Config):
-    """Where a strip hangs on its controller."""
+    """Connection of a strip to its controller."""
 
     channel: int = Field(ge=0, le=63, description="board number (0-7) times 8 plus port (0-7)")
     order: str = Field(
@@ -45,16 +45,20 @@ class OutputConfig(Config):
         default="v2", description="generation of the board: v1, v2, v3 drive 240, 800, 1600 pixels a channel"
     )
     gamma: float = Field(
-        default=2.2, ge=1, le=4, description="of the eye: LEDs are sent v to the power of it; 1: as it is"
+        default=2.2,
+        ge=1,
+        le=4,
+        description="exponent of the gamma correction of LED values; 1: no correction",
     )
     current_per_pixel_ma: float = Field(
-        default=60.0, gt=0, le=1000, description="current of one white pixel, mA, for the estimate"
+        default=60.0, gt=0, le=1000, description="current of one white pixel, mA"
     )
     max_current_a: float | None = Field(
-        default=None, gt=0, le=1000, description="frames that need more are dimmed, A; empty: none is"
+        default=None, gt=0, le=1000, description="limit above which frames are dimmed, A; empty: no limit"
     )
     channels: dict[str, ChannelConfig] = Field(
-        default={}, description="by strip id; empty: the strips in the map's order on channels 0, 1, 2 ..."
+        default={},
+        description="connections by strip id; empty: strips in the map's order on channels 0, 1, 2 ...",
     )
 
     @model_validator(mode="after")
@@ -70,57 +74,59 @@ class OutputConfig(Config):
 
 
 class StyleConfig(Config):
-    """How things look on a strip."""
+    """Appearance of objects on a strip."""
 
     kind_colors: dict[str, Rgb] = Field(default=KIND_COLORS, description="red, green, blue by kind of object")
-    default_color: Rgb = Field(default=OTHER_COLOR, description="of objects of any other kind")
+    default_color: Rgb = Field(default=OTHER_COLOR, description="colour of objects of any other kind")
     idle_level: Level = Field(default=0.45, description="brightness of objects that are not selected")
     margin_m: float = Field(
         default=0.07, ge=0, le=1, description="length of each margin of a selected or hovered object, m"
     )
     unknown_owner_color: Rgb = Field(
-        default=(255, 255, 255), description="of the margins of what somebody without a profile has selected"
+        default=(255, 255, 255), description="colour of the margins of an object whose owner has no profile"
     )
     gap_level: Level = Field(
-        default=0.12, description="brightness of the dark pixels in the patterns of what is selected"
+        default=0.12, description="brightness of the dark pixels in the patterns of selected objects"
     )
     tail_s: float = Field(
-        default=0.15, ge=0, le=2, description="a moving object's tail is as long as its way in this time, s"
+        default=0.15, ge=0, le=2, description="length of a moving object's tail, as its travel time, s"
     )
-    tail_max_m: float = Field(default=0.5, ge=0, le=10, description="no tail is longer, m")
+    tail_max_m: float = Field(default=0.5, ge=0, le=10, description="maximum length of a tail, m")
     tail_level: Level = Field(
-        default=0.3, description="brightness of the tail beside the object's own, fading to none"
+        default=0.3, description="brightness of the tail relative to the object's, fading to 0"
     )
 
 
 class CursorsConfig(Config):
-    """How cursors look; their colour, width and colormap are in each person's profile."""
+    """Appearance of cursors. Their colour, width and colormap are in each person's profile."""
 
     draw_snapped: bool = Field(
-        default=False, description="draw cursors where the selector draws them to, not where they truly are"
+        default=False, description="draw cursors where the selector snaps them to, not at their true position"
     )
     passed_level: Level = Field(
-        default=0.5, description="brightness of the blinking pixel nearest to who points past everything"
+        default=0.5,
+        description="brightness of the blinking pixel nearest to a ray that passes everything",
     )
     distance: Literal["angle", "metres"] = Field(
         default="angle",
-        description="what a cursor's colormap shows: the angle or the distance that it misses by",
+        description="quantity shown by a cursor's colormap: angle or distance by which the ray misses",
     )
     range_deg: float = Field(
-        default=10.0, gt=0, le=180, description="angle at which the colormap is at its start; 0 is its end"
+        default=10.0, gt=0, le=180, description="angle at the start of the colormap; its end is 0"
     )
-    range_m: float = Field(default=0.5, gt=0, le=1000, description="the same of the distance, m")
+    range_m: float = Field(default=0.5, gt=0, le=1000, description="distance at the start of the colormap, m")
 
 
 class LampsConfig(Config):
-    """Lamps that show by their colour how far a ray passes them; pui says which, when it is asked to."""
+    """Lamps whose colour shows how far a ray passes them. pui reports them if so configured."""
 
-    colormap: str = Field(
-        default="viridis", description="its end is for a lamp that is hit, its start for those far away"
-    )
+    colormap: str = Field(default="viridis", description="colormap from lamps far away to a lamp that is hit")
     range_deg: float = Field(default=30.0, gt=0, le=180, description="angle that counts as far away")
     localization_timeout_s: float = Field(
-        default=60.0, gt=0, le=3600, description="who is silent for so long while localizing has crashed, s"
+        default=60.0,
+        gt=0,
+        le=3600,
+        description="silence after which a person's localization counts as crashed, s",
     )
 
     @field_validator("colormap")
@@ -131,34 +137,36 @@ class LampsConfig(Config):
 
 
 class StateLampConfig(Config):
-    """How the state lamp looks."""
+    """Appearance of the state lamp."""
 
-    idle_color: Rgb = Field(default=(40, 40, 40), description="while nobody points")
-    pointing_color: Rgb = Field(default=(0, 120, 60), description="while anybody points")
-    localizing_color: Rgb = Field(default=(0, 60, 255), description="pulses while anybody localizes")
-    pulse_hz: float = Field(default=1.0, gt=0, le=2, description="pulses a second while localizing")
+    idle_color: Rgb = Field(default=(40, 40, 40), description="colour while no person points")
+    pointing_color: Rgb = Field(default=(0, 120, 60), description="colour while a person points")
+    localizing_color: Rgb = Field(
+        default=(0, 60, 255), description="colour of the pulses while a person localizes"
+    )
+    pulse_hz: float = Field(default=1.0, gt=0, le=2, description="pulses per second while localizing")
     flash_s: float = Field(default=0.4, ge=0.1, le=5, description="length of a cue's flash, s")
 
 
 class LedDriverConfig(Config):
-    """How strips look, how often they are drawn, and where they are sent."""
+    """Appearance of strips, rate of drawing, and outputs."""
 
-    max_rate_hz: float = Field(default=60.0, gt=0, le=1000, description="frames per second at most")
+    max_rate_hz: float = Field(default=60.0, gt=0, le=1000, description="maximum number of frames per second")
     patience_s: float = Field(
-        default=1 / 30, ge=0, le=1, description="changes other than cursors wait so long for a cursor, s"
+        default=1 / 30, ge=0, le=1, description="time for which other changes wait for a cursor, s"
     )
-    brightness: Level = Field(default=1.0, description="of everything, until a request sets another")
+    brightness: Level = Field(default=1.0, description="brightness of all strips until a request changes it")
     cursor_timeout_s: float = Field(
-        default=0.5, gt=0, le=60, description="a cursor without news for so long vanishes, s"
+        default=0.5, gt=0, le=60, description="age at which a cursor disappears, s"
     )
     objects_timeout_s: float = Field(
-        default=1.0, gt=0, le=60, description="objects without news for so long vanish, s"
+        default=1.0, gt=0, le=60, description="age at which objects disappear, s"
     )
     style: StyleConfig = Field(default=StyleConfig(), description="colours and levels")
-    cursors: CursorsConfig = Field(default=CursorsConfig(), description="how cursors look")
+    cursors: CursorsConfig = Field(default=CursorsConfig(), description="appearance of cursors")
     lamps: LampsConfig = Field(default=LampsConfig(), description="lamps coloured by the angle of the ray")
     state_lamp: Annotated[str, Field(pattern=r"^([A-Za-z0-9_][A-Za-z0-9_.\-]{0,63})?$")] = Field(
-        default="", description="id of a lamp that shows the state of the site; empty: none does"
+        default="", description="id of the lamp that shows the state of the site; empty: no lamp"
     )
-    state: StateLampConfig = Field(default=StateLampConfig(), description="how that one looks")
+    state: StateLampConfig = Field(default=StateLampConfig(), description="appearance of the state lamp")
     outputs: tuple[OutputConfig, ...] = Field(default=(), description="the controllers")

@@ -1,4 +1,4 @@
-"""All that shines: what was heard in, frames of the strips and colours of the lamps out."""
+"""State of all lights: messages in, frames of the strips and colours of the lamps out."""
 
 from collections.abc import Sequence
 
@@ -25,10 +25,10 @@ from pointit.services.led_driver.picture.scene import Scene
 
 
 class LightState:
-    """Strips and lamps of one map; pure: the time comes with every call, nothing is drawn unasked."""
+    """Strips and lamps of one map. Pure: calls pass the time, and nothing is drawn unless requested."""
 
     def __init__(self, config: LedDriverConfig) -> None:
-        """Begin without a map: nothing to draw on."""
+        """Create without a map."""
         self._config = config
         self._scene = Scene(config)
         self._lamps = Lamps(config)
@@ -36,15 +36,15 @@ class LightState:
         self._renderer: Renderer | None = None
         self._seq = 0
         self.brightness = config.brightness
-        """Brightness of all strips but those in `_own_dimming`, 0 to 1."""
+        """Brightness of all strips except those in `_own_dimming`, 0 to 1."""
         self._dimming = _table(config.brightness)
         self._own_dimming: dict[str, Bytes] = {}
 
     def set_brightness(self, brightness: float, strips: Sequence[str] = ()) -> None:
-        """Dim `strips`, or (empty) all of them, to `brightness`, 0 to 1.
+        """Dim `strips`, or all of them if empty, to `brightness`, 0 to 1.
 
         Raises:
-            ValueError: There is no such strip; its text lists those there are.
+            ValueError: If there is no such strip. The message lists the existing ones.
         """
         known = () if self._layout is None else tuple(self._layout.slices)
         missing = [name for name in strips if name not in known]
@@ -58,11 +58,11 @@ class LightState:
             self._own_dimming.clear()
 
     def on_map(self, environment: Environment) -> None:
-        """Lay the strips out anew.
+        """Rebuild the layout of the strips.
 
         Raises:
-            ValueError: a line has no length, or there are more pixels than a frame can hold; the map
-                before stays.
+            ValueError: If a line has no length, or there are more pixels than a frame can hold. The last map
+                stays.
         """
         layout = Layout(environment.strips, environment.belts)
         self._renderer = Renderer(layout, self._config.style)
@@ -74,40 +74,40 @@ class LightState:
         self._lamps.set_lamps({lamp.id for lamp in environment.lamps})
 
     def on_profile(self, user: str, profile: UserProfile) -> None:
-        """Take `user`'s colour, pattern and cursor.
+        """Set `user`'s colour, pattern and cursor.
 
         Raises:
-            UnknownColormapError: the profile names a colormap that there is none of; its colour is used.
+            UnknownColormapError: If the profile names an unknown colormap. The profile's colour is used.
         """
         self._scene.set_profile(user, profile)
 
     def on_cursor(self, user: str, cursor: Cursor, now_ns: int) -> bool:
-        """Take where `user` points; return whether the strips change by it."""
+        """Set `user`'s cursor. Return True if the strips change."""
         self._lamps.on_cursor(user, cursor, now_ns)
         return self._scene.set_cursor(user, cursor, now_ns)
 
     def on_hover(self, user: str, hover: Hover, now_ns: int) -> None:
-        """Take what `user`'s cursor is on."""
+        """Set `user`'s hovered object."""
         self._scene.set_hover(user, hover, now_ns)
 
     def on_objects(self, tracker: str, objects: TrackedObjects, now_ns: int) -> None:
-        """Take all objects of `tracker`."""
+        """Set all objects of `tracker`."""
         self._scene.set_objects(tracker, objects, now_ns)
 
     def on_selection(self, selection: Selection) -> None:
-        """Take what is selected and reserved."""
+        """Set what is selected and reserved."""
         self._scene.set_selection(selection)
 
     def on_localization(self, user: str, localization: Localization) -> None:
-        """Take how `user`'s localization goes: it needs the lamps."""
+        """Set the state of `user`'s localization, which needs the lamps."""
         self._lamps.on_localization(user, localization)
 
     def on_feedback(self, feedback: Feedback) -> None:
-        """Take a cue, whoever it is for: the state lamp flashes in its colour."""
+        """Flash the state lamp in the colour of any person's cue."""
         self._lamps.on_feedback(feedback)
 
     def frame(self, now_ns: int, light_s: float = 0.0) -> StripsFrame | None:
-        """Return the strips as they are to be seen at `now_ns`, `light_s` later, or None without a map."""
+        """Return the strips for `now_ns`, to be seen `light_s` later, or None without a map."""
         if self._renderer is None or self._layout is None:
             return None
         self._scene.forget(now_ns)
@@ -133,23 +133,23 @@ class LightState:
         return dimmed
 
     def next_change_ns(self) -> int | None:
-        """Return when the strips change although nothing more is heard: something is too old, or blinks."""
+        """Return the time of the next change without new messages: something expires or blinks."""
         return self._scene.next_change_ns()
 
     @property
     def has_lamps(self) -> bool:
-        """Whether there is any lamp that it has a say in."""
+        """True if there is any lamp under its control."""
         return self._lamps.any
 
     def lamp_colors(self, now_ns: int) -> dict[str, Rgb]:
-        """Return the colours at `now_ns` of the lamps that it has a say in then; others are left alone."""
+        """Return the colours at `now_ns` of the lamps under its control. Others are left alone."""
         return self._lamps.colors(now_ns)
 
     def next_lamp_change_ns(self, now_ns: int) -> int | None:
-        """Return when lamps change although nothing more is heard."""
+        """Return the time of the next change of lamps without new messages."""
         return self._lamps.next_change_ns(now_ns)
 
 
 def _table(brightness: float) -> Bytes:
-    """Return every shade from 0 to 255 at `brightness`, 0 to 1."""
+    """Return a table of all shades from 0 to 255 at `brightness`, 0 to 1."""
     return np.asarray(np.rint(np.arange(256) * brightness), dtype=np.uint8)

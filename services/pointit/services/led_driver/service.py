@@ -1,4 +1,4 @@
-"""Reads the map, cursors, objects and their states; writes every strip's pixels, and sends them on."""
+"""Subscribes to the map, cursors, objects and their states; publishes and outputs every strip's pixels."""
 
 import asyncio
 from collections import Counter
@@ -44,7 +44,7 @@ from pointit.services.led_driver.output.pacing import FrameLimiter
 from pointit.services.led_driver.picture.lamps import DARK
 
 LAMP_PERIOD_S = 1 / 20
-"""Lamps change no faster."""
+"""Minimum time between changes of a lamp, s."""
 
 
 class LedDriver(Service[LedDriverConfig]):
@@ -55,10 +55,10 @@ class LedDriver(Service[LedDriverConfig]):
     CONFIG = LedDriverConfig
 
     def __init__(self, config: LedDriverConfig, context: Context) -> None:
-        """Open nothing yet.
+        """Create without opening a port.
 
         Raises:
-            ConfigError: an output lacks its port, or two share one.
+            ConfigError: If an output lacks its port, or two share one.
         """
         super().__init__(config, context)
         self._lights = LightState(config)
@@ -69,7 +69,7 @@ class LedDriver(Service[LedDriverConfig]):
         self._lamps_s = -LAMP_PERIOD_S
         self._lamps: dict[str, Publisher[LampColor]] = {}
         self._lit: dict[str, Rgb] = {}
-        """What lamps were last told; those that others have a say in now are not among them."""
+        """Last published colours of the lamps under its control."""
         self._lamp_seqs = Counter[str]()
         self._ended = False
         self._outputs = self._make_outputs()
@@ -83,11 +83,11 @@ class LedDriver(Service[LedDriverConfig]):
         self.bus.subscribe(FEEDBACK, self._on_feedback)
         self.bus.subscribe(OBJECTS, self._on_objects)
         self.bus.subscribe(HOVER, self._on_hover)
-        # one that is on nothing takes back what was shown: that is never too late
+        # a cursor without a point removes what was shown, which is never too late
         self.bus.subscribe(CURSOR, self._on_cursor, in_time=lambda cursor: cursor.point_m is not None)
 
     async def run(self) -> None:
-        """Have the outputs send; the drawing itself is driven by what arrives. Ends with dark lamps."""
+        """Run the outputs. Drawing is triggered by messages. Switches the lamps off at the end."""
         try:
             async with asyncio.TaskGroup() as group:
                 for output in self._outputs:
@@ -109,7 +109,7 @@ class LedDriver(Service[LedDriverConfig]):
                     f"outputs.{number}.port: is missing; name the expander's port, as in /dev/ttyUSB0"
                 )
             if output.kind == "expander" and ports.count(output.port) > 1:
-                raise ConfigError(f"outputs.{number}.port: {output.port} is used by two outputs; keep one")
+                raise ConfigError(f"outputs.{number}.port: {output.port} is used by two outputs: remove one")
         return [ExpanderOutput(output, self.bus) for output in wanted]
 
     def _on_map(self, environment: Environment, _name: str) -> None:
@@ -148,7 +148,7 @@ class LedDriver(Service[LedDriverConfig]):
         self._wish()
 
     def _on_cursor(self, cursor: Cursor, user: str) -> None:
-        # only one on a line is drawn at once: no other must take its place in time
+        # only a cursor on a line is drawn at once, so that no other delays it
         if self._lights.on_cursor(user, cursor, self.clock.now_ns()):
             self._wish(fresh=cursor.surface in LINES)
         self._wish_lamps()
@@ -172,8 +172,8 @@ class LedDriver(Service[LedDriverConfig]):
         return Done(message=f"the {whose} is {query.brightness:.0%} now")
 
     def _wish(self, *, fresh: bool = False) -> None:
-        """Have a frame drawn, at once if a `fresh` cursor came and the rate allows."""
-        if self._ended:  # what arrives while everything is taken down
+        """Schedule a frame, at once if a `fresh` cursor came and the rate allows."""
+        if self._ended:  # messages that arrive during shutdown
             return
         wait_s = self._pacer.request_frame(asyncio.get_running_loop().time(), fresh=fresh)
         if wait_s == 0.0:
@@ -197,7 +197,7 @@ class LedDriver(Service[LedDriverConfig]):
         self._watch_expiry(now_ns)
 
     def _wish_lamps(self) -> None:
-        """Have the lamps looked at, soon."""
+        """Schedule an update of the lamps, soon."""
         if self._lights.has_lamps:
             self._look_at_lamps_in(0.0)
 
@@ -213,7 +213,7 @@ class LedDriver(Service[LedDriverConfig]):
         self._lamp_timer = self.bus.call_later(max(at_s - loop.time(), 0.0), self._shine)
 
     def _shine(self) -> None:
-        """Tell the lamps what changed."""
+        """Publish the changed colours of lamps."""
         if self._lamp_timer is not None:
             self._lamp_timer.cancel()
             self._lamp_timer = None
@@ -240,7 +240,7 @@ class LedDriver(Service[LedDriverConfig]):
             )
 
     def _watch_expiry(self, now_ns: int) -> None:
-        """Have a frame drawn when something grows old or blinks; one timer at a time, which looks again."""
+        """Schedule a frame for the next expiry or blink. There is one timer, which checks again."""
         end_ns = self._lights.next_change_ns()
         if end_ns is None:
             return

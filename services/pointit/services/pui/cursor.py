@@ -1,4 +1,4 @@
-"""One person's cursor: their pose, whether they point, where their ray meets the room (paper, §II-D)."""
+"""One person's cursor: pose, pointing state, and intersection of the ray with the room (paper, §II-D)."""
 
 import math
 from typing import NamedTuple
@@ -20,13 +20,13 @@ from pointit.services.pui.workspace_start import WorkspaceStart
 STEEPEST_RAD = math.pi / 2.0
 
 MOST_BIAS_RAD = math.radians(45.0)
-"""Nobody points higher or lower than that all the time: a pose that says so is believed so far."""
+"""Limit of the elevation bias of a pose. A larger bias is clamped."""
 
 RIVAL_NS = 2 * NS_PER_S
-"""Of two who tell a pose, the one with the older stamp is left out while the other was heard so lately."""
+"""Time for which a pose with an older stamp than the other source's last one is ignored, ns."""
 
 WORKSPACE_ID = "workspace/"
-"""Begins the `surface_id` of cursors on a workspace, its kind ends it; no id in a map has a slash."""
+"""First part of the `surface_id` of cursors on a workspace, before its kind. No id in a map has a slash."""
 
 NO_WORKSPACE = WorkspaceStart()
 
@@ -43,19 +43,19 @@ class _Cast(NamedTuple):
 class PersonCursor:
     """Turns one person's rays in {H} into cursors in {W}.
 
-    There is a cursor for every ray while the person is pointing, `none` where it passes everything by.
-    Without a supervisor, whose interactions say so, they are taken to be pointing all the time.
+    There is a cursor for every ray while the person is pointing, with surface `none` if it passes everything.
+    Without interactions, as without a supervisor, the person is pointing all the time.
     """
 
     def __init__(
         self, surfaces: Surfaces, *, lamps: NearbyLamps | None = None, start: WorkspaceStart = NO_WORKSPACE
     ) -> None:
-        """Begin without a pose.
+        """Create without a pose.
 
         Args:
-            surfaces: what can be pointed at.
-            lamps: if given, every cursor tells which of them are near the ray.
-            start: the workspace that is laid when they begin to point, if any.
+            surfaces: pointable surfaces.
+            lamps: if given, every cursor lists those near the ray.
+            start: workspace that is created when they start to point, if any.
         """
         self._surfaces = surfaces
         self._passing = Passing(surfaces)
@@ -63,20 +63,20 @@ class PersonCursor:
         self._start = start
         self._workspace: Workspace | None = None
         self._is_chosen = False
-        """Whether the person chose the workspace, or the map, in place of the one they start with."""
+        """True if the person chose the workspace, or the map, instead of the initial one."""
         self._interaction: Interaction | None = None
         self._pose: UserPose | None = None
         self._pose_came_ns = 0
         self._newest_ns = 0
         self._cast: _Cast | None = None
         self._point: Vec3 | None = None
-        """Where the cursor is now."""
+        """Current position of the cursor, or None."""
         self._shown = False
         self._seq = 0
 
     @property
     def lacks_pose(self) -> bool:
-        """Return whether rays come to nothing because nobody has said where the person stands."""
+        """Return True if rays give no cursor because no pose is known."""
         return self._pose is None and self._pointing
 
     @property
@@ -84,13 +84,13 @@ class PersonCursor:
         return self._interaction is None or self._interaction.state == "pointing"
 
     def set_pose(self, pose: UserPose, now_ns: int | None = None) -> None:
-        """Take where the person stands now.
+        """Set the person's pose.
 
-        A localizer and a tracker may both tell it for a moment: then the newer one counts.
+        A localizer and a tracker may both publish it for a moment. Then the newer one counts.
 
         Args:
-            pose: from either.
-            now_ns: the time; none: there is only one who tells it.
+            pose: pose from either.
+            now_ns: time, ns. None if there is only one source.
         """
         known = self._pose
         if now_ns is not None:
@@ -101,19 +101,19 @@ class PersonCursor:
         self._pose = pose
 
     def set_interaction(self, interaction: Interaction) -> Cursor | None:
-        """Take what the person is about; return the cursor that ends the pointing, once, if this ends it."""
+        """Set the person's interaction. Return the cursor that ends the pointing, once, if this ends it."""
         self._interaction = interaction
         return None if self._pointing else self.clear(interaction.stamp_ns)
 
     def set_workspace(self, query: SetWorkspace, tracked: Tracked) -> None:
-        """Lay the workspace that is asked for, in place of the map or of another, or go back to the map.
+        """Create the requested workspace in place of the map or of another, or return to the map.
 
         Args:
-            query: what is asked for.
-            tracked: the objects that it may be laid through.
+            query: request.
+            tracked: objects that may serve as anchor.
 
         Raises:
-            WorkspaceError: it cannot be laid; the old one stays.
+            WorkspaceError: If it cannot be created. The old one stays.
         """
         if query.kind == "none":
             self._change_workspace(None)
@@ -153,11 +153,11 @@ class PersonCursor:
         return query.point_m
 
     def clear(self, stamp_ns: int) -> Cursor | None:
-        """Return the empty cursor that takes back the one shown, or none if there is none to take back."""
+        """Return the empty cursor that removes the one shown, or None if none is shown."""
         self._point = None
         self._passing.end()
         if not self._is_chosen:
-            self._workspace = None  # to be laid anew where they point next
+            self._workspace = None  # created again where they point next
         if not self._shown:
             return None
         self._shown = False
@@ -165,7 +165,7 @@ class PersonCursor:
         return Cursor(stamp_ns=max(stamp_ns, self._newest_ns), seq=self._seq)
 
     def cursor(self, ray: PointingRay) -> Cursor | None:
-        """Return the cursor of `ray` with its stamp, or none while there is nothing to say."""
+        """Return the cursor of `ray` with its stamp, or None while there is none."""
         pose = self._pose
         if pose is None:
             return None
@@ -188,7 +188,7 @@ class PersonCursor:
     def _cursor(self, cast: _Cast) -> Cursor:
         self._seq += 1
         eyes, direction, _, stamp_ns = cast
-        if not _is_told(eyes):  # a pose at the end of the world: nothing is to be seen from there
+        if not _is_told(eyes):  # a pose beyond the limits of messages
             self._point = None
             self._passing.end()
             return Cursor(stamp_ns=stamp_ns, seq=self._seq)
@@ -229,7 +229,7 @@ class PersonCursor:
         )
 
     def _met(self, cast: _Cast) -> tuple[tuple[SurfaceKind, Solid], str, Hit] | None:
-        """Return what the ray meets: how a cursor calls its kind, its id, and where."""
+        """Return the intersection of the ray: kind for the cursor, id, and hit. None if there is none."""
         workspace = self._workspace
         if workspace is not None:
             hit = workspace.meet(cast.eyes_m, cast.direction, cast.feet_m)
@@ -239,12 +239,12 @@ class PersonCursor:
 
 
 def _is_told(point: Vec3) -> bool:
-    """Return whether a message can hold `point`."""
+    """Return True if a message can hold `point`."""
     return all(abs(x) <= FARTHEST for x in point)
 
 
 def _lowered(direction: Vec3, bias_rad: float) -> Vec3:
-    """Return `direction` with its elevation less by `bias_rad`, at most straight up or down."""
+    """Return `direction` with its elevation reduced by `bias_rad`, at most straight up or down."""
     if bias_rad == 0.0:
         return direction
     bias_rad = max(-MOST_BIAS_RAD, min(MOST_BIAS_RAD, bias_rad))

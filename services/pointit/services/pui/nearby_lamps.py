@@ -1,4 +1,4 @@
-"""How far a ray passes each lamp near it: what lamps that answer by colour need (paper, scenario 1)."""
+"""Angles of lamps near a ray, for lamps that answer by colour (paper, scenario 1)."""
 
 from collections.abc import Sequence
 
@@ -8,10 +8,10 @@ from pointit.schemas import Lamp, LampMiss
 
 
 class NearbyLamps:
-    """The lamps within an angle of the ray."""
+    """Lamps within an angle of the ray."""
 
     def __init__(self, lamps: Sequence[Lamp], within_rad: float) -> None:
-        """Take the lamps, and the largest angle that is told."""
+        """Set the lamps, and the maximum angle."""
         self._lamps = [(lamp.id, lamp.position_m) for lamp in lamps]
         self._within_rad = within_rad
 

@@ -1,4 +1,4 @@
-"""Where the nearest thing is when a ray passes everything by: at once for a mark, later in words; pure."""
+"""Direction to the nearest thing if a ray passes everything: at once as a mark, later as a message. Pure."""
 
 import math
 from typing import Protocol
@@ -11,22 +11,22 @@ from pointit.schemas.cues import SIGNS
 from pointit.services.pui.shapes import PLACES, Surface
 
 LOOK_NS = NS_PER_S // 10
-"""The nearest thing is looked for at most this often, so that passing costs little more than meeting."""
+"""Minimum time between searches for the nearest thing, so that passing costs little more than a hit, ns."""
 
 PATIENCE_NS = 3 * NS_PER_S // 2
-"""Time of pointing past without a break until the person is told; sweeps from thing to thing are shorter."""
+"""Time of continuous pointing past everything before the cue, ns. Sweeps from thing to thing are shorter."""
 
 AGAIN_NS = 6 * NS_PER_S
-"""Least time between two cues."""
+"""Minimum time between two cues, ns."""
 
 REST_RAD = math.radians(-55.0)
-"""Below this elevation of the ray the arm rests; nobody is told then."""
+"""Elevation of the ray below which the arm rests. There is no cue then."""
 
 STEP_DEG = 5
 
 
 class Things(Protocol):
-    """What can be pointed at; `Surfaces` is one."""
+    """Pointable things, such as `Surfaces`."""
 
     def nearest(self, origin_m: Vec3, direction: Vec3, /) -> tuple[Surface, Hit] | None:
         """Return the thing with the smallest angle to the ray, or None if the ray meets a hidden thing."""
@@ -34,7 +34,7 @@ class Things(Protocol):
 
 
 class Passing:
-    """Follows one person who points past everything."""
+    """State of one person who points past everything."""
 
     def __init__(self, things: Things) -> None:
         self._things = things
@@ -45,11 +45,11 @@ class Passing:
         self._cues = 0
 
     def end(self) -> None:
-        """Forget it: the ray meets something, or nobody points."""
+        """Reset: the ray meets something, or the person stopped pointing."""
         self._since_ns = None
 
     def miss(self, origin_m: Vec3, direction: Vec3, stamp_ns: int) -> Passed | None:
-        """Return the thing nearest to a ray that passes everything by, or None while the arm rests."""
+        """Return the thing nearest to a ray that passes everything, or None while the arm rests."""
         if vector.elevation(direction) < REST_RAD:
             self._since_ns = None
             return None
@@ -63,7 +63,7 @@ class Passing:
         return self._passed
 
     def cue(self, stamp_ns: int) -> Feedback | None:
-        """Return the cue that tells the person where the nearest thing is, if it is time for one."""
+        """Return the cue with the direction to the nearest thing, if it is due."""
         passed = self._passed
         if self._since_ns is None or passed is None or not passed.text:
             return None
@@ -103,13 +103,13 @@ def _passed(surface: Surface, hit: Hit, origin_m: Vec3, direction: Vec3, *, is_l
 
 
 def words(name: str, right_rad: float, up_rad: float, elevation_rad: float) -> str:
-    """Return where a person points who passes the thing called `name`, and what to do.
+    """Return a message of where a person points relative to the thing called `name`, and of what to do.
 
     Args:
-        name: of the nearest thing.
-        right_rad: azimuth to turn to the right to meet it.
-        up_rad: elevation to turn up to meet it.
-        elevation_rad: of the thing: the higher, the less a turn of azimuth moves the ray.
+        name: name of the nearest thing.
+        right_rad: turn of azimuth to the right that meets it.
+        up_rad: turn of elevation upwards that meets it.
+        elevation_rad: elevation of the thing: the higher, the less a turn of azimuth moves the ray.
     """
     sideways_rad = right_rad * math.cos(elevation_rad)
     there, here = ("right", "left") if right_rad > 0.0 else ("left", "right")
@@ -123,5 +123,5 @@ def words(name: str, right_rad: float, up_rad: float, elevation_rad: float) -> s
 
 
 def _about(angle_rad: float) -> str:
-    """Return the size of an angle for reading, in steps that a trembling hand does not change."""
+    """Return the size of an angle as text, in steps that a trembling hand does not change."""
     return f"{max(STEP_DEG, STEP_DEG * round(abs(math.degrees(angle_rad)) / STEP_DEG))}°"

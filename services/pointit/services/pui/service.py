@@ -1,4 +1,4 @@
-"""Reads objects and everyone's rays, poses and interactions, writes the map and everyone's cursor."""
+"""Subscribes to objects and all people's rays, poses and interactions; publishes the map and all cursors."""
 
 import math
 from typing import ClassVar
@@ -41,11 +41,11 @@ from pointit.services.pui.workspace import WorkspaceError
 from pointit.services.pui.workspace_start import WorkspaceStart
 
 WIDEST_RAD = 1.569
-"""A reply about tolerances has no wider one; configured can be up to 90 degrees."""
+"""Limit of the tolerance in a reply. The configured one can be up to 90 degrees."""
 
 
 class Pui(Service[PuiConfig]):
-    """Turns everyone's pointing rays into cursors on the things of the room."""
+    """Turns all people's pointing rays into cursors on the things of the room."""
 
     NAME: ClassVar[str] = "pui"
     SCOPE: ClassVar[Scope] = "site"
@@ -93,7 +93,7 @@ class Pui(Service[PuiConfig]):
 
     @classmethod
     def validate_config(cls, config: PuiConfig) -> None:
-        """Refuse a map that cannot be used, or that has nothing of what is to be pointed at."""
+        """Check that the map is valid and has something to point at."""
         environment, clouds = load_map_and_clouds(config.map, 0)
         try:
             group_by_priority(
@@ -138,14 +138,14 @@ class Pui(Service[PuiConfig]):
                 raise RefusedError(f"{error} here: {self._by_metres()}") from error
         tolerance_rad = surfaces.tolerance_rad
         if tolerance_rad is None:
-            return SetToleranceReply(message=f"metres tell what is near enough: {self._by_metres()}")
+            return SetToleranceReply(message=f"the tolerance is in metres: {self._by_metres()}")
         return SetToleranceReply(
             message=f"a ray may pass what it points at by {math.degrees(tolerance_rad):.1f}°",
             tolerance_rad=min(tolerance_rad, WIDEST_RAD),
         )
 
     def _by_metres(self) -> str:
-        """Return why no angle can be set."""
+        """Return the reason for which no angle can be set."""
         if self.config.method == "kd_tree":
             return "the method is kd_tree; start pui with method=exact to have an angle"
         return f"tolerance_m is {self.config.tolerance_m}; start pui without it to have an angle"
@@ -169,14 +169,14 @@ class Pui(Service[PuiConfig]):
                 self._cue(cue, user)
 
     def _on_presence(self, user: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
-        # what is known of them stays: their states come once, and some of their services may still run
+        # their state stays: it is published once, and some of their services may still run
         person = self._persons.get(user)
         if person is not None and not present:
             self._put(person.clear(self.clock.now_ns()), user)
             self.bus.clear(f"pose of {user}")
 
     def _judge(self, user: str, *, warn: bool = True) -> None:
-        """Say in health whether rays of `user` come to nothing for want of a pose."""
+        """Warn in health if rays of `user` give no cursor for lack of a pose."""
         if not self._person(user).lacks_pose:
             self.bus.clear(f"pose of {user}")
         elif warn:

@@ -1,4 +1,4 @@
-"""The things of a map as geometry: lines, points, solids, clouds, each with its kind and id."""
+"""Geometry of the things of a map: lines, points, solids, clouds, each with its kind and id."""
 
 from collections.abc import Collection, Mapping
 from typing import Any, Literal, NamedTuple, get_args
@@ -23,7 +23,7 @@ Kind = Literal["strip", "belt", "lamp", "box", "plane", "cylinder", "sphere", "p
 ALL_KINDS: tuple[Kind, ...] = get_args(Kind)
 
 PRIORITY: Mapping[str, int] = {"lamp": 2, "strip": 2, "belt": 2, "points": 1}
-"""Of kinds that are not mentioned; 0 for others. Thin things come first, an area is seldom missed."""
+"""Default priorities by kind, 0 for others. Thin things come first, since an area is seldom missed."""
 
 
 PLACES: dict[Kind, tuple[SurfaceKind, SolidName]] = {
@@ -36,7 +36,7 @@ PLACES: dict[Kind, tuple[SurfaceKind, SolidName]] = {
     "cylinder": ("none", "cylinder"),
     "sphere": ("none", "sphere"),
 }
-"""What a cursor says that it is on."""
+"""Surface and solid of a cursor on each kind."""
 
 
 class Surface(NamedTuple):
@@ -47,7 +47,7 @@ class Surface(NamedTuple):
 
 
 class Shape(NamedTuple):
-    """A thing and where it is."""
+    """A thing and its geometry."""
 
     surface: Surface
     form: Polyline | Vec3 | Solid | NDArray[Any]
@@ -62,10 +62,10 @@ def group_by_priority(
     *,
     may_be_empty: bool = False,
 ) -> dict[int, list[Shape]]:
-    """Return the things of `kinds` by their priority, which goes by id or else by kind.
+    """Return the things of `kinds` by their priority, which is that of the id or else of the kind.
 
     Raises:
-        ValueError: there are none (unless `may_be_empty`), a cloud was not read, or a priority names nothing.
+        ValueError: If there are none (unless `may_be_empty`), a cloud is missing, or a priority has no thing.
     """
     shapes = shapes_of(environment, kinds, clouds, grazing_rad)
     if not shapes and not may_be_empty:
@@ -95,7 +95,7 @@ def shapes_of(
     """Return the things of `kinds`.
 
     Raises:
-        ValueError: the map names a cloud that is not among `clouds`.
+        ValueError: If the map names a cloud that is not among `clouds`.
     """
     shapes: list[Shape] = []
     if "strip" in kinds:
@@ -115,7 +115,7 @@ def shapes_of(
 def solids_of(
     environment: Environment, kinds: Collection[Kind], grazing_rad: float
 ) -> list[tuple[Surface, Solid]]:
-    """Return the things with an area that are of `kinds`."""
+    """Return the solids of `kinds`."""
     solids: list[tuple[Surface, Solid]] = []
     if "box" in kinds:
         solids += [

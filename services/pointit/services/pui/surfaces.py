@@ -1,4 +1,4 @@
-"""What a person can point at in a map, and what of it a ray meets."""
+"""Pointable surfaces of a map, and hit tests of rays."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -22,7 +22,7 @@ from pointit.services.pui.shapes import Clouds, Kind, Shape, SolidKind, Surface,
 PAPER_TOLERANCE_M = 0.7
 
 WIDENING_RAD = (math.radians(45.0), math.inf)
-"""The nearest of many things is looked for within a cone first: those outside are left out at one go."""
+"""Cone angles of the search for the nearest of many things: those outside the first are skipped at once."""
 
 OPAQUE: tuple[SolidKind, ...] = ("box", "cylinder", "sphere")
 
@@ -33,19 +33,19 @@ class Caster(Protocol):
     def cast(
         self, origin_m: Vec3, direction: Vec3, tolerance: float = ..., reach_m: float = ..., /
     ) -> Hit | None:
-        """Return the closest point, or none beyond the tolerance or further along the ray than the reach."""
+        """Return the closest point, or None beyond the tolerance or further along the ray than the reach."""
         ...
 
 
 class _Party(NamedTuple):
-    """A caster and whom its targets are."""
+    """A caster and the surfaces of its targets."""
 
     caster: Caster
     surfaces: list[Surface]
 
 
 class Surfaces:
-    """The pointable part of an environment."""
+    """Pointable part of an environment."""
 
     def __init__(
         self,
@@ -63,24 +63,24 @@ class Surfaces:
         grazing_rad: float = GRAZING_RAD,
         may_be_empty: bool = False,
     ) -> None:
-        """Take the things of `kinds`.
+        """Create from the things of `kinds`.
 
         Args:
-            environment: the map.
-            kinds: what takes part.
-            method: the closed form, or the paper's discretisation of lines, lamps and clouds, in metres.
-            tolerance_rad: the largest angle at the eyes; used unless metres are.
+            environment: map.
+            kinds: pointable kinds.
+            method: closed form, or the paper's discretization of lines, lamps and clouds, in metres.
+            tolerance_rad: maximum angle at the eyes, unless metres are used.
             tolerance_m: if given, nearest and tolerance are in metres.
             step_m: spacing of the paper's points.
-            reach_m: length of the ray that the paper's method asks for.
+            reach_m: length of the ray of the paper's method.
             clouds: points of the map's clouds by id.
-            priority: of ids or kinds; of all within the tolerance, the highest is pointed at.
+            priority: priority by id or kind. The highest within the tolerance is pointed at.
             opaque: kinds that hide what is behind them, pointable or not.
-            grazing_rad: planes closer to parallel to the ray are not pointed at.
-            may_be_empty: a map with nothing of these kinds is accepted: people point at a workspace.
+            grazing_rad: minimum angle between ray and planes.
+            may_be_empty: True to accept a map without these kinds, as people point at a workspace.
 
         Raises:
-            ValueError: the map has nothing of these kinds, or nothing that a priority names.
+            ValueError: If the map has nothing of these kinds, or nothing for a priority.
         """
         groups = group_by_priority(
             environment, kinds, clouds or {}, priority or {}, grazing_rad, may_be_empty=may_be_empty
@@ -99,21 +99,21 @@ class Surfaces:
 
     @property
     def tolerance_rad(self) -> float | None:
-        """Return the largest angle at the eyes; none where metres tell what is near enough."""
+        """Return the maximum angle at the eyes, or None if the tolerance is in metres."""
         return self._tolerance if self._measure == "angle" else None
 
     def set_tolerance(self, tolerance_rad: float) -> None:
-        """Take the largest angle at the eyes from now on.
+        """Set the maximum angle at the eyes.
 
         Raises:
-            ValueError: metres tell what is near enough.
+            ValueError: If the tolerance is in metres.
         """
         if self._measure != "angle":
-            raise ValueError("metres tell what is near enough")
+            raise ValueError("the tolerance is in metres")
         self._tolerance = tolerance_rad
 
     def hit_test(self, origin_m: Vec3, direction: Vec3) -> tuple[Surface, Hit] | None:
-        """Return what the ray (in {W}, unit direction) points at and where, or none beyond the tolerance."""
+        """Return the surface and hit of a ray (in {W}, unit direction), or None beyond the tolerance."""
         first_m = math.inf if self._screens is None else self._screens.first(origin_m, direction)
         for parties in self._groups:
             best: tuple[Surface, Hit] | None = None
@@ -126,9 +126,9 @@ class Surfaces:
         return None
 
     def nearest(self, origin_m: Vec3, direction: Vec3) -> tuple[Surface, Hit] | None:
-        """Return the thing of all that is seen at the smallest angle from the ray, and where.
+        """Return the visible thing at the smallest angle from the ray, and its hit.
 
-        None if one is within the tolerance, which the ray then misses because something hides it.
+        None if it is within the tolerance, which the ray then misses because something hides it.
         """
         best: tuple[Surface, Hit] | None = None
         for party in (party for parties in self._groups for party in parties):
@@ -143,7 +143,7 @@ class Surfaces:
         return best if miss > self._tolerance else None
 
     def _seen(self, caster: Caster, origin_m: Vec3, direction: Vec3, first_m: float) -> Hit | None:
-        """Return the closest; if that is hidden, the closest of what is nearer than what the ray meets."""
+        """Return the closest hit, or if it is hidden, the closest that is nearer than the hiding thing."""
         hit = caster.cast(origin_m, direction, self._tolerance)
         screens = self._screens
         if hit is None or screens is None or math.isinf(first_m):
@@ -153,7 +153,7 @@ class Surfaces:
         return caster.cast(origin_m, direction, self._tolerance, screens.reach(first_m))
 
     def _is_better(self, a: Hit, b: Hit) -> bool:
-        """Return whether `a` is missed by less than `b`, or as little and nearer."""
+        """Return True if `a` is missed by less than `b`, or by the same and nearer."""
         more = a.miss_rad - b.miss_rad if self._measure == "angle" else a.miss_m - b.miss_m
         return more < -SAME or (more <= SAME and a.range_m < b.range_m)
 

@@ -1,4 +1,4 @@
-"""Where tracked objects are at a given time."""
+"""Positions of tracked objects at a given time."""
 
 from pointit.geometry import vector
 from pointit.geometry.polyline import Polyline
@@ -7,14 +7,14 @@ from pointit.schemas import NS_PER_S, Environment, TrackedObject, TrackedObjects
 from pointit.services.pui.workspace import WorkspaceError
 
 STALE_NS = 2 * NS_PER_S
-"""An object that was not heard of for so long may be anywhere."""
+"""Age at which an object's position is unknown, ns."""
 
 
 class Tracked:
-    """The newest of every tracker's objects, moved on from their stamp to any other."""
+    """The newest objects of every tracker, moved from their stamp to any other time."""
 
     def __init__(self, environment: Environment) -> None:
-        """Take the map, whose lines objects move along."""
+        """Set the map, along whose lines objects move."""
         self._lines: dict[tuple[str, str], tuple[Vec3, ...]] = {
             **{("strip", strip.id): strip.line_m for strip in environment.strips},
             **{("belt", belt.id): belt.line_m for belt in environment.belts},
@@ -22,14 +22,14 @@ class Tracked:
         self._newest: dict[str, TrackedObjects] = {}
 
     def on_objects(self, tracker: str, message: TrackedObjects) -> None:
-        """Take what `tracker` sees."""
+        """Set the objects of `tracker`."""
         self._newest[tracker] = message
 
     def where(self, object_id: str, stamp_ns: int) -> Vec3:
         """Return the centre of an object at `stamp_ns`, {W}.
 
         Raises:
-            WorkspaceError: nobody tracks it, or nobody has for a while.
+            WorkspaceError: If it is not tracked, or has not been for a while.
         """
         known = [
             (message.stamp_ns, tracked)
@@ -54,7 +54,7 @@ class Tracked:
 
     def _moved(self, tracked: TrackedObject, late_s: float) -> Vec3:
         line = self._lines.get((tracked.surface, tracked.surface_id))
-        if line is not None:  # round its bends; beside the line as it was
+        if line is not None:  # along its bends, at the same offset from the line
             path = Polyline(line)
             there = path.point_at(tracked.surface_position_m + tracked.surface_speed_mps * late_s)
             shift = vector.subtract(there, path.point_at(tracked.surface_position_m))

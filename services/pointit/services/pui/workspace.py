@@ -1,4 +1,4 @@
-"""A surface about a person on which their cursor moves: what robots are steered on (pointing.md §5)."""
+"""A surface around a person on which their cursor moves, to steer robots (pointing.md §5)."""
 
 import math
 from typing import Literal
@@ -20,24 +20,24 @@ SOLIDS: dict[WorkspaceKind, Solid] = {
 }
 
 NEAREST_M = 0.1
-"""A surface that passes the eyes, or the person's axis, by less cannot be pointed at."""
+"""Minimum distance of a surface from the eyes, or from the person's axis."""
 FARTHEST_M = 200.0
-"""What is further away is not pointed at: a degree is metres there."""
+"""Maximum distance of a surface. A degree is metres there."""
 SAME_M = 1e-6
-"""How exactly, per metre of range, the cursor stays where it was when a workspace is laid through it."""
+"""Tolerance per metre of range by which the cursor may move when a workspace is created through it."""
 STEEPEST_RAD = math.pi / 2.0
 
 
 class WorkspaceError(ValueError):
-    """A workspace cannot be laid so; its text is one sentence for the person."""
+    """A workspace cannot be created. The message is one sentence for the person."""
 
 
 class Workspace:
     """A horizontal plane, an upright plane facing the person, a cylinder about their axis, or a sphere.
 
-    Planes stay in the room as they were laid. The cylinder's axis and the sphere's centre go with the person
-    and their eyes; the radius stays. Places on it (`uv_m`): planes as `PlaneSolid` from the anchor, the
-    sphere as `SphereSolid`, the cylinder (radius · azimuth, height above the person's feet).
+    Planes stay in place. The cylinder's axis and the sphere's centre follow the person and their eyes, with
+    constant radius. Positions on it (`uv_m`): planes as `PlaneSolid` from the anchor, the sphere as
+    `SphereSolid`, the cylinder (radius · azimuth, height above the person's feet).
     """
 
     def __init__(
@@ -49,17 +49,17 @@ class Workspace:
         eyes_m: Vec3,
         grazing_rad: float = GRAZING_RAD,
     ) -> None:
-        """Lay it.
+        """Create through an anchor.
 
         Args:
-            kind: its form.
-            through_m: the anchor, {W}.
-            feet_m: where the person stands, {W}.
-            eyes_m: where their ray begins, {W}.
-            grazing_rad: rays closer to parallel do not meet it.
+            kind: shape.
+            through_m: anchor, {W}.
+            feet_m: position of the person, {W}.
+            eyes_m: origin of their ray, {W}.
+            grazing_rad: minimum angle between ray and surface.
 
         Raises:
-            WorkspaceError: it would pass through the eyes, or too far away.
+            WorkspaceError: If it would pass through the eyes, or too far away.
         """
         self.kind: WorkspaceKind = kind
         self.solid: Solid = SOLIDS[kind]
@@ -90,12 +90,12 @@ class Workspace:
             self._plane = PlaneSolid(through_m, towards, grazing_rad=grazing_rad)
 
     def steer(self, direction: Vec3, eyes_m: Vec3, feet_m: Vec3, point_m: Vec3) -> None:
-        """Let the ray along `direction` meet it at `point_m`, and turn all later ones alike.
+        """Make the ray along `direction` meet it at `point_m`, and turn all later ones by the same angles.
 
-        A cursor that was drawn to a thing stays where it is seen when it leaves that thing for the workspace.
+        A cursor that was snapped to a thing stays in place when it moves from that thing to the workspace.
 
         Raises:
-            WorkspaceError: seen along there the workspace is too near parallel.
+            WorkspaceError: If the workspace is too nearly parallel in that direction.
         """
         reach = vector.subtract(point_m, eyes_m)
         self._steering_rad = (
@@ -109,7 +109,7 @@ class Workspace:
             )
 
     def meet(self, eyes_m: Vec3, direction: Vec3, feet_m: Vec3) -> Hit | None:
-        """Return where the ray from the eyes meets it, with misses to the ray as it is, or none."""
+        """Return the hit of the ray from the eyes, with misses to the unsteered ray, or None."""
         steered = self._steered(vector.normalized(direction))
         if self._plane is not None:
             ahead, uv_at = self._plane.intersect(eyes_m, steered), self._plane.uv_at
@@ -135,7 +135,7 @@ class Workspace:
         return vector.direction(vector.azimuth(direction) + across, elevation)
 
     def _leaves_cylinder(self, own: Vec3, d: Vec3) -> float | None:
-        """Return how far a ray goes from `own`, seen from the feet, till it leaves the cylinder."""
+        """Return the distance at which a ray from `own`, relative to the feet, leaves the cylinder."""
         square = d[0] * d[0] + d[1] * d[1]
         if square < 1e-12:
             return None

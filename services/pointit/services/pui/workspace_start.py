@@ -1,4 +1,4 @@
-"""The workspace that a person begins with, before they ask for one."""
+"""Workspace of a person before they request one."""
 
 from dataclasses import dataclass
 
@@ -10,19 +10,19 @@ from pointit.services.pui.workspace import Workspace, WorkspaceError, WorkspaceK
 
 @dataclass(frozen=True, kw_only=True)
 class WorkspaceStart:
-    """Which it is, and where it lies about whoever begins to point."""
+    """Kind and position of the workspace relative to a person who starts to point."""
 
     kind: WorkspaceKind | None = None
-    """None: the map."""
+    """Kind of the workspace. None: the map."""
     height_m: float = 0.0
-    """Of the horizontal plane above the person's feet."""
+    """Height of the horizontal plane above the person's feet."""
     distance_m: float = 2.0
-    """Of the others from the person."""
+    """Distance of the others from the person."""
     grazing_rad: float = GRAZING_RAD
-    """Rays closer to parallel do not meet it, nor one that is asked for later."""
+    """Minimum angle between ray and workspace, also for later requests."""
 
     def create(self, eyes_m: Vec3, direction: Vec3, feet_m: Vec3) -> Workspace | None:
-        """Return it for a ray from the eyes in {W}, or none: the map, or it would pass through the eyes."""
+        """Return it for a ray from the eyes in {W}. None if it is the map or would pass through the eyes."""
         if self.kind is None:
             return None
         ahead = vector.direction(vector.azimuth(direction), 0.0)

@@ -1,4 +1,4 @@
-"""Parameters of selecting."""
+"""Parameters of the selector."""
 
 from typing import Literal, Self
 
@@ -8,118 +8,127 @@ from pointit.runtime.config.config import Config
 
 
 class GaugeConfig(Config):
-    """How an object's gauge fills (pointing.md §6).
+    """Parameters of filling an object's gauge (pointing.md §6).
 
-    The times and the speed were chosen with `pointit evaluate selection`, for fast packages too; there they
-    are 0.8 s, 0.5 s and 8 degrees/s.
+    The times and the speed were chosen with `pointit evaluate selection`, for fast packages too. They differ
+    from 0.8 s, 0.5 s and 8 degrees/s there.
     """
 
     full_s: float = Field(
-        default=0.5, gt=0, le=10, description="pointing steadily fills the gauge in this, s"
+        default=0.5, gt=0, le=10, description="time of steady pointing that fills the gauge, s"
     )
     sparse_full_s: float = Field(
-        default=0.35, gt=0, le=10, description="the same where no other object is near, s"
+        default=0.35, gt=0, le=10, description="the same if no other object is near, s"
     )
     sparse_deg: float = Field(
-        default=10.0, ge=0, le=180, description="another object is near within this angle of the ray, degrees"
+        default=10.0,
+        ge=0,
+        le=180,
+        description="angle from the ray within which another object counts as near, degrees",
     )
     snap_deg: float = Field(
         default=1.5,
         ge=0,
         le=1.5,
-        description="an object is hovered this far beside its half width, degrees at the eyes",
+        description="an object is hovered up to this angle beyond its half width, degrees at the eyes",
     )
     aim: Literal["cursor", "ray"] = Field(
         default="cursor",
-        description="what angles are taken from: the cursor as it is shown on a strip or belt (people see "
-        "and correct no error across it), or always the ray itself",
+        description="reference of angles: the cursor as shown on a strip or belt (people neither see "
+        "nor correct an error across it), or always the ray itself",
     )
     hysteresis: float = Field(
         default=0.3,
         ge=0,
         lt=1,
-        description="the hovered object is kept until another one's angle is smaller by this share",
+        description="the hovered object stays hovered until another angle is smaller by this share",
     )
     steady_deg_per_s: float = Field(
         default=12.0,
         gt=0,
         le=1000,
-        description="the gauge fills while ray and object move slower than this to each other, degrees/s",
+        description="the gauge fills while the ray moves slower than this relative to the object, degrees/s",
     )
     speed_window_s: float = Field(
-        default=0.15, ge=0.02, le=1, description="time over which that speed is estimated, s"
+        default=0.15, ge=0.02, le=1, description="window of the estimate of that speed, s"
     )
     drain_share: float = Field(
         default=0.5,
         ge=0,
         le=10,
-        description="gauges of objects not hovered drain at this share of the rate of filling",
+        description="gauges of other objects drain at this share of the fill rate",
     )
     leave_factor: float = Field(
         default=1.5,
         ge=1,
         le=10,
-        description="who is farther from an object than this many times its tolerance has left it",
+        description="the pointer leaves an object beyond this multiple of the object's tolerance",
     )
     leave_s: float = Field(
-        default=0.3, ge=0, le=10, description="so long left, a filled gauge may fill once more, s"
+        default=0.3,
+        ge=0,
+        le=10,
+        description="time off an object after which its full gauge can fill again, s",
     )
     aim_sigma_deg: float = Field(
-        default=1.5, gt=0, le=45, description="1 sigma of people's aim, for the confidence, degrees"
+        default=1.5,
+        gt=0,
+        le=45,
+        description="standard deviation of people's aim, for the confidence, degrees",
     )
 
 
 class JournalConfig(Config):
-    """What is kept on disk: the audit, and what is selected (§ `pointit audit`)."""
+    """Storage of the audit (see `pointit audit`) and the current selections on disk."""
 
-    enabled: bool = Field(default=True, description="keep selections and their audit on disk")
+    enabled: bool = Field(default=True, description="store selections and their audit on disk")
     keep_days: float = Field(
-        default=30.0, gt=0, le=3650, description="the audit goes back so far, days; older events are dropped"
+        default=30.0, gt=0, le=3650, description="age beyond which events of the audit are deleted, days"
     )
     restore_within_s: float = Field(
         default=600.0,
         ge=0,
-        description="selections are taken up again by who starts within this of the last sign of life, s",
+        description="selections are restored on a start within this time after the last sign of life, s",
     )
 
 
 Method = Literal["hold", "fraction", "gauge"]
-"""How staying on an object selects it."""
+"""Method by which staying on an object selects it."""
 
 
 class SelectorConfig(Config):
-    """When a cursor is on an object, and when staying there toggles it."""
+    """When an object is hovered, and when staying on it selects or deselects it."""
 
     method: Method = Field(
         default="gauge",
-        description="gauge: it fills while one points steadily at an object; hold: on the same object at "
-        "every timestep of the window; fraction: on a share of them",
+        description="gauge: fills during steady pointing at an object; hold: the same object at "
+        "every timestep of the window; fraction: the same object at a share of them",
     )
     mode: Literal["toggle", "select_only"] = Field(
-        default="toggle", description="toggle: staying on one's selected object deselects it"
+        default="toggle", description="toggle: staying on an own selected object deselects it"
     )
     confirm: Literal["none", "press"] = Field(
-        default="none", description="press: staying selects nothing, the person's button does"
+        default="none", description="press: the person's button selects instead of staying"
     )
     confirm_gesture: Literal["press", "double", "hold"] = Field(
         default="press",
-        description="gesture of the button that confirms; the supervisor takes them all too, press ends "
+        description="button gesture that confirms; the supervisor also receives all gestures, and press ends "
         "the pointing",
     )
     look_back_s: float = Field(
         default=0.15,
         ge=0.1,
         le=0.25,
-        description="a press means what was hovered so long before it: pressing moves the arm, s",
+        description="a press selects what was hovered this long before it, since pressing moves the arm, s",
     )
     window_s: float = Field(
         default=0.8, gt=0, le=10, description="hold, fraction: time on an object that toggles it, s"
     )
     timestep_s: float = Field(
-        default=0.1, ge=0.005, le=2, description="hold, fraction: the window is looked at in steps of this, s"
+        default=0.1, ge=0.005, le=2, description="hold, fraction: timestep of the window, s"
     )
     fraction: float = Field(
-        default=0.8, gt=0, le=1, description="share of the window's timesteps that `fraction` asks for"
+        default=0.8, gt=0, le=1, description="share of the window's timesteps that method `fraction` requires"
     )
     release_s: float = Field(
         default=0.5,
@@ -131,57 +140,63 @@ class SelectorConfig(Config):
         default=0.05,
         ge=0,
         le=2,
-        description="hold, fraction: the cursor may be this far beside an object, m",
+        description="hold, fraction: distance beside an object within which the cursor hovers it, m",
     )
-    gauge: GaugeConfig = Field(default=GaugeConfig(), description="of the method of that name")
+    gauge: GaugeConfig = Field(default=GaugeConfig(), description="parameters of method gauge")
     show_after_s: float = Field(
-        default=0.15, ge=0, le=5, description="progress is shown, and an object reserved, from then on, s"
+        default=0.15,
+        ge=0,
+        le=5,
+        description="time of filling before progress is shown and the object is reserved, s",
     )
     reserve_s: float = Field(
-        default=0.5, ge=0, le=10, description="an object stays reserved so long after it was left, s"
+        default=0.5, ge=0, le=10, description="time for which an object stays reserved after it was left, s"
     )
     display_lag_s: float = Field(
         default=0.0,
         ge=0,
         le=1,
-        description="how much later than its stamp an object's place is seen: lights, cameras, s",
+        description="delay from the stamp of an object's position to its display by lights or cameras, s",
     )
     longest_gap_s: float = Field(
-        default=0.25, gt=0, le=5, description="longer without a cursor, nothing is known to be pointed at, s"
+        default=0.25,
+        gt=0,
+        le=5,
+        description="longest gap between cursors before the hovered object is unknown, s",
     )
     objects_stale_after_s: float = Field(
-        default=1.0, gt=0, le=60, description="objects not heard of for longer cannot be hovered, s"
+        default=1.0, gt=0, le=60, description="objects whose last report is older cannot be hovered, s"
     )
     left_after_s: float = Field(
         default=0.5,
         ge=0,
         le=60,
-        description="an object that its tracker lists no longer has left after this; trackers flicker, s",
+        description="an object missing from its tracker's list for this long has left, s",
     )
     unseen_after_s: float = Field(
         default=30.0,
         gt=0,
         le=3600,
-        description="selected objects whose tracker is silent, or not there after a restart, are given up "
+        description="selected objects whose tracker is silent, or missing after a restart, are dropped "
         "after this, s",
     )
     ownerless_after_s: float = Field(
         default=10.0,
         ge=0,
         le=3600,
-        description="what a person selected who is gone so long may be deselected by anybody, s",
+        description="absence of a person after which anyone may deselect what they selected, s",
     )
     lead_s: float = Field(
         default=0.25,
         ge=0,
         le=5,
-        description="an object whose way to a bay is decided within this is refused: what was pointed at and "
-        "decided takes so long to get to the conveyor, s",
+        description="an object whose bay is decided within this time is refused: a selection takes this long "
+        "to reach the conveyor, s",
     )
     undo_steps: int = Field(
-        default=20, ge=1, le=1000, description="so many (de)selections of a person can be taken back"
+        default=20, ge=1, le=1000, description="number of (de)selections that a person can undo"
     )
-    journal: JournalConfig = Field(default=JournalConfig(), description="what is kept on disk")
+    journal: JournalConfig = Field(default=JournalConfig(), description="the journal on disk")
 
     @model_validator(mode="after")
     def _window_holds_a_timestep(self) -> Self:

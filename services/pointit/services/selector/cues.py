@@ -1,4 +1,4 @@
-"""What a person hears, feels and sees when something is selected, deselected or refused."""
+"""Cues that a person hears, feels and sees when an object is selected, deselected or refused."""
 
 from typing import Literal
 
@@ -9,7 +9,7 @@ Kind = Literal["selected", "deselected", "refused"]
 
 
 def make_cue(kind: Kind, text: str, stamp_ns: int, seq: int) -> Feedback:
-    """Return the cue with the signs of the table."""
+    """Return the multimodal cue of `kind`, as defined in `SIGNS`."""
     sign = SIGNS[kind]
     return Feedback(
         stamp_ns=stamp_ns,

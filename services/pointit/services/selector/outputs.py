@@ -1,4 +1,4 @@
-"""What selecting gives out: messages for people and everybody, records for the journal."""
+"""Outputs of the selection engine: messages for people, and records for the journal."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -6,27 +6,27 @@ from typing import Literal
 from pointit.schemas import Feedback, Hover, Selection, SelectionEvent
 
 Cause = Literal["", "dwell", "button", "undo", "clear", "release"]
-"""What a person did that changed something."""
+"""Cause of a change: the person's action."""
 
 Action = Literal["", "select", "deselect", "refuse"]
-"""What staying on an object would do."""
+"""Effect of staying on an object."""
 
 TOLD_AGAIN = "told again after a restart of the selector"
-"""Reason of an event that readers may have seen: same object, event, stamp and number."""
+"""Reason of an event that subscribers may have received before: same object, event, stamp and number."""
 
 
 @dataclass(frozen=True, slots=True)
 class Output:
-    """A message on its way."""
+    """A message to publish."""
 
     user: str
-    """Whose it is; empty: everybody's."""
+    """User of the topic. `""` for a topic of the site."""
     message: Hover | Selection | SelectionEvent | Feedback
 
 
 @dataclass(frozen=True, slots=True)
 class Owned:
-    """Whose a selected object is, and since when."""
+    """Owner of a selected object, and the time of selection."""
 
     user: str
     kind: str
@@ -36,33 +36,34 @@ class Owned:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Record:
-    """What happened to an object, for the audit; the ones of one object tell whether it is selected."""
+    """An event of an object, for the audit. The events of one object determine if it is selected."""
 
     stamp_ns: int
     event: Literal["selected", "deselected", "refused", "left"]
     object_id: str
     kind: str = ""
     user: str = ""
-    """Who did it; of `left`: whose it was."""
+    """Person who caused it. For `left`: the owner."""
     owner: str = ""
-    """Whose it is after `selected`, whose it was before anything else; empty: nobody's."""
+    """Owner after `selected`, owner before any other event. `""` if there is none."""
     since_ns: int = 0
-    """Since when it is, or was, theirs; 0: it is nobody's."""
+    """Time since which `owner` has or had it, ns. 0 if there is no owner."""
     cause: Cause = ""
     method: str = ""
     confidence: float | None = None
     reason: str = ""
     seq: int | None = None
-    """Of the `SelectionEvent` that told it; none: it was not told by us."""
+    """Number of its `SelectionEvent`. None if it was not published by us."""
 
 
 def event_of(record: Record, seq: int, *, again: bool = False) -> SelectionEvent | None:
-    """Return the message that tells of `record`; none of `left`, which its tracker tells.
+    """Return the message of `record`. None for `left`, which its tracker publishes.
 
     Args:
-        record: what happened.
-        seq: the message's number.
-        again: it may have been told before a restart. Number, stamp, object and event are the same then.
+        record: event.
+        seq: number of the message.
+        again: True if it may have been published before a restart, with equal number, stamp, object and
+            event.
     """
     if record.event == "left":
         return None

@@ -1,4 +1,4 @@
-"""Selecting, whole: what is pointed at goes in; hovers, the selection, its events and cues come out."""
+"""The complete selection logic: pointing in; hovers, the selection, its events and cues out."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -26,18 +26,18 @@ from pointit.services.selector.selection_publisher import SelectionPublisher
 
 
 class SelectionEngine:
-    """Everybody's pointing, and what is selected by it.
+    """The selection of a site, controlled by the pointing of all people.
 
-    Stamps decide, never arrival: late and doubled cursors are left out, a clock set back begins anew.
-    Whatever happens to an object is given to `record` before it is returned, for a journal.
+    Stamps decide, not the order of arrival: late and duplicate cursors are ignored, and a clock that was set
+    back resets the person's state. Every event is passed to `record` before it is returned, for a journal.
     """
 
     def __init__(self, config: SelectorConfig, record: Callable[[Record], None] | None = None) -> None:
-        """Begin with nothing selected, nobody there, an empty room."""
+        """Create with nothing selected, no people and an empty scene."""
         self._config = config
         self._is_by_metres = config.method != "gauge"
         self._aim_rad = math.radians(config.gauge.aim_sigma_deg)
-        self._whereabouts = ObjectPositions(
+        self._positions = ObjectPositions(
             margin_m=config.margin_m,
             stale_after_s=config.objects_stale_after_s,
             display_lag_s=config.display_lag_s,
@@ -54,59 +54,57 @@ class SelectionEngine:
             aim=config.gauge.aim,
         )
         self._presences = UserPresence(config.ownerless_after_s)
-        self._ledger = Ledger(
-            self._presences.is_gone, self._whereabouts.too_late, undo_steps=config.undo_steps
-        )
+        self._ledger = Ledger(self._presences.is_gone, self._positions.too_late, undo_steps=config.undo_steps)
         self._reservations = Reservations(config.reserve_s)
         self._departures = Departures(config.left_after_s, config.unseen_after_s)
         self._people: dict[str, PersonPointer] = {}
-        self._telling = SelectionPublisher(
+        self._publisher = SelectionPublisher(
             record, method=config.method, snap_rad=math.radians(config.gauge.snap_deg)
         )
 
     def use(self, config: SelectorConfig) -> None:
-        """Take another method, or other times of it; what is selected and reserved stays as it is."""
+        """Change the method or its times. Selections and reservations stay."""
         self._config = config
         self._is_by_metres = config.method != "gauge"
-        self._telling.method = config.method
+        self._publisher.method = config.method
         for pointer in self._people.values():
             pointer.use(config)
 
     def restore(self, entries: Mapping[str, Owned], events: int, now_ns: int) -> None:
-        """Take up what was selected before a restart, and go on counting from `events`."""
+        """Restore what was selected before a restart, and continue numbering after `events`."""
         self._ledger.restore(entries)
-        self._telling.resume_numbering(events)
+        self._publisher.resume_numbering(events)
         for entry in entries.values():
             self._presences.on_activity(entry.user, now_ns)
         self._departures.expect(entries, now_ns)
 
     @property
     def has_selected(self) -> bool:
-        """Return whether anything is selected."""
+        """Return True if anything is selected."""
         return bool(self._ledger.entries)
 
     def selection(self, now_ns: int) -> Selection:
-        """Return what is selected and reserved now."""
-        return self._telling.selection(now_ns, self._ledger.objects(), self._reservations.objects())
+        """Return the current selection and reservations."""
+        return self._publisher.selection(now_ns, self._ledger.objects(), self._reservations.objects())
 
     def stale_trackers(self, now_ns: int) -> list[str]:
-        """Return the trackers that have not been heard of for so long that nothing of theirs is hovered."""
-        return self._whereabouts.silent(now_ns)
+        """Return the trackers silent for so long that their objects cannot be hovered."""
+        return self._positions.silent(now_ns)
 
     def on_map(self, environment: Environment) -> list[Output]:
-        """Take the lines on which objects move."""
+        """Set the lines on which objects move."""
         self._scene.on_map(environment)
         return []
 
     def on_objects(self, tracker: str, objects: TrackedObjects) -> list[Output]:
-        """Take what `tracker` lists; what it has listed no longer for a while has left."""
-        for forgotten in self._whereabouts.update(tracker, objects):
+        """Update the objects of `tracker`. What it has not listed for a while has left."""
+        for forgotten in self._positions.update(tracker, objects):
             self._scene.forget(forgotten)
         self._scene.update(tracker, objects)
         return self._depart(objects.stamp_ns, tracker)
 
     def on_conveyor(self, state: ConveyorState) -> list[Output]:
-        """Close the entries of what has left the conveyor, with the time and the bay at which it did."""
+        """Close the entries of objects that have left the conveyor, with time and bay of departure."""
         left: list[Record] = []
         for gone in state.departures:
             if gone.object_id in self._ledger.entries:
@@ -115,7 +113,7 @@ class SelectionEngine:
         return self._close(left, state.stamp_ns)
 
     def on_event(self, event: SelectionEvent) -> list[Output]:
-        """Take back what the conveyor refuses: what was accepted here has come too late to it."""
+        """Revert what the conveyor refuses: it was accepted here but reached the conveyor too late."""
         if event.event != "refused" or event.cause:  # its own refusals have a cause
             return []
         now_ns = event.stamp_ns
@@ -123,11 +121,11 @@ class SelectionEngine:
         if record is None:
             return []
         self._latch(event.object_id)
-        outputs = [Output("", self.selection(now_ns)), *self._telling.event(record)]
-        return [*outputs, self._telling.cue(record.owner, "refused", event.reason, now_ns)]
+        outputs = [Output("", self.selection(now_ns)), *self._publisher.event(record)]
+        return [*outputs, self._publisher.cue(record.owner, "refused", event.reason, now_ns)]
 
     def on_cursor(self, user: str, cursor: Cursor) -> list[Output]:
-        """Take where `user` points."""
+        """Process a cursor of `user`."""
         pointer = self._people.get(user)
         if pointer is None:
             pointer = self._people[user] = PersonPointer(self._config)
@@ -137,7 +135,7 @@ class SelectionEngine:
         self._presences.on_activity(user, now_ns)
         is_news = self._reservations.expire(now_ns)
         view = self._scene.view_from(cursor)
-        tracked = self._whereabouts.hit_test(cursor) if view is None or self._is_by_metres else None
+        tracked = self._positions.hit_test(cursor) if view is None or self._is_by_metres else None
         pointed = pointer.step(
             cursor,
             view,
@@ -149,7 +147,7 @@ class SelectionEngine:
             is_news |= self._reservations.reserve(pointed.object_id, user, now_ns)
         is_selected = pointed.object_id in self._ledger.entries
         outputs = [
-            self._telling.hover(
+            self._publisher.hover(
                 user, cursor, view, pointed, action=action, taken_by=taken_by, is_selected=is_selected
             )
         ]
@@ -160,7 +158,7 @@ class SelectionEngine:
         return outputs
 
     def on_button(self, user: str, button: ButtonEvent) -> list[Output]:
-        """Take a gesture of `user`'s button, which confirms what they hovered where that is configured."""
+        """Process a button gesture of `user`, which confirms the hovered object if so configured."""
         pointer = self._people.get(user)
         wanted = self._config.confirm == "press" and button.gesture == self._config.confirm_gesture
         if pointer is None or not wanted:
@@ -173,13 +171,13 @@ class SelectionEngine:
         return outputs
 
     def set_present(self, user: str, present: bool, now_ns: int) -> list[Output]:  # noqa: FBT001 - as announced
-        """Take whether `user` is announced."""
+        """Record the presence of `user`."""
         self._presences.set_present(user, now_ns, present=present)
         return []
 
     def tick(self, now_ns: int) -> list[Output]:
-        """Mind trackers that have ended, objects that have left, reservations that are over."""
-        for tracker in self._whereabouts.forget(now_ns):
+        """Handle ended trackers, departed objects and expired reservations."""
+        for tracker in self._positions.forget(now_ns):
             self._scene.forget(tracker)
         is_news = self._reservations.expire(now_ns)
         outputs = self._depart(now_ns)
@@ -188,52 +186,52 @@ class SelectionEngine:
         return outputs
 
     def undo(self, user: str, now_ns: int) -> list[Output]:
-        """Take back `user`'s last step; refused with a cue when there is none."""
-        records = self._ledger.undo(user, now_ns, self._whereabouts.objects)
+        """Undo `user`'s last step. Refused with a cue if there is none."""
+        records = self._ledger.undo(user, now_ns, self._positions.objects)
         if not records:
-            return [self._telling.cue(user, "refused", "there is nothing to take back", now_ns)]
-        return self._tell(user, records, now_ns)
+            return [self._publisher.cue(user, "refused", "there is nothing to take back", now_ns)]
+        return self._publish(user, records, now_ns)
 
     def clear(self, user: str, now_ns: int) -> list[Output]:
-        """Deselect everything that is `user`'s."""
-        return self._tell(user, self._ledger.clear(user, now_ns), now_ns)
+        """Deselect all objects of `user`."""
+        return self._publish(user, self._ledger.clear(user, now_ns), now_ns)
 
     def release(self, user: str, object_id: str, take_over: bool, now_ns: int) -> list[Output]:  # noqa: FBT001
-        """Deselect `object_id`, whoever's it is, or take it over; refused with a cue when it is not selected.
+        """Deselect `object_id`, regardless of its owner, or take it over.
 
-        `user` is who asks: a supervisor, or the person who wants it.
+        `user` is the caller: a supervisor, or the person who wants it.
         """
         entry = self._ledger.entries.get(object_id)
         records = self._ledger.release(object_id, user, now_ns, take_over=take_over)
         if entry is None or not records:
-            why = "is not selected" if entry is None else "is yours already"
-            return [self._telling.cue(user, "refused", f"object {object_id} {why}", now_ns)]
-        outputs = self._tell(user, records, now_ns)
+            status = "is not selected" if entry is None else "is yours already"
+            return [self._publisher.cue(user, "refused", f"object {object_id} {status}", now_ns)]
+        outputs = self._publish(user, records, now_ns)
         if entry.user != user and records[0].event != "refused":
             done = "taken over" if take_over else "released"
             text = f"{entry.kind or 'object'} was {done} by {user}"
-            outputs.append(self._telling.cue(entry.user, "deselected", text, now_ns))
+            outputs.append(self._publisher.cue(entry.user, "deselected", text, now_ns))
         return outputs
 
     def _action(self, user: str, object_id: str, now_ns: int) -> tuple[Action, str]:
-        """Return what staying on an object would do, and who else has it."""
-        keeper = self._ledger.blocking_owner(object_id, user, now_ns)
-        if keeper:
-            return "refuse", keeper
+        """Return the effect of staying on an object, and the other person who has it, or `""`."""
+        owner = self._ledger.blocking_owner(object_id, user, now_ns)
+        if owner:
+            return "refuse", owner
         holder = self._reservations.holder(object_id)
         if holder and holder != user:
             return "refuse", holder
         is_selected = object_id in self._ledger.entries
         if is_selected and self._config.mode == "select_only":
             return "", ""
-        if self._whereabouts.too_late(object_id, now_ns):
+        if self._positions.too_late(object_id, now_ns):
             return "refuse", ""
         return ("deselect" if is_selected else "select"), ""
 
     def _standing(
         self, user: str, pointer: PersonPointer, pointed: PointerResult, now_ns: int
     ) -> tuple[Action, str]:
-        """Return what staying on what is pointed at would do, and who else has it."""
+        """Return the effect of staying on the hovered object, and the other person who has it, or `""`."""
         object_id = pointed.object_id
         if object_id is None:
             return "", ""
@@ -242,8 +240,8 @@ class SelectionEngine:
         return ("", taken_by) if is_done else (action, taken_by)
 
     def _act(self, user: str, object_id: str, now_ns: int, cause: Cause, view: View | None) -> list[Output]:
-        """Do what staying on an object, or pressing, means."""
-        tracked = self._whereabouts.objects.get(object_id)
+        """Apply the effect of staying on an object or pressing."""
+        tracked = self._positions.objects.get(object_id)
         if tracked is None:  # it has left in the meantime
             return []
         kind = tracked.kind
@@ -266,35 +264,35 @@ class SelectionEngine:
             record = self._ledger.toggle(object_id, kind, user, now_ns, cause=cause, confidence=confidence)
             if record.event != "refused":
                 self._reservations.free(object_id)
-        return self._tell(user, [record], now_ns)
+        return self._publish(user, [record], now_ns)
 
     def _depart(self, now_ns: int, clock: str = OWN) -> list[Output]:
         entries = self._ledger.entries
         if not entries:
             return []
-        left = self._departures.step(entries, self._whereabouts.objects, now_ns, clock)
+        left = self._departures.step(entries, self._positions.objects, now_ns, clock)
         return self._close(self._ledger.drop(left, now_ns), now_ns)
 
     def _close(self, left: Sequence[Record], now_ns: int) -> list[Output]:
-        """Free and journal what has left; return the selection if anything has."""
+        """Free and journal objects that have left. Return the selection if there are any."""
         for record in left:
             self._reservations.free(record.object_id)
-            self._telling.write(record)
+            self._publisher.write(record)
         return [Output("", self.selection(now_ns))] if left else []
 
-    def _tell(self, user: str, records: Sequence[Record], now_ns: int) -> list[Output]:
-        """Return what tells everybody what happened, the selection first."""
+    def _publish(self, user: str, records: Sequence[Record], now_ns: int) -> list[Output]:
+        """Return the messages for `records`, the selection first."""
         outputs: list[Output] = []
         if any(record.event != "refused" for record in records):
             outputs.append(Output("", self.selection(now_ns)))
         for record in records:
-            outputs += self._telling.event(record)
+            outputs += self._publisher.event(record)
             if record.cause not in ("dwell", "button"):
                 self._latch(record.object_id)
-        return outputs + self._telling.cues(user, records, now_ns)
+        return outputs + self._publisher.cues(user, records, now_ns)
 
     def _latch(self, object_id: str) -> None:
-        """Keep those who rest on an object from changing it again without wanting to."""
+        """Keep people who rest on an object from changing it again unintentionally."""
         for pointer in self._people.values():
             if pointer.hovered == object_id:
                 pointer.latch(object_id)

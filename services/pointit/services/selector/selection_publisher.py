@@ -1,4 +1,4 @@
-"""How it is told what is hovered, selected and done: numbered messages, and records for the journal."""
+"""Numbered messages for hovers, selections and events, and records for the journal."""
 
 import dataclasses
 from collections import Counter
@@ -12,30 +12,30 @@ from pointit.services.selector.outputs import Action, Output, Record, event_of
 
 
 class SelectionPublisher:
-    """Numbers messages by kind and person; decides nothing."""
+    """Numbers messages by kind and person. Decides nothing."""
 
     def __init__(self, record: Callable[[Record], None] | None, *, method: str, snap_rad: float) -> None:
-        """Have told nothing yet.
+        """Create with no message sent.
 
         Args:
-            record: is given what happened before the message that tells of it is returned.
-            method: by which people select; records say so.
-            snap_rad: so far beside an object the cursor is still shown on it.
+            record: called with each event before its message is returned.
+            method: method of selecting, for the records.
+            snap_rad: angle beside an object within which the cursor is still shown on it.
         """
         self._record = record
         self.method = method
         self._snap_rad = snap_rad
         self._sent: Counter[tuple[str, str]] = Counter()
-        """Messages by kind and person."""
+        """Number of messages by kind and person."""
 
     def resume_numbering(self, events: int) -> None:
-        """Count events on from `events`, the last one's number before a restart."""
+        """Continue numbering events after `events`, the last number before a restart."""
         self._sent["event", ""] = events
 
     def selection(
         self, now_ns: int, objects: tuple[SelectedObject, ...], reserved: tuple[ReservedObject, ...]
     ) -> Selection:
-        """Return what tells everybody what is selected and reserved."""
+        """Return the message of what is selected and reserved."""
         return Selection(stamp_ns=now_ns, seq=self._count("selection"), objects=objects, reserved=reserved)
 
     def hover(
@@ -49,16 +49,16 @@ class SelectionPublisher:
         taken_by: str,
         is_selected: bool,
     ) -> Output:
-        """Return what tells on what `user`'s cursor is.
+        """Return the hover message for `user`'s cursor.
 
         Args:
-            user: who points.
-            cursor: where to.
-            view: what is near it, as seen from their eyes; none where that is not known.
-            pointed: what was made of it.
-            action: what staying on the object would do.
-            taken_by: who else has it; empty: nobody.
-            is_selected: whether anybody has it selected.
+            user: person who points.
+            cursor: their cursor.
+            view: objects near it, as seen from their eyes, or None if unknown.
+            pointed: result of the method.
+            action: effect of staying on the object.
+            taken_by: other person who has it, or `""`.
+            is_selected: True if it is selected by any person.
         """
         seq = self._count("hover", user)
         object_id = pointed.object_id
@@ -80,19 +80,19 @@ class SelectionPublisher:
         return Output(user, hover)
 
     def event(self, record: Record) -> list[Output]:
-        """Record what happened, and return what tells everybody of it, if anything does."""
+        """Record an event. Return its message, if it has one."""
         seq = self._count("event")
         self.write(record, seq)
         message = event_of(record, seq)
         return [] if message is None else [Output("", message)]
 
     def write(self, record: Record, seq: int | None = None) -> None:
-        """Record what happened; `seq`: number of the event that tells of it, none: it is not told."""
+        """Record an event. `seq`: number of its message, or None if it has none."""
         if self._record is not None:
             self._record(dataclasses.replace(record, seq=seq, method=self.method))
 
     def cues(self, user: str, records: Iterable[Record], now_ns: int) -> list[Output]:
-        """Return a cue for `user` for each thing that they did, or tried to do."""
+        """Return a cue for `user` for each thing that they did or tried to do."""
         outputs: list[Output] = []
         for record in records:
             if record.event != "left":

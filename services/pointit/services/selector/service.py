@@ -1,4 +1,4 @@
-"""Reads cursors, objects, departures, buttons and the map; writes what is hovered and what is selected."""
+"""Subscribes to cursors, objects, departures, buttons and the map; publishes hovers and the selection."""
 
 import logging
 from collections.abc import Sequence
@@ -52,12 +52,12 @@ from pointit.services.selector.store.journal import Journal, JournalContents
 
 log = logging.getLogger(__name__)
 
-JUDGE_S = 0.5
-"""How often it is looked what has come to an end without a message saying so."""
+CHECK_PERIOD_S = 0.5
+"""Period of checks for what ends without a message, s."""
 
 
 class Selector(Service[SelectorConfig]):
-    """Turns cursors that stay on objects into selections, for everybody."""
+    """Turns cursors that stay on objects into selections, for all people of a site."""
 
     NAME: ClassVar[str] = "selector"
     SCOPE: ClassVar[Scope] = "site"
@@ -65,7 +65,7 @@ class Selector(Service[SelectorConfig]):
 
     @classmethod
     def discard_saved_state(cls, site: str, now_ns: int) -> None:
-        """Close in the journal of `site` what is selected there; the audit stays."""
+        """Close all selections in the journal of `site`. The audit stays."""
         folder = site_folder(site, cls.NAME)
         if folder.is_dir():
             journal = Journal(folder, restore_within_s=0.0)
@@ -78,7 +78,7 @@ class Selector(Service[SelectorConfig]):
         super().__init__(config, context)
         self._journal = self._open_journal(config)
         self._in_use = config
-        self._selecting = SelectionEngine(config, self._journal.add if self._journal else None)
+        self._engine = SelectionEngine(config, self._journal.add if self._journal else None)
         self._people: dict[str, tuple[Publisher[Hover], Publisher[Feedback]]] = {}
         self._selections = self.bus.publisher(SELECTION)
         self._events = self.bus.publisher(SELECTION_EVENTS)
@@ -92,23 +92,26 @@ class Selector(Service[SelectorConfig]):
         self.bus.subscribe(OBJECTS, self._on_objects)
         self.bus.subscribe(CONVEYOR_STATE, self._on_conveyor)
         self.bus.subscribe(SELECTION_EVENTS, self._on_event)
-        # one that is on nothing takes back what was shown: that is never too late
+        # a cursor without a point only resets the hover, which is never too late
         self.bus.subscribe(CURSOR, self._on_cursor, in_time=lambda cursor: cursor.point_m is not None)
         self.bus.subscribe(BUTTON, self._on_button)
         self.bus.watch(USER_ALIVE, self._on_presence)
 
     async def run(self) -> None:
-        """Mind what ends without a message, and the journal; let go of that at the end."""
+        """Check periodically for what ends without a message, and maintain the journal.
+
+        Close it at the end.
+        """
         try:
             while True:
-                await sleep(self.clock, JUDGE_S)
+                await sleep(self.clock, CHECK_PERIOD_S)
                 now_ns = self.clock.now_ns()
-                self._put(self._selecting.tick(now_ns))
-                self._mind_silence(now_ns)
-                self._mind_journal(now_ns)
+                self._put(self._engine.tick(now_ns))
+                self._check_trackers(now_ns)
+                self._maintain_journal(now_ns)
         finally:
             if self._journal is not None:
-                self._mind_journal(self.clock.now_ns())
+                self._maintain_journal(self.clock.now_ns())
                 self._journal.close()
 
     def _open_journal(self, config: SelectorConfig) -> Journal | None:
@@ -119,61 +122,61 @@ class Selector(Service[SelectorConfig]):
         return Journal(folder, keep_days=kept.keep_days, restore_within_s=kept.restore_within_s)
 
     def _begin(self, now_ns: int) -> None:
-        """Take up what was selected before a restart, and tell again what may not have been told."""
+        """Restore what was selected before a restart, and republish possibly unpublished events."""
         kept = JournalContents() if self._journal is None else self._journal.begin(now_ns)
         if self._journal is not None and self._journal.problem:
             log.error("%s", self._journal.problem)
-        self._selecting.restore(kept.entries, kept.events, now_ns)
-        self._selections.put(self._selecting.selection(now_ns))
+        self._engine.restore(kept.entries, kept.events, now_ns)
+        self._selections.put(self._engine.selection(now_ns))
         for record in kept.unpublished:
             event = event_of(record, record.seq or 0, again=True)
             if event is not None:
                 self._put([Output("", event)])
-        self._mind_journal(now_ns)
+        self._maintain_journal(now_ns)
 
-    def _mind_journal(self, now_ns: int) -> None:
+    def _maintain_journal(self, now_ns: int) -> None:
         if self._journal is None:
             return
-        self._journal.maintain(now_ns, is_selected=self._selecting.has_selected)
+        self._journal.maintain(now_ns, is_selected=self._engine.has_selected)
         if self._journal.problem:
             self.bus.warn("journal", self._journal.problem)
         else:
             self.bus.clear("journal")
 
     def _on_map(self, environment: Environment, _name: str) -> None:
-        self._put(self._selecting.on_map(environment))
+        self._put(self._engine.on_map(environment))
 
     def _on_objects(self, objects: TrackedObjects, tracker: str) -> None:
-        self._put(self._selecting.on_objects(tracker, objects))
+        self._put(self._engine.on_objects(tracker, objects))
 
     def _on_conveyor(self, state: ConveyorState, _name: str) -> None:
-        self._put(self._selecting.on_conveyor(state))
+        self._put(self._engine.on_conveyor(state))
 
     def _on_event(self, event: SelectionEvent, _name: str) -> None:
-        self._put(self._selecting.on_event(event))
+        self._put(self._engine.on_event(event))
 
     def _on_cursor(self, cursor: Cursor, user: str) -> None:
-        self._put(self._selecting.on_cursor(user, cursor))
+        self._put(self._engine.on_cursor(user, cursor))
 
     def _on_button(self, button: ButtonEvent, user: str) -> None:
-        self._put(self._selecting.on_button(user, button))
+        self._put(self._engine.on_button(user, button))
 
     def _on_presence(self, user: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
-        self._put(self._selecting.set_present(user, present, self.clock.now_ns()))
+        self._put(self._engine.set_present(user, present, self.clock.now_ns()))
 
     async def _clear(self, _query: ClearSelection, user: str) -> Done:
-        events = _events(self._put(self._selecting.clear(user, self.clock.now_ns())))
+        events = _events(self._put(self._engine.clear(user, self.clock.now_ns())))
         done = [event for event in events if event.event == "deselected"]
         return Done(message=f"{len(done)} of {user}'s objects deselected")
 
     async def _undo(self, _query: UndoSelection, user: str) -> Done:
-        outputs = self._put(self._selecting.undo(user, self.clock.now_ns()))
-        return Done(message=_what_was_done(outputs))
+        outputs = self._put(self._engine.undo(user, self.clock.now_ns()))
+        return Done(message=_done_message(outputs))
 
     async def _release(self, query: ReleaseObject, user: str) -> Done:
         now_ns = self.clock.now_ns()
-        outputs = self._put(self._selecting.release(user, query.object_id, query.take_over, now_ns))
-        return Done(message=_what_was_done(outputs))
+        outputs = self._put(self._engine.release(user, query.object_id, query.take_over, now_ns))
+        return Done(message=_done_message(outputs))
 
     async def _set_method(self, query: SetMethod, _name: str) -> SetMethodReply:
         try:
@@ -182,7 +185,7 @@ class Selector(Service[SelectorConfig]):
             raise RefusedError(str(error)) from error
         if wanted != self._in_use:
             self._in_use = wanted
-            self._selecting.use(wanted)
+            self._engine.use(wanted)
         return SetMethodReply(
             message=f"staying on an object for {wanted.dwell_s:g} s selects it: {wanted.method}",
             method=wanted.method,
@@ -190,7 +193,7 @@ class Selector(Service[SelectorConfig]):
         )
 
     def _put(self, outputs: list[Output]) -> list[Output]:
-        """Publish `outputs`, which the journal has by then, and return them."""
+        """Publish `outputs`, after the journal has committed them, and return them."""
         journal = self._journal
         if journal is not None:
             journal.commit(self.clock.now_ns())
@@ -217,13 +220,13 @@ class Selector(Service[SelectorConfig]):
             )
         return person
 
-    def _mind_silence(self, now_ns: int) -> None:
-        silent = self._selecting.stale_trackers(now_ns)
+    def _check_trackers(self, now_ns: int) -> None:
+        silent = self._engine.stale_trackers(now_ns)
         if silent:
             names = ", ".join(sorted(silent))
             self.bus.warn(
                 "objects",
-                f"no news of objects from {names}; nothing of theirs can be hovered: is it running, "
+                f"no objects from {names}, so theirs cannot be hovered: is it running, "
                 "and is its clock right?",
             )
         else:
@@ -234,11 +237,11 @@ def _events(outputs: Sequence[Output]) -> list[SelectionEvent]:
     return [output.message for output in outputs if isinstance(output.message, SelectionEvent)]
 
 
-def _what_was_done(outputs: Sequence[Output]) -> str:
-    """Return what was done, in a sentence.
+def _done_message(outputs: Sequence[Output]) -> str:
+    """Return a message of what was done.
 
     Raises:
-        RefusedError: nothing was; the text says why.
+        RefusedError: If nothing was done. The message gives the reason.
     """
     done = [event for event in _events(outputs) if event.event != "refused"]
     if not done:

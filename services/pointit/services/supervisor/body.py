@@ -1,4 +1,4 @@
-"""The lengths of a person's body from their stature, standing or seated."""
+"""Lengths of a person's body from their stature, standing or seated."""
 
 import math
 from collections.abc import Mapping
@@ -6,17 +6,17 @@ from collections.abc import Mapping
 from pointit.schemas import BodyMeasures
 
 DEFAULT_STATURE_M = 1.835
-"""Of whom the common measures are (pointing.md §1)."""
+"""Stature of the default measures (pointing.md §1), m."""
 
 SITTING_HEIGHT = 0.520
-"""From the seat to the crown, as a share of the stature: men 0.5205, women 0.5229 (Gordon et al., 1988
+"""Height from the seat to the crown, as a share of the stature: men 0.5205, women 0.5229 (Gordon et al., 1988
 Anthropometric Survey of U.S. Army Personnel, 1989). Sitting down lowers the neck by the rest of the stature,
 less the height of the seat."""
 SEAT_HEIGHT = 0.247
-"""Popliteal height in the same survey: of a seat on which the feet stand flat."""
+"""Popliteal height in the same survey: height of a seat on which the feet stand flat, as a share."""
 
-SHORTEST_REACH_M = 0.05
-"""The finger of a straight arm must get so far past the eyes."""
+MIN_REACH_M = 0.05
+"""Minimum distance of the finger of a straight arm beyond the eyes, m."""
 
 
 def measures(
@@ -27,10 +27,10 @@ def measures(
     seated: bool = False,
     seat_height_m: float | None = None,
 ) -> BodyMeasures:
-    """Return the lengths of somebody `stature_m` tall; those `given_m` are taken as they are.
+    """Return the lengths for `stature_m`. Those in `given_m` replace the scaled ones.
 
     Raises:
-        ValueError: they contradict each other; one sentence says which and what to do.
+        ValueError: If they contradict each other. The message says which, and what to do.
     """
     if seat_height_m is not None and not seated:
         raise ValueError(
@@ -49,7 +49,7 @@ def measures(
     body = BodyMeasures(**{**scaled, **given_m})
     arm_m = body.shoulder_to_wrist_m + body.wrist_to_finger_m
     to_eyes_m = math.hypot(body.neck_to_shoulder_m, body.neck_to_eyes_m)
-    if ray_model == "eye_finger" and arm_m < to_eyes_m + SHORTEST_REACH_M:
+    if ray_model == "eye_finger" and arm_m < to_eyes_m + MIN_REACH_M:
         raise ValueError(
             f"an arm of {arm_m:.2f} m does not reach past eyes {to_eyes_m:.2f} m from the shoulder: correct "
             "body.shoulder_to_wrist_m or body.neck_to_eyes_m, or choose another ray_model"

@@ -11,7 +11,7 @@ from pointit.services.supervisor.body import DEFAULT_STATURE_M, measures
 
 
 class BodyConfig(Config):
-    """Lengths of the person's body; what is empty is scaled from the stature."""
+    """Lengths of the person's body. Empty ones are scaled from the stature."""
 
     footprint_to_neck_m: float | None = Field(
         default=None, gt=0, lt=3, description="from the floor to the neck, standing, m; empty: by stature"
@@ -31,7 +31,7 @@ class BodyConfig(Config):
 
 
 class ProfileConfig(Config):
-    """Who the person is to the system."""
+    """The person's profile for the system."""
 
     stature_m: float = Field(
         default=DEFAULT_STATURE_M,
@@ -44,13 +44,13 @@ class ProfileConfig(Config):
         default=None,
         ge=0.1,
         le=1.2,
-        description="of the seat above the floor, m; empty: a chair that fits the person",
+        description="height of the seat above the floor, m; empty: a chair that fits the person",
     )
     body: BodyConfig = Field(default=BodyConfig(), description="lengths of the person's body")
     hand: Literal["left", "right"] = Field(default="right", description="the hand that points")
     ray_model: Literal["eye_finger", "shoulder_arm", "forearm"] = Field(
         default="eye_finger",
-        description="from the eyes through the fingertip; from the shoulder along the arm; "
+        description="ray from the eyes through the fingertip, from the shoulder along the arm, or "
         "from the elbow of a hanging upper arm along the forearm",
     )
     cursor_color: Rgb = Field(
@@ -59,11 +59,11 @@ class ProfileConfig(Config):
     cursor_colormap: str = Field(
         default="",
         max_length=32,
-        description="of the cursor by its distance, such as viridis; empty: it has `cursor_color`",
+        description="colormap of the cursor by its distance, such as viridis; empty: `cursor_color`",
     )
     cursor_width_m: float = Field(default=0.1, gt=0, le=1, description="length of the cursor on a strip, m")
     pattern: Literal["solid", "dashed", "dotted", "striped", "hollow", "tailed"] = Field(
-        default="solid", description="second sign of what is this person's, beside the colour"
+        default="solid", description="pattern of this person's objects, in addition to the colour"
     )
 
     @model_validator(mode="after")
@@ -75,7 +75,7 @@ class ProfileConfig(Config):
         """Return the lengths of the pointing model.
 
         Raises:
-            ValueError: they contradict each other.
+            ValueError: If they contradict each other.
         """
         return measures(
             self.stature_m,
@@ -87,51 +87,51 @@ class ProfileConfig(Config):
 
 
 class SupervisorConfig(Config):
-    """How a person gets from the button to pointing, and when they are sent back."""
+    """Transitions of a person from the button to pointing and back."""
 
     localize: bool = Field(
         default=False,
-        description="find the person's place by pointing before they interact; otherwise it must be known",
+        description="localize the person by pointing before they interact; else their pose must be known",
     )
     relocalize_each_time: bool = Field(
-        default=False, description="localize at every start, also when the place is known"
+        default=False, description="localize at every start, even if the pose is known"
     )
     localization_method: Literal["static_targets", "moving_target"] | None = Field(
-        default=None, description="what the person points at to be localized; empty: as the localizer has it"
+        default=None, description="kind of targets for localization; empty: the localizer's default"
     )
     localization_timeout_s: float = Field(
         default=60.0,
         gt=0,
         le=3600,
-        description="longest time with one target, s; waiting for a turn does not count",
+        description="timeout per target, s, without waiting for a turn",
     )
     imu_timeout_s: float = Field(
-        default=3.0, gt=0, le=600, description="a wrist that is silent for longer ends the interaction, s"
+        default=3.0, gt=0, le=600, description="silence of the wrist that ends the interaction, s"
     )
     autostart: bool = Field(
         default=False,
-        description="begin by itself when samples come, until a press stops it: for devices without a button",
+        description="start automatically when samples come, until a press: for devices without a button",
     )
     retry_s: float = Field(
-        default=5.0, gt=0, le=600, description="autostart: how long to wait after localizing failed, s"
+        default=5.0, gt=0, le=600, description="autostart: delay after localizing failed, s"
     )
     resume_s: float = Field(
         default=30.0,
         ge=0,
         le=3600,
-        description="pointing that a silent wrist or a restarted supervisor broke off goes on by itself when "
-        "samples come within, s; 0: after a press only",
+        description="time within which samples resume pointing that a silent wrist or a restarted supervisor "
+        "interrupted, s; 0: a press is required",
     )
     press_while_pointing: Literal["ends", "confirms"] = Field(
         default="ends",
-        description="what a press does while pointing: it ends that; or it is left to the selector, whose "
-        "selections it confirms, and only holding the button ends",
+        description="effect of a press while pointing: ends it, or confirms a selection in the selector, and "
+        "only holding the button ends it",
     )
     unsure_yaw_deg: float = Field(
         default=15.0,
         gt=0,
         le=180,
-        description="the person is asked to point at a lamp once when the yaw of their pose is less certain "
-        "than this (1 sigma), degrees; as the localizer's drift.max_yaw_sigma_deg",
+        description="standard deviation of the yaw of the pose above which the person is asked to point at a "
+        "lamp once, degrees; like the localizer's drift.max_yaw_sigma_deg",
     )
     profile: ProfileConfig = Field(default=ProfileConfig(), description="the person's profile")

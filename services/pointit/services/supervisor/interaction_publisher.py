@@ -1,4 +1,4 @@
-"""What the person hears and sees of their interaction: states that are news, and cues."""
+"""Outputs to the person about their interaction: changed states, and cues."""
 
 from collections import deque
 from typing import Literal
@@ -10,14 +10,14 @@ State = Literal["idle", "localizing", "pointing"]
 
 
 class InteractionPublisher:
-    """Counts what is said, and says no state twice."""
+    """Numbers states and cues, and skips unchanged states."""
 
     def __init__(self) -> None:
         self._shown: tuple[State, str, str, tuple[str, ...], bool] | None = None
         self._seq = 0
         self._cues = 0
         self._flashes_ns = deque[int](maxlen=MOST_FLASHES)
-        """When the last cues with a colour were given."""
+        """Times of the last cues with a colour, ns."""
 
     def show(
         self,
@@ -29,7 +29,7 @@ class InteractionPublisher:
         *,
         is_unsure: bool = False,
     ) -> list[Interaction]:
-        """Return where the person is, unless that is what was said last."""
+        """Return the state of the interaction, unless it equals the last one."""
         news = (state, reason, next_step, ahead, is_unsure)
         if news == self._shown:
             return []
@@ -48,7 +48,7 @@ class InteractionPublisher:
         ]
 
     def cue(self, now_ns: int, cue: Cue, text: str, target_id: str = "", *, waits: bool = False) -> Feedback:
-        """Return a cue; one that would make lamps flash too often comes without its colour."""
+        """Return a cue. It comes without its colour if lamps would flash too often."""
         self._cues += 1
         sign = SIGNS[cue]
         return Feedback(

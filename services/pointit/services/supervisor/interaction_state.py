@@ -1,4 +1,4 @@
-"""Where the person is in the interaction, and how they are told: the scene on which the life cycle plays."""
+"""State of the interaction, and its outputs to the person. Controlled by the life cycle."""
 
 from pointit.schemas import Feedback, Interaction, UserPose
 from pointit.schemas.cues import Cue
@@ -10,7 +10,7 @@ from pointit.services.supervisor.readiness import Readiness
 
 
 class InteractionStateMachine:
-    """Goes from state to state as it is told; says each state that is news, with its cues."""
+    """Changes state as requested. Returns changed states with their cues."""
 
     def __init__(
         self,
@@ -23,13 +23,13 @@ class InteractionStateMachine:
     ) -> None:
         self.state: State = "idle"
         self.search: LocalizationAttempt | None = None
-        """While localizing."""
+        """Current attempt while localizing."""
         self.pose_ns: int | None = None
-        """Stamp of the newest pose; none: the person's place is not known."""
+        """Stamp of the newest pose, ns. None: no pose is known."""
         self.heard_ns = 0
-        """When the wrist was heard, or listening to it began."""
+        """Time of the wrist's last sample, or of the start of listening, ns."""
         self.over_ns = 0
-        """When the last search ended; what began before is over."""
+        """Time at which the last attempt ended, ns. Anything that began earlier is over."""
         self.reason = ""
         self._readiness = readiness
         self._localizes = localizes
@@ -37,21 +37,21 @@ class InteractionStateMachine:
         self._press_ends = press_ends
         self._unsure_variance = unsure_variance
         self._is_unsure = False
-        """Whether the yaw of the pose is so uncertain that an anchor is wanted."""
+        """True if the yaw of the pose is so uncertain that an anchor is needed."""
         self._runs = 0
-        self._voice = InteractionPublisher()
+        self._publisher = InteractionPublisher()
 
-    def take_pose(self, pose: UserPose) -> None:
-        """Take the person's place."""
+    def on_pose(self, pose: UserPose) -> None:
+        """Set the person's pose."""
         self.pose_ns = pose.stamp_ns
         self._is_unsure = pose.method != "external" and pose.covariance[8] > self._unsure_variance
 
-    def set_back(self, by_ns: int) -> None:
-        """Take that the clock was set back: what was noted would be to come for so long."""
+    def on_clock_step(self, by_ns: int) -> None:
+        """Shift all times by a clock step backwards of `by_ns`."""
         self.heard_ns -= by_ns
         self.over_ns = 0
         if self.search is not None:
-            self.search.set_back(by_ns)
+            self.search.on_clock_step(by_ns)
 
     def start_attempt(
         self,
@@ -64,8 +64,8 @@ class InteractionStateMachine:
         otherwise: State | None = None,
         is_joined: bool = False,
     ) -> LocalizationAttempt:
-        """Begin a search, from `since_ns` on; where it leads is where the person is, unless that is given."""
-        if self.state != "pointing":  # the silence counts from here, as nobody listened before
+        """Start an attempt that counts from `since_ns`. It leads to the current state by default."""
+        if self.state != "pointing":  # the silence counts from here, as there was no listening before
             self.heard_ns = now_ns
         self._runs += 1
         self.search = LocalizationAttempt(
@@ -81,38 +81,38 @@ class InteractionStateMachine:
         self.reason = reason
         return self.search
 
-    def seek_again(self, search: LocalizationAttempt, reason: str) -> None:
-        """Begin a search again in its place and time."""
+    def restart_attempt(self, search: LocalizationAttempt, reason: str) -> None:
+        """Restart an attempt, keeping its times."""
         self._runs += 1
         self.reason = reason
-        search.again(self._runs)
+        search.restart(self._runs)
 
     def point(self, now_ns: int, reason: str, *, was_heard: bool = False) -> list[Output]:
-        """Let the person point; `was_heard`: their wrist was listened to until now."""
+        """Start pointing. `was_heard`: True if the wrist was listened to until now."""
         if not was_heard:
             self.heard_ns = now_ns  # the silence counts from here
         self._enter("pointing", now_ns, reason)
         return [*self.show(now_ns), self.cue(now_ns, "started", self._pointing)]
 
     def rest(self, now_ns: int, cue: Cue, reason: str) -> list[Output]:
-        """Let the person rest."""
+        """Stop pointing."""
         self._enter("idle", now_ns, reason)
         return [*self.show(now_ns), self.cue(now_ns, cue, reason)]
 
     def show(self, now_ns: int) -> list[Interaction]:
-        """Say where the person is and what they should do next, if that is news."""
+        """Return the state and the next step of the person, if changed."""
         ahead = self.search.ahead if self.search is not None else ()
         is_unsure = self.state == "pointing" and self._is_unsure
-        return self._voice.show(
+        return self._publisher.show(
             now_ns, self.state, self.reason, self._next_step(), ahead, is_unsure=is_unsure
         )
 
     def cue(self, now_ns: int, cue: Cue, text: str, target_id: str = "", *, waits: bool = False) -> Feedback:
         """Return a cue."""
-        return self._voice.cue(now_ns, cue, text, target_id, waits=waits)
+        return self._publisher.cue(now_ns, cue, text, target_id, waits=waits)
 
     def wait_cue(self, now_ns: int) -> Feedback:
-        """Return the cue that a search began and its target will be named."""
+        """Return the cue that an attempt started and its target will follow."""
         return self.cue(now_ns, "started", user_messages.WAIT, waits=True)
 
     def _enter(self, state: State, now_ns: int, reason: str) -> None:

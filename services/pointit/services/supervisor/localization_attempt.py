@@ -1,6 +1,6 @@
-"""One localization or anchor that goes on, as the person sees it: whom they wait for, what to point at.
+"""One localization or anchor in progress, as the person sees it: queue, target and next step.
 
-Pure: the localizer's news go in; what they mean for this search comes out.
+Pure: it classifies the localizer's messages for this attempt.
 """
 
 from typing import Literal
@@ -13,16 +13,16 @@ Purpose = Literal["pose", "anchor"]
 
 Failure = Literal["refused", "cancelled", "lost"]
 Meaning = Literal["nothing", "aim", "found", "restarted"] | Failure
-"""`aim`: what to do, or whom to wait for, may have changed; `restarted`: the localizer knows nothing of it;
-`lost`: it does something else."""
+"""Meaning of a message. `aim`: target or queue may have changed. `restarted`: the localizer does not know
+the attempt. `lost`: it does something else."""
 
 
-_OF_ANCHORS: dict[Failure, str] = {
+_ANCHOR_FAILURES: dict[Failure, str] = {
     "refused": user_messages.ANCHOR_REFUSED,
     "cancelled": user_messages.ANCHOR_CANCELLED,
     "lost": user_messages.ANCHOR_LOST,
 }
-_OF_POSES: dict[Failure, str] = {
+_POSE_FAILURES: dict[Failure, str] = {
     "refused": user_messages.REFUSED,
     "cancelled": user_messages.CANCELLED,
     "lost": user_messages.POSE_LOST,
@@ -30,7 +30,7 @@ _OF_POSES: dict[Failure, str] = {
 
 
 class LocalizationAttempt:
-    """Begins when it is asked for; by the person, or by somebody else: then it is joined when it goes on."""
+    """An attempt requested by the person, or joined if requested by another client."""
 
     def __init__(
         self,
@@ -43,16 +43,16 @@ class LocalizationAttempt:
         otherwise: State,
         is_joined: bool = False,
     ) -> None:
-        """Begin.
+        """Start the attempt.
 
         Args:
-            run: counts the searches.
-            purpose: what for.
-            since_ns: news from before are not of this one.
-            now_ns: the time-out counts from here, or from when the waiting ends.
-            then: where it leads when it succeeds.
-            otherwise: where, when it does not.
-            is_joined: somebody else has asked for it.
+            run: number of the attempt.
+            purpose: purpose of the attempt.
+            since_ns: earlier messages do not belong to it.
+            now_ns: start of the timeout, which restarts when waiting ends.
+            then: next state on success.
+            otherwise: next state on failure.
+            is_joined: True if another client requested it.
         """
         self.run = run
         self.purpose = purpose
@@ -60,42 +60,42 @@ class LocalizationAttempt:
         self.state_on_failure = otherwise
         self.is_joined = is_joined
         self.is_answered = is_joined
-        """Whether the localizer has consented; what ends before that is an earlier one."""
+        """True if the localizer has accepted it. What ends before that is an earlier one."""
         self.since_ns = since_ns
         self.counted_ns = now_ns
-        """From when the time-out counts: the last target that followed another, or the begin."""
+        """Start of the timeout, ns: the last change of target, or the start."""
         self.next_step = user_messages.WAIT
         self.ahead: tuple[str, ...] = ()
         self.target_id = ""
-        """What is to be pointed at now."""
+        """Current target, or `""`."""
         self._reached = 0
         """Highest index of a target so far."""
         self._aimed: tuple[int, int] | None = None
-        """Of which localization which target was told."""
+        """`(since_ns, target_index)` of the last target announced to the person, or None."""
 
     @property
     def is_owned_by_requester(self) -> bool:
-        """Return whether its time-outs are those of who asked for it."""
+        """Return True if its timeouts are those of the client that requested it."""
         return self.is_joined and self.purpose == "pose"
 
-    def again(self, run: int) -> None:
-        """Begin again in its place and time: the localizer was restarted."""
+    def restart(self, run: int) -> None:
+        """Restart it, keeping its times, as the localizer was restarted."""
         self.run = run
         self.is_answered = False
         self.next_step = user_messages.WAIT
         self.ahead, self.target_id, self._aimed = (), "", None
 
-    def set_back(self, by_ns: int) -> None:
-        """Take that the clock was set back."""
+    def on_clock_step(self, by_ns: int) -> None:
+        """Shift all times by a clock step backwards of `by_ns`."""
         self.since_ns -= by_ns
         self.counted_ns -= by_ns
 
     def classify(self, news: Localization, pose_ns: int | None) -> Meaning:
-        """Return what `news` mean for it.
+        """Return the meaning of `news` for this attempt.
 
         Args:
-            news: of the person's localizer.
-            pose_ns: stamp of the newest pose; none: none is known.
+            news: message of the person's localizer.
+            pose_ns: stamp of the newest pose. None: no pose is known.
         """
         if news.stamp_ns < self.since_ns:
             return "nothing"
@@ -117,20 +117,20 @@ class LocalizationAttempt:
         is_unseen = pose_ns is not None and pose_ns >= self.since_ns
         return "found" if is_unseen else "restarted"  # idle, as if it had never heard of us
 
-    def failure_reason(self, failure: Failure, told: str = "") -> str:
-        """Return why it came to nothing; what was `told` says it best, of what still is this search."""
-        if told and failure != "lost":
-            return told
+    def failure_reason(self, failure: Failure, given: str = "") -> str:
+        """Return the reason of a failure: the localizer's if `given`, unless it is lost, or a default."""
+        if given and failure != "lost":
+            return given
         if self.purpose == "anchor":
-            return _OF_ANCHORS[failure]
+            return _ANCHOR_FAILURES[failure]
         if failure == "cancelled" and self.is_joined:
             return user_messages.POSE_CANCELLED
-        return _OF_POSES[failure]
+        return _POSE_FAILURES[failure]
 
     def follow(self, news: Localization, now_ns: int) -> bool:
-        """Take what is to be done now; return whether that asks for a cue: once a target.
+        """Update target and queue. Return True if a cue is due, once per target.
 
-        The robot that seems to be meant may change while the person follows theirs; that is no new target.
+        A change of the robot's candidate while the person follows theirs is no new target.
         """
         self.ahead = news.ahead
         if news.ahead:
@@ -142,7 +142,7 @@ class LocalizationAttempt:
             if not self.target_id:
                 self.next_step = user_messages.WAIT
             return False
-        if news.target_index > self._reached:  # many lamps take longer than one may take
+        if news.target_index > self._reached:  # the timeout is per lamp
             self._reached, self.counted_ns = news.target_index, now_ns
         aimed, self._aimed = self._aimed, (news.since_ns, news.target_index)
         self.next_step = user_messages.aim(news)

@@ -1,4 +1,4 @@
-"""A kept pointing offset: under which name it is kept, and how people are told of it."""
+"""Stored pointing offsets: name of the file, validity, and messages."""
 
 import math
 from datetime import UTC, datetime
@@ -6,26 +6,26 @@ from datetime import UTC, datetime
 from pointit.schemas import NS_PER_S, PointingOffset
 
 OFFSET_PURPOSE = "offset"
-"""Under this name a person's pointing offset is kept, a file for each person."""
+"""Name of the file of a person's pointing offset."""
 
 
-LARGEST_RAD = math.radians(45.0)
-"""Nobody who points is off by more on average, wherever they point."""
+MAX_RAD = math.radians(45.0)
+"""Limit of the mean error of a person's pointing."""
 
 
 def offset_problem(offset: PointingOffset) -> str:
-    """Return what is wrong with an offset that nobody has; empty for one that somebody may have."""
+    """Return an error message if the mean error of `offset` exceeds 45°, else `""`."""
     worst_rad = max(abs(offset.azimuth[0]), abs(offset.elevation[0]))
-    if worst_rad <= LARGEST_RAD:
+    if worst_rad <= MAX_RAD:
         return ""
     return (
-        f"an offset of {math.degrees(worst_rad):.0f}° is nobody's and at most "
-        f"{math.degrees(LARGEST_RAD):.0f}° is taken; are its angles in radians?"
+        f"an offset of {math.degrees(worst_rad):.0f}° exceeds the limit of "
+        f"{math.degrees(MAX_RAD):.0f}°; are its angles in radians?"
     )
 
 
 def offset_in_use(user: str, offset: PointingOffset) -> str:
-    """Return that an offset of before is in use, and how it is forgotten; in this machine's local time."""
+    """Return a message that a stored offset is in use, and how to erase it, in local time."""
     of = ""
     if offset.fitted_ns:
         of = f" of {minute(offset.fitted_ns)}"
@@ -33,5 +33,5 @@ def offset_in_use(user: str, offset: PointingOffset) -> str:
 
 
 def minute(stamp_ns: int) -> str:
-    """Return a time as people write it, in this machine's local time: `2026-11-20 11:05`."""
+    """Return a time in this machine's local time: `2026-11-20 11:05`."""
     return f"{datetime.fromtimestamp(stamp_ns / NS_PER_S, UTC).astimezone():%Y-%m-%d %H:%M}"

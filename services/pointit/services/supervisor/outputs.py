@@ -1,4 +1,4 @@
-"""What a life cycle gives out: states and cues to publish, requests for the localizer."""
+"""Outputs of a life cycle: states and cues to publish, requests to the localizer."""
 
 from dataclasses import dataclass
 
@@ -7,23 +7,23 @@ from pointit.schemas import Feedback, Interaction
 
 @dataclass(frozen=True, slots=True)
 class Start:
-    """Ask the localizer to begin."""
+    """Request to start a localization."""
 
     run: int
-    """Which of the person's localizations it is; answers to earlier ones do not count any more."""
+    """Number of the person's localization. Replies to earlier ones are ignored."""
 
 
 @dataclass(frozen=True, slots=True)
 class StartAnchor:
-    """Ask the localizer to have the person point at one lamp."""
+    """Request to point at one lamp as an anchor."""
 
     run: int
-    """As in `Start`."""
+    """Number as in `Start`."""
 
 
 @dataclass(frozen=True, slots=True)
 class Cancel:
-    """Ask the localizer to stop, and tell `LifeCycle.on_cancel_reply` when it has answered."""
+    """Request to cancel, to be followed by `LifeCycle.on_cancel_reply`."""
 
 
 Output = Interaction | Feedback | Start | StartAnchor | Cancel

@@ -1,37 +1,37 @@
-"""The person's place outlives the localizer: a pose is a state, and a state dies with its writer."""
+"""Restores the pose after a restart of the localizer, since a retained pose is lost with its publisher."""
 
 from pointit.schemas import Localization, SetPose, UserPose
 
 OWN_NS = 1_000_000_000
-"""How long a restarted localizer has to publish a pose of its own (a fixed one does at once)."""
+"""Time for a restarted localizer to publish a pose of its own, ns (a fixed one does at once)."""
 
 
 class PoseRestorer:
-    """Keeps the last pose, and tells when a localizer that came anew needs it back.
+    """Keeps the last pose, and returns it when a new localizer needs it.
 
-    A localizer is new when it says `idle`, its first word, after the known pose, or when it was away and is
-    present again. A pose from an external tracker is the tracker's to keep.
+    A localizer is new if it publishes `idle`, its first state, after the known pose, or if it was away and is
+    present again. A pose from an external tracker is restored by the tracker.
     """
 
     def __init__(self) -> None:
         self._pose: UserPose | None = None
         self._new_ns: int | None = None
-        """Since when there is a localizer without our pose."""
+        """Time since which there is a localizer without our pose, ns."""
         self._is_away = False
         self._is_sampling = False
 
     @property
     def deadline_ns(self) -> int | None:
-        """Return when `due` must be asked; none while nothing needs to be given back."""
+        """Return the time at which to call `due`. None while there is nothing to restore."""
         pose = self._pose
         if pose is None or pose.method == "external" or self._new_ns is None:
             return None
-        if self._is_away or self._is_sampling:  # nobody to take it; about to find a better one
+        if self._is_away or self._is_sampling:  # absent, or about to find a better pose
             return None
         return self._new_ns + OWN_NS
 
     def pose(self, pose: UserPose) -> None:
-        """Take a pose: whoever published it has it; what a new localizer is configured with is no news."""
+        """Update the pose. The pose from a new localizer's configuration does not replace a measured one."""
         kept = self._pose
         is_configured = pose.method == "fixed" and not any(pose.covariance)
         if self._new_ns is not None and is_configured and kept is not None and any(kept.covariance):
@@ -41,13 +41,13 @@ class PoseRestorer:
         self._is_away = False
 
     def localization(self, news: Localization, now_ns: int) -> None:
-        """Take the localizer's progress."""
+        """Process the localizer's progress."""
         self._is_sampling = news.phase == "sampling"
         if news.phase == "idle" and self._pose is not None and news.stamp_ns > self._pose.stamp_ns:
             self._renew(now_ns)
 
     def localizer(self, now_ns: int, *, is_present: bool) -> None:
-        """Take note that the localizer is present, or is not any more."""
+        """Record the presence of the localizer."""
         if not is_present:
             self._is_away = True
             self._is_sampling = False
@@ -56,13 +56,13 @@ class PoseRestorer:
             self._renew(now_ns)
 
     def due(self, now_ns: int) -> SetPose | None:
-        """Return what the localizer is to be told now, once."""
+        """Return the request that restores the pose, once, if it is due."""
         deadline_ns = self.deadline_ns
         pose = self._pose
         if pose is None or pose.method == "external" or deadline_ns is None or now_ns < deadline_ns:
             return None
         self._new_ns = None
-        if not any(pose.covariance):  # exact, as it was said
+        if not any(pose.covariance):  # exact, as it was set
             return SetPose(position_m=pose.position_m, yaw_rad=pose.yaw_rad)
         return SetPose(
             position_m=pose.position_m,
@@ -72,8 +72,8 @@ class PoseRestorer:
             elevation_bias_rad=pose.elevation_bias_rad,
         )
 
-    def not_taken(self, now_ns: int) -> None:
-        """Take note that the localizer did not take the pose: it will be due again."""
+    def on_rejected(self, now_ns: int) -> None:
+        """Record that the localizer did not accept the pose, so that it becomes due again."""
         self._renew(now_ns)
 
     def _renew(self, now_ns: int) -> None:

@@ -1,4 +1,4 @@
-"""Reads a person's button, wrist and localization, writes their interaction, their profile and cues."""
+"""Subscribes to a person's button, wrist and localization; publishes interaction, profile and cues."""
 
 import asyncio
 import logging
@@ -50,12 +50,12 @@ from pointit.services.supervisor.readiness import LAST_WORD_PURPOSE
 
 log = logging.getLogger(__name__)
 
-LONGEST_WAIT_S = 1.0
-"""Wall time after which a running deadline is looked at again: the clock's speed may have changed."""
+MAX_WAIT_S = 1.0
+"""Wall time after which a running deadline is checked again, s, since the clock's speed may change."""
 
 
 class Supervisor(Service[SupervisorConfig]):
-    """Leads one person from the button to pointing and back."""
+    """Controls one person's way from the button to pointing and back."""
 
     NAME: ClassVar[str] = "supervisor"
     SCOPE: ClassVar[Scope] = "user"
@@ -75,7 +75,7 @@ class Supervisor(Service[SupervisorConfig]):
             press_while_pointing=config.press_while_pointing,
             unsure_rad=math.radians(config.unsure_yaw_deg),
         )
-        self._place = PoseRestorer()
+        self._restorer = PoseRestorer()
         self._requests: asyncio.Queue[Start | StartAnchor | Cancel | SetPose] = asyncio.Queue()
         self._moved = asyncio.Event()
         self._offsets = StateFile(PointingOffset, self.user, OFFSET_PURPOSE)
@@ -87,10 +87,10 @@ class Supervisor(Service[SupervisorConfig]):
         self._feedback = self.bus.publisher(FEEDBACK, self.user)
         self._put_profile()
         self._began_ns = self.clock.now_ns()
-        self._kept_word = StateFile(Interaction, self.user, LAST_WORD_PURPOSE)
-        self._last_word: Interaction | None = None
-        self._said = asyncio.Event()
-        self._take_up()
+        self._stored_last = StateFile(Interaction, self.user, LAST_WORD_PURPOSE)
+        self._last: Interaction | None = None
+        self._has_last = asyncio.Event()
+        self._restore_last()
         self.bus.subscribe(INTERACTION, self._on_interaction, self.user)
         self._do(self._cycle.begin(self._began_ns))
         self.bus.subscribe(POSE, self._on_pose, self.user)
@@ -101,52 +101,52 @@ class Supervisor(Service[SupervisorConfig]):
         self.bus.serve(SET_OFFSET, self._set_offset, self.user)
 
     async def run(self) -> None:
-        """Ask the localizer, one request after the other, mind the deadlines, keep the last word."""
+        """Send requests to the localizer one by one, watch the deadlines, and store the last interaction."""
         async with asyncio.TaskGroup() as group:
-            group.create_task(self._ask(), name=f"supervisor.{self.user} requests")
-            group.create_task(self._keep_word(), name=f"supervisor.{self.user} last word")
-            group.create_task(self._mind_time(), name=f"supervisor.{self.user} deadlines")
+            group.create_task(self._send_requests(), name=f"supervisor.{self.user} requests")
+            group.create_task(self._store_last(), name=f"supervisor.{self.user} last word")
+            group.create_task(self._run_deadlines(), name=f"supervisor.{self.user} deadlines")
 
     def _on_pose(self, pose: UserPose, _user: str) -> None:
-        self._place.pose(pose)
+        self._restorer.pose(pose)
         self._do(self._cycle.pose(pose, self.clock.now_ns()))
 
     def _on_localization(self, news: Localization, _user: str) -> None:
         now_ns = self.clock.now_ns()
-        self._place.localization(news, now_ns)
+        self._restorer.localization(news, now_ns)
         self._do(self._cycle.localization(news, now_ns))
-        word = self._last_word
+        word = self._last
         if (
             word is not None
             and word.state == self._cycle.state == "pointing"
             and news.stamp_ns > word.stamp_ns
         ):
-            # of a restarted localizer, perhaps: who is here after us learns that pointing went on after it
-            self._last_word = word.model_copy(update={"stamp_ns": news.stamp_ns})
-            self._said.set()
+            # a restarted localizer perhaps: a later supervisor must see that pointing continued after it
+            self._last = word.model_copy(update={"stamp_ns": news.stamp_ns})
+            self._has_last.set()
 
     def _on_interaction(self, before: Interaction, _user: str) -> None:
-        if before.stamp_ns < self._began_ns:  # else it is our own
+        if before.stamp_ns < self._began_ns:  # otherwise it is our own
             self._cycle.resume_from(before, self.clock.now_ns())
 
-    def _take_up(self) -> None:
+    def _restore_last(self) -> None:
         try:
-            before = self._kept_word.read()
+            before = self._stored_last.read()
         except ConfigError as error:
-            self.bus.warn("last word", f"what the person was about is not taken up: {error}")
+            self.bus.warn("last word", f"the last interaction is not resumed: {error}")
             return
         if before is not None:
             self._cycle.resume_from(before, self._began_ns)
 
-    async def _keep_word(self) -> None:
-        """Write what was said last, for who is here after us."""
+    async def _store_last(self) -> None:
+        """Store the last interaction for the next start of the supervisor."""
         while True:
-            await self._said.wait()
-            self._said.clear()
-            if self._last_word is None:
+            await self._has_last.wait()
+            self._has_last.clear()
+            if self._last is None:
                 continue
             try:
-                await asyncio.to_thread(self._kept_word.write, self._last_word)
+                await asyncio.to_thread(self._stored_last.write, self._last)
             except ConfigError as error:
                 self.bus.warn("last word", f"after a restart the person has to press again: {error}")
             else:
@@ -154,7 +154,7 @@ class Supervisor(Service[SupervisorConfig]):
 
     def _on_presence(self, instance: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
         if instance == f"{START_LOCALIZATION.server}.{self.user}":
-            self._place.localizer(self.clock.now_ns(), is_present=present)
+            self._restorer.localizer(self.clock.now_ns(), is_present=present)
             self._moved.set()
 
     def _on_imu(self, sample: ImuSample, _user: str) -> None:
@@ -170,22 +170,22 @@ class Supervisor(Service[SupervisorConfig]):
             match output:
                 case Interaction():
                     self._interactions.put(output)
-                    self._last_word = output
-                    self._said.set()
+                    self._last = output
+                    self._has_last.set()
                 case Feedback():
                     self._feedback.put(output)
                 case Start() | StartAnchor() | Cancel():
                     self._requests.put_nowait(output)
         self._moved.set()
 
-    async def _ask(self) -> None:
+    async def _send_requests(self) -> None:
         while True:
             request = await self._requests.get()
             if isinstance(request, Cancel):
                 await self._cancel()
             elif isinstance(request, SetPose):
-                await self._give_back(request)
-            elif request.run == self._cycle.run:  # else the person has thought better of it
+                await self._restore_pose(request)
+            elif request.run == self._cycle.run:  # otherwise the person has cancelled
                 await self._start(request)
 
     async def _start(self, request: Start | StartAnchor) -> None:
@@ -203,37 +203,37 @@ class Supervisor(Service[SupervisorConfig]):
     async def _cancel(self) -> None:
         try:
             await self.bus.call(CANCEL_LOCALIZATION, CancelLocalization(), self.user)
-        except RequestError as error:  # it is not localizing, or not there: nothing is left to cancel
+        except RequestError as error:  # not localizing or absent: nothing to cancel
             log.debug("%s", error)
         self._cycle.on_cancel_reply(self.clock.now_ns())
 
-    async def _give_back(self, place: SetPose) -> None:
+    async def _restore_pose(self, place: SetPose) -> None:
         try:
             await self.bus.call(SET_POSE, place, self.user)
         except RequestError as error:
-            self.bus.warn("place", f"the restarted localizer did not take the person's place: {error}")
-            self._place.not_taken(self.clock.now_ns())
+            self.bus.warn("place", f"the restarted localizer did not accept the person's pose: {error}")
+            self._restorer.on_rejected(self.clock.now_ns())
             self._moved.set()
         else:
             self.bus.clear("place")
 
-    async def _mind_time(self) -> None:
+    async def _run_deadlines(self) -> None:
         while True:
             now_ns = self.clock.now_ns()
             self._do(self._cycle.tick(now_ns))
-            is_resting = self._cycle.state != "localizing"  # else a pose would end what the localizer does
-            place = self._place.due(now_ns) if is_resting else None
+            is_resting = self._cycle.state != "localizing"  # a pose would end the localization
+            place = self._restorer.due(now_ns) if is_resting else None
             if place is not None:
                 self._requests.put_nowait(place)
             self._moved.clear()
-            waits = [self._cycle.deadline_ns, self._place.deadline_ns if is_resting else None]
+            waits = [self._cycle.deadline_ns, self._restorer.deadline_ns if is_resting else None]
             deadline_ns = min((wait for wait in waits if wait is not None), default=None)
             if deadline_ns is None:
                 await self._moved.wait()
                 continue
             left_s = max(0.0, (deadline_ns - self.clock.now_ns()) / NS_PER_S / self.clock.speed)
             try:
-                async with asyncio.timeout(min(left_s, LONGEST_WAIT_S)):
+                async with asyncio.timeout(min(left_s, MAX_WAIT_S)):
                     await self._moved.wait()
             except TimeoutError:
                 pass
@@ -241,22 +241,24 @@ class Supervisor(Service[SupervisorConfig]):
     async def _set_offset(self, query: SetOffset, _user: str) -> Done:
         if query.offset is not None and (wrong := offset_problem(query.offset)):
             raise RefusedError(wrong)
-        async with self._setting:  # what is kept is what was set last
+        async with self._setting:  # the stored offset must be the last one set
             self._offset = query.offset
             self._put_profile()
-            trouble = await self._keep_offset()
+            problem = await self._store_offset()
         what = "the offset is forgotten" if query.offset is None else "the offset is in use"
-        return Done(message=f"{what}, but a restart brings the one of before: {trouble}" if trouble else what)
+        return Done(
+            message=f"{what}, but a restart restores the previous one: {problem}" if problem else what
+        )
 
-    async def _keep_offset(self) -> str:
-        """Write or erase what outlives this process; return what went wrong."""
+    async def _store_offset(self) -> str:
+        """Store or erase the offset. Return the problem, or `""`."""
         try:
             if self._offset is None:
                 await asyncio.to_thread(self._offsets.erase)
             else:
                 await asyncio.to_thread(self._offsets.write, self._offset)
         except ConfigError as error:
-            self.bus.warn("offset", f"the person's pointing offset is not kept: {error}")
+            self.bus.warn("offset", f"the person's pointing offset is not stored: {error}")
             return str(error)
         self.bus.clear("offset")
         return ""
@@ -278,7 +280,7 @@ class Supervisor(Service[SupervisorConfig]):
 
 
 def profile(config: ProfileConfig, now_ns: int) -> UserProfile:
-    """Return the profile as it travels."""
+    """Return the profile as a message."""
     return UserProfile(
         stamp_ns=now_ns,
         body=config.measures(),

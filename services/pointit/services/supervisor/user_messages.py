@@ -1,4 +1,4 @@
-"""What a person is told: why something happened, and what to do next; one sentence each."""
+"""Messages to a person: reasons of events, and next steps, one sentence each."""
 
 from collections.abc import Sequence
 
@@ -15,7 +15,7 @@ ASKED = "You asked to start."
 POSE_ASKED_FOR = "You were asked to point at a target, so that your place is found."
 POSE_CANCELLED = "Pointing at the target was called off."
 POSE_LOST = "The localizer began something else; ask again to have your place found."
-AGAIN = "The localizer was restarted, localizing begins anew."
+AGAIN = "The localizer was restarted, localizing starts again."
 
 NO_POSE_TO_ANCHOR = "Your place in the room is not known, so there is nothing to set right."
 ANCHOR_ASKED = "You asked to have your pose set right."
@@ -41,26 +41,26 @@ SET_POSE = "Give the localizer your place (its fixed pose, or its request set_po
 
 
 def silent(timeout_s: float) -> str:
-    """Return the reason when the wrist was not heard for `timeout_s`."""
+    """Return the reason if the wrist was silent for `timeout_s`."""
     return f"Nothing was heard from your wrist for {timeout_s:g} s; is the wristband on and charged?"
 
 
 def too_long(timeout_s: float) -> str:
-    """Return the reason when localizing came to no other target and to no end within `timeout_s`."""
+    """Return the reason if localizing reached neither another target nor an end within `timeout_s`."""
     return f"Localizing got no further in {timeout_s:g} s; is the localizer running, and the target in sight?"
 
 
 def aim(news: Localization) -> str:
-    """Return the next step while localizing: what to point at now."""
+    """Return the next step while localizing: the current target."""
     if news.purpose == "anchor":
         return f"Point at {news.target_id} with your arm straight and stay on it; no cursor is shown."
-    is_one_of = news.target_count > 1 and not news.candidates  # else that is how many robots there are
+    is_one_of = news.target_count > 1 and not news.candidates  # otherwise it is the number of robots
     which = f" ({news.target_index + 1} of {news.target_count})" if is_one_of else ""
     return f"Point at {news.target_id} and stay on it{which}."
 
 
 def queue(ahead: Sequence[str]) -> str:
-    """Return the next step of who is to point at lamps after `ahead`, the first of whom points now."""
+    """Return the next step in a queue after the persons `ahead`, the first of whom points now."""
     first, *others = ahead
     then = f", then {'come' if len(others) > 1 else 'comes'} {', '.join(others)}" if others else ""
     place = len(ahead)
@@ -69,7 +69,7 @@ def queue(ahead: Sequence[str]) -> str:
 
 
 def rest(*, localizes: bool, is_place_known: bool, follows_robot: bool, is_eager: bool) -> str:
-    """Return the next step while idle; `is_eager`: it begins by itself, without a button."""
+    """Return the next step while idle. `is_eager`: pointing starts without a button."""
     if localizes and not is_place_known:
         if is_eager:
             return BY_ITSELF_AT_ROBOT if follows_robot else BY_ITSELF_AT_LAMP

@@ -1,4 +1,4 @@
-"""Parameters of the simulated person; the defaults are people's own numbers (pointing.md §3, §7)."""
+"""Parameters of the simulated person. The defaults are measured values (pointing.md §3, §7)."""
 
 from typing import Literal
 
@@ -9,11 +9,11 @@ from pointit.schemas import BodyMeasures
 from pointit.schemas.base import Vec3
 
 Behaviour = Literal["rest", "lamps", "strips", "select", "random", "send"]
-"""What the person does once they may point."""
+"""Behaviour of the person while they may point."""
 
 
 class BodyConfig(Config):
-    """The person's true measures; the profile should say the same, or errs."""
+    """The person's true measures. The profile should equal them, or it is wrong."""
 
     footprint_to_neck_m: float = Field(default=1.43, gt=0, lt=3, description="floor to neck, m")
     neck_to_eyes_m: float = Field(default=0.21, ge=0, lt=1, description="neck to eyes, m")
@@ -23,21 +23,21 @@ class BodyConfig(Config):
     hand: Literal["left", "right"] = Field(default="right", description="the hand that points")
     ray_model: Literal["eye_finger", "shoulder_arm", "forearm"] = Field(
         default="eye_finger",
-        description="how they aim: the finger before the eyes, the straight arm at the thing itself, or the "
-        "forearm with the upper arm hanging; the profile should say the same, or errs",
+        description="method of aiming: finger before the eyes, straight arm at the thing itself, or "
+        "forearm with the upper arm hanging; the profile should be the same, or it is wrong",
     )
 
     def measures(self) -> BodyMeasures:
-        """Return them as the contract has them."""
+        """Return them as in the contract."""
         return BodyMeasures(**self.model_dump(exclude={"hand", "ray_model"}))
 
 
 class ArmConfig(Config):
-    """How the arm moves and how still it can be held."""
+    """Movement and steadiness of the arm."""
 
     reach_base_s: float = Field(default=0.25, gt=0, le=2, description="duration of the smallest reach, s")
     reach_per_bit_s: float = Field(
-        default=0.156, ge=0, le=2, description="longer for each bit of log2(amplitude/width + 1), s"
+        default=0.156, ge=0, le=2, description="additional time per bit of log2(amplitude/width + 1), s"
     )
     reach_width_deg: float = Field(default=5.0, gt=0, le=90, description="width in that logarithm, deg")
     reach_spread: float = Field(
@@ -47,56 +47,58 @@ class ArmConfig(Config):
         default=1.55,
         ge=1,
         le=3,
-        description="how many times longer a reach takes where a cursor shows (1.15 s instead of 0.74 s)",
+        description="factor on the duration of a reach with a cursor (1.15 s instead of 0.74 s)",
     )
-    hold_yaw_sd_deg: float = Field(default=0.25, ge=0, le=20, description="unrest while holding, yaw, deg")
+    hold_yaw_sd_deg: float = Field(default=0.25, ge=0, le=20, description="noise while holding, yaw, sd, deg")
     hold_pitch_sd_deg: float = Field(
-        default=0.16, ge=0, le=20, description="unrest while holding, pitch, deg"
+        default=0.16, ge=0, le=20, description="noise while holding, pitch, sd, deg"
     )
     hold_spread: float = Field(
         default=0.9,
         ge=0,
         le=2,
-        description="log-normal spread of that unrest from hold to hold (p90: yaw 1.07, pitch 0.37 deg)",
+        description="log-normal spread of that noise from hold to hold (p90: yaw 1.07, pitch 0.37 deg)",
     )
-    hold_correlation_s: float = Field(default=0.3, gt=0, le=10, description="how long unrest lasts, s")
+    hold_correlation_s: float = Field(
+        default=0.3, gt=0, le=10, description="correlation time of that noise, s"
+    )
     tremor_rms_deg: float = Field(default=0.05, ge=0, le=5, description="tremor of 6 to 12 Hz, rms, deg")
 
 
 class AimConfig(Config):
-    """How the person sees, errs and corrects."""
+    """Perception, errors and corrections of the person."""
 
-    visual_delay_s: float = Field(default=0.2, ge=0, le=2, description="from the light to the mind, s")
+    visual_delay_s: float = Field(default=0.2, ge=0, le=2, description="delay of perception, s")
     reaction_s: float = Field(
-        default=0.35, ge=0, le=3, description="from the light to the hand, s; contains the visual delay"
+        default=0.35, ge=0, le=3, description="delay from light to hand, including the visual delay, s"
     )
     skill: float | None = Field(
         default=0.0,
         ge=0,
         le=1,
-        description="0: errs without feedback as untrained people do; 1: never, is a third quicker to find "
-        "things, holds half as unsteadily and has no lapses; empty: drawn for each person",
+        description="0: untrained people's errors without feedback; 1: no errors, a third faster to find "
+        "things, half the noise and no lapses; empty: random for each person",
     )
     elevation_error_mean_deg: float = Field(
-        default=-2.8, ge=-30, le=30, description="people point too low without feedback, mean, deg"
+        default=-2.8, ge=-30, le=30, description="elevation error without feedback, mean, negative: low, deg"
     )
     elevation_error_person_sd_deg: float = Field(
-        default=2.8, ge=0, le=30, description="the same between people, sd, deg"
+        default=2.8, ge=0, le=30, description="elevation error without feedback between people, sd, deg"
     )
     elevation_bias_deg: float | None = Field(
         default=None,
         ge=-45,
         le=45,
-        description="this person's own, whatever their skill, positive: too high, deg; empty: drawn",
+        description="this person's elevation error at any skill, positive: too high, deg; empty: random",
     )
     elevation_error_reach_sd_deg: float = Field(
-        default=1.0, ge=0, le=30, description="the same from reach to reach, sd, deg"
+        default=1.0, ge=0, le=30, description="elevation error without feedback from reach to reach, sd, deg"
     )
     azimuth_error_reach_sd_deg: float = Field(
-        default=5.0, ge=0, le=30, description="azimuth without feedback from reach to reach, sd, deg"
+        default=5.0, ge=0, le=30, description="azimuth error without feedback from reach to reach, sd, deg"
     )
     bent_arm_share: float = Field(
-        default=0.05, ge=0, le=1, description="share of reaches with a bent arm: 5 to 10 deg beside"
+        default=0.05, ge=0, le=1, description="share of reaches with a bent arm: 5 to 10 deg off"
     )
     correction_period_s: float = Field(
         default=0.35, gt=0, le=5, description="time between corrections towards the visible cursor, s"
@@ -109,28 +111,28 @@ class AimConfig(Config):
         default=0.7,
         ge=0,
         le=10,
-        description="a smaller error is left as it is (with a cursor people end 0.7 deg beside, median), deg",
+        description="smallest error that is corrected (with a cursor people end 0.7 deg off, median), deg",
     )
     correction_spread: float = Field(
         default=0.25,
         ge=0,
         le=1,
-        description="of a correction's size, a share: hands err in proportion to their way (Schmidt 1979)",
+        description="spread of a correction's size, a share: errors grow with distance (Schmidt 1979)",
     )
 
 
 class MindConfig(Config):
-    """How long it takes to find and choose, how often that goes wrong (`pace.py` has the sources)."""
+    """Times of finding and choosing, and lapses (`decision_times.py` has the sources)."""
 
     check_period_s: float = Field(
-        default=0.1, gt=0, le=2, description="between two looks at the strips while pointing, s"
+        default=0.1, gt=0, le=2, description="time between two looks at the strips while pointing, s"
     )
-    search_base_s: float = Field(default=0.15, ge=0, le=5, description="to find the next thing at all, s")
+    search_base_s: float = Field(default=0.15, ge=0, le=5, description="base time to find the next thing, s")
     search_per_item_s: float = Field(
-        default=0.03, ge=0, le=1, description="longer for each thing that is in view, s"
+        default=0.03, ge=0, le=1, description="additional time per thing in view, s"
     )
     decide_per_bit_s: float = Field(
-        default=0.15, ge=0, le=2, description="longer for each bit of log2(choices + 1), s"
+        default=0.15, ge=0, le=2, description="additional time per bit of log2(choices + 1), s"
     )
     search_spread: float = Field(
         default=0.3, ge=0, le=2, description="log-normal spread of these times, a share"
@@ -139,21 +141,21 @@ class MindConfig(Config):
         default=0.005,
         ge=0,
         le=1,
-        description="of choices that go wrong: another thing is taken, or left before it is selected",
+        description="share of wrong choices: another thing, or leaving before it is selected",
     )
 
 
 class WristbandConfig(Config):
-    """How the IMU errs."""
+    """Errors of the IMU."""
 
     yaw_rate_bias_sd_degps: float = Field(
-        default=0.05, ge=0, le=5, description="yaw drift, drawn once per run, sd, deg/s; real bands: 0.25"
+        default=0.05, ge=0, le=5, description="yaw drift, random per run, sd, deg/s; real bands: 0.25"
     )
     yaw_drift_degpmin: float | None = Field(
         default=None,
         ge=-300,
         le=300,
-        description="this band's own yaw drift, positive: reads ever more to the left, deg/min; empty: drawn",
+        description="yaw drift of this band, positive: to the left, deg/min; empty: random",
     )
     yaw_rate_walk_sd_degps: float = Field(
         default=0.002, ge=0, le=1, description="random walk of the drift, sd after 1 s, deg/s"
@@ -164,21 +166,21 @@ class WristbandConfig(Config):
     )
     dropout_burst_s: float = Field(default=0.15, gt=0, le=10, description="mean length of a burst, s")
     clock_skew_ppm: float = Field(
-        default=20.0, ge=-1000, le=1000, description="how fast the band's own clock is, ppm"
+        default=20.0, ge=-1000, le=1000, description="rate error of the band's clock, ppm"
     )
 
 
 class UserSimConfig(Config):
-    """A person, where they stand, what they want."""
+    """A person: position, behaviour, errors."""
 
-    seed: int | None = Field(default=0, ge=0, description="of everything random; empty: another each run")
+    seed: int | None = Field(default=0, ge=0, description="seed of all random numbers; empty: random")
     behaviour: Behaviour = Field(
         default="select",
-        description="rest; lamps: one lamp after the other; strips: along the strips, there and back; "
-        "select: every object of a kind; random: at anything",
+        description="rest: nothing; lamps: one lamp after another; strips: along the strips, there and back; "
+        "select: every object of a kind; random: anything; send: places on the floor",
     )
     target_kinds: tuple[str, ...] = Field(default=("red",), description="kinds of objects to select")
-    position_m: Vec3 = Field(default=(2.0, 0.5, 0.0), description="where the feet truly stand in the room, m")
+    position_m: Vec3 = Field(default=(2.0, 0.5, 0.0), description="true position of the feet in the room, m")
     yaw_deg: float | None = Field(
         default=0.0,
         ge=-360,
@@ -186,54 +188,52 @@ class UserSimConfig(Config):
         description="azimuth of the IMU's yaw origin in the room, deg; empty: unknown, random",
     )
     stance_shift_sd_m: float = Field(
-        default=0.0, ge=0, le=2, description="how far steps lead away from that place, each way, sd, m"
+        default=0.0, ge=0, le=2, description="distance of steps from that position per axis, sd, m"
     )
     stance_shift_every_s: float = Field(
         default=15.0, gt=0.1, le=3600, description="time between such steps, mean, s"
     )
     rate_hz: float = Field(default=50.0, ge=5, le=200, description="IMU samples per second, Hz")
     think_s: float = Field(default=1.0, ge=0, le=60, description="idle time before pressing the button, s")
-    press_pause_s: float = Field(
-        default=5.0, gt=0, le=600, description="wait for a press to work before pressing again, s"
-    )
+    press_pause_s: float = Field(default=5.0, gt=0, le=600, description="delay before a press is repeated, s")
     points_when_asked: bool = Field(
         default=True,
-        description="point at the lamp or robot that the localizer asks for; else do not mind it",
+        description="point at the lamp or robot that the localizer requests",
     )
     anchor_every_s: float = Field(
         default=0.0,
         ge=0,
         le=3600,
-        description="press twice, to point at a lamp anew, this often, s; 0: never",
+        description="period of double presses to point at a lamp again, s; 0: never",
     )
     anchor_when_off_deg: float = Field(
         default=0.0,
         ge=0,
         le=90,
-        description="press twice when the cursor stays this far from where they point, deg; 0: never",
+        description="cursor error that causes a double press, deg; 0: never",
     )
     lost_press_s: float = Field(
         default=12.0,
         ge=0,
         le=3600,
-        description="press when no cursor is to be seen for so long while pointing, s; 0: never",
+        description="time without a visible cursor while pointing that causes a press, s; 0: never",
     )
     lamp_hold_s: float = Field(
         default=2.0,
         gt=0,
         le=600,
-        description="time on a lamp (behaviour lamps), thing (random) or place (send), mean, s",
+        description="mean time on a lamp (behaviour lamps), thing (random) or place (send), s",
     )
     deadline: dict[str, float] = Field(
         default={},
-        description="by belt: where along it, m, it is too late to select a package that comes; empty: where "
-        "it passes the first bay that the map has, else where its way ends",
+        description="by belt: arc length, m, from which it is too late to select a package; empty: where "
+        "it passes the first bay of the map, or else where the belt ends",
     )
     strip_speed_mps: float = Field(
         default=0.5, gt=0, le=5, description="speed along the strips (behaviour strips), m/s"
     )
-    give_up_s: float = Field(default=5.0, gt=0, le=60, description="time spent on one object at most, s")
-    retry_s: float = Field(default=2.0, ge=0, le=60, description="until an object given up is tried again, s")
+    give_up_s: float = Field(default=5.0, gt=0, le=60, description="maximum time spent on one object, s")
+    retry_s: float = Field(default=2.0, ge=0, le=60, description="time until an object is tried again, s")
     rest_elevation_deg: float = Field(
         default=-75.0, ge=-90, le=0, description="elevation of the resting arm, deg"
     )

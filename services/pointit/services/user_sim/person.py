@@ -1,4 +1,4 @@
-"""The person: looks, decides, reaches, corrects by the cursor, presses the button."""
+"""The simulated person: looks, decides, reaches, corrects by the cursor, presses the button."""
 
 import math
 from functools import partial
@@ -23,23 +23,23 @@ from pointit.services.user_sim.sight.sight import Sight
 from pointit.sim.aim import Aim, Stance
 
 RATE_STEP_NS = 10_000_000
-"""Over which an aim's rate is measured."""
+"""Time step of the estimate of an aim's rate, ns."""
 
 
 class Person:
-    """One simulated person with their wristband; step it at the band's rate."""
+    """One simulated person with their wristband. Step it at the band's rate."""
 
     def __init__(self, config: UserSimConfig, user: str, rng: np.random.Generator) -> None:
-        """Be born, called `user`; everything random comes from `rng`."""
+        """Create a person called `user`, with all random numbers from `rng`."""
         hand_rng, eye_rng, band_rng, foot_rng, mind_rng = rng.spawn(5)
         given = config.aim.skill
         self.user = user
         self.skill = skill = float(mind_rng.random()) if given is None else given
-        """0 to 1."""
+        """Skill, 0 to 1."""
         self.yaw_rad = yaw_rad = (
             float(rng.uniform(-math.pi, math.pi)) if config.yaw_deg is None else math.radians(config.yaw_deg)
         )
-        """Azimuth of {H} in {W}; the person does not know it either."""
+        """Azimuth of {H} in {W}, unknown to the person."""
         self._config = config
         self._feet = StandingPosition(
             config.position_m, config.stance_shift_sd_m, config.stance_shift_every_s, foot_rng
@@ -56,10 +56,10 @@ class Person:
         self._error = OpenLoopError(config.aim, skill, eye_rng)
         self._correction = Correction(config.aim, self._stance, hand_rng)
         self._sight = Sight(config.aim.visual_delay_s, config.deadline)
-        self._mind = Perception(self._sight, self._correction, config.mind.check_period_s)
+        self._perception = Perception(self._sight, self._correction, config.mind.check_period_s)
         pace = DecisionTimes(config, skill, mind_rng)
-        self._wish_anew = partial(make_behaviour, config, self._mind.things, pace, mind_rng)
-        self._wish = self._wish_anew()
+        self._new_behaviour = partial(make_behaviour, config, self._perception.things, pace, mind_rng)
+        self._behaviour = self._new_behaviour()
         self._has_yielded = False
         self._band = Wristband(yaw_rad, config.wristband, band_rng)
         self._goal: Goal = REST
@@ -69,34 +69,35 @@ class Person:
 
     @property
     def goal(self) -> Goal:
-        """Return what the hand is after."""
+        """Return the current goal of the hand."""
         return self._goal
 
     @property
     def true_yaw_rad(self) -> float:
-        """Return the azimuth of {H} in {W} now that the band has drifted; nobody is told."""
+        """Return the current azimuth of {H} in {W}, with the drift of the band. No message has it."""
         return self.yaw_rad - self._band.drift_rad
 
     @property
     def position_m(self) -> Vec3:
-        """Return where the person stands now, {W}."""
+        """Return the current position of the person, {W}."""
         return self._stance.position_m
 
     def see(self, now_ns: int, message: Message, name: str = "") -> None:
-        """Put a message before the person's eyes."""
+        """Show a message to the person."""
         self._sight.show(now_ns, message, name)
 
     def step(self, now_ns: int, *, yields: bool = False) -> tuple[ImuSample | None, ButtonEvent | None]:
-        """Live up to `now_ns`; return what the wristband sends and the button, if pressed.
+        """Advance to `now_ns`. Return the wristband's sample and the button event, if any.
 
-        Who `yields`, because somebody else moves their wrist, lets the arm rest and sends nothing; they go on
-        seeing and hearing what comes of it.
+        With `yields`, as another client moves their wrist, the arm rests and nothing is sent. The person
+        continues to
+        see and hear the results.
         """
         self._sight.look(now_ns)
         if yields != self._has_yielded:
             self._has_yielded = yields
-            self._wish = self._wish_anew()  # or that time would seem to have been spent on it
-        self._mind.update(now_ns, self._goal)
+            self._behaviour = self._new_behaviour()  # otherwise that time would count
+        self._perception.update(now_ns, self._goal)
         self._stance.move(self._feet.at(now_ns))
         self._turn_when_decided(now_ns, REST if yields else self._wants(now_ns))
         correction, closed = self._correction, self._goal.closed_loop
@@ -110,22 +111,22 @@ class Person:
             return None, None
         press = self._press.step(
             now_ns,
-            self._mind.belief,
+            self._perception.belief,
             known_ns=self._sight.profile_ns,
             off_rad=correction.off_rad if closed else 0.0,
-            sees=self._mind.cursor is not None if closed and self._sight.frame_ns is not None else None,
+            sees=self._perception.cursor is not None if closed and self._sight.frame_ns is not None else None,
         )
         return self._band.sample(now_ns, orientation), press
 
     def _wants(self, now_ns: int) -> Goal:
-        """Return what the person would point at now."""
-        belief = self._mind.belief
+        """Return the goal that the person would point at now."""
+        belief = self._perception.belief
         if belief.state == "asked" and self._config.points_when_asked:
             return asked_goal(now_ns, self._sight, belief)
-        return self._wish.goal(now_ns, self._sight) if belief.state == "pointing" else REST
+        return self._behaviour.goal(now_ns, self._sight) if belief.state == "pointing" else REST
 
     def _turn_when_decided(self, now_ns: int, wanted: Goal) -> None:
-        """Follow the same goal on; turn to another one only after the reaction time."""
+        """Update the same goal. Turn to another one only after the reaction time."""
         if wanted.key != self._wanted.key:
             aim = self._config.aim
             thinks_s = max(aim.reaction_s - aim.visual_delay_s, 0.0)  # the delay has passed with the sight
@@ -142,7 +143,7 @@ class Person:
         amplitude_rad = self._arm.amplitude_rad(now_ns, self._aim_with_rate(now_ns))
         self._error.draw(amplitude_rad)
         aim = self._aim_with_rate(now_ns)
-        self._arm.hold_anew()
+        self._arm.start_hold()
         self._arm.reach(now_ns, aim, self._arm.reach_s(amplitude_rad, with_cursor=goal.closed_loop))
         self._correction.begin(self._arm.reached_ns)
 

@@ -1,4 +1,4 @@
-"""Shows a simulated person what they may see, writes what their wristband sends."""
+"""Passes visible messages to a simulated person, and publishes their wristband's samples."""
 
 import zlib
 from typing import Any, ClassVar
@@ -24,15 +24,15 @@ from pointit.services.user_sim.config import UserSimConfig
 from pointit.services.user_sim.person import Person
 
 IN_THE_ROOM: tuple[Topic[Any], ...] = (MAP, OBJECTS, STRIPS_FRAME, LAMP_COLOR)
-"""What everybody there sees."""
+"""Topics that all people in the room perceive."""
 OWN: tuple[Topic[Any], ...] = (FEEDBACK, PROFILE)
-"""What this person feels and hears, and how they look to the system."""
+"""Topics that only this person perceives, and their own profile."""
 
 
 class UserSim(Service[UserSimConfig]):
     """A simulated person together with their wristband.
 
-    While somebody moves their wrist with a page, or from ROS, they watch and send nothing.
+    While a page or ROS moves their wrist, they watch and send nothing.
     """
 
     NAME: ClassVar[str] = "user-sim"
@@ -45,7 +45,7 @@ class UserSim(Service[UserSimConfig]):
         seed = None if config.seed is None else [config.seed, zlib.crc32(self.user.encode())]
         self._person = Person(config, self.user, np.random.default_rng(seed))
         self._page_ns: int | None = None
-        """When the page that moves the wrist was heard last."""
+        """Time of the last sample from the page that moves the wrist, ns."""
         self._has_yielded = False
         self._imu = self.bus.publisher(IMU, self.user)
         self._button = self.bus.publisher(BUTTON, self.user)
@@ -56,7 +56,7 @@ class UserSim(Service[UserSimConfig]):
         self.bus.subscribe(WRIST, self._on_wrist, self.user)
 
     async def run(self) -> None:
-        """Live at the band's rate until cancelled."""
+        """Step at the band's rate until cancelled."""
         async for now_ns in ticks(self.clock, self.config.rate_hz):
             yields = self._yields(now_ns)
             if yields != self._has_yielded:

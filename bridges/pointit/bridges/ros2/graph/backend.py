@@ -32,7 +32,7 @@ class Qos:
 
     @property
     def lasts(self) -> bool:
-        """Return whether late joiners get what was said, however long ago."""
+        """Return True if late joiners get what was said, however long ago."""
         return self.latched and self.lifespan_ns is None
 
 

@@ -251,12 +251,12 @@ def _wanted(mine: Endpoint) -> End:
 
 
 def _meets(mine: Endpoint, other: Endpoint, matching: Matching) -> bool:
-    """Return whether messages go from one to the other."""
+    """Return True if messages go from one to the other."""
     return mine.type.name == other.type.name if matching == "type" else _is_same(mine, other)
 
 
 def _is_same(mine: Endpoint, other: Endpoint) -> bool:
-    """Return whether both have the same definition, as far as is told."""
+    """Return True if both have the same definition, as far as is told."""
     hashes = {mine.type.hash, other.type.hash} - {""}
     return mine.type.name == other.type.name and len(hashes) <= 1
 

@@ -58,6 +58,6 @@ class SimTimeInput:
 
 
 def _has_jumped(last: _Sample, now: _Sample) -> bool:
-    """Return whether the time was set, or the wall's was set back."""
+    """Return True if the time was set, or the wall's was set back."""
     passed_ns, ran_ns = now.wall_ns - last.wall_ns, now.sim_ns - last.sim_ns
     return not 0 <= ran_ns <= JUMP_NS + passed_ns * FASTEST

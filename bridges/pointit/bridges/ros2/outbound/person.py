@@ -162,7 +162,7 @@ def state(interaction: Interaction, about: ConversionContext) -> Converted:
 
 
 def is_pointing(interaction: Interaction, about: ConversionContext) -> Converted:
-    """Return whether the person points."""
+    """Return True if the person points."""
     return (about.scene.types.make("std_msgs/msg/Bool", data=interaction.state == "pointing"),)
 
 

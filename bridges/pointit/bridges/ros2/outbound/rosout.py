@@ -91,7 +91,7 @@ class _Service:
                 self.told[sentence].missed = 0
 
     def _may(self) -> bool:
-        """Return whether one more line may be told; if so it is counted."""
+        """Return True if one more line may be told; if so it is counted."""
         if self.spent > (MOST_AT_ONCE - 1) * REPORTS_PER_LINE:
             return False
         self.spent += REPORTS_PER_LINE

@@ -68,7 +68,7 @@ class ServiceCaller(Protocol):
     """A client of a service."""
 
     def service_is_ready(self) -> bool:
-        """Return whether somebody serves it."""
+        """Return True if somebody serves it."""
         ...
 
     def call_async(self, request: object) -> Reply:
@@ -190,7 +190,7 @@ class RosContext(Protocol):
         ...
 
     def ok(self) -> bool:
-        """Return whether it has not ended."""
+        """Return True if it has not ended."""
         ...
 
     def try_shutdown(self) -> None:

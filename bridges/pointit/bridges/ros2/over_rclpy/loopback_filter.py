@@ -29,7 +29,7 @@ class LoopbackFilter:
         return sent
 
     def is_ours(self, cdr: bytes, source_ns: int) -> bool:
-        """Return whether it was us who published `cdr` at `source_ns`.
+        """Return True if it was us who published `cdr` at `source_ns`.
 
         Where that is not known (0, before Iron), every message of ours is taken for ours once.
         """
@@ -58,5 +58,5 @@ class _Sent:
         self.is_back = False
 
     def is_in(self, cdr: bytes) -> bool:
-        """Return whether `cdr` is this message, perhaps with padding behind it."""
+        """Return True if `cdr` is this message, perhaps with padding behind it."""
         return 0 <= len(cdr) - self.length <= MOST_PADDING and hash(cdr[: self.length]) == self.mark

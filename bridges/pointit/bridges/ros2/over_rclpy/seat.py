@@ -85,7 +85,7 @@ class DdsContext:
             return None
 
     def is_other(self, kind: RosType, name: str, infos: Callable[[str], Sequence[EndInfo]]) -> bool:
-        """Return whether this ROS has been built with another definition of `kind`, and complain if so.
+        """Return True if this ROS has been built with another definition of `kind`, and complain if so.
 
         Our bytes would be read as something else by nodes that cannot refuse them.
 

@@ -45,7 +45,7 @@ class EndpointContext:
         """What is declared, whoever else refers to it: a token is gone with its last reference."""
 
     def is_own_gid(self, gid: bytes) -> bool:
-        """Return whether nobody here is to hear what carries `gid`: we have said it, or another PointIt."""
+        """Return True if nobody here is to hear what carries `gid`: we have said it, or another PointIt."""
         return gid in self.gids or gid in self.roster.bridged
 
     def announce(self, token: str) -> "Announcement":

@@ -119,7 +119,7 @@ class TopicReader:
         self._handler(packet.payload)
 
     def _is_known(self, attachment: bytes, payload: bytes) -> bool:
-        """Return whether this very message was there before, as when it is fetched again from a cache."""
+        """Return True if this very message was there before, as when it is fetched again from a cache."""
         mark = attachment + xxhash.xxh3_128_digest(payload)  # not all of it: it may be a megabyte
         if mark in self._recent:
             return True
@@ -145,7 +145,7 @@ class TopicReader:
             self._close_strays()  # one is enough: another robot may have a lot of them
 
     def _is_of_bridge(self, packet: RawSample) -> bool:
-        """Return whether it is another PointIt's, which is where it belongs."""
+        """Return True if it is another PointIt's, which is where it belongs."""
         try:
             origin = self._seat.dialect.unpack(packet.attachment)
         except ValueError:

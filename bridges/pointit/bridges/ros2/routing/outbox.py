@@ -147,7 +147,7 @@ class _Line:
 
     @property
     def _has_readers(self) -> bool:
-        """Return whether somebody reads it.
+        """Return True if somebody reads it.
 
         The graph does not show a node that is older than the router, but its middleware knows that it reads.
         """
@@ -155,7 +155,7 @@ class _Line:
 
     @property
     def _keeps(self) -> bool:
-        """Return whether what is sent now matters to who comes later."""
+        """Return True if what is sent now matters to who comes later."""
         return self.route.qos.lasts or self.route.on_change
 
     def _put(self, cdr: bytes) -> None:

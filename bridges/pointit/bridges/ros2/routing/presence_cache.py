@@ -31,7 +31,7 @@ class PresenceCache:
         self._states: collections.OrderedDict[str, dict[Topic[Any], Message]] = collections.OrderedDict()
 
     def admits(self, topic: Topic[Any], message: Message, name: str) -> bool:
-        """Take what came under `name`; return whether it is to be shown now."""
+        """Take what came under `name`. Return True if it is to be shown now."""
         if topic.placeholder != self._placeholder:
             return True
         if topic.delivery is Delivery.STATE:

@@ -59,7 +59,7 @@ class Uids:
         self._awaited.discard(number)
 
     def is_settled(self, name: str) -> bool:
-        """Return whether the number of `name` will stay: it has one, or nobody is expected."""
+        """Return True if the number of `name` will stay: it has one, or nobody is expected."""
         return not self._awaited or name in self._numbers
 
     def _new(self, name: str) -> int:

@@ -90,7 +90,7 @@ class Deployments:
         self.known: dict[str, Deployment] = {}
 
     def is_another(self, deployment: Deployment) -> bool:
-        """Return whether `deployment` begins another scenario than the one that ran last."""
+        """Return True if `deployment` begins another scenario than the one that ran last."""
         return bool(deployment.scenario) and self._scenario not in ("", deployment.scenario)
 
     def put(self, name: str, deployment: Deployment, now_s: float) -> list[Key]:

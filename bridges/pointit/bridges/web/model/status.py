@@ -127,7 +127,7 @@ class SiteObservation:
         ]
 
     def _is_sure(self, finding: Finding, now_s: float) -> bool:
-        """Return whether `finding` has stood long enough to be told."""
+        """Return True if `finding` has stood long enough to be told."""
         name = finding.service
         if finding.code == "absent":
             return now_s - self._left_s.get(name, self._missed_s.get(name, now_s)) >= GRACE_S

@@ -74,7 +74,7 @@ class LatestValueCache:
     def put(
         self, topic: Topic[Any], name: str, payload: bytes, *, stamp_ns: int = 0, urgent: bool = False
     ) -> bool:
-        """Take a message of `topic` at `name`; return whether there was room for its key.
+        """Take a message of `topic` at `name`. Return True if there was room for its key.
 
         What is `urgent` waits for nothing but pages that are slow, see `PageFeed.wait_s`. By their `stamp_ns`
         events have their place in the history.
@@ -103,7 +103,7 @@ class LatestValueCache:
         return [news for _, news in happened[-HISTORY:]]
 
     def forget(self, topic: Topic[Any], name: str) -> bool:
-        """Say that what was put last is no longer true; return whether there was something."""
+        """Say that what was put last is no longer true. Return True if there was something."""
         entry = self._entries.get((topic.key, name))
         if entry is None or entry.news[2] is None:
             return False
@@ -228,7 +228,7 @@ class PageFeed:
         return Batch(self._sent, states, (*history, *events), dropped)
 
     def ack(self, n: int) -> bool:
-        """Take the page's word that it shows batch `n`, and so all before; return whether that can be."""
+        """Take the page's word that it shows batch `n`, and so all before. Return True if that can be."""
         if not 0 < n <= self._sent:
             return False
         self._acked = max(self._acked, n)

@@ -130,7 +130,7 @@ class PageAction:
 
 
 def is_allowed(ask: Ask, role: Role) -> bool:
-    """Return whether pages of this role may ask for that, whatever the rest of it says."""
+    """Return True if pages of this role may ask for that, whatever the rest of it says."""
     if ask.deed is not None:
         return ask.deed in DEEDS[role]
     return any(ask.key == request.key for request in REQUESTS[role])

@@ -47,7 +47,7 @@ class RequestInfo:
 
     @property
     def is_navigation(self) -> bool:
-        """Return whether a person follows a link, or the client is none that embeds things."""
+        """Return True if a person follows a link, or the client is none that embeds things."""
         return self.destination in ("", "document")
 
 
@@ -74,12 +74,12 @@ class Access:
         self._hosts.update(f"[{name}]" if ":" in name else name.lower() for name in names)
 
     def is_known_host(self, host: str) -> bool:
-        """Return whether the Host header names this server: a foreign name may have been bound to it."""
+        """Return True if the Host header names this server: a foreign name may have been bound to it."""
         name, _ = split_host(host)
         return name.lower() in self._hosts
 
     def is_own_origin(self, asked: RequestInfo) -> bool:
-        """Return whether the request comes from a page of this very server."""
+        """Return True if the request comes from a page of this very server."""
         return bool(asked.origin) and asked.origin.lower() == f"{asked.scheme}://{asked.host}".lower()
 
     def enter(self, token: str, asked: RequestInfo, now_s: float) -> Role | None:
@@ -95,7 +95,7 @@ class Access:
         return self._judged(secret, asked.address, now_s) if secret else None
 
     def is_rate_limited(self, address: str, now_s: float) -> bool:
-        """Return whether `address` has guessed too often, so that refusals take long.
+        """Return True if `address` has guessed too often, so that refusals take long.
 
         The same wrong token counts once.
         """

@@ -43,7 +43,7 @@ def address(config: WebConfig, port: int) -> tuple[str, int]:
 
 
 def _is_contained() -> bool:
-    """Return whether nobody reaches this process but through a container's engine, or other containers."""
+    """Return True if nobody reaches this process but through a container's engine, or other containers."""
     return bool(os.environ.get(CONTAINER)) or any(mark.exists() for mark in CONTAINER_MARKS)
 
 

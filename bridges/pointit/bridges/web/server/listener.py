@@ -249,6 +249,6 @@ class Listener:
 
 
 def _is_busy(connection: Any) -> bool:
-    """Return whether a request is being answered there."""
+    """Return True if a request is being answered there."""
     cycle = connection.cycle
     return cycle is not None and not cycle.response_complete

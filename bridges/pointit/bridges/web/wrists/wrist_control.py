@@ -110,7 +110,7 @@ class WristControl:
         return loser
 
     def release_from(self, user: str, page: str) -> bool:
-        """Take the wrist of `user` back from `page`; return whether it had it."""
+        """Take the wrist of `user` back from `page`. Return True if it had it."""
         person = self._people.get(user)
         if person is None or person.page != page:
             return False
@@ -145,7 +145,7 @@ class WristControl:
     # What it does.
 
     def aim(self, page: str, aim: AimAt) -> bool:
-        """Point where the mouse of `page` does; return whether it has that wrist."""
+        """Point where the mouse of `page` does. Return True if it has that wrist."""
         person = self._people.get(aim.user)
         if person is None or person.page != page or person.by != "mouse":
             return False
@@ -153,7 +153,7 @@ class WristControl:
         return True
 
     def set_tremor(self, user: str, page: str, rms_deg: float) -> bool:
-        """Let the arm that the mouse of `page` moves tremble; return whether it has that wrist."""
+        """Let the arm that the mouse of `page` moves tremble. Return True if it has that wrist."""
         if self.holder(user) != (page, "mouse"):
             return False
         self._person(user).arm.set_tremor(math.radians(min(max(rms_deg, 0.0), MOST_TREMOR_DEG)))

@@ -1,1 +1,1 @@
-"""How frames reach the LEDs: controller protocol, wiring, power and pacing."""
+"""Output of frames to the LEDs: controller protocol, wiring, power and pacing."""

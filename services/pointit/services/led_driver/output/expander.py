@@ -1,4 +1,4 @@
-"""An output to a serial LED expander: the newest frame, no faster than wire and board take it."""
+"""Output to a serial LED expander: the newest frame, at a rate that wire and board can carry."""
 
 import logging
 import threading
@@ -21,35 +21,35 @@ from pointit.services.led_driver.output.wiring import FRAME_RATE, Wiring, map_ch
 log = logging.getLogger(__name__)
 
 KEEP_ALIVE_S = 1.0
-"""An unchanged frame is sent again after this: a board that was plugged in or lost a frame recovers."""
+"""Period at which an unchanged frame is resent, s. A board that was plugged in or lost a frame recovers."""
 
 LIMIT_SHOWN_S = 2.0
-"""That frames were dimmed is said for so long: health is looked at once a second."""
+"""Time for which dimming is reported, s. Health is read once a second."""
 
 FIGURE_NAME = 50
-"""So many letters of the port's name are in that of its figure."""
+"""Maximum number of characters of the port's name in the name of its metric."""
 
 PIECE_BYTES = 256
-"""Written at a time: a link that takes one of these within the port's time-out is slow, not stuck."""
+"""Size of one write. A link that accepts this within the port's timeout is slow, not stuck."""
 
 SENT_FRAMES = 5
-"""A link counts as slow when the fastest of so many frames was."""
+"""A link counts as slow if the fastest of this many frames was slow."""
 
 SLOW_SHARE = 1.5
-"""A link is slow when its frames take more than this many times what they take by the baud rate."""
+"""A link is slow if its frames take more than this many times their time by the baud rate."""
 
 DRAIN_POLL_S = 0.002
 
 
 @dataclass(frozen=True, slots=True)
 class ExpanderFrame:
-    """What the board shows: (channel, order, rgb) of each strip."""
+    """Content of the board: (channel, order, rgb) of each strip."""
 
     channels: tuple[tuple[int, str, bytes], ...] = ()
     shown_s: float = field(default=0.0, compare=False)
-    """When it was given to be shown, monotonic."""
+    """Time at which it was passed to `show`, monotonic."""
     age_s: float = field(default=0.0, compare=False)
-    """How old what it shows was by then."""
+    """Age of what it shows at that time, s."""
 
     def dark(self) -> "ExpanderFrame":
         """Return the same channels, all black."""
@@ -58,31 +58,31 @@ class ExpanderFrame:
         )
 
     def data(self) -> bytes:
-        """Return the bytes that show it."""
+        """Return the bytes of the protocol that show it."""
         return (
             b"".join(upxl_protocol.set_channel(*channel) for channel in self.channels)
             + upxl_protocol.draw_all()
         )
 
     def draw_time_s(self) -> float:
-        """Return how long the board draws it."""
+        """Return the time that the board takes to draw it, s."""
         return upxl_protocol.draw_time_s(max((len(rgb) // 3 for _, _, rgb in self.channels), default=0))
 
 
 class MetricSink(WarningSink, Protocol):
-    """Where an output gives account of itself; `ServiceBus` is one."""
+    """Receiver of an output's metrics, such as `ServiceBus`."""
 
     def set_metric(self, name: str, value: float | None, unit: str = "") -> None:
-        """Show a number of its own; none takes it away."""
+        """Set a metric. None removes it."""
         ...
 
     def reached(self, latency_s: float) -> None:
-        """Count how old what was captured is now that it can be seen."""
+        """Record the age of captured data at the moment at which it becomes visible."""
         ...
 
 
 class ExpanderOutput:
-    """Sends frames to one expander from a thread of its own; unsent frames give way to newer ones."""
+    """Sends frames to one expander in a thread of its own. Newer frames replace unsent ones."""
 
     def __init__(self, config: OutputConfig, account: MetricSink) -> None:
         self._config = config
@@ -96,14 +96,14 @@ class ExpanderOutput:
             PortSettings(port=config.port, baud=config.baud), self._write, self._on_port_change, self._wake
         )
         self._took_s = deque[float](maxlen=SENT_FRAMES)
-        """How long each of the last frames took to leave."""
+        """Times that the last frames took to leave, s."""
         self._busy_s = deque[float](maxlen=SENT_FRAMES)
-        """How long wire and board were busy with each of them."""
+        """Times for which wire and board were busy with each of them, s."""
         self.light_s = 0.0
         """Time from `show` to the last byte on the wire, of the last new frame, s; 0.0 before the first."""
 
     def set_strips(self, strips: Sequence[Strip]) -> None:
-        """Take the map's strips; says in health what of them board and wire cannot show."""
+        """Set the map's strips. Reports in health what board and wire cannot show."""
         self._wirings, problems = map_channels(self._config, strips)
         self._took_s.clear()
         self._busy_s.clear()
@@ -116,7 +116,7 @@ class ExpanderOutput:
             self._account.clear(self._topic("wiring"))
 
     def show(self, frame: StripsFrame, age_s: float = 0.0) -> None:
-        """Have `frame`, which shows what was captured `age_s` ago, sent; returns at once."""
+        """Send `frame`, which shows what was captured `age_s` ago. Returns at once."""
         pixels = {strip.id: strip.rgb for strip in frame.strips}
         shown = [wiring for wiring in self._wirings if wiring.strip_id in pixels]
         data, load = self._power.send([pixels[each.strip_id][: 3 * each.pixels] for each in shown])
@@ -145,7 +145,7 @@ class ExpanderOutput:
             self._account.clear(self._topic("current"))
 
     async def run(self) -> None:
-        """Send until cancelled; the strips are dark afterwards."""
+        """Send until cancelled, then switch the strips off."""
         await self._thread.run()
 
     def _wake(self) -> None:
@@ -156,7 +156,7 @@ class ExpanderOutput:
         return f"{what} {self._config.port}"
 
     def _figure(self, what: str) -> str:
-        # a figure's name is short, a port's path may not be; its end tells ports apart
+        # a metric's name is short, a port's path may not be; its end distinguishes ports
         return f"{what} {self._config.port[-FIGURE_NAME:]}"
 
     def _on_port_change(self, why: str) -> None:
@@ -171,7 +171,7 @@ class ExpanderOutput:
             self._account.clear(self._topic("port"))
 
     def _write(self, port: serial.Serial, stopping: threading.Event) -> None:
-        """Send what is newest whenever wire and board are ready; in the port's thread."""
+        """Send the newest frame whenever wire and board are ready. Runs in the port's thread."""
         shown: ExpanderFrame | None = None
         sent_s = 0.0
         while True:
@@ -181,7 +181,7 @@ class ExpanderOutput:
             if picture is None:
                 continue
             if shown is None:
-                # The board may be in the middle of a frame of ours that broke off: it swallows this one.
+                # The board may be in the middle of an aborted frame, so that it discards this one.
                 self._send(port, picture)
             is_new = picture != shown
             shown = picture
@@ -193,7 +193,7 @@ class ExpanderOutput:
     def _next(
         self, shown: ExpanderFrame | None, sent_s: float, stopping: threading.Event
     ) -> ExpanderFrame | None:
-        """Wait for a picture other than `shown`, or until it is time to send that one again."""
+        """Wait for a picture other than `shown`, or until it is time to resend that one."""
         with self._change:
             while not stopping.is_set():
                 newest = self._newest
@@ -204,7 +204,7 @@ class ExpanderOutput:
         return None
 
     def _send(self, port: serial.Serial, picture: ExpanderFrame, *, is_new: bool = False) -> None:
-        """Write, and wait until wire and board are done: a buffer full of old frames would be latency."""
+        """Write, and wait until wire and board are done: a buffer full of old frames would add latency."""
         began_s = time.monotonic()
         data = picture.data()
         for start in range(0, len(data), PIECE_BYTES):
@@ -223,7 +223,7 @@ class ExpanderOutput:
             self._account.reached(picture.age_s + self.light_s)
         self._took_s.append(took_s)
         self._busy_s.append(max(took_s, picture.draw_time_s()))
-        # not how often frames were sent: of a scene that stands still few are
+        # not the rate of sending: a static scene sends few frames
         self._account.set_metric(self._figure(FRAME_RATE), len(self._busy_s) / sum(self._busy_s), "Hz")
         took_s = min(self._took_s)
         slow_s = max(SLOW_SHARE * wire_s, 1.0 / self._config.wanted_rate_hz)
@@ -239,10 +239,10 @@ class ExpanderOutput:
 
 
 def _drain(port: serial.Serial) -> None:
-    """Wait until what was written has left, as long as there is progress.
+    """Wait until the written bytes have left, as long as there is progress.
 
     Raises:
-        serial.SerialTimeoutException: nothing leaves any more.
+        serial.SerialTimeoutException: If the port makes no progress.
     """
     waiting, since_s = port.out_waiting, time.monotonic()
     while waiting:

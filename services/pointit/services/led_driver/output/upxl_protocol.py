@@ -14,23 +14,23 @@ DRAW_ALL = 2
 ALL_CHANNELS = 0xFF
 
 PIXEL_LIMITS = {"v1": (240, 180), "v2": (800, 602), "v3": (1600, 1202)}
-"""Pixels that a channel of each board drives, with three and with four colours; longer frames are ignored."""
+"""Pixels that a channel of each board drives, with three and with four colours. Longer frames are ignored."""
 
 SET_CHANNEL_BYTES, DRAW_ALL_BYTES = 14, 10
-"""Sizes of the two frames without pixels."""
+"""Sizes of the two frames without pixels, bytes."""
 
 PIXEL_TIME_S = 30e-6
 LATCH_TIME_S = 300e-6
-"""What drawing takes: a draw command that comes earlier is dropped by the board."""
+"""Duration of drawing. The board drops a draw command that comes earlier."""
 
 
 def set_channel(channel: int, order: str, rgb: bytes) -> bytes:
-    """Return the frame that gives `channel` its pixels.
+    """Return the frame that sets the pixels of `channel`.
 
     Args:
-        channel: 0 to 63.
-        order: the colours in their order on the LEDs' wire, `GRB`, `GRBW`; a white LED stays dark.
-        rgb: 3 bytes a pixel, red green blue.
+        channel: channel number, 0 to 63.
+        order: colours in their order on the LEDs' wire, `GRB`, `GRBW`. A white LED stays dark.
+        rgb: 3 bytes per pixel: red, green, blue.
     """
     data = rgb
     if "W" in order:
@@ -47,7 +47,7 @@ def draw_all() -> bytes:
 
 
 def draw_time_s(pixels: int) -> float:
-    """Return how long the board draws when its longest channel has `pixels`."""
+    """Return the time that the board takes to draw if its longest channel has `pixels`, s."""
     return pixels * PIXEL_TIME_S + LATCH_TIME_S
 
 

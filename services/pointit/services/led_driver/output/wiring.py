@@ -1,4 +1,4 @@
-"""Strips on a controller's channels, and how long a frame of them takes on the wire; pure."""
+"""Strips on a controller's channels, and the duration of their frame on the wire. Pure."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -8,26 +8,26 @@ from pointit.services.led_driver.config import OutputConfig
 from pointit.services.led_driver.output import upxl_protocol
 
 FRAME_RATE = "frame rate"
-"""Begins the name of the figure that tells how many frames a second a port carries."""
+"""First words of the name of the metric of a port's frames per second."""
 
 CHANNELS = 64
 BITS_PER_BYTE = 10
-"""On the wire, with start and stop bit."""
+"""Bits on the wire, with start and stop bit."""
 
 
 @dataclass(frozen=True, slots=True)
 class Wiring:
-    """A strip's place on the board."""
+    """A strip's channel on the board."""
 
     strip_id: str
     channel: int
     order: str
     pixels: int
-    """As many as are sent: not more than the board drives."""
+    """Number of pixels sent, limited to what the board drives."""
 
 
 def map_channels(config: OutputConfig, strips: Sequence[Strip]) -> tuple[tuple[Wiring, ...], list[str]]:
-    """Return which strips go to which channels, and sentences about what does not fit the board."""
+    """Return the channels of strips, and messages about what does not fit the board."""
     problems: list[str] = []
     wirings: list[Wiring] = []
     if config.channels:
@@ -64,9 +64,9 @@ def frame_bytes(wirings: Sequence[Wiring]) -> int:
 
 
 def too_slow(config: OutputConfig, wirings: Sequence[Wiring]) -> str:
-    """Return a sentence if wire or board carry fewer frames than wanted of so many pixels, else `""`.
+    """Return a message if wire or board carry fewer frames than wanted for these pixels, else `""`.
 
-    The board draws a frame while the next one is sent, so that the slower of the two counts.
+    The board draws a frame while the next one is sent, so the slower of the two limits.
     """
     pixels, wanted_hz = sum(each.pixels for each in wirings), config.wanted_rate_hz
     longest = max((each.pixels for each in wirings), default=0)

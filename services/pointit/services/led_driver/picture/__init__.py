@@ -1,1 +1,1 @@
-"""What shines: the layout of pixels, appearance and rendering."""
+"""Content of the lights: layout of pixels, appearance and rendering."""

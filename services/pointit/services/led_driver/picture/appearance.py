@@ -1,4 +1,4 @@
-"""What objects look like: who hovers, owns or reserves them, as colours, gauge and pattern."""
+"""Appearance of objects: hovered, owned or reserved, as colours, gauge and pattern."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -22,14 +22,14 @@ from pointit.services.led_driver.picture.render import (
 )
 
 NOBODY = UserProfile(stamp_ns=0)
-"""Who has said nothing about themselves: a white cursor, solid."""
+"""Profile of a person who has not published one: a white cursor, solid."""
 
 WHITE: Rgb = (255, 255, 255)
 
 
 @dataclass(frozen=True, slots=True)
 class Appearance:
-    """Of n objects, as `Segments` has them."""
+    """Appearance of n objects, with the fields of `Segments`."""
 
     palette: Bytes
     progress: Array
@@ -40,7 +40,7 @@ class Appearance:
 
 @dataclass(slots=True)
 class _State:
-    """What is to be told of one object."""
+    """State of one object."""
 
     owner: str | None = None
     reserver: str | None = None
@@ -48,10 +48,10 @@ class _State:
 
 
 class AppearanceTable:
-    """Kinds and states of objects to their looks."""
+    """Maps kinds and states of objects to their appearance."""
 
     def __init__(self, style: StyleConfig) -> None:
-        """Take `style`."""
+        """Create for `style`."""
         self._style = style
         self._kinds = {kind: number + 1 for number, kind in enumerate(style.kind_colors)}
         colors = np.array([style.default_color, *style.kind_colors.values()], dtype=np.float64)
@@ -62,7 +62,7 @@ class AppearanceTable:
         self._plain[:, BODY] = self._dim
 
     def kind(self, name: str) -> int:
-        """Return the number of a kind; 0: it has no colour of its own."""
+        """Return the number of a kind, or 0 if it has no colour of its own."""
         return self._kinds.get(name, 0)
 
     def looks(
@@ -73,7 +73,7 @@ class AppearanceTable:
         selection: Selection | None,
         profiles: Mapping[str, UserProfile],
     ) -> Appearance:
-        """Return the looks of objects of `kinds` (numbers); `ids` has where they are, `hovers` is by user."""
+        """Return the appearance of objects of `kinds`; `ids` has their indices, `hovers` is by user."""
         looks = Appearance(
             self._plain[kinds],
             np.zeros(len(kinds)),
@@ -116,11 +116,11 @@ class AppearanceTable:
 
 
 def _with_owner(color: Rgb, hoverers: list[Rgb], dark: Rgb) -> list[Rgb]:
-    """Return the margins of what is selected: the owner's colour first, so that it is the outermost."""
+    """Return the margins of a selected object: the owner's colour first, so that it is the outermost."""
     others = [each for each in hoverers if each != color]
     if others or not hoverers:
         return [color, *others]
-    # the owner hovers it: their colour beside itself would tell nothing
+    # the owner hovers it: their colour beside itself would show nothing
     return [color, dark if color == WHITE else WHITE]
 
 
@@ -130,7 +130,7 @@ def _color(values: Bytes) -> Rgb:
 
 
 def _changes(hover: Hover, *, selected: bool) -> bool:
-    """Tell whether to go on as `hover` says would change the object."""
+    """Return True if completing `hover` would change the object."""
     return hover.action in {"", "deselect" if selected else "select"}
 
 

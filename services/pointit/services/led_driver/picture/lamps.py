@@ -1,7 +1,7 @@
-"""Single lamps: coloured by how far the ray passes them, and one that shows the state of the site.
+"""Single lamps: coloured by the angle to the ray, and one that shows the state of the site.
 
-Localizing has its own lamps: while anybody localizes, every lamp is left alone but the state lamp, and
-that one too while it is the target.
+Localizing uses the lamps itself: while a person localizes, all lamps but the state lamp are left alone,
+and that one too while it is the target.
 """
 
 import math
@@ -17,10 +17,10 @@ from pointit.services.led_driver.picture.flash_guard import FlashGuard
 DARK: Rgb = (0, 0, 0)
 
 HANDOVER_NS = NS_PER_S // 5
-"""After a localization its lamps are left alone for so long: its own last word may still be on the way."""
+"""Time for which lamps are left alone after a localization, ns. Its last command may still be in transit."""
 
 PULSE_STEP_NS = NS_PER_S // 20
-"""A pulse has so many steps."""
+"""Time between two steps of a pulse, ns."""
 
 
 @dataclass(slots=True)
@@ -30,10 +30,10 @@ class _Localizing:
 
 
 class Lamps:
-    """What lamps show; pure."""
+    """Colours of all lamps. Pure."""
 
     def __init__(self, config: LedDriverConfig) -> None:
-        """Know no lamps but the state lamp."""
+        """Create without lamps except the state lamp."""
         self._config = config.lamps
         self._id = config.state_lamp
         self._state = _StateLamp(config.state)
@@ -41,45 +41,45 @@ class Lamps:
         self._silence_ns = int(config.lamps.localization_timeout_s * NS_PER_S)
         self._cursors: dict[str, tuple[int, Cursor]] = {}
         self._near: set[str] = set()
-        """Lamps that ever were near a ray."""
+        """Lamps that were ever near a ray."""
         self._gone: set[str] = set()
-        """Those of them that the map has no longer."""
+        """Those of them that are no longer in the map."""
         self._localizing: dict[str, _Localizing] = {}
         self._localized_ns: int | None = None
         self._guards: dict[str, FlashGuard] = {}
         self._held_ns: list[int] = []
-        """When colours that are held back may be shown."""
+        """Times at which held-back colours may be shown, ns."""
 
     @property
     def any(self) -> bool:
-        """Whether there is a lamp that it has a say in."""
+        """True if there is a lamp under its control."""
         return bool(self._id or self._near)
 
     def set_lamps(self, ids: Collection[str]) -> None:
-        """Take note that the map is another, with lamps of these `ids`; what is lit is not left so."""
+        """Set the `ids` of the lamps of a new map. Lit lamps that are gone are switched off."""
         self._gone = self._near.difference(ids)
 
     def on_cursor(self, user: str, cursor: Cursor, now_ns: int) -> None:
-        """Take where `user` points."""
+        """Set `user`'s cursor."""
         self._cursors[user] = (now_ns, cursor)
         near = {lamp.id for lamp in cursor.lamps}
         self._near |= near
         self._gone -= near
 
     def on_localization(self, user: str, localization: Localization) -> None:
-        """Take how `user`'s localization goes."""
+        """Set the state of `user`'s localization."""
         if localization.phase == "sampling" and not localization.ahead:
             self._localizing[user] = _Localizing(localization.target_id)
         else:
             self._localizing.pop(user, None)
 
     def on_feedback(self, feedback: Feedback) -> None:
-        """Take a cue; its colour flashes."""
+        """Flash the state lamp in the colour of a cue."""
         if feedback.color is not None and self._id:
             self._state.flash(feedback.color)
 
     def colors(self, now_ns: int) -> dict[str, Rgb]:
-        """Return the colours at `now_ns` of the lamps that it has a say in then."""
+        """Return the colours at `now_ns` of the lamps under its control."""
         self._forget(now_ns)
         wanted: dict[str, Rgb] = {}
         if self._localized_ns is None:
@@ -93,7 +93,7 @@ class Lamps:
         return shown
 
     def next_change_ns(self, now_ns: int) -> int | None:
-        """Return when colours change although nothing more is heard; none: they do not."""
+        """Return the time at which colours change without new messages, or None."""
         times = [at + self._timeout_ns for at, _ in self._cursors.values()]
         times += [each.heard_ns + self._silence_ns for each in self._localizing.values() if each.heard_ns]
         times += self._held_ns
@@ -105,7 +105,7 @@ class Lamps:
         return min(times, default=None)
 
     def _by_angle(self, lamp_id: str) -> Rgb:
-        """Return the colour of the nearest ray; dark when nobody points, or the map has it no longer."""
+        """Return the colour for the nearest ray. Dark if there is none, or the map no longer has the lamp."""
         if not self._cursors or lamp_id in self._gone:
             return DARK
         misses_rad = [
@@ -118,7 +118,7 @@ class Lamps:
         return colormap(self._config.colormap).rgb(1.0 - min(share, 1.0))
 
     def _forget(self, now_ns: int) -> None:
-        """Drop what is too old, and who has not been heard of while localizing: they crashed."""
+        """Drop expired cursors, and localizations that are silent for so long that they have crashed."""
         for user in [
             user for user, (at, _) in self._cursors.items() if not 0 <= now_ns - at < self._timeout_ns
         ]:
@@ -135,7 +135,7 @@ class Lamps:
 
 
 class _StateLamp:
-    """One lamp for the state of all: dim while nothing happens, with flashes for cues."""
+    """One lamp for the state of the site: dim when idle, with flashes for cues."""
 
     def __init__(self, config: StateLampConfig) -> None:
         self._config = config
@@ -144,14 +144,14 @@ class _StateLamp:
         self._waiting: Rgb | None = None
         self._flashing: tuple[int, Rgb] | None = None
         self._pulse_ns: int | None = None
-        """When the pulse began."""
+        """Time at which the pulse began, ns."""
 
     def flash(self, color: Rgb) -> None:
-        """Show `color` for a moment, after the flash that is shown now; of several the newest."""
+        """Show `color` briefly, after the current flash. Of several, the newest is shown."""
         self._waiting = color
 
     def color(self, state: str, now_ns: int) -> Rgb:
-        """Return what the lamp shows in `state` at `now_ns`."""
+        """Return the colour of the lamp in `state` at `now_ns`."""
         if self._waiting is not None and not self._busy(now_ns, 2 * self._flash_ns):
             self._flashing, self._waiting = (now_ns, self._waiting), None
         if self._flashing is not None and self._busy(now_ns, self._flash_ns):
@@ -170,7 +170,7 @@ class _StateLamp:
         return self._flashing is not None and 0 <= now_ns - self._flashing[0] < for_ns
 
     def next_change_ns(self, now_ns: int, *, pulses: bool) -> int | None:
-        """Return when its colour changes by itself."""
+        """Return the time at which its colour changes by itself."""
         if pulses:
             return now_ns + PULSE_STEP_NS
         if self._flashing is not None and self._busy(now_ns, self._flash_ns):

@@ -1,9 +1,9 @@
-"""Which pixels belong to which line: once per map, so that drawing on any line is a look-up.
+"""Pixels along each line, computed once per map, so that drawing on any line is a look-up.
 
-Every pixel belongs to its own strip, and to each belt that it lies beside: within half the belt's width and
-`BESIDE_BELT_M` of its centre line, not beyond its ends; there it belongs to the nearest arc length. For each
-line the pixels are sorted by arc length, whatever strips they are of: curves, gaps, reversed strips, strips
-on both sides and clipping all come down to where an arc length falls into that order.
+Every pixel belongs to its own strip, and to each belt beside which it lies: within half the belt's width and
+`BESIDE_BELT_M` of its centre line, not beyond its ends, at the nearest arc length. For each line the pixels
+of all strips are sorted by arc length. Curves, gaps, reversed strips, strips on both sides and clipping are
+all reduced to the position of an arc length in that order.
 """
 
 from collections.abc import Iterator, Sequence
@@ -21,16 +21,16 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 END_M = 1e-3
-"""How far beyond a belt's end a pixel still belongs to it: maps are measured no better."""
+"""Distance beyond a belt's end at which a pixel still belongs to it, the accuracy of maps."""
 
 MAX_PIXELS = 64 * 4096
-"""Of all strips together: a frame of more would be longer than its message may be."""
+"""Limit of the pixels of all strips. A larger frame would exceed the size of its message."""
 
 _ROUNDING = 1e-6
-"""Pixels: how far beyond an end of a strip is still its end."""
+"""Tolerance beyond an end of a strip, pixels."""
 
 _APART_M = 1.0
-"""Between lines on the axis on which all lie one after the other; nothing is looked for further beyond."""
+"""Gap between lines on the axis on which all lie one after the other. Look-ups reach no further."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,33 +40,33 @@ class _Run:
     pixels: Indices
     at_m: Array
     pitch_m: float
-    """From pixel to pixel along the line, on average."""
+    """Mean distance from pixel to pixel along the line."""
     coarsest_m: float
-    """At most."""
+    """Maximum of that distance."""
     from_m: Array
     to_m: Array
-    """What is nearer to this pixel than to its neighbours."""
+    """Interval nearer to this pixel than to its neighbours."""
 
 
 class Layout:
-    """All pixels of a map one after the other, and the lines that they lie along.
+    """All pixels of a map one after the other, and the lines along which they lie.
 
     Attributes:
-        count: pixels of all strips.
-        slices: where each strip's bytes lie in a frame, by id.
-        wire: for every pixel its number on its own strip's wire.
-        at_m, pixels, run, number: for every entry (a pixel on a line) the arc length, the pixel, the run
-            that it is in and its number there; a run is pixels of one strip along one line without a gap.
-            Entries are sorted by line and arc length.
-        pitch_m, first_m, last_m, pixels_of: for every run the distance from pixel to pixel along the line,
-            the arc lengths of its first and last pixel, and how many they are.
+        count: number of pixels of all strips.
+        slices: slice of each strip's bytes in a frame, by id.
+        wire: number of every pixel on its own strip's wire.
+        at_m, pixels, run, number: arc length, pixel, run, and number in the run of every entry (a pixel on a
+            line). A run is pixels of one strip along one line without a gap. Entries are sorted by line and
+            arc length.
+        pitch_m, first_m, last_m, pixels_of: distance from pixel to pixel along the line, arc lengths of the
+            first and last pixel, and number of pixels of every run.
     """
 
     def __init__(self, strips: Sequence[Strip], belts: Sequence[Belt] = ()) -> None:
-        """Lay `strips` out one after the other, and find the pixels beside `belts`.
+        """Arrange `strips` one after the other, and find the pixels beside `belts`.
 
         Raises:
-            ValueError: a line has no length, or there are more pixels than a frame can hold.
+            ValueError: If a line has no length, or there are more pixels than a frame can hold.
         """
         self.count = sum(strip.pixels for strip in strips)
         if self.count > MAX_PIXELS:
@@ -113,19 +113,19 @@ class Layout:
         )
 
     def line(self, surface: str, line_id: str) -> int | None:
-        """Return the number of the strip or belt called `line_id`; none: the map has none."""
+        """Return the number of the strip or belt `line_id`, or None if the map has no such line."""
         return self._lines.get((surface, line_id))
 
     def narrow(self, lines: Indices, lengths_m: Array) -> NDArray[np.bool_]:
-        """Tell which of things `lengths_m` long on `lines` (numbers) may slip between two pixels."""
+        """Return True for each object on `lines` (numbers), `lengths_m` long, that may miss all pixels."""
         return lengths_m < self._coarsest_m[lines]
 
     def lit(self, lines: Indices, start_m: Array, end_m: Array) -> tuple[Indices, Indices]:
-        """Return whose entries lie in [start_m, end_m] of `lines` (numbers).
+        """Return the entries in [start_m, end_m] of `lines` (numbers).
 
         Returns:
-            The index of the span and the entry, of each pair, sorted by span. A span that is shorter than a
-            pixel has the one it is in, of every strip.
+            Span index and entry of each pair, sorted by span. A span that is shorter than a pixel has the
+            pixel that contains it, for every strip.
         """
         if not len(self._keys):
             return np.zeros(0, dtype=np.intp), np.zeros(0, dtype=np.intp)
@@ -147,7 +147,7 @@ class Layout:
         return spans[order], entries[order]
 
     def _lit_run_by_run(self, lines: Indices, start_m: Array, end_m: Array) -> tuple[Indices, Indices]:
-        """Return as `lit` the entries in each span, or else of each run the one about its middle."""
+        """Return the same as `lit`: the entries in each span, or else for each run the one at its middle."""
         whose, run = _expanded(self._runs_bounds[lines], self._runs_bounds[lines + 1])
         start_m, end_m = start_m[whose], end_m[whose]
         low = self._rows(self._run_at_m, run, start_m, "left")
@@ -162,7 +162,7 @@ class Layout:
         return whose[pairs], self._entry_of[rows]
 
     def _rows(self, values_m: Array, run: Indices, at_m: Array, side: Literal["left", "right"]) -> Indices:
-        """Return where `at_m` fall into `values_m`, which are sorted within each run: by halving, exactly."""
+        """Return the positions of `at_m` in `values_m`, sorted within each run, by binary search."""
         low, high = self._run_bounds[run], self._run_bounds[run + 1]
         for _ in range(int((high - low).max(initial=0)).bit_length()):
             middle = np.minimum((low + high) // 2, len(values_m) - 1)
@@ -173,12 +173,12 @@ class Layout:
         return low
 
     def _lay_runs(self, runs: list[_Run], line_of_run: Indices, order: Indices) -> None:
-        """Keep the entries run by run too, where what is shorter than a pixel is looked up."""
+        """Store the entries by run too, to look up spans shorter than a pixel."""
         lines = len(self._ends_m)
         self._runs_bounds: Indices = np.searchsorted(line_of_run, np.arange(lines + 1))
-        """Where each line's runs begin."""
+        """First run of each line."""
         self._run_bounds: Indices = np.r_[0, np.cumsum([len(run.pixels) for run in runs])].astype(np.intp)
-        """Where each run's rows begin."""
+        """First row of each run."""
         self._run_at_m: Array = _joined([run.at_m for run in runs])
         self._run_from_m: Array = _joined([run.from_m for run in runs])
         self._run_to_m: Array = _joined([run.to_m for run in runs])
@@ -187,14 +187,14 @@ class Layout:
 
 
 def _expanded(first: Indices, end: Indices) -> tuple[Indices, Indices]:
-    """Return every number from `first` up to `end`, and before it of which pair it is."""
+    """Return every number from `first` up to `end`, preceded by the index of its pair."""
     counts = end - first
     whose = np.repeat(np.arange(len(counts)), counts)
     return whose, np.arange(len(whose)) - np.repeat(np.cumsum(counts) - counts - first, counts)
 
 
 def _own_run(strip: Strip, first: int) -> tuple[_Run, Array]:
-    """Return a strip's pixels along its own line, and their places."""
+    """Return a strip's pixels along its own line, and their positions."""
     line = Polyline(strip.line_m)
     numbers: Array = np.arange(strip.pixels + 1, dtype=np.float64)
     bounds_m: Array = numbers / (strip.pixels / line.length_m)

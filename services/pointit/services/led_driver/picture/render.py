@@ -1,10 +1,9 @@
-"""Segments, cursors and their states to pixels (paper, §III-E), each kind of thing in one go.
+"""Renders segments and cursors to pixels (paper, §III-E), with one operation per kind of object.
 
-The language of light: an object is a segment in the colour of its kind, dim, or bright when it is selected.
-Its margins are in the colour of whoever hovers it, or has it selected; in several colours pixel by pixel
-when there are several to tell. The body changes from both ends to the middle as far as the selection has
-come. Dark pixels in the body of what is selected make the owner's pattern. Cursors lie on top; where
-several meet, they alternate pixel by pixel.
+An object is a segment in the colour of its kind, dim, or bright if selected. Its margins have the colour of
+the person who hovers or has selected it, alternating by pixel if there are several colours. The body changes
+from both ends to the middle with the progress of selection. Dark pixels in the body of a selected object
+form the owner's pattern. Cursors are drawn on top, alternating by pixel where several overlap.
 """
 
 from dataclasses import dataclass
@@ -19,42 +18,42 @@ from pointit.services.led_driver.picture.layout import Array, Indices, Layout
 Bytes = NDArray[np.uint8]
 
 PATTERNS = ("solid", "dashed", "dotted", "striped", "hollow", "tailed")
-"""As in the profile; a segment has the index."""
+"""Patterns of the profile. A segment has the index."""
 _DASHED, _DOTTED, _STRIPED, _HOLLOW, _TAILED = range(1, 6)
 
 BODY, FILL, GAP, OWNER, MARGIN = range(5)
-"""Roles of pixels: what the gauge would make of the body, the dark of patterns, the owner's, the margins'."""
+"""Roles of pixels: body, its other level by the gauge, dark of patterns, owner's colour, margins."""
 MARGIN_COLORS = 4
-"""So many alternate at most."""
+"""Maximum number of alternating colours."""
 ROLES = MARGIN + MARGIN_COLORS
 
 _ROUNDING = 1e-6
-"""Pixels."""
+"""Tolerance, pixels."""
 _ROUNDING_M = 1e-9
-"""How far beyond an object's end a pixel is still on it."""
+"""Distance beyond an object's end at which a pixel is still on it."""
 _MANY = 1e9
-"""Pixels: more are not counted."""
+"""Limit of the count of pixels."""
 
 
 @dataclass(frozen=True, slots=True)
 class Segments:
-    """Objects to draw, n of them, each centred on `at_m` of a line of the layout; later ones lie on top."""
+    """Objects to draw, n of them, each centred on `at_m` of a line of the layout. Later ones are on top."""
 
     lines: Indices
     at_m: Array
     half_m: Array
     forth: NDArray[np.bool_]
-    """It moves from the line's start to its end, or stands."""
+    """True if it moves from the line's start to its end, or stands."""
     tail_m: tuple[Array, Array] | None
-    """Lengths of the tails before the starts and after the ends; none when nothing moves."""
+    """Lengths of the tails before the starts and after the ends, or None if nothing moves."""
     palette: Bytes
-    """n x `ROLES` x 3."""
+    """Colours, n x `ROLES` x 3."""
     progress: Array
-    """How far the body is filled, 0 to 1."""
+    """Filled share of the body, 0 to 1."""
     margins: Indices
-    """How many colours the margins have; 0: there are none."""
+    """Number of colours of the margins, 0 without margins."""
     thin: NDArray[np.bool_]
-    """Margins of one pixel only."""
+    """True for margins of one pixel only."""
     patterns: Indices
     """Index into `PATTERNS`."""
 
@@ -72,7 +71,7 @@ class CursorMark:
 def tails(
     layout: Layout, lines: Indices, half_m: Array, speed_mps: Array, style: StyleConfig
 ) -> tuple[Array, Array] | None:
-    """Return the tails of objects as `Segments` has them; what may slip between two pixels has none."""
+    """Return the tails of objects for `Segments`. Objects that may fit between two pixels have none."""
     length_m = np.minimum(np.abs(speed_mps) * style.tail_s, style.tail_max_m)
     length_m[layout.narrow(lines, 2.0 * half_m)] = 0.0
     if not length_m.any():
@@ -81,19 +80,19 @@ def tails(
 
 
 class Renderer:
-    """Draws frames on one layout; all strips lie in one buffer: what concerns all is one operation."""
+    """Draws frames on one layout. All strips share one buffer, so that each operation covers all of them."""
 
     def __init__(self, layout: Layout, style: StyleConfig | None = None) -> None:
-        """Draw on `layout` in `style`."""
+        """Create for `layout` and `style`."""
         self._style = style if style is not None else StyleConfig()
         self._layout = layout
         self._buffer: Bytes = np.zeros((layout.count, 3), dtype=np.uint8)
         margin = np.clip(np.rint(self._style.margin_m / layout.pitch_m), 1, 4096).astype(np.intp)
         self._margin: Indices = margin[layout.run]
-        """Pixels of a margin, for every entry of the layout."""
+        """Number of pixels of a margin, for every entry of the layout."""
 
     def render(self, segments: Segments, cursors: list[CursorMark]) -> Bytes:
-        """Return all pixels (n x 3, red green blue) in the layout's order; the next call changes them."""
+        """Return all pixels (n x 3, red green blue) in the layout's order, valid until the next call."""
         self._buffer.fill(0)
         if len(segments.lines):
             self._draw_segments(segments)
@@ -135,9 +134,9 @@ class Renderer:
     def _counted(
         self, segments: Segments, whose: Indices, entries: Indices, start_m: Array, end_m: Array
     ) -> tuple[Indices, Indices]:
-        """Return of each pixel how many of its segment lie before it on the same strip, and after it.
+        """Return for each pixel the numbers of its segment's pixels before and after it on the same strip.
 
-        Where the strip ends within the segment, those count that it would have if it went on.
+        If the strip ends within the segment, pixels are counted as if it continued.
         """
         layout = self._layout
         run, number = layout.run[entries], layout.number[entries]
@@ -174,7 +173,7 @@ class Renderer:
             )
         margin = np.where(segments.thin[whose], np.minimum(margin, 1), margin)
         colors = segments.margins[whose]
-        # each end begins with another colour when there are more of them than pixels
+        # each end begins with another colour if there are more colours than pixels
         turn = (nearer + (last < first) * np.maximum(colors - margin, 0)) % np.maximum(colors, 1)
         ends = nearer < margin
         roles[ends] = MARGIN + turn[ends]
@@ -189,7 +188,7 @@ class Renderer:
         pixels = layout.pixels[entries]
         colors = np.array([mark.color for mark in cursors], dtype=np.uint8)
         if len(cursors) > 1 and len(pixels):
-            # the k-th cursor over a pixel shows when k is the pixel's number modulo how many there are
+            # the k-th cursor over a pixel shows if k is the pixel's number modulo the number of cursors
             order = np.lexsort((whose, pixels))
             pixels, whose = pixels[order], whose[order]
             begins = np.ones(len(pixels), dtype=np.bool_)
@@ -202,22 +201,22 @@ class Renderer:
 
 
 def _whole(pixels: Array) -> Indices:
-    """Return how many whole pixels they are."""
+    """Return the number of whole pixels."""
     return np.minimum(np.maximum(pixels + _ROUNDING, 0.0), _MANY).astype(np.intp)
 
 
 def _draw_patterns(
     roles: Indices, patterns: Indices, *, inward: Indices, along: Indices, trailing: Indices, body: Indices
 ) -> None:
-    """Set the roles of pixels that make a pattern.
+    """Set the roles of the pixels of a pattern.
 
     Args:
-        roles: to change.
-        patterns: of the segment of each pixel.
-        inward: pixels from the nearer end of the body, from 0 on; less than 0 in the margins.
+        roles: roles to change.
+        patterns: pattern of the segment of each pixel.
+        inward: pixels from the nearer end of the body, from 0 on. Negative in the margins.
         along: pixels from the start of the body.
-        trailing: pixels from the end of the body that comes last.
-        body: how many pixels the body has; in fewer than three no pattern is to be seen.
+        trailing: pixels from the trailing end of the body.
+        body: number of pixels of the body. Below three no pattern is visible.
     """
     patterns = np.where((inward >= 0) & (body >= 3), patterns, 0)
     roles[(patterns == _DASHED) & (inward % 4 == 0)] = GAP

@@ -1,4 +1,4 @@
-"""What is to be seen on the strips now: the newest of everything, as long as it is fresh."""
+"""Current content of the strips: the newest of every message, as long as it is fresh."""
 
 import math
 from collections.abc import Iterable
@@ -29,14 +29,14 @@ from pointit.services.led_driver.picture.render import CursorMark, Segments, tai
 T = TypeVar("T")
 
 BLINK_NS = NS_PER_S // 2
-"""The pixel nearest to who points past is lit for so long, then dark for as long: at 1 Hz."""
+"""Time for which the pixel nearest to a ray that points past everything is lit, then dark: 1 Hz."""
 
 NOWHERE = Cursor(stamp_ns=0)
 
 
 @dataclass(frozen=True, slots=True)
 class _Placed:
-    """The objects that are on the layout, as arrays; built when they come, not when they are drawn."""
+    """Objects on the layout, as arrays, built on arrival rather than on drawing."""
 
     lines: Indices
     at_m: Array
@@ -50,10 +50,10 @@ class _Placed:
 
 
 class Scene:
-    """Keeps what was heard and forgets what has grown old; ages count from arrival."""
+    """Stores received messages and drops expired ones. Ages count from arrival."""
 
     def __init__(self, config: LedDriverConfig) -> None:
-        """Begin with nothing heard, and no layout."""
+        """Create without messages and layout."""
         self._cursor_looks = config.cursors
         self._cursor_timeout_ns = int(config.cursor_timeout_s * NS_PER_S)
         self._objects_timeout_ns = int(config.objects_timeout_s * NS_PER_S)
@@ -67,7 +67,7 @@ class Scene:
         self._selection: Selection | None = None
         self._new_ns: int | None = None
         self._blink_ns: int | None = None
-        """When a pixel nearest to who points past changes next."""
+        """Time of the next change of a blinking pixel, ns."""
         self._placed: _Placed | None = None
         self._looks: Appearance | None = None
 
@@ -77,9 +77,9 @@ class Scene:
         self._placed = self._looks = None
 
     def set_cursor(self, user: str, cursor: Cursor, now_ns: int) -> bool:
-        """Take where `user` points; return whether that shows.
+        """Set `user`'s cursor. Return True if that changes the strips.
 
-        It does if their cursor is, or was, on a line, or if another pixel is nearest to who points past.
+        It does if the cursor is or was on a line, or if another pixel is nearest to a ray past everything.
         """
         _, before = self._cursors.get(user, (0, NOWHERE))
         self._cursors[user] = (now_ns, cursor)
@@ -91,25 +91,25 @@ class Scene:
         return cursor.passed != before.passed and self._pixels(cursor) != self._pixels(before)
 
     def set_hover(self, user: str, hover: Hover, now_ns: int) -> None:
-        """Take what `user`'s cursor is on."""
+        """Set `user`'s hovered object."""
         self._hovers[user] = (now_ns, hover)
         self._looks = None
 
     def set_objects(self, tracker: str, objects: TrackedObjects, now_ns: int) -> None:
-        """Take all objects of `tracker`."""
+        """Set all objects of `tracker`."""
         self._objects[tracker] = (now_ns, objects)
         self._placed = self._looks = None
 
     def set_selection(self, selection: Selection) -> None:
-        """Take what is selected."""
+        """Set the selection."""
         self._selection = selection
         self._looks = None
 
     def set_profile(self, user: str, profile: UserProfile) -> None:
-        """Take `user`'s colour, pattern and cursor width.
+        """Set `user`'s colour, pattern and cursor width.
 
         Raises:
-            UnknownColormapError: there is no colormap of that name; the cursor keeps its colour.
+            UnknownColormapError: If there is no colormap of that name. The cursor keeps its colour.
         """
         self._profiles[user] = profile.model_copy(update={"cursor_colormap": ""})
         self._looks = None
@@ -118,7 +118,7 @@ class Scene:
             self._profiles[user] = profile
 
     def forget(self, now_ns: int) -> None:
-        """Drop what is too old, or came at a time still to come: the clock was set back."""
+        """Drop what has expired, or is stamped in the future because the clock was set back."""
         _forget(self._cursors, now_ns, self._cursor_timeout_ns)
         if _forget(self._hovers, now_ns, self._cursor_timeout_ns):
             self._looks = None
@@ -126,7 +126,7 @@ class Scene:
             self._placed = self._looks = None
 
     def next_change_ns(self) -> int | None:
-        """Return when something will be too old if nothing more is heard of it, or blinks."""
+        """Return the time of the next expiry without new messages, or of the next blink."""
         ends = [at + self._cursor_timeout_ns for at, _ in (*self._cursors.values(), *self._hovers.values())]
         ends += [at + self._objects_timeout_ns for at, _ in self._objects.values()]
         if self._blink_ns is not None:
@@ -139,7 +139,7 @@ class Scene:
         return new_ns
 
     def cursors(self, now_ns: int) -> list[CursorMark]:
-        """Return the cursors on strips and belts, by user name, and pixels nearest to who points past."""
+        """Return the cursors on strips and belts, by user name, and the pixels nearest to passing rays."""
         marks: list[CursorMark] = []
         blinks = now_ns // BLINK_NS
         self._blink_ns = None
@@ -164,7 +164,7 @@ class Scene:
         return marks
 
     def _pixel(self, user: str, passed: Passed) -> list[CursorMark]:
-        """Return the mark of a person who points past everything: a pixel, dim, where they come nearest."""
+        """Return the mark of a person who points past everything: a dim pixel where they come nearest."""
         line = self._layout.line(passed.surface, passed.surface_id)
         if line is None:
             return []
@@ -201,7 +201,7 @@ class Scene:
         return colormap(profile.cursor_colormap).rgb(1.0 - min(share, 1.0))
 
     def segments(self, now_ns: int) -> Segments:
-        """Return the objects on strips and belts where they are at `now_ns`."""
+        """Return the objects on strips and belts at their positions at `now_ns`."""
         if self._placed is None:
             self._placed = self._place()
         placed = self._placed
@@ -211,7 +211,7 @@ class Scene:
                 placed.kinds, placed.ids, hovers, self._selection, self._profiles
             )
         looks = self._looks
-        # never beyond the time-out, and a clock that is ahead of ours must not move them backwards
+        # never beyond the timeout, and a clock ahead of ours must not move them backwards
         elapsed_s = np.clip(now_ns - placed.stamp_ns, 0, self._objects_timeout_ns) / NS_PER_S
         return Segments(
             lines=placed.lines,
@@ -257,7 +257,7 @@ class Scene:
 
 
 def _forget(heard: dict[str, tuple[int, T]], now_ns: int, timeout_ns: int) -> bool:
-    """Drop what is too old; return whether anything was."""
+    """Drop expired entries. Return True if there were any."""
     old = [name for name, (at, _) in heard.items() if not 0 <= now_ns - at < timeout_ns]
     for name in old:
         del heard[name]

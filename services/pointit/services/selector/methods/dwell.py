@@ -11,23 +11,23 @@ Method = Literal["hold", "fraction"]
 
 
 class Dwell:
-    """Watches what one person's cursor is on, and says when staying there toggles an object.
+    """Detects when staying on an object toggles it, for one person.
 
     Time is cut into timesteps of the cursors' stamps. A timestep's object is the one hovered by the newest
     cursor at the end of the timestep, or nothing if that cursor is older than `longest_gap_s` by then: a
     wrist at 5 to 10 Hz leaves some timesteps without a cursor of their own. When a timestep is over, the
     window is the last `window_s / timestep_s` of them:
 
-    - `hold`: the same object at every timestep of the window toggles; one flicker starts it anew.
+    - `hold`: the same object at every timestep of the window toggles. One flicker restarts it.
     - `fraction`: an object hovered at `fraction` of the window's timesteps, or more, toggles.
 
     Both fire only when a window is full, so never sooner than `window_s` after the last toggle or the
-    beginning: a fraction of the timesteps in a window can be told of a whole window only. (The ROS toolkit
-    counts 4 of the last 5 from the first timestep on, and fires after 0.3 to 0.4 s of its 0.5 s.) They
-    fire when the last timestep of the window is over, that is with the first cursor after it.
+    start, since a fraction is defined for a whole window only. (The ROS toolkit counts 4 of the last 5 from
+    the first timestep on, and fires after 0.3 to 0.4 s of its 0.5 s.) They fire when the last timestep of
+    the window is over, that is with the first cursor after it.
 
     A toggle empties the window and latches its object: until it was not hovered for `release_s`, timesteps
-    on it count as nothing hovered.
+    on it count as empty.
     """
 
     def __init__(
@@ -44,22 +44,22 @@ class Dwell:
         self._step_ns = round(timestep_s * NS_PER_S)
         self._gap_ns = round(longest_gap_s * NS_PER_S)
         self.window = max(1, round(window_s / timestep_s))
-        """Timesteps in the window."""
+        """Number of timesteps in the window."""
         self.needed = self.window if self._holds else max(1, math.ceil(fraction * self.window - 1e-9))
-        """Timesteps of the window that must be on the object."""
+        """Number of timesteps of the window that must be on the object."""
         self.release = max(1, math.ceil(release_s / timestep_s - 1e-9))
-        """Timesteps off a toggled object before it counts again."""
+        """Number of timesteps off a toggled object before it counts again."""
         self._steps: deque[str | None] = deque(maxlen=self.window)
         self._away: dict[str, int] = {}
-        """Latched objects, and for how many timesteps they have not been hovered."""
+        """Latched objects, with the number of timesteps since they were hovered."""
         self._index: int | None = None
         self._stamp_ns = 0
         self._object: str | None = None
 
     def step(self, stamp_ns: int, object_id: str | None) -> str | None:
-        """Take what the cursor of `stamp_ns` is on; return the object to toggle now, or none.
+        """Add a cursor of `stamp_ns` on `object_id`. Return the object to toggle now, or None.
 
-        Cursors out of order are left out; a stamp more than a window back starts everything anew.
+        Cursors out of order are ignored. A stamp more than a window back resets the state.
         """
         index = stamp_ns // self._step_ns
         if self._index is not None and index < self._index - self.window:
@@ -72,7 +72,7 @@ class Dwell:
         return toggled
 
     def progress(self, object_id: str | None) -> float:
-        """Return how far `object_id` has come towards its toggle, 0 to 1."""
+        """Return the progress of `object_id` towards its toggle, 0 to 1."""
         if object_id is None:
             return 0.0
         if not self._holds:
@@ -85,12 +85,12 @@ class Dwell:
         return streak / self.window
 
     def latch(self, object_id: str) -> None:
-        """Have `object_id` not count until it is left: it was changed in another way."""
+        """Ignore `object_id` until it is left, since it was changed in another way."""
         self._steps.clear()
         self._away[object_id] = 0
 
     def clear(self) -> None:
-        """Begin anew."""
+        """Reset to the initial state."""
         self._steps.clear()
         self._away.clear()
         self._index = None
@@ -102,11 +102,11 @@ class Dwell:
         return self._away
 
     def _pass(self, current: int, index: int, stamp_ns: int) -> str | None:
-        """End the timesteps from `current` until `index` begins, which is that of the next cursor."""
+        """End the timesteps from `current` to before `index`, that of the next cursor."""
         if index <= current:
             return None
         if index - current > self.release and stamp_ns - self._stamp_ns > self._gap_ns:
-            # too long ago to act on: the person was gone
+            # too old to act on
             self._steps.extend([None] * self.window)
             self._away.clear()
             return None
@@ -117,7 +117,7 @@ class Dwell:
         return toggled
 
     def _end(self, hovered: str | None) -> str | None:
-        """End a timestep in which `hovered` was the last object; return what it toggles."""
+        """End a timestep whose last object was `hovered`. Return the object that it toggles, or None."""
         for latched, away in list(self._away.items()):
             if latched == hovered:
                 self._away[latched] = 0
@@ -131,7 +131,7 @@ class Dwell:
         counts = Counter(step for step in reversed(self._steps) if step is not None)
         if not counts:
             return None
-        object_id, count = counts.most_common(1)[0]  # of equal ones the latest
+        object_id, count = counts.most_common(1)[0]  # the latest if counts are equal
         if count < self.needed:
             return None
         self._steps.clear()

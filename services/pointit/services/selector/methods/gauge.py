@@ -1,4 +1,4 @@
-"""The gauges of one person: one an object, filled by pointing at it steadily (pointing.md §6)."""
+"""Gauges of one person: one per object, filled by pointing at it steadily (pointing.md §6)."""
 
 from collections.abc import Collection, Container
 
@@ -6,12 +6,12 @@ from pointit.schemas import NS_PER_S
 
 
 class Gauges:
-    """Fills, drains and fires.
+    """Fill levels of one person's gauges, updated at each cursor.
 
-    In the time between two cursors the gauge of the object that the later one hovers fills by its share of
-    the time to fill it, all others drain at `drain_share` of that rate. So it fires within one cursor of the
-    same time whatever the rate of cursors is. In a gap longer than `longest_gap_s` everything drains.
-    A full gauge fires once: its object is latched until it was left for `leave_s` without a break.
+    Between two cursors, the gauge of the object that the later one hovers fills by the elapsed share of its
+    fill time. All others drain at `drain_share` of that rate. So the fill time does not depend on the rate
+    of cursors. In a gap longer than `longest_gap_s` everything drains. A full gauge fires once: its object
+    is latched until it was left for `leave_s` without a break.
     """
 
     def __init__(
@@ -27,13 +27,13 @@ class Gauges:
         self._gap_s = longest_gap_s
         self._fill: dict[str, float] = {}
         self._spent_s: dict[str, float] = {}
-        """Time that went into each gauge, in step with it."""
+        """Time spent on each gauge, s. Same keys as `_fill`."""
         self._latched: dict[str, int | None] = {}
-        """Fired objects, and since when they are left."""
+        """Fired objects, with the time since which they are left, ns, or None while they are not left."""
         self._stamp_ns: int | None = None
 
     def clear(self) -> None:
-        """Begin anew."""
+        """Reset to the initial state."""
         self._fill.clear()
         self._spent_s.clear()
         self._latched.clear()
@@ -45,11 +45,11 @@ class Gauges:
         return self._latched
 
     def fill(self, object_id: str) -> float:
-        """Return how full the gauge of `object_id` is, 0 to 1."""
+        """Return the level of the gauge of `object_id`, 0 to 1."""
         return self._fill.get(object_id, 0.0)
 
     def filled_s(self, object_id: str) -> float:
-        """Return for how long it was filled to be so full, s."""
+        """Return the time of filling that led to this level, s."""
         return self._spent_s.get(object_id, 0.0)
 
     def step(
@@ -61,12 +61,12 @@ class Gauges:
         full_s: float,
         near: Container[str] = (),
     ) -> str | None:
-        """Take a cursor, later than the one before; return the object whose gauge is full now, or none.
+        """Process a cursor, later than the one before. Return the object whose gauge is full now, or None.
 
         Args:
-            stamp_ns: of the cursor.
-            hovered: the object it is on.
-            fills: whether the gauge of that object fills; else it stays as it is.
+            stamp_ns: stamp of the cursor.
+            hovered: hovered object.
+            fills: True if the gauge of that object fills, else it keeps its level.
             full_s: time that fills it, s.
             near: latched objects that this cursor has not left.
         """
@@ -89,7 +89,7 @@ class Gauges:
         return hovered
 
     def latch(self, object_id: str) -> None:
-        """Have `object_id` not fire until it is left: it was changed in another way."""
+        """Block `object_id` until it is left, since it was changed in another way."""
         self._fill.pop(object_id, None)
         self._spent_s.pop(object_id, None)
         self._latched[object_id] = None

@@ -1,4 +1,4 @@
-"""One person who points: what they hover, how steadily, and when that fires."""
+"""Pointing of one person: hovered object, steadiness and firing."""
 
 import math
 from collections import deque
@@ -12,29 +12,29 @@ from pointit.services.selector.methods.gauge import Gauges
 from pointit.services.selector.methods.ray_speed import RaySpeedEstimator
 from pointit.services.selector.objects.view import View
 
-SET_BACK_NS = 2 * NS_PER_S
-"""A stamp that is earlier by more comes of a clock that was set back, an earlier one is late."""
+CLOCK_STEP_NS = 2 * NS_PER_S
+"""A stamp earlier by more than this means that the clock was set back. An earlier one by less is late."""
 
 HISTORY_NS = NS_PER_S
-"""So long it is remembered what was hovered."""
+"""Time for which hovered objects are remembered, ns."""
 
 
 @dataclass(frozen=True, slots=True)
 class PointerResult:
-    """What came of one cursor."""
+    """Result of one cursor."""
 
     object_id: str | None
-    """Hovered."""
+    """Hovered object, or None."""
     fired: str | None
-    """Object on which the person stayed long enough."""
+    """Object on which the person stayed long enough, or None."""
     progress: float
-    """Towards that, 0 to 1; 0 while it is too little to be shown."""
+    """Progress towards firing, 0 to 1. 0 while it is too little to show."""
     is_shown: bool
-    """Whether it is enough to be shown: from then on the object is reserved."""
+    """True if progress is enough to show. From then on the object is reserved."""
 
 
 class PersonPointer:
-    """Follows one person's cursors with the configured method."""
+    """Applies the configured method to one person's cursors."""
 
     def __init__(self, config: SelectorConfig) -> None:
         gauge = config.gauge
@@ -45,17 +45,17 @@ class PersonPointer:
         self._steadiness = RaySpeedEstimator(gauge.speed_window_s)
         self._set_method(config)
         self.hovered: str | None = None
-        """With the last cursor."""
+        """Object hovered with the last cursor, or None."""
         self._ready: str | None = None
         self._stamp_ns: int | None = None
         self._press_ns: int | None = None
         self._history: deque[tuple[int, str | None]] = deque()
-        """What was hovered since when."""
+        """Hovered objects with the time since which each was hovered, ns."""
 
     def use(self, config: SelectorConfig) -> None:
-        """Take another method, or other times of it: progress begins anew.
+        """Change the method or its times, and reset progress.
 
-        What was toggled and not left since still does nothing until it is left.
+        Objects that were toggled and not left since stay latched.
         """
         latched = set((self._gauges if self._dwell is None else self._dwell).latched)
         self._set_method(config)
@@ -63,10 +63,10 @@ class PersonPointer:
             self.latch(object_id)
 
     def is_timely(self, stamp_ns: int) -> bool:
-        """Return whether a cursor of `stamp_ns` is new; after a clock was set back all begins anew."""
+        """Return True if a cursor of `stamp_ns` is new. If the clock was set back, reset all state first."""
         if self._stamp_ns is None or stamp_ns > self._stamp_ns:
             return True
-        if self._stamp_ns - stamp_ns <= SET_BACK_NS:
+        if self._stamp_ns - stamp_ns <= CLOCK_STEP_NS:
             return False
         self._forget()
         return True
@@ -74,13 +74,13 @@ class PersonPointer:
     def step(
         self, cursor: Cursor, view: View | None, under: str | None, acts: Callable[[str], bool]
     ) -> PointerResult:
-        """Take a timely cursor.
+        """Process a timely cursor.
 
         Args:
-            cursor: whose stamp counts.
-            view: the objects along its ray; none: it has no ray, or nothing is there.
-            under: the object it is on by metres, for the methods of the paper and cursors without a ray.
-            acts: whether staying on an object would do anything.
+            cursor: cursor, identified by its stamp.
+            view: objects along its ray. None if it has no ray or there are no objects.
+            under: object under it by metres, for the methods of the paper and cursors without a ray.
+            acts: returns True if staying on an object has an effect.
         """
         stamp_ns = cursor.stamp_ns
         if self._stamp_ns is not None and stamp_ns - self._stamp_ns > self._gap_ns:
@@ -100,25 +100,25 @@ class PersonPointer:
         return pointed
 
     def press(self, stamp_ns: int) -> str | None:
-        """Return what was hovered shortly before the press of `stamp_ns`; none: nothing, or it is old."""
-        if self._press_ns is not None and -SET_BACK_NS <= stamp_ns - self._press_ns <= 0:
+        """Return the object hovered shortly before the press of `stamp_ns`, or None if unknown."""
+        if self._press_ns is not None and -CLOCK_STEP_NS <= stamp_ns - self._press_ns <= 0:
             return None
         self._press_ns = stamp_ns
-        meant_ns = stamp_ns - round(self._config.look_back_s * NS_PER_S)
-        if self._stamp_ns is None or meant_ns - self._stamp_ns > self._gap_ns:
-            return None  # the last cursor is too old to say
+        target_ns = stamp_ns - round(self._config.look_back_s * NS_PER_S)
+        if self._stamp_ns is None or target_ns - self._stamp_ns > self._gap_ns:
+            return None  # the last cursor is too old
         for since_ns, object_id in reversed(self._history):
-            if since_ns <= meant_ns:
+            if since_ns <= target_ns:
                 return object_id
         return None
 
     def latch(self, object_id: str) -> None:
-        """Have staying on `object_id` do nothing until it is left: it was changed in another way."""
+        """Disable staying on `object_id` until it is left, since it was changed in another way."""
         (self._gauges if self._dwell is None else self._dwell).latch(object_id)
         self._ready = None
 
     def is_latched(self, object_id: str) -> bool:
-        """Return whether staying on `object_id` does nothing until it is left."""
+        """Return True if staying on `object_id` has no effect until it is left."""
         return object_id in (self._gauges if self._dwell is None else self._dwell).latched
 
     def _set_method(self, config: SelectorConfig) -> None:

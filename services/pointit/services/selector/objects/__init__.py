@@ -1,1 +1,1 @@
-"""Where objects lie about a ray at the time of its capture."""
+"""Positions of objects about a ray at the time of its capture."""

@@ -1,36 +1,36 @@
-"""Which of the selected objects have left: listed no longer, or not seen for too long."""
+"""Selected objects that have left: no longer listed, or not seen for too long."""
 
 from collections.abc import Container, Iterable
 
 from pointit.schemas import NS_PER_S
 
 OWN = ""
-"""The clock of the one who asks; others have the name of whose they are."""
+"""Name of the selector's own clock. Others have the names of their trackers."""
 
 
 class Departures:
-    """Gives objects that are missed some time to come back.
+    """Gives missing objects some time to come back.
 
-    Whose tracker lists them no longer has left after `left_after_s`; those that were selected before a
-    restart and have not been seen since are waited for, for `unseen_after_s`. That time passes on a single
-    clock, whichever comes first: trackers on other machines have clocks of their own.
+    An object that its tracker no longer lists has left after `left_after_s`. One that was selected before a
+    restart and has not been seen since has left after `unseen_after_s`. The time must pass on one clock,
+    whichever is first, since trackers on other machines have clocks of their own.
     """
 
     def __init__(self, left_after_s: float, unseen_after_s: float) -> None:
         self._left_ns = round(left_after_s * NS_PER_S)
         self._unseen_ns = round(unseen_after_s * NS_PER_S)
         self._missed: dict[str, tuple[int, dict[str, int]]] = {}
-        """By object: how long it is waited for, ns, and since when it is missed on each clock."""
+        """By object: time to wait, ns, and by clock the time since which it is missing, ns."""
 
     def expect(self, object_ids: Iterable[str], now_ns: int) -> None:
-        """Wait for `object_ids` to be seen for the first time; `now_ns` is on our own clock."""
+        """Wait for `object_ids` to be seen for the first time. `now_ns` is on our own clock."""
         for object_id in object_ids:
             self._missed[object_id] = (self._unseen_ns, {OWN: now_ns})
 
     def step(
         self, selected: Iterable[str], present: Container[str], now_ns: int, clock: str = OWN
     ) -> list[str]:
-        """Return those `selected` that have left by `now_ns` of `clock`, of which `present` are there."""
+        """Return those of `selected` that have left by `now_ns` of `clock`, given the `present` objects."""
         left: list[str] = []
         for object_id in selected:
             if object_id in present:

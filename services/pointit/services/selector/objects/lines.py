@@ -1,4 +1,4 @@
-"""All strips and belts of a map in one table, so that one look-up moves all objects along theirs."""
+"""All strips and belts of a map in one table, so that one look-up moves all objects along their lines."""
 
 import math
 from collections.abc import Mapping
@@ -13,13 +13,13 @@ Indices = NDArray[np.int64]
 
 
 class LineTable:
-    """Polylines one behind the other, each addressed by its number and arc length.
+    """Concatenated polylines, each addressed by its number and arc length.
 
-    Beyond an end a line goes straight on.
+    Lines are extended straight beyond their ends.
     """
 
     def __init__(self, lines: Mapping[tuple[str, str], Polyline]) -> None:
-        """Take lines by surface and its id."""
+        """Create a table of `lines`, by surface and id."""
         self._lines = dict(lines)
         self._numbers = {key: number for number, key in enumerate(lines)}
         starts: list[float] = []
@@ -40,7 +40,7 @@ class LineTable:
         self._tangents: Array = np.concatenate(tangents)
 
     def has(self, surface: str, surface_id: str) -> bool:
-        """Return whether there is such a line."""
+        """Return True if the table has this line."""
         return (surface, surface_id) in self._numbers
 
     def index(self, surface: str, surface_id: str) -> int:
@@ -48,7 +48,7 @@ class LineTable:
         return self._numbers[surface, surface_id]
 
     def line(self, surface: str, surface_id: str) -> Polyline:
-        """Return a line itself."""
+        """Return the polyline of a line."""
         return self._lines[surface, surface_id]
 
     def at(self, which: Indices, positions_m: Array) -> tuple[Array, Array]:
@@ -58,7 +58,7 @@ class LineTable:
         return self._vertices[segments] + beyond_m[:, None] * tangents, tangents
 
     def around(self, which: Indices, positions_m: Array) -> tuple[Array, Array, Array, Array]:
-        """Return points, tangents, and how far it is straight on before and after, m (infinite at ends)."""
+        """Return points, tangents, and the straight distances before and after, m (infinite at ends)."""
         points_m, tangents = self.at(which, positions_m)
         segments, beyond_m = self._segments(which, positions_m)
         arcs = self._arcs
@@ -71,7 +71,7 @@ class LineTable:
         return points_m, tangents, before_m, after_m
 
     def _segments(self, which: Indices, positions_m: Array) -> tuple[Indices, Array]:
-        """Return the table's row of each position, and how far behind its vertex the position is, m."""
+        """Return the table's row of each position, and the distance of the position behind that vertex, m."""
         starts = self._starts[which]
         within_m = np.minimum(np.maximum(positions_m, 0.0), self._lengths_m[which])
         segments = self._arcs.searchsorted(starts + within_m, side="right") - 1

@@ -1,4 +1,4 @@
-"""Which object lies under a cursor: compared where it was when the cursor was captured."""
+"""Object under a cursor, with objects moved to where they were when the cursor was captured."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -13,7 +13,7 @@ from pointit.schemas.pointing import LINES
 Array = NDArray[np.float64]
 
 MAX_TRACKERS = 64
-"""Of more, the one longest unheard is forgotten."""
+"""Limit of trackers. Beyond it the one silent for longest is forgotten."""
 
 
 class _OnLine:
@@ -45,7 +45,7 @@ class _InSpace:
 
 
 class _Listing:
-    """What one tracker last said."""
+    """Last message of one tracker."""
 
     def __init__(self, message: TrackedObjects, margin_m: float) -> None:
         self.stamp_ns = message.stamp_ns
@@ -62,7 +62,7 @@ class _Listing:
 
 
 class ObjectPositions:
-    """Knows where every tracker's objects are and which of them a cursor is on."""
+    """Positions of all trackers' objects, and the object under a cursor."""
 
     def __init__(
         self,
@@ -73,14 +73,14 @@ class ObjectPositions:
         ended_after_s: float = 30.0,
         lead_s: float = 0.0,
     ) -> None:
-        """Begin without trackers.
+        """Create without trackers.
 
         Args:
-            margin_m: how far beside an object a cursor still counts.
-            stale_after_s: objects not heard of for longer cannot be hovered.
-            display_lag_s: at t people see an object where it was that much earlier.
+            margin_m: distance beside an object within which a cursor still hovers it.
+            stale_after_s: objects whose last report is older cannot be hovered.
+            display_lag_s: delay with which people see objects.
             ended_after_s: a tracker silent for longer has ended.
-            lead_s: it is too late for an object so long before its way to a bay is decided.
+            lead_s: time before the decision on its bay from which an object cannot be changed.
         """
         self._lead_ns = round(lead_s * NS_PER_S)
         self._lag_s = display_lag_s
@@ -92,12 +92,12 @@ class ObjectPositions:
 
     @property
     def objects(self) -> Mapping[str, TrackedObject]:
-        """Return all objects that are there, by id, as they were last listed."""
+        """Return all objects by id, as last listed."""
         return self._objects
 
     def update(self, tracker: str, message: TrackedObjects) -> list[str]:
-        """Take the list of `tracker` in place of its last one; return trackers forgotten for it."""
-        self._trackers.pop(tracker, None)  # to the end: the first is the one longest unheard
+        """Replace the list of `tracker`. Return trackers that were forgotten to make room."""
+        self._trackers.pop(tracker, None)  # append, so that the first is the one silent for longest
         self._trackers[tracker] = _Listing(message, self._margin_m)
         forgotten: list[str] = []
         while len(self._trackers) > MAX_TRACKERS:
@@ -114,9 +114,9 @@ class ObjectPositions:
         }
 
     def too_late(self, object_id: str, now_ns: int) -> str:
-        """Return why the way of an object to its bay cannot be changed at `now_ns`, or `""` if it can.
+        """Return the reason for which the bay of an object cannot be changed at `now_ns`, or `""`.
 
-        Of an object whose tracker is silent nothing is known: it is not too late for it.
+        If its tracker is silent, the result is `""`, since nothing is known.
         """
         for listing in self._trackers.values():
             tracked = listing.objects.get(object_id)
@@ -133,7 +133,7 @@ class ObjectPositions:
         return [name for name, listing in self._trackers.items() if not self._fits(listing, now_ns)]
 
     def forget(self, now_ns: int) -> list[str]:
-        """Forget trackers silent for so long that they have ended, and return them."""
+        """Forget and return the trackers silent for so long that they have ended."""
         ended = [
             name
             for name, listing in self._trackers.items()
@@ -148,9 +148,9 @@ class ObjectPositions:
     def hit_test(self, cursor: Cursor) -> TrackedObject | None:
         """Return the object whose centre is nearest to `cursor`, within half its length and the margin.
 
-        Objects are moved on with their speed to where they are seen at the cursor's stamp. Those on a strip
-        or belt count only for cursors on the same one, by arc length; all others by their distance to the
-        cursor's point.
+        Objects are moved by their speed to where they are seen at the cursor's stamp. Those on a strip or
+        belt
+        are compared by arc length with cursors on the same one, all others by distance to the cursor's point.
         """
         best: tuple[float, TrackedObject] | None = None
         for listing in self._trackers.values():

@@ -1,4 +1,4 @@
-"""Where objects are seen from somebody's eyes: as angles to their ray, at the time of their ray."""
+"""Objects as seen from a person's eyes: angles to their ray, at the time of their ray."""
 
 import math
 from collections.abc import Sequence
@@ -18,24 +18,24 @@ from pointit.services.selector.objects.view import OnLine, View, VisibleObject
 Array = NDArray[np.float64]
 
 NEAREST_M = 1e-3
-"""Nothing is nearer to the eyes."""
+"""Lower limit of the distance to the eyes, m."""
 
 HAIR_M = 1e-6
 
-MOST_SEEN = 32
-"""Of more objects near a ray, those at the smallest angles are seen."""
+MAX_SEEN = 32
+"""Limit of objects near a ray. Beyond it those at the smallest angles are used."""
 
 STRAIGHT_M = 0.02
-"""A way so short is straight: on an arc of 0.5 m radius that is wrong by 0.4 mm."""
+"""Distance along a line that counts as straight, m. On an arc of 0.5 m radius the error is 0.4 mm."""
 
 OPAQUE = frozenset({"box", "cylinder", "sphere"})
-"""Solids that hide what is behind them; planes are floors and table tops, on which things stand."""
+"""Solids that hide what is behind them. Planes are floors and table tops, on which objects stand."""
 
 XYZ = np.ones(3)
 
 
 class Scene:
-    """Knows the map's lines and every tracker's objects, and sees them from any eyes at any time."""
+    """The map's lines and every tracker's objects, viewed from any eyes at any time."""
 
     def __init__(
         self,
@@ -46,16 +46,18 @@ class Scene:
         leave_factor: float = 1.5,
         aim: Literal["cursor", "ray"] = "cursor",
     ) -> None:
-        """Begin with an empty room.
+        """Create an empty scene.
 
         Args:
             stale_after_s: objects whose list is farther from a ray in time are not seen.
-            display_lag_s: at t people see an object where it was that much earlier.
-            reach_rad: objects are near a ray within this beside `leave_factor` times their half width.
-            leave_factor: see there; who is farther from an object has left it.
-            aim: angles are taken from the ray; with `cursor`, where that is on a line, from the direction
-                in which it is shown. A line shows nothing of how far the ray passes beside it, so people
-                cannot correct that: their ray may pass by degrees while the light is on the object.
+            display_lag_s: delay with which people see objects.
+            reach_rad: angle beyond `leave_factor` times their half width within which objects are near a ray.
+            leave_factor: multiple of the tolerance beyond which the pointer leaves an object.
+            aim: reference of angles: the ray, or with `cursor`, if that is on a line, the direction in which
+                it is
+                shown. A line does not show how far the ray passes beside it, so people cannot correct that:
+                their
+                ray may pass by degrees while the light is on the object.
         """
         self._stale_s = stale_after_s
         self._lag_s = display_lag_s
@@ -67,29 +69,29 @@ class Scene:
         self._set([], [])
 
     def on_map(self, environment: Environment) -> None:
-        """Take the lines of the map; one without length is none."""
+        """Set the lines of the map. A line without length is ignored."""
         lines: dict[tuple[str, str], Polyline] = {}
         for surface, those in (("strip", environment.strips), ("belt", environment.belts)):
             for item in those:
                 try:
                     lines[surface, item.id] = Polyline(item.line_m)
                 except ValueError:
-                    continue  # whoever publishes the map complains about it; its objects move straight on
+                    continue  # the map's publisher reports it; its objects move straight
         self._lines = LineTable(lines)
         self._relist()
 
     def update(self, tracker: str, message: TrackedObjects) -> None:
-        """Take the list of `tracker` in place of its last one."""
+        """Replace the list of `tracker`."""
         self._listings[tracker] = message
         self._relist()
 
     def forget(self, tracker: str) -> None:
-        """Forget what `tracker` listed."""
+        """Forget the objects of `tracker`."""
         if self._listings.pop(tracker, None) is not None:
             self._relist()
 
     def view_from(self, cursor: Cursor) -> View | None:
-        """Return how the objects lie about the ray of `cursor`; none when it has none or nothing is there."""
+        """Return the objects around the ray of `cursor`. None if it has no ray or there are no objects."""
         direction = cursor.direction
         if cursor.origin_m is None or direction is None or not self._tracked:
             return None
@@ -102,7 +104,7 @@ class Scene:
         else:
             centers_m = self._moved_m(np.full(len(self._tracked), elapsed_s))
         reach_m = centers_m - cursor.origin_m
-        # a hair more than it is: nothing is divided by zero, and cosines stay above -1
+        # slightly more than it is: avoids division by zero and keeps cosines above -1
         ranges_m = np.sqrt((reach_m * reach_m) @ XYZ) + HAIR_M
         aim = direction
         if self._aims_at_cursor and cursor.surface in LINES and cursor.point_m is not None:
@@ -110,8 +112,8 @@ class Scene:
             aim = vector.normalized(shown) if vector.norm(shown) > NEAREST_M else direction
         angles = np.arccos(np.minimum(reach_m @ aim / ranges_m, 1.0))
         near = (angles <= self._leave_factor * (self._halves_m / ranges_m) + self._reach_rad).nonzero()[0]
-        if len(near) > MOST_SEEN:
-            near = near[angles[near].argpartition(MOST_SEEN)[:MOST_SEEN]]
+        if len(near) > MAX_SEEN:
+            near = near[angles[near].argpartition(MAX_SEEN)[:MAX_SEEN]]
         seen = [
             self._seen(index, cursor, centers_m, angle, range_m)
             for index, angle, range_m in zip(
@@ -162,7 +164,7 @@ class Scene:
         return abs(age_s) <= self._stale_s
 
     def _moved_m(self, elapsed_s: Array) -> Array:
-        """Return the centres after `elapsed_s` (n): along their lines, or straight on."""
+        """Return the centres after `elapsed_s` (n), moved along their lines or straight."""
         count = self._on_lines
         centers_m = self._centers_m + self._velocities_mps * elapsed_s[:, None]
         if count:
@@ -187,7 +189,7 @@ class Scene:
         stamps_ns = [stamp_ns for _, stamp_ns in everything]
         self._base_ns = max(stamps_ns, default=0)
         self._ages_s: Array | None = None
-        if min(stamps_ns, default=0) != self._base_ns:  # of several trackers
+        if min(stamps_ns, default=0) != self._base_ns:  # from several trackers
             self._ages_s = np.array([(self._base_ns - stamp_ns) / NS_PER_S for stamp_ns in stamps_ns])
         count = self._on_lines = len(on_lines)
         lined = self._tracked[:count]
@@ -201,14 +203,14 @@ class Scene:
             self._speeds_mps: Array = np.array([one.surface_speed_mps for one in lined])
             points_m, tangents, before_m, after_m = self._lines.around(self._which, self._along_m)
             self._beside_m = self._centers_m[:count] - points_m
-            """What is carried along: height above the line, the tracker's noise."""
+            """Offset from the line, kept in motion: height above the line, the tracker's noise."""
             self._velocities_mps[:count] = tangents * self._speeds_mps[:, None]
             self._tangents: list[Vec3] = [(x, y, z) for x, y, z in tangents.tolist()]
             self._straight_s = _straight_s(self._speeds_mps, before_m, after_m)
 
 
 def _straight_s(speeds_mps: Array, before_m: Array, after_m: Array) -> tuple[float, float]:
-    """Return from when until when all move straight on, with so much line before and after them."""
+    """Return the interval in which all objects move straight, s, from the straight distances around them."""
     fast = np.maximum(np.abs(speeds_mps), 1e-9)
     onwards = np.maximum(np.where(speeds_mps >= 0.0, after_m, before_m), STRAIGHT_M) / fast
     backwards = np.maximum(np.where(speeds_mps >= 0.0, before_m, after_m), STRAIGHT_M) / fast

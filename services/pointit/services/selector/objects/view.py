@@ -1,4 +1,4 @@
-"""How the objects near one ray lie about it: which is pointed at, how surely, where a cursor is drawn."""
+"""Objects near one ray: the object pointed at, its probability, and the snapped cursor."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -12,11 +12,11 @@ from pointit.schemas import Cursor
 from pointit.schemas.pointing import LINES
 
 SAME_M = 1e-9
-"""Places nearer to each other are one."""
+"""Positions nearer to each other than this are equal, m."""
 
 
 class OnLine(NamedTuple):
-    """Where an object is on a strip or belt, at the time it was looked at."""
+    """Position of an object on a strip or belt, at the time of the view."""
 
     surface: str
     surface_id: str
@@ -25,35 +25,35 @@ class OnLine(NamedTuple):
 
 
 class VisibleObject(NamedTuple):
-    """An object as it is seen along a ray."""
+    """An object as seen along a ray."""
 
     id: str
     angle_rad: float
-    """To the direction to its centre, from the ray or from the direction in which the cursor is shown."""
+    """Angle to its centre, from the ray or from the direction in which the cursor is shown."""
     half_rad: float
     """Its half width: half its length along its line, as it appears from the eyes."""
     center_m: Vec3
     velocity_mps: Vec3
     along: Vec3
-    """Unit direction of its line; null: it is on none."""
+    """Unit direction of its line. Zero if it is on none."""
     half_m: float
     range_m: float
-    """From the eyes to its centre."""
+    """Distance from the eyes to its centre."""
     place: OnLine | None
 
 
 class View:
-    """The objects that are not far from one ray."""
+    """The objects near one ray."""
 
     def __init__(self, direction: Vec3, seen: Sequence[VisibleObject]) -> None:
-        """Take what is seen along the unit `direction` in {W}."""
+        """Create from what is seen along the unit `direction` in {W}."""
         self._direction = direction
         self._seen = {one.id: one for one in seen}
 
     def pick(self, kept: str | None, snap_rad: float, hysteresis: float) -> str | None:
-        """Return the object at the smallest angle, of those within half width and `snap_rad`.
+        """Return the object at the smallest angle, among those within half width and `snap_rad`.
 
-        `kept` is preferred until another one's angle is smaller by the share `hysteresis`.
+        `kept` is preferred until another angle is smaller by the share `hysteresis`.
         """
         best: VisibleObject | None = None
         for one in self._seen.values():
@@ -67,7 +67,7 @@ class View:
         return kept if best.angle_rad >= (1.0 - hysteresis) * before.angle_rad else best.id
 
     def near(self, object_ids: Iterable[str], snap_rad: float, leave_factor: float) -> set[str]:
-        """Return those that the ray passes within `leave_factor` times their half width and `snap_rad`."""
+        """Return those that the ray passes within `leave_factor` times their half width plus `snap_rad`."""
         seen = self._seen
         return {
             object_id
@@ -77,11 +77,11 @@ class View:
         }
 
     def is_isolated(self, within_rad: float) -> bool:
-        """Return whether at most one object is within `within_rad` of the ray."""
+        """Return True if at most one object is within `within_rad` of the ray."""
         return sum(one.angle_rad - one.half_rad < within_rad for one in self._seen.values()) <= 1
 
     def miss_rad(self, object_id: str, cursor: Cursor) -> float | None:
-        """Return the angle from the ray itself to the object, 0: on it; none: it is not near."""
+        """Return the angle from the ray itself to the object, 0 if on it. None if it is not near."""
         one = self._seen.get(object_id)
         if one is None or cursor.origin_m is None:
             return None
@@ -89,11 +89,11 @@ class View:
         return max(0.0, vector.angle_between(self._direction, reach) - one.half_rad)
 
     def relative_rate(self, object_id: str, rate: tuple[float, float]) -> float:
-        """Return how fast a ray that turns at `rate` moves against the object, rad/s at the eyes.
+        """Return the angular speed of a ray that turns at `rate` relative to the object, rad/s at the eyes.
 
         Args:
-            object_id: of an object that is near.
-            rate: towards greater azimuth on the sphere, and up; rad/s.
+            object_id: id of an object that is near.
+            rate: speed of azimuth on the sphere and of elevation, rad/s.
         """
         one = self._seen[object_id]
         u, v, w = one.velocity_mps
@@ -104,10 +104,11 @@ class View:
         return math.hypot(rate[0] - turned, rate[1] - raised)
 
     def confidence(self, object_id: str, aim_sigma_rad: float) -> float | None:
-        """Return the probability that the object is the one meant, of all that are near.
+        """Return the probability that the object is the target, among all that are near.
 
-        Rays are taken to be spread normally about the centre of what is meant, with the sigma of people's
-        aim and a quarter of the object's width: softmax of -angle²/2sigma², none likelier beforehand.
+        Rays are assumed normal about the centre of the target, with the standard deviation of people's aim
+        and
+        a quarter of the object's width: softmax of -angle²/2sigma² with a uniform prior.
         """
         if object_id not in self._seen:
             return None
@@ -120,11 +121,12 @@ class View:
         return weights[object_id] / sum(weights.values())
 
     def snapped(self, object_id: str, cursor: Cursor, snap_rad: float) -> tuple[Vec3, float | None] | None:
-        """Return where the cursor is drawn to, to touch the object, and its arc length on its own surface.
+        """Return the snapped cursor on the object, and its arc length on its own surface.
 
-        On the object's own line the cursor moves along to the object's end; where it is on no line it is
-        drawn from the ray to the nearest point of the object. None when it is on the object already, on
-        another line, or would move by more than `snap_rad` at the eyes.
+        On the object's own line the cursor moves along to the object's end. If it is on no line it moves from
+        the
+        ray to the nearest point of the object. None if it is on the object already, on another line, or would
+        move by more than `snap_rad` at the eyes.
         """
         one = self._seen.get(object_id)
         if one is None or cursor.origin_m is None or cursor.direction is None:

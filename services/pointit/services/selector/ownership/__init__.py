@@ -1,1 +1,1 @@
-"""Who owns, reserves and may change an object."""
+"""Owners and reservations of objects, and the right to change them."""

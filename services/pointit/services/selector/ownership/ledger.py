@@ -1,4 +1,4 @@
-"""Who has selected what: what people do and what leaves go in, what happened comes out."""
+"""Ownership of selected objects: actions and departures in, records out."""
 
 import dataclasses
 from collections import deque
@@ -9,8 +9,8 @@ from typing import Literal
 from pointit.schemas import SelectedObject
 from pointit.services.selector.outputs import Cause, Owned, Record
 
-MOST_RELEASED = 100
-"""Deselected objects of which it is remembered whose they were."""
+MAX_RELEASED = 100
+"""Limit of deselected objects whose last owner is remembered."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,10 +21,10 @@ class _Change:
 
 
 class Ledger:
-    """Keeps what is selected; an object has one owner, and only its owner deselects it.
+    """The selected objects. Each has one owner, and only its owner deselects it.
 
-    What belongs to a person who is gone may be deselected by anybody, and a release deselects it whoever's
-    it is. Everything that a person did can be taken back by them, step by step, the latest first.
+    Anyone may deselect what belongs to a person who is gone, and a release deselects any object. Every action
+    of a person can be undone by them, step by step, the latest first.
     """
 
     def __init__(
@@ -34,12 +34,12 @@ class Ledger:
         *,
         undo_steps: int = 20,
     ) -> None:
-        """Begin with nothing selected.
+        """Create with nothing selected.
 
         Args:
-            is_gone: says whether a person has gone at a time, ns.
-            too_late: gives the reason why an object cannot be (de)selected any more at a time, or `""`.
-            undo_steps: so many steps a person are remembered.
+            is_gone: returns True if a person has gone at a time, ns.
+            too_late: returns the reason for which an object cannot be (de)selected at a time, or `""`.
+            undo_steps: number of steps to remember per person.
         """
         self._is_gone = is_gone
         self._too_late = too_late
@@ -51,11 +51,11 @@ class Ledger:
 
     @property
     def entries(self) -> Mapping[str, Owned]:
-        """Return what is selected, by object id, the oldest first."""
+        """Return the selected objects by id, the oldest first."""
         return self._entries
 
     def objects(self) -> tuple[SelectedObject, ...]:
-        """Return what is selected, the oldest first."""
+        """Return the selected objects, the oldest first."""
         return tuple(
             SelectedObject(
                 id=object_id,
@@ -68,14 +68,14 @@ class Ledger:
         )
 
     def blocking_owner(self, object_id: str, user: str, now_ns: int) -> str:
-        """Return who keeps `user` from changing `object_id`; empty: nobody."""
+        """Return the owner that blocks `user` from changing `object_id`, or `""` if nobody does."""
         entry = self._entries.get(object_id)
         if entry is None or entry.user == user or self._is_gone(entry.user, now_ns):
             return ""
         return entry.user
 
     def restore(self, entries: Mapping[str, Owned]) -> None:
-        """Take up what was selected before a restart."""
+        """Restore what was selected before a restart."""
         self._entries.update(entries)
 
     def toggle(
@@ -88,11 +88,14 @@ class Ledger:
         cause: Cause = "dwell",
         confidence: float | None = None,
     ) -> Record:
-        """Select or deselect `object_id` for `user`; refused when it is somebody else's who is there."""
+        """Select or deselect `object_id` for `user`.
+
+        Refused if it belongs to another person who is present.
+        """
         entry = self._entries.get(object_id)
-        keeper = self.blocking_owner(object_id, user, now_ns)
-        if entry is not None and keeper:
-            reason = f"{entry.kind or 'object'} is selected by {keeper}; only {keeper} can deselect it"
+        owner = self.blocking_owner(object_id, user, now_ns)
+        if entry is not None and owner:
+            reason = f"{entry.kind or 'object'} is selected by {owner}; only {owner} can deselect it"
             return self._refuse(
                 object_id, kind, user, now_ns, cause=cause, reason=reason, confidence=confidence
             )
@@ -109,7 +112,7 @@ class Ledger:
         return self._deselect(object_id, user, now_ns, cause, confidence=confidence)
 
     def clear(self, user: str, now_ns: int) -> list[Record]:
-        """Deselect everything that is `user`'s, as one step; what it is too late for is refused."""
+        """Deselect all objects of `user` as one step. Those for which it is too late are refused."""
         own = {object_id: entry for object_id, entry in self._entries.items() if entry.user == user}
         reasons = {object_id: self._too_late(object_id, now_ns) for object_id in own}
         step = [_Change(object_id, entry, None) for object_id, entry in own.items() if not reasons[object_id]]
@@ -123,10 +126,10 @@ class Ledger:
         ]
 
     def release(self, object_id: str, user: str, now_ns: int, *, take_over: bool = False) -> list[Record]:
-        """Deselect `object_id`, whoever's it is, and with `take_over` select it for `user`.
+        """Deselect `object_id`, regardless of its owner, and with `take_over` select it for `user`.
 
-        Nothing comes of it when it is not selected, or is to be taken over from `user` themselves. It is
-        refused when it is too late, but for taking it over, which changes nothing about where it goes.
+        Does nothing if it is not selected, or `user` would take it over from themselves. Refused if it is too
+        late, except for a take-over, which does not change its bay.
         """
         before = self._entries.get(object_id)
         if before is None or (take_over and before.user == user):
@@ -144,14 +147,15 @@ class Ledger:
         return records
 
     def undo(self, user: str, now_ns: int, present: Container[str]) -> list[Record]:
-        """Take back the last step of `user`; empty when there is none.
+        """Undo the last step of `user`. Return no record if there is none.
 
-        What has left since, is decided, or is somebody else's by now stays as it is; when nothing of the
-        step can be taken back it is refused, with the reason, and the step before is next.
+        Objects that have left since, are decided, or belong to another person by now stay as they are. If
+        nothing
+        of the step can be undone, it is refused with the reason, and the step before is next.
 
         Args:
-            user: whose step.
-            now_ns: the time, ns.
+            user: person whose step is undone.
+            now_ns: time, ns.
             present: ids of the objects that are there.
         """
         steps = self._steps.get(user)
@@ -177,7 +181,7 @@ class Ledger:
     def correct(self, object_id: str, now_ns: int, reason: str) -> Record | None:
         """Undo the last change of `object_id`, which came too late at `now_ns`.
 
-        None if that is done, or if the refusal is older than the last change and so refuses one before it.
+        None if that is done, or if the refusal is older than the last change and so refuses an earlier one.
         """
         entry = self._entries.get(object_id)
         if entry is not None:
@@ -212,8 +216,8 @@ class Ledger:
         elif entry is not None:
             reason = f"{kind} is {entry.user}'s by now; what was done with it cannot be taken back"
         else:
-            why = "is not selected any more" if change.object_id in present else "has left"
-            reason = f"{kind} {why}; what was done with it cannot be taken back"
+            status = "is not selected any more" if change.object_id in present else "has left"
+            reason = f"{kind} {status}; what was done with it cannot be taken back"
         return self._refuse(change.object_id, kind, user, now_ns, cause="undo", reason=reason)
 
     def _refuse(
@@ -272,7 +276,7 @@ class Ledger:
     ) -> Record:
         entry = self._entries.pop(object_id)
         self._released[object_id] = entry, now_ns
-        if len(self._released) > MOST_RELEASED:
+        if len(self._released) > MAX_RELEASED:
             del self._released[next(iter(self._released))]
         return _record(
             "deselected",
@@ -297,7 +301,7 @@ def _record(
     confidence: float | None = None,
     reason: str = "",
 ) -> Record:
-    """Return that `event` happened to what is, or was, an `entry`."""
+    """Return the record of `event` for `entry`."""
     return Record(
         stamp_ns=now_ns,
         event=event,

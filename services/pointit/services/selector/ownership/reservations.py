@@ -1,25 +1,25 @@
-"""What somebody is about to select: theirs while they stay on it, and a moment longer."""
+"""Reservations of objects that a person is about to select, until shortly after they leave them."""
 
 from pointit.schemas import NS_PER_S, ReservedObject
 
 
 class Reservations:
-    """Keeps who was the first to point at an object steadily; others see it as taken."""
+    """The first person to point steadily at each object. Others see the object as taken."""
 
     def __init__(self, reserve_s: float) -> None:
         self._for_ns = int(reserve_s * NS_PER_S)
         self._held: dict[str, tuple[str, int]] = {}
-        """By object: who, and until when, ns."""
+        """By object: user, and end of the reservation, ns."""
 
     def holder(self, object_id: str) -> str:
-        """Return who has reserved `object_id`; empty: nobody."""
+        """Return the user who has reserved `object_id`, or `""`."""
         held = self._held.get(object_id)
         return "" if held is None else held[0]
 
     def reserve(self, object_id: str, user: str, now_ns: int) -> bool:
-        """Reserve `object_id` for `user`, or hold it on; return whether that is news.
+        """Reserve `object_id` for `user`, or extend it. Return True if it was free before.
 
-        What somebody else has reserved stays theirs.
+        A reservation of another user stays.
         """
         held = self._held.get(object_id)
         if held is not None and held[0] != user:
@@ -28,13 +28,13 @@ class Reservations:
         return held is None
 
     def free(self, object_id: str) -> bool:
-        """Free `object_id`; return whether it was reserved."""
+        """Free `object_id`. Return True if it was reserved."""
         return self._held.pop(object_id, None) is not None
 
     def expire(self, now_ns: int) -> bool:
-        """Free what nobody holds any more; return whether there was anything.
+        """Free expired reservations. Return True if there were any.
 
-        What is held for longer than can be was held by a clock that has been set back since.
+        A reservation that ends later than possible was made before the clock was set back.
         """
         if not self._held:
             return False
@@ -48,7 +48,7 @@ class Reservations:
         return bool(over)
 
     def objects(self) -> tuple[ReservedObject, ...]:
-        """Return what is reserved."""
+        """Return all reservations."""
         return tuple(
             ReservedObject(id=object_id, user=user, until_ns=until_ns)
             for object_id, (user, until_ns) in self._held.items()

@@ -1,13 +1,13 @@
-"""Who is there: who has said so, and who was heard of lately."""
+"""Presence of people: announced, or recently active."""
 
 from pointit.schemas import NS_PER_S
 
 AHEAD_NS = NS_PER_S
-"""Who was heard of later in the future than this was heard of by a clock that has been set back since."""
+"""An activity farther in the future than this was stamped before the clock was set back."""
 
 
 class UserPresence:
-    """Knows when a person has gone: neither announced nor heard of for some time."""
+    """Detects when a person has gone: neither announced nor active for some time."""
 
     def __init__(self, ownerless_after_s: float) -> None:
         self._after_ns = int(ownerless_after_s * NS_PER_S)
@@ -15,16 +15,16 @@ class UserPresence:
         self._heard_ns: dict[str, int] = {}
 
     def on_activity(self, user: str, stamp_ns: int) -> None:
-        """Take note that `user` did something."""
+        """Record that `user` was active."""
         self._heard_ns[user] = stamp_ns
 
     def set_present(self, user: str, now_ns: int, *, present: bool) -> None:
-        """Take note that `user` is announced, or no longer."""
+        """Record that `user` is announced, or no longer."""
         (self._present.add if present else self._present.discard)(user)
         self._heard_ns[user] = now_ns
 
     def is_gone(self, user: str, now_ns: int) -> bool:
-        """Return whether `user` has been away for so long that what is theirs is anybody's."""
+        """Return True if `user` has been away for so long that anyone may change what is theirs."""
         if user in self._present:
             return False
         heard_ns = self._heard_ns.setdefault(user, now_ns)

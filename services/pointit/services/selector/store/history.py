@@ -1,4 +1,4 @@
-"""What was told before, for who comes late: read from the journal, beside its writer."""
+"""Past events for late subscribers, read from the journal beside its writer."""
 
 import asyncio
 import sqlite3
@@ -9,18 +9,18 @@ from pointit.schemas import ReadHistory, ReadHistoryReply, SelectionEvent, encod
 from pointit.services.selector.outputs import event_of
 from pointit.services.selector.store.journal_table import recent
 
-REST_S = 0.05
-"""Pause after each reading: who asks again and again keeps nobody from selecting."""
+PAUSE_S = 0.05
+"""Pause after each reading, so that repeated queries do not block selecting, s."""
 
 ENVELOPE_BYTES = 1024
-"""What a reply has besides its events is shorter."""
+"""Upper limit of the size of a reply without its events."""
 
 
 class History:
-    """Answers what was told; one caller after the other, in a thread of its own."""
+    """Answers queries for past events, one at a time, each in a thread."""
 
     def __init__(self, path: Path | None) -> None:
-        """Have read nothing yet; `path`: of the journal, none: there is none."""
+        """Create for the journal at `path`. None: there is no journal."""
         self._path = path
         self._turn = asyncio.Lock()
 
@@ -28,7 +28,7 @@ class History:
         """Return the last events.
 
         Raises:
-            RefusedError: they are not kept, or cannot be read.
+            RefusedError: If there is no journal, or it cannot be read.
         """
         if self._path is None:
             raise RefusedError("this selector keeps no journal: start it with journal.enabled=true")
@@ -38,7 +38,7 @@ class History:
             except sqlite3.Error as error:
                 raise RefusedError(f"the journal cannot be read ({error}): see `pointit doctor`") from error
             finally:
-                await asyncio.sleep(REST_S)
+                await asyncio.sleep(PAUSE_S)
         return ReadHistoryReply(message=f"the last {len(events)} events", events=events)
 
 
@@ -49,10 +49,10 @@ def _read(path: Path, query: ReadHistory) -> tuple[SelectionEvent, ...]:
 
 
 def fitting(
-    events: list[SelectionEvent], most_bytes: int = ReadHistoryReply.max_bytes - ENVELOPE_BYTES
+    events: list[SelectionEvent], max_bytes: int = ReadHistoryReply.max_bytes - ENVELOPE_BYTES
 ) -> tuple[SelectionEvent, ...]:
-    """Return the newest of `events`, which are in order, that are not longer than `most_bytes` together."""
-    room = most_bytes
+    """Return the newest of `events`, which are in order, that fit into `max_bytes` together."""
+    room = max_bytes
     for index in reversed(range(len(events))):
         room -= len(encode(events[index]))
         if room < 0:

@@ -1,8 +1,7 @@
-"""What happened to objects, on disk: the audit, and what is selected, for whoever starts after us.
+"""Journal of events on disk: the audit, and what is selected, for the next start of the selector.
 
-One table of events in an SQLite file in WAL mode, which others read while we write. An event is committed
-before it is published. Whatever goes wrong with the disk is said in `problem`, and selecting goes on in
-memory.
+One table of events in an SQLite file in WAL mode, which others can read during writes. An event is
+committed before it is published. Disk errors are reported in `problem`, and selecting continues in memory.
 """
 
 import contextlib
@@ -24,7 +23,7 @@ from pointit.services.selector.store.journal_table import (
     PRUNE_TO,
     READ_BUSY_S,
     TABLES,
-    UNTOLD,
+    UNPUBLISHED,
     is_count,
     record_of,
     row_of,
@@ -33,14 +32,14 @@ from pointit.services.selector.store.writer_lock import WriterLock
 
 NS_PER_DAY = 86_400 * NS_PER_S
 ASIDE = "journal.corrupt-"
-"""First characters of the name of a damaged file that was set aside; when it was follows, Unix ns."""
+"""First characters of the name of a damaged file that was set aside, followed by the Unix time, ns."""
 SHOWN_NS = NS_PER_DAY
-"""For how long it is said that a file was set aside; it may have been set aside by another process, as by
-`pointit run` before its services begin."""
-MOST_PENDING = 4096
-"""Records kept while the disk takes none; of more the oldest are lost to the audit."""
-MOST_EVENTS = 2**62
-"""Nobody has counted so far, and there is room to go on."""
+"""Time for which a set-aside file is reported, ns. Another process may have set it aside, such as `pointit
+run` before it starts services."""
+MAX_PENDING = 4096
+"""Limit of records kept while the disk cannot be written. Beyond it the oldest are lost to the audit."""
+MAX_EVENTS = 2**62
+"""Limit of a plausible event number, which leaves room to continue."""
 PRUNED_AT_ONCE = 300
 ALIVE_EVERY_NS = 20 * NS_PER_S
 RETRY_EVERY_NS = 5 * NS_PER_S
@@ -48,52 +47,52 @@ RETRY_EVERY_NS = 5 * NS_PER_S
 
 @dataclass(frozen=True, kw_only=True)
 class JournalContents:
-    """What a journal holds at the start."""
+    """Contents of a journal at the start."""
 
     entries: dict[str, Owned] = field(default_factory=dict[str, Owned])
-    """What was selected, by object."""
+    """Selected objects by id."""
     events: int = 0
-    """Number of the last event that was told or was to be told."""
+    """Number of the last event that was published or was to be published."""
     unpublished: Sequence[Record] = ()
-    """Events of which it is not sure that they were told, the oldest first."""
+    """Events that may not have been published, the oldest first."""
 
 
 class Journal:
-    """The file of one site's selector; only one selector writes it."""
+    """The journal file of one site's selector. Only one selector writes it."""
 
     def __init__(self, folder: Path, *, keep_days: float = 30.0, restore_within_s: float = 600.0) -> None:
-        """Touch nothing yet.
+        """Create without opening any file.
 
         Args:
-            folder: where the files are; made when missing.
-            keep_days: older events are dropped.
-            restore_within_s: what was selected is dropped when the last sign of life is older.
+            folder: folder of the files. It is created if missing.
+            keep_days: events older than this are deleted.
+            restore_within_s: selections are dropped if the last sign of life is older.
         """
         self.path = folder / FILE
-        self._trouble = ""
+        self._problem = ""
         self._notice = ""
-        """What happened at the start; it stays to be seen."""
+        """Problem found at the start. It stays until the end."""
         self._keep_ns = int(keep_days * NS_PER_DAY)
         self._within_ns = int(restore_within_s * NS_PER_S)
-        self._sole = WriterLock(folder / "writer.lock")
+        self._lock = WriterLock(folder / "writer.lock")
         self._db: sqlite3.Connection | None = None
         self._pending: list[Record] = []
-        self._told = self._told_there = 0
+        self._published = self._published_on_disk = 0
         self._alive_ns: int | None = None
         self._retry_ns = 0
         self._pruned = 0
-        """Row up to which it was last looked for what is too old."""
+        """Row up to which old events were pruned last."""
 
     @property
     def problem(self) -> str:
-        """Return what is wrong and what to do, one sentence; empty: nothing."""
-        return self._trouble or self._notice
+        """Return the problem and its remedy in one sentence, or `""`."""
+        return self._problem or self._notice
 
     def begin(self, now_ns: int) -> JournalContents:
-        """Open the file and return what it holds; nothing, with a problem, when that fails."""
+        """Open the file and return its contents. If that fails they are empty and `problem` is set."""
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
-            if not self._sole.acquire():
+            if not self._lock.acquire():
                 self._notice = (
                     f"another selector writes {self.path}; selections are kept in memory only: "
                     "end one of the two, then restart this one"
@@ -102,7 +101,7 @@ class Journal:
             kept = self._open_or_replace(now_ns)
             self._note_set_aside(now_ns)
         except (OSError, sqlite3.Error) as error:
-            path = self.path if self._sole.is_held else self._sole.path
+            path = self.path if self._lock.is_held else self._lock.path
             self._notice = (
                 f"{path} cannot be used ({error}); selections are kept in memory only: make room there, or "
                 "make it writable, then restart this one"
@@ -112,42 +111,42 @@ class Journal:
         return kept
 
     def add(self, record: Record) -> None:
-        """Take a record; it is kept from the next `commit` on."""
+        """Add a record. It is stored by the next `commit`."""
         if self._db is not None:
             self._pending.append(record)
 
     def commit(self, now_ns: int) -> None:
-        """Write what was added, all of it or nothing; tried again later when the disk takes nothing."""
+        """Write all added records or none. If the disk fails, try again later."""
         if self._pending and self._may_write(now_ns):
             self._write(now_ns, self._pending)
-        del self._pending[:-MOST_PENDING]
+        del self._pending[:-MAX_PENDING]
 
     def mark_published(self, seq: int) -> None:
-        """Take note that the event `seq` was published."""
-        self._told = max(self._told, seq)
+        """Record that the event `seq` was published."""
+        self._published = max(self._published, seq)
 
     def maintain(self, now_ns: int, *, is_selected: bool) -> None:
-        """Write down what was published, that we live, and drop what is old; called now and then."""
+        """Store what was published and a sign of life, and delete old events. Called periodically."""
         lives = is_selected and (self._alive_ns is None or abs(now_ns - self._alive_ns) >= ALIVE_EVERY_NS)
-        if (self._pending or lives or self._told != self._told_there) and self._may_write(now_ns):
+        if (self._pending or lives or self._published != self._published_on_disk) and self._may_write(now_ns):
             self._write(now_ns, self._pending)
 
     def close(self) -> None:
-        """Let go of the file."""
+        """Close the file and release the lock."""
         if self._db is not None:
             self._db.close()
             self._db = None
-        self._sole.release()
+        self._lock.release()
 
     def _may_write(self, now_ns: int) -> bool:
-        """Return whether it is worth trying: not too soon after it failed."""
-        return not self._trouble or not 0 <= self._retry_ns - now_ns <= RETRY_EVERY_NS
+        """Return True unless a write failed a short time ago."""
+        return not self._problem or not 0 <= self._retry_ns - now_ns <= RETRY_EVERY_NS
 
     def _open_or_replace(self, now_ns: int) -> JournalContents:
         try:
             return self._open(now_ns)
         except (sqlite3.DatabaseError, UnicodeDecodeError) as error:
-            if _is_of_the_disk(error):
+            if _is_disk_error(error):
                 raise
             if self._db is not None:
                 self._db.close()
@@ -159,17 +158,17 @@ class Journal:
         return self._open(now_ns)
 
     def _note_set_aside(self, now_ns: int) -> None:
-        """Say which damaged file was set aside lately, by this process or an earlier one."""
+        """Report a damaged file that was set aside lately, by this process or an earlier one."""
         for path in sorted(self.path.parent.glob(f"{ASIDE}*.sqlite")):
             when = path.stem.removeprefix(ASIDE)
             if when.isdecimal() and 0 <= now_ns - int(when) <= SHOWN_NS and not self._notice:
                 self._notice = (
-                    f"{self.path} was damaged and is kept as {path.name}; the audit begins anew: look at "
+                    f"{self.path} was damaged and is now {path.name}, and a new audit was started: check "
                     "the disk"
                 )
 
     def _open(self, now_ns: int) -> JournalContents:
-        # nobody waits for us yet, and what is not read now is not taken up
+        # a short wait suffices for later writes only: what is not read now is not restored
         db = self._db = sqlite3.connect(self.path, timeout=READ_BUSY_S, isolation_level=None)
         layout = int(db.execute("PRAGMA user_version").fetchone()[0])
         if layout > LAYOUT:
@@ -197,23 +196,23 @@ class Journal:
         if life is None:
             db.execute("INSERT INTO life VALUES (0, ?)", (now_ns,))
         events = db.execute("SELECT COALESCE(MAX(seq), 0) FROM events").fetchone()[0]
-        if not all(is_count(count) for count in (told, alive_ns, events)) or events > MOST_EVENTS:
+        if not all(is_count(count) for count in (told, alive_ns, events)) or events > MAX_EVENTS:
             raise sqlite3.DatabaseError("a count is damaged")
-        self._told = self._told_there = told
+        self._published = self._published_on_disk = told
         opened = [record_of(row) for row in db.execute(OPEN)]
         if abs(now_ns - alive_ns) > self._within_ns:
-            self._told = events  # too old to be news
+            self._published = events  # too old to be news
             self._write(now_ns, [_closed(record, now_ns) for record in opened])
             return JournalContents(events=events)
-        untold = [record_of(row) for row in db.execute(UNTOLD, (told,))]
+        unpublished = [record_of(row) for row in db.execute(UNPUBLISHED, (told,))]
         entries = {
             record.object_id: Owned(record.owner, record.kind, record.since_ns, record.confidence)
             for record in opened
         }
-        return JournalContents(entries=entries, events=events, unpublished=untold)
+        return JournalContents(entries=entries, events=events, unpublished=unpublished)
 
     def _write(self, now_ns: int, records: list[Record]) -> None:
-        """Write `records`, what was told and when this was, and empty the list."""
+        """Write `records`, the last published number and the time, and empty the list."""
         db = self._db
         if db is None:
             return
@@ -221,7 +220,7 @@ class Journal:
             db.execute("BEGIN IMMEDIATE")
             try:
                 db.executemany(INSERT, [row_of(record) for record in records])
-                db.execute("UPDATE life SET told = ?, alive_ns = ?", (self._told, now_ns))
+                db.execute("UPDATE life SET told = ?, alive_ns = ?", (self._published, now_ns))
                 self._prune(db, now_ns)
                 db.execute("COMMIT")
             except BaseException:
@@ -233,29 +232,32 @@ class Journal:
             self._fail(error)
             return
         records.clear()
-        self._told_there, self._alive_ns = self._told, now_ns
-        self._trouble = ""
+        self._published_on_disk, self._alive_ns = self._published, now_ns
+        self._problem = ""
 
     def _prune(self, db: sqlite3.Connection, now_ns: int) -> None:
-        """Drop what is too old of the next few rows, once per sign of life: all at once takes too long."""
+        """Delete old events among the next few rows, once per sign of life.
+
+        All at once would take too long.
+        """
         if self._alive_ns is not None and abs(now_ns - self._alive_ns) < ALIVE_EVERY_NS:
             return
         end = db.execute(PRUNE_TO, (self._pruned, PRUNED_AT_ONCE)).fetchone()[0]
         if end is None:
-            self._pruned = 0  # from the beginning again
+            self._pruned = 0  # restart at the first row
             return
         db.execute(PRUNE, (self._pruned, end, now_ns - self._keep_ns))
         self._pruned = end
 
     def _fail(self, error: Exception) -> None:
-        self._trouble = (
+        self._problem = (
             f"{self.path} cannot be written ({error}); selections are kept in memory only: make room there, "
             "or make it writable"
         )
 
 
-def _is_of_the_disk(error: Exception) -> bool:
-    """Return whether it is not the file's content that is wrong, but what it is on, or who holds it."""
+def _is_disk_error(error: Exception) -> bool:
+    """Return True if `error` is due to the disk or a lock, not to the file's content."""
     code = getattr(error, "sqlite_errorcode", sqlite3.SQLITE_ERROR)
     return isinstance(error, sqlite3.OperationalError) and code & 0xFF != sqlite3.SQLITE_ERROR
 

@@ -11,18 +11,18 @@ from pointit.services.selector.outputs import Cause, Record
 FILE = "journal.sqlite"
 
 LAYOUT = 1
-"""Of the tables; a file with a higher number was written by a newer version."""
+"""Version of the tables. A file with a higher number was written by a newer version."""
 
 BUSY_S = 0.05
-"""How long a writer waits for somebody else's lock."""
+"""Timeout of a writer for another process's lock, s."""
 READ_BUSY_S = 2.0
-"""How long a reader does."""
+"""Timeout of a reader, s."""
 
 EVENTS = ("selected", "deselected", "refused", "left")
 CAUSES = get_args(Cause)
 
-LAST = 2**63 - 1
-"""No time or number is greater, in messages and in SQLite."""
+MAX_COUNT = 2**63 - 1
+"""Upper limit of times and numbers, in messages and in SQLite."""
 
 TABLES = """
 CREATE TABLE IF NOT EXISTS events (
@@ -39,7 +39,7 @@ CREATE TABLE IF NOT EXISTS life (told INTEGER NOT NULL, alive_ns INTEGER NOT NUL
 COLUMNS = "stamp_ns, event, object_id, kind, user, owner, since_ns, cause, method, confidence, reason, seq"
 # All parts of these statements are constants of this file; what varies are their parameters.
 INSERT = f"INSERT INTO events ({COLUMNS}) VALUES ({', '.join('?' * 12)})"  # noqa: S608 - see above
-UNTOLD = f"SELECT {COLUMNS} FROM events WHERE seq > ? ORDER BY id"  # noqa: S608 - see above
+UNPUBLISHED = f"SELECT {COLUMNS} FROM events WHERE seq > ? ORDER BY id"  # noqa: S608 - see above
 OPEN_IDS = (
     "SELECT id FROM events WHERE event = 'selected' AND id IN "
     "(SELECT MAX(id) FROM events WHERE event <> 'refused' GROUP BY object_id)"
@@ -85,7 +85,7 @@ def record_of(row: tuple[Any, ...]) -> Record:
     """Return a row of `COLUMNS` as a record.
 
     Raises:
-        sqlite3.DatabaseError: it is none: bits of a file fall over where SQLite has no sums.
+        sqlite3.DatabaseError: If it is not valid, e.g. by a bit error, since SQLite has no checksums.
     """
     stamp_ns, event, object_id, kind, user, owner, since_ns, cause, method, confidence, reason, seq = row
     if (
@@ -100,30 +100,30 @@ def record_of(row: tuple[Any, ...]) -> Record:
 
 
 def is_count(value: object) -> bool:
-    """Return whether `value` is a time or number such as messages hold."""
-    return isinstance(value, int) and 0 <= value <= LAST
+    """Return True if `value` is valid as a time or number of a message."""
+    return isinstance(value, int) and 0 <= value <= MAX_COUNT
 
 
 def audit(path: Path, *, user: str = "", since_ns: int = 0, object_id: str = "") -> Iterator[Record]:
-    """Return what happened, the oldest first, while a selector may be writing.
+    """Return the events, the oldest first, while a selector may be writing.
 
     Args:
-        path: of the journal.
-        user: what they did, or what was done to what is theirs; empty: everybody.
-        since_ns: nothing before.
-        object_id: of one object; empty: of all.
+        path: path of the journal.
+        user: events caused by this person or about their objects. `""`: all.
+        since_ns: earliest time, ns.
+        object_id: events of this object. `""`: all.
 
     Raises:
-        sqlite3.Error: the file cannot be read.
+        sqlite3.Error: If the file cannot be read.
     """
-    return _read(path, AUDIT, (min(since_ns, LAST), user, user, user, object_id, object_id))
+    return _read(path, AUDIT, (min(since_ns, MAX_COUNT), user, user, user, object_id, object_id))
 
 
 def recent(path: Path, last: int, *, since_ns: int = 0) -> list[Record]:
-    """Return the `last` records of which messages told, not before `since_ns`, the oldest first.
+    """Return the last `last` records that were published, not before `since_ns`, the oldest first.
 
     Raises:
-        sqlite3.Error: the file cannot be read.
+        sqlite3.Error: If the file cannot be read.
     """
     return list(_read(path, RECENT, (since_ns, last)))[::-1]
 
@@ -133,7 +133,7 @@ def _read(path: Path, statement: str, parameters: tuple[object, ...]) -> Iterato
     try:
         for row in db.execute(statement, parameters):
             yield record_of(row)
-    except UnicodeDecodeError as error:  # of names that SQLite complains about
+    except UnicodeDecodeError as error:  # text in the file that is not UTF-8
         raise sqlite3.DatabaseError(str(error)) from error
     finally:
         db.close()

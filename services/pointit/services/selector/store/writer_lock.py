@@ -1,13 +1,13 @@
-"""A lock that one process holds as long as it lives, however it ends, and that readers do not mind."""
+"""A lock that one process holds until it ends in any way, and that does not block readers."""
 
 import sqlite3
 from pathlib import Path
 
 
 class WriterLock:
-    """An SQLite file of its own, held in an exclusive transaction: the system frees it with the process.
+    """A separate SQLite file in an exclusive transaction, which the system ends with the process.
 
-    The journal itself cannot be held so: then nobody could read it.
+    A lock on the journal itself would block its readers.
     """
 
     def __init__(self, path: Path) -> None:
@@ -16,14 +16,14 @@ class WriterLock:
 
     @property
     def is_held(self) -> bool:
-        """Return whether we hold it."""
+        """Return True if we hold the lock."""
         return self._db is not None
 
     def acquire(self) -> bool:
-        """Take it; return whether that was possible, as nobody else has it.
+        """Acquire the lock. Return True on success, False if another process holds it.
 
         Raises:
-            sqlite3.Error: the file cannot be opened or locked at all.
+            sqlite3.Error: If the file cannot be opened or locked at all.
         """
         db = sqlite3.connect(self.path, timeout=0.0, isolation_level=None)
         try:
@@ -37,7 +37,7 @@ class WriterLock:
         return True
 
     def release(self) -> None:
-        """Let others have it."""
+        """Release the lock."""
         if self._db is not None:
             self._db.close()
             self._db = None

@@ -1,8 +1,8 @@
-"""How far beside people point when nothing shows them where they point (pointing.md §3).
+"""Error of pointing without feedback (pointing.md §3).
 
-The +2.8 deg of pitch there count downwards, as the original toolkit's pitch does: recordings of pointings
-at the floor have the ray 2.5 deg below the target (between people 2.1, within a person 1.0), those at a
-wall 0.7 deg below it (3.1, 2 to 5), so people point too low, some too high.
+The +2.8 deg of pitch there count downwards, like the original toolkit's pitch. Recordings of pointing at the
+floor have the ray 2.5 deg below the target (between people 2.1, within a person 1.0), those at a wall 0.7 deg
+below it (3.1, 2 to 5), so people point too low on average, some too high.
 """
 
 import math
@@ -12,15 +12,15 @@ import numpy as np
 from pointit.services.user_sim.config import AimConfig
 
 USUAL_REACH_RAD = math.radians(39.0)
-"""The reach at which the scatter was measured; shorter ones scatter in proportion (Schmidt's law)."""
+"""Amplitude of reaches at which the scatter was measured. It is proportional to amplitude (Schmidt's law)."""
 BENT_ARM_RAD = (math.radians(5.0), math.radians(10.0))
 
 
 class OpenLoopError:
-    """A person's own bias, and a new scatter with every reach."""
+    """A person's own bias, and a new random error for every reach."""
 
     def __init__(self, config: AimConfig, skill: float, rng: np.random.Generator) -> None:
-        """Be somebody with `skill`, 0 to 1."""
+        """Create for a person with `skill`, 0 to 1."""
         self._config = config
         self._rng = rng
         drawn_deg = config.elevation_error_mean_deg + config.elevation_error_person_sd_deg * float(
@@ -29,13 +29,13 @@ class OpenLoopError:
         given_deg = config.elevation_bias_deg
         self._clumsy = 1.0 - skill
         self.bias_rad = math.radians(self._clumsy * drawn_deg if given_deg is None else given_deg)
-        """How much higher than the target the person points on the whole."""
+        """Mean elevation above the target, rad."""
         self.now_rad: tuple[float, float] = (0.0, 0.0)
-        """Azimuth and elevation of the present reach beside the intended ones."""
+        """Azimuth and elevation error of the current reach, rad."""
         self.draw(0.0)
 
     def draw(self, amplitude_rad: float) -> None:
-        """Err anew, for a reach of `amplitude_rad`."""
+        """Draw a new error for a reach of `amplitude_rad`."""
         config, rng = self._config, self._rng
         share = min(amplitude_rad / USUAL_REACH_RAD, 1.0)
         azimuth = math.radians(config.azimuth_error_reach_sd_deg) * share * float(rng.standard_normal())

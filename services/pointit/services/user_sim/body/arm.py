@@ -1,4 +1,4 @@
-"""The arm's true orientation over time: minimum-jerk reaches onto moving aims, unrest, tremor."""
+"""True orientation of the arm over time: minimum-jerk reaches onto moving aims, postural noise, tremor."""
 
 import math
 
@@ -16,10 +16,11 @@ State = tuple[float, float, float]
 
 
 def minimum_jerk_to_rest(start: State, duration_s: float, elapsed_s: float) -> State:
-    """Return the state `elapsed_s` after `start` on the minimum-jerk way to rest at 0.
+    """Return the state `elapsed_s` after `start` on the minimum-jerk path to rest at 0.
 
-    The quintic that meets position, rate and acceleration at both ends (Hoff and Arbib 1993): a reach may
-    start from any movement without a jerk, and a reach from rest is the classic bell of speed.
+    The quintic with given position, rate and acceleration at both ends (Hoff and Arbib 1993): a reach may
+    start
+    from any movement without a jerk, and a reach from rest has the classic bell-shaped speed.
     """
     if elapsed_s >= duration_s:
         return (0.0, 0.0, 0.0)
@@ -45,24 +46,24 @@ def minimum_jerk_to_rest(start: State, duration_s: float, elapsed_s: float) -> S
 
 
 class Arm:
-    """An arm that follows an aim; a reach carries it from one aim to the next."""
+    """An arm that follows an aim, with reaches from one aim to the next."""
 
     def __init__(self, aim: Aim, config: ArmConfig, rng: np.random.Generator, skill: float = 0.0) -> None:
-        """Begin at rest on `aim`; `skill`, 0 to 1, is of who has it."""
+        """Create at rest on `aim`. `skill` of the person, 0 to 1."""
         self._config = config
         self._rng = rng
         self._aim = aim
         self._start: tuple[State, State] = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
         self._began_ns = 0
         self._at_ns: int | None = None
-        """When `_at` is."""
+        """Time of `_at`, ns."""
         self._at = self._start
         self._duration_s = config.reach_base_s
-        self._unrest = PosturalNoise(config, rng, skill)
+        self._noise = PosturalNoise(config, rng, skill)
 
     @property
     def reached_ns(self) -> int:
-        """Return when the last reach is, or was, complete."""
+        """Return the time at which the last reach is complete, ns."""
         return self._began_ns + round(self._duration_s * NS_PER_S)
 
     def amplitude_rad(self, now_ns: int, aim: Aim) -> float:
@@ -72,9 +73,9 @@ class Arm:
         return vector.angle_between(here, vector.direction(aim.azimuth_rad, aim.elevation_rad))
 
     def reach_s(self, amplitude_rad: float, *, with_cursor: bool = False) -> float:
-        """Return how long a reach of `amplitude_rad` takes this time (Fitts: 39 deg in 0.74 s).
+        """Return a random duration of a reach of `amplitude_rad`, s (Fitts: 39 deg in 0.74 s).
 
-        Where a cursor shows people slow down to steer by it.
+        It is longer with a cursor, as people slow down to steer by it.
         """
         config = self._config
         bits = math.log2(amplitude_rad / math.radians(config.reach_width_deg) + 1.0)
@@ -82,12 +83,12 @@ class Arm:
         usual_s *= config.reach_with_cursor if with_cursor else 1.0
         return usual_s * math.exp(config.reach_spread * self._rng.standard_normal())
 
-    def hold_anew(self) -> None:
-        """Be steadier or less steady than before: it differs from hold to hold."""
-        self._unrest.draw()
+    def start_hold(self) -> None:
+        """Draw a new level of postural noise, as it differs from hold to hold."""
+        self._noise.draw()
 
     def reach(self, now_ns: int, aim: Aim, duration_s: float) -> None:
-        """Begin to move from wherever the arm is onto `aim`, to be on it after `duration_s`."""
+        """Start a reach from the current orientation to `aim`, complete after `duration_s`."""
         azimuth, elevation = self._states(now_ns)
         old, self._aim = self._aim, aim
         self._start = (
@@ -107,17 +108,17 @@ class Arm:
         self._at_ns = None
 
     def deviation(self, now_ns: int) -> tuple[float, float]:
-        """Return how far the arm still is from its aim, azimuth and elevation, rad, unrest apart."""
+        """Return the offset of the arm from its aim, azimuth and elevation, rad, without postural noise."""
         azimuth, elevation = self._states(now_ns)
         return (azimuth[0], elevation[0])
 
     def follow(self, now_ns: int, aim: Aim) -> Quaternion:
-        """Return the arm's orientation in {W} while its aim has become `aim`."""
+        """Return the arm's orientation in {W} with the updated `aim`."""
         self._aim = aim
         off = self.deviation(now_ns)
-        unrest = self._unrest.at(now_ns)
+        noise = self._noise.at(now_ns)
         return rotation.from_azimuth_elevation(
-            aim.azimuth_rad + off[0] + unrest[0], aim.elevation_rad + off[1] + unrest[1]
+            aim.azimuth_rad + off[0] + noise[0], aim.elevation_rad + off[1] + noise[1]
         )
 
     def _states(self, now_ns: int) -> tuple[State, State]:

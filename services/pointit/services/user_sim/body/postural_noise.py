@@ -1,4 +1,4 @@
-"""What a hand adds to any hold: slow wandering and tremor."""
+"""Noise of a held hand: slow wandering and tremor."""
 
 import math
 
@@ -9,22 +9,22 @@ from pointit.services.user_sim.config import ArmConfig
 from pointit.sim.tremor import Tremor
 
 SECOND_SHARE = 1.0 / 3.0
-"""Of the correlation time: the second pole of the wandering, so that little of it is above 2 Hz."""
+"""Second pole of the wandering, as a share of the correlation time, so that little of it is above 2 Hz."""
 STEADIER = 0.5
-"""By which part the unrest is less for the most skilled."""
+"""Share by which skill 1 reduces the noise."""
 EASING_S = 0.5
-"""How long it takes to become steadier, or less so."""
+"""Time constant of changes of the noise level, s."""
 
 
 class PosturalNoise:
     """Wandering of two axes (noise through two poles) with tremor (tones of 6 to 12 Hz).
 
-    With poles of 0.3 and 0.1 s, 62 % of the wandering's variance lie below 0.5 Hz, 23 % up to 1 Hz, 11 % up
-    to 2 Hz, 3 % up to 4 Hz and under 1 % above; measured are 65, 17, 14, under 4, under 1 (pointing.md §7).
+    With poles of 0.3 and 0.1 s, 62 % of the wandering's variance is below 0.5 Hz, 23 % up to 1 Hz, 11 % up to
+    2 Hz, 3 % up to 4 Hz and under 1 % above. Measured: 65, 17, 14, under 4, under 1 (pointing.md §7).
     """
 
     def __init__(self, config: ArmConfig, rng: np.random.Generator, skill: float = 0.0) -> None:
-        """Begin as steady as usual."""
+        """Create with the usual level of noise."""
         self._rng = rng
         self._spread = config.hold_spread
         steady = 1.0 - STEADIER * skill
@@ -36,7 +36,7 @@ class PosturalNoise:
         self._source_variance = (first_s + second_s) / first_s
         y, x, more = rng.standard_normal(2), rng.standard_normal(2), math.sqrt(self._source_variance - 1.0)
         self._state = [(float(b + more * a), float(b)) for a, b in zip(y, x, strict=True)]
-        """Of each axis: what drives it, and the wandering itself, of variance 1."""
+        """Driving noise and wandering of each axis. The wandering has variance 1."""
         self._passed_s = -1.0
         self._step = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
         self._factor = self._wanted = 1.0
@@ -44,11 +44,11 @@ class PosturalNoise:
         self._at_ns: int | None = None
 
     def draw(self) -> None:
-        """Begin another hold, which is steadier or less steady than usual."""
+        """Start another hold with a random level of noise."""
         self._wanted = math.exp(self._spread * float(self._rng.standard_normal()))
 
     def at(self, now_ns: int) -> tuple[float, float]:
-        """Return azimuth and elevation beside the intended ones at `now_ns`, rad."""
+        """Return the offsets of azimuth and elevation at `now_ns`, rad."""
         passed_s = 0.0 if self._at_ns is None else max(0, now_ns - self._at_ns) / NS_PER_S
         self._at_ns = now_ns
         if passed_s != self._passed_s:
@@ -68,7 +68,7 @@ class PosturalNoise:
         return (yaw, pitch)
 
     def _over(self, passed_s: float) -> tuple[float, float, float, float, float, float]:
-        """Return how the state goes on over a step, exactly: its three factors, the noise's triangle."""
+        """Return the exact update of the state over a step: three factors, the noise's triangular matrix."""
         first_s, second_s = self._poles_s
         k1, k2 = math.exp(-passed_s / first_s), math.exp(-passed_s / second_s)
         c = first_s * (k1 - k2) / (first_s - second_s)

@@ -1,4 +1,4 @@
-"""Where the feet are: nobody stands on one spot for minutes."""
+"""Position of the feet, since people do not stand on one spot for minutes."""
 
 import numpy as np
 
@@ -8,14 +8,14 @@ from pointit.schemas import NS_PER_S
 from pointit.services.user_sim.body.arm import minimum_jerk_to_rest
 
 STEP_S = 1.0
-"""How long a shift of the weight, or a small step, takes."""
+"""Duration of a shift of the weight, or of a small step, s."""
 
 
 class StandingPosition:
-    """Stand about a place: from time to time, at random, a step to another spot near it."""
+    """Random steps to spots around a position."""
 
     def __init__(self, place_m: Vec3, sd_m: float, every_s: float, rng: np.random.Generator) -> None:
-        """Begin at `place_m`; spots lie `sd_m` (1 sigma in x and y) about it, `every_s` apart on average."""
+        """Start at `place_m`; spots lie `sd_m` (1 sigma in x and y) around it, `every_s` apart on average."""
         self._place_m = place_m
         self._sd_m = sd_m
         self._every_s = every_s
@@ -26,7 +26,7 @@ class StandingPosition:
         self._next_ns: int | None = None
 
     def at(self, now_ns: int) -> Vec3:
-        """Return where they are at `now_ns`, {W}."""
+        """Return the position at `now_ns`, {W}."""
         if self._sd_m == 0.0:
             return self._place_m
         if self._next_ns is None:

@@ -1,4 +1,4 @@
-"""The IMU on the wrist: an unknown yaw origin, drift, noise, lost samples, its own clock."""
+"""Simulated IMU on the wrist: unknown yaw origin, drift, noise, lost samples, own clock."""
 
 import math
 
@@ -10,17 +10,17 @@ from pointit.schemas import NS_PER_S, ImuSample
 from pointit.services.user_sim.config import WristbandConfig
 
 BOOT_SPAN_S = 3600.0
-"""The band was switched on at some time within the last hour."""
+"""Maximum time since the band was switched on, at the start, s."""
 
-LONGEST_S = 9e9
-"""285 years."""
+MAX_RUNNING_S = 9e9
+"""Limit of the band's clock, s (285 years)."""
 
 
 class Wristband:
-    """Measures the arm's orientation in {H}, as well as such a thing can."""
+    """Measures the arm's orientation in {H} with typical errors."""
 
     def __init__(self, yaw_rad: float, config: WristbandConfig, rng: np.random.Generator) -> None:
-        """Switch on; `yaw_rad` is the azimuth in {W} at which this IMU reads yaw 0."""
+        """Switch on. `yaw_rad` is the azimuth in {W} at which this IMU reads yaw 0."""
         self._config = config
         self._rng = rng
         self._yaw_rad = yaw_rad
@@ -34,18 +34,18 @@ class Wristband:
         self._silent = False
         self._seq = 0
         self.drift_rad = 0.0
-        """How far the yaw has drifted since the start."""
+        """Drift of the yaw since the start, rad."""
 
     def sample(self, now_ns: int, world_from_arm: Quaternion) -> ImuSample | None:
-        """Return what the band sends at `now_ns`; none while the radio is silent."""
+        """Return the sample at `now_ns`, or None if the radio loses it."""
         passed_s = 0.0 if self._at_ns is None else max(0, now_ns - self._at_ns) / NS_PER_S
         self._at_ns = now_ns
-        # the band's own clock is never set back, and is wrong before it is too long to be sent
-        self._running_s = min(self._running_s + passed_s * self._pace, LONGEST_S)
+        # the band's clock is never set back, and is clamped before it exceeds the message's range
+        self._running_s = min(self._running_s + passed_s * self._pace, MAX_RUNNING_S)
         self._drift(passed_s)
         half_rad = 0.5 * math.radians(self._config.noise_sd_deg)
         x, y, z = self._rng.standard_normal(3).tolist()
-        self._seq += 1  # counted though lost, so that a reader sees the gap
+        self._seq += 1  # lost samples count, so that subscribers see the gap
         if self._is_silent(passed_s):
             return None
         measured = rotation.multiply(
@@ -65,7 +65,7 @@ class Wristband:
         self.drift_rad += self._rate_radps * passed_s
 
     def _is_silent(self, passed_s: float) -> bool:
-        """Return whether the radio is silent; two states with exponential stays (Gilbert)."""
+        """Return True if the radio is silent: two states with exponential durations (Gilbert)."""
         share = self._config.dropout_share
         if share <= 0.0:
             return False

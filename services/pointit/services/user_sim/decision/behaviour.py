@@ -1,4 +1,4 @@
-"""What the person wants to point at now: nothing, lamps, the strips' length, anything, an object, places."""
+"""Current goal of the person: nothing, lamps, along the strips, anything, objects, places."""
 
 import math
 from collections.abc import Callable
@@ -20,20 +20,20 @@ from pointit.services.user_sim.sight.pixels import Kind
 from pointit.services.user_sim.sight.sight import Sight
 
 APART_M = 0.3
-"""From one strip's end to the next one's start: further is another reach, not the same movement."""
+"""Gap between strips above which the next one is another reach, not the same movement, m."""
 PLACES_M = (1.2, 2.5)
-"""Places to which a robot is sent are so far away, at least and at most."""
+"""Range of distances of places to which a robot is sent, m."""
 RAISED_M = 3.0
-"""Who looks up between points so far above them: nothing there is pointed at."""
+"""Height above a place at which the person points in between, m. Nothing is there."""
 FIND_S = 1.0
-"""From choosing a lamp or thing until the hand is there, usually."""
+"""Usual time from choosing a lamp or thing to the end of the reach, s."""
 
 
 class Behaviour(Protocol):
-    """What a person does while they may point."""
+    """Behaviour of a person while they may point."""
 
     def goal(self, now_ns: int, sight: Sight) -> Goal:
-        """Return what to point at; called at every step."""
+        """Return the goal to point at. Called at every step."""
         ...
 
 
@@ -46,15 +46,15 @@ class Resting:
 
 
 class AlongStrips:
-    """Leads the cursor along all strips from end to end, there and back; along belts where there are none."""
+    """Moves the cursor along all strips there and back, or along belts if there are no strips."""
 
     def __init__(self, speed_mps: float) -> None:
-        """Go at `speed_mps`."""
+        """Move at `speed_mps`."""
         self._speed_mps = speed_mps
         self._start_ns: int | None = None
 
     def goal(self, now_ns: int, sight: Sight) -> Goal:
-        """Return the point that runs along the strips."""
+        """Return the point that moves along the strips."""
         kind: Kind = "strip"
         lines = sight.lines_of(kind)
         if not lines:
@@ -88,12 +88,12 @@ class AlongStrips:
 
 
 class SequentialTargets:
-    """Points at places of its choice, at each for a while."""
+    """Points at random goals, at each for a while."""
 
     def __init__(
         self, choose: Callable[[str, int, Sight], Goal | None], hold_s: float, pace: DecisionTimes
     ) -> None:
-        """`choose` gives the next goal after the one of the given key at a time."""
+        """Create with `choose`, which returns the next goal after the one of the given key at a time."""
         self._choose = choose
         self._hold_s = hold_s
         self._pace = pace
@@ -101,7 +101,7 @@ class SequentialTargets:
         self._until_ns: int | None = None
 
     def goal(self, now_ns: int, sight: Sight) -> Goal:
-        """Return the present place, followed on where it moves."""
+        """Return the current goal, updated if it moves."""
         is_gone = bool(self._goal.object_id) and sight.find(self._goal.object_id, now_ns) is None
         if self._until_ns is None or now_ns >= self._until_ns or is_gone:
             self._goal = self._choose(self._goal.key, now_ns, sight) or REST
@@ -115,7 +115,7 @@ class SequentialTargets:
 
 
 def next_lamp(before: str, now_ns: int, sight: Sight) -> Goal | None:  # noqa: ARG001 - as `choose` has it
-    """Return the lamp after the one of key `before`, in the map's order, round and round."""
+    """Return the lamp after the one of key `before`, in the map's order, cyclically."""
     goals = [Goal(key=f"lamp {lamp}", point_m=place_m) for lamp, place_m in sight.lamps_m.items()]
     if not goals:
         return None
@@ -124,14 +124,14 @@ def next_lamp(before: str, now_ns: int, sight: Sight) -> Goal | None:  # noqa: A
 
 
 class Anything:
-    """Chooses anything there is: an object, a lamp, a place on a strip or belt."""
+    """Chooses anything: an object, a lamp, a point on a strip or belt."""
 
     def __init__(self, rng: np.random.Generator) -> None:
         """Choose by `rng`."""
         self._rng = rng
 
     def __call__(self, before: str, now_ns: int, sight: Sight) -> Goal | None:
-        """Return something other than what has the key `before`, if there is."""
+        """Return something other than the goal of key `before`, if possible."""
         goals = [on_object(seen, sight, closed_loop=True) for seen in sight.objects(now_ns)]
         goals += [Goal(key=f"lamp {lamp}", point_m=place_m) for lamp, place_m in sight.lamps_m.items()]
         for key, line in sight.lines.items():
@@ -143,7 +143,7 @@ class Anything:
 
 
 class Sending:
-    """Points at a place on the floor, up, and there again, as who sends a robot; then at another place."""
+    """Points at a place on the floor, up, and there again, to send a robot. Then at another place."""
 
     def __init__(self, feet_m: Vec3, rng: np.random.Generator) -> None:
         """Choose places around `feet_m` by `rng`."""
@@ -165,7 +165,7 @@ class Sending:
 def make_behaviour(
     config: UserSimConfig, things: ObjectBeliefs, pace: DecisionTimes, rng: np.random.Generator
 ) -> Behaviour:
-    """Return the wish that `config.behaviour` names."""
+    """Return the behaviour of `config.behaviour`."""
     match config.behaviour:
         case "rest":
             return Resting()
@@ -182,14 +182,14 @@ def make_behaviour(
 
 
 def asked_goal(now_ns: int, sight: Sight, belief: Belief) -> Goal:
-    """Return what the person is asked to point at: the lamp or thing that was named, else the lit lamp."""
-    asked = belief.target
+    """Return the requested goal: the named lamp or thing, else the lit lamp."""
+    requested = belief.target
     if belief.is_queuing:
         return REST
-    lamp = asked if asked in sight.lamps_m else sight.lit_lamp() if not asked else ""
+    lamp = requested if requested in sight.lamps_m else sight.lit_lamp() if not requested else ""
     if lamp:
         return Goal(key=f"lamp {lamp}", point_m=sight.lamps_m[lamp])
-    seen = sight.find(asked, now_ns) if asked else None
+    seen = sight.find(requested, now_ns) if requested else None
     return on_object(seen, sight, closed_loop=False) if seen is not None else REST
 
 

@@ -1,4 +1,4 @@
-"""What the person makes of what they feel and hear: whether they point, rest, or are asked to point."""
+"""The person's belief about the interaction, from cues: pointing, idle, or asked to point."""
 
 from typing import Literal
 
@@ -8,27 +8,28 @@ State = Literal["idle", "asked", "pointing"]
 
 
 class Belief:
-    """Follows the cues; they are events, so what came before the person did is not known.
+    """State derived from cues. Cues before the start of the person are unknown.
 
     `idle`: nothing happens until they press their button. `asked`: they are to point at `target`, or to wait
-    for one. `pointing`: they do as they like.
+    for
+    one. `pointing`: free pointing.
     """
 
     def __init__(self) -> None:
         self.state: State = "idle"
         self.since_ns = 0
-        """When the state was entered; time at a target within pointing counts as pointing."""
+        """Start of the state, ns. Time at a target within pointing counts as pointing."""
         self.target = ""
-        """What to point at while asked; empty: it will be told, or lights up."""
+        """Target while asked. `""`: it will be named, or lights up."""
         self.is_queuing = False
-        """While asked: others come first, the lamp that is lit is theirs."""
+        """While asked: other people come first, and the lit lamp is theirs."""
         self._back: State = "idle"
-        """Where being asked leads if it fails, or was an anchor."""
+        """State after being asked, if it fails or was an anchor."""
 
-    def hear(self, cue: Feedback, now_ns: int) -> None:
-        """Take in a cue; those of selecting change nothing here."""
+    def on_cue(self, cue: Feedback, now_ns: int) -> None:
+        """Process a cue. Cues of selecting change nothing here."""
         match cue.cue:
-            case "target" if cue.turn_rad is None:  # else they point past everything
+            case "target" if cue.turn_rad is None:  # otherwise they point past everything
                 self._ask(now_ns, cue.target_id)
                 self.is_queuing = cue.waits
             case "started" if cue.waits:
@@ -41,7 +42,7 @@ class Belief:
             case "refused":
                 if self.state == "asked":
                     self._enter(self._back, now_ns)
-                elif self.state == "idle":  # pressed in vain
+                elif self.state == "idle":  # the press failed
                     self.since_ns = now_ns
             case "stopped":
                 self._enter(self._back if self.state == "asked" else "idle", now_ns)
@@ -49,7 +50,7 @@ class Belief:
                 pass
 
     def reset(self, now_ns: int) -> None:
-        """Take nothing for granted any more: no cursor has been seen for long."""
+        """Assume `idle`, as no cursor has been seen for long."""
         self._back = "idle"
         self._enter("idle", now_ns)
 

@@ -1,7 +1,7 @@
-"""Closing the loop: what the person makes of the cursor they see (pointing.md §3, §7).
+"""Closed-loop correction by the visible cursor (pointing.md §3, §7).
 
-The person knows what their own hand has just done (an efference copy), so that a correction still on its
-way to the eyes is not made twice, and where to look for the cursor.
+The person knows their own recent movements (an efference copy), so that a correction still within the visual
+delay is not made twice, and the cursor is expected at the right position.
 """
 
 import math
@@ -17,29 +17,29 @@ from pointit.services.user_sim.decision.goal import Goal
 from pointit.sim.aim import Stance
 
 MEMORY_S = 1.5
-"""How far back a person recalls what their hand did."""
+"""Time for which own movements are remembered, s."""
 ADAPTATION = 0.3
-"""Share of what had to be corrected in one reach that is carried into the next."""
+"""Share of the correction of one reach that is carried into the next."""
 LOST_S = 0.7
-"""Without a cursor for so long after a reach, the person searches for it."""
+"""Time without a cursor after a reach until the person searches for it, s."""
 SEARCH_RAD = tuple(math.radians(step) for step in (-5.0, 5.0, -10.0, 10.0))
-"""Elevations tried one after the other."""
+"""Elevations tried one after the other, rad."""
 SEARCH_WIDE_RAD = (*SEARCH_RAD, math.radians(-20.0), math.radians(20.0))
-"""The same where the light says that one points past."""
+"""The same if the light shows that the ray passes everything."""
 LOST_SEARCHES = 2
-"""After so many in vain it is lost."""
+"""Number of failed searches after which the cursor is lost."""
 
-MOST_RAD = (math.radians(90.0), math.radians(40.0))
-"""Nobody points further beside what they look at: azimuth, elevation."""
+MAX_RAD = (math.radians(90.0), math.radians(40.0))
+"""Limits of the correction of azimuth and elevation, rad."""
 
 Pair = tuple[float, float]
 
 
 class Correction:
-    """The deliberate turn away from where the person thinks the target is, so that the cursor is on it."""
+    """Deliberate offset from the perceived target, so that the cursor is on it."""
 
     def __init__(self, config: AimConfig, stance: Stance, rng: np.random.Generator) -> None:
-        """Correct from the place of `stance`."""
+        """Create for the position of `stance`."""
         self._stance = stance
         self._rng = rng
         self._gain = config.correction_gain
@@ -49,34 +49,34 @@ class Correction:
         self._delay_ns = round(config.visual_delay_s * NS_PER_S)
         self._learned: Pair = (0.0, 0.0)
         self.now_rad: Pair = (0.0, 0.0)
-        """Azimuth and elevation."""
+        """Current correction of azimuth and elevation, rad."""
         self._done: deque[tuple[int, Pair]] = deque()
         self._seen: list[Pair] = []
         self._beside: Pair = (0.0, 0.0)
-        """How far from where the hand should point the cursor was when it was seen last."""
+        """Last offset of the visible cursor from the intended direction, rad."""
         self._look_from_ns = 0
         self._next_ns = 0
         self._newest_ns = 0
         self._searches = 0
         self._aside_rad: float | None = None
-        """Azimuth, rad, to which the pixel that shows pointing past led, or None."""
+        """Azimuth correction, rad, by the mark of a ray that passes everything, or None."""
         self._is_turning = False
-        """Whether a cue has just said how to turn."""
+        """True if a cue has just specified a turn."""
 
     @property
     def is_lost(self) -> bool:
-        """Return whether the cursor was searched for in vain."""
+        """Return True if searches for the cursor failed."""
         return self._searches >= LOST_SEARCHES
 
     @property
     def off_rad(self) -> float:
-        """Return how far the cursor is from where the person feels to point; infinite when it is lost."""
+        """Return the angle from the cursor to the felt direction, rad. Infinite if it is lost."""
         return math.inf if self.is_lost else math.hypot(*self.now_rad)
 
     def settle(self, left: Goal, goal: Goal) -> None:
-        """Turn from `left` to `goal`: of a correction by the cursor a part stays, as adaptation.
+        """Change from goal `left` to `goal`. A part of the correction remains, as adaptation.
 
-        It serves the next goal with a cursor; without one the person aims along their finger, as they see it.
+        It applies to the next goal with a cursor. Without a cursor the person aims along their finger.
         """
         if left.closed_loop and not self.is_lost:
             self._learned = (
@@ -86,7 +86,7 @@ class Correction:
         self.now_rad = self._learned if goal.closed_loop else (0.0, 0.0)
 
     def begin(self, reached_ns: int) -> None:
-        """Look at the cursor again once the hand has arrived."""
+        """Start looking at the cursor when the hand has arrived."""
         self._look_from_ns = self._newest_ns = reached_ns
         self._next_ns = reached_ns + self._delay_ns
         self._seen.clear()
@@ -95,7 +95,7 @@ class Correction:
         self._is_turning = False
 
     def remember(self, now_ns: int, deviation_rad: Pair) -> None:
-        """Note what the hand deliberately does beside the goal."""
+        """Record the deliberate offset from the goal."""
         turned = (deviation_rad[0] + self.now_rad[0], deviation_rad[1] + self.now_rad[1])
         while self._done and self._done[-1][0] > now_ns:  # a clock was set back
             self._done.pop()
@@ -104,7 +104,7 @@ class Correction:
             self._done.popleft()
 
     def expected_m(self, at_ns: int, goal: Goal) -> Vec3 | None:
-        """Return about where the cursor should have been at `at_ns`, {W}; none while that is not known."""
+        """Return the approximate position of the cursor at `at_ns`, {W}, or None if unknown."""
         target, did = goal.point_at(at_ns), self._recall(at_ns)
         if target is None or did is None:
             return None
@@ -113,12 +113,12 @@ class Correction:
         return vector.add(self._stance.eyes_m, vector.scale(away, math.dist(target, self._stance.eyes_m)))
 
     def see(self, point_m: Vec3, at_ns: int, goal: Goal) -> None:
-        """Take in where the cursor was at `at_ns`."""
+        """Process the position of the cursor at `at_ns`."""
         target, did = goal.point_at(at_ns), self._recall(at_ns)
         if target is None or did is None:
             return
-        shown, meant = self._stance.sight_of(point_m), self._stance.sight_of(target)
-        self._beside = (vector.wrap(shown[0] - meant[0] - did[0]), shown[1] - meant[1] - did[1])
+        shown, intended = self._stance.sight_of(point_m), self._stance.sight_of(target)
+        self._beside = (vector.wrap(shown[0] - intended[0] - did[0]), shown[1] - intended[1] - did[1])
         if at_ns < self._look_from_ns:
             return
         self._newest_ns = max(self._newest_ns, at_ns)
@@ -127,15 +127,15 @@ class Correction:
         self._seen.append(self._beside)
 
     def see_mark(self, point_m: Vec3, at_ns: int, goal: Goal) -> None:
-        """Take in that the ray passed everything by at `at_ns`, nearest to `point_m`."""
+        """Process that the ray passed everything at `at_ns`, nearest to `point_m`."""
         target, did = goal.point_at(at_ns), self._recall(at_ns)
         if target is None or did is None or at_ns < self._look_from_ns:
             return
-        shown, meant = self._stance.sight_of(point_m), self._stance.sight_of(target)
-        self._aside_rad = did[0] - vector.wrap(shown[0] - meant[0])
+        shown, intended = self._stance.sight_of(point_m), self._stance.sight_of(target)
+        self._aside_rad = did[0] - vector.wrap(shown[0] - intended[0])
 
     def turn(self, turn_rad: Pair, at_ns: int, now_ns: int) -> None:
-        """Turn as a cue says by which the ray of `at_ns` has to go right and up to meet something."""
+        """Turn by a cue's angles to the right and up, relative to the ray of `at_ns`."""
         did = self._recall(at_ns)
         if did is None:
             return
@@ -145,7 +145,7 @@ class Correction:
         self._is_turning = True
 
     def step(self, now_ns: int) -> bool:
-        """Return whether `now_rad` changed, so that the hand must move."""
+        """Return True if `now_rad` changed, so that the hand must move."""
         if self._is_turning:
             self._is_turning = False
             self._next_ns = now_ns + self._period_ns
@@ -171,11 +171,11 @@ class Correction:
         return False
 
     def _share(self) -> float:
-        """Return the share of an error that is corrected this time."""
+        """Return the random share of an error that is corrected."""
         return self._gain * (1.0 + self._spread * float(self._rng.standard_normal()))
 
     def _recall(self, at_ns: int) -> Pair | None:
-        """Return what the hand did beside the goal at `at_ns`."""
+        """Return the offset from the goal at `at_ns`, rad, or None if unknown."""
         for then_ns, turned in reversed(self._done):
             if then_ns <= at_ns:
                 return turned
@@ -192,7 +192,7 @@ class Correction:
 
 
 def _held(turned: Pair) -> Pair:
-    azimuth, elevation = MOST_RAD
+    azimuth, elevation = MAX_RAD
     return (
         min(max(vector.wrap(turned[0]), -azimuth), azimuth),
         min(max(turned[1], -elevation), elevation),

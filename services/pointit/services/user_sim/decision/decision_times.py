@@ -1,4 +1,4 @@
-"""How long it takes this person to find and choose, and how often that goes wrong."""
+"""Times that this person takes to find and choose, and lapses."""
 
 import math
 
@@ -7,19 +7,20 @@ import numpy as np
 from pointit.services.user_sim.config import UserSimConfig
 
 UNSKILLED_SHARE = 0.3
-"""By which part times shrink from no skill to all of it."""
+"""Share by which times shrink from skill 0 to 1."""
 
 
 class DecisionTimes:
-    """The times of one person's mind, log-normal about what is usual, and their lapses.
+    """Random times of one person's decisions, log-normal, and lapses.
 
-    Visual search: a base and a slope per item (Wolfe 1998: 5 to 10 ms where a colour pops out, 20 to 30 ms
-    where features are conjoined, more when things move and lie about the room); choosing among n targets
-    takes 0.15 s a bit of log2(n + 1) (Hick 1952).
+    Visual search has a base and a slope per item (Wolfe 1998: 5 to 10 ms if a colour pops out, 20 to 30 ms if
+    features are conjoined, more for moving things in a room). Choosing among n targets takes 0.15 s per bit
+    of
+    log2(n + 1) (Hick 1952).
     """
 
     def __init__(self, config: UserSimConfig, skill: float, rng: np.random.Generator) -> None:
-        """Take the person's configuration and skill, 0 to 1."""
+        """Create from the person's configuration and skill, 0 to 1."""
         self._mind = config.mind
         self._rng = rng
         self.quickness = 1.0 - UNSKILLED_SHARE * skill
@@ -27,16 +28,16 @@ class DecisionTimes:
         self._lapse_share = config.mind.lapse_share * (1.0 - skill)
 
     def find_s(self, items: int, choices: int) -> float:
-        """Return how long it takes to find something to do among `items`, of which `choices` would do."""
+        """Return the time to find a target among `items`, of which `choices` are suitable, s."""
         mind = self._mind
         usual_s = mind.search_base_s + mind.search_per_item_s * items
         usual_s += mind.decide_per_bit_s * math.log2(choices + 1.0)
         return self.quickness * usual_s * math.exp(mind.search_spread * float(self._rng.standard_normal()))
 
     def lapses(self) -> bool:
-        """Return whether something goes wrong now."""
+        """Return True if a lapse occurs now."""
         return self._lapse_share > 0.0 and float(self._rng.random()) < self._lapse_share
 
     def between(self, least: float, most: float) -> float:
-        """Return a number between the two, each as likely."""
+        """Return a uniformly random number between the two."""
         return float(self._rng.uniform(least, most))

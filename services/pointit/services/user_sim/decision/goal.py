@@ -1,4 +1,4 @@
-"""Something that the person points at, and how it moves on meanwhile."""
+"""A goal of pointing, and its motion."""
 
 from dataclasses import dataclass
 
@@ -10,30 +10,30 @@ from pointit.services.user_sim.sight.pixels import Kind
 from pointit.services.user_sim.sight.sight import SeenObject, Sight
 
 PURSUIT_S = 1.5
-"""How long a thing that was lost from view is followed along its way."""
+"""Time for which a thing is extrapolated after it was lost from view, s."""
 
 
 @dataclass(frozen=True, slots=True)
 class Goal:
-    """Something to point at that moves evenly; no point: let the arm rest."""
+    """A goal that moves at constant speed. Without a point the arm rests."""
 
     key: str
-    """Two goals with the same key are the same thing seen at different times."""
+    """Identity: two goals with the same key are the same thing seen at different times."""
     point_m: Vec3 | None = None
     velocity_mps: Vec3 = (0.0, 0.0, 0.0)
     stamp_ns: int = 0
     closed_loop: bool = False
-    """Whether the system shows a cursor that the person may correct by."""
+    """True if the system shows a cursor by which the person can correct."""
     kind: Kind = "strip"
-    """What the cursor is looked for along."""
+    """Kind of line along which the cursor is expected."""
     curve: Polyline | None = None
-    """A way with bends that it follows."""
+    """Line with bends that it follows."""
     along_m: float = 0.0
     speed_mps: float = 0.0
     object_id: str = ""
 
     def point_at(self, now_ns: int) -> Vec3 | None:
-        """Return where the person expects it at `now_ns`."""
+        """Return its expected position at `now_ns`, or None."""
         if self.point_m is None:
             return None
         passed_s = min((now_ns - self.stamp_ns) / NS_PER_S, PURSUIT_S)
@@ -46,7 +46,7 @@ REST = Goal("rest")
 
 
 def on_object(seen: SeenObject, sight: Sight, *, closed_loop: bool) -> Goal:
-    """Return the goal to point at the middle of an object."""
+    """Return the goal at the middle of an object."""
     thing = seen.thing
     line = sight.lines.get(seen.key) if seen.key is not None else None
     is_bent = line is not None and len(line.tangents) > 1 and thing.surface_speed_mps != 0.0

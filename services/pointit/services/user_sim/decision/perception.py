@@ -1,4 +1,4 @@
-"""Looking at the strips: seldom, as people do; it is the mind that turns light into places and states."""
+"""Periodic looks at the strips, and the beliefs derived from what is seen and felt."""
 
 from collections.abc import Iterator
 
@@ -11,18 +11,18 @@ from pointit.services.user_sim.sight.object_beliefs import ObjectBeliefs
 from pointit.services.user_sim.sight.sight import SeenObject, Sight
 
 ROUND = 4
-"""Every so many looks all things are looked at, not only the one that is pointed at."""
+"""Number of looks from one look at all things to the next. Others are at the goal only."""
 ON_M = 0.05
-"""A cursor so far beside a thing is on it."""
+"""Distance beside a thing at which a cursor is on it, m."""
 STILL_S = 0.5
-"""A frame that has stood so long still shows what it shows, but no cursor that moves."""
+"""Age of a frame up to which its cursor is current, s."""
 
 
 class Perception:
-    """Draws what is believed from what is seen and felt."""
+    """Updates beliefs from what is seen and felt."""
 
     def __init__(self, sight: Sight, correction: Correction, period_s: float) -> None:
-        """Look at what is before `sight` every `period_s`."""
+        """Create for `sight`, with looks every `period_s`."""
         self._sight = sight
         self._correction = correction
         self._period_ns = round(period_s * NS_PER_S)
@@ -32,17 +32,17 @@ class Perception:
         self.belief = Belief()
         self.things = ObjectBeliefs()
         self.cursor: SeenCursor | None = None
-        """One's own, as last looked for."""
+        """Own cursor at the last look."""
         self._cursor_ns = 0
 
     def update(self, now_ns: int, goal: Goal) -> None:
-        """Take in cues, and look at the strips if it is time to."""
+        """Process cues, and look at the strips if it is time."""
         for cue in self._sight.cues:
-            self.belief.hear(cue, now_ns)
+            self.belief.on_cue(cue, now_ns)
             if cue.turn_rad is not None and goal.closed_loop:
                 self._correction.turn(cue.turn_rad, cue.stamp_ns, now_ns)
             if cue.cue in ("selected", "deselected", "refused") and self.belief.state == "pointing":
-                self._feel(cue.cue, now_ns, goal)
+                self._on_selection_cue(cue.cue, now_ns, goal)
         if now_ns < self._next_ns <= now_ns + self._period_ns:
             return
         self._next_ns = now_ns + self._period_ns
@@ -79,17 +79,17 @@ class Perception:
         if mark_m is not None:
             self._correction.see_mark(mark_m, frame_ns, goal)
 
-    def _feel(self, cue: str, now_ns: int, goal: Goal) -> None:
-        """Know what a cue of selecting was about: what the own cursor is on, else what is pointed at."""
-        about = self._under_cursor(now_ns) or goal.object_id
-        if not about:
+    def _on_selection_cue(self, cue: str, now_ns: int, goal: Goal) -> None:
+        """Relate a cue of selecting to the object under the own cursor, or to the goal."""
+        object_id = self._under_cursor(now_ns) or goal.object_id
+        if not object_id:
             return
         if cue == "selected":
-            self.things.believe(about, "mine", now_ns)
+            self.things.believe(object_id, "mine", now_ns)
         elif cue == "deselected":
-            self.things.believe(about, "free", now_ns)
+            self.things.believe(object_id, "free", now_ns)
         else:
-            self.things.believe(about, "theirs", now_ns)
+            self.things.believe(object_id, "theirs", now_ns)
 
     def _under_cursor(self, now_ns: int) -> str:
         cursor, at_ns = self.cursor, self._cursor_ns

@@ -1,4 +1,4 @@
-"""When the person presses their button: to begin, when the cursor stays away, and twice for a lamp anew."""
+"""Presses of the button: to start, if the cursor stays away, and twice to point at a lamp again."""
 
 import math
 from typing import Literal
@@ -8,20 +8,20 @@ from pointit.services.user_sim.config import UserSimConfig
 from pointit.services.user_sim.decision.belief import Belief
 
 OFF_S = 2.0
-"""How long the cursor is off before the person does something about it."""
+"""Time for which the cursor is off before the person reacts, s."""
 PATIENCE_S = 15.0
-"""How long an anchor that was asked for may take to help before it is asked for again."""
+"""Time for a requested anchor to help before it is requested again, s."""
 GREETING_S = 3.0
-"""Who has not heard of their profile for so long presses all the same."""
+"""Time without a profile after which the person presses anyway, s."""
 
 Gesture = Literal["press", "double"]
 
 
 class ButtonModel:
-    """The thumb on the button."""
+    """The person's thumb on the button."""
 
     def __init__(self, config: UserSimConfig) -> None:
-        """Press as `config` says."""
+        """Create with the times of `config`."""
         self._think_ns = round(config.think_s * NS_PER_S)
         self._pause_ns = round(config.press_pause_s * NS_PER_S)
         self._every_ns = round(config.anchor_every_s * NS_PER_S)
@@ -31,16 +31,16 @@ class ButtonModel:
         self._pressed_ns: int | None = None
         self._anchored_ns: int | None = None
         self._on_ns = 0
-        """When the cursor was last where it should be."""
+        """Last time at which the cursor was on target, ns."""
         self._in_vain_ns = 0
-        """How long it has been looked for since it was seen last."""
+        """Time of looking for the cursor since it was seen last, ns."""
         self._before_ns = 0
         self._presses = 0
         self._free_ns: int | None = None
-        """When somebody else had the button last; none: nobody ever."""
+        """Last time at which another client controlled the wrist. None: never."""
 
     def wait(self, now_ns: int) -> None:
-        """Press nothing, as somebody else has the button; nothing that was waited for goes on."""
+        """Press nothing, as another client controls the wrist. Resets all timers."""
         self._free_ns = self._on_ns = self._before_ns = now_ns
         self._in_vain_ns = 0
 
@@ -53,14 +53,14 @@ class ButtonModel:
         off_rad: float = 0.0,
         sees: bool | None = None,
     ) -> ButtonEvent | None:
-        """Return what the person does now.
+        """Return the gesture at this time, or None.
 
         Args:
-            now_ns: the time.
-            belief: what they take to be going on.
-            known_ns: since when they know that the system knows them; none: they do not.
-            off_rad: how far the cursor is from where they feel to point.
-            sees: whether they see their cursor; none: they do not look for it.
+            now_ns: time, ns.
+            belief: belief about the interaction.
+            known_ns: time since which they know that the system has their profile. None: not yet.
+            off_rad: angle from the cursor to the felt direction.
+            sees: True if they see their cursor. None: they do not look for it.
         """
         if self._born_ns is None or now_ns < self._born_ns:
             self._born_ns = now_ns
@@ -88,7 +88,7 @@ class ButtonModel:
         return self._event(now_ns, "press")
 
     def _look_for(self, now_ns: int, belief: Belief) -> ButtonEvent | None:
-        """Press when no cursor was seen for long: perhaps nobody thinks that they point."""
+        """Press if no cursor was seen for long: the system may not consider them pointing."""
         if self._lost_ns == 0 or self._in_vain_ns <= self._lost_ns:
             return None
         self._in_vain_ns = 0
@@ -97,7 +97,7 @@ class ButtonModel:
         return self._event(now_ns, "press")
 
     def _anchor(self, now_ns: int, belief: Belief, off_rad: float) -> ButtonEvent | None:
-        """Press twice when the last anchor, or the start, is long ago, or the cursor is off for long."""
+        """Press twice if the last anchor, or the start, is long ago, or the cursor is off for long."""
         if off_rad <= self._off_rad:
             self._on_ns = now_ns
         asked_ns = self._anchored_ns

@@ -1,4 +1,4 @@
-"""Selecting every object of some kinds, one after the other, and taking back what was no target."""
+"""Selecting every object of some kinds, one after the other, and deselecting wrong ones."""
 
 import math
 
@@ -11,20 +11,20 @@ from pointit.services.user_sim.sight.object_beliefs import ObjectBeliefs
 from pointit.services.user_sim.sight.sight import SeenObject, Sight
 
 DWELL_S = 0.8
-"""What staying on a thing takes until it is selected, as people come to know it."""
+"""Time on a thing until it is selected, as people learn it, s."""
 LEAVE_S = (1.0, 1.5)
-"""After turning to a thing, when somebody is off again who takes it for selected too early."""
+"""Range of times after turning to a thing at which a person leaves who considers it selected too early, s."""
 
 
 class Selecting:
-    """Stays with one object until it is done, gone, or has taken too long; then finds the next.
+    """Stays with one object until it is done, gone or timed out, then finds the next.
 
-    That is the one that leaves first among those that leave enough time; of those that stand still, the
-    nearest to the last one. What somebody else has, or is about to have, is left to them.
+    That is the one that leaves first among those with enough time left, or of resting ones the nearest to the
+    last one. Objects that other people have, or are about to have, are left alone.
     """
 
     def __init__(self, config: UserSimConfig, things: ObjectBeliefs, pace: DecisionTimes) -> None:
-        """Know what is what by `things`."""
+        """Create with the beliefs `things`."""
         self._kinds = frozenset(config.target_kinds)
         self._things = things
         self._pace = pace
@@ -32,12 +32,12 @@ class Selecting:
         self._retry_ns = round(config.retry_s * NS_PER_S)
         self._look_ns = round(config.mind.check_period_s * NS_PER_S)
         arm = config.arm
-        # a common reach, with what it takes to begin and to be selected; less than that is not worth trying
+        # a common reach with the times of reaction and selection; objects with less time left are skipped
         self._needed_s = config.aim.reaction_s + arm.reach_base_s + 3.0 * arm.reach_per_bit_s + DWELL_S
         self._current = ""
         self._next = ""
         self._mistaken = ""
-        """What was chosen although it should not be."""
+        """Object that was chosen by mistake."""
         self._ready_ns = 0
         self._look_again_ns = 0
         self._since_ns = 0
@@ -46,20 +46,20 @@ class Selecting:
         self._pause_until_ns: dict[str, int] = {}
 
     def goal(self, now_ns: int, sight: Sight) -> Goal:
-        """Return the object to hold the cursor on, or rest."""
+        """Return the object on which to hold the cursor, or rest."""
         if self._current:
             self._go_on(now_ns, sight)
         if not self._current:
             self._find(now_ns, sight)
         if not self._current and not self._next:
             self._goal = REST
-        elif self._goal.object_id:  # also while the next one is looked for, the hand stays
+        elif self._goal.object_id:  # the hand stays during the search for the next one
             seen = sight.find(self._goal.object_id, now_ns)
             self._goal = REST if seen is None else on_object(seen, sight, closed_loop=True)
         return self._goal
 
     def _go_on(self, now_ns: int, sight: Sight) -> None:
-        """End with the current object if it is done or in vain."""
+        """End with the current object if it is done or timed out."""
         seen = sight.find(self._current, now_ns)
         if seen is None or not self._is_task(seen) or self._is_decided(seen, now_ns):
             self._end()
@@ -75,7 +75,7 @@ class Selecting:
         self._leave_ns = None
 
     def _find(self, now_ns: int, sight: Sight) -> None:
-        """Look for the next one, which takes its time, and turn to it."""
+        """Search for the next one, which takes time, and turn to it."""
         if self._next and now_ns < self._ready_ns:
             return
         if self._next:
@@ -107,14 +107,14 @@ class Selecting:
 
     @staticmethod
     def _is_decided(seen: SeenObject, now_ns: int) -> bool:
-        """Return True if nothing changes any more which way the object goes: it cannot be had."""
+        """Return True if the object's bay is decided, so that it can no longer be selected."""
         return seen.thing.bay_until_ns is not None and now_ns >= seen.thing.bay_until_ns
 
     def _is_target(self, seen: SeenObject) -> bool:
         return seen.thing.kind in self._kinds or seen.thing.id == self._mistaken
 
     def _is_worth(self, seen: SeenObject, now_ns: int, sight: Sight) -> bool:
-        """Return whether to turn to an object now: there is something to do, and time for it."""
+        """Return True if an object needs a change of selection now, and there is time for it."""
         if not self._is_task(seen) or not sight.has_come(seen, now_ns):
             return False
         until_ns = self._pause_until_ns.get(seen.thing.id, 0)
@@ -125,12 +125,12 @@ class Selecting:
         here: Vec3 | None = self._goal.point_m
         return 0.0 if here is None else math.dist(here, seen.thing.position_m)
 
-    def _mistake(self, meant: SeenObject, objects: list[SeenObject]) -> SeenObject:
-        """Return the thing nearest to the one that is `meant`, which is taken for it."""
+    def _mistake(self, target: SeenObject, objects: list[SeenObject]) -> SeenObject:
+        """Return the thing nearest to `target`, which is mistaken for it."""
         others = [seen for seen in objects if seen.thing.kind not in self._kinds]
         if not others:
-            return meant
-        at_m = meant.thing.position_m
+            return target
+        at_m = target.thing.position_m
         other = min(others, key=lambda seen: math.dist(at_m, seen.thing.position_m))
         self._mistaken = other.thing.id
         return other

@@ -1,1 +1,1 @@
-"""What the simulated person sees of strips, lamps and objects."""
+"""Vision of the simulated person: strips, lamps and objects."""

@@ -1,4 +1,4 @@
-"""Colours of pixels, each one number: which differ in brightness alone, and which may be one's own."""
+"""Colours of pixels as integers: equal hues, and the person's own colours."""
 
 import contextlib
 import functools
@@ -10,30 +10,30 @@ from pointit.geometry.colormap import UnknownColormapError, colormap
 from pointit.schemas import UserProfile
 
 HUE_TOLERANCE = 0.09
-"""How far a colour may lie beside another one, as a share, to be taken for it, whatever the brightness."""
+"""Maximum distance of a colour from another one of any brightness, as a share, to count as equal."""
 DARKEST = 0.04
-"""As a share of its full colour; what is darker is no cursor."""
+"""Minimum brightness of a cursor, as a share of its full colour."""
 TINTS = 32
-"""Colours of a colormap that are told apart."""
+"""Number of distinct colours of a colormap."""
 
 Color = tuple[int, int, int]
 
 
 class OwnColor:
-    """One's own colour, or colours."""
+    """The person's own colour, or colours."""
 
     def __init__(self, profile: UserProfile) -> None:
-        """Know the cursor's colours from `profile`."""
+        """Create with the cursor's colours of `profile`."""
         self._own = np.array([profile.cursor_color], dtype=np.float64)
         if profile.cursor_colormap:
-            with contextlib.suppress(UnknownColormapError):  # then it is drawn in its colour
+            with contextlib.suppress(UnknownColormapError):  # it is drawn in `cursor_color`
                 tints = colormap(profile.cursor_colormap)(np.linspace(0.0, 1.0, TINTS))
                 self._own = tints.astype(np.float64)
         self._shares: dict[int, float] = {0: 0.0}
-        """By colour seen: how bright a cursor of one's own it would be, 0 when it is none."""
+        """By colour: brightness of an own cursor of this colour, 0 if it is none."""
 
     def share(self, code: int) -> float:
-        """Return how bright a cursor of one's own is that looks like this, as a share; 0: none."""
+        """Return the brightness of an own cursor that looks like this, as a share, or 0 if it is none."""
         share = self._shares.get(code)
         if share is None:
             if len(self._shares) > 4096:
@@ -57,13 +57,13 @@ def rgb(code: int) -> Color:
 
 
 def brightness(code: int) -> int:
-    """Return the brightest of red, green and blue, 0 to 255."""
+    """Return the maximum of red, green and blue, 0 to 255."""
     return max(rgb(code))
 
 
 @functools.lru_cache(maxsize=4096)
 def is_same_hue(code: int, other: int) -> bool:
-    """Return whether two colours differ in brightness alone."""
+    """Return True if two colours differ in brightness only."""
     a, b = rgb(code), rgb(other)
     dot = a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
     lengths = math.hypot(*a) * math.hypot(*b)

@@ -1,9 +1,9 @@
-"""What a person makes of the light on the strips: where their own cursor is, and what became of a thing.
+"""Perception of the light on the strips: the position of the own cursor, and the state of a thing.
 
-The language of light: a thing is a segment in its kind's colour, dim while it is free, bright once selected;
-its two ends show whose cursor is on it, or who selected it; a cursor is a short run in its person's colour,
-on top of all, and cursors that meet alternate pixel by pixel. Nothing but the frame's bytes, the map, the
-things themselves and one's own colour is used. A frame is decoded when somebody looks, not when it comes.
+A thing is a segment in its kind's colour, dim while it is free, bright once selected. Its two ends show whose
+cursor is on it, or who selected it. A cursor is a short run in its person's colour on top, and overlapping
+cursors alternate by pixel. Only the frame's bytes, the map, the things and the own colour are used. A frame
+is decoded on a look, not on arrival.
 """
 
 import math
@@ -21,41 +21,41 @@ from pointit.services.user_sim.sight.observed_appearance import ObservedAppearan
 from pointit.services.user_sim.sight.pixels import Key, Kind, Pixels, ShownLine
 
 LEVEL_SHARE = 0.8
-"""A cursor is at least so bright, as a share of how bright it was lately."""
+"""Minimum brightness of a cursor, as a share of its recent brightness."""
 ADAPTING = 0.96
-"""By how much less bright a cursor is looked for after each look in vain: the eyes adapt to dimmed strips."""
+"""Factor on the expected brightness after each look without a cursor: the eyes adapt to dimmed strips."""
 TOO_WIDE = 1.6
-"""A run longer than this many cursors, and two pixels, is no cursor."""
+"""Maximum length of a run, in cursors, plus two pixels."""
 INTERLEAVED = 4.5
-"""Pixels between two of one's own where as many people's cursors meet as can be told apart."""
+"""Maximum distance of two own pixels, in pixels, where as many cursors overlap as have distinct colours."""
 SCALE_M = 0.7
-"""So far from where they feel to point a run is as doubtful as one of a third of the cursor's width."""
-FARTHEST = 2.0
-"""Doubt about a light that may be no thing's margin, however far it is from where they feel to point."""
-LEAST_LIKELY = 2.6
-"""Largest doubt at which a run still counts as a cursor."""
+"""Distance from the felt direction that adds as much doubt as a third of the cursor's width, m."""
+MAX_DISTANCE_DOUBT = 2.0
+"""Limit of the doubt by distance for a light that may not be a margin."""
+MAX_DOUBT = 2.6
+"""Maximum doubt at which a run still counts as a cursor."""
 END_M = 0.06
-"""So far beyond the end of a thing, and twice as far within, a run may be its margin: that is broader
-in a curve, and where a cursor touches it."""
+"""Distance beyond the end of a thing at which a run may be its margin, m. Twice that within, as margins are
+longer in a curve and where a cursor touches them."""
 NARROW = 0.8
 """Share of the cursor's width below which a run is more likely a margin than a cursor."""
 MARK_SHARE = (0.3, 0.7)
-"""Brightness of the pixel that shows where one points past, as a share of one's cursor."""
+"""Range of the brightness of the mark of a ray that passes everything, as a share of the cursor's."""
 BLINK_LOOKS = 8
-"""A dim pixel that was seen so many times in a row does not blink: it is a narrow cursor."""
+"""Number of consecutive looks after which a dim pixel does not blink, but is a narrow cursor."""
 MIXED_PATTERNS = ("striped", "tailed")
-"""They put the owner's colour into the body of what is theirs."""
+"""Patterns with the owner's colour in the body."""
 Span = tuple[Key, float, float]
-"""A line, and from where to where on it a thing lies."""
+"""A line, and the interval of a thing on it, m."""
 
 
 class SeenCursor(NamedTuple):
-    """One's own cursor."""
+    """The person's own cursor."""
 
     kind: Kind
     line_id: str
     position_m: float
-    """Along the strip, or along the belt beside it."""
+    """Arc length on the strip, or on the belt beside it."""
     point_m: Vec3
     width_m: float
 
@@ -77,15 +77,15 @@ class _Run(NamedTuple):
 
 
 class Eyes:
-    """Looks at frames of one room for one person."""
+    """Perception of frames of one room by one person."""
 
     def __init__(self) -> None:
-        """Open them: there is nothing to see yet."""
+        """Create without a frame."""
         self._pixels = Pixels(Environment(stamp_ns=0, name="nothing"))
         self._frame: StripsFrame | None = None
         self._codes: list[int] | None = None
         self._array: NDArray[np.int32] = np.empty(0, dtype=np.int32)
-        """The pixels of `_codes`, for searching."""
+        """The pixels of `_codes`, as an array."""
         self._brightness = 1.0
         """Brightness of recently seen cursors, a share of full brightness."""
         self._full = 1.0
@@ -95,34 +95,34 @@ class Eyes:
         self.set_profile(UserProfile(stamp_ns=0))
 
     def learn(self, room: Environment) -> None:
-        """Look around in `room`."""
+        """Set the map."""
         self._pixels = Pixels(room)
         self._codes = None
 
     def set_profile(self, profile: UserProfile) -> None:
-        """Know one's own colour, or colours, and how wide one's cursor is."""
+        """Set the own colour, or colours, and the width of the own cursor."""
         self._own = OwnColor(profile)
         self._width_m = profile.cursor_width_m
         self._is_mixed = profile.pattern in MIXED_PATTERNS
 
     def open(self, frame: StripsFrame) -> None:
-        """Have `frame` before the eyes; nothing is made of it yet."""
+        """Set the current frame, without decoding it."""
         self._frame = frame
         self._codes = None
 
     def line(self, key: Key) -> ShownLine | None:
-        """Return how the strip or belt `key` is shown, or none."""
+        """Return the pixels of the strip or belt `key`, or None."""
         return self._pixels.lines.get(key)
 
     def cursor(
         self, kind: Kind, expected_m: Vec3 | None = None, things: Iterable[Span] = ()
     ) -> SeenCursor | None:
-        """Return where one's own cursor is, or none that could be it.
+        """Return the own cursor, or None if no run is likely.
 
         Args:
-            kind: belt: what is seen beside a belt is on the belt; strip: on the strip.
-            expected_m: where the hand is felt to point, {W}.
-            things: where things lie, as their margins may have the same colour.
+            kind: belt: pixels beside a belt show the belt. strip: they show the strip.
+            expected_m: felt point of the hand, {W}.
+            things: intervals of things, as their margins may have the same colour.
         """
         runs = self._runs(kind)
         best: tuple[float, _Run, Vec3] | None = None
@@ -141,14 +141,14 @@ class Eyes:
             where = self._where(run, kind, lying)
             if expected_m is not None:
                 far = math.dist(point_m, expected_m) / SCALE_M
-                doubt += far if where == "end" else min(far, FARTHEST)
+                doubt += far if where == "end" else min(far, MAX_DISTANCE_DOUBT)
             if where == "end":
                 doubt += 1.0 if run.width_m < NARROW * self._width_m else 0.5
             elif where and self._is_mixed:
                 doubt += 0.7
             if best is None or doubt < best[0]:
                 best = (doubt, run, point_m)
-        if best is None or best[0] > LEAST_LIKELY:
+        if best is None or best[0] > MAX_DOUBT:
             self._brightness = max(DARKEST, self._brightness * ADAPTING)
             return None
         _, run, point_m = best
@@ -156,7 +156,7 @@ class Eyes:
         return SeenCursor(run.line.kind, run.line.id, run.middle_m, point_m, run.width_m)
 
     def mark(self, kind: Kind) -> Vec3 | None:
-        """Return where a dim pixel in one's own colour is, which shows that one points past, or None."""
+        """Return the position of the mark of a ray that passes everything, or None."""
         for run in self._runs_of(self._own_codes(MARK_SHARE[0] * self._full), kind):
             if self._is_mark(run):
                 return run.line.line.point_at(run.middle_m)
@@ -172,7 +172,7 @@ class Eyes:
     def _where(
         self, run: _Run, kind: Kind, lying: Mapping[Key, Sequence[tuple[float, float]]]
     ) -> Literal["", "end", "body"]:
-        """Return on which part of a thing a run of light is, whichever belt the thing lies on."""
+        """Return the part of a thing on which a run is, on any belt."""
         found: Literal["", "body"] = ""
         for line, at_m in self._pixels.places(run.pixels[len(run.pixels) // 2], kind):
             for start_m, end_m in lying.get((line.kind, line.id), ()):
@@ -185,9 +185,9 @@ class Eyes:
         return found
 
     def looks(self, kind: str, key: Key, position_m: float, length_m: float) -> ObservedAppearance | None:
-        """Return how a thing of `kind` looks whose middle is at `position_m` of line `key`.
+        """Return the appearance of a thing of `kind` whose middle is at `position_m` of line `key`.
 
-        None when the strips do not show enough of it.
+        None if the strips do not show enough of it.
         """
         line = self._pixels.lines.get(key)
         if line is None:
@@ -205,14 +205,14 @@ class Eyes:
         return self._usual_looks.judge(kind, shown, self._own, self._brightness)
 
     def _runs(self, kind: Kind) -> list[_Run]:
-        """Return runs of pixels that may be one's own cursor, those interleaved with others' as one."""
+        """Return runs of pixels that may be the own cursor. Interleaved ones are merged."""
         own = self._own_codes(LEVEL_SHARE * self._brightness)
         if own:
             self._brightness += 0.3 * (max(own.values()) - self._brightness)
         return self._runs_of(own, kind)
 
     def _own_codes(self, least: float) -> dict[int, float]:
-        """Return the colours before the eyes that may be one's own, and how bright each is."""
+        """Return the visible colours that may be the own, with their brightness."""
         codes = set(self._decoded())
         return {code: share for code in codes if code and (share := self._own.share(code)) >= least}
 
@@ -233,7 +233,7 @@ class Eyes:
         return runs
 
     def _decoded(self) -> list[int]:
-        """Return the colour of every pixel as red * 65536 + green * 256 + blue; what is missing is dark."""
+        """Return the colour of every pixel as red * 65536 + green * 256 + blue. Missing ones are dark."""
         if self._codes is not None:
             return self._codes
         shown = {} if self._frame is None else {strip.id: strip.rgb for strip in self._frame.strips}
@@ -263,5 +263,5 @@ def _grouped(line: ShownLine, lit: Sequence[tuple[float, int]], gap: float) -> l
 
 
 def _is_cut(run: _Run) -> bool:
-    """Return whether a run touches the first or last pixel of its line, so that a part of it is not seen."""
+    """Return True if a run touches the first or last pixel of its line, so that it may be longer."""
     return run.first_m <= run.line.arcs_m[0] or run.last_m >= run.line.arcs_m[-1]

@@ -1,4 +1,4 @@
-"""What the person holds to be true of each thing: free, theirs, somebody else's, or just being taken."""
+"""The person's belief about each thing: free, theirs, another person's, or being selected."""
 
 from typing import Literal
 
@@ -8,32 +8,32 @@ from pointit.services.user_sim.sight.observed_appearance import ObservedAppearan
 Status = Literal["free", "mine", "theirs", "taken"]
 
 SURE_S = 0.6
-"""How long a thing with a cursor over its middle must look so before it is believed: the gauge fills its
-ends first."""
+"""Time for which a thing with a cursor over its middle must look the same to be believed, s, as the
+gauge fills its ends first."""
 PASSING_S = 0.25
-"""Somebody else's cursor that is gone sooner has only passed."""
+"""Time below which another person's cursor has only passed, s."""
 FELT_S = 0.4
-"""How long what was felt counts more than what is seen."""
-MOST = 10_000
-"""Things that are remembered."""
+"""Time for which a cue overrides what is seen, s."""
+MAX_THINGS = 10_000
+"""Limit of the number of things."""
 
 
 class ObjectBeliefs:
-    """Remembers; what is felt counts at once, what is seen once it is sure."""
+    """Beliefs by id. Cues count at once, what is seen when it is certain."""
 
     def __init__(self) -> None:
         self._status: dict[str, Status] = {}
         self._maybe: dict[str, tuple[Status, int]] = {}
-        """What a thing seems to have become, and since when."""
+        """Apparent new status of a thing, and the time since which it appears."""
         self._felt_ns: dict[str, int] = {}
 
     def status(self, object_id: str) -> Status:
-        """Return what is believed of a thing; of one that is new: it is free."""
+        """Return the believed status of a thing. New ones are free."""
         return self._status.get(object_id, "free")
 
     def believe(self, object_id: str, status: Status, now_ns: int) -> None:
-        """Believe it now, as it was felt."""
-        if len(self._status) > MOST:
+        """Set the status, as given by a cue."""
+        if len(self._status) > MAX_THINGS:
             self._status.clear()
             self._felt_ns.clear()
             self._maybe.clear()
@@ -42,7 +42,7 @@ class ObjectBeliefs:
         self._maybe.pop(object_id, None)
 
     def see(self, object_id: str, looks: ObservedAppearance | None, now_ns: int) -> None:
-        """Take in how a thing looks; none: it cannot be made out."""
+        """Process the appearance of a thing. None: it is not visible enough."""
         if looks is None:
             return
         felt_ns = self._felt_ns.get(object_id)
@@ -72,5 +72,5 @@ def _seems(looks: ObservedAppearance, before: Status) -> Status:
         return "taken" if looks.foreign else "free"
     if looks.own and not looks.foreign:
         return "mine"
-    # somebody's, with a white end perhaps because nobody knows the owner's colour, or both ours meet there
+    # it is another's, perhaps with a white end as the owner's profile is unknown, or both overlap there
     return before if before in ("mine", "theirs") else "theirs"

@@ -1,4 +1,4 @@
-"""How a thing looks by the light of its pixels: marked by whom, and as bright as selected things or not."""
+"""Appearance of a thing from its pixels: marks of people, and brightness of selected things."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -6,46 +6,46 @@ from typing import NamedTuple
 from pointit.services.user_sim.sight.colors import OwnColor, brightness, is_same_hue
 
 FULL = 1.5
-"""Times as bright as a thing that nobody selected: selected (twice and more, as it is drawn)."""
+"""Minimum brightness of a selected thing relative to others, which is at least 2 as drawn."""
 
 GAP = 0.6
-"""Times as bright, that is darker: a pixel of the pattern of what somebody selected."""
+"""Maximum relative brightness of a pixel of the pattern of a selected thing."""
 UNKNOWN_DIM = 105.0
-"""Brightness of things of a kind that was never seen unmarked."""
+"""Brightness of unselected things of a kind that was never seen unmarked."""
 
 
 class ObservedAppearance(NamedTuple):
-    """How a thing looks."""
+    """Appearance of a thing."""
 
     marked: bool
-    """Its ends are in another colour than its middle."""
+    """True if its ends are in another colour than its middle."""
     full: bool
-    """It is as bright as selected things are."""
+    """True if it is as bright as selected things."""
     hidden: bool
-    """A cursor lies over its middle, so that its brightness is a guess."""
+    """True if a cursor covers its middle, so that its brightness is uncertain."""
     own: bool
-    """An end is in one's own colour."""
+    """True if an end is in the own colour."""
     foreign: bool
-    """An end is in a colour that is neither one's own nor the thing's."""
+    """True if an end is in a colour that is neither the own nor the thing's."""
 
 
 class UsualLooks:
-    """Knows how things of each kind look that nobody selected, once one was seen."""
+    """Learned appearance of unselected things of each kind."""
 
     def __init__(self) -> None:
         self._dim: dict[str, tuple[int, int]] = {}
-        """By kind: colour and brightness of things that nobody selected."""
+        """By kind: colour and brightness of unselected things."""
 
     def judge(
         self, kind: str, shown: Sequence[int], own_color: OwnColor, cursor_brightness: float
     ) -> ObservedAppearance:
-        """Return how a thing looks, and learn from one that is unmarked.
+        """Return the appearance of a thing, and learn from unmarked ones.
 
         Args:
-            kind: of the thing.
+            kind: kind of the thing.
             shown: codes of its pixels from end to end, at least 3.
-            own_color: of who looks.
-            cursor_brightness: how bright cursors are of late, as a share.
+            own_color: colour of the person.
+            cursor_brightness: recent brightness of cursors, as a share.
         """
         known = self._dim.get(kind)
         body = known[0] if known is not None else _commonest(shown[1:-1])
@@ -58,7 +58,7 @@ class UsualLooks:
         ends = [code for code in (shown[0], shown[-1]) if not is_same_hue(code, body)]
         is_own = [own_color.share(code) > 0.0 for code in ends]
         own, foreign = any(is_own), not all(is_own)
-        if not bodies:  # covered, or something else has come to lie there
+        if not bodies:  # covered by a cursor or another thing
             return ObservedAppearance(marked=True, full=False, hidden=True, own=own, foreign=foreign)
         dim = known[1] if known is not None else UNKNOWN_DIM * cursor_brightness
         middle = (len(shown) - 1) / 2.0

@@ -1,4 +1,4 @@
-"""Where the pixels of the strips are, and which places of strips and belts they show."""
+"""Positions of the strips' pixels, and the points of strips and belts that they show."""
 
 import contextlib
 from collections.abc import Iterator, Sequence
@@ -18,24 +18,24 @@ Key = tuple[Kind, str]
 T = TypeVar("T", Strip, Belt)
 
 MAX_PIXELS = 64 * 4096
-"""Of all strips together, as many as a frame holds; nobody can look at more."""
-MOST_PAIRS = 20_000_000
-"""Pixels times segments of belts that are compared at most: a map of more is none of a hall."""
+"""Limit of the pixels of all strips, that of a frame."""
+MAX_PAIRS = 20_000_000
+"""Limit of pixels times segments of belts that are compared, beyond that of any hall."""
 
 
 @dataclass(frozen=True, slots=True)
 class ShownLine:
-    """A strip or a belt, and the pixels that show what is on it, by arc length."""
+    """A strip or a belt, and the pixels that show it, by arc length."""
 
     kind: Kind
     id: str
     line: Polyline
     pitch_m: float
-    """From one pixel to the next on the strip, or strips."""
+    """Distance from one pixel to the next on the strip, or strips."""
     arcs_m: list[float] = field(default_factory=list[float])
-    """Increasing."""
+    """Arc lengths, increasing."""
     at: list[int] = field(default_factory=list[int])
-    """Index of each of them in the frame."""
+    """Index of each in the frame."""
 
 
 Place = tuple[ShownLine, float]
@@ -43,10 +43,10 @@ Place = tuple[ShownLine, float]
 
 
 class Pixels:
-    """All pixels of a room, numbered as they follow one another in a frame (strips in the map's order)."""
+    """All pixels of a room, numbered in the order of a frame (strips in the map's order)."""
 
     def __init__(self, room: Environment) -> None:
-        """Lay out the strips of `room`; those that cannot be drawn, or are too many, are not seen."""
+        """Arrange the strips of `room`. Strips that cannot be drawn, or exceed the limit, are not visible."""
         self.strips: list[tuple[str, int]] = []
         """Ids and numbers of pixels, in the map's order."""
         self.lines: dict[Key, ShownLine] = {}
@@ -60,7 +60,7 @@ class Pixels:
             pitches.append(np.full(strip.pixels, line.length_m / strip.pixels))
         points = np.concatenate(places) if places else np.empty((0, 3))
         self._pitches_m: Array = np.concatenate(pitches) if pitches else np.empty(0)
-        budget = MOST_PAIRS
+        budget = MAX_PAIRS
         for belt, line in drawable(room.belts):
             budget -= len(points) * len(line.tangents)
             if budget >= 0 and len(points):
@@ -70,7 +70,7 @@ class Pixels:
         self._by_belt = [belts or strips for belts, strips in zip(by_belt, self._by_strip, strict=True)]
 
     def places(self, pixel: int, kind: Kind) -> Sequence[Place]:
-        """Return which places `pixel` shows to somebody who minds belts, or strips only."""
+        """Return the places that `pixel` shows, on belts or on strips only."""
         return (self._by_belt if kind == "belt" else self._by_strip)[pixel]
 
     def _add(self, strip: Strip, line: Polyline) -> Array:
@@ -101,7 +101,7 @@ class Pixels:
 
 
 def drawable(things: Sequence[T]) -> Iterator[tuple[T, Polyline]]:
-    """Yield `things` with their lines; those that are none, such as a single point, cannot be seen."""
+    """Yield `things` with their lines, except those without length, such as a single point."""
     for thing in things:
         with contextlib.suppress(ValueError):
             yield thing, Polyline(thing.line_m)

@@ -1,4 +1,4 @@
-"""What the person has seen and heard so far: everything reaches the mind a delay after the light."""
+"""Everything that the person has seen and heard so far, delayed by perception."""
 
 from collections import deque
 from collections.abc import Mapping
@@ -22,25 +22,25 @@ from pointit.services.user_sim.sight.eyes import Eyes
 from pointit.services.user_sim.sight.pixels import Key, Kind, drawable
 
 FRESH_S = 1.0
-"""Objects of a tracker that says nothing for so long, or is so far ahead, are out of sight."""
-MOST_COMING = 4096
-"""Messages on their way to the mind; with a clock that was set back they would pile up for ever."""
+"""Maximum age, or lead, of a tracker's list of which the objects are visible, s."""
+MAX_DELAYED = 4096
+"""Limit of delayed messages, which would accumulate if the clock was set back."""
 END_M = 0.001
-"""So near its end a belt hands over what it carries."""
-MOST_LINKS = 64
-"""Of belts that are followed one after the other."""
+"""Distance to its end at which a belt hands over objects, m."""
+MAX_LINKS = 64
+"""Limit of belts that are followed one after the other."""
 
 
 @dataclass(frozen=True, slots=True)
 class SeenObject:
-    """An object, and when it was there."""
+    """An object, and the time of its position."""
 
     thing: TrackedObject
     stamp_ns: int
 
     @property
     def key(self) -> Key | None:
-        """Return the strip or belt it lies on, if it lies on one."""
+        """Return the strip or belt on which it lies, or None."""
         match self.thing.surface:
             case "strip" | "belt" as kind:
                 return (kind, self.thing.surface_id)
@@ -48,55 +48,55 @@ class SeenObject:
                 return None
 
     def along_m(self, now_ns: int) -> float:
-        """Return where along its surface its middle is at `now_ns`."""
+        """Return the arc length of its middle at `now_ns`, m."""
         return self.thing.surface_position_m + self.thing.surface_speed_mps * self.age_s(now_ns)
 
     def age_s(self, now_ns: int) -> float:
-        """Return how long ago it was there, s."""
+        """Return the age of its position, s."""
         return (now_ns - self.stamp_ns) / NS_PER_S
 
 
 class Sight:
-    """The person's senses; they get what the topics of the process table show, and nothing else."""
+    """The person's senses, limited to the topics of the process table."""
 
     def __init__(self, delay_s: float, deadlines_m: Mapping[str, float] | None = None) -> None:
-        """Look, `delay_s` late; `deadlines_m`: from where along a belt on it is too late for a package."""
+        """Create with a delay. `deadlines_m`: by belt, arc length from which it is too late for a package."""
         self._delay_ns = round(delay_s * NS_PER_S)
         self._deadlines_m = dict(deadlines_m or {})
-        self._coming: deque[tuple[int, Message, str]] = deque()
+        self._delayed: deque[tuple[int, Message, str]] = deque()
         self._trackers: dict[str, tuple[int, dict[str, TrackedObject]]] = {}
         self.eyes = Eyes()
         self.frame_ns: int | None = None
-        """When the frame before the eyes shone."""
+        """Time of the current frame, ns."""
         self.cues: list[Feedback] = []
-        """Felt and heard with the last `look`."""
+        """Cues of the last `look`."""
         self.lamps_m: dict[str, Vec3] = {}
         self.lines: dict[Key, Polyline] = {}
         self._links: dict[str, list[BeltLink]] = {}
         self._bays: set[str] = set()
-        """Belts that end at one."""
+        """Belts that end at a bay."""
         self._fed: set[str] = set()
-        """Belts that others lead to."""
+        """Belts to which others lead."""
         self._colors: dict[str, LampColor] = {}
         self.profile_ns: int | None = None
-        """When they first knew how they look to the system: it is there."""
+        """Time of the first profile, ns. The system is present from then on."""
 
     def show(self, now_ns: int, message: Message, name: str = "") -> None:
-        """Put `message` before the senses; it is noticed later."""
-        if self._coming and self._coming[-1][0] > now_ns + self._delay_ns:  # a clock was set back
-            self._coming = deque((min(due, now_ns), late, of) for due, late, of in self._coming)
-        if len(self._coming) < MOST_COMING:
-            self._coming.append((now_ns + self._delay_ns, message, name))
+        """Show `message`, which is perceived after the delay."""
+        if self._delayed and self._delayed[-1][0] > now_ns + self._delay_ns:  # a clock was set back
+            self._delayed = deque((min(due, now_ns), late, of) for due, late, of in self._delayed)
+        if len(self._delayed) < MAX_DELAYED:
+            self._delayed.append((now_ns + self._delay_ns, message, name))
 
     def look(self, now_ns: int) -> None:
-        """Notice what has become due."""
+        """Process messages whose delay is over."""
         self.cues.clear()
-        while self._coming and self._coming[0][0] <= now_ns:
-            due_ns, message, name = self._coming.popleft()
+        while self._delayed and self._delayed[0][0] <= now_ns:
+            due_ns, message, name = self._delayed.popleft()
             self._notice(due_ns, message, name)
 
     def objects(self, now_ns: int) -> list[SeenObject]:
-        """Return every object in view."""
+        """Return all visible objects."""
         fresh_ns = round(FRESH_S * NS_PER_S)
         oldest_ns, newest_ns = now_ns - self._delay_ns - fresh_ns, now_ns + fresh_ns
         for name in [n for n, (stamp, _) in self._trackers.items() if not oldest_ns <= stamp <= newest_ns]:
@@ -106,7 +106,7 @@ class Sight:
         ]
 
     def find(self, object_id: str, now_ns: int) -> SeenObject | None:
-        """Return the object called `object_id`, or none that is in view."""
+        """Return the visible object `object_id`, or None."""
         fresh_ns = round(FRESH_S * NS_PER_S)
         for stamp, things in self._trackers.values():
             thing = things.get(object_id)
@@ -115,7 +115,7 @@ class Sight:
         return None
 
     def lit_lamp(self) -> str:
-        """Return the lamp that is lit; empty when none is."""
+        """Return the lit lamp, or `""`."""
         for lamp, shown in self._colors.items():
             if any(shown.color) and lamp in self.lamps_m:
                 return lamp
@@ -126,9 +126,9 @@ class Sight:
         return [line for key, line in self.lines.items() if key[0] == kind]
 
     def time_left_s(self, seen: SeenObject, now_ns: int) -> float:
-        """Return how long until it is too late to select the object: at its deadline, or where it leaves.
+        """Return the time until it is too late to select the object, s: its deadline, or where it leaves.
 
-        Or when its way is decided, if the object says so and that is earlier.
+        Earlier if its bay is decided earlier, according to the object.
         """
         until_ns = seen.thing.bay_until_ns
         decided_s = float("inf") if until_ns is None else (until_ns - now_ns) / NS_PER_S
@@ -145,7 +145,7 @@ class Sight:
         return left_m / speed - seen.age_s(now_ns)
 
     def has_come(self, seen: SeenObject, now_ns: int) -> bool:
-        """Return whether all of an object, and half as much again, has come in where its surface begins."""
+        """Return True if an object has entered its surface with one and a half of its length."""
         thing, key, speed = seen.thing, seen.key, seen.thing.surface_speed_mps
         line = self.lines.get(key) if key is not None else None
         if line is None or speed == 0.0 or self._is_fed(thing):
@@ -154,19 +154,19 @@ class Sight:
         return come_m + abs(speed) * seen.age_s(now_ns) >= thing.length_m
 
     def _is_fed(self, thing: TrackedObject) -> bool:
-        """Return whether its belt goes on from others, so that it was there before."""
+        """Return True if its belt continues others, so that it was visible before."""
         return thing.surface == "belt" and thing.surface_id in self._fed
 
     def _left_m(self, key: Key, at_m: float) -> float:
-        """Return the way from `at_m` on to the first deadline, or else to where the last belt ends."""
+        """Return the distance from `at_m` to the first deadline, or else to the end of the last belt."""
         total_m = 0.0
-        for _ in range(MOST_LINKS):
+        for _ in range(MAX_LINKS):
             line = self.lines.get(key)
             if line is None:
                 break
             deadline_m = self._deadline_m(key[1]) if key[0] == "belt" else None
             if deadline_m is not None:
-                return total_m + deadline_m - at_m  # less than nothing when it has passed
+                return total_m + deadline_m - at_m  # negative if it has passed
             total_m += line.length_m - at_m
             onward = None if key[0] != "belt" else self._onward(key[1])
             if onward is None:
@@ -175,7 +175,7 @@ class Sight:
         return total_m
 
     def _deadline_m(self, belt: str) -> float | None:
-        """Return from where along a belt on it is too late: as was said, else where it passes a bay."""
+        """Return the arc length from which it is too late on a belt: configured, or else of its first bay."""
         if self._deadlines_m:
             return self._deadlines_m.get(belt)
         leaves_m = [

@@ -17,7 +17,7 @@ def reach(to_m: float, arrival_s: float, wobble_m: float, phase: float) -> "Plac
 
 
 class Place:
-    """Where somebody points: from afar to `to_m` with minimum jerk in 0.8 s, then held with a wobble."""
+    """Aim of a person: from afar to `to_m` with minimum jerk in 0.8 s, then held with a wobble."""
 
     def __init__(self, to_m: float, arrival_s: float, wobble_m: float, phase: float) -> None:
         self._to_m, self._arrival_s, self._wobble_m, self._phase = to_m, arrival_s, wobble_m, phase
@@ -150,7 +150,7 @@ def test_progress_is_shown_from_a_moment_on_and_rises(method: str) -> None:
     assert {hover.action for hover in hovers} == {"select"}
 
 
-def test_leaving_cancels() -> None:
+def test_leaving_an_object_cancels_its_dwell() -> None:
     room = Room(package("a", 5.0), package("b", 5.6))
     room.stay(0.7, 100.0, anna=5.0)
     room.stay(1.5, 100.0, anna=9.0)

@@ -1,4 +1,4 @@
-"""What `pointit map check` finds: every finding on a map that has just that, and nothing on a good one."""
+"""Findings of `pointit map check`: every finding on a map that has just that, and nothing on a good one."""
 
 from pathlib import Path
 
@@ -61,7 +61,7 @@ FINDINGS: dict[str, tuple[str, list[tuple[str, str, str]]]] = {
     ),
     "entered at its end": (
         f"belts: {{a: {A}, b: {belt((4, 0), (2.1, 0))}}}\nlinks: [{{from: a, to: b, to_position: 1.9}}]",
-        [("warning", "links.0", "b is entered where it ends, at 1.9 m; turn its line round")],
+        [("warning", "links.0", "b is entered at its end, at 1.9 m; reverse its line")],
     ),
     "the same link twice": (
         f"belts: {{a: {A}, b: {B}}}\nlinks: [{{from: a, to: b}}, {{from: a, to: b}}]",
@@ -114,7 +114,7 @@ FINDINGS: dict[str, tuple[str, list[tuple[str, str, str]]]] = {
             (
                 "error",
                 "links",
-                "things on b, a go round for ever; link one of these to a belt that has a bay",
+                "objects on b, a circulate forever; link one of these to a belt that has a bay",
             ),
         ],
     ),
@@ -123,13 +123,13 @@ FINDINGS: dict[str, tuple[str, list[tuple[str, str, str]]]] = {
             f"belts:\n  a: {ROUND}\n  c: {belt((0.2, -0.3), (0.2, -2))}\n"
             "bays: {1: c}\nlinks: [{from: a, to: a, to_position: 0.5}, {from: a, from_position: 0.2, to: c}]"
         ),
-        [("error", "links.0", "0.58 m apart"), ("error", "links", "things on a go round for ever")],
+        [("error", "links.0", "0.58 m apart"), ("error", "links", "objects on a circulate forever")],
     ),
     "a carousel": (
         f"belts: {{a: {ROUND}}}\nlinks: [{{from: a, to: a}}]",
         [
             ("warning", "belts", "none has a start that is free, so nothing can be fed"),
-            ("warning", "links", "things on a go round for ever; link one of these to a belt that ends"),
+            ("warning", "links", "objects on a circulate forever; link one of these to a belt that ends"),
         ],
     ),
     "a circle that passes a belt with a bay": (
@@ -211,7 +211,7 @@ FINDINGS: dict[str, tuple[str, list[tuple[str, str, str]]]] = {
         "leds: {a: {position: [0, 0, -0.2]}, b: {position: [2, 0, 5.5]}, c: {position: [4, 0, 5]}}",
         [
             ("error", "leds.a", "is 0.2 m below the floor"),
-            ("warning", "leds.b", "is 5.5 m high, where few can point well; hang it below 5 m"),
+            ("warning", "leds.b", "is 5.5 m high, where pointing is difficult; mount it below 5 m"),
         ],
     ),
     "lamps at one place": (
@@ -224,11 +224,11 @@ FINDINGS: dict[str, tuple[str, list[tuple[str, str, str]]]] = {
     ),
     "lamps in a column": (
         "leds: {a: {position: [2, 0, 1]}, b: {position: [2.1, 0.1, 2]}}",
-        [("error", "leds", "all lie one above the other, which tells no place; move one")],
+        [("error", "leds", "all lie one above the other, which determines no position; move one")],
     ),
     "one lamp": (
         "leds: {a: {position: [2, 0, 1]}}",
-        [("warning", "leds", "there is one lamp and localizing by pointing takes two")],
+        [("warning", "leds", "there is one lamp and localizing by pointing needs two")],
     ),
     "no lamps": (
         "boxes: {b: {center: [0, 0, 0], size: [1, 1, 1]}}",
@@ -243,7 +243,7 @@ FINDINGS: dict[str, tuple[str, list[tuple[str, str, str]]]] = {
             "spheres: {s: {center: [0, 0, 0], radius: 1e-4}}"
         ),
         [
-            ("error", "boxes.b", "is 0.0005 m small, it has no area to point at"),
+            ("error", "boxes.b", "is 0.0005 m small, too little to point at"),
             ("error", "planes.p", "is 1e-06 m small"),
             ("error", "cylinders.c", "is 0.0001 m small"),
             ("error", "spheres.s", "is 0.0001 m small"),
@@ -262,7 +262,7 @@ FINDINGS: dict[str, tuple[str, list[tuple[str, str, str]]]] = {
     ),
     "millimetres": (
         f"strips: {{s: {strip((0, 0), (5000, 0))}}}",
-        [("warning", "map", "is 5000 m wide; write positions in metres, if these are millimetres")],
+        [("warning", "map", "is 5000 m wide; give positions in metres, if these are millimetres")],
     ),
 }
 

@@ -1,4 +1,4 @@
-"""What was broken off goes on: a wrist that is heard again, a supervisor that was killed."""
+"""Resuming what was interrupted: a wrist that sends again, a supervisor that was killed."""
 
 import asyncio
 import itertools
@@ -40,7 +40,7 @@ def before(state: str, now_s: float) -> Interaction:
 
 
 def broken_off(resume_s: float = 30.0) -> LifeCycle:
-    """Return who pointed from 10 s on until the wrist was silent at 13 s."""
+    """Return a life cycle that pointed from 10 s on until the wrist was silent at 13 s."""
     cycle = LifeCycle(resume_s=resume_s)
     cycle.begin(0)
     cycle.pose(*pose())
@@ -162,7 +162,7 @@ async def test_a_supervisor_killed_in_the_midst_of_pointing_needs_no_press() -> 
         assert states == ["idle", "pointing", "idle", "pointing"]
         assert site.cues[-1].cue == "started"
         await site.stop(running)
-        # where the localizer is another one, all begins anew
+        # a different localizer resets the interaction
         clock.advance(2.0)
         bench.put(LOCALIZATION, Localization(stamp_ns=clock.now_ns(), phase="idle"), ANNA)
         running = site.start()

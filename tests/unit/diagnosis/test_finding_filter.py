@@ -1,4 +1,4 @@
-"""What is said of one service or person only."""
+"""Findings about one service or person only."""
 
 from pointit.diagnosis.diagnose import diagnose
 from pointit.diagnosis.finding_filter import filter_findings, is_about

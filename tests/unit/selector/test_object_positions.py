@@ -1,4 +1,4 @@
-"""What is under a cursor: on lines, in space, moving, of several trackers."""
+"""Objects under a cursor: on lines, in space, moving, of several trackers."""
 
 import pytest
 from hypothesis import given

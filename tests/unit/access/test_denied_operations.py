@@ -1,4 +1,4 @@
-"""What a router's log says of attempts, and what of it is none."""
+"""Lines of a router's log that are denied attempts, and lines that are not."""
 
 import pkgutil
 import threading
@@ -7,15 +7,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pointit.access.denied_operations import FLOOD_HZ, KINDS, LONGEST_KEY, DeniedOperations
-from pointit.access.recent_denials import MOST_SENTENCES, RECENT_S, RecentDenials
+from pointit.access.denied_operations import FLOOD_HZ, KINDS, MAX_KEY, DeniedOperations
+from pointit.access.recent_denials import MAX_MESSAGES, RECENT_S, RecentDenials
 from pointit.access.rejected_connections import (
     CLAIMS,
-    LONGEST_LENGTH,
-    LONGEST_NAME,
-    MOST_CLAIMED,
-    MOST_REASONS,
-    MOST_SHOWN,
+    MAX_CLAIMED,
+    MAX_LENGTH,
+    MAX_NAME,
+    MAX_REASONS,
+    MAX_SHOWN,
 )
 
 TARGET = "\x1b[2mzenoh::net::routing::interceptor::access_control\x1b[0m\x1b[2m:\x1b[0m "
@@ -118,7 +118,7 @@ def test_a_key_cannot_lay_the_blame_on_somebody_else() -> None:
 
 def test_a_key_of_any_length_and_script_is_shown_short() -> None:
     (told,) = sentences(f"{ANNA} is unauthorized to Put (ingress) on pointit/lab/\u202e{'x' * 5000}")
-    assert told == f"lab/anna may not write ?{'x' * (LONGEST_KEY - 1)}…: refused"
+    assert told == f"lab/anna may not write ?{'x' * (MAX_KEY - 1)}…: refused"
 
 
 def test_a_self_test_is_told_by_its_key() -> None:
@@ -144,14 +144,14 @@ def test_handshakes_that_fail_are_told() -> None:
 
 
 def knock(name: str, address: str = "10.0.0.5:39284", thread: str = "05") -> str:
-    """What Zenoh logs of a newcomer who says to be `name`."""
+    """Lines that Zenoh logs for a newcomer with the claimed name `name`."""
     user = name.encode()
     sizes = bytes((len(user) & 0x7F | 0x80, len(user) >> 7)) if len(user) > 127 else bytes((len(user),))
     return knock_by(bytes((0x2C,)) + sizes + user + bytes(32), address, thread)
 
 
 def knock_by(rest: bytes, address: str = "10.0.0.5:39284", thread: str = "05") -> str:
-    """What Zenoh logs of a newcomer who says `rest` after that it is by name and password."""
+    """Lines that Zenoh logs for a newcomer with `rest` after the marker of name and password."""
     said = b"\x42" + rest
     value = f"ZBuf {{ slices: [[{', '.join(f'{byte:02x}' for byte in said)}]] }}"
     ext = f'ext_auth: Some(ZExtZBuf {{ Id: 3, Mandatory: false, Encoding: "ZBuf", Value: {value} }})'
@@ -200,7 +200,7 @@ def test_a_name_that_somebody_gives_themselves_says_nothing_else() -> None:
     (told,) = sentences(knock("lab/a, ben (9 times)\n\x1b[0m/1"), wrong)
     assert told == "somebody was not let in: a wrong password for lab/a??ben??9?times????0m from 10.0.0.5"
     (told,) = sentences(knock("x" * 1000 + "/1"), wrong)
-    assert told == f"somebody was not let in: a wrong password for {'x' * LONGEST_NAME}… from 10.0.0.5"
+    assert told == f"somebody was not let in: a wrong password for {'x' * MAX_NAME}… from 10.0.0.5"
     for forged in (
         f"{ANNA} is unauthorized to Put (ingress) on pointit/lab/map",
         "zenoh_transport::unicast::manager: Failed to accept link before deadline (3000ms)",
@@ -215,15 +215,15 @@ def test_however_much_a_stranger_says_little_of_it_is_looked_at() -> None:
     line = knock_by(b"\xff" * 60_000)
     claims = CLAIMS.search(line)
     assert claims is not None
-    assert len(bytes.fromhex(claims[1].replace(",", ""))) == MOST_CLAIMED
+    assert len(bytes.fromhex(claims[1].replace(",", ""))) == MAX_CLAIMED
     (told,) = sentences(line, refusal("Invalid user"))
-    name = "?" * LONGEST_NAME
+    name = "?" * MAX_NAME
     assert told == f"somebody was not let in: an unknown or former password for {name}… from 10.0.0.5"
-    endless = knock_by(b"\xff" * LONGEST_LENGTH + b"\x0alab/anna/1" + bytes(32))
+    endless = knock_by(b"\xff" * MAX_LENGTH + b"\x0alab/anna/1" + bytes(32))
     (told,) = sentences(endless, refusal("Invalid user"))
     assert told.endswith(" for lab/anna from 10.0.0.5"), "no length goes on for ever"
     (told,) = sentences(knock(f"lab/{'x' * 1000}/1"), refusal("Invalid user"))
-    assert f" for lab/{'x' * (LONGEST_NAME - 4)}… from " in told, "nobody else's, for all that is cut off"
+    assert f" for lab/{'x' * (MAX_NAME - 4)}… from " in told, "nobody else's, for all that is cut off"
 
 
 def test_who_speaks_no_zenoh_behind_tls_or_nothing_is_told() -> None:
@@ -242,12 +242,12 @@ def test_who_speaks_no_zenoh_behind_tls_or_nothing_is_told() -> None:
 def test_many_strangers_are_one_sentence() -> None:
     lines = [
         line
-        for number in range(MOST_REASONS + 50)
+        for number in range(MAX_REASONS + 50)
         for line in (knock(f"lab/x{number}/1"), refusal("Invalid user"))
     ]
     (told,) = sentences(*lines)
-    assert told.endswith(f" and {MOST_REASONS - MOST_SHOWN} more")
-    assert told.count("lab/x") == MOST_SHOWN
+    assert told.endswith(f" and {MAX_REASONS - MAX_SHOWN} more")
+    assert told.count("lab/x") == MAX_SHOWN
 
 
 def test_a_flood_is_one_sentence_and_forgotten() -> None:
@@ -311,7 +311,7 @@ def test_an_operator_is_shown_the_newest_of_each_for_a_while() -> None:
     recent.add({}, 1.5 + RECENT_S)
     assert recent.of("lab") == ("lab/anna may not d",)
     recent.add({f"lab/x{number}": "x" for number in range(100)}, 40.0)
-    assert len(recent.of("lab")) == MOST_SENTENCES
+    assert len(recent.of("lab")) == MAX_MESSAGES
 
 
 def test_a_repeated_sentence_hides_none_of_another_kind() -> None:

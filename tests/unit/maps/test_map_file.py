@@ -245,7 +245,7 @@ BROKEN = [
     ("leds: {a: {position: 5}}", "leds.a.position: |not 5"),
     ("leds: {a: {position: [1, 2, 3], color: red}}", "leds.a.color: is not known|'red'|remove it"),
     ("leds: {'a/b': {position: [1, 2, 3]}}", "leds: |'a/b'|letters"),
-    ("leds: {1: {position: [1, 2, 3]}, '1': {position: [1, 2, 3]}}", "leds: 1 stands there twice"),
+    ("leds: {1: {position: [1, 2, 3]}, '1': {position: [1, 2, 3]}}", "leds: 1 is defined twice"),
     ("strips: {s: {line: [[0, 0, 0], [1, 0, 0]], direction: 1}}", "strips.s.pixels: is missing"),
     ("strips: {s: {pixels: 9, direction: 1}}", "strips.s.line: is missing"),
     ("strips: {s: {line: [[0, 0, 0]], pixels: 9, direction: 1}}", "strips.s.line: |at least two points"),
@@ -334,7 +334,7 @@ def test_a_map_too_large_to_travel_is_refused(tmp_path: Path, monkeypatch: pytes
     monkeypatch.setattr(Environment, "max_bytes", 4096)
     line = [[0.5, number / 7, 1.5] for number in range(200)]
     path = write(tmp_path, json.dumps({"strips": {"long": {"line": line, "pixels": 60, "direction": 1}}}))
-    with pytest.raises(ConfigError, match=r"site.yaml: the map has \d+ bytes as it travels and at most 4096"):
+    with pytest.raises(ConfigError, match=r"site.yaml: the map has \d+ bytes as a message, limit 4096"):
         loaded(path, 0)
 
 

@@ -18,17 +18,17 @@ def strip(name: str, pixels: int) -> Strip:
     return Strip(id=name, line_m=((0, 0, 0), (1, 0, 0)), pixels=pixels)
 
 
-def test_golden_channel_frame() -> None:
+def test_set_channel_frame_matches_the_golden_bytes() -> None:
     golden = bytes.fromhex("55 50 58 4c 00 01 03 21 02 00 11 22 33 aa bb cc fb 69 48 ce")
     assert upxl_protocol.set_channel(0, "GRB", bytes.fromhex("112233aabbcc")) == golden
 
 
-def test_golden_draw_frame() -> None:
+def test_draw_all_frame_matches_the_golden_bytes() -> None:
     assert upxl_protocol.draw_all() == bytes.fromhex("55 50 58 4c ff 02 9b 38 81 df")
 
 
 @pytest.mark.parametrize(("order", "byte"), [("GRB", 0x21), ("RGB", 0x24), ("GRBW", 0xE1)])
-def test_order_bytes(order: str, byte: int) -> None:
+def test_colour_order_is_encoded_in_one_byte(order: str, byte: int) -> None:
     assert upxl_protocol.set_channel(5, order, bytes(3))[7] == byte
 
 

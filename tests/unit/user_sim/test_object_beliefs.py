@@ -1,4 +1,4 @@
-"""What is believed of things: at once what was felt, in time what is seen."""
+"""Beliefs about things: cues count at once, what is seen after a time."""
 
 import pytest
 
@@ -37,7 +37,7 @@ def test_what_a_cursor_covers_needs_longer_as_the_gauge_fills_the_ends_first() -
     covered = FULL_OWN._replace(hidden=True)
     assert seen(things, covered, 0.4) == "free"
     assert seen(things, PLAIN, 0.1, since_s=2.0) == "free"
-    assert seen(things, covered, 0.4, since_s=3.0) == "free"  # it counts from anew
+    assert seen(things, covered, 0.4, since_s=3.0) == "free"  # the time starts again
     assert seen(things, covered, 0.7, since_s=4.0) == "mine"
 
 

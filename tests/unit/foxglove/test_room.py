@@ -122,7 +122,7 @@ def test_a_line_without_length_is_told_and_the_rest_is_drawn() -> None:
         bays=(Bay(id="1", belt="nowhere"), Bay(id="2", belt="b")),
     )
     lines = Lines(environment)
-    assert lines.complaints == [
+    assert lines.problems == [
         "strip 'dot' cannot be drawn (a line needs two different vertices); correct the map"
     ]
     assert set(lines.strips) == {"s"}

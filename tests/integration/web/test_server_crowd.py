@@ -157,7 +157,7 @@ async def test_of_who_does_not_read_little_is_kept() -> None:
 async def test_tls_that_is_never_agreed_keeps_nobody_out(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr(serving, "MOST_ARRIVING", 4)
+    monkeypatch.setattr(serving, "MAX_ARRIVING", 4)
     kept = obtain(tmp_path, ["127.0.0.1"], "bench", dt.datetime.now(dt.UTC))
     tls = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
     tls.load_cert_chain(kept.certificate, kept.key)

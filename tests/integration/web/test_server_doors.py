@@ -72,7 +72,7 @@ async def test_who_guesses_waits_and_who_has_the_link_does_not() -> None:
     async with memory_bench() as bench, serving(bench) as server, server.client() as client:
         codes = [
             (await client.get("/", params={"token": f"guess {guess}"})).status_code
-            for guess in range(access.MOST_GUESSES + 1)
+            for guess in range(access.MAX_GUESSES + 1)
         ]
         assert codes[0] == 403
         assert codes[-1] == 429

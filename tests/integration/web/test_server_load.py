@@ -16,7 +16,7 @@ from websockets.exceptions import ConnectionClosed
 from websockets.typing import Origin
 
 from pointit.bridges.web import service
-from pointit.bridges.web.pages.session import ASKS_BURST, MOST_MALFORMED
+from pointit.bridges.web.pages.session import ASKS_BURST, MAX_MALFORMED
 from pointit.bridges.web.server import listener
 from pointit.bridges.web.wire import IN_FLIGHT
 from pointit.schemas import Cursor, StripsFrame
@@ -204,7 +204,7 @@ async def test_what_is_no_message_is_counted_and_told_and_then_the_page_is_close
         async with server.page() as page:
             await page.say(kind="nonsense")
             await until(lambda: any("no message" in w for w in (reports[-1].warnings if reports else ())))
-            for _ in range(MOST_MALFORMED - 1):
+            for _ in range(MAX_MALFORMED - 1):
                 await page.socket.send("{")
             await until(lambda: page.socket.close_code == 1008)
         async with server.page():

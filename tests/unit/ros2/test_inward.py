@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from pointit.bridges.ros2.inbound.checks import AHEAD_NS, LATE_NS
-from pointit.bridges.ros2.inbound.person import HEARD_NS, MOST_TRANSFORMS, SOONEST_NS
+from pointit.bridges.ros2.inbound.person import HEARD_NS, MAX_TRANSFORMS, SOONEST_NS
 from pointit.bridges.ros2.routing.route_types import (
     BusOutput,
     ConversionContext,
@@ -245,7 +245,7 @@ def test_a_static_frame_that_was_told_before_its_person_came_is_theirs_when_they
     assert isinstance(one.what, SetPose)
     assert one.what.position_m == (1.0, 2.0, 0.0)
     assert row.meets(ConversionContext(scene, "ben", NOW_NS)) == (), "in another frame"
-    for count in range(MOST_TRANSFORMS):
+    for count in range(MAX_TRANSFORMS):
         taken(row, tf(frame_of(f"box_{count}")), scene)
     assert row.meets(ConversionContext(scene, "anna", NOW_NS)) == (), (
         "as many are kept as one message may have"

@@ -119,7 +119,7 @@ async def test_what_else_keeps_a_node_from_being_asked() -> None:
     lonely: dict[str, Any] = {"name": "/pointit_map", "nodes": us}
     await refused("no ROS node is seen in domain 0: they need this", other(**lonely), needs="they need this")
     await refused(
-        "no ROS node is seen in domain 0: no router", other(trouble="no router", **lonely), needs="-"
+        "no ROS node is seen in domain 0: no router", other(problem="no router", **lonely), needs="-"
     )
     await refused(
         "node /pui is of Humble, whose services nobody of jazzy can ask; set distro to humble",

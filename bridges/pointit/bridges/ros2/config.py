@@ -13,12 +13,12 @@ from pointit.schemas.topics import check_name
 NAME = re.compile(r"(/[A-Za-z_][A-Za-z0-9_]*)+")
 """A node's full name."""
 
-MOST_GUESTS = 100
-"""Each has their ray and a look at it four times a second."""
+MAX_GUESTS = 100
+"""Maximum number of guests; each has a ray, and a check four times a second."""
 
 
 class BackendConfig(Config):
-    """How the bridge joins the ROS graph."""
+    """Connection to the ROS graph."""
 
     kind: Literal["rmw_zenoh", "dds"] = Field(
         default="rmw_zenoh",
@@ -60,7 +60,7 @@ class BackendConfig(Config):
 
 
 class Ros2Config(Config):
-    """Which ROS graph, and what is taken there and brought from there."""
+    """The ROS graph, and the routes to and from it."""
 
     backend: BackendConfig = Field(
         default=BackendConfig(), description="how the bridge joins the ROS graph, and as whom"
@@ -76,7 +76,7 @@ class Ros2Config(Config):
     )
     people: tuple[str, ...] = Field(
         default=(),
-        max_length=MOST_GUESTS,
+        max_length=MAX_GUESTS,
         description="people without `pointit user`, as [anna, ben], all of whose nodes are ROS nodes: their "
         "pointing_ray, tf and PUI_subscription are taken",
     )

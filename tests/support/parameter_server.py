@@ -51,7 +51,7 @@ class OneNode:
 
     server: ParameterServer
     node: str = "/pointit_map"
-    trouble: str = ""
+    problem: str = ""
     name: str = NODE
     domain: int = 0
     hash: str = "RIHS01_3e6062bfbb27bfb8730d4cef2558221f51a11646d78e7bb30a1e83afac3aad9d"

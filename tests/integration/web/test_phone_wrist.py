@@ -45,7 +45,7 @@ ANNA = "anna"
 TOKEN = "operator-of-the-test"  # noqa: S105 - of no real site
 BELT = Belt(id="b", line_m=((4.0, 1.0, 1.0), (4.0, 3.0, 1.0)))
 YAW_RAD = 0.4
-"""Of {H} in {W}."""
+"""{H} in {W}."""
 
 
 class Room:
@@ -90,7 +90,7 @@ class Room:
 
     @property
     def person(self) -> dict[str, Any]:
-        """Return what the operator's page is told of the person."""
+        """Return the person's line on the operator's page."""
         people = {line["user"]: line for line in self.status.get("people", [])}
         found: dict[str, Any] = people.get(ANNA, {})
         return found

@@ -47,7 +47,7 @@ async def opened(listener: Listener) -> socket.socket:
 
 
 async def answered(listener: Listener) -> bytes:
-    """Return what somebody is answered who behaves."""
+    """Return the response to a well-behaved client."""
     reader, writer = await asyncio.open_connection("127.0.0.1", listener.port)
     writer.write(ASKED.replace(b"Host", b"Connection: close\r\nHost"))
     try:
@@ -59,7 +59,7 @@ async def answered(listener: Listener) -> bytes:
 
 
 async def is_cut(client: socket.socket) -> bool:
-    """Return whether the server ends the connection soon."""
+    """Return True if the server ends the connection soon."""
     try:
         return await asyncio.wait_for(asyncio.get_running_loop().sock_recv(client, 10), 2.0) == b""
     except ConnectionError:

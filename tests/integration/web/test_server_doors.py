@@ -1,4 +1,4 @@
-"""Who is let in, with what headers, and what is served: real requests to a real port."""
+"""Access, headers and files of the server: real requests to a real port."""
 
 import asyncio
 
@@ -20,7 +20,7 @@ from tests.support.links import link_in
 __all__ = ["built"]
 
 CLIENTS = ("httpx", "httpcore", "websockets.client")
-"""Who logs for the tests' own side."""
+"""Loggers of the tests' own side."""
 
 pytestmark = pytest.mark.usefixtures("built")
 

@@ -137,14 +137,14 @@ async def test_a_page_that_asks_too_much_is_refused_and_is_told_on() -> None:
             await page.say(kind="ask", id=number, key="no/such")
         await until(lambda: len(page.answers) == count)
         errors = [answer["error"] for answer in page.answers.values()]
-        assert sum("too many wishes" in error for error in errors) >= 10
+        assert sum("too many requests" in error for error in errors) >= 10
         assert sum("pages cannot ask" in error for error in errors) >= ASKS_BURST
         bench.put(CURSOR, Cursor(stamp_ns=START_NS), "anna")
         await until(lambda: (CURSOR.key, "anna") in page.states)
 
 
 def connected(server: Server) -> int:
-    """Return how many connections the server's end still has."""
+    """Return the number of connections at the server's end."""
     port = int(server.host.rpartition(":")[2])
     connections = psutil.Process().net_connections(kind="tcp")
     return sum(each.status == psutil.CONN_ESTABLISHED and each.laddr.port == port for each in connections)

@@ -1,4 +1,4 @@
-"""What stands still, against known numbers, and any map a message can hold."""
+"""Static parts of the room against known numbers, and any map that a message can hold."""
 
 import json
 import math

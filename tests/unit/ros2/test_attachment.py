@@ -1,4 +1,4 @@
-"""What is attached to samples, requests and replies."""
+"""Attachments of samples, requests and replies."""
 
 import pytest
 from hypothesis import given

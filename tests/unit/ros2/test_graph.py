@@ -1,4 +1,4 @@
-"""Who is there, from tokens; and what of it will not work, in words."""
+"""The graph from tokens, and the messages about its problems."""
 
 import re
 import time

@@ -1,4 +1,4 @@
-"""What comes from ROS, by a table like the real one."""
+"""Input from ROS, by a table like the real one."""
 
 import asyncio
 import math

@@ -52,7 +52,7 @@ class Log:
         return sent(self.row, report, self.scene, report.instance)
 
     def says(self, report: Health, times: int = 1) -> list[Said]:
-        """Return what is said by so many of the same report in a row."""
+        """Return the lines from this many copies of the same report in a row."""
         values = [value for _ in range(times) for value in self.lines(report)]
         assert {value.name for value in values} <= {f"pointit.{report.instance}"}
         return [(value.level, value.msg) for value in values]

@@ -59,7 +59,7 @@ def test_any_bytes_are_read_or_refused(name: str, data: bytes) -> None:
 @given(data=st.data())
 @PATIENT
 def test_damaged_bytes_are_read_or_refused(name: str, data: st.DataObject) -> None:
-    """Of a valid message, some bytes are others, a length is huge, or the end is missing."""
+    """A valid message with some bytes changed, a huge length, or a missing end."""
     cdr = bytearray(TYPES.encode(name, data.draw(any_value(TYPES, FIELDS, name))))
     for at in data.draw(st.lists(st.integers(0, len(cdr) - 1), max_size=4)):
         cdr[at] = data.draw(st.integers(0, 255))
@@ -70,7 +70,7 @@ def test_damaged_bytes_are_read_or_refused(name: str, data: st.DataObject) -> No
 
 
 def decode_or_refuse(name: str, cdr: bytes) -> None:
-    """What is read is a value that can be handled further; all else is a ValueError."""
+    """Decoding returns a usable value or raises a ValueError."""
     try:
         value = TYPES.decode(name, cdr)
     except ValueError:

@@ -1,4 +1,4 @@
-"""Who may see and who may control."""
+"""Access for viewing and for control."""
 
 import pytest
 from hypothesis import given

@@ -23,7 +23,7 @@ class BackendConfig(Config):
     kind: Literal["rmw_zenoh", "dds"] = Field(
         default="rmw_zenoh",
         description="how the ROS nodes speak: rmw_zenoh, RMW_IMPLEMENTATION=rmw_zenoh_cpp; dds, DDS or "
-        "whatever else the ROS speaks that is installed and sourced here, by its rclpy (mode and endpoint do "
+        "any other middleware of the ROS that is installed and sourced here, by its rclpy (mode and endpoint do "
         "not matter then)",
     )
     mode: Literal["auto", "peer", "client", "router"] = Field(
@@ -78,7 +78,7 @@ class Ros2Config(Config):
         default=(),
         max_length=MAX_GUESTS,
         description="people without `pointit user`, as [anna, ben], all of whose nodes are ROS nodes: their "
-        "pointing_ray, tf and PUI_subscription are taken",
+        "pointing_ray, tf and PUI_subscription are read",
     )
 
     @field_validator("people", mode="before")

@@ -211,7 +211,7 @@ def _unseen(graph: Graph) -> list[Finding]:
         Finding(
             about="unseen",
             sentence=f"{' and '.join(exchanged)} a node that the ROS graph does not show, as one that was "
-            "started before the router: messages pass, but nobody sees that node; start it again",
+            "started before the router: messages pass, but that node is invisible; start it again",
         )
     ]
 

@@ -162,7 +162,7 @@ class RequestDispatcher:
             raise RefusedError(f"no phone is paired with {user}")
         await self._phones.cut(page)
         self._changed()
-        return {"message": f"no phone is {user}'s wrist any more"}
+        return {"message": f"{user}'s phone is unpaired"}
 
     async def _centre(self, user: str) -> dict[str, Any]:
         query = SetYawOrigin(yaw_rad=self._wrists.ahead(user))

@@ -174,7 +174,7 @@ class Session:
             if said is None:
                 if self._malformed >= MAX_MALFORMED:
                     self._is_shut = True
-                    await self._socket.close(MALFORMED, "too many messages that are none")
+                    await self._socket.close(MALFORMED, "too many malformed messages")
                     return
             elif isinstance(said, Ack):
                 if not self.feed.ack(said.n):
@@ -191,7 +191,7 @@ class Session:
 
     def _understood(self, text: str | None) -> Ack | Ask | AimAt | Turn | None:
         if text is None:
-            self._on_malformed("page", "binary messages are not taken")
+            self._on_malformed("page", "binary messages are not accepted")
             return None
         try:
             return _RECEIVED.validate_json(text)
@@ -237,7 +237,7 @@ class Session:
             if self._asks.take(self._loop.time()):
                 answer = await self._host.answer(ask, self)
             else:
-                answer = Answer(id=ask.id, error="too many wishes at a time: wait a moment")
+                answer = Answer(id=ask.id, error="too many requests at a time: wait a moment")
         except (PointItError, SchemaError) as error:
             answer = Answer(id=ask.id, error=str(error))
         except Exception:  # the page waits for an answer

@@ -27,7 +27,7 @@ NOT_ADMITTED = (
     "Open the link that PointIt printed where it was started, or the file that its log names; "
     "the link ends in ?token=... and lets you in."
 )
-BARRED = "Too many wrong links came from your address. Open the right one, which always lets you in."
+BARRED = "Too many wrong links were opened from your address. Open the right one, which always lets you in."
 REFUSAL_S = 1.0
 """Delay (s) of a refusal for an address that has guessed too often."""
 
@@ -98,7 +98,7 @@ class _Page:
         role = self._doors.admit(asked_of(request), time.monotonic())
         if role != "operator":
             await self._slow_down(asked_of(request))
-            return refusal(403, "Not for you", "Open the page by the operator's link to take a recording.")
+            return refusal(403, "Not permitted", "Open the page by the operator's link to take a recording.")
         return await self._download(request)
 
     async def static(self, request: Request) -> Response:

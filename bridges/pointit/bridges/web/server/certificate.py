@@ -102,7 +102,7 @@ def _read(certificate: Path, key: Path) -> x509.Certificate:
     """
     for path in (certificate, key):
         if not stat.S_ISREG(path.stat().st_mode):  # opening a pipe waits for a writer
-            raise ValueError(f"{path} is no file")
+            raise ValueError(f"{path} is not a file")
     with certificate.open("rb") as file:
         found = x509.load_pem_x509_certificate(file.read(MAX_BYTES))
     with key.open("rb") as file:

@@ -37,7 +37,7 @@ def choose_address(configured: str, found: list[str]) -> str:
         parsed = ipaddress.ip_address(configured)
     except ValueError as error:
         raise ConfigError(
-            f"lan_address: {configured!r} is no address; write it like 192.168.1.20, or leave it empty"
+            f"lan_address: {configured!r} is not an address; write it like 192.168.1.20, or leave it empty"
         ) from error
     if parsed.is_unspecified or parsed.is_multicast:
         raise ConfigError(

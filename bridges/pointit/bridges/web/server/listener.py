@@ -70,7 +70,7 @@ def bind(host: str, port: int, option: str) -> socket.socket:
         listener.close()
         reason = getattr(error, "strerror", None) or str(error)
         raise ListenError(
-            f"port {port} of {host} cannot be had for the page ({reason}); "
+            f"port {port} of {host} is not available for the page ({reason}); "
             f"end what uses it, or choose another with {option} (0: any that is free)"
         ) from error
     listener.setblocking(False)
@@ -208,7 +208,7 @@ class Listener:
             except ConnectionError:
                 continue  # gone again already
             except OSError as error:
-                log.warning("port %d takes nobody for now: %s", self.port, error.strerror or error)
+                log.warning("port %d accepts no connections for now: %s", self.port, error.strerror or error)
                 await asyncio.sleep(REST_S)
                 continue
             if len(self._arriving) >= MAX_ARRIVING:

@@ -71,15 +71,15 @@ class SecurityMiddleware:
     def _objection(self, scope: Scope, asked: RequestInfo) -> Response | None:
         if not self._doors.is_known_host(asked.host):
             return PlainTextResponse(
-                "this is no address of the page; open the link that PointIt has printed", 403
+                "this is not an address of the page; open the link that PointIt has printed", 403
             )
         is_posted = scope["type"] == "http" and scope["method"] not in ("GET", "HEAD")
         if (scope["type"] == "websocket" or is_posted) and not self._doors.is_own_origin(asked):
-            return PlainTextResponse("only a page of this very server may do that", 403)
+            return PlainTextResponse("only a page of this server may do that", 403)
         if is_posted:
             length = Headers(scope=scope).get("content-length", "")
             if not length.isdecimal() or len(length) > 9 or int(length) > MAX_BODY:
-                return PlainTextResponse(f"at most {MAX_BODY} bytes are taken, and their number first", 413)
+                return PlainTextResponse(f"at most {MAX_BODY} bytes are accepted, with a Content-Length", 413)
         return None
 
 

@@ -37,7 +37,7 @@ POST_PATIENCE_S = 0.1
 
 COOKIE_S = 12 * 3600
 
-NOT_PAIRED = "This phone is not paired, or not any more: have the page show a new QR code and scan it."
+NOT_PAIRED = "This phone is not paired, or no longer: let the page show a new QR code and scan it."
 CENTRED = "ahead is the middle of the room now"
 
 _posted: TypeAdapter[list[dict[str, Any]]] = TypeAdapter(

@@ -100,7 +100,7 @@ class PhoneConnection:
             self.dropped += 1
             self._host.warnings.warn(
                 self._topic,
-                f"the phone of {self.phone.user} says more than {RATE_HZ:.0f} things a second, "
+                f"the phone of {self.phone.user} sends more than {RATE_HZ:.0f} messages a second, "
                 f"{self.dropped} were dropped in all; load its page again",
             )
             return None
@@ -124,7 +124,7 @@ class PhoneConnection:
         self.malformed += 1
         self._host.warnings.warn(
             self._topic,
-            f"the phone of {self.phone.user} has sent what cannot be understood ({what[:MAX_TOLD]}), "
+            f"the phone of {self.phone.user} has sent malformed messages ({what[:MAX_TOLD]}), "
             f"{self.malformed} such messages in all; load its page again",
         )
 

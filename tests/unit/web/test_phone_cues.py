@@ -1,4 +1,4 @@
-"""What phones are told."""
+"""Cues of phones."""
 
 from typing import Any
 

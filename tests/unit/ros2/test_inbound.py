@@ -1,4 +1,4 @@
-"""What ROS sends, as our messages and queries; and what is refused, each with one sentence."""
+"""ROS values as our messages and queries, and rejections, each with one message."""
 
 import math
 from typing import Any
@@ -82,7 +82,7 @@ def tf(*frames: Any) -> Any:
 def taken(
     row: InboundRoute, value: Any, scene: Scene | None = None, *, now_ns: int = NOW_NS, wall_ns: int = NOW_NS
 ) -> list[BusOutput | ConversionWarning]:
-    """What comes of a value after its way through CDR."""
+    """Messages from a value after its way through CDR."""
     read = jazzy().decode(row.type, jazzy().encode(row.type, value))
     found = row.convert(read, "user1", scene or furnished(), now_ns=now_ns, wall_ns=wall_ns)
     for each in found:
@@ -321,7 +321,7 @@ def clock(sim_s: float) -> Any:
 
 
 def ticks(row: InboundRoute, times: list[tuple[float, float]]) -> list[ClockTick]:
-    """What comes of pairs of wall time and simulated time, s."""
+    """Ticks from pairs of wall time and simulated time, s."""
     found: list[ClockTick] = []
     for wall_s, sim_s in times:
         for each in taken(row, clock(sim_s), wall_ns=NOW_NS + round(wall_s * NS_PER_S)):

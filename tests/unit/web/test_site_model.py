@@ -1,4 +1,4 @@
-"""What is taken to be true: no more than there is room for, whoever makes up names."""
+"""State of the site, bounded even against invented names."""
 
 import pytest
 

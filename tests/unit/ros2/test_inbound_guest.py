@@ -1,4 +1,4 @@
-"""What ROS says of people who have ROS nodes only: their rays, and who wants a cursor."""
+"""Input of people who have ROS nodes only: rays and cursor subscriptions."""
 
 import math
 from typing import Any
@@ -20,7 +20,7 @@ from pointit.geometry import rotation, vector
 from pointit.schemas import NS_PER_S, Interaction, PointingRay, UserPose, UserProfile
 from pointit.schemas.topics import INTERACTION, POSE, PROFILE, RAY
 from tests.unit.ros2.scenes import NOW_NS, furnished, into, jazzy
-from tests.unit.ros2.test_inward import frame_of, place, said, taken, tf, warned
+from tests.unit.ros2.test_inbound import frame_of, place, said, taken, tf, warned
 
 HERS = "user1/human_footprint"
 EYES = (0.1, -0.2, 1.64)
@@ -57,7 +57,7 @@ def wish(
 
 
 def foreign(row: InboundRoute, value: Any, scene: Scene) -> list[BusOutput | ConversionWarning]:
-    """What comes of a value that our own codec would not send."""
+    """Messages from a value that our own codec would not send."""
     return list(row.convert(value, "user1", scene, now_ns=NOW_NS, wall_ns=NOW_NS))
 
 

@@ -1,4 +1,4 @@
-"""What pages may ask for, and what of it is understood."""
+"""Requests of pages: permission and validation."""
 
 from typing import Any
 

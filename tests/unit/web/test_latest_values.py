@@ -202,7 +202,7 @@ ACTIONS = st.lists(
 
 
 class Page:
-    """What a page makes of its batches."""
+    """A page's state from its batches."""
 
     def __init__(self, hub: LatestValueCache, first_event: int = 0) -> None:
         self.feed = hub.open(FAST_HZ)

@@ -156,7 +156,7 @@ def test_a_stamp_of_another_clock_is_told_and_the_arrival_counts(stamp_ns: int, 
         assert "synchronize the clocks" in warned(found[1:])
 
 
-def test_no_stamp_is_now() -> None:
+def test_a_missing_stamp_counts_as_now() -> None:
     assert said(taken(into("rotation_in"), arm(stamp_ns=0))).stamp_ns == NOW_NS
 
 

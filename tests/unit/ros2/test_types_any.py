@@ -38,7 +38,7 @@ PATIENT = settings(max_examples=40)
 @pytest.mark.parametrize("name", NAMES)
 @given(data=st.data())
 @PATIENT
-def test_there_and_back(name: str, data: st.DataObject) -> None:
+def test_values_survive_a_round_trip(name: str, data: st.DataObject) -> None:
     value = data.draw(any_value(TYPES, FIELDS, name))
     cdr = TYPES.encode(name, value)
     assert cdr.startswith(b"\x00\x01\x00\x00")

@@ -56,7 +56,7 @@ def test_no_cookie_is_nobody_and_no_guess(doors: Access) -> None:
 
 
 @given(st.text())
-def test_no_other_text_opens(token: str) -> None:
+def test_any_other_token_is_rejected(token: str) -> None:
     doors = Access(OPERATOR, VIEWER)
     assert (doors.enter(token, HERE, 0.0) is None) == (token not in (OPERATOR, VIEWER))
     assert doors.admit(asked(cookies={access.cookie_name(HERE): token}), 0.0) is None

@@ -7,7 +7,7 @@ from typing import Any, cast
 
 from pointit.bridges.web.model.people import People
 from pointit.bridges.web.pages.page_requests import (
-    PATIENCE_S,
+    TIMEOUTS_S,
     Call,
     PageAction,
     Pair,
@@ -98,7 +98,7 @@ class RequestDispatcher:
 
     async def _call(self, call: Call) -> dict[str, Any]:
         request = call.request
-        patience_s = PATIENCE_S.get(request.key, REQUEST_TIMEOUT_S)
+        patience_s = TIMEOUTS_S.get(request.key, REQUEST_TIMEOUT_S)
         reply = await self._bus.call(request, call.query, call.name, timeout_s=patience_s)
         return cast("dict[str, Any]", reply.model_dump(mode="json"))
 

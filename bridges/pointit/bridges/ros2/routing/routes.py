@@ -1,6 +1,6 @@
 """THE ROUTE TABLE: every topic and service of ROS that the bridge has; and the file that changes it.
 
-The rows stand in `outward.table` and `inward.table`. A file may change them:
+The rows are in `outbound.table` and `inbound.table`. A file may change them:
 
     prefix: /site1              # before every name in ROS but those of `UNPREFIXED`
     world: map                  # the frame {W}

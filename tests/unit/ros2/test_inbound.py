@@ -185,7 +185,7 @@ def test_a_pose_of_motion_capture_is_where_the_person_stands() -> None:
     [
         (place(frame="odom"), "in the frame 'odom': send it in 'world'"),
         (place(frame="x" * 300), "in the frame 'xxx"),
-        (place(at=(2e6, 0.0, 0.0)), "is no place"),
+        (place(at=(2e6, 0.0, 0.0)), "is not a position"),
         (place(q=(0.0, -math.sqrt(0.5), 0.0, math.sqrt(0.5))), "no heading: its x axis points 90° up"),
     ],
 )
@@ -230,7 +230,7 @@ def test_a_static_frame_tells_the_pose_once() -> None:
     assert one.what.position_m == (1.0, 2.0, 0.0)
     assert one.what.yaw_rad == pytest.approx(1.0)
     assert scene.person("user1").tf_until_ns > NOW_NS + 3600 * NS_PER_S
-    assert "no place" in warned(taken(row, tf(frame_of("user1/human_footprint", x=1e9)), scene))
+    assert "not a position" in warned(taken(row, tf(frame_of("user1/human_footprint", x=1e9)), scene))
 
 
 def test_a_static_frame_that_was_told_before_its_person_came_is_theirs_when_they_come() -> None:

@@ -131,7 +131,7 @@ async def test_a_refusal_is_told_until_a_later_command_is_done_and_not_only_aske
     async with bench(jazzy()) as bridge:
         bridge.scene.take("", ROOM, bridge.clock.now_ns())
         bridge.say("/belt_cmd", BELT_COMMAND, name=["*"], velocity=[0.5])
-        await until(lambda: bool(bridge.warnings()), what="to be told that nobody serves it")
+        await until(lambda: bool(bridge.warnings()), what="to be told that no node serves it")
         for _ in range(5):
             bridge.say("/belt_cmd", BELT_COMMAND, name=["*"], velocity=[0.5])
             assert bridge.warnings(), "it is not answered yet"
@@ -228,7 +228,7 @@ async def test_a_service_is_answered_by_ours() -> None:
             assert query.lane == "a"
             return AddPackageReply(object_id="package9")
 
-        assert (await ask(bridge, "/add_pack", ADD_PACK, uid=4, kind=1)).result is False, "nobody serves it"
+        assert (await ask(bridge, "/add_pack", ADD_PACK, uid=4, kind=1)).result is False, "no node serves it"
         served = bridge.other.serve(ADD_PACKAGE, serve)
         assert (await ask(bridge, "/add_pack", ADD_PACK, uid=4, kind=1)).result is True
         assert (await ask(bridge, "/add_pack", ADD_PACK, uid=5, kind=1, belt=3)).result is False
@@ -272,7 +272,7 @@ async def test_what_was_not_done_gets_a_sentence_where_the_response_cannot_refus
         with pytest.raises(RefusedError, match=f"from {service} was refused: "):
             await bridge.backend.servers[service](b"\x00\x01")
         with pytest.raises(RefusedError, match=f"from {service} was not done: "):
-            await ask(bridge, service, kind)  # nobody serves it
+            await ask(bridge, service, kind)  # no node serves it
         bridge.other.serve(ours, serve)
         with pytest.raises(RefusedError, match=f"from {service} was not done: .*it is locked"):
             await ask(bridge, service, kind)

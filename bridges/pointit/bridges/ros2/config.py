@@ -23,8 +23,8 @@ class BackendConfig(Config):
     kind: Literal["rmw_zenoh", "dds"] = Field(
         default="rmw_zenoh",
         description="how the ROS nodes speak: rmw_zenoh, RMW_IMPLEMENTATION=rmw_zenoh_cpp; dds, DDS or "
-        "any other middleware of the ROS that is installed and sourced here, by its rclpy (mode and endpoint do "
-        "not matter then)",
+        "any other middleware of the ROS that is installed and sourced here, by its rclpy (mode and endpoint "
+        "do not matter then)",
     )
     mode: Literal["auto", "peer", "client", "router"] = Field(
         default="auto",
@@ -72,7 +72,7 @@ class Ros2Config(Config):
     )
     unread: bool = Field(
         default=False,
-        description="publish also what nobody in the ROS graph subscribes to, at the cost of what is read",
+        description="publish also what no node in the ROS graph subscribes to, at the cost of what is read",
     )
     people: tuple[str, ...] = Field(
         default=(),

@@ -141,7 +141,7 @@ class Backend(Protocol):
         """Return the CDR of a server's response.
 
         Raises:
-            TimeoutError: If nobody serves it, or not within `timeout_s`.
+            TimeoutError: If no node serves it, or not within `timeout_s`.
         """
         ...
 

@@ -236,7 +236,7 @@ def _lonely(counterparts: Counterparts, matching: Matching, graph: Graph) -> lis
             and not any(_meets(mine, each, matching) for each in theirs)
         ]
         if names:
-            sentence = f"nobody in ROS {what} {listed(dict.fromkeys(names))}"
+            sentence = f"no node in ROS {what} {listed(dict.fromkeys(names))}"
             found.append(Finding(about=f"nobody {what}", is_note=True, sentence=sentence))
     return found
 

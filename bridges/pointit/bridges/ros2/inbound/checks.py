@@ -27,7 +27,7 @@ def quaternion(value: Any, what: str) -> Quaternion | str:
     q = (float(value.x), float(value.y), float(value.z), float(value.w))
     norm = math.hypot(*q)
     if not abs(norm - 1.0) <= UNIT_TOLERANCE:  # false for NaN as well
-        return f"{what} is no rotation: the norm of its quaternion is {norm:.4g}; send one with norm 1"
+        return f"{what} is not a rotation: the norm of its quaternion is {norm:.4g}; send one with norm 1"
     return rotation.normalized(q)
 
 
@@ -35,7 +35,7 @@ def place(value: Any, what: str) -> Vec3 | str:
     """Return a geometry_msgs/Point or Vector3 in metres, or the rejection."""
     x, y, z = float(value.x), float(value.y), float(value.z)
     if not all(abs(each) <= FARTHEST for each in (x, y, z)):
-        return f"{what} is no place: ({x:g}, {y:g}, {z:g}) m; send metres"
+        return f"{what} is not a position: ({x:g}, {y:g}, {z:g}) m; send metres"
     return (x, y, z)
 
 

@@ -126,7 +126,7 @@ def interaction(scene: Scene, user: str, stamp_ns: int, reason: str) -> BusOutpu
 
 def _stranger(name: str) -> ConversionWarning:
     return ConversionWarning(
-        f"{checks.named(name)} wants a cursor, but is nobody here: name who has ROS nodes only in the "
+        f"{checks.named(name)} wants a cursor, but is unknown here: list people with ROS nodes only in the "
         "bridge's parameter `people`"
     )
 

@@ -144,7 +144,7 @@ class RclpyBackend:
         """Return the CDR of a server's response.
 
         Raises:
-            TimeoutError: If nobody serves it, or not within `timeout_s`; or this ROS lacks its type.
+            TimeoutError: If no node serves it, or not within `timeout_s`; or this ROS lacks its type.
             BusClosedError: If the backend was closed meanwhile.
         """
         self._seat.check_open()

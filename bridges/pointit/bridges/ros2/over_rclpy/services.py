@@ -114,7 +114,7 @@ class DdsClient:
         """Return the response's CDR.
 
         Raises:
-            ValueError: If `request` is none.
+            ValueError: If `request` is not CDR.
             TimeoutError: If there is no server, or no answer of it in time.
         """
         check_cdr(request)
@@ -122,7 +122,7 @@ class DdsClient:
             value = self._seat.rclpy.deserialize(request, self._types.Request)
         except Exception as error:  # any error of the installed version
             raise ValueError(f"{self._service}: this ROS cannot read the request ({error})") from error
-        lacking = "nobody serves it"
+        lacking = "no node serves it"
         reply: Reply | None = None
         try:
             async with asyncio.timeout(timeout_s):

@@ -43,7 +43,7 @@ class DdsWriter:
         """Send; returns at once, and never blocks on readers.
 
         Raises:
-            ValueError: If `cdr` is none.
+            ValueError: If `cdr` is not CDR.
             BusClosedError: If this writer or its backend is closed.
         """
         check_cdr(cdr)

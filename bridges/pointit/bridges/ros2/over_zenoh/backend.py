@@ -102,7 +102,7 @@ class ZenohBackend:
         """Return the CDR of a server's response.
 
         Raises:
-            TimeoutError: If nobody serves it, or not within `timeout_s`; or it refuses.
+            TimeoutError: If no node serves it, or not within `timeout_s`; or it refuses.
             BusClosedError: If the backend was closed meanwhile.
         """
         if self._session.is_closed:

@@ -104,7 +104,7 @@ class ServiceClient:
         check_cdr(request)
         loop = asyncio.get_running_loop()
         refusals: list[str] = []
-        lacking = "nobody serves it"
+        lacking = "no node serves it"
         try:
             async with asyncio.timeout(timeout_s):
                 for wait_s in (*EMPTY_RETRY_S, None):

@@ -41,7 +41,7 @@ class TopicWriter:
         """Send; returns at once, and never blocks on readers.
 
         Raises:
-            ValueError: If `cdr` is none.
+            ValueError: If `cdr` is not CDR.
             BusClosedError: If this writer or its backend is closed.
         """
         check_cdr(cdr)

@@ -59,7 +59,7 @@ def tree_of(parameters: Mapping[str, Value], prefix: str = "") -> dict[str, Any]
         entry, _, key = rest.rpartition(".")
         if not (section and entry and key):
             raise ValueError(
-                f"{name} is no parameter of a map; they are called {start}SECTION.NAME.KEY, as in "
+                f"{name} is not a parameter of a map; they are called {start}SECTION.NAME.KEY, as in "
                 f"{start}leds.door.position"
             )
         if section == LINKS and not NUMBER.fullmatch(entry):

@@ -218,7 +218,7 @@ def _nodes(graph: Graph, domain: int) -> set[str]:
 
 def _other_distro(hashes: set[str], types: Types) -> str:
     if NO_HASH in hashes:
-        return f"is of Humble, whose services nobody of {types.distro} can ask; set distro to humble"
+        return f"is of Humble, whose services no node of {types.distro} can ask; set distro to humble"
     if types.distro == "humble":
         return "is not of Humble; set distro to theirs (jazzy, kilted, …)"
     return f"has another definition of {LIST} than {types.distro}; set distro to theirs"

@@ -47,7 +47,7 @@ class People:
             RefusedError: If they are not; names those present.
         """
         if user not in self._writers:
-            there = ", ".join(self.names) or "nobody is"
+            there = ", ".join(self.names) or "nobody"
             raise RefusedError(f"{user} is not there; there: {there}")
 
     def press(self, user: str, gesture: Gesture = "press") -> None:

@@ -113,4 +113,4 @@ class _Page:
         await self._slow_down(asked)
         if self._doors.is_rate_limited(asked.address, now_s):
             return refusal(429, "Not now", BARRED)
-        return refusal(403, "This page is not open to everybody", NOT_ADMITTED)
+        return refusal(403, "This page needs a link", NOT_ADMITTED)

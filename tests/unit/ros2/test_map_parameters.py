@@ -195,8 +195,10 @@ def test_sections_and_lines_are_those_of_the_map() -> None:
         (
             "leds.door",
             [1.0, 2.0, 3.0],
-            "leds.door is not a parameter of a map; they are called SECTION.NAME.KEY, as in "
-            "leds.door.position",
+            (
+                "leds.door is not a parameter of a map; they are called SECTION.NAME.KEY, as in "
+                "leds.door.position"
+            ),
         ),
         (
             "strips.1.line",

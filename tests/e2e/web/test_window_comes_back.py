@@ -69,7 +69,7 @@ async def test_it_comes_back_with_the_mouse_and_says_when_its_link_is_no_longer_
     await expect(lost).to_be_visible()
     await server.start("another-one-than-before")
     await expect(lost).to_contain_text(
-        "PointIt was started anew: open the link that it prints", timeout=60_000
+        "PointIt was restarted: open the link that it prints", timeout=60_000
     )
     # a browser reports by itself what a page asks of a server that is not there, or not its own any more
     asked = ("/ws", f"failed: {site.origin}/", "net::ERR_CONNECTION_", "403")

@@ -58,7 +58,7 @@ PLAN_COLORS = """() => {
     ring: of(".plan-cursor", "stroke"), ring_edge: of(".plan-cursor-edge", "stroke"),
   };
 }"""
-VITAL = {"pui": "Cursors and lights do not follow anybody", "selector": "Nothing can be selected"}
+VITAL = {"pui": "Cursors and lights do not move", "selector": "Nothing can be selected"}
 """What is over the scene, by the service that hangs."""
 THEMES: tuple[Theme, ...] = ("light", "dark")
 LEAST_CONTRAST = 3.0

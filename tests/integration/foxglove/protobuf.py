@@ -126,6 +126,6 @@ class Encodable(Protocol):
 
 
 def read(message: Encodable) -> dict[str, Any]:
-    """What a message of the SDK says."""
+    """Content of a message of the SDK."""
     schema = message.get_schema()
     return Reader(schema.data).read(schema.name, message.encode())

@@ -266,5 +266,5 @@ def test_help_says_how_to_open_it() -> None:
     text = " ".join(
         [command.help or "", *(getattr(parameter, "help", "") or "" for parameter in command.params)]
     )
-    assert "it controls nothing" in text
+    assert "read-only" in text
     assert "ws://127.0.0.1:8765 and import the layout" in text

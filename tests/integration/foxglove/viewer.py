@@ -24,7 +24,7 @@ class Viewer:
         self._wanted = wanted
         self.info: dict[str, Any] = {}
         self.channels: dict[str, dict[str, Any]] = {}
-        """What is advertised, by topic."""
+        """Advertised channels by topic."""
         self.gone: set[str] = set()
         self.frames: dict[str, list[tuple[int, Any]]] = {}
         """Log time (ns) and message, by topic."""
@@ -45,7 +45,7 @@ class Viewer:
         return [message for _, message in self.frames.get(topic, [])]
 
     def entities(self, part: str) -> dict[str, dict[str, Any]]:
-        """What a viewer shows of a part: entities by id, after all updates."""
+        """A viewer's entities of a part by id, after all updates."""
         shown: dict[str, dict[str, Any]] = {}
         for update in self.all(f"/scene/{part}"):
             for deletion in update.get("deletions", []):

@@ -36,7 +36,7 @@ DOMAIN = 7
 
 
 class Shown:
-    """What a node complains about now, and ever did."""
+    """A node's current warnings, and all that it ever had."""
 
     def __init__(self) -> None:
         self.now: dict[str, str] = {}
@@ -99,7 +99,7 @@ class Graphs:
         return Node(backend, shown)
 
     async def stranger(self) -> zenoh.Session:
-        """Return a bare client, whose bytes are nobody's."""
+        """Return a bare client of no node."""
         config = zenoh.Config()
         settings = {
             "mode": "client",
@@ -195,7 +195,7 @@ async def _main(what: str, endpoint: str) -> None:
         node.advertise("/kept", BOOL, LATCHED).put(cdr_of(1))
         node.subscribe("/flood", POSE, RELIABLE, lambda _cdr: None)
         node.serve("/slow", ADD, _never)
-    print("ready", flush=True)  # noqa: T201 - whoever started this waits for it
+    print("ready", flush=True)  # noqa: T201 - the parent process waits for it
     await asyncio.Event().wait()
 
 

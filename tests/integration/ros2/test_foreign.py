@@ -284,5 +284,5 @@ async def test_who_is_missing_is_noted_and_is_no_complaint() -> None:
         b = await at.node("/b")
         b.hears("/z", POSE)
         await until(lambda: len(a.backend.notes) == 2)
-        assert a.backend.notes == ("nobody in ROS subscribes to /y", "nobody in ROS publishes /x")
+        assert a.backend.notes == ("no node in ROS subscribes to /y", "no node in ROS publishes /x")
         assert not a.shown.ever

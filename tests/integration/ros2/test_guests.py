@@ -1,4 +1,4 @@
-"""A site without services of anybody's, and a person whose nodes are all of ROS."""
+"""A site without PointIt services for a person, all of whose nodes are ROS nodes."""
 
 import contextlib
 import math
@@ -27,7 +27,7 @@ AT_M, YAW_RAD = (-1.3, -1.9, 0.0), math.radians(20.0)
 
 
 class Site:
-    """What all share, and the bridge as a process of its own, which can be ended."""
+    """Shared context, and the bridge as a process of its own, which can be ended."""
 
     def __init__(self, folder: Path) -> None:
         self.ours = f"tcp/127.0.0.1:{free_port()}"
@@ -93,13 +93,13 @@ async def state(look: Onlooker, wanted: str) -> None:
 
 
 def shown(look: Onlooker) -> bool:
-    """Return True if the newest cursor is somewhere."""
+    """Return True if the newest cursor is at this position."""
     cursors = look.cursors[ANNA]
     return bool(cursors) and cursors[-1].point_m is not None
 
 
 def has_color(frame: StripsFrame) -> bool:
-    """Return True if a pixel is of her cursor's colour, however bright."""
+    """Return True if a pixel has her cursor's colour, at any brightness."""
     for strip in frame.strips:
         pixels = [strip.rgb[at : at + 3] for at in range(0, len(strip.rgb), 3)]
         if any(red == blue > 0 == green for red, green, blue in pixels):

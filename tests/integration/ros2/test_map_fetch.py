@@ -105,7 +105,7 @@ async def test_who_is_not_there_in_another_domain_of_another_distribution_or_mut
             (
                 "/old",
                 {},
-                "node /old is of Humble, whose services nobody of jazzy can ask; set distro to humble",
+                "node /old is of Humble, whose services no node of jazzy can ask; set distro to humble",
             ),
             ("/far", {}, "node /far is in domain 8, not in 7; set domain_id to 8"),
             ("/puu", {"domain_id": 9}, "no ROS node is seen in domain 9, but some in 7, 8; set domain_id to"),

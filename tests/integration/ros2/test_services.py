@@ -61,9 +61,9 @@ async def test_nobody_a_wrong_hash_and_a_slow_one_are_deadlines() -> None:
         a.backend.serve("/other", BOOL, add)
         await until(lambda: {"/slow", "/other"} <= {each.name for each in b.graph.endpoints})
         for service, why in (
-            ("/none", "nobody serves it"),
+            ("/none", "no node serves it"),
             ("/slow", "did not answer"),
-            ("/other", "nobody"),
+            ("/other", "no node"),
         ):
             began_s = time.monotonic()
             with pytest.raises(TimeoutError, match=f"ROS service {service}: .*{why}.* within 0.3 s"):

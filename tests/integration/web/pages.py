@@ -27,7 +27,7 @@ INDEX = "<!doctype html><title>page</title>" + "<!-- long -->" * 200
 
 
 class Server:
-    """Where the page is."""
+    """Address of the page."""
 
     def __init__(self, port: int) -> None:
         self.host = f"127.0.0.1:{port}"
@@ -61,7 +61,7 @@ class Server:
 
 
 class Page:
-    """What a page has been told."""
+    """Messages that a page has received."""
 
     def __init__(self, socket: ClientConnection, *, acknowledges: bool) -> None:
         self.socket = socket

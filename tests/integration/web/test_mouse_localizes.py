@@ -1,4 +1,4 @@
-"""Who moves the mouse is localized: real services on a bus in memory, virtual time; the hand is scripted.
+"""Localization of a mouse user: real services on a bus in memory, virtual time; the hand is scripted.
 
 It points at whatever lamp it is asked to, from the place that the page takes for true.
 """
@@ -30,7 +30,7 @@ from tests.integration.scenario.virtual_time import VirtualClock, run_virtually
 
 USER = "anna"
 PLACE = Place(position_m=(2.3, 0.2, 0.0), yaw_deg=35.0)
-"""Where the person stands; only the page knows."""
+"""The person's true pose, known to the page only."""
 STRIP: Vec3 = (4.85, 1.0, 0.9)
 
 

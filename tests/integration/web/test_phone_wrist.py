@@ -45,7 +45,7 @@ ANNA = "anna"
 TOKEN = "operator-of-the-test"  # noqa: S105 - of no real site
 BELT = Belt(id="b", line_m=((4.0, 1.0, 1.0), (4.0, 3.0, 1.0)))
 YAW_RAD = 0.4
-"""Of {H} in {W}."""
+"""{H} in {W}."""
 
 
 class Room:
@@ -90,7 +90,7 @@ class Room:
 
     @property
     def person(self) -> dict[str, Any]:
-        """Return what the operator's page is told of the person."""
+        """Return the person's line on the operator's page."""
         people = {line["user"]: line for line in self.status.get("people", [])}
         found: dict[str, Any] = people.get(ANNA, {})
         return found
@@ -262,7 +262,7 @@ async def test_the_mouse_takes_over_and_the_phone_is_told() -> None:
         cue = await heard(socket, "cue")
         while not cue["text"]:
             cue = await heard(socket, "cue")
-        assert "somebody else" in cue["text"]
+        assert "another device" in cue["text"]
         await until(lambda: site.person["moved_by"] == "mouse")
         await socket.send(turn(held(0.0), 2.0))
         await socket.send(json.dumps({"kind": "ask", "id": 1, "deed": "take"}))
@@ -279,7 +279,7 @@ async def test_an_operator_gives_the_arm_back_and_the_phone_is_told_that_it_is_t
         while not cue["has_lost_arm"]:
             cue = await heard(socket, "cue")
         assert "your own again" in cue["text"]
-        assert "somebody else" not in cue["text"]
+        assert "another device" not in cue["text"]
         await until(lambda: site.person["moved_by"] == "own")
 
 

@@ -47,7 +47,7 @@ async def opened(listener: Listener) -> socket.socket:
 
 
 async def answered(listener: Listener) -> bytes:
-    """Return what somebody is answered who behaves."""
+    """Return the response to a well-behaved client."""
     reader, writer = await asyncio.open_connection("127.0.0.1", listener.port)
     writer.write(ASKED.replace(b"Host", b"Connection: close\r\nHost"))
     try:
@@ -157,7 +157,7 @@ async def test_of_who_does_not_read_little_is_kept() -> None:
 async def test_tls_that_is_never_agreed_keeps_nobody_out(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr(serving, "MOST_ARRIVING", 4)
+    monkeypatch.setattr(serving, "MAX_ARRIVING", 4)
     kept = obtain(tmp_path, ["127.0.0.1"], "bench", dt.datetime.now(dt.UTC))
     tls = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
     tls.load_cert_chain(kept.certificate, kept.key)

@@ -1,4 +1,4 @@
-"""Who is let in, with what headers, and what is served: real requests to a real port."""
+"""Access, headers and files of the server: real requests to a real port."""
 
 import asyncio
 
@@ -20,7 +20,7 @@ from tests.support.links import link_in
 __all__ = ["built"]
 
 CLIENTS = ("httpx", "httpcore", "websockets.client")
-"""Who logs for the tests' own side."""
+"""Loggers of the tests' own side."""
 
 pytestmark = pytest.mark.usefixtures("built")
 
@@ -72,7 +72,7 @@ async def test_who_guesses_waits_and_who_has_the_link_does_not() -> None:
     async with memory_bench() as bench, serving(bench) as server, server.client() as client:
         codes = [
             (await client.get("/", params={"token": f"guess {guess}"})).status_code
-            for guess in range(access.MOST_GUESSES + 1)
+            for guess in range(access.MAX_GUESSES + 1)
         ]
         assert codes[0] == 403
         assert codes[-1] == 429

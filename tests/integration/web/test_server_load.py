@@ -16,7 +16,7 @@ from websockets.exceptions import ConnectionClosed
 from websockets.typing import Origin
 
 from pointit.bridges.web import service
-from pointit.bridges.web.pages.session import ASKS_BURST, MOST_MALFORMED
+from pointit.bridges.web.pages.session import ASKS_BURST, MAX_MALFORMED
 from pointit.bridges.web.server import listener
 from pointit.bridges.web.wire import IN_FLIGHT
 from pointit.schemas import Cursor, StripsFrame
@@ -137,14 +137,14 @@ async def test_a_page_that_asks_too_much_is_refused_and_is_told_on() -> None:
             await page.say(kind="ask", id=number, key="no/such")
         await until(lambda: len(page.answers) == count)
         errors = [answer["error"] for answer in page.answers.values()]
-        assert sum("too many wishes" in error for error in errors) >= 10
+        assert sum("too many requests" in error for error in errors) >= 10
         assert sum("pages cannot ask" in error for error in errors) >= ASKS_BURST
         bench.put(CURSOR, Cursor(stamp_ns=START_NS), "anna")
         await until(lambda: (CURSOR.key, "anna") in page.states)
 
 
 def connected(server: Server) -> int:
-    """Return how many connections the server's end still has."""
+    """Return the number of connections at the server's end."""
     port = int(server.host.rpartition(":")[2])
     connections = psutil.Process().net_connections(kind="tcp")
     return sum(each.status == psutil.CONN_ESTABLISHED and each.laddr.port == port for each in connections)
@@ -203,8 +203,8 @@ async def test_what_is_no_message_is_counted_and_told_and_then_the_page_is_close
         reports = bench.collect(HEALTH, "web")
         async with server.page() as page:
             await page.say(kind="nonsense")
-            await until(lambda: any("no message" in w for w in (reports[-1].warnings if reports else ())))
-            for _ in range(MOST_MALFORMED - 1):
+            await until(lambda: any("malformed" in w for w in (reports[-1].warnings if reports else ())))
+            for _ in range(MAX_MALFORMED - 1):
                 await page.socket.send("{")
             await until(lambda: page.socket.close_code == 1008)
         async with server.page():

@@ -1,4 +1,4 @@
-"""What pages are told and what they can do: the service on a bench, pages by real websockets."""
+"""Messages to pages and their requests: the service on a bench, pages by real websockets."""
 
 import asyncio
 import io

@@ -210,7 +210,7 @@ def test_a_map_with_an_error_is_told_as_by_map_check_and_not_written(graph: Grap
     graph.has({"leds.a.position": [0.0, float("1e300"), 1.0]})
     assert "leds.a.position: a point is three numbers [x, y, z] in metres" in fetch().stderr
     graph.has({"map.leds.a.position": [0.0, 0.0, 1.0], "map.colour": "red"})
-    assert "map.colour is no parameter of a map" in sentence(fetch("--prefix", "map"))
+    assert "map.colour is not a parameter of a map" in sentence(fetch("--prefix", "map"))
 
 
 def test_warnings_are_told_and_the_map_is_written(graph: Graph) -> None:
@@ -262,7 +262,7 @@ def test_points_of_a_cloud_lie_beside_the_file_that_is_written(graph: Graph, tmp
             {"leds.door": [1.0, 2.0, 3.0]},
             (),
             (
-                "node /pui: leds.door is no parameter of a map; they are called SECTION.NAME.KEY, as in "
+                "node /pui: leds.door is not a parameter of a map; they are called SECTION.NAME.KEY, as in "
                 "leds.door.position"
             ),
         ),

@@ -1,4 +1,4 @@
-"""What stands still, against known numbers, and any map a message can hold."""
+"""Static parts of the room against known numbers, and any map that a message can hold."""
 
 import json
 import math
@@ -31,7 +31,7 @@ def xyz(point: dict[str, float]) -> tuple[float, float, float]:
     return (point.get("x", 0.0), point.get("y", 0.0), point.get("z", 0.0))
 
 
-def test_a_straight_ribbon() -> None:
+def test_straight_ribbon_has_parallel_rims() -> None:
     places, triangles = ribbon(Polyline([(1.0, 2.0, 0.5), (4.0, 2.0, 0.5)]), 0.6)
     assert places.tolist() == [[1, 2.3, 0.5], [1, 1.7, 0.5], [4, 2.3, 0.5], [4, 1.7, 0.5]]
     assert triangles == [0, 1, 2, 2, 1, 3]
@@ -122,7 +122,7 @@ def test_a_line_without_length_is_told_and_the_rest_is_drawn() -> None:
         bays=(Bay(id="1", belt="nowhere"), Bay(id="2", belt="b")),
     )
     lines = Lines(environment)
-    assert lines.complaints == [
+    assert lines.problems == [
         "strip 'dot' cannot be drawn (a line needs two different vertices); correct the map"
     ]
     assert set(lines.strips) == {"s"}

@@ -1,4 +1,4 @@
-"""What a running ROS 2 (Jazzy, Kilted, rmw_zenoh 0.2.10) was seen to write; kept in `golden/`."""
+"""Captured output of a running ROS 2 (Jazzy, Kilted, rmw_zenoh 0.2.10), in `golden/`."""
 
 import json
 import re

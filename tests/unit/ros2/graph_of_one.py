@@ -47,7 +47,7 @@ class Writer(End):
 
 @dataclass
 class FakeBackend:
-    """What the bridge says in the graph, and what the test says there."""
+    """Endpoints of the bridge in the graph, and those of the test."""
 
     node: str = "/pointit"
     problem: str = ""
@@ -108,7 +108,7 @@ class Bench:
     backend: FakeBackend
     bus: ServiceBus
     other: MemoryBus
-    """Of whoever is on our side."""
+    """Endpoints on our side."""
     clock: ManualClock
     types: Types
     scene: Scene
@@ -116,7 +116,7 @@ class Bench:
     inbox: Inbox
 
     def heard(self, ros: str, name: str) -> list[Any]:
-        """Return what was sent to `ros`, decoded as the type `name`."""
+        """Return the values sent to `ros`, decoded as the type `name`."""
         return [self.types.decode(name, cdr) for cdr in self.backend.sent.get(ros, [])]
 
     def say(self, ros: str, name: str, /, **fields: Any) -> None:

@@ -1,4 +1,4 @@
-"""What the tests of conversions share: types, a room, the row of a name, values that went through CDR."""
+"""Shared by the tests of conversions: types, a room, the row of a name, values that went through CDR."""
 
 import functools
 import math
@@ -80,7 +80,7 @@ def server(name: str) -> ServiceRoute:
 def sent(
     row: OutboundRoute, message: Message, scene: Scene, name: str = "user1", *, again_ns: int | None = None
 ) -> list[Any]:
-    """What ROS reads of a message that comes now."""
+    """ROS values of a message that comes now."""
     scene.take(name, message, max(scene.now_ns, NOW_NS))
     values = row.convert(message, name, scene, again_ns=again_ns)
     return [jazzy().decode(row.type, jazzy().encode(row.type, value)) for value in values]

@@ -1,4 +1,4 @@
-"""Where ROS's router may be."""
+"""Addresses of ROS's router."""
 
 import pytest
 from pydantic import ValidationError

@@ -1,4 +1,4 @@
-"""What is attached to samples, requests and replies."""
+"""Attachments of samples, requests and replies."""
 
 import pytest
 from hypothesis import given
@@ -34,7 +34,7 @@ def test_as_running_nodes_attach_it() -> None:
 
 
 @given(st.builds(Attachment, sequence=INT64, stamp_ns=INT64, gid=st.binary(min_size=16, max_size=16)))
-def test_there_and_back(attachment: Attachment) -> None:
+def test_attachments_survive_a_round_trip(attachment: Attachment) -> None:
     assert len(packed(attachment)) == 33
     assert unpacked(packed(attachment)) == attachment
 
@@ -55,7 +55,7 @@ def test_what_would_abort_a_ros_node_is_never_packed(attachment: Attachment) -> 
 
 
 @given(st.binary(max_size=70))
-def test_other_bytes_are_refused(data: bytes) -> None:
+def test_malformed_attachments_are_refused(data: bytes) -> None:
     if len(data) == 33 and data[16] == 16:
         assert packed(unpacked(data)) == data
         return

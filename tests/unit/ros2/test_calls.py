@@ -45,9 +45,9 @@ async def test_what_it_returns_and_what_it_raises_is_handed_on() -> None:
     assert await calls.answered(server.answer(), "call it") == b"yes"
 
     async def late() -> bytes:
-        raise TimeoutError("nobody serves it")
+        raise TimeoutError("no node serves it")
 
-    with pytest.raises(TimeoutError, match="nobody serves it"):
+    with pytest.raises(TimeoutError, match="no node serves it"):
         await calls.answered(late(), "call it")
 
 

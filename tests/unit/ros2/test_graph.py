@@ -1,4 +1,4 @@
-"""Who is there, from tokens; and what of it will not work, in words."""
+"""The graph from tokens, and the messages about its problems."""
 
 import re
 import time
@@ -168,7 +168,7 @@ def test_who_is_missing_is_a_note() -> None:
     many = [end("publisher", name=f"/topic{index}") for index in range(5)]
     result = found(*many, end("publisher", "/robot", name="/y"))
     assert {about: each.sentence for about, each in result.items()} == {
-        "nobody subscribes to": "nobody in ROS subscribes to /topic0, /topic1, /topic2 and 2 more"
+        "nobody subscribes to": "no node in ROS subscribes to /topic0, /topic1, /topic2 and 2 more"
     }
     assert all(each.is_note for each in result.values())
 

@@ -28,8 +28,8 @@ from pointit.schemas.topics import (
 from tests.support.bench import START_NS, Bench, memory_bench, until
 from tests.unit.ros2.graph_of_one import FakeBackend, graph
 from tests.unit.ros2.scenes import jazzy
-from tests.unit.ros2.test_inward import frame_of, place, tf
-from tests.unit.ros2.test_inward_guest import wish
+from tests.unit.ros2.test_inbound import frame_of, place, tf
+from tests.unit.ros2.test_inbound_guest import wish
 
 RAYS = "/anna/pointing_ray"
 FRAME = "anna/human_footprint"
@@ -265,7 +265,7 @@ async def test_a_guest_again_while_other_services_of_ours_stay(site: Site) -> No
 
 async def test_who_is_not_named_is_not_let_in_and_that_is_told(site: Site) -> None:
     site.says(SUBSCRIPTION, "conveyor_msgs/msg/PUISubscription", wish("eve"))
-    await until(lambda: any("'eve' wants a cursor, but is nobody here" in each for each in site.warnings))
+    await until(lambda: any("'eve' wants a cursor, but is unknown here" in each for each in site.warnings))
     assert "/eve/pointing_ray" not in site.backend.readers
     assert not site.people
 

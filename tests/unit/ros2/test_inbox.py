@@ -1,4 +1,4 @@
-"""What comes from ROS, by a table like the real one."""
+"""Input from ROS, by a table like the real one."""
 
 import asyncio
 import math
@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from pointit.bridges.ros2.routing.inbox import MOST_ASKED
+from pointit.bridges.ros2.routing.inbox import MAX_ASKED
 from pointit.bridges.ros2.routing.routes import routes
 from pointit.runtime.errors import RefusedError
 from pointit.schemas import AddPackage, AddPackageReply, Done, Environment, SetFeeding, SetSpeed
@@ -131,7 +131,7 @@ async def test_a_refusal_is_told_until_a_later_command_is_done_and_not_only_aske
     async with bench(jazzy()) as bridge:
         bridge.scene.take("", ROOM, bridge.clock.now_ns())
         bridge.say("/belt_cmd", BELT_COMMAND, name=["*"], velocity=[0.5])
-        await until(lambda: bool(bridge.warnings()), what="to be told that nobody serves it")
+        await until(lambda: bool(bridge.warnings()), what="to be told that no node serves it")
         for _ in range(5):
             bridge.say("/belt_cmd", BELT_COMMAND, name=["*"], velocity=[0.5])
             assert bridge.warnings(), "it is not answered yet"
@@ -177,7 +177,7 @@ async def test_what_one_belt_does_takes_no_refusal_of_another_back(bad: str) -> 
 
 
 async def test_wishes_that_are_too_many_are_dropped_and_told() -> None:
-    belts = tuple(Belt(id=f"b{n}", line_m=((0.0, 0.0, 0.0), (1.0, 0.0, 0.0))) for n in range(MOST_ASKED + 6))
+    belts = tuple(Belt(id=f"b{n}", line_m=((0.0, 0.0, 0.0), (1.0, 0.0, 0.0))) for n in range(MAX_ASKED + 6))
     room = Environment(stamp_ns=START_NS, seq=1, name="room", belts=belts)
     async with bench(jazzy()) as bridge:
         bridge.scene.take("", room, bridge.clock.now_ns())
@@ -193,11 +193,11 @@ async def test_wishes_that_are_too_many_are_dropped_and_told() -> None:
         speeds = [0.01 * (n + 1) for n in range(len(belts))]
         bridge.say("/belt_cmd", BELT_COMMAND, name=[belt.id for belt in belts], velocity=speeds)
         bridge.say("/belt_cmd", BELT_COMMAND, name=["*"], velocity=[0.5])
-        await until(lambda: len(asked) == MOST_ASKED)
+        await until(lambda: len(asked) == MAX_ASKED)
         go_on.set()
         await until(lambda: not bridge.inbox._asked)
-        assert len(asked) == MOST_ASKED
-        assert any(f"{MOST_ASKED} wishes are open already" in each for each in bridge.warnings())
+        assert len(asked) == MAX_ASKED
+        assert any(f"{MAX_ASKED} wishes are open already" in each for each in bridge.warnings())
         bridge.say("/belt_cmd", BELT_COMMAND, name=["*"], velocity=[0.5])
         await until(lambda: not bridge.warnings(), what="there to be room again")
 
@@ -211,7 +211,7 @@ async def test_of_a_flood_of_feed_the_newest_word_is_the_last_one_asked_for() ->
             return Done()
 
         bridge.other.serve(SET_FEEDING, serve)
-        for count in range(2 * MOST_ASKED):
+        for count in range(2 * MAX_ASKED):
             bridge.say("/feed", "std_msgs/msg/Bool", data=count % 2 == 1)
         bridge.say("/feed", "std_msgs/msg/Bool", data=False)
         bridge.say("/feed", "std_msgs/msg/Bool", data=True)
@@ -228,7 +228,7 @@ async def test_a_service_is_answered_by_ours() -> None:
             assert query.lane == "a"
             return AddPackageReply(object_id="package9")
 
-        assert (await ask(bridge, "/add_pack", ADD_PACK, uid=4, kind=1)).result is False, "nobody serves it"
+        assert (await ask(bridge, "/add_pack", ADD_PACK, uid=4, kind=1)).result is False, "no node serves it"
         served = bridge.other.serve(ADD_PACKAGE, serve)
         assert (await ask(bridge, "/add_pack", ADD_PACK, uid=4, kind=1)).result is True
         assert (await ask(bridge, "/add_pack", ADD_PACK, uid=5, kind=1, belt=3)).result is False
@@ -272,7 +272,7 @@ async def test_what_was_not_done_gets_a_sentence_where_the_response_cannot_refus
         with pytest.raises(RefusedError, match=f"from {service} was refused: "):
             await bridge.backend.servers[service](b"\x00\x01")
         with pytest.raises(RefusedError, match=f"from {service} was not done: "):
-            await ask(bridge, service, kind)  # nobody serves it
+            await ask(bridge, service, kind)  # no node serves it
         bridge.other.serve(ours, serve)
         with pytest.raises(RefusedError, match=f"from {service} was not done: .*it is locked"):
             await ask(bridge, service, kind)

@@ -18,7 +18,7 @@ def test_a_topic_and_a_service() -> None:
 
 
 @pytest.mark.parametrize("name", ["/a", "/_a/b_1", "/user1/metawear_ros/rotation", "/a/_action/get_result"])
-def test_resolved_names(name: str) -> None:
+def test_resolved_names_are_accepted(name: str) -> None:
     assert resolved(name) == name
 
 
@@ -49,7 +49,7 @@ def test_what_would_become_another_key_is_refused(name: str) -> None:
         data_key(0, name, RosType(name="std_msgs/msg/Bool", hash="RIHS01_0"))
 
 
-def test_types() -> None:
+def test_types_are_read_as_dds_writes_them() -> None:
     kind = dds_type("std_srvs::srv::dds_::Empty_", "RIHS01_0")
     assert kind == RosType(name="std_srvs/srv/Empty", hash="RIHS01_0")
     assert dds_type(kind.dds_name, kind.hash) == kind

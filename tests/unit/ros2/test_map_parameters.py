@@ -46,7 +46,7 @@ clouds: {shelf: {file: shelf.xyz}}
 
 
 def tree_in(text: str) -> dict[str, Any]:
-    """Return what a file says, whose names may be numbers, with names that are text."""
+    """Return a file's content, whose names may be numbers, with names that are text."""
     tree: dict[str, Any] = parse_yaml(text.encode(), "it")
     for section, entries in tree.items():
         if section != "links":
@@ -55,7 +55,7 @@ def tree_in(text: str) -> dict[str, Any]:
 
 
 def travelled(parameters: dict[str, Any]) -> dict[str, Any]:
-    """Return what another node gets of them, by the bytes of ROS."""
+    """Return the parameters as received by another node, by the bytes of ROS."""
     kind = "rcl_interfaces/srv/GetParameters_Response"
     values = [message_of(TYPES, value) for value in parameters.values()]
     answer = TYPES.decode(kind, TYPES.encode(kind, TYPES.make(kind, values=values)))
@@ -195,7 +195,10 @@ def test_sections_and_lines_are_those_of_the_map() -> None:
         (
             "leds.door",
             [1.0, 2.0, 3.0],
-            "leds.door is no parameter of a map; they are called SECTION.NAME.KEY, as in leds.door.position",
+            (
+                "leds.door is not a parameter of a map; they are called SECTION.NAME.KEY, as in "
+                "leds.door.position"
+            ),
         ),
         (
             "strips.1.line",
@@ -208,7 +211,7 @@ def test_sections_and_lines_are_those_of_the_map() -> None:
             "leds..position",
             [1.0],
             (
-                "leds..position is no parameter of a map; they are called SECTION.NAME.KEY, as in "
+                "leds..position is not a parameter of a map; they are called SECTION.NAME.KEY, as in "
                 "leds.door.position"
             ),
         ),

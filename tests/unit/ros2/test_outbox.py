@@ -1,4 +1,4 @@
-"""What goes out to ROS, by a table like the real one."""
+"""Output to ROS, by a table like the real one."""
 
 import asyncio
 import dataclasses

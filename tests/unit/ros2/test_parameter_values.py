@@ -24,7 +24,7 @@ VALUE = st.one_of(
 
 @given(VALUE)
 @settings(max_examples=60)
-def test_there_and_back(value: Any) -> None:
+def test_values_survive_a_round_trip(value: Any) -> None:
     again = value_of(TYPES.decode(MESSAGE, TYPES.encode(MESSAGE, message_of(TYPES, value))))
     assert again == value
     assert repr(again) == repr(value), "true is no 1"

@@ -20,7 +20,7 @@ from pointit.bridges.ros2.over_zenoh.qos import qos_of, qos_text
         (ROSOUT, ":1:,1000:,:10,0:,,"),
     ],
 )
-def test_as_a_running_node_writes_it(qos: Qos, text: str) -> None:
+def test_qos_text_matches_a_real_rmw_zenoh_node(qos: Qos, text: str) -> None:
     assert qos_text(qos) == text
     assert qos_of(text) == qos
 
@@ -34,7 +34,7 @@ def test_as_a_running_node_writes_it(qos: Qos, text: str) -> None:
         lifespan_ns=st.none() | st.integers(0, 2**63 - 2),
     )
 )
-def test_there_and_back(qos: Qos) -> None:
+def test_qos_survives_a_round_trip(qos: Qos) -> None:
     assert qos_of(qos_text(qos)) == qos
 
 
@@ -65,7 +65,7 @@ def test_defaults_that_are_written_out_and_what_the_bridge_has_no_use_for() -> N
         "reliable:volatile:,1:,:,:,,",
     ],
 )
-def test_anything_else_is_refused(text: str) -> None:
+def test_malformed_qos_is_refused(text: str) -> None:
     with pytest.raises(ValueError, match="not a quality of service"):
         qos_of(text)
 

@@ -1,4 +1,4 @@
-"""The backend on rclpy, against a stand-in for it: what is handed over, guarded, bounded, complained of."""
+"""The backend on rclpy, against a stand-in for it: what is handed over, guarded, bounded, warned of."""
 
 import asyncio
 import re

@@ -98,7 +98,7 @@ async def test_too_many_open_requests_are_answered_with_nothing_in_them(wire: Wi
 
 async def test_calls_get_their_answers_or_say_what_is_lacking(wire: Wire) -> None:
     async with node_of_ours() as ours:
-        with pytest.raises(TimeoutError, match=r"/stop: nobody serves it within 0\.01 s"):
+        with pytest.raises(TimeoutError, match=r"/stop: no node serves it within 0\.01 s"):
             await ours.backend.call("/stop", SET, TRUE, timeout_s=0.01)
         call = asyncio.create_task(ours.backend.call("/stop", SET, TRUE, timeout_s=5))
         server = wire.node("robot").create_service(SetBool, "/stop", more)

@@ -12,7 +12,7 @@ TEXT: Fields = [("data", (BASE, ("string", 0)))]
 
 
 def computed(hashes: Rihs01, name: str) -> str:
-    """What we say of a message, a service, or one of a service's halves or events."""
+    """Our description of a message, a service, or one of a service's halves or events."""
     if "/srv/" not in name:
         return hashes.message(name)
     service = name.partition("_Event")[0]

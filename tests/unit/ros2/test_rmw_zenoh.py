@@ -1,4 +1,4 @@
-"""How rmw_zenoh writes ROS on Zenoh, against what genuine nodes wrote."""
+"""Encoding of ROS on Zenoh against captures of genuine rmw_zenoh nodes."""
 
 import pytest
 from hypothesis import given

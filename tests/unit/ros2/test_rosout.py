@@ -10,15 +10,15 @@ from pointit.bridges.ros2.outbound import rosout
 from pointit.bridges.ros2.outbound.rosout import (
     ERROR,
     INFO,
-    MOST_AT_ONCE,
-    MOST_SERVICES,
-    MOST_TOLD,
+    MAX_AT_ONCE,
+    MAX_SERVICES,
+    MAX_TOLD,
     OVER_REPORTS,
     REPORTS_PER_LINE,
     WARN,
     Rosout,
 )
-from pointit.bridges.ros2.outbound.values import MOST_TEXT
+from pointit.bridges.ros2.outbound.values import MAX_TEXT
 from pointit.bridges.ros2.routing.route_types import OutboundRoute
 from pointit.bridges.ros2.routing.routes import routes
 from pointit.schemas import NS_PER_S, Health, KeyHealth
@@ -52,7 +52,7 @@ class Log:
         return sent(self.row, report, self.scene, report.instance)
 
     def says(self, report: Health, times: int = 1) -> list[Said]:
-        """Return what is said by so many of the same report in a row."""
+        """Return the lines from this many copies of the same report in a row."""
         values = [value for _ in range(times) for value in self.lines(report)]
         assert {value.name for value in values} <= {f"pointit.{report.instance}"}
         return [(value.level, value.msg) for value in values]
@@ -160,7 +160,7 @@ def test_what_flaps_is_said_once(log: Log) -> None:
 
 def test_who_flaps_slowly_or_says_something_else_each_time_floods_nobody(log: Log) -> None:
     reports = 1000
-    most = MOST_AT_ONCE + reports // REPORTS_PER_LINE
+    most = MAX_AT_ONCE + reports // REPORTS_PER_LINE
     slowly = itertools.cycle([True] * OVER_REPORTS + [False] * OVER_REPORTS)
     told = sum(
         len(log.says(health(*(f"{name} is gone" for name in "abcd" if on), instance="one")))
@@ -173,18 +173,18 @@ def test_who_flaps_slowly_or_says_something_else_each_time_floods_nobody(log: Lo
 
 
 def test_who_has_much_to_say_says_it_bit_by_bit(log: Log) -> None:
-    names = [chr(ord("a") + count) for count in range(MOST_AT_ONCE + 4)]
+    names = [chr(ord("a") + count) for count in range(MAX_AT_ONCE + 4)]
     report = health(*(f"{name} is gone" for name in names))
-    assert len(log.says(report)) == MOST_AT_ONCE
+    assert len(log.says(report)) == MAX_AT_ONCE
     assert len(log.says(report, 4 * REPORTS_PER_LINE)) == 4
     assert log.says(report, 100) == []
 
 
 def test_what_is_not_over_is_bounded(log: Log) -> None:
     names = ["".join(pair) for pair in itertools.product("abcdefghij", repeat=2)]
-    assert len(names) > MOST_TOLD
+    assert len(names) > MAX_TOLD
     report = health(*(f"{name} is gone" for name in names))
-    assert len(log.says(report, MOST_TOLD * REPORTS_PER_LINE * 2)) == MOST_TOLD
+    assert len(log.says(report, MAX_TOLD * REPORTS_PER_LINE * 2)) == MAX_TOLD
     assert len(log.says(health(f"{names[0]} is gone"), OVER_REPORTS + 10)) > 0, "and goes on"
 
 
@@ -203,12 +203,12 @@ def test_who_is_gone_is_forgotten_and_who_comes_back_says_it_again_but_no_more_o
     for _ in range(lives):
         told += len(log.says(health(NO_MAP, instance="crash"), 2))
         log.end("crash")
-    assert 0 < told <= MOST_AT_ONCE + 2 * lives // REPORTS_PER_LINE
+    assert 0 < told <= MAX_AT_ONCE + 2 * lives // REPORTS_PER_LINE
 
 
 def test_services_are_bounded_gone_ones_too(monkeypatch: pytest.MonkeyPatch, log: Log) -> None:
-    assert MOST_SERVICES >= 1000
-    monkeypatch.setattr(rosout, "MOST_SERVICES", 3)
+    assert MAX_SERVICES >= 1000
+    monkeypatch.setattr(rosout, "MAX_SERVICES", 3)
     names = ["a", "b", "c", "d"]
     assert [bool(log.says(health(NO_MAP, instance=name))) for name in names] == [True, True, True, False]
     log.end("b")
@@ -233,7 +233,7 @@ def test_no_text_is_longer_than_ros_needs(log: Log) -> None:
     ((_, said),) = log.says(health("w\0" * 5000, instance="pui"))
     assert said.startswith("w?w?")
     assert "\0" not in said
-    assert len(said) <= MOST_TEXT
+    assert len(said) <= MAX_TEXT
     assert log.says(health("w\0" * 5000), 9) == []
 
 

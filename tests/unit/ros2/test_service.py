@@ -5,7 +5,7 @@ from collections.abc import AsyncIterator
 import pytest
 
 from pointit.bridges.ros2 import service
-from pointit.bridges.ros2.routing.presence_cache import MOST_REMEMBERED, PresenceCache
+from pointit.bridges.ros2.routing.presence_cache import MAX_REMEMBERED, PresenceCache
 from pointit.bridges.ros2.service import Ros2
 from pointit.bridges.ros2.types.types import Types
 from pointit.schemas import Cursor, Figure, Health, ImuSample, UserPose
@@ -136,7 +136,7 @@ def figures(reports: list[Health]) -> tuple[Figure, ...]:
 
 def test_only_so_many_are_remembered() -> None:
     attendance = PresenceCache("user")
-    for count in range(MOST_REMEMBERED + 1):
+    for count in range(MAX_REMEMBERED + 1):
         assert attendance.admits(POSE, PLACE, f"user{count}")
         attendance.on_leave(f"user{count}")
     assert attendance.admits(IMU, HELD, "user0")

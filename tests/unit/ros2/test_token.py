@@ -65,13 +65,13 @@ def test_chunks_that_later_distributions_add_are_read_over(more: str) -> None:
     assert gid(RAY.text + more) != RAY.gid
 
 
-def test_another_enclave() -> None:
+def test_token_carries_another_enclave() -> None:
     text = RAY.text.replace("/MS/%/", "/MS/%secret%arm/")
     assert parsed(text) == replace(RAY, enclave="/secret/arm")
     assert parsed(text).text == text
 
 
-def test_the_hash_of_humble() -> None:
+def test_token_of_humble_has_no_hash() -> None:
     token = parsed(RAY.text.replace(RAY.type.hash, "TypeHashNotSupported"))
     assert isinstance(token, EndpointToken)
     assert token.type.hash == "TypeHashNotSupported"
@@ -97,7 +97,7 @@ def test_the_hash_of_humble() -> None:
         ),
     )
 )
-def test_there_and_back(token: EndpointToken) -> None:
+def test_tokens_survive_a_round_trip(token: EndpointToken) -> None:
     assert parsed(token.text) == token
     assert token.text.count("/") == 12
     assert len(token.gid) == 16

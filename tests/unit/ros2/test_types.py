@@ -321,7 +321,7 @@ def test_a_length_that_the_bytes_cannot_fill_allocates_nothing(jazzy: Types, nam
         tracemalloc.stop()
 
 
-def test_names(jazzy: Types) -> None:
+def test_kind_has_name_and_hash(jazzy: Types) -> None:
     assert jazzy.kind("std_srvs/srv/Empty").dds_name == "std_srvs::srv::dds_::Empty_"
     assert jazzy.kind("std_srvs/srv/Empty").hash.startswith("RIHS01_5888399d")
     assert jazzy.kind("geometry_msgs/msg/PoseStamped").hash.startswith("RIHS01_10f3786d")

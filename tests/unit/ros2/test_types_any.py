@@ -38,7 +38,7 @@ PATIENT = settings(max_examples=40)
 @pytest.mark.parametrize("name", NAMES)
 @given(data=st.data())
 @PATIENT
-def test_there_and_back(name: str, data: st.DataObject) -> None:
+def test_values_survive_a_round_trip(name: str, data: st.DataObject) -> None:
     value = data.draw(any_value(TYPES, FIELDS, name))
     cdr = TYPES.encode(name, value)
     assert cdr.startswith(b"\x00\x01\x00\x00")
@@ -59,7 +59,7 @@ def test_any_bytes_are_read_or_refused(name: str, data: bytes) -> None:
 @given(data=st.data())
 @PATIENT
 def test_damaged_bytes_are_read_or_refused(name: str, data: st.DataObject) -> None:
-    """Of a valid message, some bytes are others, a length is huge, or the end is missing."""
+    """A valid message with some bytes changed, a huge length, or a missing end."""
     cdr = bytearray(TYPES.encode(name, data.draw(any_value(TYPES, FIELDS, name))))
     for at in data.draw(st.lists(st.integers(0, len(cdr) - 1), max_size=4)):
         cdr[at] = data.draw(st.integers(0, 255))
@@ -70,7 +70,7 @@ def test_damaged_bytes_are_read_or_refused(name: str, data: st.DataObject) -> No
 
 
 def decode_or_refuse(name: str, cdr: bytes) -> None:
-    """What is read is a value that can be handled further; all else is a ValueError."""
+    """Decoding returns a usable value or raises a ValueError."""
     try:
         value = TYPES.decode(name, cdr)
     except ValueError:

@@ -14,7 +14,7 @@ from pointit.runtime.errors import ConfigError
 PACKAGES = ("conveyor_msgs", "led_strip_msgs")
 
 
-def test_nothing_else_lies_there() -> None:
+def test_interfaces_folder_has_no_other_files() -> None:
     assert sorted(path.name for path in INTERFACES.iterdir()) == list(PACKAGES)
     assert (files("pointit.bridges.ros2") / "interfaces" / "conveyor_msgs" / "package.xml").is_file()
 

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pointit.bridges.ros2.routing.uids import MOST, Kinds, Uids
+from pointit.bridges.ros2.routing.uids import MAX_NUMBER, Kinds, Uids
 
 
 def test_digits_are_kept_where_they_are_free() -> None:
@@ -17,7 +17,7 @@ def test_digits_are_kept_where_they_are_free() -> None:
 
 def test_digits_that_do_not_fit_are_not_kept() -> None:
     uids = Uids()
-    assert uids.number("a-4294967296") <= MOST
+    assert uids.number("a-4294967296") <= MAX_NUMBER
     assert Uids(255).number("strip-300") <= 255
     assert Uids(255).number("strip-255") == 255
 
@@ -30,7 +30,7 @@ def test_numbers_are_stable_apart_and_lead_back(names: list[str]) -> None:
     for name, number in numbers.items():
         assert uids.number(name) == number
         assert uids.name(number) == name
-        assert 0 <= number <= MOST
+        assert 0 <= number <= MAX_NUMBER
 
 
 @given(
@@ -68,7 +68,7 @@ def test_a_number_that_was_asked_for_goes_to_who_comes_next() -> None:
     assert (uids.name(1), uids.name(7)) == ("new-2", None)
     assert uids.number("old-1") != 1
     with pytest.raises(ValueError, match="beyond"):
-        uids.bind(MOST + 1, "x")
+        uids.bind(MAX_NUMBER + 1, "x")
 
 
 def test_names_used_longest_ago_are_forgotten() -> None:

@@ -41,7 +41,7 @@ class Warned:
 
 
 class PhoneBench:
-    """What a service would have, and what happened to it."""
+    """A service's functions, and a record of calls."""
 
     def __init__(self, folder: Path) -> None:
         (folder / "phone.html").write_text("<!doctype html><title>wrist</title>")

@@ -1,11 +1,11 @@
-"""Who may see and who may control."""
+"""Access for viewing and for control."""
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from pointit.bridges.web.server import access
-from pointit.bridges.web.server.access import GUESSES_S, MOST_ADDRESSES, MOST_GUESSES, Access, RequestInfo
+from pointit.bridges.web.server.access import GUESSES_S, MAX_ADDRESSES, MAX_GUESSES, Access, RequestInfo
 
 OPERATOR, VIEWER = "operator token; with = and ü", "viewer-token"
 
@@ -50,13 +50,13 @@ def test_the_token_says_who_one_is_and_so_does_the_cookie(
 
 
 def test_no_cookie_is_nobody_and_no_guess(doors: Access) -> None:
-    for _ in range(2 * MOST_GUESSES):
+    for _ in range(2 * MAX_GUESSES):
         assert doors.admit(HERE, 0.0) is None
     assert not doors.is_rate_limited("127.0.0.1", 0.0)
 
 
 @given(st.text())
-def test_no_other_text_opens(token: str) -> None:
+def test_any_other_token_is_rejected(token: str) -> None:
     doors = Access(OPERATOR, VIEWER)
     assert (doors.enter(token, HERE, 0.0) is None) == (token not in (OPERATOR, VIEWER))
     assert doors.admit(asked(cookies={access.cookie_name(HERE): token}), 0.0) is None
@@ -69,14 +69,14 @@ def test_new_tokens_differ_and_are_long() -> None:
 
 
 def test_right_token_enters_however_often_its_address_has_guessed(doors: Access) -> None:
-    for guess in range(10 * MOST_GUESSES):
+    for guess in range(10 * MAX_GUESSES):
         assert doors.enter(f"guess {guess}", HERE, 0.0) is None
     assert doors.is_rate_limited("127.0.0.1", 0.0)
     assert doors.enter(OPERATOR, HERE, 0.0) == "operator"
     assert doors.admit(with_cookie(VIEWER), 0.0) == "viewer"
     assert doors.enter("wrong", HERE, 0.0) is None
     assert not doors.is_rate_limited("10.0.0.7", 0.0)
-    assert len(doors._guesses["127.0.0.1"]) == MOST_GUESSES
+    assert len(doors._guesses["127.0.0.1"]) == MAX_GUESSES
     assert not doors.is_rate_limited("127.0.0.1", GUESSES_S + 0.1)
 
 
@@ -87,7 +87,7 @@ def test_a_page_that_tries_its_old_cookie_again_and_again_is_not_barred(doors: A
 
 
 def test_cookies_are_guessed_no_more_often_than_tokens(doors: Access) -> None:
-    for guess in range(MOST_GUESSES):
+    for guess in range(MAX_GUESSES):
         doors.admit(asked(cookies={access.cookie_name(HERE): f"{guess}"}), 0.0)
     assert doors.is_rate_limited("127.0.0.1", 1.0)
 
@@ -95,16 +95,16 @@ def test_cookies_are_guessed_no_more_often_than_tokens(doors: Access) -> None:
 @pytest.mark.parametrize("destination", ["image", "iframe", "script", "empty"])
 def test_foreign_pages_cannot_guess_through_what_they_embed(doors: Access, destination: str) -> None:
     embedded = asked(destination=destination)
-    for guess in range(2 * MOST_GUESSES):
+    for guess in range(2 * MAX_GUESSES):
         assert doors.enter(f"guess {guess}", embedded, 0.0) is None
     assert doors.enter(OPERATOR, embedded, 0.0) is None
     assert doors.enter(OPERATOR, asked(destination="document"), 0.0) == "operator"
 
 
 def test_addresses_that_guess_are_not_remembered_without_end(doors: Access) -> None:
-    for number in range(2 * MOST_ADDRESSES):
+    for number in range(2 * MAX_ADDRESSES):
         doors.enter("wrong", asked(address=f"10.0.{number // 256}.{number % 256}"), 0.0)
-    assert len(doors._guesses) <= MOST_ADDRESSES
+    assert len(doors._guesses) <= MAX_ADDRESSES
 
 
 @pytest.mark.parametrize(

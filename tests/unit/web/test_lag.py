@@ -1,4 +1,4 @@
-"""How old is what pages show."""
+"""Latency of pages."""
 
 from pointit.bridges.web.pages.lag import LATENCIES_S, Latencies
 

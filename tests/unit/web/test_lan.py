@@ -40,19 +40,19 @@ async def fetched(url: str) -> str:
         return (await client.get(url)).text
 
 
-def test_which_address_is_taken() -> None:
+def test_listening_address_is_chosen() -> None:
     assert choose_address("", ["192.168.1.20", "10.0.0.7"]) == "192.168.1.20"
     assert choose_address("10.0.0.7", ["192.168.1.20"]) == "10.0.0.7"
     assert choose_address("FD00::5", []) == "fd00::5"
     with pytest.raises(ConfigError, match=r"no address in a local network.*lan_address"):
         choose_address("", [])
-    with pytest.raises(ConfigError, match=r"lan_address: 'wlan0' is no address"):
+    with pytest.raises(ConfigError, match=r"lan_address: 'wlan0' is not an address"):
         choose_address("wlan0", [])
     with pytest.raises(ConfigError, match=r"lan_address: 0\.0\.0\.0 is not the address of one machine"):
         choose_address("0.0.0.0", [])  # noqa: S104 - refused
 
 
-def test_how_addresses_are_written() -> None:
+def test_url_writes_ipv6_addresses_in_brackets() -> None:
     assert url("https", "10.0.0.7", 8443) == "https://10.0.0.7:8443"
     assert url("https", "fd00::5", 8443) == "https://[fd00::5]:8443"
 

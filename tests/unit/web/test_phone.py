@@ -341,4 +341,4 @@ async def test_two_people_have_two_phones(bench: PhoneBench, phone: httpx.AsyncC
         assert await posted(phone, TURN) == []
         (cue,) = await posted(other, TURN)
         assert cue["has_lost_arm"]
-        assert "somebody else" in cue["text"]
+        assert "another device" in cue["text"]

@@ -104,7 +104,7 @@ def test_what_is_old_goes_even_when_nothing_comes() -> None:
 
 def test_it_is_bounded_in_number_and_in_bytes() -> None:
     few = LastMinute(60.0, most=5)
-    small = LastMinute(60.0, most_bytes=1000)
+    small = LastMinute(60.0, max_bytes=1000)
     for k in range(50):
         add(few, CURSOR, cursor(0.1 * k, k), "anna")
         add(small, CURSOR, cursor(0.1 * k, k), "anna")

@@ -1,4 +1,4 @@
-"""How the site is, as the page is told."""
+"""Status of the site for the page."""
 
 import pytest
 

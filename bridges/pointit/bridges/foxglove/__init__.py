@@ -1,1 +1,1 @@
-"""The scene for Foxglove's and Lichtblick's viewer, who look on and cannot control anything."""
+"""Read-only bridge: shows the scene in Foxglove and Lichtblick."""

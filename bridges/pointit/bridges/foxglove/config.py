@@ -8,28 +8,28 @@ from pointit.schemas.environment import KIND_COLORS
 
 
 class FoxgloveConfig(Config):
-    """Where viewers connect, and how much they are sent."""
+    """Listening address of the viewers' server, and rates."""
 
     host: str = Field(
         default="127.0.0.1",
         min_length=1,
-        description="address to listen on; any but the loopback shows the site to everybody who reaches it",
+        description="address to listen on; anything but the loopback shows the site to the whole network",
     )
     port: int = Field(
         default=8765,
         ge=0,
         le=65535,
-        description="port to listen on, 0: any free one; in the viewer open a Foxglove WebSocket connection "
-        "to ws://127.0.0.1:8765 and import the layout that is named at the start",
+        description="port to listen on, 0: any free port; in the viewer open a Foxglove WebSocket connection "
+        "to ws://127.0.0.1:8765 and import the layout named in the log",
     )
     rate_hz: float = Field(
-        default=30.0, gt=0, le=120, description="what changes is sent at most so often; the newest wins, Hz"
+        default=30.0, gt=0, le=120, description="maximum rate of updates, Hz; only the newest state is sent"
     )
     forget_s: float = Field(
         default=1.0,
         ge=0.1,
         le=60,
-        description="rays and objects of which nothing was heard for so long are no longer shown, s",
+        description="rays and objects without a message for this long are removed, s",
     )
     kind_colors: dict[str, Rgb] = Field(
         default=KIND_COLORS, description="red, green, blue by kind of object; others are grey"

@@ -1,4 +1,4 @@
-"""What happened, in sentences: warnings of services, events, cues, localizations, who comes and goes."""
+"""Log lines from messages: warnings of services, events, cues, localizations, presence."""
 
 import re
 from collections import deque
@@ -12,14 +12,14 @@ from pointit.bridges.foxglove import shapes
 from pointit.schemas import Feedback, Health, Interaction, Localization, Message, SelectionEvent
 
 HISTORY = 200
-"""Lines kept for who joins late."""
+"""Lines kept for viewers that join late."""
 
 _NUMBER = re.compile(r"\d+(?:\.\d+)?")
 
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """One sentence, when it was said and of whom."""
+    """One log line with its time and source."""
 
     at_ns: int
     level: LogLevel
@@ -27,7 +27,7 @@ class Line:
     text: str
 
     def log(self) -> Log:
-        """Return it as Foxglove has it."""
+        """Return it as a Foxglove message."""
         return Log(
             timestamp=shapes.timestamp(self.at_ns), level=self.level, message=self.text, name=self.source
         )
@@ -35,17 +35,17 @@ class Line:
 
 @dataclass(slots=True)
 class _Account:
-    """What a service said last."""
+    """Values of a service's last report."""
 
     warnings: dict[str, str]
-    """By the sentence without its numbers, which may change every second."""
+    """By text without numbers, which may change every second."""
     errors: int
     lost: int
     invalid: int
 
 
 class EventLog:
-    """Turns messages into lines, saying each thing once."""
+    """Turns messages into log lines. Each change is reported once."""
 
     def __init__(self) -> None:
         self.history: deque[Line] = deque(maxlen=HISTORY)
@@ -61,24 +61,24 @@ class EventLog:
         }
 
     def take(self, message: Message, name: str, now_ns: int) -> list[Line]:
-        """Return what `message`, whose key has `name`, tells anew."""
+        """Return the new lines from `message`, whose key has `name`."""
         writer = self._writers.get(type(message))
         return [] if writer is None else self._said(writer(message, name), name or "selection", now_ns)
 
     def presence(self, instance: str, now_ns: int, *, present: bool) -> list[Line]:
-        """Return that a service came or left."""
+        """Return the line that says that a service has started or ended."""
         if not present:
             self._accounts.pop(instance, None)
         said = (LogLevel.Info, "runs") if present else (LogLevel.Warning, "has ended")
         return self._said(iter([said]), instance, now_ns)
 
     def leave(self, user: str) -> None:
-        """Forget what a person did who has gone."""
+        """Forget the states of a person who has left."""
         self._phases.pop(user, None)
         self._states.pop(user, None)
 
     def active_warnings(self, now_ns: int) -> list[Line]:
-        """Return the warnings that hold now."""
+        """Return the warnings that are active now."""
         return [
             Line(now_ns, LogLevel.Warning, instance, sentence)
             for instance, account in self._accounts.items()

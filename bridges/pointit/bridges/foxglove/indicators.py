@@ -1,4 +1,4 @@
-"""What changes now and then: the colours of lamps, what came out at bays."""
+"""Entities that change seldom: colours of lamps, counts at bays."""
 
 from collections.abc import Iterable, Mapping
 
@@ -9,12 +9,12 @@ from pointit.schemas import ConveyorState, Environment, Lamp, LampColor
 
 LAMP_M = 0.09
 OFF = 45
-"""A lamp that is off shows at least this grey."""
+"""Minimum grey of a lamp that is off."""
 ABOVE_M = 0.2
 
 
 def lamps(all_lamps: Iterable[Lamp], colors: Mapping[str, LampColor], now_ns: int) -> list[NamedEntity]:
-    """Return a ball with its name for every lamp, in the colour it was told to show."""
+    """Return a labelled ball per lamp in its commanded colour."""
     entities: list[NamedEntity] = []
     for lamp in all_lamps:
         told = colors.get(lamp.id)
@@ -36,7 +36,7 @@ def lamps(all_lamps: Iterable[Lamp], colors: Mapping[str, LampColor], now_ns: in
 def bays(
     environment: Environment, lines: Lines, state: ConveyorState | None, now_ns: int
 ) -> list[NamedEntity]:
-    """Return words where each bay's belt ends: its name, and a line for each kind that came out there."""
+    """Return a label at the end of each bay's belt: its name, and a line per kind that came out there."""
     entities: list[NamedEntity] = []
     for bay in environment.bays:
         if bay.belt not in lines.belts:

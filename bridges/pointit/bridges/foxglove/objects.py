@@ -1,4 +1,4 @@
-"""What moves: packages on belts, segments on strips, robots; who hovers and who has selected them."""
+"""Moving objects: packages on belts, segments on strips, robots, with their hovers and owners."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
@@ -16,19 +16,19 @@ from pointit.schemas.base import Rgb
 from pointit.schemas.environment import OTHER_COLOR
 
 LIFETIME_S = 2.0
-"""A viewer that missed that something left shows it no longer."""
+"""Lifetime of an entity, s, for viewers that missed its deletion."""
 
-# As the page has them in `web/client/src/geometry/looks.ts`: the bus tells lengths only.
+# As in `web/client/src/geometry/looks.ts`: messages have lengths only.
 PACKAGE_WIDE = (0.75, 0.1, 0.34)
-"""Width of a package, by its length: share, least and most, m."""
+"""Width of a package: share of its length, minimum and maximum, m."""
 PACKAGE_HIGH = (0.6, 0.1, 0.26)
-"""Height of a package likewise."""
+"""Height of a package: share of its length, minimum and maximum, m."""
 SEGMENT = (0.07, 0.06)
 """Width and height of a segment of a strip, m."""
 USUAL_LENGTH_M = 0.12
-"""Length of what is on a line and tells none."""
+"""Length of an object on a line without a length of its own."""
 ROBOT_M = 0.3
-"""Diameter of what is on no line and has no length."""
+"""Diameter of an object that is on no line and has no length."""
 
 SELECTED_PIXELS, HOVERED_PIXELS, RESERVED_PIXELS = 4.0, 2.0, 1.0
 MOVES_MPS = 0.05
@@ -36,7 +36,7 @@ MOVES_MPS = 0.05
 
 @dataclass(slots=True)
 class ObjectOwnership:
-    """Who does what with objects, by their id."""
+    """Owners, reservers and hovering users by object id."""
 
     owners: dict[str, str] = field(default_factory=dict[str, str])
     reservers: dict[str, str] = field(default_factory=dict[str, str])
@@ -57,7 +57,7 @@ class ObjectOwnership:
 
 @dataclass(frozen=True, slots=True)
 class _Box:
-    """The space that an object takes."""
+    """Bounding box of an object."""
 
     center_m: Vec3
     size_m: Vec3
@@ -69,10 +69,10 @@ class _Box:
 
 
 class ObjectRenderer:
-    """How objects look on the lines of a map."""
+    """Draws objects on the lines of a map."""
 
     def __init__(self, lines: Lines, kind_colors: Mapping[str, Rgb]) -> None:
-        """Take the lines that things move on, and the colours of kinds; others are grey."""
+        """Keep the lines that objects move on, and the colours of kinds; others are grey."""
         self._lines = lines
         self._kind_colors = kind_colors
 
@@ -129,7 +129,7 @@ class ObjectRenderer:
         )
 
     def _box(self, item: TrackedObject) -> tuple[Polyline | None, Vec3]:
-        """Return the line that the object is on, none: it is on none; and its length, width and height."""
+        """Return the object's line, or None if it is on none, and its length, width and height."""
         length_m = item.length_m or USUAL_LENGTH_M
         if item.surface == "belt" and item.surface_id in self._lines.belts:
             width_m, height_m = (
@@ -150,7 +150,7 @@ class ObjectRenderer:
         box: _Box,
         facts: dict[str, str],
     ) -> tuple[list[LinePrimitive], list[TextPrimitive]]:
-        """Return outlines and words that say whose it is, the thickest for who has it; tell `facts` too."""
+        """Return outlines and labels of owners, the owner's outline the thickest. Adds them to `facts`."""
         outlines: list[tuple[Rgb, float]] = []
         words: list[str] = []
         owner, reserver = claims.owners.get(item.id), claims.reservers.get(item.id)

@@ -1,4 +1,4 @@
-"""People: body, arm, ray, cursor, goal, how sure their place is, and their frame {H}."""
+"""People: body, arm, ray, cursor, goal, uncertainty of the position, frame {H}."""
 
 from dataclasses import dataclass
 
@@ -16,44 +16,44 @@ from pointit.sim.aim import Stance
 
 LIFETIME_S = 2.0
 NOBODY = UserProfile(stamp_ns=0)
-"""Who has said nothing about themselves."""
+"""Profile of a person who has not published one."""
 
 SIGMAS = 2.0
-"""The ellipse around a place, in standard deviations."""
+"""Size of the position's ellipse, in standard deviations."""
 SMALLEST_M = 5e-3
-"""An ellipse whose longer half-axis is shorter is not drawn: the place is known."""
+"""An ellipse with a shorter major half-axis is not drawn: the position is known."""
 FREE_RAY_M = 4.0
-"""A ray that meets nothing is drawn so long, as in the page (`looks.ts`)."""
+"""Drawn length of a ray that meets nothing, as in the page (`looks.ts`)."""
 CURSOR_M = 0.08
 GOAL_M = 0.5
 """Length of the arrow at a goal."""
 GOAL_ABOVE_M = 0.03
-"""It lies so far above the place, to be seen."""
+"""Height of the arrow above the floor, to be visible."""
 TORSO_M, HEAD_M, ARM_M, RAY_M = 0.34, 0.22, 0.07, 0.012
 _CIRCLE = np.linspace(0.0, 2.0 * np.pi, 48, endpoint=False)
 
 
 @dataclass(slots=True)
 class Person:
-    """What was heard of one person."""
+    """Last messages of one person."""
 
     profile: UserProfile = NOBODY
     pose: UserPose | None = None
     cursor: Cursor | None = None
     goal: Goal | None = None
-    """Where they sent a robot last."""
+    """Last goal that the person sent a robot to."""
     rim_m: list[list[float]] | None = None
-    """The ellipse around their place; it changes with the pose only."""
+    """Ellipse of the position's uncertainty; changes with the pose only."""
 
     def stand(self, pose: UserPose) -> None:
-        """Take where they stand."""
+        """Set the pose."""
         self.pose = pose
         rim = ellipse(pose)
         self.rim_m = None if rim is None else rim.tolist()
 
     @property
     def color(self) -> Rgb:
-        """Return their colour."""
+        """Return the person's colour."""
         return self.profile.cursor_color
 
 
@@ -75,7 +75,7 @@ def transform(user: str, pose: UserPose, now_ns: int) -> FrameTransform:
 
 
 def ellipse(pose: UserPose) -> Places | None:
-    """Return the points of the `SIGMAS` ellipse around the place of `pose`; none: it is too small to see."""
+    """Return the points of the `SIGMAS` ellipse around the position, or None if it is too small to see."""
     spread = np.array(pose.covariance).reshape(3, 3)[:2, :2]
     variances, axes = np.linalg.eigh((spread + spread.T) / 2.0)
     halves_m = SIGMAS * np.sqrt(np.maximum(variances, 0.0))
@@ -87,7 +87,7 @@ def ellipse(pose: UserPose) -> Places | None:
 
 
 def entities(user: str, person: Person, now_ns: int) -> list[NamedEntity]:
-    """Return the body of `user` where their place is known, ray and cursor while they point, their goal."""
+    """Return the body of `user` if the position is known, ray and cursor while pointing, and the goal."""
     found: list[NamedEntity] = []
     if person.pose is not None:
         found.append(_body(user, person, person.pose, now_ns))
@@ -159,7 +159,7 @@ def _pointing(user: str, cursor: Cursor, rgb: Rgb, now_ns: int) -> list[NamedEnt
 
 
 def _goal(user: str, goal: Goal, rgb: Rgb, now_ns: int) -> NamedEntity:
-    """Return an arrow that a robot is to stand on and look along."""
+    """Return an arrow at the position and along the heading that a robot is sent to."""
     foot = vector.add(goal.position_m, (0.0, 0.0, GOAL_ABOVE_M))
     return shapes.entity(
         f"goal {user}",

@@ -1,4 +1,4 @@
-"""The LEDs of all strips as one point cloud: 20 times cheaper than cubes, and they shine."""
+"""The LEDs of all strips as one point cloud, 20 times cheaper than cubes, and bright."""
 
 from collections.abc import Mapping
 
@@ -11,7 +11,7 @@ from pointit.geometry.polyline import Polyline
 from pointit.schemas import Strip, StripsFrame
 
 FLOOR = 32
-"""Pixels that are off show at least this grey: one sees where they are."""
+"""Minimum grey of pixels that are off, so that they are visible."""
 
 _LAYOUT = np.dtype([("place_m", "<f4", 3), ("rgba", "u1", 4)])
 _FIELDS = [
@@ -24,10 +24,10 @@ _FIELDS = [
 
 
 class Pixels:
-    """Where every pixel is; pixel i of n is in the middle of the i-th of n equal parts of its strip."""
+    """Positions of all pixels: pixel i of n is in the middle of the i-th of n equal parts of its strip."""
 
     def __init__(self, strips: Mapping[str, tuple[Polyline, Strip]]) -> None:
-        """Take strips by name, each with its line."""
+        """Compute the positions of the pixels of `strips`, lines by name."""
         self.count = sum(strip.pixels for _, strip in strips.values())
         self._slices: dict[str, slice] = {}
         self._points = np.zeros(self.count, dtype=_LAYOUT)
@@ -42,7 +42,7 @@ class Pixels:
             first = part.stop
 
     def light(self, frame: StripsFrame) -> None:
-        """Take the colours of `frame`; strips that are not on the map, or are longer there, are left out."""
+        """Set the colours of `frame`. Ignores strips that are not on the map or are longer there."""
         for strip in frame.strips:
             part = self._slices.get(strip.id)
             if part is not None and len(strip.rgb) == 3 * (part.stop - part.start):

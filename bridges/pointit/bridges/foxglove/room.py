@@ -1,4 +1,4 @@
-"""What stands still: belts as ribbons, strips as lines, solids, poles of lamps."""
+"""Static parts of the room: belts as ribbons, strips as lines, solids, poles of lamps."""
 
 from typing import Any
 
@@ -15,25 +15,25 @@ from pointit.schemas.base import Rgb
 from pointit.schemas.environment import Cloud, Plane
 
 ENDLESS_M = 20.0
-"""A plane without end is drawn so large."""
+"""Drawn size of an infinite plane."""
 
 SHARPEST = 0.35
-"""Cosine of half a bend's angle at which a ribbon's corner goes out no farther."""
+"""Cosine of half a bend's angle below which a ribbon's corner is cut."""
 
 POLE_M = 0.03
 BELT: Rgb = (70, 74, 84)
 RIM: Rgb = (150, 155, 165)
 SOLID: Rgb = (140, 150, 170)
 GLASS = 0.35
-"""Opacity of solids: what is behind them is seen."""
+"""Opacity of solids, so that objects behind them are visible."""
 
 
 class Lines:
-    """Belts and strips by name, those that can be drawn."""
+    """Drawable belts and strips by name."""
 
     def __init__(self, environment: Environment) -> None:
-        """Take those of `environment`; `complaints` has a sentence for each that cannot be drawn."""
-        self.complaints: list[str] = []
+        """Keep the lines of `environment`; `problems` has a message for each that cannot be drawn."""
+        self.problems: list[str] = []
         self.belts: dict[str, tuple[Polyline, Belt]] = {}
         self.strips: dict[str, tuple[Polyline, Strip]] = {}
         for belt in environment.belts:
@@ -47,7 +47,7 @@ class Lines:
         try:
             return Polyline(thing.line_m)
         except ValueError as error:
-            self.complaints.append(f"{what} {thing.id!r} cannot be drawn ({error}); correct the map")
+            self.problems.append(f"{what} {thing.id!r} cannot be drawn ({error}); correct the map")
             return None
 
 
@@ -80,7 +80,7 @@ def ribbon(line: Polyline, width_m: float) -> tuple[Places, list[int]]:
 
 
 def room(environment: Environment, lines: Lines, now_ns: int) -> list[NamedEntity]:
-    """Return everything of `environment` that does not change until the next map."""
+    """Return all entities of `environment` that change only with the map."""
 
     def made(kind: str, name: str, **primitives: Any) -> NamedEntity:
         facts = {"kind": kind, "id": name}

@@ -1,4 +1,4 @@
-"""All that is to be seen, in parts that a viewer can show and hide, each drawn when it has changed."""
+"""The scene, in parts that a viewer can show and hide. Each is drawn again when it has changed."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -44,7 +44,7 @@ T = TypeVar("T")
 
 @dataclass(slots=True)
 class _Heard(Generic[T]):
-    """What came, and when (monotonic, s)."""
+    """A message and its arrival time (monotonic, s)."""
 
     at_s: float
     message: T
@@ -54,7 +54,7 @@ class Scene:
     """Keeps the newest of everything; `changed` are the parts to be drawn again."""
 
     def __init__(self, kind_colors: Mapping[str, Rgb], forget_s: float) -> None:
-        """Begin with an empty room; what is shown of rays and objects is forgotten after `forget_s`."""
+        """Begin with an empty room; rays and objects expire after `forget_s`."""
         self._kind_colors = kind_colors
         self._forget_s = forget_s
         self.changed: set[Part] = set()
@@ -85,17 +85,17 @@ class Scene:
 
     @property
     def problems(self) -> list[str]:
-        """Return what of the map cannot be drawn, a sentence each."""
-        return self._lines.complaints
+        """Return a message for each part of the map that cannot be drawn."""
+        return self._lines.problems
 
     def take(self, message: Message, name: str, now_s: float) -> None:
-        """Keep `message`, whose key has `name`, if it is to be seen; `now_s` is monotonic."""
+        """Keep `message`, whose key has `name`, if it is drawn; `now_s` is monotonic."""
         taker = self._takers.get(type(message))
         if taker is not None:
             taker(message, name, now_s)
 
     def forget(self, now_s: float) -> None:
-        """Forget rays, hovers and objects that are too old."""
+        """Remove rays, hovers and objects that are too old."""
         oldest_s = now_s - self._forget_s
         for user in [user for user, at_s in self._pointed_s.items() if at_s < oldest_s]:
             del self._pointed_s[user]
@@ -108,18 +108,18 @@ class Scene:
 
     @property
     def is_moving(self) -> bool:
-        """Return True if something is shown that grows old."""
+        """Return True if something that expires is shown."""
         return bool(self._pointed_s or self._hovers or self._objects)
 
     def leave(self, user: str) -> None:
-        """Forget a person who has gone."""
+        """Forget a person who has left."""
         self._people.pop(user, None)
         self._pointed_s.pop(user, None)
         self._hovers.pop(user, None)
         self.changed |= {"people", "frames", "objects"}
 
     def draw(self, part: Part, now_ns: int) -> Picture:
-        """Return `part` as a whole, so that who has seen nothing yet sees all of it."""
+        """Return `part` as a whole, so that new viewers see all of it."""
         self.changed.discard(part)
         if part == "pixels":
             if self._frame is not None and not self._is_lit:
@@ -156,12 +156,14 @@ class Scene:
         ]
 
     def _update(self, part: Part, drawn: list[NamedEntity], now_ns: int) -> SceneUpdate:
-        """Return `drawn`, and take away what was there before and is not among it."""
+        """Return `drawn` and deletions of what was drawn before and is missing from it."""
         names = {each.name for each in drawn}
         gone = sorted(self._names.get(part, set()) - names)
         self._names[part] = names
         kind = SceneEntityDeletionType.MatchingId
-        if part == "room":  # comes seldom, and stays for ever: nothing that a viewer missed may stay with it
+        if (
+            part == "room"
+        ):  # sent seldom and without a lifetime: a viewer that missed a deletion must not keep the entity
             gone, kind = [""], SceneEntityDeletionType.All
         at = shapes.timestamp(now_ns)
         return SceneUpdate(

@@ -1,4 +1,4 @@
-"""The server of Foxglove's SDK, its channels, and who looks at which.
+"""The server of Foxglove's SDK, its channels and their subscribers.
 
 The SDK calls from threads of its own; `hand_over` brings each call into the loop.
 """
@@ -18,51 +18,51 @@ from pointit.runtime.errors import ListenError
 from pointit.schemas.catalogue.json_channel import Schema
 
 BACKLOG = 256
-"""Messages that wait for a slow viewer, the oldest give way: a second's worth, and more than all channels
-have to say to a newcomer at once."""
+"""Messages queued for a slow viewer; the oldest are dropped. About one second, and more than all channels
+send to a new viewer at once."""
 
 LOG = "/log"
 
 HandOver = Callable[[Callable[[], None]], None]
-"""Has a function called where everything else runs."""
+"""Calls a function in the event loop, thread-safe."""
 
 
 class SubscriptionCallback(Protocol):
-    """Is told that a viewer begins or ends to look at a channel."""
+    """Called when a viewer subscribes to a channel or unsubscribes."""
 
     def __call__(self, topic: str, *, begins: bool) -> None:
-        """Take it."""
+        """Handle the change."""
         ...
 
 
 PictureChannel = Any
-"""A channel for pictures of one part; each takes messages of its own type."""
+"""Channel for scenes of one part; each accepts messages of its own type."""
 
 
 class Viewers(ServerListener):
-    """Counts who looks at which channel, and tells of each who begins or ends."""
+    """Counts the viewers per channel and reports changes."""
 
     def __init__(self, hand_over: HandOver, tell: SubscriptionCallback) -> None:
-        """Have `tell(topic, begins=…)` called in the loop for each viewer that begins or ends to look."""
+        """Call `tell(topic, begins=…)` in the loop when a viewer subscribes or unsubscribes."""
         self._hand_over = hand_over
         self._tell = tell
         self._counts = Counter[str]()
 
     def on_subscribe(self, client: Client, channel: ChannelView) -> None:  # noqa: ARG002 - the SDK's signature
-        """Take a call of the SDK."""
+        """Handle a call of the SDK."""
         self._pass_on(channel.topic, begins=True)
 
     def on_unsubscribe(self, client: Client, channel: ChannelView) -> None:  # noqa: ARG002 - the SDK's signature
-        """Take a call of the SDK."""
+        """Handle a call of the SDK."""
         self._pass_on(channel.topic, begins=False)
 
     def of(self, topic: str) -> int:
-        """Return how many look at a channel."""
+        """Return the number of viewers of a channel."""
         return self._counts[topic]
 
     @property
     def any(self) -> bool:
-        """Return True if anybody looks at anything."""
+        """Return True if a viewer has subscribed to any channel."""
         return self._counts.total() > 0
 
     def _pass_on(self, topic: str, *, begins: bool) -> None:
@@ -76,10 +76,10 @@ class Viewers(ServerListener):
 
 
 class Server:
-    """Channels, and a server that nobody can control anything through: it offers no capability at all."""
+    """Channels and a read-only server: it offers no capability to clients."""
 
     def __init__(self, hand_over: HandOver, tell: SubscriptionCallback) -> None:
-        """Serve nobody yet; `tell` as `Viewers` has it."""
+        """Create the server without listening; `tell` as in `Viewers`."""
         self.viewers = Viewers(hand_over, tell)
         self._context = foxglove.Context()
         self._server: WebSocketServer | None = None
@@ -92,7 +92,7 @@ class Server:
         """Listen on `host` and `port` (0: any free one); return the address.
 
         Raises:
-            ListenError: the address is taken, or not ours.
+            ListenError: If the address is taken or not of this machine.
         """
         try:
             self._server = foxglove.start_server(
@@ -117,21 +117,21 @@ class Server:
         return foxglove.Channel(topic, schema=schema, context=self._context)
 
     def show(self, part: Part, picture: Any, now_ns: int) -> None:
-        """Send a picture of `part` to who looks at it."""
+        """Send a picture of `part` to its viewers."""
         self._pictures[part].log(picture, log_time=now_ns)
 
     def say(self, line: Line) -> None:
-        """Send a line to who reads the log."""
+        """Send a line to the viewers of the log."""
         self._log.log(line.log(), log_time=line.at_ns)
 
     def close(self) -> None:
-        """Part from all viewers and listen no more."""
+        """Disconnect all viewers and stop listening."""
         if self._server is not None:
             self._server.stop()
 
 
 def picture_topic(part: Part) -> str:
-    """Return the channel on which `part` is shown."""
+    """Return the channel that shows `part`."""
     return "/tf" if part == "frames" else f"/scene/{part}"
 
 

@@ -1,4 +1,4 @@
-"""Reads what onlookers are shown; serves it to Foxglove's and Lichtblick's viewers."""
+"""Subscribes to what viewers are shown, and serves it to Foxglove and Lichtblick."""
 
 import asyncio
 import contextlib
@@ -27,16 +27,16 @@ from pointit.services.registry import SHOWN
 log = logging.getLogger(__name__)
 
 LAYOUT = Path(__file__).with_name("layout.json")
-"""Panels to begin with, for both viewers."""
+"""Initial panels, for both viewers."""
 
 MAX_CHANNELS = 2000
-"""Keys that are mirrored; there may be any number of names in them."""
+"""Maximum number of mirrored keys; the number of names is unbounded."""
 
 FAST = tuple(topic for topic in SHOWN if topic.delivery is Delivery.LATEST and topic is not HEALTH)
-"""What takes time to read; it is left alone while nobody looks on."""
+"""Topics that cost time to decode. They are subscribed to only while a viewer is connected."""
 
 LOOK_S = 3.0
-"""So long it is read when a service comes, and when the last viewer has gone."""
+"""Time (s) for which they are read after a service has started or the last viewer has left."""
 
 LOOPBACK = ("127.0.0.1", "::1", "localhost")
 
@@ -46,7 +46,7 @@ EVERYWHERE = ("0.0.0.0", "::")  # noqa: S104 - told apart
 
 @dataclass(slots=True)
 class _Mirrored:
-    """The newest message of one key, on its way to viewers."""
+    """The newest message of one key for viewers."""
 
     channel: Channel
     plain: JsonChannel
@@ -57,17 +57,17 @@ class _Mirrored:
 
 
 class Foxglove(Service[FoxgloveConfig]):
-    """Shows the scene, every topic and the log in Foxglove's or Lichtblick's viewer; it controls nothing."""
+    """Shows the scene, every topic and the log in Foxglove or Lichtblick; read-only."""
 
     NAME: ClassVar[str] = "foxglove"
     SCOPE: ClassVar[Scope] = "site"
     CONFIG = FoxgloveConfig
 
     def __init__(self, config: FoxgloveConfig, context: Context) -> None:
-        """Listen to the site; viewers are let in when it runs."""
+        """Subscribe to the site's topics; viewers are accepted by `run`."""
         super().__init__(config, context)
         self._scene = Scene(config.kind_colors, config.forget_s)
-        self._chronicle = EventLog()
+        self._event_log = EventLog()
         self._loop = asyncio.get_running_loop()
         self._plains = {topic.key: JsonChannel(topic.message) for topic in SHOWN}
         self._mirrored: dict[str, _Mirrored] = {}
@@ -80,7 +80,7 @@ class Foxglove(Service[FoxgloveConfig]):
         for topic in SHOWN:
             if topic not in FAST:
                 self._subscribe(topic)
-        self._look()
+        self._read_fast_topics()
         self.bus.watch(USER_ALIVE, self._on_person)
         self.bus.watch(SERVICE_ALIVE, self._on_service)
 
@@ -88,7 +88,7 @@ class Foxglove(Service[FoxgloveConfig]):
         """Serve viewers until cancelled.
 
         Raises:
-            ListenError: the address is taken, or not ours.
+            ListenError: If the address is taken or not of this machine.
         """
         config = self.config
         address = self._server.open(f"PointIt {self.bus.site}", config.host, config.port)
@@ -97,7 +97,9 @@ class Foxglove(Service[FoxgloveConfig]):
         try:
             log.info("open a connection to %s in Foxglove or Lichtblick, and import %s", address, LAYOUT)
             if config.host not in LOOPBACK:
-                log.warning("whoever reaches %s sees everything that happens at this site", address)
+                log.warning(
+                    "every machine that can reach %s sees everything that happens at this site", address
+                )
             await asyncio.Event().wait()
         finally:
             self._server.close()
@@ -105,8 +107,8 @@ class Foxglove(Service[FoxgloveConfig]):
     def _subscribe(self, topic: Topic[Any]) -> Subscription:
         return self.bus.subscribe(topic, functools.partial(self._on_message, topic))
 
-    def _look(self) -> None:
-        """Read the fast topics as long as anybody looks on, or long enough to learn which keys there are."""
+    def _read_fast_topics(self) -> None:
+        """Subscribe to the fast topics while viewers are connected, or long enough to learn the keys."""
         if not self._fast:
             self._fast = [self._subscribe(topic) for topic in FAST]
         if self._rest_timer is not None:
@@ -127,10 +129,10 @@ class Foxglove(Service[FoxgloveConfig]):
     def _on_message(self, topic: Topic[Any], message: Message, name: str) -> None:
         self._scene.take(message, name, self._loop.time())
         if isinstance(message, Environment):
-            self._complain()
-        self._say(self._chronicle.take(message, name, self.clock.now_ns()))
+            self._update_map_warning()
+        self._send_log(self._event_log.take(message, name, self.clock.now_ns()))
         self._mirror(topic, message, name)
-        self._wish()
+        self._schedule_frame()
 
     def _mirror(self, topic: Topic[Any], message: Message, name: str) -> None:
         key = topic.at(name)
@@ -144,7 +146,7 @@ class Foxglove(Service[FoxgloveConfig]):
             mirrored = _Mirrored(channel, plain, topic, name, message)
             self._mirrored[key] = mirrored
         mirrored.message, mirrored.is_new = message, True
-        if topic.delivery is Delivery.EVENT:  # each one counts, the newest of them is not all there is
+        if topic.delivery is Delivery.EVENT:  # each event counts, not only the newest
             self._send(mirrored)
 
     def _send(self, mirrored: _Mirrored) -> None:
@@ -152,47 +154,47 @@ class Foxglove(Service[FoxgloveConfig]):
         if mirrored.channel.has_sinks():
             mirrored.channel.log(mirrored.plain.to_json(mirrored.message), log_time=self.clock.now_ns())
 
-    def _complain(self) -> None:
-        if complaints := self._scene.problems:
-            self.bus.warn("map", "; ".join(complaints[:3]))
+    def _update_map_warning(self) -> None:
+        if problems := self._scene.problems:
+            self.bus.warn("map", "; ".join(problems[:3]))
         else:
             self.bus.clear("map")
 
-    def _say(self, lines: Sequence[Line]) -> None:
+    def _send_log(self, lines: Sequence[Line]) -> None:
         if self._server.viewers.of(LOG):
             for line in lines:
                 self._server.say(line)
 
     def _on_person(self, user: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
         if present:
-            self._look()
+            self._read_fast_topics()
             return
         self._scene.leave(user)
-        self._chronicle.leave(user)
+        self._event_log.leave(user)
         for key in [
             key
             for key, each in self._mirrored.items()
             if each.topic.placeholder == "user" and each.name == user
         ]:
             self._mirrored.pop(key).channel.close()
-        self._wish()
+        self._schedule_frame()
 
     def _on_service(self, instance: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
         if present:
-            self._look()
-        self._say(self._chronicle.presence(instance, self.clock.now_ns(), present=present))
+            self._read_fast_topics()
+        self._send_log(self._event_log.presence(instance, self.clock.now_ns(), present=present))
 
     def _on_viewer(self, topic: str, *, begins: bool) -> None:
-        """Have all of a channel sent, for who has just begun to look at it."""
-        self._look()
+        """Send a channel's retained values to a viewer that has just subscribed."""
+        self._read_fast_topics()
         if not begins:
             return
         if topic == LOG:
             is_first = self._server.viewers.of(LOG) == 1
-            chronicle = self._chronicle
-            # others would read the whole history again, so they get what matters of it
-            self._say(
-                tuple(chronicle.history) if is_first else chronicle.active_warnings(self.clock.now_ns())
+            event_log = self._event_log
+            # the history would reach the other viewers again: a further viewer gets active warnings only
+            self._send_log(
+                tuple(event_log.history) if is_first else event_log.active_warnings(self.clock.now_ns())
             )
             return
         for part in PARTS:
@@ -201,15 +203,15 @@ class Foxglove(Service[FoxgloveConfig]):
         for mirrored in self._mirrored.values():
             if mirrored.channel.topic() == topic and mirrored.topic.delivery is not Delivery.EVENT:
                 mirrored.is_new = True
-        self._wish()
+        self._schedule_frame()
 
-    def _wish(self) -> None:
-        """Have what is new sent as soon as the rate allows, if anybody looks on."""
+    def _schedule_frame(self) -> None:
+        """Schedule the next frame as soon as the rate allows, if a viewer is connected."""
         if self._timer is None and self._server.viewers.any:
             since_s = self._loop.time() - self._sent_s
-            self._timer = self.bus.call_later(max(0.0, 1.0 / self.config.rate_hz - since_s), self._show)
+            self._timer = self.bus.call_later(max(0.0, 1.0 / self.config.rate_hz - since_s), self._send_frame)
 
-    def _show(self) -> None:
+    def _send_frame(self) -> None:
         self._timer = None
         now_s, now_ns = self._loop.time(), self.clock.now_ns()
         self._sent_s = now_s
@@ -221,12 +223,12 @@ class Foxglove(Service[FoxgloveConfig]):
             if mirrored.is_new:
                 self._send(mirrored)
         if self._scene.is_moving and self._fading is None:
-            # nothing more may come: then what moved has to vanish
+            # without further messages, moving objects have to expire
             self._fading = self.bus.call_later(self.config.forget_s, self._fade)
 
     def _fade(self) -> None:
         self._fading = None
-        self._wish()
+        self._schedule_frame()
 
 
 SERVICE = Foxglove

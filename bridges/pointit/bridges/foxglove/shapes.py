@@ -1,4 +1,4 @@
-"""Foxglove's primitives from our numbers: metres, {W}, colours 0 to 255."""
+"""Foxglove's primitives from PointIt's units: metres, {W}, colours 0 to 255."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Literal, NamedTuple
@@ -35,7 +35,7 @@ WORLD = "world"
 WHITE: Rgb = (255, 255, 255)
 
 Places = NDArray[np.float64]
-"""n x 3, m."""
+"""Positions, n x 3, m."""
 
 _LINES = {
     "strip": LinePrimitiveLineType.LineStrip,
@@ -47,14 +47,14 @@ _HEAD_M, _HEAD_WIDTH_M = 0.14, 0.06
 
 
 class NamedEntity(NamedTuple):
-    """An entity and its name: what Foxglove's own types hold cannot be read again."""
+    """An entity and its name, since Foxglove's own types cannot be read back."""
 
     name: str
     entity: SceneEntity
 
 
 def timestamp(now_ns: int) -> Timestamp:
-    """Return a time in Unix ns as Foxglove has it."""
+    """Return a Foxglove timestamp of a time in Unix ns."""
     return Timestamp(now_ns // NS_PER_S, now_ns % NS_PER_S)
 
 
@@ -87,7 +87,7 @@ def line(
     pixels: float = 2.0,
     alpha: float = 1.0,
 ) -> LinePrimitive:
-    """Return a line as thick as so many `pixels` of the screen."""
+    """Return a line, `pixels` of the screen thick."""
     return LinePrimitive(
         type=_LINES[kind],
         pose=pose((0.0, 0.0, 0.0)),
@@ -118,7 +118,7 @@ def sphere(center_m: Vec3, diameter_m: float, rgb: Rgb, alpha: float = 1.0) -> S
 def cylinder(
     foot_m: Vec3, height_m: float, diameter_m: float, rgb: Rgb, *, alpha: float = 1.0, waist: float = 1.0
 ) -> CylinderPrimitive:
-    """Return an upright cylinder that stands at `foot_m`; at its foot it is `waist` times as wide."""
+    """Return an upright cylinder on `foot_m`; its foot is `waist` times as wide."""
     return CylinderPrimitive(
         pose=pose((foot_m[0], foot_m[1], foot_m[2] + height_m / 2.0)),
         size=size(diameter_m, diameter_m, height_m),
@@ -129,7 +129,7 @@ def cylinder(
 
 
 def cylinder_between(start_m: Vec3, end_m: Vec3, diameter_m: float, rgb: Rgb) -> CylinderPrimitive:
-    """Return a cylinder from one place to another."""
+    """Return a cylinder from one point to another."""
     way_m = vector.subtract(end_m, start_m)
     turned = rotation.multiply(_towards(way_m), _Z_TO_X)
     return CylinderPrimitive(
@@ -158,7 +158,7 @@ def arrow(
 
 
 def label(text: str, at_m: Vec3, rgb: Rgb = WHITE, height_m: float = 0.14) -> TextPrimitive:
-    """Return words that always face who looks, `height_m` high."""
+    """Return a label, `height_m` high, that always faces the viewer."""
     return TextPrimitive(pose=pose(at_m), billboard=True, font_size=height_m, color=color(rgb), text=text)
 
 
@@ -170,7 +170,7 @@ def entity(
     facts: Mapping[str, str] | None = None,
     **primitives: Any,
 ) -> NamedEntity:
-    """Return an entity in {W}; `facts` are shown when it is clicked on, lifetime 0 is for ever."""
+    """Return an entity in {W}. `facts` are shown on a click, lifetime 0 is for ever."""
     made = SceneEntity(
         timestamp=timestamp(now_ns),
         frame_id=WORLD,
@@ -183,7 +183,7 @@ def entity(
 
 
 def box_edges(center_m: Vec3, size_m: Vec3, orientation: rotation.Quaternion) -> list[Vec3]:
-    """Return the twelve edges of a box, two places each."""
+    """Return the twelve edges of a box, two points each."""
     corners = [
         vector.add(center_m, rotation.rotate(orientation, (x * size_m[0], y * size_m[1], z * size_m[2])))
         for x in (-0.5, 0.5)

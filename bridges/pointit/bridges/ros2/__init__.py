@@ -1,1 +1,1 @@
-"""A node in a ROS 2 graph: shows PointIt to robots, takes what they send, needs nothing of ROS installed."""
+"""A node in a ROS 2 graph: shows PointIt to robots and reads their messages; needs no installed ROS."""

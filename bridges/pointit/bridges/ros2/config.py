@@ -13,18 +13,18 @@ from pointit.schemas.topics import check_name
 NAME = re.compile(r"(/[A-Za-z_][A-Za-z0-9_]*)+")
 """A node's full name."""
 
-MOST_GUESTS = 100
-"""Each has their ray and a look at it four times a second."""
+MAX_GUESTS = 100
+"""Maximum number of guests; each has a ray, and a check four times a second."""
 
 
 class BackendConfig(Config):
-    """How the bridge joins the ROS graph."""
+    """Connection to the ROS graph."""
 
     kind: Literal["rmw_zenoh", "dds"] = Field(
         default="rmw_zenoh",
         description="how the ROS nodes speak: rmw_zenoh, RMW_IMPLEMENTATION=rmw_zenoh_cpp; dds, DDS or "
-        "whatever else the ROS speaks that is installed and sourced here, by its rclpy (mode and endpoint do "
-        "not matter then)",
+        "any other middleware of the ROS that is installed and sourced here, by its rclpy (mode and endpoint "
+        "do not matter then)",
     )
     mode: Literal["auto", "peer", "client", "router"] = Field(
         default="auto",
@@ -60,7 +60,7 @@ class BackendConfig(Config):
 
 
 class Ros2Config(Config):
-    """Which ROS graph, and what is taken there and brought from there."""
+    """The ROS graph, and the routes to and from it."""
 
     backend: BackendConfig = Field(
         default=BackendConfig(), description="how the bridge joins the ROS graph, and as whom"
@@ -72,13 +72,13 @@ class Ros2Config(Config):
     )
     unread: bool = Field(
         default=False,
-        description="publish also what nobody in the ROS graph subscribes to, at the cost of what is read",
+        description="publish also what no node in the ROS graph subscribes to, at the cost of what is read",
     )
     people: tuple[str, ...] = Field(
         default=(),
-        max_length=MOST_GUESTS,
+        max_length=MAX_GUESTS,
         description="people without `pointit user`, as [anna, ben], all of whose nodes are ROS nodes: their "
-        "pointing_ray, tf and PUI_subscription are taken",
+        "pointing_ray, tf and PUI_subscription are read",
     )
 
     @field_validator("people", mode="before")

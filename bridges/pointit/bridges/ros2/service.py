@@ -1,4 +1,4 @@
-"""A node in a ROS 2 graph: what people point at and what they say, under the names and types ROS knows."""
+"""A node in a ROS 2 graph: people, pointing and objects under names and types of ROS."""
 
 import asyncio
 import contextlib
@@ -28,18 +28,18 @@ log = logging.getLogger(__name__)
 
 
 NOTED_S = 4.0
-"""After so long it is said once who is missing: a first user may wonder why nothing happens."""
+"""Delay (s) of the note about missing nodes, for new users who wonder why nothing happens."""
 
 
 class Ros2(Service[Ros2Config]):
-    """Mirrors topics and services both ways by the route table; the site goes on without it."""
+    """Mirrors topics and services both ways by the route table; the site does not depend on it."""
 
     NAME: ClassVar[str] = "ros2"
     SCOPE: ClassVar[Scope] = "site"
     CONFIG = Ros2Config
 
     def __init__(self, config: Ros2Config, context: Context) -> None:
-        """Make types and routes; nothing is heard before the ROS graph is joined."""
+        """Make types and routes; subscribes when the ROS graph is joined."""
         super().__init__(config, context)
         self._table = _only(routes(config.routes), lambda route: route.enabled)
         types = Types(config.backend.distro)
@@ -49,7 +49,7 @@ class Ros2(Service[Ros2Config]):
         self._people, self._services = PresenceCache("user"), PresenceCache("service")
 
     def _leave_out(self, unusable: Mapping[str, str]) -> None:
-        """Do without the routes of types that cannot be used, and say why."""
+        """Log and omit the routes of unusable types."""
         for name, why in unusable.items():
             left_out = ", ".join(route.name for route in self._table.all if route.type == name)
             sentence = f"without {left_out}: type {name} cannot be used: {why}"
@@ -59,29 +59,29 @@ class Ros2(Service[Ros2Config]):
 
     @classmethod
     def validate_config(cls, config: Ros2Config) -> None:
-        """Refuse a file of routes that cannot be used, and an address that is none.
+        """Check the file of routes and the router's address.
 
         Raises:
-            ConfigError: names the parameter or route, the value and what to do.
+            ConfigError: If one cannot be used; names it, the value and what to do.
         """
         check_endpoint(config.backend.endpoint)
         routes(config.routes)
 
     @classmethod
     def validate_link(cls, config: Ros2Config, addresses: Sequence[str]) -> None:
-        """Refuse to look for ROS's router where PointIt's is: nobody there would say what is wrong.
+        """Check that ROS's router is not at PointIt's address, where no node would report the mistake.
 
         Raises:
-            ConfigError: names both addresses and what to do.
+            ConfigError: If it is; names both addresses and what to do.
         """
         if config.backend.kind != "dds":
             check_apart(config.backend.endpoint, addresses)
 
     async def run(self) -> None:
-        """Be in the graph until cancelled.
+        """Stay in the graph until cancelled.
 
         Raises:
-            ListenError: the address to be the ROS router at is taken.
+            ListenError: If the address to be the ROS router at is taken.
         """
         backend = await opened(self.config.backend, self.bus, is_bridge=True)
         log.info(
@@ -102,7 +102,7 @@ class Ros2(Service[Ros2Config]):
             backend.watch(functools.partial(self._look, outbox, inbox, guests))
             for topic in dict.fromkeys((*outbox.topics, *HEARD)):
                 hearing = self.bus.subscribe(topic, functools.partial(self._hear, outbox, topic))
-                stack.callback(hearing.close)  # before the graph is left, which takes a while
+                stack.callback(hearing.close)  # before leaving the graph, which takes a while
             meeting = self.bus.watch(USER_ALIVE, functools.partial(self._meet, outbox, inbox))
             stack.callback(meeting.close)
             minding = self.bus.watch(SERVICE_ALIVE, functools.partial(self._mind, outbox, guests))
@@ -128,7 +128,7 @@ class Ros2(Service[Ros2Config]):
 
     def _meet(self, outbox: Outbox, inbox: Inbox, user: str, present: bool) -> None:  # noqa: FBT001 - the bus's
         if present:
-            self._scene.person(user)  # whose frame is known from now on
+            self._scene.person(user)  # their frame is known from now on
             outbox.join(user)
             inbox.join(user)
             for topic, message in self._people.on_join(user):
@@ -142,7 +142,7 @@ class Ros2(Service[Ros2Config]):
     def _mind(self, outbox: Outbox, guests: Guests, instance: str, present: bool) -> None:  # noqa: FBT001 - as above
         guests.on_presence(instance, present)
         if present:
-            self._services.on_join(instance)  # its next report says all
+            self._services.on_join(instance)  # its next report is complete
         else:
             self._services.on_leave(instance)
             outbox.end(instance)
@@ -154,7 +154,7 @@ def _note(backend: Backend) -> None:
 
 
 def _unusable(table: Routes, types: Types) -> dict[str, str]:
-    """Return why types of `table` cannot be used, by their names; one costs its routes, not the bridge."""
+    """Return the problems of unusable types of `table`, by name. One disables its routes, not the bridge."""
     unusable: dict[str, str] = {}
     for name in dict.fromkeys(route.type for route in table.all):
         try:

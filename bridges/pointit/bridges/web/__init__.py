@@ -1,1 +1,1 @@
-"""A page in browsers: the scene, controls, health; its mouse or a phone as a person's wrist."""
+"""Web page: the scene, controls and health in a browser; its mouse or a phone as a person's wrist."""

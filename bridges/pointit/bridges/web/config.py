@@ -6,17 +6,17 @@ from pointit.runtime.config.config import Config
 
 
 class Place(Config):
-    """Where a person is taken to stand until their pose is known."""
+    """A person's assumed position and heading until their pose is known."""
 
     position_m: tuple[float, float, float] = Field(description="of their feet in {W}, m")
     yaw_deg: float = Field(default=0.0, description="azimuth of {H}'s x axis in {W}, °")
 
 
 class WebConfig(Config):
-    """Where the page is, who may see it, how often it is told."""
+    """Address of the page, access to it, rates."""
 
-    host: str = Field(default="127.0.0.1", description="address to listen at, without encryption")
-    port: int = Field(default=8090, ge=0, le=65535, description="port there; 0: any that is free")
+    host: str = Field(default="127.0.0.1", description="listening address, not encrypted")
+    port: int = Field(default=8090, ge=0, le=65535, description="port at `host`; 0: any free port")
     published_port: int = Field(
         default=0,
         ge=0,
@@ -24,23 +24,24 @@ class WebConfig(Config):
         description="port of 127.0.0.1 at which the page is opened, where a container's engine or ssh passes "
         "it on (a container may have host: 0.0.0.0 then); 0: as port",
     )
-    operator_token: str = Field(
-        default="", description="whoever has it may control; empty: made at random, and kept in a file"
-    )
-    viewer_token: str = Field(default="", description="whoever has it may look on; empty: made at random")
+    operator_token: str = Field(default="", description="token for control; empty: random, written to a file")
+    viewer_token: str = Field(default="", description="token for viewing only; empty: random")
     lan: bool = Field(
         default=False, description="open to the local network from the start, by HTTPS; phones need it"
     )
-    lan_port: int = Field(default=8443, ge=0, le=65535, description="port there; 0: any that is free")
+    lan_port: int = Field(default=8443, ge=0, le=65535, description="port for HTTPS; 0: any free port")
     lan_address: str = Field(
-        default="", description="this machine's address in the local network; empty: found out"
+        default="", description="this machine's address in the local network; empty: detected"
     )
-    rate_hz: float = Field(default=60.0, gt=0, le=240, description="batches a second to a page at most")
+    rate_hz: float = Field(default=60.0, gt=0, le=240, description="maximum rate of batches to a page, Hz")
     wrist_rate_hz: float = Field(
-        default=60.0, ge=5, le=200, description="samples a second of an arm that a mouse moves"
+        default=60.0, ge=5, le=200, description="sample rate of an arm moved by a mouse, Hz"
     )
-    record_s: float = Field(default=60.0, ge=0, le=600, description="what a recording goes back to, s")
-    most_viewers: int = Field(default=100, ge=1, le=10_000, description="pages at a time; more are refused")
+    record_s: float = Field(default=60.0, ge=0, le=600, description="length of a recording, s")
+    most_viewers: int = Field(
+        default=100, ge=1, le=10_000, description="maximum number of open pages; more are refused"
+    )
     places: dict[str, Place] = Field(
-        default_factory=dict[str, Place], description="by user: where a person stands until a pose is known"
+        default_factory=dict[str, Place],
+        description="by user: assumed pose of a person until their pose is known",
     )

@@ -1,4 +1,4 @@
-"""Reads what onlookers are shown, serves it to pages, and writes what their mice and phones do."""
+"""Subscribes to what viewers are shown, serves it to pages, and publishes input of mice and phones."""
 
 import asyncio
 import functools
@@ -14,7 +14,7 @@ from pointit.bridges.web.config import WebConfig
 from pointit.bridges.web.model.history import Past
 from pointit.bridges.web.model.people import People
 from pointit.bridges.web.model.site_model import SiteModel
-from pointit.bridges.web.pages.latest_values import MOST_KEYS
+from pointit.bridges.web.pages.latest_values import MAX_KEYS
 from pointit.bridges.web.pages.open_pages import Pages
 from pointit.bridges.web.pages.request_dispatcher import RequestDispatcher
 from pointit.bridges.web.pages.session import Session
@@ -27,7 +27,7 @@ from pointit.bridges.web.server.download import Downloads
 from pointit.bridges.web.server.lan import Lan
 from pointit.bridges.web.server.link_file import keep_link
 from pointit.bridges.web.server.listener import Listener, bind, url
-from pointit.bridges.web.wire import MOST_TOLD, Ack, AimAt, Answer, Ask, Role, Status
+from pointit.bridges.web.wire import MAX_TOLD, Ack, AimAt, Answer, Ask, Role, Status
 from pointit.bridges.web.wrists.pairing import Pairing
 from pointit.bridges.web.wrists.phone import Phones
 from pointit.bridges.web.wrists.phone_connection import PhoneHost
@@ -54,14 +54,14 @@ from pointit.services.registry import SHOWN
 log = logging.getLogger(__name__)
 
 TICK_S = 1.0
-"""How often pages are told the status, figures are measured, and what is silent is looked for."""
+"""Interval of status, metrics and checks for silent trackers."""
 
 QUIET_S = 10.0
-"""A warning about what pages say goes when they have said nothing wrong for so long."""
+"""A warning about malformed messages is cleared this long (s) after the last one."""
 
 
 class Web(Service[WebConfig]):
-    """A page in browsers: the scene, controls, health; its mouse or a phone as a person's wrist."""
+    """Web page: the scene, controls and health in a browser; its mouse or a phone as a person's wrist."""
 
     NAME: ClassVar[str] = "web"
     SCOPE: ClassVar[Scope] = "site"
@@ -69,7 +69,7 @@ class Web(Service[WebConfig]):
 
     @classmethod
     def validate_config(cls, config: WebConfig) -> None:
-        """Refuse what would let anybody in, see `exposure`."""
+        """Check that the page is not open to everyone, see `exposure_check`."""
         exposure_check.check(config)
 
     def __init__(self, config: WebConfig, context: Context) -> None:
@@ -156,15 +156,15 @@ class Web(Service[WebConfig]):
 
     @property
     def port(self) -> int:
-        """Return the port at which it listens."""
+        """Return the port of the listener."""
         return self._listener.port
 
     def _keep_link(self, link: str) -> None:
-        """Say where the link is that lets in: nobody knows the token, and no log may hold it."""
+        """Log the path of the link's file: the token is secret, and no log may hold it."""
         try:
             self._link_file = keep_link(self.bus.site, link)
         except ConfigError as error:
-            sentence = f"nobody can be let in: its link cannot be kept ({error}); set operator_token"
+            sentence = f"no page can be opened: the link cannot be saved ({error}); set operator_token"
             log.error("%s", sentence)  # noqa: TRY400 - a sentence
             self.bus.warn("link file", sentence)
         else:
@@ -173,18 +173,18 @@ class Web(Service[WebConfig]):
     async def _open_lan(self) -> None:
         try:
             log.info("%s", (await self._answers.open_lan())["message"])
-        except RefusedError as error:  # the page is of use on this machine all the same
+        except RefusedError as error:  # the page is useful on this machine all the same
             log.error("the page is not open to the local network: %s", error)  # noqa: TRY400 - a sentence
             self.bus.warn("lan", f"the page is not open to the local network: {error}")
 
-    # Hosting pages.
+    # Host of pages.
 
     def header(self) -> tuple[int, float]:
-        """Return the site's time, ns, and how fast it runs."""
+        """Return the site's time, ns, and its speed."""
         return self.clock.now_ns(), self.clock.speed
 
     async def answer(self, ask: Ask, session: Session) -> Answer:
-        """Do what a page asks for."""
+        """Handle a page's request."""
         return await self._answers.answer(session.page, session.role, ask)
 
     def aim(self, aim: AimAt, session: Session) -> None:
@@ -193,21 +193,21 @@ class Web(Service[WebConfig]):
             self._wrists.aim(session.page, aim)
 
     def shown(self, ack: Ack) -> None:
-        """Take that a page has shown a batch."""
+        """Note that a page has shown a batch."""
         self._pages.shown(ack)
 
     def malformed(self, sentence: str) -> None:
-        """Count what a page said that is no message."""
+        """Count a malformed message of a page."""
         self._malformed += 1
         self._malformed_s = self._now_s()
         self.bus.warn(
             "pages",
-            f"a page has sent what is no message ({sentence[:MOST_TOLD]}; {self._malformed} so far); "
+            f"a page has sent a malformed message ({sentence[:MAX_TOLD]}; {self._malformed} so far); "
             "load it again",
         )
 
     async def _open(self, socket: WebSocket, role: Role) -> None:
-        await self._past.is_asked.wait()  # a page's first batch has what happened before
+        await self._past.is_asked.wait()  # a page's first batch contains past events
         await self._pages.open(socket, role, self, self._on_closed)
 
     def _on_closed(self, page: str) -> None:
@@ -230,17 +230,17 @@ class Web(Service[WebConfig]):
             speed=self.clock.speed,
         )
 
-    # What the bus says.
+    # Input from the bus.
 
     def _on(self, topic: Topic[Any], message: Message, name: str) -> None:
         if not self._belief.take(topic, name, message, self.clock.now_ns(), self._now_s()):
-            self.bus.warn("keys", f"more than {MOST_KEYS} keys: {topic.key} of {name} is not shown to pages")
+            self.bus.warn("keys", f"more than {MAX_KEYS} keys: {topic.key} of {name} is not shown to pages")
             return
         self._attend(message, name)
         self._pages.notify_pages(now=topic is STRIPS_FRAME)
 
     def _attend(self, message: Message, name: str) -> None:
-        """Let wrists, phones and pages have what matters to them."""
+        """Pass a message to wrists, phones and pages."""
         if isinstance(message, Deployment):
             self._changed()
         elif isinstance(message, SelectionEvent):
@@ -299,7 +299,7 @@ class Web(Service[WebConfig]):
             self._pages.tell_status()
 
     def _changed(self) -> None:
-        """Take that pages are to be told the status anew, and wrists may have begun to move."""
+        """Update the status of pages, and the movement of wrists."""
         self._motion.wake()
         self._pages.status_changed()
 

@@ -14,9 +14,9 @@ Server to page:
   topics) the newest only, and nil instead of a payload where the key's message is no longer true (its writer,
   person or scenario has gone): the page forgets it; `events` has every event in order, `dropped` counts those
   of this page that were lost because it was too slow. The first batch has the newest of everything that is
-  still true; its events happened before the page came (at most `hub.HISTORY`, those of the selector's
-  journal among them, see `past`), for its messages. States of a person may come before `Status.people` has
-  them: it decides who is shown.
+  still true; its events happened before the page came (at most `latest_values.HISTORY`, those of the
+  selector's journal among them, see `history`), for its messages. States of a person may come before
+  `Status.people` has them: it decides who is shown.
 
 Page to server, JSON text, `{"kind": ...}`:
 
@@ -45,56 +45,56 @@ UNPAIRED, REPLACED = 4403, 4409
 """Close codes: this phone is not paired any more; it has another socket."""
 
 OWN_FAULT = "a fault of PointIt itself, see its log"
-"""What is answered where the answer has failed."""
+"""Answer to a request that failed by an error of this server."""
 
-MOST_TOLD = 200
-"""Characters of what is told in health of a message that is none: it may be a page's own words."""
+MAX_TOLD = 200
+"""Maximum characters of a malformed message shown in health: it may be a page's own text."""
 
 Role = Literal["operator", "viewer", "wrist"]
-"""May control; looks on; is one person's phone."""
+"""Operator (control), viewer, or one person's phone."""
 
 Mover = Literal["own", "mouse", "phone"]
-"""Who moves a person's wrist: their own device or the simulation, a page's mouse, a phone."""
+"""Mover of a person's wrist: their own device or the simulation, a page's mouse, a phone."""
 
 Deed = Literal["press", "take", "give", "tremor", "pair", "open_lan", "centre"]
-"""What a page can ask of this server itself: press a person's button; take their wrist with the mouse, give
-it back; let the mouse's arm tremble; pair a phone, or unpair it; open the page to the local network; a phone,
-held as the page says, points ahead."""
+"""Actions of this server that a page can request: press a person's button; take their wrist with the mouse,
+give it back; set the tremor of the mouse's arm; pair or unpair a phone; open the page to the local
+network; a phone, as it is held now, points ahead."""
 
 LATEST_MS = 9e12
-"""Of a device's clock: as many ns fit 64 bits."""
+"""Maximum of a device's clock: as many ns fit 64 bits."""
 
 Id = Annotated[int, Field(ge=0, le=2**53)]
 
 
 class WireModel(BaseModel):
-    """What travels to and from pages."""
+    """Base of messages to and from pages."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 
 class Hello(WireModel):
-    """Who the page is to this server."""
+    """Greeting: the page's role and rights."""
 
     kind: Literal["hello"] = "hello"
     version: Annotated[str, Field(description="of PointIt")]
     site: str
     role: Role
-    requests: Annotated[tuple[str, ...], Field(description="keys of the requests this page may ask")]
+    requests: Annotated[tuple[str, ...], Field(description="keys of the requests that this page may make")]
     deeds: tuple[Deed, ...]
     user: Annotated[str, Field(description="of a phone: whose wrist it is")] = ""
 
 
 class ServiceLine(WireModel):
-    """A service that is there, was there, or should be."""
+    """A service that is, was or should be present."""
 
     instance: str
     present: bool
-    since_s: Annotated[float, Field(description="up, or down, for so long, wall seconds")]
+    since_s: Annotated[float, Field(description="time up or down, s of wall time")]
 
 
 class FindingLine(WireModel):
-    """One thing that is wrong, and what to do."""
+    """A finding and its remedy."""
 
     severity: Literal["error", "warning", "note"]
     service: str
@@ -103,47 +103,47 @@ class FindingLine(WireModel):
 
 
 class AssumedPlace(WireModel):
-    """Where a person is taken to stand."""
+    """A person's assumed pose."""
 
     position_m: Annotated[Vec3, Field(description="of their feet in {W}, m")]
     yaw_rad: Annotated[float, Field(description="azimuth of {H}'s x axis in {W}, rad")]
 
 
 class PersonLine(WireModel):
-    """A person who is there."""
+    """A person who is present."""
 
     user: str
     moved_by: Mover = "own"
-    is_mine: Annotated[bool, Field(description="by this very page")] = False
-    phone: Annotated[str, Field(description="what a paired phone says of itself; empty: none is paired")] = ""
+    is_mine: Annotated[bool, Field(description="by this page")] = False
+    phone: Annotated[str, Field(description="state of the paired phone; empty if none is paired")] = ""
     battery: Fraction | None = None
     assumed: Annotated[
-        AssumedPlace | None, Field(description="as long as they have no pose; empty: nobody says where")
+        AssumedPlace | None, Field(description="until they have a pose; empty if none is configured")
     ] = None
 
 
 class Status(WireModel):
-    """How the site is; what topics do not say."""
+    """Status of the site beyond its topics."""
 
     kind: Literal["status"] = "status"
     services: tuple[ServiceLine, ...]
     findings: tuple[FindingLine, ...]
     people: tuple[PersonLine, ...]
     viewers: Annotated[int, Field(ge=0)]
-    lan_url: Annotated[str, Field(description="where the local network finds the page; empty: closed")] = ""
+    lan_url: Annotated[str, Field(description="address in the local network; empty if closed")] = ""
 
 
 class Answer(WireModel):
-    """What came of an `Ask`."""
+    """Result of an `Ask`."""
 
     kind: Literal["answer"] = "answer"
     id: Id
-    reply: Annotated[dict[str, Any] | None, Field(description="fields of the reply; empty: refused")] = None
-    error: Annotated[str, Field(description="one sentence, why not; empty: it was done")] = ""
+    reply: Annotated[dict[str, Any] | None, Field(description="fields of the reply; empty if refused")] = None
+    error: Annotated[str, Field(description="reason of the refusal; empty if done")] = ""
 
 
 class Cue(WireModel):
-    """What a phone tells its person: a `Feedback` of the bus, or the state of the interaction."""
+    """Cue for a phone's person: a `Feedback` of the bus, or the state of the interaction."""
 
     kind: Literal["cue"] = "cue"
     chime: str = ""
@@ -155,13 +155,13 @@ class Cue(WireModel):
         False
     )
     progress: Annotated[
-        Fraction | None, Field(description="of pointing at targets; empty: nothing is to be pointed at")
+        Fraction | None, Field(description="of pointing at targets; empty if there are none")
     ] = None
-    has_lost_arm: Annotated[bool, Field(description="the arm does not follow this phone any more")] = False
+    has_lost_arm: Annotated[bool, Field(description="the arm no longer follows this phone")] = False
 
 
 class Ack(WireModel):
-    """A batch was shown."""
+    """Acknowledgement that a batch was shown."""
 
     kind: Literal["ack"] = "ack"
     n: Id
@@ -171,20 +171,18 @@ class Ack(WireModel):
 
 
 class Ask(WireModel):
-    """A wish: a request of the table by its key pattern, or a deed of the server's own."""
+    """Request of the table by its key pattern, or a deed of this server."""
 
     kind: Literal["ask"] = "ask"
     id: Id
-    key: Annotated[
-        str, Field(max_length=64, description="of the table of requests; empty: a deed is asked")
-    ] = ""
+    key: Annotated[str, Field(max_length=64, description="of the table of requests; empty for a deed")] = ""
     deed: Deed | None = None
     name: Annotated[str, Field(max_length=64, description="user or other placeholder of the key")] = ""
     query: Annotated[dict[str, Any], Field(description="fields of the query")] = {}
 
 
 class AimAt(WireModel):
-    """The mouse points at a place, {W}."""
+    """Point of the mouse, {W}."""
 
     kind: Literal["aim"] = "aim"
     user: Name
@@ -202,13 +200,13 @@ class Turn(WireModel):
 
 
 Received = Annotated[Ack | Ask | AimAt | Turn, Field(discriminator="kind")]
-"""What a page or phone may send."""
+"""Messages that a page or phone may send."""
 
 MODELS = (Hello, Status, Answer, Cue, Ack, Ask, AimAt, Turn)
 
 
 def json_schema() -> dict[str, Any]:
-    """Return the JSON Schema of all that travels, from which `client/wire.json` and its types come."""
+    """Return the JSON Schema of all messages, from which `client/wire.json` and its types are generated."""
     _, schema = models_json_schema(
         [(model, "validation") for model in MODELS], ref_template="#/$defs/{model}"
     )

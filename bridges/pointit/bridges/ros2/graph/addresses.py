@@ -1,4 +1,4 @@
-"""Where ROS's router is and where PointIt's: one port of one machine cannot be both."""
+"""Addresses of ROS's router and of PointIt's, which cannot share one port of one machine."""
 
 import re
 from collections.abc import Iterable
@@ -6,18 +6,18 @@ from collections.abc import Iterable
 from pointit.runtime.errors import ConfigError
 
 ENDPOINT = re.compile(r"(?P<protocol>\w+)/(?P<host>\[[^]]+\]|[^/:\s]+):(?P<port>\d{1,5})([?#].*)?")
-"""What has a port; of the rest, no two are the same here."""
+"""Endpoints with a port. Others are never compared."""
 HERE = frozenset({"127.0.0.1", "[::1]", "localhost", "0.0.0.0", "[::]"})  # noqa: S104 - compared, not bound
 """Hosts that are this machine, or include it."""
 STREAMS = frozenset({"tcp", "tls", "ws"})
 """Protocols that share the ports of TCP."""
 
 Place = tuple[bool, str, int]
-"""Whether its port is one of TCP's, its host, its port."""
+"""Whether the port is one of TCP's, host, port."""
 
 
 def place_of(endpoint: str) -> Place | None:
-    """Return where `endpoint` is, the same for every way to write this machine; none: it has no port."""
+    """Return the address of `endpoint`, unique for this machine's many names, or None without a port."""
     found = ENDPOINT.fullmatch(endpoint)
     if found is None:
         return None
@@ -26,14 +26,14 @@ def place_of(endpoint: str) -> Place | None:
 
 
 def check_apart(endpoint: str, ours: Iterable[str]) -> None:
-    """Make sure that ROS's router is not looked for where PointIt itself is.
+    """Check that ROS's router is not looked for at PointIt's own address.
 
     Args:
-        endpoint: where ROS's router is.
-        ours: where this process connects or listens for PointIt.
+        endpoint: address of ROS's router.
+        ours: addresses where this process connects or listens for PointIt.
 
     Raises:
-        ConfigError: it is one of `ours`.
+        ConfigError: If it is one of `ours`.
     """
     place = place_of(endpoint)
     for own in ours:

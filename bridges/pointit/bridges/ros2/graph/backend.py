@@ -1,4 +1,4 @@
-"""What joins a ROS 2 graph: CDR in, CDR out, and who else is there; the bridge knows no more of a middleware.
+"""Interface of a backend that joins a ROS 2 graph, independent of the middleware: CDR in, CDR out.
 
 All handlers run in the event loop that opened the backend, one at a time.
 """
@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from typing import Literal, Protocol
 
 CDR = b"\x00\x01\x00\x00"
-"""How every message begins that we send: little endian, plain CDR. ROS nodes die of other bytes."""
+"""First bytes of every message we send: little endian, plain CDR. ROS nodes crash on other bytes."""
 
 Server = Callable[[bytes], Awaitable[bytes]]
 """Takes a request's CDR, returns the response's. The text of a `RefusedError` goes to the caller where the
@@ -21,18 +21,18 @@ Distro = Literal["humble", "jazzy", "kilted", "lyrical", "rolling"]
 
 @dataclass(frozen=True, kw_only=True)
 class Qos:
-    """Quality of service of one end of a topic, as far as the bridge needs it."""
+    """Quality of service of an endpoint, as far as the bridge needs it."""
 
     depth: int = 10
     reliable: bool = True
     latched: bool = False
     """Late joiners get the last `depth` messages (ROS: transient local)."""
     lifespan_ns: int | None = None
-    """What is older is of use to nobody, and late joiners do not get it; none: it lasts."""
+    """Maximum age of messages for late joiners, or None if unlimited."""
 
     @property
     def lasts(self) -> bool:
-        """Return True if late joiners get what was said, however long ago."""
+        """Return True if late joiners get old messages whatever their age."""
         return self.latched and self.lifespan_ns is None
 
 
@@ -40,7 +40,7 @@ SENSOR = Qos(depth=5, reliable=False)
 LATCHED = Qos(depth=1, latched=True)
 SERVICE = Qos(depth=10)
 ROSOUT = Qos(depth=1000, latched=True, lifespan_ns=10_000_000_000)
-"""Of every genuine node's log."""
+"""QoS of every genuine node's log."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,7 +54,7 @@ class RosType:
 
     @property
     def dds_name(self) -> str:
-        """Return it as middlewares write it: `geometry_msgs::msg::dds_::PoseStamped_`."""
+        """Return the name as middlewares write it: `geometry_msgs::msg::dds_::PoseStamped_`."""
         package, kind, name = self.name.split("/")
         return f"{package}::{kind}::dds_::{name}_"
 
@@ -64,30 +64,30 @@ EndpointKind = Literal["publisher", "subscriber", "server", "client"]
 
 @dataclass(frozen=True, kw_only=True)
 class Endpoint:
-    """One end of a topic or service that somebody in the graph has."""
+    """An endpoint of a topic or service in the graph."""
 
     kind: EndpointKind
     node: str
     """Its full name: `/user1/belt`."""
     name: str
-    """Of the topic or service, resolved: `/user1/pointing_ray`."""
+    """Resolved name of the topic or service: `/user1/pointing_ray`."""
     type: RosType
     qos: Qos | None
     """None where it could not be read."""
     domain: int
     is_ours: bool = False
     is_bridge: bool = False
-    """Of another PointIt: what it says of its people must not become what ours do."""
+    """True if it belongs to another PointIt, whose messages about its people must not become ours."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Graph:
-    """Everybody who is there now."""
+    """All nodes and endpoints that are present."""
 
     nodes: frozenset[str]
     endpoints: frozenset[Endpoint]
     unreadable: int = 0
-    """Tokens that were none of ours to read."""
+    """Number of tokens that could not be read."""
     unseen: frozenset[tuple[EndpointKind, str]] = frozenset()
     """Kind and topic of endpoints that exchange messages with us, but that no token names."""
 
@@ -97,7 +97,7 @@ class Graph:
 
 
 class Closable(Protocol):
-    """Anything a backend hands out; closing twice is allowed, and closing the backend closes it."""
+    """Anything that a backend hands out. Closing twice is allowed, and closing the backend closes it."""
 
     def close(self) -> None:
         """Undeclare; no handler runs afterwards."""
@@ -105,7 +105,7 @@ class Closable(Protocol):
 
 
 class Writer(Closable, Protocol):
-    """Writes one topic."""
+    """Publisher of one topic."""
 
     @property
     def is_read(self) -> bool:
@@ -141,7 +141,7 @@ class Backend(Protocol):
         """Return the CDR of a server's response.
 
         Raises:
-            TimeoutError: nobody serves it, or not within `timeout_s`.
+            TimeoutError: If no node serves it, or not within `timeout_s`.
         """
         ...
 
@@ -151,12 +151,12 @@ class Backend(Protocol):
 
     @property
     def problem(self) -> str:
-        """Return one sentence on what is wrong with the connection itself; empty when nothing is."""
+        """Return an error message if the connection itself fails, else `""`."""
         ...
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Return why nothing happens where nothing is wrong: nobody is there, nobody subscribes."""
+        """Return explanations why nothing happens where nothing is wrong: no nodes, no subscribers."""
         ...
 
     async def close(self) -> None:
@@ -165,7 +165,11 @@ class Backend(Protocol):
 
 
 def check_cdr(cdr: bytes) -> None:
-    """Make sure that `cdr` may be one; raises `ValueError` if ROS nodes would die of it."""
+    """Check that `cdr` begins like CDR; ROS nodes would crash otherwise.
+
+    Raises:
+        ValueError: If it does not.
+    """
     if len(cdr) <= len(CDR) or not cdr.startswith(CDR):
         raise ValueError(
             f"CDR begins with 00 01 00 00 and has a body, this is {cdr[:8].hex(' ') or 'nothing'}"

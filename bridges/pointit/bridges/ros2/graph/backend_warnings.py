@@ -1,4 +1,4 @@
-"""What a backend has to complain about: shown while it lasts, logged when it begins."""
+"""Warnings of a backend: shown while they last, logged when they begin."""
 
 import asyncio
 import logging
@@ -9,11 +9,11 @@ from pointit.runtime.health.service_bus import WarningSink
 log = logging.getLogger(__name__)
 
 QUIET_S = 10.0
-"""A complaint about messages is taken back when there was no cause for so long."""
+"""A warning about messages is cleared this long (s) after its last cause."""
 
 
 class BackendWarnings:
-    """Standing complaints, replaced as a whole; passing ones, which fade; held ones. In the loop."""
+    """Permanent warnings, replaced as a whole; brief ones, which expire; held ones. In the loop."""
 
     def __init__(self, warnings: WarningSink) -> None:
         self._warnings = warnings
@@ -23,7 +23,7 @@ class BackendWarnings:
         self._loop = asyncio.get_running_loop()
 
     def replace_all(self, sentences: Mapping[str, str]) -> None:
-        """Show these, by what they are about, and none of the standing ones before."""
+        """Replace all permanent warnings by these, by subject."""
         for about in [each for each in self._standing if each not in sentences]:
             del self._standing[about]
             self._warnings.clear(about)
@@ -36,7 +36,7 @@ class BackendWarnings:
                     log.warning("%s", sentence)
 
     def show_briefly(self, about: str, sentence: str) -> None:
-        """Show this until there was no cause for a while; `about` must be none of a standing one."""
+        """Show a warning until its cause is absent for a while; `about` must differ from permanent ones."""
         timer = self._passing.pop(about, None)
         if timer is None:
             log.warning("%s", sentence)
@@ -46,20 +46,20 @@ class BackendWarnings:
         self._passing[about] = self._loop.call_later(QUIET_S, self._fade, about)
 
     def show(self, about: str, sentence: str) -> None:
-        """Show this until `clear`; `about` must be none of another kind of complaint."""
+        """Show a warning until `clear`; `about` must not be of another kind of warning."""
         if about not in self._held:
             log.warning("%s", sentence)
         self._held.add(about)
         self._warnings.warn(about, sentence)
 
     def clear(self, about: str) -> None:
-        """Take back what was held, if it was."""
+        """Clear a held warning, if there is one."""
         if about in self._held:
             self._held.discard(about)
             self._warnings.clear(about)
 
     def close(self) -> None:
-        """Take everything back."""
+        """Clear all warnings."""
         self.replace_all({})
         for about in tuple(self._held):
             self.clear(about)

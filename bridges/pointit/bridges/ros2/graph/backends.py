@@ -1,4 +1,4 @@
-"""Joining the ROS graph, by whichever way the others speak."""
+"""Joining the ROS graph through the backend that the configuration names."""
 
 import asyncio
 import functools
@@ -25,18 +25,18 @@ log = logging.getLogger(__name__)
 REMEDY = "start one with `ros2 run rmw_zenoh_cpp rmw_zenohd`, or set mode to router to be it"
 
 NEEDS = "they need RMW_IMPLEMENTATION=rmw_zenoh_cpp, the same ROS_DOMAIN_ID and the same router"
-"""What other nodes need to be seen."""
+"""Conditions for other nodes to be seen."""
 
 LOOPBACK = ("127.0.0.1", "::1", "localhost")
 ANSWER_S = 1.0
-"""Within which a router on this machine accepts a connection."""
+"""Time (s) within which a router on this machine accepts a connection."""
 
 
 def check_endpoint(endpoint: str) -> None:
-    """Make sure that `endpoint` may be where ROS's router is.
+    """Check that `endpoint` can be an address of ROS's router.
 
     Raises:
-        ConfigError: it is no address; names the parameter.
+        ConfigError: If it is no address; names the parameter.
     """
     found = ENDPOINT.fullmatch(endpoint)
     if found is None or int(found["port"] or 0) > MAX_PORT:
@@ -57,17 +57,17 @@ async def opened(
     """Return our node in the ROS graph; may be cancelled at any time.
 
     Args:
-        config: where, as whom, to whom.
-        warnings: where is shown what will not work between us and them, and what to do.
-        now_ns: what the time is, for what is sent.
-        patience_s: how long a client looks for its router; for ever (said once) when it is none.
-        is_bridge: be known as one of PointIt by the others of PointIt, which do not listen to it; only
-            `rmw_zenoh` has a place for that.
+        config: address, name and kind of the graph.
+        warnings: where incompatibilities with other nodes, and their remedies, are shown.
+        now_ns: clock for messages sent.
+        patience_s: how long a client looks for its router, or None for ever, with one log line.
+        is_bridge: mark the node as a PointIt bridge, whose messages other bridges ignore; only `rmw_zenoh`
+            supports that.
 
     Raises:
-        ConfigError: the endpoint is no address; or for `dds`, rclpy is not there.
-        ListenError: the router's address is taken.
-        ConnectError: nobody answered the client within `patience_s`.
+        ConfigError: If the endpoint is no address, or for `dds`, rclpy is not installed.
+        ListenError: If the router's address is taken.
+        ConnectError: If no router answers the client within `patience_s`.
     """
     if config.kind == "dds":
         return await opened_rclpy(config, warnings)
@@ -113,7 +113,7 @@ async def opened(
 
 
 async def _mode_at(endpoint: str) -> Literal["peer", "router"]:
-    """Return how to join at `endpoint` when it is left to us; who answers there is taken for the router."""
+    """Return the mode for `auto` at `endpoint`; whatever answers there is assumed to be the router."""
     host, _, port = endpoint.partition("/")[2].rpartition(":")
     if host.strip("[]") not in LOOPBACK or not port.isdigit():
         return "peer"

@@ -1,4 +1,4 @@
-"""What in the ROS graph will not work, in sentences that name who, what and what to do about it."""
+"""Problems in the ROS graph, in messages that name nodes, cause and remedy."""
 
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
@@ -18,44 +18,44 @@ COUNTERPART: Mapping[EndpointKind, EndpointKind] = {
 
 
 Matching = Literal["definition", "type"]
-"""What two ends must have in common for messages to go from one to the other, besides the topic's name: the
-type and its definition, or the type's name only."""
+"""Condition for messages to pass between endpoints of the same name: equal type and definition, or equal type
+name."""
 
 End = tuple[str, EndpointKind]
-"""By name and kind: going through everybody else for each of ours would hold up the loop."""
+"""Name and kind. An index, since comparing all pairs of endpoints would block the loop."""
 Counterparts = Mapping[Endpoint, Sequence[Endpoint]]
-"""Of ours: what others of our domain have at the other end."""
+"""By own endpoint: the endpoints of others in our domain at the other end."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Finding:
-    """Something that will not work, or that a person may wonder about."""
+    """A problem in the graph, or a note."""
 
     about: str
-    """The same for the same trouble, however the sentence changes: `type of /user1/button`."""
+    """Key of the problem, stable while the text changes: `type of /user1/button`."""
     sentence: str
     is_note: bool = False
-    """Nothing is wrong: it only explains why nothing happens."""
+    """Not a problem: explains why nothing happens."""
 
 
 def findings(
     graph: Graph, *, domain: int, distro: str, needs: str = "", matching: Matching = "definition"
 ) -> tuple[Finding, ...]:
-    """Return what in `graph` will not work between us and the others, each with the remedy.
+    """Return the problems between our endpoints and the others, each with its remedy.
 
     Args:
         graph: with our own endpoints in it.
         domain: ours.
-        distro: the ROS distribution that we are set to.
-        needs: what other nodes need to be seen, for people.
-        matching: what two ends must have in common for messages to go from one to the other.
+        distro: the configured ROS distribution.
+        needs: conditions for other nodes to be seen, as text.
+        matching: what two endpoints must share for messages to pass.
     """
     ours = sorted((each for each in graph.endpoints if each.is_ours), key=_order)
     others = [each for each in graph.endpoints if not each.is_ours and each.domain == domain]
     elsewhere = [
         each
         for each in graph.endpoints
-        if not each.is_ours and not each.is_bridge and each.domain != domain  # a PointIt belongs elsewhere
+        if not each.is_ours and not each.is_bridge and each.domain != domain  # for another PointIt
     ]
     found = [*_bridges(others, domain), *_generations(others, distro)]
     wanted = {_wanted(mine) for mine in ours}
@@ -78,7 +78,7 @@ def findings(
 
 
 def _bridges(others: Iterable[Endpoint], domain: int) -> list[Finding]:
-    """Return that another PointIt is among `others`."""
+    """Return a finding if another PointIt is among `others`."""
     names = sorted({short(each.node) for each in others if each.is_bridge})
     if not names:
         return []
@@ -93,7 +93,7 @@ def _bridges(others: Iterable[Endpoint], domain: int) -> list[Finding]:
 
 
 def _generations(others: Iterable[Endpoint], distro: str) -> list[Finding]:
-    """Return that some speak for a distribution whose type hashes are not ours."""
+    """Return findings about nodes of a distribution with other type hashes."""
     is_humble = distro == "humble"
     other = [each for each in others if each.type.hash and (each.type.hash == NO_HASH) != is_humble]
     if not other:
@@ -112,7 +112,7 @@ def _generations(others: Iterable[Endpoint], distro: str) -> list[Finding]:
 
 
 def _types(mine: Endpoint, counterparts: Iterable[Endpoint], matching: Matching) -> list[Finding]:
-    """Return that others use another definition, or another type, under a name of ours."""
+    """Return findings about other types or definitions under names of ours."""
     found: list[Finding] = []
     strangers = [each for each in counterparts if each.type.name != mine.type.name]
     if strangers:
@@ -147,7 +147,7 @@ def _types(mine: Endpoint, counterparts: Iterable[Endpoint], matching: Matching)
 
 
 def _qualities(mine: Endpoint, counterparts: Iterable[Endpoint]) -> list[Finding]:
-    """Return that some would not match us under the rules of DDS, though they may here."""
+    """Return findings about QoS that does not match ours under the rules of DDS, even where it does here."""
     for why, clashes in (
         ("wants it reliable from who sends it best effort", _is_too_lossy),
         ("wants what was sent before (transient local) from who keeps nothing (volatile)", _is_too_forgetful),
@@ -180,9 +180,9 @@ def _is_too_forgetful(writer: Qos, reader: Qos) -> bool:
 def _domains(
     counterparts: Counterparts, elsewhere: Iterable[Endpoint], domain: int, *, is_lonely: bool
 ) -> list[Finding]:
-    """Return that what we look for is in another domain."""
+    """Return findings about endpoints for us in other domains."""
     found = list(elsewhere)
-    if not is_lonely:  # another robot's domain is nothing to speak of, unless it has what we look for
+    if not is_lonely:  # another robot's domain is normal, unless it has endpoints for us
         missing = {_wanted(mine) for mine, theirs in counterparts.items() if not theirs}
         found = [each for each in found if _end(each) in missing]
     if not found:
@@ -199,7 +199,7 @@ def _domains(
 
 
 def _unseen(graph: Graph) -> list[Finding]:
-    """Return that messages are exchanged with nodes that no token names."""
+    """Return findings about exchanged messages with nodes that no token names."""
     exchanged = [
         f"{listed(names)} {'is' if len(names) == 1 else 'are'} {what} by"
         for kind, what in (("subscriber", "read"), ("publisher", "written"))
@@ -211,7 +211,7 @@ def _unseen(graph: Graph) -> list[Finding]:
         Finding(
             about="unseen",
             sentence=f"{' and '.join(exchanged)} a node that the ROS graph does not show, as one that was "
-            "started before the router: messages pass, but nobody sees that node; start it again",
+            "started before the router: messages pass, but that node is invisible; start it again",
         )
     ]
 
@@ -221,7 +221,7 @@ def _nobody(where: str) -> Finding:
 
 
 def _lonely(counterparts: Counterparts, matching: Matching, graph: Graph) -> list[Finding]:
-    """Return that nobody is there for some of our topics."""
+    """Return notes about topics of ours without a counterpart."""
     found: list[Finding] = []
     kinds: tuple[tuple[EndpointKind, str], ...] = (
         ("publisher", "subscribes to"),
@@ -236,7 +236,7 @@ def _lonely(counterparts: Counterparts, matching: Matching, graph: Graph) -> lis
             and not any(_meets(mine, each, matching) for each in theirs)
         ]
         if names:
-            sentence = f"nobody in ROS {what} {listed(dict.fromkeys(names))}"
+            sentence = f"no node in ROS {what} {listed(dict.fromkeys(names))}"
             found.append(Finding(about=f"nobody {what}", is_note=True, sentence=sentence))
     return found
 
@@ -246,17 +246,17 @@ def _end(endpoint: Endpoint) -> End:
 
 
 def _wanted(mine: Endpoint) -> End:
-    """Return what is at the other end."""
+    """Return name and kind of the counterpart."""
     return mine.name, COUNTERPART[mine.kind]
 
 
 def _meets(mine: Endpoint, other: Endpoint, matching: Matching) -> bool:
-    """Return True if messages go from one to the other."""
+    """Return True if messages pass between the two endpoints."""
     return mine.type.name == other.type.name if matching == "type" else _is_same(mine, other)
 
 
 def _is_same(mine: Endpoint, other: Endpoint) -> bool:
-    """Return True if both have the same definition, as far as is told."""
+    """Return True if both have the same definition, or it is unknown."""
     hashes = {mine.type.hash, other.type.hash} - {""}
     return mine.type.name == other.type.name and len(hashes) <= 1
 

@@ -1,4 +1,4 @@
-"""The ROS graph as a backend saw it last: who wants to know it, and what in it will not work."""
+"""The last graph of a backend, its watchers and problems."""
 
 import functools
 import logging
@@ -17,10 +17,10 @@ class GraphMonitor:
     """Begins with an empty graph. In the loop."""
 
     def __init__(
-        self, complaints: BackendWarnings, *, domain: int, distro: str, needs: str, matching: Matching
+        self, warnings: BackendWarnings, *, domain: int, distro: str, needs: str, matching: Matching
     ) -> None:
-        """Tell `complaints` what will not work; the others are what `findings` takes."""
-        self._complaints = complaints
+        """Report problems to `warnings`; other parameters as for `findings`."""
+        self._warnings = warnings
         self._judged = functools.partial(
             findings, domain=domain, distro=distro, needs=needs, matching=matching
         )
@@ -30,7 +30,7 @@ class GraphMonitor:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Return why nothing happens where nothing is wrong: nobody is there, nobody subscribes."""
+        """Return explanations why nothing happens where nothing is wrong: no nodes, no subscribers."""
         return tuple(each.sentence for each in self._findings if each.is_note)
 
     def watch(self, handler: Handler) -> Closable:
@@ -39,15 +39,15 @@ class GraphMonitor:
         return _Watch(handler, self._watches)
 
     def show(self, graph: Graph, wrong: Mapping[str, str]) -> None:
-        """Take the graph as it is now; complain of what will not work in it, and of what else is `wrong`."""
+        """Set the graph; report its problems, and those in `wrong`."""
         self._findings = self._judged(graph)
         found = {each.about: each.sentence for each in self._findings if not each.is_note}
-        self._complaints.replace_all({**found, **wrong})
+        self._warnings.replace_all({**found, **wrong})
         if graph == self._graph:
             return
         self._graph = graph
         for watch in tuple(self._watches):
-            if watch not in self._watches:  # a handler before this one has closed it
+            if watch not in self._watches:  # closed by a previous handler
                 continue
             try:
                 watch.handler(graph)
@@ -55,12 +55,12 @@ class GraphMonitor:
                 log.exception("a handler of the ROS graph failed")
 
     def close(self) -> None:
-        """Tell nobody any more."""
+        """Remove all watchers."""
         self._watches.clear()
 
 
 class _Watch:
-    """One who wants to know the graph."""
+    """A watcher of the graph."""
 
     def __init__(self, handler: Handler, among: "list[_Watch]") -> None:
         self.handler = handler
@@ -68,6 +68,6 @@ class _Watch:
         among.append(self)
 
     def close(self) -> None:
-        """Hear no more."""
+        """Remove the watcher."""
         if self in self._among:
             self._among.remove(self)

@@ -1,1 +1,1 @@
-"""ROS values as our messages and queries; pure, each function or class one route; nothing raises."""
+"""Converters of ROS values to messages and queries, one per route; pure, without exceptions."""

@@ -1,4 +1,4 @@
-"""What a foreign value must be before it is believed: each check returns what it found, or why not."""
+"""Validation of foreign values: each check returns the value, or the reason of its rejection."""
 
 import math
 from typing import Any
@@ -11,36 +11,36 @@ from pointit.schemas import FARTHEST, NS_PER_S
 from pointit.schemas.base import UNIT_TOLERANCE
 
 AHEAD_NS = NS_PER_S
-"""Stamps further in the future are of another clock."""
+"""Stamps further in the future belong to another clock."""
 LATE_NS = 10 * NS_PER_S
 """Stamps further in the past likewise."""
 
 STEEPEST_RAD = math.radians(70.0)
-"""An x axis that is steeper tells no heading."""
+"""Maximum elevation of an x axis that defines a heading."""
 
-MOST_NAME = 60
-"""Characters of a foreign name in a sentence."""
+MAX_NAME = 60
+"""Maximum characters of a foreign name in a message."""
 
 
 def quaternion(value: Any, what: str) -> Quaternion | str:
-    """Return a geometry_msgs/Quaternion with norm 1, or why it is none."""
+    """Return a geometry_msgs/Quaternion with norm 1, or the rejection."""
     q = (float(value.x), float(value.y), float(value.z), float(value.w))
     norm = math.hypot(*q)
     if not abs(norm - 1.0) <= UNIT_TOLERANCE:  # false for NaN as well
-        return f"{what} is no rotation: the norm of its quaternion is {norm:.4g}; send one with norm 1"
+        return f"{what} is not a rotation: the norm of its quaternion is {norm:.4g}; send one with norm 1"
     return rotation.normalized(q)
 
 
 def place(value: Any, what: str) -> Vec3 | str:
-    """Return a geometry_msgs/Point or Vector3 in metres, or why it is none."""
+    """Return a geometry_msgs/Point or Vector3 in metres, or the rejection."""
     x, y, z = float(value.x), float(value.y), float(value.z)
     if not all(abs(each) <= FARTHEST for each in (x, y, z)):
-        return f"{what} is no place: ({x:g}, {y:g}, {z:g}) m; send metres"
+        return f"{what} is not a position: ({x:g}, {y:g}, {z:g}) m; send metres"
     return (x, y, z)
 
 
 def heading(turned: Quaternion, what: str) -> float | str:
-    """Return the azimuth of the x axis, rad, or why there is none."""
+    """Return the azimuth of the x axis, rad, or the rejection."""
     ahead = rotation.rotate(turned, (1.0, 0.0, 0.0))
     elevation = vector.elevation(ahead)
     if abs(elevation) > STEEPEST_RAD:
@@ -52,7 +52,7 @@ def heading(turned: Quaternion, what: str) -> float | str:
 
 
 def stamp(value: Any, about: ConversionContext, what: str) -> tuple[int, str]:
-    """Return the time of capture, Unix ns, and what is wrong with the stamp, if anything: then it is now."""
+    """Return the time of capture, Unix ns, and a warning, or `""`. A bad stamp is replaced by now."""
     stamp_ns = int(value.sec) * NS_PER_S + int(value.nanosec)
     if stamp_ns == 0:
         return about.stamp_ns, ""
@@ -67,6 +67,6 @@ def stamp(value: Any, about: ConversionContext, what: str) -> tuple[int, str]:
 
 
 def named(name: str) -> str:
-    """Return a foreign name as a sentence can show it."""
+    """Return a foreign name for messages."""
     shown = repr(name)
-    return shown if len(shown) <= MOST_NAME else f"{shown[: MOST_NAME - 3]}..."
+    return shown if len(shown) <= MAX_NAME else f"{shown[: MAX_NAME - 3]}..."

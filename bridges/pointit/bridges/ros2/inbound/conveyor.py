@@ -1,4 +1,4 @@
-"""The conveyor and the lights, as the ROS toolkit's nodes command them."""
+"""Commands of ROS toolkit nodes to the conveyor and the lights."""
 
 import math
 from typing import Any
@@ -6,7 +6,7 @@ from typing import Any
 from pointit.bridges.ros2.inbound import checks
 from pointit.bridges.ros2.routing.route_types import BusOutput, ConversionContext, ConversionWarning, Taken
 from pointit.bridges.ros2.routing.scene import lane_of
-from pointit.bridges.ros2.routing.uids import MOST
+from pointit.bridges.ros2.routing.uids import MAX_NUMBER
 from pointit.schemas import (
     AddPackage,
     AddPackageReply,
@@ -28,32 +28,32 @@ from pointit.schemas.topics import (
 
 ALL = "*"
 """Stands for every belt in a command."""
-MOST_BELTS = 256
-"""In one command."""
+MAX_BELTS = 256
+"""Maximum number of belts in one command."""
 FASTEST_MPS = 5.0
-"""As `SetSpeed` has it."""
+"""Maximum speed of a belt, as in `SetSpeed`."""
 AT_START = 1e-3
-"""A share of a belt's length that is its beginning."""
+"""Share of a belt's length that counts as its start."""
 EVERY_STRIP = 0xFF
 """Mask of LED channels."""
 
 
 def belt_command(value: Any, about: ConversionContext) -> Taken:
-    """Take a conveyor_msgs/BeltCommand: a speed for every belt, or for some."""
+    """Convert a conveyor_msgs/BeltCommand: a speed for every belt, or for some."""
     names, speeds = list(value.name), [float(each) for each in value.velocity]
-    if not names or len(names) != len(speeds) or len(names) > MOST_BELTS:
+    if not names or len(names) != len(speeds) or len(names) > MAX_BELTS:
         return (
             ConversionWarning(
                 f"/belt_cmd has {len(names)} names and {len(speeds)} velocities: send one velocity for each, "
-                f"at most {MOST_BELTS}"
+                f"at most {MAX_BELTS}"
             ),
         )
     taken: list[BusOutput | ConversionWarning] = []
     belts: dict[float, list[str]] = {}
     for name, speed_mps in zip(names, speeds, strict=True):
         lane = None if name == ALL else lane_of(name, about.scene.lanes)
-        if trouble := _too_fast("/belt_cmd", speed_mps):
-            taken.append(ConversionWarning(trouble))
+        if problem := _too_fast("/belt_cmd", speed_mps):
+            taken.append(ConversionWarning(problem))
         elif name == ALL:
             taken.append(_at_speed(speed_mps))
         elif lane is None:
@@ -68,12 +68,12 @@ def belt_command(value: Any, about: ConversionContext) -> Taken:
 
 
 def feed(value: Any, _about: ConversionContext) -> Taken:
-    """Take a std_msgs/Bool: the feeders give packages, or rest."""
+    """Convert a std_msgs/Bool: start or stop the feeders."""
     return (BusOutput(SET_FEEDING, "", SetFeeding(feeding=bool(value.data))),)
 
 
 def add_package(value: Any, about: ConversionContext) -> Taken:
-    """Take a std_msgs/UInt8: put an object of that kind on the first lane."""
+    """Convert a std_msgs/UInt8: add an object of that kind to the first lane."""
     kind = about.scene.kinds.kind(int(value.data))
     if kind is None:
         return (ConversionWarning(_no_kind("/add_package", int(value.data), about)),)
@@ -81,14 +81,14 @@ def add_package(value: Any, about: ConversionContext) -> Taken:
 
 
 class AddPack:
-    """The service `add_pack`: the caller chooses the number of what is added."""
+    """Service `add_pack`: the caller chooses the number of the object."""
 
     def __init__(self) -> None:
         self._open: dict[int, Any] = {}
-        """Requests that our conveyor was asked for and has not answered, by the number they want."""
+        """Open requests to our conveyor by requested number."""
 
     def asks(self, request: Any, about: ConversionContext) -> BusOutput | ConversionWarning:
-        """Take a request."""
+        """Convert a request."""
         uid, belt, position = int(request.uid), int(request.belt), float(request.position)
         scene = about.scene
         taken = {scene.uids.number(item.id) for item in scene.tracked()}
@@ -104,8 +104,8 @@ class AddPack:
             return ConversionWarning(
                 f"add_pack: position {position:g} was asked for: send 0 (start) to 1 (end)"
             )
-        if uid > MOST or uid in self._open or uid in taken:
-            return ConversionWarning(f"add_pack: uid {uid} is taken or beyond {MOST}: ask for another")
+        if uid > MAX_NUMBER or uid in self._open or uid in taken:
+            return ConversionWarning(f"add_pack: uid {uid} is taken or beyond {MAX_NUMBER}: ask for another")
         self._open[uid] = request
         scene.uids.reserve(uid)
         return BusOutput(
@@ -115,7 +115,7 @@ class AddPack:
         )
 
     def answers(self, request: Any, reply: Reply | None, about: ConversionContext) -> Any:
-        """Return the response; what was added has the caller's number from now on."""
+        """Return the response, and bind the caller's number to the new object."""
         uids, uid = about.scene.uids, int(request.uid)
         if self._open.get(uid) is request:
             del self._open[uid]
@@ -127,19 +127,19 @@ class AddPack:
 
 
 def set_belt_speed(request: Any, _about: ConversionContext) -> BusOutput | ConversionWarning:
-    """Take a request to `set_belt_speed`: a speed for every belt."""
+    """Convert a request to `set_belt_speed`: a speed for every belt."""
     speed_mps = float(request.speed)
-    trouble = _too_fast("set_belt_speed", speed_mps)
-    return ConversionWarning(trouble) if trouble else _at_speed(speed_mps)
+    problem = _too_fast("set_belt_speed", speed_mps)
+    return ConversionWarning(problem) if problem else _at_speed(speed_mps)
 
 
 def reset(_request: Any, _about: ConversionContext) -> BusOutput | ConversionWarning:
-    """Take a request to empty the conveyor."""
+    """Convert a request to empty the conveyor."""
     return BusOutput(RESET_CONVEYOR, "", ResetConveyor())
 
 
 def set_brightness(request: Any, about: ConversionContext) -> BusOutput | ConversionWarning:
-    """Take a request to dim all strips, or those whose channels (`id` in `/led_strips`) are in the mask."""
+    """Convert a request to dim all strips, or those with channels (`id` in `/led_strips`) in the mask."""
     brightness, mask = float(request.brightness), int(request.channel_index_mask)
     if not math.isfinite(brightness):
         return ConversionWarning(f"set_brightness: brightness {brightness} was asked for: send 0 to 1")
@@ -160,7 +160,7 @@ def set_brightness(request: Any, about: ConversionContext) -> BusOutput | Conver
 
 
 def set_yaw_origin(_request: Any, about: ConversionContext) -> BusOutput | ConversionWarning:
-    """Take a request to let the arm point along x of {H} as it is held now."""
+    """Convert a request to make the arm's current direction x of {H}."""
     return BusOutput(SET_YAW_ORIGIN, about.name, SetYawOrigin())
 
 

@@ -1,7 +1,7 @@
-"""What ROS says of a guest, a person whose nodes are all ROS's: their ray, and that they want a cursor.
+"""Input of a guest, a person all of whose nodes are ROS nodes: their ray and their cursor subscription.
 
 A ray (geometry_msgs/PoseStamped) begins at the eyes and goes along x of the pose, in the person's frame {H}.
-A subscription (conveyor_msgs/PUISubscription) says who wants a cursor, and how it is to look.
+A subscription (conveyor_msgs/PUISubscription) says whether the person wants a cursor, and its appearance.
 """
 
 import math
@@ -18,9 +18,9 @@ from pointit.schemas.topics import INTERACTION, PROFILE, RAY
 AHEAD = (1.0, 0.0, 0.0)
 
 WIDEST_M = 1.0
-"""Of a cursor, as `UserProfile` has it."""
-MOST_COLORMAP = 32
-"""Characters of its name, as `UserProfile` has it."""
+"""Maximum width of a cursor, as in `UserProfile`."""
+MAX_COLORMAP = 32
+"""Maximum characters of a colormap's name, as in `UserProfile`."""
 
 
 class _Look(NamedTuple):
@@ -36,9 +36,9 @@ class Rays:
         self._counts: dict[str, int] = {}
 
     def __call__(self, value: Any, about: ConversionContext) -> Taken:
-        """Take a geometry_msgs/PoseStamped; the first ones only tell that the person is here.
+        """Convert a geometry_msgs/PoseStamped. The first ones only make the person present.
 
-        A ray that comes before it is known whether they want a cursor would give them one.
+        A ray published before the subscription is known would give them a cursor.
         """
         guest = about.scene.guests.get(about.name)
         if guest is None:
@@ -60,23 +60,23 @@ class Rays:
         guest.is_heard = True
         if not guest.is_here:
             return ()
-        stamp_ns, trouble = checks.stamp(value.header.stamp, about, what)
+        stamp_ns, problem = checks.stamp(value.header.stamp, about, what)
         count = self._counts[about.name] = self._counts.get(about.name, 0) + 1
         way = vector.normalized(rotation.rotate(turned, AHEAD))
         ray = PointingRay(stamp_ns=stamp_ns, seq=count, origin_m=origin_m, direction=way)
         said = BusOutput(RAY, about.name, ray)
-        return (said, ConversionWarning(trouble)) if trouble else (said,)
+        return (said, ConversionWarning(problem)) if problem else (said,)
 
 
 class Subscriptions:
-    """Guests' wishes to have a cursor, or none any more."""
+    """Guests' cursor subscriptions."""
 
     def __init__(self) -> None:
         self._counts: dict[str, int] = {}
         self._looks: dict[str, _Look] = {}
 
     def __call__(self, value: Any, about: ConversionContext) -> Taken:
-        """Take a conveyor_msgs/PUISubscription; what is only repeated is not said again."""
+        """Convert a conveyor_msgs/PUISubscription; repetitions are dropped."""
         scene, name = about.scene, value.user_name
         user = next((each for each in scene.guests if scene.names.of(each) == name), None)
         if user is None:
@@ -112,7 +112,7 @@ class Subscriptions:
 
 
 def interaction(scene: Scene, user: str, stamp_ns: int, reason: str) -> BusOutput:
-    """Return where the guest `user` is in the interaction, as far as they have said."""
+    """Return the state of the interaction of the guest `user`, as far as known."""
     guest = scene.guests[user]
     guest.steps += 1
     state = Interaction(
@@ -126,13 +126,13 @@ def interaction(scene: Scene, user: str, stamp_ns: int, reason: str) -> BusOutpu
 
 def _stranger(name: str) -> ConversionWarning:
     return ConversionWarning(
-        f"{checks.named(name)} wants a cursor, but is nobody here: name who has ROS nodes only in the "
+        f"{checks.named(name)} wants a cursor, but is unknown here: list people with ROS nodes only in the "
         "bridge's parameter `people`"
     )
 
 
 def _look(value: Any, user: str) -> _Look | str:
-    """Return how the cursor is wanted, or what is wrong with that."""
+    """Return the cursor's appearance, or the rejection."""
     channels = [float(each) for each in (value.pointer_color.r, value.pointer_color.g, value.pointer_color.b)]
     width_m, colormap = float(value.pointer_size), value.pointer_cmap
     if not all(map(math.isfinite, channels)):
@@ -141,7 +141,7 @@ def _look(value: Any, user: str) -> _Look | str:
         return (
             f"the cursor of {user} is to be {width_m:g} m wide: send up to {WIDEST_M:g}; it stays as it was"
         )
-    if len(colormap) > MOST_COLORMAP:
+    if len(colormap) > MAX_COLORMAP:
         return f"there is no colormap {checks.named(colormap)} for the cursor of {user}; it stays as it was"
     red, green, blue = (round(255.0 * min(max(each, 0.0), 1.0)) for each in channels)
     return _Look((red, green, blue), colormap, width_m)

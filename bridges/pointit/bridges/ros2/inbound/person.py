@@ -1,8 +1,9 @@
-"""What ROS says of a person: how their arm is turned, that they pressed, where they stand.
+"""Input of a person: orientation of their arm, button, pose.
 
 Arms (`WristSample`, device `arm`): the rotation turns vectors of the arm's frame, x along the arm to the
-finger, z up with the palm down, into {H}, the frame at the person's feet with z up and x forward. How the
-sensor sits on the arm has to be taken out in ROS. The yaw's origin may be anywhere, as long as it stays:
+finger, z up with the palm down, into {H}, the frame at the person's feet with z up and x forward. The
+mounting
+of the sensor on the arm has to be corrected in ROS. The yaw's origin is arbitrary but must be constant:
 localizing by pointing finds it, as does `set_yaw_origin` until samples fail to come for a second.
 """
 
@@ -17,17 +18,17 @@ from pointit.schemas import NS_PER_S, ButtonEvent, SetPose, UserPose, WristSampl
 from pointit.schemas.topics import BUTTON, POSE, SET_POSE, WRIST
 
 SOURCE = "ros2"
-"""Of button presses."""
+"""Source of button presses."""
 
 SOONEST_NS = NS_PER_S // 30
-"""From one pose that /tf gives of a person to the next."""
+"""Minimum interval of one person's poses from /tf."""
 
 HEARD_NS = 2 * NS_PER_S
-"""Who has published a person's frame goes on for so long, as far as we know."""
+"""Time for which a publisher of a person's frame is assumed to continue."""
 FOR_EVER_NS = 2**63 - 1
 
-MOST_TRANSFORMS = 1000
-"""Looked at in one message."""
+MAX_TRANSFORMS = 1000
+"""Maximum number of transforms read from one message."""
 
 
 class Wrist:
@@ -37,11 +38,11 @@ class Wrist:
         self._counts: dict[str, int] = {}
 
     def rotation(self, value: Any, about: ConversionContext) -> Taken:
-        """Take a geometry_msgs/QuaternionStamped."""
+        """Convert a geometry_msgs/QuaternionStamped."""
         return self._turned(value, checks.quaternion(value.quaternion, _arm(about)), about)
 
     def imu(self, value: Any, about: ConversionContext) -> Taken:
-        """Take a sensor_msgs/Imu; of it only the orientation."""
+        """Convert a sensor_msgs/Imu; only its orientation is used."""
         if float(value.orientation_covariance[0]) == -1.0:
             why = (
                 f"{_arm(about)} has no orientation: the IMU says that it measures none; let a filter make one"
@@ -52,22 +53,22 @@ class Wrist:
     def _turned(self, value: Any, turned: Quaternion | str, about: ConversionContext) -> Taken:
         if isinstance(turned, str):
             return (ConversionWarning(turned),)
-        stamp_ns, trouble = checks.stamp(value.header.stamp, about, _arm(about))
+        stamp_ns, problem = checks.stamp(value.header.stamp, about, _arm(about))
         count = self._counts[about.name] = self._counts.get(about.name, 0) + 1
         sample = WristSample(stamp_ns=stamp_ns, seq=count, orientation_xyzw=turned)
         said = BusOutput(WRIST, about.name, sample)
-        return (said, ConversionWarning(trouble)) if trouble else (said,)
+        return (said, ConversionWarning(problem)) if problem else (said,)
 
 
 class Button:
-    """A person's button from Bool: a press is when it becomes true."""
+    """A person's button from Bool: it is pressed when it becomes true."""
 
     def __init__(self) -> None:
         self._down: dict[str, bool] = {}
         self._counts: dict[str, int] = {}
 
     def __call__(self, value: Any, about: ConversionContext) -> Taken:
-        """Take a std_msgs/Bool."""
+        """Convert a std_msgs/Bool."""
         was_down = self._down.get(about.name, False)
         self._down[about.name] = bool(value.data)
         if was_down or not value.data:
@@ -78,21 +79,21 @@ class Button:
         )
 
     def forget(self, user: str) -> None:
-        """Take the button of `user` for one that is up: who left with it down may press when they return."""
+        """Reset the button of `user`: after leaving with it down they may press when they return."""
         self._down.pop(user, None)
 
 
 class Poses:
-    """Where people stand, as motion capture and others in ROS know it: {H} in {W}."""
+    """Poses of people from motion capture and other ROS nodes: {H} in {W}."""
 
     def __init__(self) -> None:
         self._counts: dict[str, int] = {}
         self._sent_ns: dict[str, int] = {}
         self._static: dict[str, Any] = {}
-        """What does not move in {W}, by its frame: of people who may come later, too."""
+        """Static transforms in {W} by frame, also of people who may come later."""
 
     def mocap(self, value: Any, about: ConversionContext) -> Taken:
-        """Take a geometry_msgs/PoseStamped."""
+        """Convert a geometry_msgs/PoseStamped."""
         frame = value.header.frame_id
         if frame not in ("", about.frame):
             here = f"the pose of {about.name} is in the frame {checks.named(frame)}"
@@ -100,14 +101,14 @@ class Poses:
         return self._pose(value.pose.position, value.pose.orientation, value.header.stamp, about)
 
     def tf(self, value: Any, about: ConversionContext) -> Taken:
-        """Take a tf2_msgs/TFMessage: of all that moves, the people we know."""
+        """Convert a tf2_msgs/TFMessage: transforms of known people."""
         return tuple(self._moving(value, about))
 
     def tf_static(self, value: Any, about: ConversionContext) -> Taken:
-        """Take a tf2_msgs/TFMessage of what does not move: a person's place, told once."""
-        for each in value.transforms[:MOST_TRANSFORMS]:
+        """Convert a static tf2_msgs/TFMessage: a person's pose, published once."""
+        for each in value.transforms[:MAX_TRANSFORMS]:
             if each.header.frame_id == about.frame:
-                if len(self._static) >= MOST_TRANSFORMS:
+                if len(self._static) >= MAX_TRANSFORMS:
                     del self._static[next(iter(self._static))]
                 self._static[each.child_frame_id] = each
         return tuple(
@@ -115,12 +116,12 @@ class Poses:
         )
 
     def meet(self, about: ConversionContext) -> Taken:
-        """Return where somebody stands who comes now, if that was told before: nobody tells it again."""
+        """Return the pose of a person who has just joined, if published before: it is not repeated."""
         each = self._static.get(about.scene.frames.person(about.name))
         return () if each is None else self._stands(each, about.name, about)
 
     def _stands(self, each: Any, user: str, about: ConversionContext) -> Taken:
-        """Return where a transform of /tf_static puts somebody; a guest has no localizer to be asked."""
+        """Return the pose by a transform of /tf_static. A guest has no localizer to query."""
         if user not in about.scene.guests:
             return (_stands(each, user, about),)
         about.scene.person(user).tf_until_ns = FOR_EVER_NS
@@ -143,39 +144,39 @@ class Poses:
         if isinstance(found, str):
             return (ConversionWarning(found),)
         position_m, yaw_rad = found
-        stamp_ns, trouble = checks.stamp(stamp, about, f"the pose of {user}")
+        stamp_ns, problem = checks.stamp(stamp, about, f"the pose of {user}")
         count = self._counts[user] = self._counts.get(user, 0) + 1
         pose = UserPose(
             stamp_ns=stamp_ns, seq=count, position_m=position_m, yaw_rad=yaw_rad, method="external"
         )
         said = BusOutput(POSE, user, pose)
-        return (said, ConversionWarning(trouble)) if trouble else (said,)
+        return (said, ConversionWarning(problem)) if problem else (said,)
 
 
 def people_in(cdr: bytes, scene: Scene) -> tuple[str, ...]:
-    """Return the known people whose frame is named in a message; to read it takes 200 times as long."""
+    """Return the known people whose frames are named in `cdr`; decoding takes 200 times as long."""
     order: Literal["little", "big"] = "little" if cdr[1:2] == b"\1" else "big"
     return tuple(user for user in scene.people if _text(scene.frames.person(user), order) in cdr)
 
 
 def _text(text: str, order: Literal["little", "big"]) -> bytes:
-    """Return how `text` begins in CDR: its length tells it from one that only ends the same, as `joanna`."""
+    """Return the beginning of `text` in CDR; the length excludes longer names with the same end."""
     letters = text.encode()
     return (len(letters) + 1).to_bytes(4, order) + letters
 
 
 def _of_people(value: Any, about: ConversionContext) -> Iterator[tuple[Any, str]]:
-    """Yield the transforms from {W} to a known person's {H}, with who they are."""
+    """Yield the transforms from {W} to a known person's {H}, and the person."""
     scene = about.scene
     frames = {scene.frames.person(user): user for user in scene.people}
-    for each in value.transforms[:MOST_TRANSFORMS]:
+    for each in value.transforms[:MAX_TRANSFORMS]:
         user = frames.get(each.child_frame_id)
         if user is not None and each.header.frame_id == about.frame:
             yield each, user
 
 
 def _stands(each: Any, user: str, about: ConversionContext) -> BusOutput | ConversionWarning:
-    """Return where a transform of /tf_static puts somebody, or what is wrong with it."""
+    """Return the pose by a transform of /tf_static, or a warning."""
     found = _placed(each.transform.translation, each.transform.rotation, user)
     if isinstance(found, str):
         return ConversionWarning(found)
@@ -185,7 +186,7 @@ def _stands(each: Any, user: str, about: ConversionContext) -> BusOutput | Conve
 
 
 def _placed(at: Any, turned: Any, user: str) -> tuple[tuple[float, float, float], float] | str:
-    """Return place, m, and heading, rad, or what is wrong with them."""
+    """Return position, m, and heading, rad, or the rejection."""
     what = f"the pose of {user}"
     position_m = checks.place(at, what)
     if isinstance(position_m, str):

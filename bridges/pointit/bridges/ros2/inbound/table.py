@@ -1,4 +1,4 @@
-"""What is taken from ROS, and the services that are served in it."""
+"""Routes from ROS, and services offered to ROS nodes."""
 
 from pointit.bridges.ros2.graph.backend import SENSOR, SERVICE, Qos
 from pointit.bridges.ros2.inbound import conveyor
@@ -12,13 +12,13 @@ from pointit.schemas import topics
 _STREAM = Qos(depth=10)
 _MANY = Qos(depth=100)
 _TF_BYTES = 64 * 1024
-"""Some 600 transforms; to read that many takes the loop 6 ms."""
+"""Some 600 transforms; decoding them blocks the loop for 6 ms."""
 _TF_BYTES_HZ = 1e6
-"""A tenth of the loop's time; ten people at 100 Hz are a sixth of that."""
+"""A tenth of the loop's time. Ten people at 100 Hz need a sixth of that."""
 
 
 def inward() -> tuple[InboundRoute, ...]:
-    """Return the routes, with converters that have seen nothing yet."""
+    """Return the routes, with new converters."""
     wrist, poses, button = Wrist(), Poses(), Button()
     return (
         InboundRoute(
@@ -148,7 +148,7 @@ def inward() -> tuple[InboundRoute, ...]:
 
 
 def served() -> tuple[ServiceRoute, ...]:
-    """Return the services, with converters that have seen nothing yet."""
+    """Return the services, with new converters."""
     add_pack = conveyor.AddPack()
     return (
         ServiceRoute(

@@ -7,14 +7,14 @@ from pointit.schemas import NS_PER_S, ClockTick
 from pointit.schemas.topics import CLOCK
 
 TICK_NS = NS_PER_S
-"""Of the wall, from one tick to the next: the site runs on by itself in between."""
+"""Interval of ticks, wall time: the site's clock runs on in between."""
 FIRST_NS = NS_PER_S // 4
-"""After so long the speed is known well enough to be told for the first time."""
+"""Wall time after which the speed is known well enough for the first tick."""
 JUMP_NS = NS_PER_S // 2
-"""Of simulated time, beyond what the fastest clock could have run: it was set, and that is told at once."""
+"""Simulated time beyond the fastest clock's progress that counts as a step and is published at once."""
 
 SLOWEST, FASTEST = 0.01, 100.0
-"""A clock that stands still creeps on: our time never stops."""
+"""Limits of the speed. A stopped clock creeps on: the site's time never stops."""
 
 
 class _Sample(NamedTuple):
@@ -23,7 +23,7 @@ class _Sample(NamedTuple):
 
 
 class SimTimeInput:
-    """Tells the site the time of a simulation, and how fast it runs."""
+    """Publishes the time and speed of a simulation to the site."""
 
     def __init__(self) -> None:
         self._last: _Sample | None = None
@@ -33,7 +33,7 @@ class SimTimeInput:
         self._count = 0
 
     def __call__(self, value: Any, about: ConversionContext) -> Taken:
-        """Take a rosgraph_msgs/Clock."""
+        """Convert a rosgraph_msgs/Clock."""
         now = _Sample(about.wall_ns, int(value.clock.sec) * NS_PER_S + int(value.clock.nanosec))
         if now.sim_ns < 0:
             return (
@@ -58,6 +58,6 @@ class SimTimeInput:
 
 
 def _has_jumped(last: _Sample, now: _Sample) -> bool:
-    """Return True if the time was set, or the wall's was set back."""
+    """Return True if the simulated clock was stepped, or the wall clock was set back."""
     passed_ns, ran_ns = now.wall_ns - last.wall_ns, now.sim_ns - last.sim_ns
     return not 0 <= ran_ns <= JUMP_NS + passed_ns * FASTEST

@@ -1,1 +1,1 @@
-"""Our messages as ROS values; pure, each function one route of `routes`."""
+"""Converters of messages to ROS values; pure, each function one route of `routes`."""

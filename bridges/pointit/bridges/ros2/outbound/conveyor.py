@@ -1,4 +1,4 @@
-"""What moves, what is selected, who points at what, in the ROS toolkit's own messages."""
+"""Objects, selections and cursors in the ROS toolkit's own messages."""
 
 from typing import Any
 
@@ -10,20 +10,20 @@ from pointit.bridges.ros2.routing.scene import Scene, lane_name
 from pointit.schemas import ConveyorState, Message, Selection, TrackedObject
 from pointit.schemas.pointing import SurfaceKind
 
-MOST_PACKAGES = 2000
-"""In one list, as many as one of our messages has room for."""
+MAX_PACKAGES = 2000
+"""Maximum number of objects in one list, as in our messages."""
 
 _NONE = np.empty(0, dtype=np.uint32)
 
 
 def packages(_message: Message, about: ConversionContext) -> Converted:
-    """Return what all trackers track on belts and strips; other things have no place in the message."""
+    """Return the objects of all trackers on belts and strips. The message has no place for others."""
     scene = about.scene
     types = scene.types
     made: list[Any] = []
     for item in scene.tracked():
         place = _along(scene, item.surface, item.surface_id, item.surface_position_m)
-        if place is not None and len(made) < MOST_PACKAGES:
+        if place is not None and len(made) < MAX_PACKAGES:
             made.append(_package(scene, item, place))
     return (
         types.make(
@@ -35,20 +35,20 @@ def packages(_message: Message, about: ConversionContext) -> Converted:
 
 
 def selected(selection: Selection, about: ConversionContext) -> Converted:
-    """Return what is selected, by whomever."""
+    """Return all selected objects, of every owner."""
     uids = [about.scene.uids.number(item.id) for item in selection.objects]
     return (about.scene.types.make("conveyor_msgs/msg/PackageUIDList", uids=np.array(uids, dtype=np.uint32)),)
 
 
 def pointers(_message: Message, about: ConversionContext) -> Converted:
-    """Return every person's cursor; of who points at no line the name of the strip is empty, as it was."""
+    """Return every person's cursor, with an empty strip name if it is on no line, as in the ROS toolkit."""
     scene = about.scene
     made = [_pointer(scene, user) for user in sorted(scene.people)]
     return (scene.types.make("conveyor_msgs/msg/PointerList", pointers=made),)
 
 
 def step_number(state: ConveyorState, about: ConversionContext) -> Converted:
-    """Return the number of the feeding schedule's step; nothing where it has none."""
+    """Return the number of the feeding schedule's step, or nothing without a step."""
     try:
         number = int(state.step)
     except ValueError:
@@ -92,7 +92,7 @@ def _pointer(scene: Scene, user: str) -> Any:
 
 
 def _along(scene: Scene, surface: SurfaceKind, surface_id: str, position_m: float) -> Any | None:
-    """Return a place on a line as its share of the line's length; none: it is on no line of the map."""
+    """Return the position as a share of the line's length, or None if the line is not on the map."""
     line = scene.lines.get((surface, surface_id))
     if line is None:
         return None

@@ -1,4 +1,4 @@
-"""Markers that RViz and Foxglove draw (visualization_msgs), from our numbers."""
+"""Markers for RViz and Foxglove (visualization_msgs) from our units."""
 
 from collections.abc import Iterable
 from typing import Any, Literal
@@ -24,7 +24,7 @@ SHAPES: dict[Shape, int] = {
     "text": 9,
     "triangles": 11,
 }
-"""Numbers of the message's constants; a line is a LINE_STRIP, triangles are a TRIANGLE_LIST."""
+"""Constants of the message; a line is a LINE_STRIP, triangles are a TRIANGLE_LIST."""
 
 ADD, DELETE, DELETE_ALL = 0, 2, 3
 
@@ -34,10 +34,10 @@ Place = Iterable[float]
 
 
 class MarkerBuilder:
-    """Draws markers with one stamp, in one frame."""
+    """Builds markers with one stamp, in one frame."""
 
     def __init__(self, about: ConversionContext, lifetime_s: float = 0.0) -> None:
-        """Draw for the route of `about`; lifetime 0 is for ever."""
+        """Build for the route of `about`; lifetime 0 is for ever."""
         self._types: Types = about.scene.types
         self._header = values.header(self._types, about.stamp_ns, about.frame)
         seconds, rest_ns = divmod(round(lifetime_s * NS_PER_S), NS_PER_S)
@@ -57,7 +57,7 @@ class MarkerBuilder:
         places_m: Iterable[Vec3] = (),
         words: str = "",
     ) -> Any:
-        """Return a marker, called `group` and `number`."""
+        """Return a marker with namespace `group` and id `number`."""
         types = self._types
         return types.make(
             MARKER,
@@ -75,16 +75,16 @@ class MarkerBuilder:
         )
 
     def label(self, words: str, group: str, number: int, at_m: Vec3, high_m: float = 0.14) -> Any:
-        """Return words that always face who looks."""
+        """Return a label that always faces the viewer."""
         size_m = (0.0, 0.0, high_m)
         return self.shape("text", group, number, size_m=size_m, rgb=WHITE, at_m=at_m, words=words)
 
     def gone(self, group: str, number: int) -> Any:
-        """Return what takes a marker away."""
+        """Return a marker that deletes another."""
         return self._types.make(MARKER, header=self._header, ns=group, id=number, action=DELETE)
 
     def blank(self) -> Any:
-        """Return what takes all markers of the topic away."""
+        """Return a marker that deletes all markers of the topic."""
         return self._types.make(MARKER, header=self._header, action=DELETE_ALL)
 
     def array(self, markers: list[Any]) -> Any:

@@ -1,4 +1,4 @@
-"""What stands still, drawn: belts, strips, lamps, solids; sent once per map."""
+"""Markers of the static room: belts, strips, lamps, solids; sent once per map."""
 
 from collections.abc import Iterator
 from itertools import islice, pairwise
@@ -16,13 +16,13 @@ from pointit.geometry.vector import Vec3
 from pointit.schemas import Environment
 from pointit.schemas.base import Rgb
 
-MOST_MARKERS = 2000
-"""Of one map; a label says that there are more."""
-MOST_VERTICES = 200
-"""Of one line; from longer ones so many are taken, evenly."""
+MAX_MARKERS = 2000
+"""Maximum number of markers of a map; a label says that there are more."""
+MAX_VERTICES = 200
+"""Maximum number of vertices of a line; longer ones are sampled evenly."""
 
 ENDLESS_M = 20.0
-"""A plane without end is drawn so large."""
+"""Drawn size of an infinite plane."""
 STRIP_M, LAMP_M, THIN_M = 0.02, 0.1, 0.005
 
 BELT: Rgb = (70, 74, 84)
@@ -30,16 +30,16 @@ STRIP: Rgb = (150, 155, 165)
 LAMP: Rgb = (255, 240, 200)
 SOLID: Rgb = (140, 150, 170)
 GLASS = 0.35
-"""Opacity of solids: what is behind them is seen."""
+"""Opacity of solids, so that objects behind them are visible."""
 
 
 def map_markers(room: Environment, about: ConversionContext) -> Converted:
-    """Return the map as markers, after one that takes away those of the map before."""
+    """Return the map's markers, after one that deletes the previous map's."""
     pen = MarkerBuilder(about)
     drawn = _room(pen, about.scene, room)
-    made = [pen.blank(), *islice(drawn, MOST_MARKERS)]
+    made = [pen.blank(), *islice(drawn, MAX_MARKERS)]
     if next(drawn, None) is not None:
-        words = f"the map has more than the {MOST_MARKERS} things that are drawn"
+        words = f"the map has more than the {MAX_MARKERS} things that are drawn"
         made.append(pen.label(words, "more", 0, (0.0, 0.0, 2.8), 0.3))
     return (pen.array(made),)
 
@@ -103,7 +103,7 @@ def _solids(pen: MarkerBuilder, room: Environment) -> Iterator[Any]:
 
 
 def ribbon(line: Polyline, width_m: float) -> list[Vec3]:
-    """Return triangles, three corners each, of a level ribbon along `line`, seen from above and below."""
+    """Return triangles, three corners each, of a level ribbon along `line`, visible from above and below."""
     vertices_m = _vertices(line)
     corners_m: list[Vec3] = []
     for start_m, end_m in pairwise(vertices_m):
@@ -121,12 +121,12 @@ def ribbon(line: Polyline, width_m: float) -> list[Vec3]:
 
 def _vertices(line: Polyline) -> list[Vec3]:
     count = len(line.vertices_m)
-    kept = np.unique(np.linspace(0, count - 1, min(count, MOST_VERTICES)).round().astype(int))
+    kept = np.unique(np.linspace(0, count - 1, min(count, MAX_VERTICES)).round().astype(int))
     return [(x, y, z) for x, y, z in line.vertices_m[kept].tolist()]
 
 
 def _of_axes(u: Vec3, v: Vec3) -> rotation.Quaternion:
-    """Return the rotation whose x and y axes are `u` and `v`, unit and at right angles."""
+    """Return the rotation whose x and y axes are `u` and `v`, orthonormal."""
     azimuth, elevation = vector.azimuth(u), vector.elevation(u)
     level = rotation.from_azimuth_elevation(azimuth, elevation)
     across, up = rotation.rotate(level, (0.0, 1.0, 0.0)), rotation.rotate(level, (0.0, 0.0, 1.0))

@@ -1,4 +1,4 @@
-"""What moves, drawn: rays, cursors, people and how sure their place is, packages, whose they are."""
+"""Markers of moving things: rays, cursors, people, their uncertainty, objects and their owners."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -15,43 +15,43 @@ from pointit.schemas.base import Rgb
 from pointit.schemas.environment import KIND_COLORS, OTHER_COLOR
 
 LIFETIME_S = 2.0
-"""A viewer that missed that something left shows it no longer."""
-MOST_OBJECTS = 500
-"""Drawn at a time; a label says how many more there are."""
-MOST_PEOPLE = 64
+"""Lifetime of a marker, s, for viewers that missed its deletion."""
+MAX_OBJECTS = 500
+"""Maximum number of drawn objects; a label gives the number of others."""
+MAX_PEOPLE = 64
 
 FREE_RAY_M = 4.0
-"""A ray that meets nothing is drawn so long."""
+"""Drawn length of a ray that meets nothing."""
 RAY_M: Vec3 = (0.012, 0.03, 0.06)
-"""Width of its shaft and head, length of the head."""
+"""Width of the ray's shaft and head, length of the head."""
 CURSOR_M = 0.08
 NAME_M = 1.95
 """Height of a person's name above their feet."""
 
 SIGMAS = 2.0
-"""The ellipse around a place, in standard deviations."""
+"""Size of the position's ellipse, in standard deviations."""
 SMALLEST_M = 5e-3
-"""An ellipse whose longer half-axis is shorter is not drawn: the place is known."""
+"""An ellipse with a shorter major half-axis is not drawn: the position is known."""
 
 USUAL_M = 0.12
-"""Length of what tells none."""
+"""Length of an object without one."""
 SEGMENT_M = (0.07, 0.06)
 """Width and height of a segment of a strip."""
 GROWN_M = 0.05
-"""So much larger is what shows whose an object is."""
+"""Growth of the box that shows an object's owner."""
 
 
 class Markers:
-    """Draws the whole scene each time, and takes away what was drawn before and is no more."""
+    """Draws the whole scene each time, and deletes markers that are gone."""
 
     def __init__(self) -> None:
         self._drawn: dict[tuple[str, int], None] = {}
 
     def __call__(self, _message: Message, about: ConversionContext) -> Converted:
-        """Return the scene as it is."""
+        """Return the scene's markers."""
         pen = MarkerBuilder(about, LIFETIME_S)
         scene = about.scene
-        people = sorted(scene.people)[:MOST_PEOPLE]
+        people = sorted(scene.people)[:MAX_PEOPLE]
         made = [marker for user in people for marker in _person(pen, scene, user)]
         made += _objects(pen, scene)
         now = {(marker.ns, marker.id): None for marker in made}
@@ -61,7 +61,7 @@ class Markers:
 
 
 def ellipse(pose: UserPose) -> tuple[float, float, float] | None:
-    """Return both half-axes, m, and the azimuth of the longer one; none: it is too small to see."""
+    """Return both half-axes, m, and the azimuth of the major one, or None if it is too small to see."""
     spread = np.array(pose.covariance).reshape(3, 3)[:2, :2]
     variances, axes = np.linalg.eigh((spread + spread.T) / 2.0)
     short_m, long_m = (SIGMAS * np.sqrt(np.maximum(variances, 0.0))).tolist()
@@ -115,7 +115,7 @@ def _objects(pen: MarkerBuilder, scene: Scene) -> Iterator[Any]:
     owners = {} if selection is None else {item.id: item.user for item in selection.objects}
     left_out = 0
     for count, item in enumerate(scene.tracked()):
-        if count < MOST_OBJECTS:
+        if count < MAX_OBJECTS:
             yield from _object(pen, scene, item, owners.get(item.id))
         else:
             left_out += 1
@@ -134,7 +134,7 @@ def _object(pen: MarkerBuilder, scene: Scene, item: TrackedObject, owner: str | 
         turned = rotation.from_azimuth_elevation(vector.azimuth(ahead), vector.elevation(ahead))
         size_m = (length_m, *SEGMENT_M)
         if item.surface == "belt":
-            # Trackers tell lengths only; the shares are those of the page's packages.
+            # Trackers publish lengths only; the shares are those of the page's packages.
             high_m = min(max(0.6 * length_m, 0.1), 0.26)
             size_m = (length_m, min(max(0.75 * length_m, 0.1), 0.34), high_m)
             at_m = vector.add(at_m, (0.0, 0.0, high_m / 2.0))

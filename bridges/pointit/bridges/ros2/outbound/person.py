@@ -1,4 +1,4 @@
-"""What a person does: arm, ray, place, cursor, button, where they are in the interaction."""
+"""Output of a person: arm, ray, pose, cursor, button, state of the interaction."""
 
 import math
 from typing import Any
@@ -12,23 +12,23 @@ from pointit.geometry.vector import Vec3
 from pointit.schemas import ButtonEvent, Cursor, Goal, ImuSample, Interaction, PointingRay, UserPose
 
 SUPERVISOR = "supervisor"
-"""The ROS toolkit's node that leads through the interaction, which ours stands for."""
+"""The ROS toolkit's node that controls the interaction, which ours replaces."""
 
 STATES = {"idle": "ready", "localizing": "waiting_relloc", "pointing": "pointing"}
-"""Our states as that node calls its own."""
+"""Our states in that node's terms."""
 
 BUTTON_DOWN_S = 0.1
-"""A press is true, and so long afterwards false, so that who joins late gets no press that is over."""
+"""A press is true, then false after this time, so that late joiners get no old press."""
 
 _UNKNOWN = np.array([-1.0, *[0.0] * 8])
-"""Says in a covariance's place that there is no such measurement (sensor_msgs/Imu)."""
+"""Covariance of a missing measurement (sensor_msgs/Imu)."""
 _ZEROS = np.zeros(9)
 
-LEAST_M = 0.01
-"""Standard deviation of a known position, as measured by hand; ROS's filters cannot use 0."""
-LEAST_RAD = math.radians(1.0)
-"""Standard deviation of a known angle likewise, and of roll and pitch, which are 0 by definition of {H}."""
-_LEAST = np.array([LEAST_M**2] * 3 + [LEAST_RAD**2] * 3)
+MIN_SIGMA_M = 0.01
+"""Standard deviation of a position measured by hand; ROS's filters cannot use 0."""
+MIN_SIGMA_RAD = math.radians(1.0)
+"""Standard deviation of a known angle, and of roll and pitch, which are 0 by definition of {H}."""
+_MIN_VARIANCES = np.array([MIN_SIGMA_M**2] * 3 + [MIN_SIGMA_RAD**2] * 3)
 
 
 def pointing_ray(ray: PointingRay, about: ConversionContext) -> Converted:
@@ -39,7 +39,7 @@ def pointing_ray(ray: PointingRay, about: ConversionContext) -> Converted:
 
 
 def rotation_of_arm(sample: ImuSample, about: ConversionContext) -> Converted:
-    """Return how the arm is turned, in {H}."""
+    """Return the arm's orientation in {H}."""
     types = about.scene.types
     return (
         types.make(
@@ -51,7 +51,7 @@ def rotation_of_arm(sample: ImuSample, about: ConversionContext) -> Converted:
 
 
 def imu(sample: ImuSample, about: ConversionContext) -> Converted:
-    """Return the sample with all vectors in {H}: nobody publishes a frame of the arm."""
+    """Return the sample with all vectors in {H}, since the arm has no published frame."""
     types = about.scene.types
     turned = sample.orientation_xyzw
     turning, push = sample.angular_velocity_radps, sample.acceleration_mps2
@@ -81,7 +81,7 @@ def pose_with_covariance(place: UserPose, about: ConversionContext) -> Converted
     spread = np.zeros((6, 6))
     spread[np.ix_((0, 1, 5), (0, 1, 5))] = np.array(place.covariance).reshape(3, 3)
     spread[2, 2] = place.z_sigma_m**2
-    np.fill_diagonal(spread, np.maximum(spread.diagonal(), _LEAST))
+    np.fill_diagonal(spread, np.maximum(spread.diagonal(), _MIN_VARIANCES))
     turned = rotation.from_yaw(place.yaw_rad)
     return (
         types.make(
@@ -97,7 +97,7 @@ def pose_with_covariance(place: UserPose, about: ConversionContext) -> Converted
 
 
 def transform(place: UserPose, about: ConversionContext) -> Converted:
-    """Return {H} in {W} for /tf; nothing while somebody else in ROS publishes that frame."""
+    """Return {H} in {W} for /tf; nothing while another ROS node publishes that frame."""
     scene = about.scene
     now_ns = about.stamp_ns if about.is_again else scene.now_ns
     if now_ns < scene.person(about.name).tf_until_ns:
@@ -127,7 +127,7 @@ def transforms(about: ConversionContext, children: list[tuple[str, Vec3, rotatio
 
 
 def cursor(spot: Cursor, about: ConversionContext) -> Converted:
-    """Return where the ray meets the room; nothing where it does not."""
+    """Return the point where the ray meets the room; nothing if it does not."""
     if spot.point_m is None:
         return ()
     types = about.scene.types
@@ -141,7 +141,7 @@ def cursor(spot: Cursor, about: ConversionContext) -> Converted:
 
 
 def goal(wish: Goal, about: ConversionContext) -> Converted:
-    """Return where a robot is to go, and how it is to face there."""
+    """Return a robot's goal, and its heading there."""
     return _stamped_pose(about, wish.position_m, rotation.from_yaw(wish.yaw_rad))
 
 
@@ -153,7 +153,7 @@ def button(event: ButtonEvent, about: ConversionContext) -> Converted:
 
 
 def state(interaction: Interaction, about: ConversionContext) -> Converted:
-    """Return where the person is in the interaction, as a transition of the node that leads through it."""
+    """Return the state of the interaction, as a transition of the ROS toolkit's supervisor."""
     return (
         about.scene.types.make(
             "conveyor_msgs/msg/State", node_name=SUPERVISOR, state=STATES[interaction.state]
@@ -162,12 +162,12 @@ def state(interaction: Interaction, about: ConversionContext) -> Converted:
 
 
 def is_pointing(interaction: Interaction, about: ConversionContext) -> Converted:
-    """Return True if the person points."""
+    """Return a ROS Bool, true while the person points."""
     return (about.scene.types.make("std_msgs/msg/Bool", data=interaction.state == "pointing"),)
 
 
 def subscription(interaction: Interaction, about: ConversionContext) -> Converted:
-    """Return the person's wish to have a cursor, or none any more, for the ROS toolkit's `pui_node`."""
+    """Return a cursor subscription, or its end, for the ROS toolkit's `pui_node`."""
     types = about.scene.types
     profile = about.scene.person(about.name).profile
     return (

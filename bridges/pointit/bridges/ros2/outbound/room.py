@@ -1,4 +1,4 @@
-"""Lights, places that stand still, time, health."""
+"""Output of lights, static frames, time, health."""
 
 from typing import Any
 
@@ -11,10 +11,10 @@ from pointit.geometry import rotation, vector
 from pointit.geometry.vector import Vec3
 from pointit.schemas import ClockTick, Environment, Health, LampColor, StripsFrame
 
-MOST_FRAMES = 1000
-"""Static frames of one map; a tf tree with more helps nobody."""
-MOST_VALUES = 64
-"""Of one service's diagnostics."""
+MAX_FRAMES = 1000
+"""Maximum number of static frames of a map; a larger tf tree is useless."""
+MAX_VALUES = 64
+"""Maximum number of values in one service's diagnostics."""
 
 OK, WARN = 0, 1
 """Levels of diagnostic_msgs/DiagnosticStatus."""
@@ -35,7 +35,7 @@ def led_strips(frame: StripsFrame, about: ConversionContext) -> Converted:
 
 
 def lamp_color(lamp: LampColor, about: ConversionContext) -> Converted:
-    """Return what a lamp shows; black is off."""
+    """Return the colour of a lamp; black is off."""
     return (values.color(about.scene.types, lamp.color),)
 
 
@@ -48,11 +48,11 @@ def static_frames(room: Environment, about: ConversionContext) -> Converted:
         way = line.tangent_at(0.0)
         turned = rotation.from_azimuth_elevation(vector.azimuth(way), vector.elevation(way))
         children.append((values.text(f"{kind}/{name}"), line.point_at(0.0), turned))
-    return (transforms(about, children[:MOST_FRAMES]),)
+    return (transforms(about, children[:MAX_FRAMES]),)
 
 
 def clock(tick: ClockTick, about: ConversionContext) -> Converted:
-    """Return the site's time while it is simulated; nothing while it is the wall's."""
+    """Return the site's time while it is simulated; nothing for wall time."""
     if tick.sim_ns == tick.stamp_ns and tick.speed == 1.0:
         return ()
     types = about.scene.types
@@ -67,7 +67,7 @@ def diagnostics(health: Health, about: ConversionContext) -> Converted:
     def value(key: str, told: str) -> Any:
         return types.make("diagnostic_msgs/msg/KeyValue", key=values.text(key), value=values.text(told))
 
-    pairs = [value(key, told) for key, told in _figures(health)[:MOST_VALUES]]
+    pairs = [value(key, told) for key, told in _figures(health)[:MAX_VALUES]]
     is_well = health.status == "ok" and not health.warnings
     status = types.make(
         "diagnostic_msgs/msg/DiagnosticStatus",

@@ -1,4 +1,4 @@
-"""What is published in ROS: standard types first, then the ROS toolkit's messages under its names."""
+"""Routes to ROS: standard types first, then the ROS toolkit's messages under its names."""
 
 from pointit.bridges.ros2.graph.backend import LATCHED, ROSOUT, Qos
 from pointit.bridges.ros2.outbound import conveyor, person, room
@@ -10,25 +10,25 @@ from pointit.bridges.ros2.routing.route_types import OutboundRoute
 from pointit.schemas import topics
 
 POINTING_HZ = 50.0
-"""Of what follows an arm."""
+"""Rate of what follows an arm."""
 DRAWN_HZ = 20.0
-"""Of what is looked at only."""
+"""Rate of what is only viewed."""
 TF_HZ = 10.0
-"""A transform is repeated so often: listeners forget it, and want one that is not older than their data."""
+"""Rate of repeated transforms: listeners forget old ones, and need one not older than their data."""
 LOG_HZ = 2.0
-"""Of one service's reports so many are read, which come once a second: no writer floods ROS's log."""
+"""Rate at which one service's reports, one a second, are read: no service can flood ROS's log."""
 CLOCK_HZ = 50.0
 CLOCK_S = 10.0
-"""A clock that was silent for so long has ended, for the site itself too (`runtime.clock.SILENT_NS`)."""
+"""Silence after which a clock has ended, for the site itself too (`runtime.clock.SILENT_NS`), s."""
 
-# Who publishes reliably reaches both kinds of subscribers, also over DDS.
+# A reliable publisher reaches both kinds of subscribers, also over DDS.
 _NEWEST = Qos(depth=1)
 _STREAM = Qos(depth=10)
 _MANY = Qos(depth=100)
 
 
 def outward() -> tuple[OutboundRoute, ...]:
-    """Return the routes, with converters that have seen nothing yet."""
+    """Return the routes, with new converters."""
     return (*_standard(), *_toolkit())
 
 

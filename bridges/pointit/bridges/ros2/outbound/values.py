@@ -1,4 +1,4 @@
-"""The small ROS values that all others are made of; whatever our messages may hold fits."""
+"""Small ROS values that messages are composed of; every value of our messages fits."""
 
 from typing import Any
 
@@ -9,14 +9,14 @@ from pointit.schemas import NS_PER_S
 from pointit.schemas.base import Rgb
 
 LAST_S = 2**31 - 1
-"""The last second that ROS can tell, in 2038."""
+"""Last second of a ROS time, in 2038."""
 
-MOST_TEXT = 1000
-"""Characters of a text; a ROS node is no place for more."""
+MAX_TEXT = 1000
+"""Maximum characters of a text."""
 
 
 def time(types: Types, stamp_ns: int) -> Any:
-    """Return a time in Unix ns; what is after `LAST_S` is that."""
+    """Return a time in Unix ns, `LAST_S` at most."""
     seconds, rest_ns = divmod(stamp_ns, NS_PER_S)
     if seconds > LAST_S:
         seconds, rest_ns = LAST_S, 0
@@ -59,5 +59,5 @@ def color(types: Types, rgb: Rgb, alpha: float = 1.0) -> Any:
 
 
 def text(words: str) -> str:
-    """Return `words` as a ROS string can hold them: without NUL, and no longer than is of use."""
-    return words.replace("\0", "")[:MOST_TEXT]
+    """Return `words` as a ROS string: without NUL, and shortened."""
+    return words.replace("\0", "")[:MAX_TEXT]

@@ -1,1 +1,1 @@
-"""The ROS graph through an installed ROS: whatever that speaks, DDS above all."""
+"""The ROS graph through an installed ROS, by any of its middlewares, DDS above all."""

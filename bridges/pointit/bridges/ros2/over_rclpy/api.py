@@ -1,4 +1,4 @@
-"""What the bridge uses of rclpy, which has no stubs."""
+"""Protocols for the parts of rclpy in use, which has no stubs."""
 
 from collections.abc import Callable, Sequence
 from typing import Any, Protocol, TypedDict
@@ -7,10 +7,10 @@ NamesAndTypes = Sequence[tuple[str, Sequence[str]]]
 
 
 class MessageInfo(TypedDict, total=False):
-    """What rclpy tells of a message besides its bytes; before Iron, nothing."""
+    """Metadata of a message in rclpy; before Iron, empty."""
 
     source_timestamp: int
-    """When it was published, ns since 1970 by the publisher's clock; 0: not known."""
+    """Time of publication, ns since 1970 by the publisher's clock; 0 if unknown."""
 
 
 class ServiceClass(Protocol):
@@ -21,7 +21,7 @@ class ServiceClass(Protocol):
 
 
 class Profile(Protocol):
-    """Quality of service of one end."""
+    """Quality of service of an endpoint."""
 
     depth: int
     reliability: object
@@ -29,7 +29,7 @@ class Profile(Protocol):
 
 
 class EndInfo(Protocol):
-    """One publisher or subscription of somebody; since Iron it has `topic_type_hash`, too."""
+    """A publisher or subscription in the graph; since Iron it has `topic_type_hash`, too."""
 
     node_name: str
     node_namespace: str
@@ -49,18 +49,18 @@ class ServiceServer(Protocol):
     """A server of a service."""
 
     send_response: Callable[[Any, object], None]
-    """Takes a response and the request's header; the executor calls it with what a callback returns."""
+    """Sends a response to the request with this header; the executor calls it with a callback's result."""
 
 
 class Reply(Protocol):
     """Future of a response."""
 
     def add_done_callback(self, callback: Callable[["Reply"], None]) -> None:
-        """Have `callback` called when it is there, on the executor's thread."""
+        """Have `callback` called on completion, on the executor's thread."""
         ...
 
     def result(self) -> object:
-        """Return the response; raises what went wrong."""
+        """Return the response; raises the error of a failed request."""
         ...
 
 
@@ -68,7 +68,7 @@ class ServiceCaller(Protocol):
     """A client of a service."""
 
     def service_is_ready(self) -> bool:
-        """Return True if somebody serves it."""
+        """Return True if there is a server."""
         ...
 
     def call_async(self, request: object) -> Reply:
@@ -76,7 +76,7 @@ class ServiceCaller(Protocol):
         ...
 
     def remove_pending_request(self, future: Reply) -> None:
-        """Wait for no response any more."""
+        """Stop waiting for a response."""
         ...
 
 
@@ -110,19 +110,19 @@ class Node(Protocol):
         ...
 
     def destroy_publisher(self, publisher: Sender) -> bool:
-        """Take it back."""
+        """Remove it from the graph."""
         ...
 
     def destroy_subscription(self, subscription: object) -> bool:
-        """Take it back."""
+        """Remove it from the graph."""
         ...
 
     def destroy_service(self, service: ServiceServer) -> bool:
-        """Take it back."""
+        """Remove it from the graph."""
         ...
 
     def destroy_client(self, client: ServiceCaller) -> bool:
-        """Take it back."""
+        """Remove it from the graph."""
         ...
 
     def destroy_node(self) -> None:
@@ -130,7 +130,7 @@ class Node(Protocol):
         ...
 
     def get_node_names_and_namespaces(self) -> Sequence[tuple[str, str]]:
-        """Return who is there."""
+        """Return the nodes that are present."""
         ...
 
     def get_topic_names_and_types(self) -> NamesAndTypes:
@@ -138,27 +138,27 @@ class Node(Protocol):
         ...
 
     def get_publisher_names_and_types_by_node(self, node_name: str, node_namespace: str) -> NamesAndTypes:
-        """Return what a node publishes; raises when it has gone."""
+        """Return the topics a node publishes; raises if it has gone."""
         ...
 
     def get_subscriber_names_and_types_by_node(self, node_name: str, node_namespace: str) -> NamesAndTypes:
-        """Return what a node subscribes to; raises when it has gone."""
+        """Return the topics a node subscribes to; raises if it has gone."""
         ...
 
     def get_service_names_and_types_by_node(self, node_name: str, node_namespace: str) -> NamesAndTypes:
-        """Return what a node serves; raises when it has gone."""
+        """Return the services a node serves; raises if it has gone."""
         ...
 
     def get_client_names_and_types_by_node(self, node_name: str, node_namespace: str) -> NamesAndTypes:
-        """Return what services a node calls; raises when it has gone."""
+        """Return the services a node calls; raises if it has gone."""
         ...
 
     def get_publishers_info_by_topic(self, topic_name: str) -> Sequence[EndInfo]:
-        """Return who publishes a topic."""
+        """Return the publishers of a topic."""
         ...
 
     def get_subscriptions_info_by_topic(self, topic_name: str) -> Sequence[EndInfo]:
-        """Return who subscribes to a topic."""
+        """Return the subscriptions of a topic."""
         ...
 
 
@@ -170,11 +170,11 @@ class Executor(Protocol):
         ...
 
     def spin(self) -> None:
-        """Do so until `shutdown`; raises what a callback or the reading of a request raises."""
+        """Run callbacks until `shutdown`; raises the exceptions of callbacks and of reading requests."""
         ...
 
     def create_task(self, callback: Callable[[], None]) -> object:
-        """Call `callback` on its thread."""
+        """Call `callback` on the executor's thread."""
         ...
 
     def shutdown(self, timeout_sec: float | None = None) -> bool:
@@ -183,16 +183,16 @@ class Executor(Protocol):
 
 
 class RosContext(Protocol):
-    """What nodes live in."""
+    """State that nodes belong to."""
 
     def init(self, args: list[str], *, initialize_logging: bool, domain_id: int) -> None:
-        """Begin."""
+        """Initialize it."""
         ...
 
     def ok(self) -> bool:
-        """Return True if it has not ended."""
+        """Return True until it is shut down."""
         ...
 
     def try_shutdown(self) -> None:
-        """End."""
+        """Shut it down."""
         ...

@@ -1,8 +1,7 @@
-"""A node in a ROS 2 graph through an installed ROS: whatever it speaks, DDS above all, we speak, too.
+"""A node in a ROS 2 graph through an installed ROS, by any of its middlewares, DDS above all.
 
-One thread spins rclpy's executor; what happens there is handed to the loop through bounded queues. rclpy
-tells nobody that the graph has changed (ros2/rclpy#929), so it is looked at once a second, and after every
-declaration of ours.
+One thread spins rclpy's executor; its events reach the loop through bounded queues. rclpy does not notify of
+changes in the graph (ros2/rclpy#929), so it is read once a second, and after every declaration of ours.
 """
 
 import asyncio
@@ -28,24 +27,24 @@ from pointit.runtime.host.threads import in_daemon_thread
 log = logging.getLogger(__name__)
 
 LOOK_S = 1.0
-"""How often the graph is looked at."""
+"""Interval of reading the graph, s."""
 SETTLE_S = 0.05
-"""How long declarations of ours are gathered before it is looked at because of them."""
+"""Time (s) to gather declarations of ours before the graph is read because of them."""
 PAUSE_S = 0.05
-"""After something that stopped the executor, such as a request that cannot be read."""
+"""Pause (s) after an error that stopped the executor, such as an unreadable request."""
 
 NEEDS = (
     "they need the same ROS_DOMAIN_ID, on other machines a network that lets DDS discovery through, and "
     "neither ROS_LOCALHOST_ONLY=1 nor ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST here or there"
 )
-"""What other nodes need to be seen."""
+"""Conditions for other nodes to be seen."""
 
 
 async def opened_rclpy(config: BackendConfig, warnings: WarningSink) -> "RclpyBackend":
     """Return our node in the ROS graph; may be cancelled at any time.
 
     Raises:
-        ConfigError: rclpy is not there, or cannot join.
+        ConfigError: If rclpy is not there, or cannot join.
     """
     joined = await in_daemon_thread(lambda: join(config), "rclpy-open", discard=lambda joined: joined.leave())
     return RclpyBackend(joined, config, warnings)
@@ -55,23 +54,23 @@ class RclpyBackend:
     """Our node; see `pointit.bridges.ros2.graph.backend.Backend` for the contract."""
 
     def __init__(self, joined: RclpyNode, config: BackendConfig, warnings: WarningSink) -> None:
-        """Begin to spin; must be called in the loop. `joined` belongs to this backend, which leaves."""
+        """Start to spin; must be called in the loop. This backend owns `joined`."""
         self._joined = joined
         self._config = config
         self._loop = asyncio.get_running_loop()
-        self._complaints = BackendWarnings(warnings)
+        self._warnings = BackendWarnings(warnings)
         self._seat = DdsContext(
             joined.rclpy,
             joined.node,
-            self._complaints,
+            self._warnings,
             name=config.node,
             distro=config.distro,
             max_bytes=config.max_message_bytes,
         )
         self._reader = GraphReader(joined.rclpy, joined.node, name=config.node, domain=config.domain_id)
-        # The distribution matters to nobody here: DDS tells types apart by their names.
+        # The distribution does not matter here: DDS distinguishes types by their names.
         self._outlook = GraphMonitor(
-            self._complaints, domain=config.domain_id, distro="", needs=NEEDS, matching="type"
+            self._warnings, domain=config.domain_id, distro="", needs=NEEDS, matching="type"
         )
         self._clients: dict[tuple[str, RosType], DdsClient] = {}
         self._calls = Calls()
@@ -79,8 +78,8 @@ class RclpyBackend:
         self._spinning = threading.Thread(target=self._spin, name="rclpy-spin", daemon=True)
         self._spinning.start()
         self._look_timer: asyncio.TimerHandle | None = None
-        self._say_environment()
-        self._look_in(0.0)
+        self._warn_of_environment()
+        self._schedule_look(0.0)
 
     @property
     def node(self) -> str:
@@ -89,14 +88,14 @@ class RclpyBackend:
 
     @property
     def problem(self) -> str:
-        """Return one sentence on what is wrong with the connection itself; empty when nothing is."""
+        """Return an error message if the connection itself fails, else `""`."""
         if self._seat.is_closed or self._joined.context.ok():
             return ""
-        return "rclpy was shut down by somebody else in this process; start the bridge again"
+        return "rclpy was shut down elsewhere in this process; start the bridge again"
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Return why nothing happens where nothing is wrong: nobody is there, nobody subscribes."""
+        """Return explanations why nothing happens where nothing is wrong: no nodes, no subscribers."""
         return self._outlook.notes
 
     def advertise(self, topic: str, kind: RosType, qos: Qos) -> Writer:
@@ -111,7 +110,7 @@ class RclpyBackend:
         if self._seat.is_other(kind, topic, self._joined.node.get_publishers_info_by_topic):
             writer.close()
             return NullEndpoint()
-        self._look_in(SETTLE_S)
+        self._schedule_look(SETTLE_S)
         return writer
 
     def subscribe(self, topic: str, kind: RosType, qos: Qos, handler: Callable[[bytes], None]) -> Closable:
@@ -126,7 +125,7 @@ class RclpyBackend:
         if self._seat.is_other(kind, topic, self._joined.node.get_subscriptions_info_by_topic):
             reader.close()
             return NullEndpoint()
-        self._look_in(SETTLE_S)
+        self._schedule_look(SETTLE_S)
         return reader
 
     def serve(self, service: str, kind: RosType, server: Server) -> Closable:
@@ -135,7 +134,7 @@ class RclpyBackend:
         types = self._seat.class_of(kind)
         if types is None:
             return NullEndpoint()
-        self._look_in(SETTLE_S)
+        self._schedule_look(SETTLE_S)
         return (
             self._seat.declared(kind, service, lambda: DdsServiceServer(self._seat, service, types, server))
             or NullEndpoint()
@@ -145,8 +144,8 @@ class RclpyBackend:
         """Return the CDR of a server's response.
 
         Raises:
-            TimeoutError: nobody serves it, or not within `timeout_s`; or this ROS lacks its type.
-            BusClosedError: the backend was closed meanwhile.
+            TimeoutError: If no node serves it, or not within `timeout_s`; or this ROS lacks its type.
+            BusClosedError: If the backend was closed meanwhile.
         """
         self._seat.check_open()
         client = self._clients.get((service, kind))
@@ -173,7 +172,7 @@ class RclpyBackend:
         self._calls.close()
         for end in tuple(self._seat.ends):
             end.close()
-        self._complaints.close()
+        self._warnings.close()
         await in_daemon_thread(self._leave, "rclpy-close")
 
     def _leave(self) -> None:
@@ -183,7 +182,7 @@ class RclpyBackend:
         self._joined.leave()
 
     def _spin(self) -> None:
-        """Be the executor's thread."""
+        """Run the executor, on its own thread."""
         while not self._is_left.is_set():
             try:
                 self._joined.executor.spin()
@@ -192,7 +191,7 @@ class RclpyBackend:
                     why = str(error).partition("\n")[0][:200]
                     self._in_loop(
                         functools.partial(
-                            self._complaints.show_briefly,
+                            self._warnings.show_briefly,
                             "rclpy",
                             f"something from ROS was dropped by rclpy: {why}",
                         )
@@ -202,11 +201,11 @@ class RclpyBackend:
     def _in_loop(self, what: Callable[[], None]) -> None:
         try:
             self._loop.call_soon_threadsafe(lambda: None if self._seat.is_closed else what())
-        except RuntimeError:  # the loop is gone
+        except RuntimeError:  # the loop is closed
             self._is_left.set()
 
-    def _look_in(self, wait_s: float) -> None:
-        """Look at the graph in `wait_s`, or sooner where that is meant already."""
+    def _schedule_look(self, wait_s: float) -> None:
+        """Read the graph in `wait_s`, or sooner if already scheduled."""
         due_s = self._loop.time() + wait_s
         if self._look_timer is not None:
             if self._look_timer.when() <= due_s:
@@ -222,13 +221,13 @@ class RclpyBackend:
         graph: Graph | None = None
         try:
             graph = self._reader.read()
-        except Exception:  # what left while it was looked at; the next look comes
+        except Exception:  # a node left during the reading; the next one succeeds
             self._reader.forget()
             log.debug("the ROS graph could not be read", exc_info=True)
         self._in_loop(functools.partial(self._show, graph))
 
     def _show(self, graph: Graph | None) -> None:
-        self._look_in(LOOK_S)
+        self._schedule_look(LOOK_S)
         if graph is None:
             return
         wrong: dict[str, str] = {}
@@ -239,15 +238,15 @@ class RclpyBackend:
             )
         self._outlook.show(graph, wrong)
 
-    def _say_environment(self) -> None:
-        """Say what the terminal is set to, where we are set to something else."""
+    def _warn_of_environment(self) -> None:
+        """Warn if environment variables of ROS differ from the configuration."""
         for variable, setting, field in (
             ("ROS_DOMAIN_ID", f"{self._config.domain_id}", "domain_id"),
             ("ROS_DISTRO", self._config.distro, "distro"),
         ):
             value = os.environ.get(variable, setting)
             if value not in ("", setting):
-                self._complaints.show(
+                self._warnings.show(
                     variable,
                     f"{variable} is {value[:20]} in this terminal, but backend.{field} is {setting}: set "
                     f"backend.{field} to {value[:20]} to meet the nodes that are started there",

@@ -1,4 +1,4 @@
-"""Who is in the ROS graph, as rclpy tells."""
+"""Nodes and endpoints in the ROS graph, as seen by rclpy."""
 
 import collections
 from collections.abc import Sequence
@@ -8,24 +8,24 @@ from pointit.bridges.ros2.over_rclpy.api import EndInfo, NamesAndTypes, Node
 from pointit.bridges.ros2.over_rclpy.library import Rclpy
 
 MAX_NODES = 2000
-"""Further ones are not looked at."""
+"""Maximum number of nodes read."""
 WHOLE_EVERY = 4
-"""Reads of which one asks for everything, 0.3 ms a topic; the others ask only what everybody has."""
+"""One of this many reads asks for everything, 0.3 ms a topic; the others ask only for lists of names."""
 
 Traits = tuple[tuple[str, tuple[str, ...]], ...]
 
 
 class GraphReader:
-    """Reads the graph, as rclpy tells nobody what has changed in it."""
+    """Reads the graph and detects changes, of which rclpy does not notify."""
 
     def __init__(self, rclpy: Rclpy, node: Node, *, name: str, domain: int) -> None:
-        """Begin.
+        """Create it without reading.
 
         Args:
             rclpy: the library.
             node: ours.
             name: our node's full name.
-            domain: ROS_DOMAIN_ID: rclpy tells nothing of others.
+            domain: ROS_DOMAIN_ID; rclpy does not see others.
         """
         self._rclpy = rclpy
         self._node = node
@@ -34,14 +34,14 @@ class GraphReader:
         self._traits: object = None
         self._told: tuple[Graph, int] | None = None
         self._unread = 0
-        """Reads since one that asked for everything."""
+        """Reads since the last complete one."""
         self.namesakes = 0
-        """Nodes that are called as ours."""
+        """Number of nodes with our name."""
 
     def read(self) -> Graph | None:
-        """Return the graph; none when it and `namesakes` are what they were.
+        """Return the graph, or None if it and `namesakes` are unchanged.
 
-        Who replaces an end by one of another quality of service is seen `WHOLE_EVERY` reads later at most.
+        An endpoint replaced by one of another quality of service is seen at most `WHOLE_EVERY` reads later.
         """
         topics = _traits(self._node.get_topic_names_and_types())
         nodes = [tuple(each) for each in self._node.get_node_names_and_namespaces()[:MAX_NODES]]
@@ -70,7 +70,7 @@ class GraphReader:
         return graph
 
     def forget(self) -> None:
-        """Have the next `read` ask for everything."""
+        """Make the next `read` ask for everything."""
         self._traits = None
 
     def _held(self, name: str, namespace: str) -> tuple[Traits, ...]:
@@ -82,7 +82,7 @@ class GraphReader:
                 _traits(node.get_service_names_and_types_by_node(name, namespace)),
                 _traits(node.get_client_names_and_types_by_node(name, namespace)),
             )
-        except RuntimeError:  # it has gone meanwhile; the next look does not see it
+        except RuntimeError:  # it has gone meanwhile; the next read does not see it
             return ((), (), (), ())
 
     def _ends(self, kind: EndpointKind, topic: str, infos: Sequence[EndInfo]) -> list[Endpoint]:
@@ -126,7 +126,7 @@ def full_name(name: str, namespace: str) -> str:
 
 
 def hash_of(info: EndInfo) -> str:
-    """Return the hash of an end's type as `RIHS01_…`; empty where it is not told, as before Iron."""
+    """Return the hash of an endpoint's type as `RIHS01_…`, or `""` if unknown, as before Iron."""
     text = str(getattr(info, "topic_type_hash", ""))
     return text if text.startswith("RIHS01_") else ""
 

@@ -1,4 +1,4 @@
-"""Joining the ROS graph through rclpy: the node that is ours, before anybody spins it."""
+"""Joining the ROS graph through rclpy: creates our node, without spinning it."""
 
 import os
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from pointit.runtime.errors import ConfigError
 
 @dataclass(frozen=True)
 class RclpyNode:
-    """What rclpy needs to be in the graph."""
+    """rclpy's objects of one node."""
 
     rclpy: Rclpy
     context: RosContext
@@ -19,7 +19,7 @@ class RclpyNode:
     executor: Executor
 
     def leave(self) -> None:
-        """Take everything back; nobody may spin any more."""
+        """Leave the graph; the node must not be spinning any more."""
         self.node.destroy_node()
         self.context.try_shutdown()
 
@@ -28,13 +28,13 @@ def join(config: BackendConfig) -> RclpyNode:
     """Return our node; blocks for a moment.
 
     Raises:
-        ConfigError: rclpy is not there, or cannot join.
+        ConfigError: If rclpy is not there, or cannot join.
     """
     rclpy = loaded()
     namespace, _, name = config.node.rpartition("/")
     try:
         context = rclpy.new_context()
-        # no arguments: those of the command are not ROS's; no log files beside those of PointIt
+        # no arguments: the command line is not ROS's; no log files beside those of PointIt
         context.init([], initialize_logging=False, domain_id=config.domain_id)
         node = rclpy.new_node(
             name,
@@ -46,7 +46,7 @@ def join(config: BackendConfig) -> RclpyNode:
         )
         executor = rclpy.new_executor(context=context)
         executor.add_node(node)
-    except Exception as error:  # whatever it is of rcl, of a middleware or of their shared libraries
+    except Exception as error:  # any error of rcl, of a middleware or of their shared libraries
         why = str(error).partition("\n")[0][:300] or type(error).__name__
         raise ConfigError(
             f"backend.kind dds: rclpy cannot join the ROS graph as {config.node}, domain {config.domain_id} "

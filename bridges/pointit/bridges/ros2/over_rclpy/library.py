@@ -1,4 +1,4 @@
-"""rclpy and the types that were built with it: imported when they are asked for, and not before."""
+"""rclpy and the types built with it, imported on demand."""
 
 import importlib
 import os
@@ -27,10 +27,10 @@ class Rclpy:
     serialize: Callable[[object], bytes]
     deserialize: Callable[[bytes, type[object]], object]
     has_info: bool
-    """Whether callbacks are told a `MessageInfo`: from Iron on."""
+    """Whether callbacks get a `MessageInfo`: from Iron on."""
 
     def profile(self, qos: Qos) -> Profile:
-        """Return `qos` as rclpy takes it."""
+        """Return `qos` as an rclpy profile."""
         ends = {} if qos.lifespan_ns is None else {"lifespan": self.new_duration(nanoseconds=qos.lifespan_ns)}
         return self.new_profile(
             **ends,
@@ -40,7 +40,7 @@ class Rclpy:
         )
 
     def qos(self, profile: Profile) -> Qos:
-        """Return what `profile` says; DDS does not tell the depth of others, and we ask for no lifespan."""
+        """Return the `Qos` of `profile`. DDS does not show the depth of others, and lifespan is not used."""
         return Qos(
             depth=profile.depth,
             reliable=profile.reliability == self.reliability.RELIABLE,
@@ -52,7 +52,7 @@ def loaded() -> Rclpy:
     """Return rclpy.
 
     Raises:
-        ConfigError: it is not there, or not for this Python.
+        ConfigError: If it is not there, or not for this Python.
     """
     try:
         qos = importlib.import_module("rclpy.qos")
@@ -86,7 +86,7 @@ def class_of(name: str) -> Any:
     """Return the installed Python class of `std_msgs/msg/Bool` or `std_srvs/srv/Empty`.
 
     Raises:
-        LookupError: it is not built here.
+        LookupError: If it is not built here.
     """
     package, kind, short = name.split("/")
     try:

@@ -1,37 +1,38 @@
-"""Which of what comes from ROS we have sent ourselves: rclpy delivers it like any other message.
+"""Filter for messages that we have sent ourselves, which rclpy delivers like any other message.
 
-Only rclpy from Kilted on tells whose a message is; every one since Iron tells when it was published. That
-time is taken inside `publish`, by the same clock as ours: of the same bytes, what was sent while we sent is
-ours.
+Only rclpy from Kilted on names a message's publisher; every one since Iron gives the time of publication. It
+is
+taken inside `publish`, by the same clock as ours: a message with the bytes of one of ours, published while we
+published, is ours.
 """
 
 import collections
 import math
 
 REMEMBERED = 256
-"""Messages of one topic; they come back within milliseconds, of which this is far more."""
-MOST_PADDING = 3
-"""Bytes that middlewares add to what they deliver."""
+"""Maximum number of remembered messages of a topic; they come back within milliseconds."""
+MAX_PADDING = 3
+"""Maximum number of bytes that middlewares append on delivery."""
 COARSE_NS = 1000
-"""A middleware may cut times down to microseconds."""
+"""Resolution of times, which a middleware may cut down to microseconds."""
 
 
 class LoopbackFilter:
-    """What we have sent to one topic, not long ago."""
+    """Messages recently sent to one topic."""
 
     def __init__(self) -> None:
         self._sent: collections.deque[_Sent] = collections.deque(maxlen=REMEMBERED)
 
     def begin(self, cdr: bytes, now_ns: int) -> "_Sent":
-        """Take note, before it is sent, of what is sent at `now_ns` by the operating system's clock."""
+        """Note a message that is about to be sent, at `now_ns` by the operating system's clock."""
         sent = _Sent(len(cdr), hash(cdr), now_ns)
         self._sent.append(sent)
         return sent
 
     def is_ours(self, cdr: bytes, source_ns: int) -> bool:
-        """Return True if it was us who published `cdr` at `source_ns`.
+        """Return True if we published `cdr` at `source_ns`.
 
-        Where that is not known (0, before Iron), every message of ours is taken for ours once.
+        If the time is unknown (0, before Iron), every message of ours matches once.
         """
         for sent in self._sent.copy():  # the loop appends meanwhile
             if source_ns:
@@ -54,9 +55,9 @@ class _Sent:
         self.mark = mark
         self.began_ns = began_ns
         self.ended_ns = math.inf
-        """Until it is known: it may be back before `publish` returns."""
+        """Infinite until it is known: the message may be back before `publish` returns."""
         self.is_back = False
 
     def is_in(self, cdr: bytes) -> bool:
-        """Return True if `cdr` is this message, perhaps with padding behind it."""
-        return 0 <= len(cdr) - self.length <= MOST_PADDING and hash(cdr[: self.length]) == self.mark
+        """Return True if `cdr` is this message, with or without padding."""
+        return 0 <= len(cdr) - self.length <= MAX_PADDING and hash(cdr[: self.length]) == self.mark

@@ -1,4 +1,4 @@
-"""What the ends of the backend on rclpy share, and the types that this ROS has been built with."""
+"""Context shared by the endpoints of the backend on rclpy, and the types built in this ROS."""
 
 import asyncio
 import collections
@@ -19,24 +19,24 @@ End = TypeVar("End")
 
 
 class DdsContext:
-    """Our node, and how its ends reach the loop that they were opened in."""
+    """Our node, and the loop of its endpoints."""
 
     def __init__(
-        self, rclpy: Rclpy, node: Node, complaints: BackendWarnings, *, name: str, distro: str, max_bytes: int
+        self, rclpy: Rclpy, node: Node, warnings: BackendWarnings, *, name: str, distro: str, max_bytes: int
     ) -> None:
-        """Share these.
+        """Store what the endpoints share.
 
         Args:
             rclpy: the library.
             node: ours; the executor spins it on its own thread.
-            complaints: where is said what will not work.
+            warnings: for problems.
             name: our node's full name.
-            distro: the ROS distribution, for people.
+            distro: the ROS distribution, for messages.
             max_bytes: of foreign messages; longer ones are dropped unread.
         """
         self.rclpy = rclpy
         self.node = node
-        self.complaints = complaints
+        self.warnings = warnings
         self.name = name
         self.max_bytes = max_bytes
         self.loop = asyncio.get_running_loop()
@@ -44,7 +44,7 @@ class DdsContext:
         self.echoes: dict[str, LoopbackFilter] = collections.defaultdict(LoopbackFilter)
         """By topic."""
         self.ends: set[Closable] = set()
-        """What is declared, but not what could not be."""
+        """Declared endpoints, without those that failed."""
         self.is_closed = False
         self._distro = distro
 
@@ -54,7 +54,7 @@ class DdsContext:
             raise BusClosedError("the backend was closed")
 
     def class_of(self, kind: RosType) -> Any:
-        """Return the Python class of a type; none, and a complaint, where it is not built in this ROS."""
+        """Return the Python class of a type, or None, with a warning, if it is not built in this ROS."""
         try:
             return class_of(kind.name)
         except LookupError:
@@ -65,7 +65,7 @@ class DdsContext:
                 )
             else:
                 remedy = f"install ros-{self._distro}-{package.replace('_', '-')}"
-            self.complaints.show(
+            self.warnings.show(
                 f"package {package}",
                 f"this ROS has no types of {package}, whose topics and services are left out; {remedy} and "
                 "start again",
@@ -73,26 +73,26 @@ class DdsContext:
             return None
 
     def declared(self, kind: RosType, name: str, declare: Callable[[], End]) -> End | None:
-        """Return the end that `declare` makes; None, and a complaint, where rclpy refuses its type."""
+        """Return the endpoint made by `declare`, or None, with a warning, if rclpy rejects its type."""
         try:
             return declare()
         except Exception as error:  # noqa: BLE001 - rclpy raises what comes out of the type's libraries
             why = str(error).partition("\n")[0][:200] or type(error).__name__
-            self.complaints.show(
+            self.warnings.show(
                 f"refusal of {kind.name}",
                 f"rclpy refuses {kind.name}, so {name} is left out: {why}; rebuild its package for this ROS",
             )
             return None
 
     def is_other(self, kind: RosType, name: str, infos: Callable[[str], Sequence[EndInfo]]) -> bool:
-        """Return True if this ROS has been built with another definition of `kind`, and complain if so.
+        """Return True, with a warning, if this ROS has been built with another definition of `kind`.
 
-        Our bytes would be read as something else by nodes that cannot refuse them.
+        Nodes would misread our bytes and cannot reject them.
 
         Args:
             kind: ours.
-            name: of a topic at which we have an end.
-            infos: returns the ends of that kind.
+            name: of a topic with an endpoint of ours.
+            infos: returns the endpoints of that kind.
         """
         installed = {
             hash_of(info)
@@ -101,7 +101,7 @@ class DdsContext:
         } - {""}
         if not installed or kind.hash in installed or not kind.hash.startswith("RIHS01_"):
             return False
-        self.complaints.show(
+        self.warnings.show(
             f"definition of {kind.name}",
             f"this ROS has another definition of {kind.name} than PointIt (hash {min(installed)[:20]}, not "
             f"{kind.hash[:20]}), so {name} is left out; set distro to this ROS's, or rebuild the package "
@@ -111,7 +111,7 @@ class DdsContext:
 
 
 class NullEndpoint:
-    """Stands for an end that could not be declared, which has been complained about."""
+    """Stands for an endpoint that could not be declared, of which a warning tells."""
 
     is_read = False
 

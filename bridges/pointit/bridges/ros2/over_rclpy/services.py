@@ -1,4 +1,4 @@
-"""Serving and calling ROS services through rclpy, which knows them only as values of the types built here."""
+"""Servers and clients of ROS services through rclpy, which handles them only as values of built types."""
 
 import asyncio
 import contextlib
@@ -13,10 +13,10 @@ from pointit.runtime.errors import RefusedError
 
 log = logging.getLogger(__name__)
 
-MOST_OPEN = 64
-"""Requests to one service that are worked on at a time; more are answered with nothing in them."""
+MAX_OPEN = 64
+"""Maximum number of open requests to one service; further ones get an empty response."""
 LOOK_S = 0.05
-"""How often a call looks whether there is a server: rclpy tells it only who asks."""
+"""Interval (s) of checking for a server, of which rclpy does not notify."""
 
 
 class DdsServiceServer:
@@ -25,10 +25,11 @@ class DdsServiceServer:
     def __init__(self, seat: DdsContext, service: str, types: ServiceClass, server: Server) -> None:
         """Declare.
 
-        rclpy sends what a callback returns. One that waits would stop every other, and one that is a
-        coroutine makes the executor ask it over and over. So the callback returns the request, and
-        `send_response`, which the executor calls with that and the header to answer to, hands both to the
-        loop.
+        rclpy sends what a callback returns. A waiting callback would block all others, and a coroutine makes
+        the
+        executor repeat the request. So the callback returns the request, and `send_response`, which the
+        executor
+        calls with that and the header to answer to, hands both to the loop.
         """
         self._seat = seat
         self._service = service
@@ -44,7 +45,7 @@ class DdsServiceServer:
         seat.ends.add(self)
 
     def close(self) -> None:
-        """Answer no more; requests that are being answered are dropped."""
+        """Stop serving; open requests are dropped."""
         if not self._closed:
             self._closed = True
             if not self._seat.is_closed:
@@ -58,15 +59,15 @@ class DdsServiceServer:
         return self._seat.rclpy.serialize(request)
 
     def _on_header(self, request: bytes, header: object) -> None:  # on the executor's thread
-        with contextlib.suppress(RuntimeError):  # the loop is gone
+        with contextlib.suppress(RuntimeError):  # the loop is closed
             self._seat.loop.call_soon_threadsafe(self._begin, request, header)
 
     def _begin(self, request: bytes, header: object) -> None:
         if self._closed or self._seat.is_closed:
             return
-        if len(self._tasks) >= MOST_OPEN or len(request) > self._seat.max_bytes:
-            what = "too many requests are open" if len(self._tasks) >= MOST_OPEN else "it was too long"
-            self._seat.complaints.show_briefly(
+        if len(self._tasks) >= MAX_OPEN or len(request) > self._seat.max_bytes:
+            what = "too many requests are open" if len(self._tasks) >= MAX_OPEN else "it was too long"
+            self._seat.warnings.show_briefly(
                 f"requests to {self._service}", f"a request to {self._service} was refused: {what}"
             )
             self._answer(self._types.Response(), header)
@@ -83,7 +84,7 @@ class DdsServiceServer:
             response = self._seat.rclpy.deserialize(cdr, self._types.Response)
         except RefusedError:  # DDS has no place for the reason, which the bridge's warnings have
             response = self._types.Response()
-        except Exception:  # a server must not, but whoever asks must not wait for ever either
+        except Exception:  # a server must not raise, but its client must not wait for ever either
             log.exception("a request to %s could not be answered", self._service)
             response = self._types.Response()
         self._answer(response, header)
@@ -93,12 +94,12 @@ class DdsServiceServer:
             return
         try:
             self._send(response, header)
-        except RuntimeError as error:  # of rcl: whoever asked may be gone
+        except RuntimeError as error:  # an error of rcl: the client may be gone
             log.warning("an answer of %s could not be sent: %s", self._service, error)
 
 
 class DdsClient:
-    """Asks one service."""
+    """Client of one service."""
 
     def __init__(self, seat: DdsContext, service: str, types: ServiceClass) -> None:
         """Declare."""
@@ -113,15 +114,15 @@ class DdsClient:
         """Return the response's CDR.
 
         Raises:
-            ValueError: `request` is none.
-            TimeoutError: there is no server, or no answer of it in time.
+            ValueError: If `request` is not CDR.
+            TimeoutError: If there is no server, or no answer of it in time.
         """
         check_cdr(request)
         try:
             value = self._seat.rclpy.deserialize(request, self._types.Request)
-        except Exception as error:  # whatever it is in the version that is installed
+        except Exception as error:  # any error of the installed version
             raise ValueError(f"{self._service}: this ROS cannot read the request ({error})") from error
-        lacking = "nobody serves it"
+        lacking = "no node serves it"
         reply: Reply | None = None
         try:
             async with asyncio.timeout(timeout_s):
@@ -139,7 +140,7 @@ class DdsClient:
                 self._client.remove_pending_request(reply)
 
     def close(self) -> None:
-        """Ask no more."""
+        """Stop calling."""
         if not self._closed:
             self._closed = True
             if not self._seat.is_closed:
@@ -147,7 +148,7 @@ class DdsClient:
             self._seat.ends.discard(self)
 
     def _on_reply(self, reply: Reply, outcome: "asyncio.Future[object]") -> None:  # on the executor's thread
-        with contextlib.suppress(RuntimeError):  # the loop is gone
+        with contextlib.suppress(RuntimeError):  # the loop is closed
             self._seat.loop.call_soon_threadsafe(_settle, reply, outcome)
 
 
@@ -156,5 +157,5 @@ def _settle(reply: Reply, outcome: "asyncio.Future[Any]") -> None:
         return
     try:
         outcome.set_result(reply.result())
-    except Exception as error:  # noqa: BLE001 - handed over to whoever awaits
+    except Exception as error:  # noqa: BLE001 - handed to the caller
         outcome.set_exception(error)

@@ -1,4 +1,4 @@
-"""Writing and reading ROS topics through rclpy: CDR goes through it as it is."""
+"""Publishers and subscriptions of ROS topics through rclpy, as raw CDR."""
 
 import collections
 import logging
@@ -13,15 +13,15 @@ from pointit.runtime.errors import BusClosedError
 
 log = logging.getLogger(__name__)
 
-LEAST_CAPACITY = 64
-"""Messages that wait for the loop at least, however few a topic's QoS keeps."""
+MIN_CAPACITY = 64
+"""Minimum number of messages queued for the loop, even if a topic's QoS keeps fewer."""
 
 
 class DdsWriter:
-    """Writes one topic."""
+    """Publisher of one topic."""
 
     is_read = False
-    """The graph of DDS has every reader."""
+    """DDS shows every subscription in the graph."""
 
     def __init__(self, seat: DdsContext, topic: str, message: type[object], qos: Qos) -> None:
         """Declare.
@@ -43,26 +43,26 @@ class DdsWriter:
         """Send; returns at once, and never blocks on readers.
 
         Raises:
-            ValueError: `cdr` is none.
-            BusClosedError: this writer or its backend is closed.
+            ValueError: If `cdr` is not CDR.
+            BusClosedError: If this writer or its backend is closed.
         """
         check_cdr(cdr)
         if self._closed or self._seat.is_closed:
             raise BusClosedError("the writer was closed")
-        # DDS stamps what it sends with the operating system's clock, whatever the site's says.
+        # DDS stamps messages with the operating system's clock, not with the site's.
         sent = self._echoes.begin(cdr, time.time_ns())
         try:
             self._publisher.publish(cdr)
-        except RuntimeError as error:  # of rcl; the next one may get through
+        except RuntimeError as error:  # an error of rcl; the next message may succeed
             why = str(error).partition("\n")[0][:200]
-            self._seat.complaints.show_briefly(
+            self._seat.warnings.show_briefly(
                 f"sending {self._topic}", f"{self._topic} could not be sent to ROS: {why}"
             )
         finally:
             sent.ended_ns = time.time_ns()
 
     def close(self) -> None:
-        """Write no more."""
+        """Stop publishing."""
         if not self._closed:
             self._closed = True
             if not self._seat.is_closed:
@@ -71,7 +71,7 @@ class DdsWriter:
 
 
 class DdsReader:
-    """Reads one topic, of everybody but ourselves: a queue between the executor's thread and the loop."""
+    """Subscription of one topic, without own messages: a queue between the executor's thread and the loop."""
 
     def __init__(
         self, seat: DdsContext, topic: str, message: type[object], qos: Qos, handler: Callable[[bytes], None]
@@ -82,20 +82,20 @@ class DdsReader:
         self._handler = handler
         self._echoes = seat.echoes[topic]
         self._lock = threading.Lock()
-        self._queue: collections.deque[bytes] = collections.deque(maxlen=max(qos.depth, LEAST_CAPACITY))
+        self._queue: collections.deque[bytes] = collections.deque(maxlen=max(qos.depth, MIN_CAPACITY))
         self._marked = False
         self._closed = False
         self._oversized = 0
         self._overrun = 0
         self._lost = 0
-        """How many were dropped when it was last said."""
+        """Number of dropped messages at the last warning."""
         take = self._take if seat.rclpy.has_info else self._take_bare
         profile = seat.rclpy.profile(qos)
         self._subscription = seat.node.create_subscription(message, topic, take, profile, raw=True)
         seat.ends.add(self)
 
     def close(self) -> None:
-        """Read no more; no handler runs afterwards."""
+        """Stop receiving; no handler runs afterwards."""
         if not self._closed:
             self._closed = True
             if not self._seat.is_closed:
@@ -120,7 +120,7 @@ class DdsReader:
         self._seat.dispatcher.schedule(self)
 
     def drain(self) -> None:
-        """Handle what waits; in the loop."""
+        """Handle queued messages; in the loop."""
         with self._lock:
             waiting = tuple(self._queue)
             self._queue.clear()
@@ -128,7 +128,7 @@ class DdsReader:
             oversized, overrun = self._oversized, self._overrun
         if oversized + overrun != self._lost and not self._closed:
             self._lost = oversized + overrun
-            self._say_lost(oversized, overrun)
+            self._warn_of_lost(oversized, overrun)
         for cdr in waiting:
             if self._closed or self._seat.is_closed:
                 return
@@ -138,12 +138,12 @@ class DdsReader:
                 if self._seat.dispatcher.should_log(self._topic, "error"):
                     log.exception("what arrived on %s could not be handled", self._topic)
 
-    def _say_lost(self, oversized: int, overrun: int) -> None:
+    def _warn_of_lost(self, oversized: int, overrun: int) -> None:
         reasons = (
             f"{oversized} were longer than {self._seat.max_bytes} bytes" if oversized else "",
             f"{overrun} came faster than they could be handled" if overrun else "",
         )
-        self._seat.complaints.show_briefly(
+        self._seat.warnings.show_briefly(
             f"losses of {self._topic}",
             f"dropped messages on {self._topic}: {' and '.join(each for each in reasons if each)}",
         )

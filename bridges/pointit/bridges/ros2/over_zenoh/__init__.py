@@ -1,1 +1,1 @@
-"""The ROS graph on Zenoh: by its keys, tokens and attachments PointIt is a node, without anything of ROS."""
+"""The ROS graph on Zenoh: a node by rmw_zenoh's keys, tokens and attachments, without an installed ROS."""

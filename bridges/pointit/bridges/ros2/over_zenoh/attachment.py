@@ -1,4 +1,4 @@
-"""What rmw_zenoh attaches to every sample, request and reply; without it, or with another, ROS nodes fail."""
+"""Attachment of rmw_zenoh to every sample, request and reply; ROS nodes fail without it or with another."""
 
 import struct
 from dataclasses import dataclass
@@ -10,21 +10,21 @@ _FORMAT = struct.Struct("<qqB16s")
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Attachment:
-    """Who sent it, when, and which of theirs it is."""
+    """Origin of a message: endpoint, time and number."""
 
     sequence: int
-    """1 for an endpoint's first, and so on; with `gid` it names a request."""
+    """1 for an endpoint's first message, and so on; with `gid` it identifies a request."""
     stamp_ns: int
-    """When it was sent, of the system clock."""
+    """Time of sending, by the system clock."""
     gid: bytes
-    """The 16 bytes of the endpoint's token; a reply bears those of the request."""
+    """The 16 bytes of the endpoint's token. A reply has those of the request."""
 
 
 def packed(attachment: Attachment) -> bytes:
     """Return its 33 bytes.
 
     Raises:
-        ValueError: a number does not fit in 64 bits, or the gid is not 16 bytes long.
+        ValueError: If a number does not fit in 64 bits, or the gid is not 16 bytes long.
     """
     if len(attachment.gid) != GID_BYTES:
         raise ValueError(f"a gid of {len(attachment.gid)} bytes, {GID_BYTES} are needed")
@@ -35,10 +35,10 @@ def packed(attachment: Attachment) -> bytes:
 
 
 def unpacked(data: bytes) -> Attachment:
-    """Return what is attached.
+    """Return the attachment in `data`.
 
     Raises:
-        ValueError: it is not 33 bytes that say so of themselves.
+        ValueError: If it is not 33 bytes with a matching length field.
     """
     if len(data) != _FORMAT.size:
         raise ValueError(f"an attachment of {len(data)} bytes, rmw_zenoh's has {_FORMAT.size}")

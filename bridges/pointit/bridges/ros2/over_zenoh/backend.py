@@ -17,9 +17,9 @@ from pointit.runtime.foreign_zenoh.raw_session import RawSession
 from pointit.runtime.health.service_bus import WarningSink
 
 UNSEEN_S = 1.0
-"""How often it is looked with whom we exchange messages; who has no token is reported the second time."""
+"""Interval of checking which topics exchange messages; nodes without a token are reported the second time."""
 SETTLE_S = 0.05
-"""How long changes of the graph are gathered: a node that starts has twenty endpoints."""
+"""Time (s) to gather changes of the graph: a node that starts has twenty endpoints."""
 
 
 class ZenohBackend:
@@ -42,26 +42,26 @@ class ZenohBackend:
 
         Args:
             session: belongs to this backend alone, which closes it.
-            dialect: how ROS is written there.
-            warnings: where is shown what will not work, and what to do.
+            dialect: encoding of ROS in it.
+            warnings: for problems and their remedies.
             node: our full name.
             domain: ours.
             distro: the ROS distribution of the others.
-            now_ns: what the time is, for attachments.
+            now_ns: clock for attachments.
             max_bytes: of foreign messages; longer ones are dropped unread.
-            needs: what other nodes need to be seen, for people.
+            needs: conditions for other nodes to be seen, as text.
         """
         self._session = session
         self._node = node
         self._loop = asyncio.get_running_loop()
-        self._complaints = BackendWarnings(warnings)
+        self._warnings = BackendWarnings(warnings)
         self._refreshing: asyncio.TimerHandle | None = None
         self._roster = LivelinessDirectory(dialect.read, domain, self._refresh_soon)
         self._seat = EndpointContext(
-            session, dialect, self._complaints, self._roster, now_ns=now_ns, max_bytes=max_bytes
+            session, dialect, self._warnings, self._roster, now_ns=now_ns, max_bytes=max_bytes
         )
         self._outlook = GraphMonitor(
-            self._complaints, domain=domain, distro=distro, needs=needs, matching="definition"
+            self._warnings, domain=domain, distro=distro, needs=needs, matching="definition"
         )
         self._clients: dict[tuple[str, RosType], ServiceClient] = {}
         self._calls = Calls()
@@ -78,12 +78,12 @@ class ZenohBackend:
 
     @property
     def problem(self) -> str:
-        """Return one sentence on what is wrong with the connection itself; empty when nothing is."""
+        """Return an error message if the connection itself fails, else `""`."""
         return self._session.problem
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Return why nothing happens where nothing is wrong: nobody is there, nobody subscribes."""
+        """Return explanations why nothing happens where nothing is wrong: no nodes, no subscribers."""
         return self._outlook.notes
 
     def advertise(self, topic: str, kind: RosType, qos: Qos) -> TopicWriter:
@@ -102,8 +102,8 @@ class ZenohBackend:
         """Return the CDR of a server's response.
 
         Raises:
-            TimeoutError: nobody serves it, or not within `timeout_s`; or it refuses.
-            BusClosedError: the backend was closed meanwhile.
+            TimeoutError: If no node serves it, or not within `timeout_s`; or it refuses.
+            BusClosedError: If the backend was closed meanwhile.
         """
         if self._session.is_closed:
             raise BusClosedError("the backend was closed")
@@ -125,14 +125,14 @@ class ZenohBackend:
             self._refreshing.cancel()
         self._outlook.close()
         self._calls.close()
-        self._session.stop()  # so that ends do not undeclare themselves one by one
+        self._session.stop()  # so that endpoints do not undeclare themselves one by one
         for end in tuple(self._seat.ends):
             end.close()
         await self._session.close()
-        self._complaints.close()
+        self._warnings.close()
 
     def _look(self) -> None:
-        """Take up who exchanges messages with us, whether a token names them or not."""
+        """Update the topics that exchange messages with us, with or without a token."""
         self._looking.cancel()
         ends: set[tuple[EndpointKind, str]] = set()
         for end in self._seat.ends:

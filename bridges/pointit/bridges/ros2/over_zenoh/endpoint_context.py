@@ -1,4 +1,4 @@
-"""What the ends of one backend on Zenoh share."""
+"""Context shared by the endpoints of one backend on Zenoh."""
 
 from collections.abc import Callable
 
@@ -11,45 +11,45 @@ from pointit.runtime.foreign_zenoh.raw_session import RawSession
 
 
 class EndpointContext:
-    """The session, how ROS is written in it, and whose messages are our own."""
+    """The session, the encoding of ROS in it, and the ids of our own endpoints."""
 
     def __init__(
         self,
         session: RawSession,
         dialect: RmwZenoh,
-        complaints: BackendWarnings,
+        warnings: BackendWarnings,
         roster: LivelinessDirectory,
         *,
         now_ns: Callable[[], int],
         max_bytes: int,
     ) -> None:
-        """Share these.
+        """Store what the endpoints share.
 
         Args:
             session: ours alone.
-            dialect: how ROS is written in it.
-            complaints: where foreign bytes are complained about.
-            roster: who is there, ourselves included.
-            now_ns: what the time is, for attachments.
+            dialect: encoding of ROS in it.
+            warnings: for malformed foreign bytes.
+            roster: nodes and endpoints, ours included.
+            now_ns: clock for attachments.
             max_bytes: of foreign messages; longer ones are dropped unread.
         """
         self.session = session
         self.dialect = dialect
-        self.complaints = complaints
+        self.warnings = warnings
         self.roster = roster
         self.now_ns = now_ns
         self.max_bytes = max_bytes
         self.gids: set[bytes] = set()
-        """Of the writers and clients we have: what carries one is our own."""
+        """Ids of our publishers and clients: messages with them are our own."""
         self.ends: set[Closable] = set()
-        """What is declared, whoever else refers to it: a token is gone with its last reference."""
+        """Declared endpoints, kept alive here: a token is gone with its last reference."""
 
     def is_own_gid(self, gid: bytes) -> bool:
-        """Return True if nobody here is to hear what carries `gid`: we have said it, or another PointIt."""
+        """Return True if messages with `gid` are to be ignored: they are ours or of another PointIt."""
         return gid in self.gids or gid in self.roster.bridged
 
     def announce(self, token: str) -> "Announcement":
-        """Be in the graph with `token` until it is closed."""
+        """Keep `token` in the graph until the result is closed."""
         return Announcement(self, token)
 
 
@@ -63,7 +63,7 @@ class Announcement:
         seat.roster.announce(token)
 
     def close(self) -> None:
-        """Be gone."""
+        """Remove it from the graph."""
         token, self._token = self._token, None
         if token is not None:
             token.close()
@@ -71,7 +71,7 @@ class Announcement:
 
 
 class SequenceCounter:
-    """Numbers what one end of ours sends."""
+    """Numbers the messages of an endpoint of ours."""
 
     def __init__(self, seat: EndpointContext, token: str) -> None:
         self._seat = seat
@@ -80,7 +80,7 @@ class SequenceCounter:
         seat.gids.add(self._gid)
 
     def next(self) -> Attachment:
-        """Return where the next message comes from."""
+        """Return the attachment of the next message."""
         self._seq += 1
         return Attachment(sequence=self._seq, stamp_ns=self._seat.now_ns(), gid=self._gid)
 

@@ -1,4 +1,4 @@
-"""Who is in the ROS graph, from the tokens by which everybody says that they are there."""
+"""Nodes and endpoints in the ROS graph, from their liveliness tokens."""
 
 import collections
 from collections.abc import Callable, Collection, Mapping
@@ -7,30 +7,30 @@ from dataclasses import dataclass
 from pointit.bridges.ros2.graph.backend import Endpoint, EndpointKind, Graph
 
 MAX_TOKENS = 20_000
-"""Of others that are kept; further ones are only counted."""
+"""Maximum number of stored foreign tokens; further ones are only counted."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Seen:
-    """What one token says: that there is a node, and with `endpoint` one end that it has."""
+    """Content of a token: a node, or one of its endpoints with `endpoint`."""
 
     node: str
     domain: int
     endpoint: Endpoint | None = None
     bridge_gid: bytes | None = None
-    """What messages of this endpoint carry, if it is another PointIt's."""
+    """Gid in messages of this endpoint if it is another PointIt's."""
 
 
 class LivelinessDirectory:
-    """The tokens that are there now."""
+    """The tokens that are alive."""
 
     def __init__(self, read: Callable[[str], Seen], domain: int, on_change: Callable[[], None]) -> None:
-        """Begin with nobody.
+        """Begin without tokens.
 
         Args:
-            read: understands a token; raises `ValueError` when it cannot.
+            read: parses a token; raises `ValueError` if it cannot.
             domain: ours.
-            on_change: called when the graph is another one.
+            on_change: called when the graph has changed.
         """
         self._read = read
         self._on_change = on_change
@@ -39,24 +39,24 @@ class LivelinessDirectory:
         self._unreadable: set[str] = set()
         self._own: collections.Counter[str] = collections.Counter()
         self.bridged: set[bytes] = set()
-        """What messages carry that come from another PointIt, of whatever domain."""
+        """Gids in messages of other PointIts, of any domain."""
         self._exchanged: frozenset[tuple[EndpointKind, str]] = frozenset()
         self._unseen: frozenset[tuple[EndpointKind, str]] = frozenset()
 
     def announce(self, token: str) -> None:
-        """Count a token of ours: it stays however often others say that it is gone, as lost routers do."""
+        """Add a token of ours. It stays even if others report its end, as lost routers do."""
         self._own[token] += 1
         self.change({token: True})
 
     def retract(self, token: str) -> None:
-        """Take a token of ours back."""
+        """Remove a token of ours."""
         self._own[token] -= 1
         if not self._own[token]:
             del self._own[token]
             self.change({token: False})
 
     def change(self, tokens: Mapping[str, bool]) -> None:
-        """Take who has come (true) or gone."""
+        """Add tokens (True) or remove them (False)."""
         before = len(self._unreadable)
         changed = False
         for token, present in tokens.items():
@@ -81,9 +81,9 @@ class LivelinessDirectory:
             self._on_change()
 
     def exchange(self, ends: Collection[tuple[EndpointKind, str]]) -> None:
-        """Take the kind and topic of the ends that others must have, as messages are exchanged with them.
+        """Set kind and topic of the endpoints that others must have, since messages are exchanged with them.
 
-        One that no token names, in whatever domain, is unseen from the second time on: tokens may come later.
+        One without a token in any domain counts as unseen from the second call on: tokens may come later.
         """
         named = {
             (seen.endpoint.kind, seen.endpoint.name)
@@ -97,7 +97,7 @@ class LivelinessDirectory:
             self._on_change()
 
     def graph(self) -> Graph:
-        """Return everybody who is there: the nodes of our domain, the endpoints of every domain."""
+        """Return the graph: the nodes of our domain, the endpoints of every domain."""
         return Graph(
             nodes=frozenset(seen.node for seen in self._seen.values() if seen.domain == self._domain),
             endpoints=frozenset(seen.endpoint for seen in self._seen.values() if seen.endpoint is not None),

@@ -1,4 +1,4 @@
-"""Zenoh keys of rmw_zenoh: where a topic's or service's data goes, where nodes say that they are there."""
+"""Zenoh keys of rmw_zenoh for the data of topics and services, and for tokens."""
 
 import re
 
@@ -18,7 +18,7 @@ def data_key(domain: int, name: str, kind: RosType) -> str:
     """Return the key of topic or service `name` (resolved: `/user1/pointing_ray`) in `domain`.
 
     Raises:
-        ValueError: `name` is not a resolved ROS name.
+        ValueError: If `name` is not a resolved ROS name.
     """
     return f"{domain}/{resolved(name)[1:]}/{kind.dds_name}/{kind.hash}"
 
@@ -27,7 +27,7 @@ def resolved(name: str) -> str:
     """Return `name`, of a node, topic or service.
 
     Raises:
-        ValueError: it is not resolved (`/user1/pointing_ray`); another would become a key of other meaning.
+        ValueError: If it is not resolved (`/user1/pointing_ray`); its key would mean something else.
     """
     if not NAME.fullmatch(name):
         raise ValueError(
@@ -41,7 +41,7 @@ def dds_type(text: str, type_hash: str) -> RosType:
     """Return the type that middlewares write as `text` (`std_msgs::msg::dds_::Bool_`).
 
     Raises:
-        ValueError: it, or the hash, is not written that way.
+        ValueError: If it , or the hash, is not written that way.
     """
     found = DDS_TYPE.fullmatch(text)
     if found is None or not HASH.fullmatch(type_hash):

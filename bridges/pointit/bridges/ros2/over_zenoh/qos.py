@@ -6,19 +6,19 @@
 from pointit.bridges.ros2.graph.backend import Qos
 
 DEFAULT_DEPTH = 42
-"""Of rmw_zenoh, not of ROS, whose nodes say 10 or 1."""
+"""Default of rmw_zenoh, not of ROS, whose nodes use 10 or 1."""
 
 RELIABLE, BEST_EFFORT = 1, 2
 TRANSIENT_LOCAL, VOLATILE = 1, 2
 KEEP_LAST, KEEP_ALL = 1, 2
 
 ENDLESS_NS = 2**63 - 1
-"""A time without end in ROS, of which seconds and nanoseconds are left out each for itself."""
+"""Infinite time in ROS, of which seconds and nanoseconds are omitted separately."""
 NS_PER_S = 1_000_000_000
 
 
 def qos_text(qos: Qos) -> str:
-    """Return `qos` as a genuine node writes it; peers hash the text, so no other will do."""
+    """Return `qos` exactly as a genuine node writes it, since peers hash the text."""
     reliability = "" if qos.reliable else f"{BEST_EFFORT}"
     durability = f"{TRANSIENT_LOCAL}" if qos.latched else ""
     depth = "" if qos.depth == DEFAULT_DEPTH else f"{qos.depth}"
@@ -26,10 +26,10 @@ def qos_text(qos: Qos) -> str:
 
 
 def qos_of(text: str) -> Qos:
-    """Return what `text` says of reliability, durability, depth and lifespan; the rest we have no use for.
+    """Return reliability, durability, depth and lifespan of `text`; other fields are not used.
 
     Raises:
-        ValueError: it is not written that way.
+        ValueError: If it is not written that way.
     """
     try:
         reliability, durability, history, *rest = text.split(":")
@@ -62,7 +62,7 @@ def _time_text(time_ns: int | None) -> str:
 
 
 def _time_ns(text: str) -> int | None:
-    """Return a time; none: it has no end."""
+    """Return a time, or None if it is infinite."""
     s, ns = text.split(",")
     endless_s, endless_ns = divmod(ENDLESS_NS, NS_PER_S)
     time_ns = (_natural(s) if s else endless_s) * NS_PER_S + (_natural(ns) if ns else endless_ns)
@@ -70,7 +70,7 @@ def _time_ns(text: str) -> int | None:
 
 
 def _natural(text: str) -> int:
-    """Return the number written in plain digits; `int` alone would take signs, blanks and underscores."""
+    """Return the number written in plain digits; `int` alone would accept signs, blanks and underscores."""
     if not (text.isascii() and text.isdigit()) or len(text) > 18:
         raise ValueError(text)
     return int(text)

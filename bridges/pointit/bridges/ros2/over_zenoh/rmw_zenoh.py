@@ -1,4 +1,4 @@
-"""ROS as `rmw_zenoh_cpp` writes it on Zenoh: by its keys, tokens and attachments we are a node too."""
+"""ROS as `rmw_zenoh_cpp` encodes it on Zenoh, by keys, tokens and attachments."""
 
 import itertools
 
@@ -10,11 +10,11 @@ from pointit.bridges.ros2.over_zenoh.keys import EVERY_TOKEN, data_key, resolved
 from pointit.bridges.ros2.over_zenoh.token import BRIDGE, ENCLAVE, EndpointToken, NodeToken, gid, parsed
 
 OLD_FIELDS = (b"source_gid", b"sequence_number")
-"""Names that attachments had before Humble 0.1.2 and Jazzy 0.2.4."""
+"""Field names of attachments before Humble 0.1.2 and Jazzy 0.2.4."""
 
 
 class RmwZenoh:
-    """What one session of ours, with one node, writes and reads; numbers its entities."""
+    """Encoder and decoder for one session of ours with one node; numbers its entities."""
 
     tokens = EVERY_TOKEN
 
@@ -28,7 +28,7 @@ class RmwZenoh:
             enclave: of our node; `BRIDGE` for one that others of its kind are to know.
 
         Raises:
-            ValueError: `node` is no full ROS name.
+            ValueError: If `node` is no full ROS name.
         """
         self._session = session
         self._domain = domain
@@ -38,7 +38,7 @@ class RmwZenoh:
         self._enclave = enclave
 
     def key(self, name: str, kind: RosType) -> str:
-        """Return where `name` is exchanged: whoever has another hash is elsewhere."""
+        """Return the key of `name`; other type hashes have other keys."""
         return data_key(self._domain, name, kind)
 
     def misrouted_keys(self, topic: str) -> str:
@@ -46,7 +46,7 @@ class RmwZenoh:
         return f"*/{resolved(topic)[1:]}/*/*"
 
     def misrouting_reason(self, key: str, topic: str, kind: RosType) -> str:
-        """Return in what `key` differs from ours."""
+        """Return the difference of `key` from ours as a message."""
         if key == self.key(topic, kind):
             return ""
         domain, dds_name, type_hash = key.partition("/")[0], *key.split("/")[-2:]
@@ -90,7 +90,11 @@ class RmwZenoh:
         ).text
 
     def read(self, token: str) -> Seen:
-        """Return what a token of anybody says; raises `ValueError` when it is none."""
+        """Return the content of a foreign token.
+
+        Raises:
+            ValueError: If it is none.
+        """
         found = parsed(token)
         if not isinstance(found, EndpointToken):
             return Seen(node=found.node, domain=found.domain)
@@ -114,11 +118,15 @@ class RmwZenoh:
         return gid(token)
 
     def pack(self, origin: Attachment) -> bytes:
-        """Return the 33 bytes; a node of ROS aborts when they are others."""
+        """Return the 33 bytes; ROS nodes abort on others."""
         return packed(origin)
 
     def unpack(self, attachment: bytes | None) -> Attachment:
-        """Return what somebody's attachment says; raises `ValueError` with a sentence when it is none."""
+        """Return a foreign attachment.
+
+        Raises:
+            ValueError: If it is none; the message says why.
+        """
         if attachment is None:
             raise ValueError("they have no attachment, so no node of rmw_zenoh has sent them")
         if any(field in attachment for field in OLD_FIELDS):

@@ -1,4 +1,4 @@
-"""Serving and calling ROS services on Zenoh."""
+"""Servers and clients of ROS services on Zenoh."""
 
 import asyncio
 import contextlib
@@ -16,17 +16,17 @@ from pointit.runtime.foreign_zenoh.queries import IncomingQuery, QueryReply
 log = logging.getLogger(__name__)
 
 EMPTY_RETRY_S = (0.005, 0.02, 0.05)
-"""Waits before a request that nobody has got is sent again: who has just come is not known everywhere."""
+"""Delays before a request that reached no server is repeated: a new server is not known at once."""
 GONE = "its server was gone before it answered"
 AT_ONCE_S = 0.05
-"""A request that ended without an answer so soon has reached nobody; later, a server has died of it."""
+"""A request that ended without an answer within this time (s) reached no server; later, the server died."""
 
 
 class RosServiceServer:
     """Answers one service."""
 
     def __init__(self, seat: EndpointContext, service: str, kind: RosType, server: Server) -> None:
-        """Declare; the presence token comes last: clients that see it find a server."""
+        """Declare. The presence token comes last, so that clients that see it find a server."""
         self._seat = seat
         self._service = service
         self._server = server
@@ -38,7 +38,7 @@ class RosServiceServer:
         seat.ends.add(self)
 
     def close(self) -> None:
-        """Answer no more; requests that are being answered are dropped."""
+        """Stop serving; open requests are dropped."""
         if not self._seat.session.is_closed:
             self._token.close()
             self._desk.close()
@@ -51,7 +51,7 @@ class RosServiceServer:
             origin = self._seat.dialect.unpack(ask.attachment)
         except ValueError as error:
             why = f"dropped a request to {self._service}: {error}"
-            self._seat.complaints.show_briefly(f"attachments of {self._service}", why)
+            self._seat.warnings.show_briefly(f"attachments of {self._service}", why)
             self._start(id(ask), ask.refuse(str(error)))
             return
         mark = origin.gid, origin.sequence
@@ -75,7 +75,7 @@ class RosServiceServer:
         except RefusedError as error:
             await ask.refuse(str(error))
             return
-        except Exception as error:  # a server must not, but whoever asks must not wait for ever either
+        except Exception as error:  # a server must not raise, but its client must not wait for ever either
             log.exception("a request to %s could not be answered", self._service)
             await ask.refuse(f"{type(error).__name__}: {error}")
             return
@@ -83,14 +83,14 @@ class RosServiceServer:
 
 
 class ServiceClient:
-    """Asks one service."""
+    """Client of one service."""
 
     def __init__(self, seat: EndpointContext, service: str, kind: RosType) -> None:
         """Declare."""
         self._seat = seat
         self._service = service
         token = seat.dialect.endpoint_token("client", service, kind, SERVICE)
-        self._asker = seat.session.querier(seat.dialect.key(service, kind), max_bytes=seat.max_bytes)
+        self._querier = seat.session.querier(seat.dialect.key(service, kind), max_bytes=seat.max_bytes)
         self._sender = SequenceCounter(seat, token)
         self._token = seat.announce(token)
         seat.ends.add(self)
@@ -99,16 +99,16 @@ class ServiceClient:
         """Return the response's CDR.
 
         Raises:
-            TimeoutError: there is no server, or no answer of it in time.
+            TimeoutError: If there is no server, or no answer of it in time.
         """
         check_cdr(request)
         loop = asyncio.get_running_loop()
         refusals: list[str] = []
-        lacking = "nobody serves it"
+        lacking = "no node serves it"
         try:
             async with asyncio.timeout(timeout_s):
                 for wait_s in (*EMPTY_RETRY_S, None):
-                    await self._asker.wait_for_server()
+                    await self._querier.wait_for_server()
                     lacking = "its server did not answer"
                     began_s = loop.time()
                     response = await self._ask(request, refusals)
@@ -124,10 +124,10 @@ class ServiceClient:
         raise TimeoutError(f"ROS service {self._service}: {why}")
 
     async def _ask(self, request: bytes, refusals: list[str]) -> bytes | None:
-        """Return the first good response; none when there is none, with what else was said in `refusals`."""
+        """Return the first good response, or None, with the reasons of rejections added to `refusals`."""
         origin = self._sender.next()
         attachment = self._seat.dialect.pack(origin)
-        async with contextlib.aclosing(self._asker.ask(request, attachment)) as answers:
+        async with contextlib.aclosing(self._querier.ask(request, attachment)) as answers:
             async for answer in answers:
                 reason = answer.refusal or self._objection(answer, origin)
                 if not reason:
@@ -136,7 +136,7 @@ class ServiceClient:
         return None
 
     def _objection(self, answer: QueryReply, origin: Attachment) -> str:
-        """Return why `answer` is none to the request that came from `origin`."""
+        """Return the rejection of `answer` to the request from `origin`, or `""`."""
         try:
             echo = self._seat.dialect.unpack(answer.attachment)
         except ValueError as error:
@@ -146,9 +146,9 @@ class ServiceClient:
         return ""
 
     def close(self) -> None:
-        """Ask no more."""
+        """Stop calling."""
         if not self._seat.session.is_closed:
             self._token.close()
-            self._asker.close()
+            self._querier.close()
         self._sender.close()
         self._seat.ends.discard(self)

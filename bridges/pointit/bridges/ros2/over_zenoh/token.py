@@ -1,10 +1,10 @@
-"""Liveliness tokens of rmw_zenoh, by which nodes and their endpoints say that they are there.
+"""Liveliness tokens of rmw_zenoh, by which nodes and their endpoints announce themselves.
 
     node      @ros2_lv/<domain>/<session>/<node id>/<node id>/NN/<enclave>/<namespace>/<node>
     endpoint  @ros2_lv/<domain>/<session>/<node id>/<id>/<MP|MS|SS|SC>/<enclave>/<namespace>/<node>
-                      /<name>/<type>/<hash>/<qos>
+              /<name>/<type>/<hash>/<qos>
 
-Names have `%` for `/`. Lyrical and later may add a chunk; more are read over.
+Names have `%` for `/`. Lyrical and later may add a chunk; further chunks are ignored.
 """
 
 import re
@@ -21,14 +21,14 @@ CODES: dict[EndpointKind, str] = {"publisher": "MP", "subscriber": "MS", "server
 KINDS: dict[str, EndpointKind] = {code: kind for kind, code in CODES.items()}
 
 ENCLAVE = "/"
-"""Of nodes that do not run under SROS 2."""
+"""Enclave of nodes that do not run under SROS 2."""
 BRIDGE = "/pointit/bridge"
-"""The enclave that bridges of PointIt name, by which they know each other, however their nodes are called."""
+"""Enclave of PointIt bridges, by which they recognize each other whatever their nodes' names."""
 
 NODE_CHUNKS, ENDPOINT_CHUNKS = 9, 13
 
 MAX_CHARACTERS = 4096
-"""Far above what names of the longest that ROS allows need."""
+"""Maximum length, far above that of the longest names in ROS."""
 
 DIGITS = re.compile(r"[0-9]{1,18}", re.ASCII)
 SESSION = re.compile(r"[0-9a-f]{1,32}")
@@ -36,13 +36,13 @@ SESSION = re.compile(r"[0-9a-f]{1,32}")
 
 @dataclass(frozen=True, kw_only=True)
 class NodeToken:
-    """What a node says of itself."""
+    """Token of a node."""
 
     domain: int
     session: str
     """Zenoh's id of it: up to 32 hexadecimal digits."""
     node_id: str
-    """Tells the entities of a session apart; rmw_zenoh counts them, nodes and endpoints alike."""
+    """Number of the entity in its session; rmw_zenoh counts nodes and endpoints alike."""
     node: str
     """Its full name: `/user1/belt`."""
     enclave: str = ENCLAVE
@@ -52,7 +52,7 @@ class NodeToken:
         """Return the token.
 
         Raises:
-            ValueError: the name is no full ROS name.
+            ValueError: If the name is no full ROS name.
         """
         return self._chunks(self.node_id, NODE)
 
@@ -64,12 +64,12 @@ class NodeToken:
 
 @dataclass(frozen=True, kw_only=True)
 class EndpointToken(NodeToken):
-    """What a node says of one of its endpoints."""
+    """Token of an endpoint."""
 
     endpoint_id: str
     kind: EndpointKind
     name: str
-    """Of the topic or service, resolved."""
+    """Name of the topic or service, resolved."""
     type: RosType
     qos: Qos
 
@@ -78,7 +78,7 @@ class EndpointToken(NodeToken):
         """Return the token.
 
         Raises:
-            ValueError: a name is no full ROS name.
+            ValueError: If a name is no full ROS name.
         """
         node = self._chunks(self.endpoint_id, CODES[self.kind])
         name = mangled(resolved(self.name))
@@ -86,17 +86,17 @@ class EndpointToken(NodeToken):
 
     @property
     def gid(self) -> bytes:
-        """Return the 16 bytes by which everybody knows the endpoint; peers compute them from the token."""
+        """Return the endpoint's 16 bytes, which peers compute from the token."""
         return gid(self.text)
 
 
 def parsed(text: str) -> NodeToken | EndpointToken:
-    """Return what a token of anybody says; chunks after the thirteenth are read over.
+    """Return a parsed foreign token; chunks after the thirteenth are ignored.
 
-    The text of what is returned need not be `text`: hash that for the gid of somebody else's endpoint.
+    The text of the result may differ from `text`: hash `text` for the gid of a foreign endpoint.
 
     Raises:
-        ValueError: it is no such token.
+        ValueError: If it is no such token.
     """
     chunks = text.split("/", ENDPOINT_CHUNKS) if len(text) <= MAX_CHARACTERS else []
     if len(chunks) < NODE_CHUNKS or chunks[0] != PRESENCE or not all(chunks):
@@ -137,5 +137,5 @@ def unmangled(chunk: str) -> str:
 
 
 def gid(token: str) -> bytes:
-    """Return the 16 bytes by which everybody knows the endpoint with this token: its XXH3, little endian."""
+    """Return the 16 bytes that identify the endpoint with this token: its XXH3, little endian."""
     return xxhash.xxh3_128_intdigest(token.encode()).to_bytes(16, "little")

@@ -1,4 +1,4 @@
-"""Writing and reading ROS topics on Zenoh."""
+"""Publishers and subscriptions of ROS topics on Zenoh."""
 
 import collections
 from collections.abc import Callable
@@ -9,22 +9,22 @@ from pointit.bridges.ros2.graph.backend import Qos, RosType, check_cdr
 from pointit.bridges.ros2.over_zenoh.endpoint_context import EndpointContext, SequenceCounter
 from pointit.runtime.foreign_zenoh.pubsub import PlainTraffic, RawSample, RawSubscriber
 
-LEAST_CAPACITY = 64
-"""Messages that wait for the loop at least, however few a topic's QoS keeps."""
+MIN_CAPACITY = 64
+"""Minimum number of messages queued for the loop, even if a topic's QoS keeps fewer."""
 REMEMBERED = 16
-"""Messages of a topic that are known again when they come twice, at least."""
+"""Minimum number of a topic's messages that are remembered to drop duplicates."""
 
 
 class TopicWriter:
-    """Writes one topic."""
+    """Publisher of one topic."""
 
     def __init__(self, seat: EndpointContext, topic: str, kind: RosType, qos: Qos) -> None:
-        """Declare; the presence token comes last: who sees it finds a writer."""
+        """Declare. The presence token comes last: peers that see it find a publisher."""
         token = seat.dialect.endpoint_token("publisher", topic, kind, qos)
         self.topic = topic
         self._seat = seat
-        # Zenoh's caches know no age: of what has a lifespan nothing is kept, rather than all of it for ever.
-        # Who subscribes as to a latched topic hears all the same what is said from then on.
+        # Zenoh's caches do not expire: with a lifespan nothing is cached, rather than everything for ever.
+        # Subscribers of a latched topic still receive later messages.
         self._writer = seat.session.publisher(
             seat.dialect.key(topic, kind), kept=qos.depth if qos.lasts else 0, reliable=qos.reliable
         )
@@ -34,21 +34,21 @@ class TopicWriter:
 
     @property
     def is_read(self) -> bool:
-        """Return True if Zenoh knows a reader, with or without a token; False for a latched topic."""
+        """Return True if Zenoh knows a subscriber, with or without a token; False for a latched topic."""
         return not self._seat.session.is_closed and self._writer.is_read
 
     def put(self, cdr: bytes) -> None:
         """Send; returns at once, and never blocks on readers.
 
         Raises:
-            ValueError: `cdr` is none.
-            BusClosedError: this writer or its backend is closed.
+            ValueError: If `cdr` is not CDR.
+            BusClosedError: If this writer or its backend is closed.
         """
         check_cdr(cdr)
         self._writer.put(cdr, self._seat.dialect.pack(self._sender.next()))
 
     def close(self) -> None:
-        """Write no more."""
+        """Stop publishing."""
         if not self._seat.session.is_closed:
             self._token.close()
             self._writer.close()
@@ -57,12 +57,12 @@ class TopicWriter:
 
 
 class TopicReader:
-    """Reads one topic, of everybody but ourselves and other bridges of PointIt."""
+    """Subscription of one topic, without messages of ourselves and of other PointIt bridges."""
 
     def __init__(
         self, seat: EndpointContext, topic: str, kind: RosType, qos: Qos, handler: Callable[[bytes], None]
     ) -> None:
-        """Declare; `handler` gets the CDR of what comes."""
+        """Declare; `handler` gets the CDR of messages."""
         self.topic = topic
         self.has_heard = False
         """Messages have come since this was last set to False."""
@@ -74,7 +74,7 @@ class TopicReader:
         self._recent: collections.OrderedDict[bytes, None] = collections.OrderedDict()
         self._remembered = max(qos.depth, REMEMBERED)
         dialect, session = seat.dialect, seat.session
-        # Where messages of this topic come in that nobody gets; taken away with the first, good or not.
+        # Receives misrouted messages of this topic; undeclared after the first message, good or not.
         self._strays: RawSubscriber | None = session.subscriber(
             dialect.misrouted_keys(topic), self._on_stray, capacity=1, max_bytes=seat.max_bytes
         )
@@ -82,7 +82,7 @@ class TopicReader:
             dialect.key(topic, kind),
             self._on_packet,
             on_loss=self._on_loss,
-            capacity=max(qos.depth, LEAST_CAPACITY),
+            capacity=max(qos.depth, MIN_CAPACITY),
             max_bytes=seat.max_bytes,
             kept=qos.depth if qos.latched else 0,
             reliable=qos.reliable,
@@ -91,7 +91,7 @@ class TopicReader:
         seat.ends.add(self)
 
     def close(self) -> None:
-        """Read no more."""
+        """Stop receiving."""
         if not self._seat.session.is_closed:
             self._token.close()
             self._reader.close()
@@ -103,7 +103,7 @@ class TopicReader:
             origin = self._seat.dialect.unpack(packet.attachment)
         except ValueError as error:
             self._malformed += 1
-            self._seat.complaints.show_briefly(
+            self._seat.warnings.show_briefly(
                 f"attachments of {self.topic}",
                 f"dropped {self._malformed} messages on {self.topic}: {error}",
             )
@@ -119,7 +119,7 @@ class TopicReader:
         self._handler(packet.payload)
 
     def _is_known(self, attachment: bytes, payload: bytes) -> bool:
-        """Return True if this very message was there before, as when it is fetched again from a cache."""
+        """Return True if this message was received before, as when it is fetched again from a cache."""
         mark = attachment + xxhash.xxh3_128_digest(payload)  # not all of it: it may be a megabyte
         if mark in self._recent:
             return True
@@ -133,7 +133,7 @@ class TopicReader:
             f"{traffic.oversized} were longer than {self._seat.max_bytes} bytes" if traffic.oversized else "",
             f"{traffic.overrun} came faster than they could be handled" if traffic.overrun else "",
         )
-        self._seat.complaints.show_briefly(
+        self._seat.warnings.show_briefly(
             f"losses of {self.topic}",
             f"dropped messages on {self.topic}: {' and '.join(each for each in reasons if each)}",
         )
@@ -141,11 +141,11 @@ class TopicReader:
     def _on_stray(self, packet: RawSample) -> None:
         why = self._seat.dialect.misrouting_reason(packet.key, self.topic, self._kind)
         if why and not self._is_of_bridge(packet):
-            self._seat.complaints.show(f"stray {self.topic}", why)
-            self._close_strays()  # one is enough: another robot may have a lot of them
+            self._seat.warnings.show(f"stray {self.topic}", why)
+            self._close_strays()  # one is enough: another robot may publish many
 
     def _is_of_bridge(self, packet: RawSample) -> bool:
-        """Return True if it is another PointIt's, which is where it belongs."""
+        """Return True if it is from another PointIt, where misrouting is intended."""
         try:
             origin = self._seat.dialect.unpack(packet.attachment)
         except ValueError:
@@ -154,7 +154,7 @@ class TopicReader:
 
     def _end_strays(self) -> None:
         self._close_strays()
-        self._seat.complaints.clear(f"stray {self.topic}")
+        self._seat.warnings.clear(f"stray {self.topic}")
 
     def _close_strays(self) -> None:
         if self._strays is not None:

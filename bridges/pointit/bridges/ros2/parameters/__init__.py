@@ -1,1 +1,1 @@
-"""Parameters of ROS nodes, and maps kept in them."""
+"""Parameters of ROS nodes, and maps stored in them."""

@@ -1,4 +1,4 @@
-"""The map of a ROS node: finds out how its parameters hold it, and takes it."""
+"""Fetching the map of a ROS node from its parameters, in any of the supported forms."""
 
 import contextlib
 import logging
@@ -20,40 +20,41 @@ from pointit.runtime.errors import ConfigError, ConnectError
 log = logging.getLogger(__name__)
 
 APPEARS_S = 2.0
-"""Within which a node that is there is seen through a router; who is there on DDS is found out slowly."""
+"""Time (s) within which a present node is seen through a router. Discovery is slow on DDS."""
 PATIENCE_S = 2.0
-"""How long to look for a ROS router."""
+"""Time (s) to look for a ROS router."""
 MAX_PATH = 1000
-"""Characters of a path that is looked for here, and of a foreign word in a sentence."""
+"""Maximum characters of a path to look for here, and of a foreign word in a message."""
 SUFFIXES = (".yaml", ".yml")
-"""Of files that are read because a foreign node names them: others are no maps, and some never end."""
+"""Extensions of files that are read because a foreign node names them: others are no maps, and some never
+end."""
 
 
 Say = Callable[[str], None]
-"""Takes a sentence for the person who asked for the map."""
+"""Prints a message for the user."""
 
 Telling = Callable[[str], contextlib.AbstractContextManager[None]]
-"""Wraps a wait that the sentence describes, for who says it when the wait gets long."""
+"""Wraps a wait that the message describes, to print it if the wait gets long."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class FetchRequest:
-    """What to take, from whom."""
+    """Node and parameter of the wanted map."""
 
     node: str
     """Its full name."""
     parameter: str | None
-    """What holds the map's text or path."""
+    """Parameter that holds the map's text or path."""
     usual: str
-    """The same where nothing is said of it, if the node has it."""
+    """Default of `parameter`, if the node has it."""
     prefix: str | None
-    """Below what the map's values are parameters of their own."""
+    """Prefix under which the map's values are separate parameters."""
     timeout_s: float
-    """How long the node may take to answer."""
+    """Timeout of the node's answer."""
 
 
-class _Unheard:
-    """What a node complains about while it is there; that of so short a visit is in the error."""
+class _IgnoredWarnings:
+    """Ignores warnings: those of so short a connection are in the error."""
 
     def warn(self, topic: str, sentence: str) -> None:
         log.debug("%s: %s", topic, sentence)
@@ -69,25 +70,25 @@ async def fetched(
     say: Say = log.info,
     telling: Telling = lambda _: contextlib.nullcontext(),
 ) -> dict[str, Any]:
-    """Return the map, as its file would have it; nothing in it is checked yet.
+    """Return the map as in its file, unchecked.
 
     Args:
         config: how to join the ROS graph.
         wish: which map of which node.
-        say: is told which file was read in the node's place.
-        telling: wraps each wait, with what is waited for.
+        say: prints which file was read instead of the node.
+        telling: wraps each wait, with a description.
 
     Raises:
-        ConfigError: nothing there is a map, or it cannot be read.
-        ConnectError, ListenError: the ROS graph cannot be joined.
-        NoAnswerError: there is no such node, or it does not answer.
+        ConfigError: If nothing there is a map, or it cannot be read.
+        ConnectError, ListenError: If the ROS graph cannot be joined.
+        NoAnswerError: If there is no such node, or it does not answer.
     """
     check_endpoint(config.endpoint)
     types = Types(config.distro)
     types.prepare(LIST, GET)
     try:
         with telling(f"looking for a ROS router at {config.endpoint} …"):
-            backend = await opened(config, _Unheard(), patience_s=PATIENCE_S)
+            backend = await opened(config, _IgnoredWarnings(), patience_s=PATIENCE_S)
     except ConnectError as error:
         raise ConnectError(f"{error}; --backend.endpoint says where it is") from error
     try:
@@ -132,14 +133,14 @@ async def _taken(parameters: NodeParameters, wish: FetchRequest, say: Say) -> di
 
 
 def _of_text(text: str, where: str, say: Say) -> dict[str, Any]:
-    """Return the map that `text` is, or that is in the YAML file whose path it is, if that is here too.
+    """Return the map in `text`, or in the YAML file of this machine that it names.
 
     Raises:
-        ConfigError: it is neither; `where` says whose it is.
+        ConfigError: If it is neither; `where` names the origin in messages.
     """
     word = text.strip()
     if "\n" in word or ": " in word or word.startswith("{"):
-        return parse_yaml(text.encode(), where)  # as it is: all its lines may be indented
+        return parse_yaml(text.encode(), where)  # unstripped: all its lines may be indented
     path = Path(word)
     if path.is_absolute() and len(word) <= MAX_PATH and path.suffix in SUFFIXES and _is_file(path):
         say(f"{where} is the path {shown(word, MAX_PATH)}, of a file that is here too")
@@ -153,12 +154,12 @@ def _of_text(text: str, where: str, say: Say) -> dict[str, Any]:
 def _is_file(path: Path) -> bool:
     try:
         return path.is_file()
-    except OSError:  # in a folder that is not ours
+    except OSError:  # in a folder without permission
         return False
 
 
 def _nothing(wish: FetchRequest, names: Sequence[str]) -> str:
-    """Return that there is no map, and what to do."""
+    """Return the message that there is no map, and the remedy."""
     if wish.prefix:
         what = f"no parameter of {wish.node} begins with '{wish.prefix.rstrip('.')}.'"
     else:

@@ -14,25 +14,25 @@ BAYS, LINKS = "bays", "links"
 SECTIONS = frozenset(
     ("leds", "strips", "belts", LINKS, BAYS, "boxes", "planes", "cylinders", "spheres", "clouds")
 )
-"""Of a map's file; docs/maps.md says what stands in them."""
+"""Sections of a map's file; docs/maps.md describes them."""
 LINES = frozenset(("line", "centerline"))
-"""Keys of lists of points, whose numbers stand one after the other: ROS has no lists of lists."""
+"""Keys of lists of points, flattened: ROS has no lists of lists."""
 
 NUMBER = re.compile(r"[0-9]{1,6}")
-"""Of a link."""
+"""Number of a link."""
 
 
 def of_maps(names: Iterable[str], prefix: str = "") -> list[str]:
-    """Return those of `names` that are of a map below `prefix` (`site.map`).
+    """Return those of `names` that belong to a map below `prefix` (`site.map`).
 
-    Without a prefix those that begin with a section; below one everything, as nothing else belongs there.
+    Without a prefix those that begin with a section, below one all names.
     """
     start = _start(prefix)
     return [name for name in names if name.startswith(start) and (prefix or _section(name) in SECTIONS)]
 
 
 def prefixes(names: Iterable[str]) -> list[str]:
-    """Return below what in `names` a map may be."""
+    """Return the prefixes in `names` below which a map may be."""
     found: dict[str, None] = {}
     for name in names:
         parts = name.split(".")
@@ -44,10 +44,10 @@ def prefixes(names: Iterable[str]) -> list[str]:
 
 
 def tree_of(parameters: Mapping[str, Value], prefix: str = "") -> dict[str, Any]:
-    """Return the map that `parameters` below `prefix` are, as its file would have it; nothing is checked yet.
+    """Return the map in `parameters` below `prefix` as in its file, unchecked.
 
     Raises:
-        ValueError: a parameter's name or its list is not one of a map; names it and says what to write.
+        ValueError: If a parameter's name or its list is not one of a map; names it and says what to write.
     """
     tree: dict[str, Any] = {}
     start = _start(prefix)
@@ -59,7 +59,7 @@ def tree_of(parameters: Mapping[str, Value], prefix: str = "") -> dict[str, Any]
         entry, _, key = rest.rpartition(".")
         if not (section and entry and key):
             raise ValueError(
-                f"{name} is no parameter of a map; they are called {start}SECTION.NAME.KEY, as in "
+                f"{name} is not a parameter of a map; they are called {start}SECTION.NAME.KEY, as in "
                 f"{start}leds.door.position"
             )
         if section == LINKS and not NUMBER.fullmatch(entry):
@@ -73,7 +73,7 @@ def tree_of(parameters: Mapping[str, Value], prefix: str = "") -> dict[str, Any]
 
 
 def parameters_of(tree: Mapping[str, Any], prefix: str = "") -> dict[str, Value]:
-    """Return the parameters that are the map `tree`, which is one that its check accepts."""
+    """Return the parameters of the valid map `tree`."""
     start = _start(prefix)
     parameters: dict[str, Value] = {}
     for section, inside in tree.items():
@@ -86,7 +86,7 @@ def parameters_of(tree: Mapping[str, Any], prefix: str = "") -> dict[str, Value]
 
 
 def _entries(section: Any) -> Iterable[tuple[object, Any]]:
-    """Return what stands in a section, by name or by number."""
+    """Return the entries of a section, by name or number."""
     if isinstance(section, list):
         return enumerate(cast("Sequence[Any]", section))
     return cast("dict[object, Any]", section or {}).items()
@@ -102,7 +102,7 @@ def _section(name: str) -> str:
 
 
 def _points(name: str, value: Value) -> Value:
-    """Return a list of numbers as a list of points; what is no list is left to the map's check."""
+    """Return a list of numbers as a list of points. Other values are left to the map's check."""
     if not isinstance(value, list):
         return value
     if len(value) % 3:
@@ -113,7 +113,7 @@ def _points(name: str, value: Value) -> Value:
 
 
 def _flat(value: Any) -> Value:
-    """Return lists of points as one list, and numbers of which one has a fraction as such."""
+    """Return lists of points as one list; integers become floats if one number has a fraction."""
     if not isinstance(value, list):
         return cast("Value", value)
     numbers: list[Any] = []

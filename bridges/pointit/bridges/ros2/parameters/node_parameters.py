@@ -1,4 +1,4 @@
-"""Parameters of another node, read through the services that every ROS node has for them."""
+"""Parameters of another node, read through the services that every ROS node has."""
 
 import asyncio
 from collections.abc import Iterator, Sequence
@@ -13,19 +13,19 @@ from pointit.runtime.errors import ConfigError, NoAnswerError
 LIST = "rcl_interfaces/srv/ListParameters"
 GET = "rcl_interfaces/srv/GetParameters"
 LIST_SUFFIX, GET_SUFFIX = "/list_parameters", "/get_parameters"
-"""Of the services, behind the node's name."""
+"""Service names after the node's name."""
 
 PAGE = 16
-"""Parameters that are asked for at a time: a line of a map may have a thousand points."""
+"""Number of parameters per request: a line of a map may have a thousand points."""
 MAX_PARAMETERS = 20_000
 MAX_NAME = 256
-"""Characters of a parameter's name; none of a map has as many."""
+"""Maximum characters of a parameter's name; no map has longer ones."""
 MAX_BYTES = 8_000_000
-"""Of all answers; the largest map that can travel is an eighth of it."""
+"""Maximum size of all answers; the largest map that can travel is an eighth of it."""
 MAX_WAITS = 12
-"""Times as long as one answer all may take: who is just in time with each is not waited for by the hour."""
+"""Total timeout in timeouts of one answer, for nodes that answer each request just in time."""
 MAX_SHOWN = 20
-"""Names that a sentence lists."""
+"""Maximum number of names in a message."""
 
 
 class NodeParameters:
@@ -43,17 +43,17 @@ class NodeParameters:
         max_bytes: int,
         needs: str = "",
     ) -> None:
-        """Ask nothing yet.
+        """Create it without requests.
 
         Args:
             backend: us in the graph.
             types: of the distribution of the others.
             node: its full name.
             domain: ours.
-            appears_s: how long it may take to be seen.
-            timeout_s: how long it may take to answer once.
+            appears_s: time to wait until it is seen.
+            timeout_s: timeout of one answer.
             max_bytes: of one answer.
-            needs: what other nodes need to be seen, for people.
+            needs: conditions for other nodes to be seen, as text.
         """
         self._backend = backend
         self._types = types
@@ -67,11 +67,11 @@ class NodeParameters:
         self._waited_s = 0.0
 
     async def names(self) -> list[str]:
-        """Return what its parameters are called, in its order, but what no map's parameter is called.
+        """Return the names of its parameters in its order, without names that no map uses.
 
         Raises:
-            NoAnswerError: it is not there (names who is), serves no parameters, or does not answer in time.
-            ConfigError: it has too many.
+            NoAnswerError: If it is absent (names those present), serves no parameters, or answers too late.
+            ConfigError: If it has too many.
         """
         await self._meet()
         response = await self._ask(LIST, LIST_SUFFIX, prefixes=[], depth=0)
@@ -87,8 +87,8 @@ class NodeParameters:
         """Return the parameters `names` that have a value, in that order.
 
         Raises:
-            NoAnswerError: the node does not answer in time, or not what was asked.
-            ConfigError: it is too much.
+            NoAnswerError: If the node does not answer in time, or not what was asked.
+            ConfigError: If it is too much.
         """
         found: dict[str, Value] = {}
         for page in _pages(names):
@@ -108,7 +108,7 @@ class NodeParameters:
         return found
 
     async def _meet(self) -> None:
-        """Wait until the node is seen to serve its parameters, as our definitions have it."""
+        """Wait until the node is seen to serve its parameters by our definitions."""
         graph = Graph(nodes=frozenset(), endpoints=frozenset())
         changed = asyncio.Event()
 
@@ -137,7 +137,7 @@ class NodeParameters:
         return [each for each in _lists(graph, self._domain) if each.name == service]
 
     def _absence(self, graph: Graph) -> str:
-        """Return why there is nobody to ask, and what to do."""
+        """Return a message why there is no node to query, with its remedy."""
         elsewhere = {each.domain for each in graph.endpoints if each.node == self._node} - {self._domain}
         names = _nodes(graph, self._domain) - {self._backend.node}
         if self._node in names:
@@ -202,7 +202,7 @@ def _pages(names: Sequence[str]) -> Iterator[Sequence[str]]:
 
 
 def _lists(graph: Graph, domain: int) -> list[Endpoint]:
-    """Return who tells what parameters there are."""
+    """Return the endpoints that list parameters."""
     return [
         each
         for each in graph.within(domain).endpoints
@@ -211,14 +211,14 @@ def _lists(graph: Graph, domain: int) -> list[Endpoint]:
 
 
 def _nodes(graph: Graph, domain: int) -> set[str]:
-    """Return who is there; bridges to DDS tell of services only."""
+    """Return the nodes present. Bridges to DDS announce services only."""
     serving = {each.name.removesuffix(LIST_SUFFIX) for each in _lists(graph, domain)}
     return serving | {name for name in graph.nodes if name.startswith("/")}
 
 
 def _other_distro(hashes: set[str], types: Types) -> str:
     if NO_HASH in hashes:
-        return f"is of Humble, whose services nobody of {types.distro} can ask; set distro to humble"
+        return f"is of Humble, whose services no node of {types.distro} can ask; set distro to humble"
     if types.distro == "humble":
         return "is not of Humble; set distro to theirs (jazzy, kilted, …)"
     return f"has another definition of {LIST} than {types.distro}; set distro to theirs"

@@ -1,4 +1,4 @@
-"""Values of ROS parameters, as messages of `rcl_interfaces` and as plain ones."""
+"""Values of ROS parameters, as messages of `rcl_interfaces` and as Python values."""
 
 from collections.abc import Mapping
 from typing import Any, cast
@@ -6,7 +6,7 @@ from typing import Any, cast
 from pointit.bridges.ros2.types.types import Types
 
 Value = bool | int | float | str | list[Any]
-"""A list holds values of one of the other kinds: ROS has no lists of lists."""
+"""A list holds values of one of the other types: ROS has no lists of lists."""
 
 MESSAGE = "rcl_interfaces/msg/ParameterValue"
 NOT_SET = 0
@@ -21,17 +21,17 @@ FIELDS: Mapping[int, str] = {
     8: "double_array_value",
     9: "string_array_value",
 }
-"""By `rcl_interfaces/msg/ParameterType`: where the value is; all other fields say nothing."""
+"""Field of the value by `rcl_interfaces/msg/ParameterType`; all other fields are unused."""
 
 KINDS: Mapping[type, int] = {bool: 1, int: 2, float: 3, str: 4}
 LISTS: Mapping[type, int] = {bool: 6, int: 7, float: 8, str: 9}
 
 
 def value_of(message: Any) -> Value | None:
-    """Return what a decoded message holds; none where the parameter has no value.
+    """Return the value of a decoded message, or None if the parameter has none.
 
     Raises:
-        ValueError: it says that it is of a kind that there is not.
+        ValueError: If it says that it is of a kind that there is not.
     """
     kind = int(message.type)
     if kind == NOT_SET:
@@ -45,10 +45,10 @@ def value_of(message: Any) -> Value | None:
 
 
 def message_of(types: Types, value: Value | None) -> Any:
-    """Return the message that holds `value`; a list without anything in it is one of numbers.
+    """Return the message that holds `value`. An empty list is one of numbers.
 
     Raises:
-        ValueError: ROS has no parameter that holds it.
+        ValueError: If ROS has no parameter that holds it.
     """
     if value is None:
         return types.make(MESSAGE)

@@ -1,4 +1,4 @@
-"""Requests of ours to ROS services that are not answered yet."""
+"""Open requests to ROS services."""
 
 import asyncio
 from collections.abc import Coroutine
@@ -8,17 +8,17 @@ from pointit.runtime.errors import BusClosedError
 
 
 class Calls:
-    """All of one backend, whose end is theirs."""
+    """The open requests of one backend, which close with it."""
 
     def __init__(self) -> None:
-        """Begin with none."""
+        """Begin without requests."""
         self._open: set[asyncio.Task[bytes]] = set()
 
     async def answered(self, call: Coroutine[Any, Any, bytes], name: str) -> bytes:
-        """Return what `call` returns, or raise what it raises; `name` is its task's.
+        """Await `call` as a task called `name`, and return its result.
 
         Raises:
-            BusClosedError: `close` was called meanwhile.
+            BusClosedError: If `close` was called meanwhile.
         """
         task = asyncio.get_running_loop().create_task(call, name=name)
         self._open.add(task)
@@ -32,11 +32,11 @@ class Calls:
         return task.result()
 
     def close(self) -> None:
-        """Wait for none of them any longer."""
+        """Cancel all requests."""
         for task in self._open:
             task.cancel()
 
     def _forget(self, task: asyncio.Task[bytes]) -> None:
         self._open.discard(task)
         if not task.cancelled():
-            task.exception()  # seen: whoever asked may have gone
+            task.exception()  # retrieved: the caller may have gone

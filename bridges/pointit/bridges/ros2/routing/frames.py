@@ -1,4 +1,4 @@
-"""Names of frames and of people in ROS: REP-103 axes, the ROS toolkit's names unless told otherwise.
+"""Names of frames and people in ROS: REP-103 axes, the ROS toolkit's names by default.
 
 {W} is `world`, {H} of a person is `{user}/human_footprint`: at their feet, z up, x forward at IMU yaw 0.
 """
@@ -10,8 +10,8 @@ WORLD = "{world}"
 PERSON = "{person}"
 """Stands for a person's frame {H} in a route."""
 
-MOST_NAMES = 10_000
-"""Names that are kept apart; nobody has so many people or lamps."""
+MAX_NAMES = 10_000
+"""Maximum number of distinct names."""
 
 _NOT_ROS = re.compile(r"[^A-Za-z0-9_]")
 
@@ -24,11 +24,11 @@ class RosNames:
         self._taken: set[str] = set()
 
     def of(self, name: str) -> str:
-        """Return `name` as ROS can have it: its own where possible, the same each time, no two alike."""
+        """Return the ROS name of `name`: unchanged where possible, always the same, unique."""
         made = self._of.get(name)
         if made is None:
             made = self._free(_NOT_ROS.sub("_", name) or "_")
-            if len(self._of) >= MOST_NAMES:
+            if len(self._of) >= MAX_NAMES:
                 oldest = next(iter(self._of))
                 self._taken.discard(self._of.pop(oldest))
             self._of[name] = made
@@ -46,12 +46,12 @@ class RosNames:
 
 
 class Frames:
-    """What the frames are called."""
+    """Names of frames."""
 
     def __init__(
         self, names: RosNames, *, world: str = "world", person: str = "{user}/human_footprint"
     ) -> None:
-        """Take the name of {W}, and that of {H} with `{user}` for the person."""
+        """Set the name of {W}, and that of {H} with `{user}` for the person."""
         self.world = world
         self._person = person
         self._names = names
@@ -62,13 +62,13 @@ class Frames:
         return self.resolve(PERSON, user)
 
     def resolve(self, template: str, name: str) -> str:
-        """Return the frame that a route means with `template` for the person `name`."""
+        """Return the frame that `template` of a route means for the person `name`."""
         found = self._resolved.get((template, name))
         if found is None:
             found = template.replace(WORLD, self.world).replace(PERSON, self._person)
             if "{user}" in found:
                 found = found.replace("{user}", self._names.of(name))
-            if len(self._resolved) >= MOST_NAMES:
+            if len(self._resolved) >= MAX_NAMES:
                 self._resolved.clear()
             self._resolved[template, name] = found
         return found

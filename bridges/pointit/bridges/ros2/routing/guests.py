@@ -1,4 +1,4 @@
-"""Guests: people whose nodes are all ROS's, as the site says; present here as long as those are heard of."""
+"""Guests: people all of whose nodes are ROS nodes, by configuration; present while those are received."""
 
 import asyncio
 import logging
@@ -18,51 +18,52 @@ from pointit.services.registry import PROCESSES
 log = logging.getLogger(__name__)
 
 LOOK_S = 0.25
-"""How often it is looked whether a guest has come or gone."""
+"""Interval of checking whether a guest has come or gone."""
 
 SILENT_S = 3.0
-"""Who was not heard for so long has gone, unless they want a cursor and their ray is still in the graph."""
+"""A guest without messages for this long (s) has left, unless they want a cursor and their ray is in the
+graph."""
 
 LEADERS = tuple(
     row.name for row in PROCESSES if row.scope == "user" and not {RAY, INTERACTION}.isdisjoint(row.writes)
 )
-"""Services of ours that say what a guest's own nodes say: who has one is no guest."""
+"""PointIt services that replace a guest's nodes: a person with one is no guest."""
 
 
 class Guests:
-    """Tells the site when guests come and go, and gives way to services of ours."""
+    """Announces guests to the site when they come and go, and yields to PointIt services."""
 
     def __init__(
         self, people: Iterable[str], routes: Iterable[InboundRoute], site: Site, inbox: Inbox, outbox: Outbox
     ) -> None:
-        """Listen for `people` from now on, by those of `routes` that are of guests only."""
+        """Subscribe for `people` to those of `routes` that are of guests only."""
         routes = tuple(routes)
         self._routes = tuple(route for route in routes if route.of_guests)
         self._lasting = tuple(route for route in routes if route.of_guests or POSE in route.into)
-        """What these have said of a guest stays, and is no longer true when services of ours say it."""
+        """Routes whose messages persist, and become invalid when PointIt services publish them."""
         self._site = site
         self._inbox = inbox
         self._outbox = outbox
         self._instances = {f"{leader}.{user}": user for user in people for leader in LEADERS}
         self._leaders: set[str] = set()
-        """Of `_instances`, those that are present."""
+        """Present ones of `_instances`."""
         self._ends: dict[str, list[Closable]] = {}
-        """What is declared in ROS, by person."""
+        """Declared endpoints in ROS, by person."""
         self._heard_s: dict[str, float] = {}
         self._tokens: dict[str, Closable] = {}
         self._given: frozenset[str] = frozenset()
-        """Names that others in ROS publish; what another PointIt does is not heard here."""
+        """Names that other nodes publish, without those of other PointIts, which are ignored here."""
         self._now_s = 0.0
-        """Of our looking: while the loop is held up nothing is heard, and no time passes."""
+        """Time of our checks: while the loop is blocked, nothing is received and no time passes."""
         self._timer: asyncio.TimerHandle | None = None
         for user in dict.fromkeys(self._instances.values()):
-            site.scene.names.of(user)  # theirs as it is: whoever else would be called the same comes later
+            site.scene.names.of(user)  # reserved: another person with the same ROS name gets a different one
             self._admit(user)
         if self._instances:
             self._mind()
 
     def on_graph(self, graph: Graph) -> None:
-        """Take up who publishes."""
+        """Update the publishers."""
         self._given = frozenset(
             each.name
             for each in graph.endpoints
@@ -70,7 +71,7 @@ class Guests:
         )
 
     def on_presence(self, instance: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
-        """Take note that a service of ours is present, or no longer."""
+        """Update the presence of a PointIt service."""
         user = self._instances.get(instance)
         if user is None:
             return
@@ -83,7 +84,7 @@ class Guests:
             self._admit(user)
 
     def close(self) -> None:
-        """Take all of them away."""
+        """Remove all guests."""
         if self._timer is not None:
             self._timer.cancel()
         for user, guest in self._site.scene.guests.items():
@@ -97,7 +98,7 @@ class Guests:
         self._show_again(user)
 
     def _dismiss(self, user: str, leader: str) -> None:
-        """Leave somebody to services of ours, which say themselves where they are in the interaction."""
+        """Remove a guest in favour of PointIt services, which publish the state of the interaction."""
         del self._site.scene.guests[user]
         for end in self._ends.pop(user):
             end.close()
@@ -116,13 +117,15 @@ class Guests:
             self._outbox.join(user)
 
     def _mind(self) -> None:
-        self._timer = self._site.bus.call_later(LOOK_S, self._mind)  # first: what fails below is tried again
+        self._timer = self._site.bus.call_later(
+            LOOK_S, self._mind
+        )  # rescheduled first, so that it is repeated after an error
         self._now_s += LOOK_S
         for user, guest in self._site.scene.guests.items():
             self._judge(user, guest)
 
     def _judge(self, user: str, guest: Guest) -> None:
-        """Let somebody come or go."""
+        """Add or remove a guest."""
         if guest.is_heard:
             guest.is_heard = False
             self._heard_s[user] = self._now_s

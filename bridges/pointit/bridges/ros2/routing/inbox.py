@@ -1,4 +1,4 @@
-"""What comes from ROS: topics taken to our bus, and the services that ours answer."""
+"""Input from ROS: topics forwarded to our bus, and ROS services answered by PointIt services."""
 
 import asyncio
 import functools
@@ -24,36 +24,36 @@ from pointit.runtime.errors import BusError, RefusedError, RequestError
 from pointit.schemas import Message, Reply
 from pointit.schemas.topics import Request, Topic
 
-MOST_ASKED = 64
-"""Requests of ROS nodes that ours work on at a time; more are refused."""
+MAX_ASKED = 64
+"""Maximum number of open requests of ROS nodes; more are refused."""
 
 
 class Inbox:
-    """All that comes in."""
+    """All input."""
 
     def __init__(self, routes: Iterable[InboundRoute], services: Iterable[ServiceRoute], site: Site) -> None:
-        """Take what is nobody's own from now on."""
+        """Subscribe to the routes without a person, and offer the services."""
         self._site = site
         self._wall = WallClock()
         self._loop = asyncio.get_running_loop()
         self._routes = tuple(routes)
         self._services = tuple(services)
         self._served: frozenset[str] = frozenset()
-        """Services that others in ROS serve."""
+        """Services that other nodes offer."""
         self._ends: dict[tuple[str, str], Closable] = {}
-        """What is declared in ROS, by route and by whom it is about."""
+        """Declared endpoints in ROS, by route and name."""
         self._back: dict[tuple[str, str], asyncio.TimerHandle | None] = {}
-        """What is left to others, as `_ends`, and when it is taken up again if they have let go."""
+        """Routes left to others, as `_ends`, and the timer to reclaim them once they are free."""
         self._publishers: dict[str, tuple[str, Publisher[Any]]] = {}
-        """Ours, by key, with whom they are about."""
+        """Our publishers by key, with the name they are about."""
         self._asked: set[asyncio.Task[None]] = set()
         self._open = 0
-        """Wishes that are asked for and not answered."""
+        """Number of open requests."""
         self._names: set[str] = {""}
         self._declare("")
 
     def join(self, user: str) -> None:
-        """Take what is about `user` from now on."""
+        """Subscribe to the routes about `user`."""
         if user not in self._names:
             self._names.add(user)
             self._declare(user)
@@ -63,7 +63,7 @@ class Inbox:
                     self._take(taken, _about(route, self._site.scene, ""))
 
     def leave(self, user: str) -> None:
-        """Take nothing about `user` any more."""
+        """Unsubscribe from the routes about `user`."""
         self._names.discard(user)
         for end in [end for end in self._ends if end[1] == user]:
             self._ends.pop(end).close()
@@ -80,23 +80,23 @@ class Inbox:
             self._publishers.pop(key)[1].close()
 
     def listen(self, route: InboundRoute, name: str) -> Closable:
-        """Take what `route` says about `name` until the returned end is closed."""
+        """Receive what `route` has about `name` until the returned endpoint is closed."""
         return InputSubscription(route, name, self._site, functools.partial(self._hear, route, name))
 
     def stop_writing(self, route: InboundRoute, name: str) -> None:
-        """Write no more what `route` has said about `name`: somebody else does."""
+        """Stop publishing messages of `route` about `name`: another writer does."""
         for at in route.into:
             if at.at(name) in self._publishers:
                 self._publishers.pop(at.at(name))[1].close()
         self._site.bus.clear(_about(route, self._site.scene, name))
 
     def publish(self, said: BusOutput) -> None:
-        """Publish on our side."""
+        """Publish on our bus."""
         if not isinstance(said.at, Request) and isinstance(said.what, Message):
             self._publisher(said.at, said.name).put(said.what)
 
     def on_graph(self, graph: Graph) -> None:
-        """Leave to others the services that they serve."""
+        """Leave services to other nodes that offer them."""
         self._served = frozenset(
             each.name for each in graph.endpoints if each.kind == "server" and not each.is_ours
         )
@@ -104,7 +104,7 @@ class Inbox:
             self._declare_services(name)
 
     def close(self) -> None:
-        """End."""
+        """Close all endpoints."""
         for end in self._ends.values():
             end.close()
         self._ends.clear()
@@ -151,7 +151,7 @@ class Inbox:
             )
 
     def _take_up(self, key: tuple[str, str]) -> None:
-        """Leave it to others no longer."""
+        """Reclaim a route from others."""
         timer = self._back.pop(key, None)
         if timer is not None:
             timer.cancel()
@@ -168,7 +168,7 @@ class Inbox:
         self._take(taken, about)
 
     def _take(self, taken: Taken, about: str) -> None:
-        """Publish and ask; whether all was well is known when all is answered, and told no sooner."""
+        """Publish and query. The route's warning is cleared when all queries have succeeded, not before."""
         warned = [each for each in taken if isinstance(each, ConversionWarning)]
         wishes = [each for each in taken if isinstance(each, BusOutput) and isinstance(each.at, Request)]
         if warned or not wishes:
@@ -186,10 +186,10 @@ class Inbox:
         return self._publishers[key][1]
 
     def _ask_soon(self, wishes: list[BusOutput], about: str, *, is_well: bool) -> None:
-        asked = wishes[: MOST_ASKED - self._open]
+        asked = wishes[: MAX_ASKED - self._open]
         if len(asked) < len(wishes):
             is_well = False
-            self._site.bus.warn(about, f"what came {about} was dropped: {MOST_ASKED} wishes are open already")
+            self._site.bus.warn(about, f"what came {about} was dropped: {MAX_ASKED} wishes are open already")
         self._open += len(asked)
 
         async def ask() -> None:
@@ -208,7 +208,7 @@ class Inbox:
         task.add_done_callback(self._asked.discard)
 
     async def _ask(self, said: BusOutput, about: str) -> Reply | str:
-        """Return the reply; where there is none, the sentence that says why, which is a warning too."""
+        """Return the reply, or the reason of a refusal, which is a warning too."""
         try:
             reply: Reply = await self._site.bus.call(said.at, said.what, said.name)  # type: ignore[arg-type]  # a row of both kinds
         except (BusError, RequestError) as error:
@@ -221,7 +221,7 @@ class Inbox:
         """Answer a request of ROS.
 
         Raises:
-            RefusedError: It was not done, and its response could not say so.
+            RefusedError: If it was refused, and its response has no field for that.
         """
         scene = self._site.scene
         types = scene.types
@@ -246,7 +246,7 @@ class Inbox:
                 reply = await self._ask(asked, about)
                 if not isinstance(reply, str):
                     self._site.bus.clear(about)
-        finally:  # also when this is cancelled: the route may wait for what comes of it
+        finally:  # also when this is cancelled: the route may wait for the result
             answer = route.answers(value, None if isinstance(reply, str) else reply, told)
         if isinstance(reply, str) and not route.has_result:
             raise RefusedError(reply)
@@ -260,5 +260,5 @@ class Inbox:
 
 
 def _about(route: InboundRoute | ServiceRoute, scene: Scene, name: str) -> str:
-    """Return what a warning is about."""
+    """Return the subject of a warning."""
     return f"from {route.ros_name(scene, name)}"

@@ -1,4 +1,4 @@
-"""One name in ROS that is listened to, and how much of what comes there is taken."""
+"""Subscription to one name in ROS, with its rate limits."""
 
 import asyncio
 from collections.abc import Callable
@@ -9,46 +9,46 @@ from pointit.bridges.ros2.routing.route_types import InboundRoute
 from pointit.bridges.ros2.routing.site import Site
 
 BURST_S = 0.03
-"""Of a route with a limit of bytes: what would fill so much time may come at once."""
+"""Burst of a route with a limit of bytes, in seconds of its rate."""
 
 
 class InputSubscription:
-    """Takes what comes; of what comes too fast the newest, later; where it tells of people, of each."""
+    """Receives messages. Above the rate, the newest (of each person, if it names people) is handled later."""
 
     def __init__(self, route: InboundRoute, name: str, site: Site, take: Callable[[bytes], None]) -> None:
-        """Listen.
+        """Subscribe.
 
         Args:
             route: of which name in ROS.
-            name: for its placeholder; empty where there is none.
+            name: for its placeholder; `""` if it has none.
             site: shared.
-            take: gets the CDR of what is taken.
+            take: called with the CDR of accepted messages.
         """
         self._route = route
         self._site = site
-        self._complaints = BackendWarnings(site.bus)
+        self._warnings = BackendWarnings(site.bus)
         self._take = take
         self._loop = asyncio.get_running_loop()
         self._count = RateLimiter(route.rate_hz)
         self._bytes = RateLimiter(route.bytes_hz, early_s=BURST_S)
         self._waiting: dict[str, bytes] = {}
-        """The newest of each person, or of all where messages tell of nobody; as they came."""
+        """Newest message by person, or by `""` if messages name no people; as received."""
         self._timer: asyncio.TimerHandle | None = None
         self._ros = route.ros_name(site.scene, name)
         kind = site.scene.types.kind(route.type)
         self._end = site.backend.subscribe(self._ros, kind, route.qos, self._hear)
 
     def close(self) -> None:
-        """Hear no more."""
+        """Unsubscribe."""
         self._end.close()
         if self._timer is not None:
             self._timer.cancel()
-        self._complaints.close()
+        self._warnings.close()
 
     def _hear(self, cdr: bytes) -> None:
         route = self._route
         if len(cdr) > route.max_bytes or (route.rate_hz is None and route.bytes_hz is None):
-            self._take(cdr)  # what is too long is refused unread
+            self._take(cdr)  # too long messages are rejected unread
             return
         people = ("",) if route.people is None else route.people(cdr, self._site.scene)
         if not people:
@@ -58,10 +58,10 @@ class InputSubscription:
             self._pass(cdr)
             return
         for each in people:
-            self._waiting.pop(each, None)  # so that the first is the oldest: nothing is followed by older
+            self._waiting.pop(each, None)  # keeps the order: no message is followed by an older one
             self._waiting[each] = cdr
         if route.bytes_hz is not None and self._bytes.wait_s(self._loop.time()) > 0.0:
-            self._complaints.show_briefly(
+            self._warnings.show_briefly(
                 f"amount from {self._ros}",
                 f"{self._ros} brings more of people than the {route.bytes_hz / 1e6:g} MB a second that are "
                 "read: of each the newest counts; publish their frames less often, or apart from all others",

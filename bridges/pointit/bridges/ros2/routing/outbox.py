@@ -1,4 +1,4 @@
-"""What goes out to ROS: every route, for everybody it is about, converted, paced, encoded."""
+"""Output to ROS: converts, limits and encodes every route, for every name that it is about."""
 
 import asyncio
 import functools
@@ -11,8 +11,8 @@ from pointit.bridges.ros2.routing.site import Site
 from pointit.schemas import Message
 from pointit.schemas.topics import Topic
 
-MOST_LINES = 2000
-"""Names in ROS; nobody has so many people and lamps."""
+MAX_LINES = 2000
+"""Maximum number of names in ROS."""
 
 
 class _Line:
@@ -25,27 +25,27 @@ class _Line:
         self.ros = ros
         self._site = site
         self._has_reader = has_reader
-        """Whether the ROS graph shows one."""
+        """Whether the ROS graph shows a subscriber."""
         self._unread = unread
         self._is_read = False
         self._pace = RateLimiter(route.rate_hz)
         self._loop = asyncio.get_running_loop()
         self._writer: Writer | None = None
         self._waiting: dict[str, tuple[Message, str]] = {}
-        """What is to be sent when there is time, by name where each has a message of its own."""
+        """Messages delayed by the rate limit, by name if each has a message of its own."""
         self._timer: asyncio.TimerHandle | None = None
         self._repeating: asyncio.TimerHandle | None = None
         self._back: asyncio.TimerHandle | None = None
         self._later: list[asyncio.TimerHandle] = []
         self._last: dict[str, tuple[Message, float]] = {}
-        """What is to be repeated, by what stands for the placeholder of our key, and when it came."""
+        """Messages to repeat with their arrival times, by placeholder of our key."""
         self._sent: dict[str, tuple[bytes, ...]] = {}
-        """What was sent last where only changes are, as `_waiting`."""
+        """Last values sent, for routes that send only changes, by key of `_waiting`."""
         self._is_refused = False
         self._open()
 
     def make_room(self, *, is_given: bool) -> None:
-        """Leave it to somebody else while it is given by them, and for a moment more."""
+        """Yield to other publishers of this name until shortly after they end."""
         if is_given:
             if self._back is not None:
                 self._back.cancel()
@@ -55,14 +55,14 @@ class _Line:
             self._back = self._site.bus.call_later(reclaim_delay_s(), self._open)
 
     def look(self) -> None:
-        """Tell the route when somebody begins to read it."""
+        """Notify the route when the first subscriber appears."""
         is_read = self._has_readers
         if is_read and not self._is_read and self.route.begins is not None:
             self.route.begins()
         self._is_read = is_read
 
     def close(self) -> None:
-        """End."""
+        """Remove it from the graph."""
         for timer in (self._timer, self._repeating, self._back, *self._later):
             if timer is not None:
                 timer.cancel()
@@ -82,7 +82,7 @@ class _Line:
             self._writer = None
 
     def take(self, message: Message, name: str) -> None:
-        """Send `message` as soon as the route's rate allows; of what waits, the newest."""
+        """Send `message` as soon as the route's rate allows; of delayed ones, the newest."""
         wait_s = self._pace.wait_s(self._loop.time())
         if self._timer is None and wait_s <= 0.0:
             self._pace.sent(self._loop.time())
@@ -93,7 +93,7 @@ class _Line:
             self._timer = self._site.bus.call_later(wait_s, self._due)
 
     def forget(self, name: str) -> None:
-        """Say nothing of `name` any more."""
+        """Forget what was sent about `name`."""
         if self.route.forgets is not None:
             self.route.forgets(name)
         self._last.pop(name, None)
@@ -142,20 +142,21 @@ class _Line:
                 self._put(cdr)
 
     def _whose(self, name: str) -> str:
-        """Return whose messages those of `name` displace."""
+        """Return the key of the queue slot for messages of `name`."""
         return name if self.route.is_each else ""
 
     @property
     def _has_readers(self) -> bool:
-        """Return True if somebody reads it.
+        """Return True if there is a subscriber.
 
-        The graph does not show a node that is older than the router, but its middleware knows that it reads.
+        The graph does not show a node that is older than the router, but its middleware knows that it
+        subscribes.
         """
         return self._has_reader(self.ros) or (self._writer is not None and self._writer.is_read)
 
     @property
     def _keeps(self) -> bool:
-        """Return True if what is sent now matters to who comes later."""
+        """Return True if messages sent now matter to late joiners."""
         return self.route.qos.lasts or self.route.on_change
 
     def _put(self, cdr: bytes) -> None:
@@ -176,17 +177,17 @@ class _Line:
 
 
 class Outbox:
-    """All that goes out."""
+    """All output."""
 
     def __init__(self, routes: Iterable[OutboundRoute], site: Site, *, unread: bool) -> None:
-        """Appear in the graph with every route that is nobody's own; `unread`: send what nobody reads too."""
+        """Appear in the graph with every route without a person; `unread`: send also without subscribers."""
         self._site = site
         self._unread = unread
         self._read: frozenset[str] = frozenset()
         self._given: frozenset[str] = frozenset()
-        """Names that others in ROS publish."""
+        """Names that other nodes publish."""
         self._lines: dict[tuple[str, str], _Line] = {}
-        """By route, and by what stands for its placeholder."""
+        """By route and name for its placeholder."""
         self._routes: dict[Topic[Message], list[OutboundRoute]] = {}
         for route in routes:
             for topic in route.reads:
@@ -196,11 +197,11 @@ class Outbox:
 
     @property
     def topics(self) -> tuple[Topic[Message], ...]:
-        """Return what of ours it takes."""
+        """Return our topics that are forwarded."""
         return tuple(self._routes)
 
     def take(self, topic: Topic[Message], message: Message, name: str) -> None:
-        """Send `message`, which the scene has taken, wherever it goes."""
+        """Send `message`, which the scene has got, by all its routes."""
         for route in self._routes.get(topic, ()):
             if route.is_theirs and name in self._site.scene.guests:
                 continue
@@ -209,7 +210,7 @@ class Outbox:
                 line.take(message, name)
 
     def join(self, user: str) -> None:
-        """Appear in the graph with what is about `user`; leave to a guest what they say themselves."""
+        """Add the routes about `user`, without those that a guest's own nodes publish."""
         is_guest = user in self._site.scene.guests
         for route in {route.name: route for routes in self._routes.values() for route in routes}.values():
             if "{user}" not in route.ros:
@@ -220,20 +221,20 @@ class Outbox:
                 line.close()
 
     def leave(self, user: str) -> None:
-        """Take from the graph what is about `user`."""
+        """Remove the routes about `user`."""
         for route, name in tuple(self._lines):
             if name == user and "{user}" in self._lines[route, name].route.ros:
                 self._lines.pop((route, name)).close()
         self._forget(user, "user")
-        if len(self._lines) < MOST_LINES:
+        if len(self._lines) < MAX_LINES:
             self._site.bus.clear("names")
 
     def end(self, instance: str) -> None:
-        """Say nothing any more of a service that has gone."""
+        """Forget what was sent about a service that has gone."""
         self._forget(instance, "service")
 
     def look(self, graph: Graph) -> None:
-        """Take up who reads, and leave to others what they publish."""
+        """Update subscribers, and yield names that others publish."""
         others = [each for each in graph.endpoints if not each.is_ours]
         self._read = frozenset(each.name for each in others if each.kind == "subscriber")
         self._given = frozenset(each.name for each in others if each.kind == "publisher")
@@ -242,7 +243,7 @@ class Outbox:
             line.look()
 
     def close(self) -> None:
-        """End."""
+        """Remove all routes."""
         for line in self._lines.values():
             line.close()
         self._lines.clear()
@@ -251,9 +252,9 @@ class Outbox:
         key = route.name, name
         line = self._lines.get(key)
         if line is None:
-            if len(self._lines) >= MOST_LINES:
+            if len(self._lines) >= MAX_LINES:
                 self._site.bus.warn(
-                    "names", f"only {MOST_LINES} names are shown to ROS; end what writes so many keys"
+                    "names", f"only {MAX_LINES} names are shown to ROS; end what writes so many keys"
                 )
                 return None
             ros = route.ros_name(self._site.scene, name)

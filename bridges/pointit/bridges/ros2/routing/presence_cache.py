@@ -1,8 +1,9 @@
-"""Who has gone, and what was heard of whom; pure.
+"""Departed people and services, and their last states; pure.
 
-What others say of somebody who has left, as that their cursor has ended, brings nobody back; nor does a
-service's last report that comes after it has gone. Who returns,
-after a restart or because a router was lost, does not say their states again: who has heard them knows them.
+Late messages about people who have left, as the end of their cursor, must not bring them back, nor a
+service's
+last report. People who return after a restart or a lost router do not repeat their states, which are kept
+here.
 """
 
 import collections
@@ -11,44 +12,44 @@ from typing import Any
 from pointit.schemas import Message
 from pointit.schemas.topics import Delivery, Topic
 
-MOST_REMEMBERED = 1000
-"""Those heard of first are forgotten first."""
+MAX_REMEMBERED = 1000
+"""Maximum number of names; the oldest are evicted first."""
 
 States = tuple[tuple[Topic[Any], Message], ...]
 
 
 class PresenceCache:
-    """Remembers the states of people, or of services, and who has left."""
+    """Remembers the states of people, or of services, and their departures."""
 
     def __init__(self, placeholder: str) -> None:
-        """Begin with nobody; who was never here has not left.
+        """Begin empty; unknown names count as present.
 
         Args:
-            placeholder: of the topics that tell of them; all others are let through.
+            placeholder: of the topics about them; all others pass.
         """
         self._placeholder = placeholder
         self._gone: collections.OrderedDict[str, None] = collections.OrderedDict()
         self._states: collections.OrderedDict[str, dict[Topic[Any], Message]] = collections.OrderedDict()
 
     def admits(self, topic: Topic[Any], message: Message, name: str) -> bool:
-        """Take what came under `name`. Return True if it is to be shown now."""
+        """Store a message about `name`. Return True if it is to be shown now."""
         if topic.placeholder != self._placeholder:
             return True
         if topic.delivery is Delivery.STATE:
             self._states.setdefault(name, {})[topic] = message
-            if len(self._states) > MOST_REMEMBERED:
+            if len(self._states) > MAX_REMEMBERED:
                 self._states.popitem(last=False)
         return name not in self._gone
 
     def on_join(self, name: str) -> States:
-        """Take that somebody is here; return what is to be shown of them who had left."""
+        """Note a join, and return the states to show if the name had left."""
         if name not in self._gone:
             return ()
         del self._gone[name]
         return tuple(self._states.get(name, {}).items())
 
     def on_leave(self, name: str) -> None:
-        """Take that somebody has left."""
+        """Note a departure."""
         self._gone[name] = None
-        if len(self._gone) > MOST_REMEMBERED:
+        if len(self._gone) > MAX_REMEMBERED:
             self._gone.popitem(last=False)

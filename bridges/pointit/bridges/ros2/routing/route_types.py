@@ -1,4 +1,4 @@
-"""What a row of the route table is: a name in ROS, what of ours it stands for, and who converts."""
+"""Types of rows in the route table: a name in ROS, our topic or request, and the converter."""
 
 import math
 from collections.abc import Callable
@@ -12,23 +12,23 @@ from pointit.schemas import Message, Query, Reply
 from pointit.schemas.topics import Request, Topic
 
 MAX_BYTES = 16 * 1024
-"""Of what comes from ROS, unless its route says otherwise; decoding holds up the loop."""
+"""Default maximum size of messages from ROS; decoding blocks the loop."""
 
 
 class ConversionContext(NamedTuple):
-    """What a converter is told besides the message or value itself."""
+    """Context of a conversion."""
 
     scene: Scene
     name: str
-    """What stands for the placeholder: a user, a lamp; empty: there is none."""
+    """Name for the placeholder: a user or lamp; `""` if there is none."""
     stamp_ns: int
     """Outward: goes into `header.stamp`. Inward: the site's time now."""
     frame: str = ""
-    """Outward: goes into `header.frame_id`. Inward: the frame in which places are expected."""
+    """Outward: goes into `header.frame_id`. Inward: the frame in which positions are expected."""
     wall_ns: int = 0
     """Inward: the operating system's time now."""
     is_again: bool = False
-    """Outward: this message was converted before, and is repeated."""
+    """Outward: this message is a repetition."""
 
 
 class BusOutput(NamedTuple):
@@ -36,18 +36,18 @@ class BusOutput(NamedTuple):
 
     at: Topic[Any] | Request[Any, Any]
     name: str
-    """For its placeholder."""
+    """Name for its placeholder."""
     what: Message | Query
 
 
 class ConversionWarning(NamedTuple):
-    """What could not be taken, or not as it was; one sentence that says why and what to do."""
+    """A rejected or corrected value: the reason and the remedy."""
 
     sentence: str
 
 
 Converted = tuple[Any, ...]
-"""ROS values in the order in which they are to be sent; empty: there is nothing to tell."""
+"""ROS values in the order of sending, or `()` to send nothing."""
 
 Taken = tuple[BusOutput | ConversionWarning, ...]
 
@@ -55,14 +55,14 @@ Taken = tuple[BusOutput | ConversionWarning, ...]
 @dataclass(frozen=True, kw_only=True)
 class _Route:
     name: str
-    """By which configuration means it."""
+    """Name in the configuration."""
     ros: str
     """The name in ROS, `{user}` or `{led}` for the placeholder of what it stands for."""
     type: str
     qos: Qos
     enabled: bool = True
     yields: bool = False
-    """Only as long as nobody else in the graph does the same with the same name."""
+    """Used only while no other node does the same with the same name."""
     frame: str = WORLD
     """`WORLD`, `PERSON`, or a name with `{user}`."""
     about: str
@@ -75,29 +75,29 @@ class _Route:
 
 @dataclass(frozen=True, kw_only=True)
 class OutboundRoute(_Route):
-    """Ours, published in ROS."""
+    """A topic of ours, published in ROS."""
 
     reads: tuple[Topic[Any], ...]
-    """Each of their messages, once the scene has taken it, is converted."""
+    """Topics whose messages are converted, once the scene has them."""
     by: Callable[[Any, ConversionContext], Converted]
     rate_hz: float | None = None
-    """No more often; of what comes sooner the newest waits."""
+    """Maximum rate; earlier messages are delayed, and the newest wins."""
     is_each: bool = False
-    """A message tells of one name only: each has the rate, and what waits displaces nobody else's."""
+    """Each message is about one name, and rate and delay apply per name."""
     repeat_hz: float | None = None
-    """The last message of each name is converted again so often, stamped with the time it is then."""
+    """The last message of each name is converted again at this rate, with the current time."""
     repeat_for_s: float = math.inf
-    """For no longer than this."""
+    """Duration of repetitions."""
     on_change: bool = False
-    """Of a name, not sent again while it stays byte by byte the same."""
+    """Identical values of a name are not sent again."""
     is_theirs: bool = False
-    """Said in ROS by a guest's own nodes, and then not by us."""
+    """Published by a guest's own nodes, and then not by us."""
     begins: Callable[[], None] | None = None
-    """Told when somebody reads where nobody did."""
+    """Called when the first subscriber appears."""
     forgets: Callable[[str], None] | None = None
-    """Told who leaves, or which service has gone, of those whom its messages are about."""
+    """Called with people who leave, or services that have gone, if messages are about them."""
     apart_s: float = 0.0
-    """Between the values of one message: a button is down for so long."""
+    """Delay between the values of one message: a button is down for this time."""
 
     def convert(self, message: Message, name: str, scene: Scene, *, again_ns: int | None = None) -> Converted:
         """Return the ROS values of `message`; `again_ns`: it is repeated at this time."""
@@ -109,28 +109,28 @@ class OutboundRoute(_Route):
 
 @dataclass(frozen=True, kw_only=True)
 class InboundRoute(_Route):
-    """ROS', taken to our bus."""
+    """A topic of ROS, forwarded to our bus."""
 
     into: tuple[Topic[Any] | Request[Any, Any], ...]
-    """What of ours it can write or ask."""
+    """Topics and requests that it writes to."""
     by: Callable[[Any, ConversionContext], Taken]
     rate_hz: float | None = None
-    """No more often; of what comes sooner the newest waits."""
+    """Maximum rate; earlier messages are delayed, and the newest wins."""
     bytes_hz: float | None = None
-    """No more bytes are read in a second; of what is beyond them the newest waits."""
+    """Maximum rate of bytes read; of messages above it the newest waits."""
     people: Callable[[bytes, Scene], tuple[str, ...]] | None = None
-    """Whom a message tells of, by its bytes: the newest of each waits; what tells of nobody is not read."""
+    """People whom a message is about, from its bytes. The newest per person waits, others are not read."""
     max_bytes: int = MAX_BYTES
-    """What is longer is dropped unread."""
+    """Longer messages are dropped unread."""
     meets: Callable[[ConversionContext], Taken] | None = None
-    """What was said, once for all, before somebody came whom it is about."""
+    """Returns persistent values published before a person joined."""
     forgets: Callable[[str], None] | None = None
-    """Told who leaves."""
+    """Called with people who leave."""
     of_guests: bool = False
-    """Taken of guests only, be they present or not: by this they are."""
+    """For guests only, present or not: it makes them present."""
 
     def convert(self, value: Any, name: str, scene: Scene, *, now_ns: int, wall_ns: int) -> Taken:
-        """Return what to publish or ask, and what could not be taken; never raises."""
+        """Return messages, queries and warnings; never raises."""
         return self.by(
             value, ConversionContext(scene, name, now_ns, scene.frames.resolve(self.frame, name), wall_ns)
         )
@@ -142,10 +142,10 @@ class ServiceRoute(_Route):
 
     request: Request[Any, Any]
     asks: Callable[[Any, ConversionContext], BusOutput | ConversionWarning]
-    """From a ROS request; a warning answers it without asking."""
+    """Converts a ROS request. A warning refuses it."""
     answers: Callable[[Any, Reply | None, ConversionContext], Any]
-    """From the ROS request and our reply, none where it was refused; returns the ROS response."""
+    """Converts the ROS request and our reply, None if refused, to the ROS response."""
     max_bytes: int = MAX_BYTES
-    """A request that is longer is refused unread."""
+    """Longer requests are refused unread."""
     has_result: bool = False
-    """The response says whether it was done. Without, a request that was not done gets an error."""
+    """The response says whether it was done. Without, a refused request gets an error."""

@@ -1,6 +1,6 @@
 """THE ROUTE TABLE: every topic and service of ROS that the bridge has; and the file that changes it.
 
-The rows stand in `outward.table` and `inward.table`. A file may change them:
+The rows are in `outbound.table` and `inbound.table`. A file may change them:
 
     prefix: /site1              # before every name in ROS but those of `UNPREFIXED`
     world: map                  # the frame {W}
@@ -32,10 +32,10 @@ from pointit.runtime.errors import ConfigError
 Row = TypeVar("Row", OutboundRoute, InboundRoute, ServiceRoute)
 
 UNPREFIXED = ("/tf", "/tf_static", "/clock", "/diagnostics", "/rosout")
-"""ROS knows these by their names."""
+"""Names that ROS fixes."""
 
-MOST_NAME = 150
-"""Characters of a name in ROS before its user is put in; a resolved one may have 247."""
+MAX_NAME = 150
+"""Maximum characters of a name in ROS before its user is inserted; a resolved one may have 247."""
 
 _NAME = re.compile(r"(/([A-Za-z_][A-Za-z0-9_]*|\{(user|led)\}))+\Z")
 _PREFIX = re.compile(r"(/[A-Za-z_][A-Za-z0-9_]*)*\Z")
@@ -43,13 +43,13 @@ _FRAME = re.compile(r"(?!/)([^\s{}]|\{user\})+\Z")
 
 
 class RouteChange(Config):
-    """What a file changes of one route."""
+    """Changes of one route."""
 
-    ros: Annotated[str | None, Field(max_length=MOST_NAME, description="name in ROS; empty: as it is")] = None
+    ros: Annotated[str | None, Field(max_length=MAX_NAME, description="name in ROS; empty: as it is")] = None
     rate_hz: Annotated[float | None, Field(gt=0, le=1000, description="at most; empty: as it is")] = None
     enabled: Annotated[bool | None, Field(description="whether it is there; empty: as it is")] = None
     frame: Annotated[
-        str | None, Field(max_length=MOST_NAME, description="name of its frame; empty: as it is")
+        str | None, Field(max_length=MAX_NAME, description="name of its frame; empty: as it is")
     ] = None
 
     @field_validator("ros")
@@ -68,11 +68,11 @@ class RouteChange(Config):
 
 
 class RoutesFile(Config):
-    """A file that changes routes."""
+    """File that changes routes."""
 
     prefix: Annotated[str, Field(max_length=100, description="before names in ROS, such as /site1")] = ""
-    world: Annotated[str, Field(max_length=MOST_NAME, description="name of the frame {W}")] = "world"
-    person: Annotated[str, Field(max_length=MOST_NAME, description="name of a person's frame {H}")] = (
+    world: Annotated[str, Field(max_length=MAX_NAME, description="name of the frame {W}")] = "world"
+    person: Annotated[str, Field(max_length=MAX_NAME, description="name of a person's frame {H}")] = (
         "{user}/human_footprint"
     )
     kinds: Annotated[
@@ -93,7 +93,7 @@ class RoutesFile(Config):
     def _world(cls, world: str) -> str:
         _check_frame(world)
         if "{" in world:
-            raise ValueError("the frame of the room is nobody's: leave {user} out")
+            raise ValueError("the frame of the room belongs to no person: leave {user} out")
         return world
 
     @field_validator("person")
@@ -107,13 +107,13 @@ class RoutesFile(Config):
 
 @dataclass(frozen=True)
 class Routes:
-    """The table; names are different throughout."""
+    """The route table; names are unique."""
 
     outward: tuple[OutboundRoute, ...]
     inward: tuple[InboundRoute, ...]
     served: tuple[ServiceRoute, ...]
     file: RoutesFile
-    """Names of frames and kinds are in here, for the scene."""
+    """Source of the names of frames and kinds for the scene."""
 
     @property
     def all(self) -> tuple[OutboundRoute | InboundRoute | ServiceRoute, ...]:
@@ -122,20 +122,20 @@ class Routes:
 
 
 def routes(path: Path | None = None) -> Routes:
-    """Return the table, as a file changes it where `path` names one; its converters have seen nothing yet.
+    """Return the table with new converters, changed by the file at `path` if there is one.
 
     Raises:
-        ConfigError: the file cannot be used; one sentence with the route, the value and what to do.
+        ConfigError: If the file cannot be used; one sentence with the route, the value and what to do.
     """
     plain = Routes(outward(), inward(), served(), RoutesFile())
     return plain if path is None else changed(plain, read_routes(path), str(path))
 
 
 def read_routes(path: Path) -> RoutesFile:
-    """Return what a file changes.
+    """Return the changes of a file.
 
     Raises:
-        ConfigError: it cannot be read or used.
+        ConfigError: If it cannot be read or used.
     """
     try:
         return RoutesFile.model_validate(read_yaml(path))
@@ -147,7 +147,7 @@ def changed(table: Routes, file: RoutesFile, source: str) -> Routes:
     """Return `table` with the changes of `file`, which `source` names in errors.
 
     Raises:
-        ConfigError: a route does not exist, loses its placeholder, or two mean the same.
+        ConfigError: If a route does not exist, loses its placeholder, or two mean the same.
     """
     known = [row.name for row in table.all]
     for name in file.routes:
@@ -191,7 +191,7 @@ def _changed(row: Row, file: RoutesFile, source: str) -> Row:
 def _check_apart(
     rows: Sequence[OutboundRoute] | Sequence[InboundRoute] | Sequence[ServiceRoute], source: str
 ) -> None:
-    """Refuse two that would publish, read or serve the same; that /tf is both published and read is meant."""
+    """Check that no two routes publish, read or serve the same name. /tf may be both published and read."""
     taken: dict[str, str] = {}
     for row in rows:
         if row.enabled:

@@ -1,4 +1,4 @@
-"""What the bridge has heard of the site: what a conversion needs to know besides the message itself."""
+"""State of the site for conversions: the newest messages."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -25,43 +25,43 @@ from pointit.schemas.pointing import SurfaceKind
 from pointit.schemas.topics import CURSOR, HOVER, INTERACTION, MAP, OBJECTS, POSE, PROFILE, SELECTION, Topic
 
 KINDS = ("blue", "red", "green", "yellow", "orange", "purple")
-"""What the ROS toolkit's numbers of kinds mean: 0 and 1 as in its feeders, the others as they come."""
+"""Kinds by the ROS toolkit's numbers: 0 and 1 as in its feeders, the others arbitrary."""
 
 NOBODY = UserProfile(stamp_ns=0)
-"""Who has said nothing about themselves."""
+"""Profile of a person who has not published one."""
 
 POINTS_NS = NS_PER_S // 2
-"""Who has had no cursor for so long does not point."""
+"""A person without a cursor for this long does not point."""
 TRACKED_NS = NS_PER_S
-"""A tracker that was silent for so long tracks nothing."""
-MOST_PEOPLE = 1000
-"""Nobody has so many; who was heard first is forgotten first."""
-MOST_TRACKERS = 256
-"""More are no trackers; the ones heard first are kept."""
+"""A tracker silent for this long tracks nothing."""
+MAX_PEOPLE = 1000
+"""Maximum number of people; the oldest are evicted first."""
+MAX_TRACKERS = 256
+"""Maximum number of trackers; further ones are ignored."""
 
 HEARD: tuple[Topic[Any], ...] = (CURSOR, HOVER, POSE, PROFILE, INTERACTION, OBJECTS, SELECTION, MAP)
-"""What the scene knows comes from these."""
+"""Topics that the scene is built from."""
 
 PersonSays = Cursor | Hover | UserPose | UserProfile | Interaction
 
 
 @dataclass(slots=True)
 class Person:
-    """What was heard of one person."""
+    """Last messages of one person."""
 
     profile: UserProfile = NOBODY
     pose: UserPose | None = None
     cursor: Cursor | None = None
     cursor_ns: int = 0
-    """When it came."""
+    """Arrival of the cursor."""
     hover: Hover | None = None
     is_pointing: bool = True
-    """Until they have said that they do not."""
+    """True until a message says otherwise."""
     tf_until_ns: int = 0
-    """Until then somebody else in ROS publishes their frame, as far as is known now."""
+    """Until then another ROS node is expected to publish their frame."""
 
     def hear(self, message: PersonSays, now_ns: int) -> None:
-        """Take what came at `now_ns`."""
+        """Store a message that came at `now_ns`."""
         match message:
             case Cursor():
                 self.cursor, self.cursor_ns = message, now_ns
@@ -77,20 +77,20 @@ class Person:
 
 @dataclass(slots=True)
 class Guest:
-    """A person whose nodes are all ROS's, as far as they have made themselves heard."""
+    """A person all of whose nodes are ROS nodes."""
 
     is_heard: bool = False
-    """Something of them has come since this was last looked at."""
+    """A message about them has come since the last check."""
     is_subscribed: bool = False
     """They want a cursor."""
     is_here: bool = False
-    """The site has been told of them."""
+    """The site knows of them."""
     steps: int = 0
-    """How often it was said where they are in the interaction."""
+    """Number of published states of the interaction."""
 
 
 class Scene:
-    """The newest of everything; all of it is taken before it is converted."""
+    """The newest of everything; messages are stored here before they are converted."""
 
     def __init__(
         self,
@@ -100,20 +100,20 @@ class Scene:
         person: str = "{user}/human_footprint",
         kinds: tuple[str, ...] = KINDS,
     ) -> None:
-        """Begin with nothing; `world` and `person` are the names of frames, `kinds` those of 0, 1, 2 ..."""
+        """Begin empty; `world` and `person` are the names of frames, `kinds` those of 0, 1, 2 ..."""
         self.types = types
         self.names = RosNames()
         self.frames = Frames(self.names, world=world, person=person)
         self.kinds = Kinds(kinds)
         self.uids = Uids()
-        """Of objects."""
+        """Numbers of objects."""
         self.channels = Uids(255)
-        """Of strips."""
+        """Numbers of strips."""
         self.now_ns = 0
         """The site's time."""
         self.people: dict[str, Person] = {}
         self.guests: dict[str, Guest] = {}
-        """Whose nodes are all ROS's, whether they are here or not; nobody who has services of ours."""
+        """All guests, present or not, without those who have PointIt services."""
         self.selection: Selection | None = None
         self.room: Environment | None = None
         self.lines: dict[tuple[SurfaceKind, str], Polyline] = {}
@@ -121,13 +121,13 @@ class Scene:
         self._tracked: dict[str, tuple[int, TrackedObjects]] = {}
 
     def take(self, name: str, message: Message, now_ns: int) -> None:
-        """Take what came at `now_ns`; `name` stands for the placeholder of its key."""
+        """Store a message that came at `now_ns`; `name` is for the placeholder of its key."""
         self.now_ns = now_ns
         match message:
             case Cursor() | Hover() | UserPose() | UserProfile() | Interaction():
                 self.person(name).hear(message, now_ns)
             case TrackedObjects():
-                if name in self._tracked or len(self._tracked) < MOST_TRACKERS:
+                if name in self._tracked or len(self._tracked) < MAX_TRACKERS:
                     self._tracked[name] = (now_ns, message)
             case Selection():
                 self.selection = message
@@ -137,14 +137,14 @@ class Scene:
                 pass
 
     def forget(self, user: str) -> None:
-        """Forget a person who is gone."""
+        """Forget a person who has left."""
         self.people.pop(user, None)
 
     def person(self, user: str) -> Person:
-        """Return what was heard of `user`."""
+        """Return the state of `user`."""
         person = self.people.get(user)
         if person is None:
-            if len(self.people) >= MOST_PEOPLE:
+            if len(self.people) >= MAX_PEOPLE:
                 del self.people[next(iter(self.people))]
             person = self.people[user] = Person()
         return person
@@ -157,7 +157,7 @@ class Scene:
         return person.cursor
 
     def tracked(self) -> Iterator[TrackedObject]:
-        """Yield all objects of all trackers that are not silent, as soon as their numbers stay."""
+        """Yield the objects of all trackers that are not silent, once their numbers are settled."""
         for heard_ns, message in self._tracked.values():
             if self.now_ns - heard_ns <= TRACKED_NS:
                 for item in message.objects:
@@ -166,7 +166,7 @@ class Scene:
 
     @property
     def lanes(self) -> tuple[str, ...]:
-        """Return the lanes of the conveyor in the map's order: its belts, or its strips where it has none."""
+        """Return the lanes of the conveyor in the map's order: its belts, or its strips if there are none."""
         if self.room is None:
             return ()
         return tuple(lane.id for lane in self.room.belts or self.room.strips)
@@ -181,17 +181,17 @@ class Scene:
         for kind, name, line_m in places:
             try:
                 self.lines[kind, name] = Polyline(line_m)
-            except ValueError:  # without a length; who wrote the map is told by pui
+            except ValueError:  # without a length; pui warns the author of the map
                 continue
 
 
 def lane_name(surface: SurfaceKind, surface_id: str) -> str:
-    """Return what the ROS toolkit calls a line: a belt by its id, a strip taken as a belt `strip_<id>`."""
+    """Return the ROS toolkit's name of a line: a belt by its id, a strip used as a belt `strip_<id>`."""
     return f"strip_{surface_id}" if surface == "strip" else surface_id
 
 
 def lane_of(name: str, lanes: tuple[str, ...]) -> str | None:
-    """Return which of `lanes` the ROS toolkit means with `name`; none: no such lane."""
+    """Return the lane of `lanes` that `name` means in the ROS toolkit, or None if there is none."""
     if name in lanes:
         return name
     strip = name.removeprefix("strip_")

@@ -1,4 +1,4 @@
-"""What both directions of the bridge work with."""
+"""Context shared by both directions of the bridge."""
 
 from dataclasses import dataclass
 
@@ -10,7 +10,7 @@ from pointit.runtime.health.service_bus import ServiceBus
 
 @dataclass(frozen=True, kw_only=True)
 class Site:
-    """Our bus and time, their graph, and what is known of both."""
+    """Our bus and time, the ROS graph, and the state of both."""
 
     bus: ServiceBus
     clock: Clock

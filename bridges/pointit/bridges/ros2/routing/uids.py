@@ -1,25 +1,25 @@
-"""Our names of things as the numbers that ROS messages have room for, and back."""
+"""Numbers for our names in ROS messages, and back."""
 
 import re
 
-MOST = 2**31 - 1
+MAX_NUMBER = 2**31 - 1
 """Fits `uint32` as well as the `int32` of a marker's id."""
 
 KEPT = 100_000
-"""Names that are remembered, those used longest ago go first; a conveyor needs days for so many."""
+"""Maximum number of remembered names, evicted by last use; a conveyor needs days for this many."""
 
 _DIGITS = re.compile(r"([0-9]{1,10})\Z")
 
 
 class Uids:
-    """Numbers for names, each for as long as it is in use: the digits it ends with, where they are free."""
+    """Numbers for names while they are in use: the digits a name ends with, if free."""
 
-    def __init__(self, most: int = MOST, kept: int = KEPT) -> None:
-        """Give numbers from 0 to `most`, to no more than `kept` names at a time."""
+    def __init__(self, most: int = MAX_NUMBER, kept: int = KEPT) -> None:
+        """Use numbers from 0 to `most`, for at most `kept` names at a time."""
         self._most = most
         self._kept = min(kept, most + 1)
         self._numbers: dict[str, int] = {}
-        """The name that was used last is the last."""
+        """Ordered by last use."""
         self._names: dict[int, str] = {}
         self._next = most // 2 + 1
         self._awaited: set[int] = set()
@@ -34,14 +34,14 @@ class Uids:
         return number
 
     def name(self, number: int) -> str | None:
-        """Return whose number it is; none: nobody's."""
+        """Return the name of a number, or None if it is free."""
         return self._names.get(number)
 
     def bind(self, number: int, name: str) -> None:
-        """Let `name` have `number`, whoever had it before.
+        """Bind `number` to `name`, and release it from another name.
 
         Raises:
-            ValueError: no name can have such a number.
+            ValueError: If no name can have such a number.
         """
         if not 0 <= number <= self._most:
             raise ValueError(f"{number} is beyond 0 to {self._most}")
@@ -55,11 +55,11 @@ class Uids:
         self._awaited.add(number)
 
     def end_reservation(self, number: int) -> None:
-        """Expect nobody for `number` any more."""
+        """End the reservation of `number`."""
         self._awaited.discard(number)
 
     def is_settled(self, name: str) -> bool:
-        """Return True if the number of `name` will stay: it has one, or nobody is expected."""
+        """Return True if the number of `name` is final: it has one, or nothing is reserved."""
         return not self._awaited or name in self._numbers
 
     def _new(self, name: str) -> int:
@@ -80,7 +80,7 @@ class Kinds:
     """Kinds of objects as the numbers 0 to 255 of the ROS toolkit's `type` and `kind`."""
 
     OTHER = 255
-    """Of what has no number of its own."""
+    """Number of kinds without one."""
 
     def __init__(self, kinds: tuple[str, ...]) -> None:
         """Number `kinds` from 0 on."""
@@ -92,9 +92,9 @@ class Kinds:
         return self._numbers.get(kind, self.OTHER)
 
     def kind(self, number: int) -> str | None:
-        """Return the kind that `number` means; none: it means nothing."""
+        """Return the kind of `number`, or None if there is none."""
         return self._kinds[number] if 0 <= number < len(self._kinds) else None
 
     def __str__(self) -> str:
-        """Return them as a sentence lists them."""
+        """Return the kinds for messages."""
         return ", ".join(f"{number} {kind}" for number, kind in enumerate(self._kinds))

@@ -1,4 +1,4 @@
-"""What ROS types look like: a distribution's own, which rosbags brings, and ours, from `interfaces/`."""
+"""Definitions of ROS types: a distribution's own, from rosbags, and ours, from `interfaces/`."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -13,14 +13,14 @@ from pointit.bridges.ros2.graph.backend import Distro
 from pointit.runtime.errors import ConfigError
 
 INTERFACES = Path(__file__).parents[1] / "interfaces"
-"""Two packages that a ROS user builds with colcon; what is written there is what we speak."""
+"""Two packages that a ROS user builds with colcon; they define what we send."""
 
 STORES: dict[Distro, Stores] = {
     "humble": Stores.ROS2_HUMBLE,
     "jazzy": Stores.ROS2_JAZZY,
     "kilted": Stores.ROS2_KILTED,
     "lyrical": Stores.ROS2_LYRICAL,
-    "rolling": Stores.ROS2_LYRICAL,  # the newest there is
+    "rolling": Stores.ROS2_LYRICAL,  # the newest available
 }
 
 # rosbags has no services.
@@ -33,7 +33,7 @@ STANDARD_SERVICES = {
     "std_srvs/srv/Trigger": "---\nbool success\nstring message\n",
 }
 
-# rosbags forgets what a definition says of defaults; of the standard types we use, only this one
+# rosbags drops defaults of definitions; of the standard types in use, only this one
 # has any but zero.
 STANDARD_DEFAULTS: dict[str, dict[str, Any]] = {"geometry_msgs/msg/Quaternion": {"w": 1.0}}
 
@@ -42,7 +42,7 @@ class Definitions:
     """Fields and defaults of every type of `distro` and of ours.
 
     Raises:
-        ConfigError: a file of `interfaces/` is not a definition.
+        ConfigError: If a file of `interfaces/` is not a definition.
     """
 
     def __init__(self, distro: Distro) -> None:
@@ -62,7 +62,7 @@ class Definitions:
 
 
 def _texts() -> Iterator[tuple[str, str]]:
-    """Yield name and text of what rosbags does not bring."""
+    """Yield name and text of types that rosbags lacks."""
     yield from STANDARD_SERVICES.items()
     for path in sorted(INTERFACES.glob("*/*/*")):
         if path.suffix in {".msg", ".srv"}:
@@ -81,7 +81,7 @@ def _parts(name: str, text: str) -> list[tuple[str, str]]:
 def _parsed(name: str, text: str) -> tuple[Any, dict[str, Any]]:
     """Return constants and fields as rosbags keeps them, and the defaults of fields."""
     try:
-        # The parser would put a service's halves under `/srv/msg/`; it sees a message, and we keep the name.
+        # The parser would put a service's halves under `/srv/msg/`; it gets a message, and the name is kept.
         (message,) = MSGParser(f"MSG: {name.replace('/srv/', '/msg/')}\n{text}").specification()
     except TypesysError as error:
         raise ConfigError(f"{name} in {INTERFACES}: is not a definition of a ROS type ({error})") from error

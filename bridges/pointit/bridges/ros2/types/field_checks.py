@@ -1,8 +1,9 @@
-"""What is wrong with a ROS value that the codec would let pass, and that harms whoever reads it.
+"""Checks of ROS values that the codec omits and whose failure harms readers.
 
-The codec itself checks ranges of integers, lengths of arrays and that text is text; not numbers that are not
-finite, arrays of another width, text that ends early, truth that is neither, and bounds. Every function here
-takes a field's value first and returns what is wrong with it; the empty text when nothing is.
+The codec itself checks ranges of integers, lengths of arrays and that text is text. It does not check finite
+numbers, dtypes of arrays, NUL in text, booleans, and bounds. Every function here takes a field's value first
+and
+returns an error message, or `""`.
 """
 
 import math
@@ -17,15 +18,15 @@ from pointit.bridges.ros2.types.rihs01 import ARRAY, BASE, NAME
 Fault = Callable[[Any], str]
 
 FEW = 64
-"""So many numbers are checked faster one by one than by numpy."""
+"""Up to this many numbers a loop is faster than numpy."""
 
 
 def checker_for(of: Any, check_of: Callable[[str], Callable[[Any], None]]) -> Fault | None:
-    """Return what finds faults with a field described by `of`, None where the codec finds all there are.
+    """Return a check of a field described by `of`, or None if the codec's suffices.
 
     Args:
         of: as `rihs01` describes fields; not a nested type.
-        check_of: gives for a type's name what raises ValueError for bad values of it.
+        check_of: returns for a type's name a check that raises ValueError for bad values.
     """
     shape, rest = of
     if shape == BASE:
@@ -35,7 +36,7 @@ def checker_for(of: Any, check_of: Callable[[str], Callable[[Any], None]]) -> Fa
         return partial(of_text, bound=bound) if base == "string" else of_bool if base == "bool" else None
     (shape_within, within), bound = rest
     if shape == ARRAY:
-        bound = 0  # the codec wants the exact length
+        bound = 0  # the codec checks the exact length
     if shape_within == NAME:
         return partial(of_values, bound=bound, check=check_of(within))
     if within[0] == "string":
@@ -44,22 +45,22 @@ def checker_for(of: Any, check_of: Callable[[str], Callable[[Any], None]]) -> Fa
 
 
 def dtype_of(base: str) -> "np.dtype[Any]":
-    """Return what numpy calls a list of `base`."""
+    """Return numpy's dtype for a list of `base`."""
     return np.dtype({"byte": "int8", "char": "uint8"}.get(base, base))
 
 
 def of_float(value: float) -> str:
-    """Take a number."""
+    """Check that a number is finite."""
     return "" if math.isfinite(value) else f"{value!r} is not a finite number"
 
 
 def of_bool(value: object) -> str:
-    """Take a truth."""
+    """Check a boolean."""
     return "" if isinstance(value, bool | np.bool_) else f"{value!r} is neither true nor false"
 
 
 def of_text(value: object, *, bound: int) -> str:
-    """Take text of at most `bound` bytes; 0 means any number, here and below."""
+    """Check text of at most `bound` bytes; 0 means unbounded, here and below."""
     if not isinstance(value, str):
         return f"{value!r} is not text"
     if "\0" in value:
@@ -68,15 +69,15 @@ def of_text(value: object, *, bound: int) -> str:
 
 
 def of_texts(values: Sequence[Any] | None, *, bound: int, text_bound: int) -> str:
-    """Take a list of text."""
-    if not isinstance(values, list | tuple):  # a text would be taken letter by letter
+    """Check a list of text."""
+    if not isinstance(values, list | tuple):  # a text would be iterated letter by letter
         return f"a list of text was expected, got {type(values).__name__}"
     faults = (of_text(value, bound=text_bound) for value in values)
     return of_length(values, bound) or next(filter(None, faults), "")
 
 
 def of_values(values: Sequence[Any], *, bound: int, check: Callable[[Any], None]) -> str:
-    """Take a list of values of one type; what is wrong with one of them is raised."""
+    """Check a list of values of one type; errors of single values are raised."""
     if fault := of_length(values, bound):
         return fault
     for value in values:
@@ -85,7 +86,7 @@ def of_values(values: Sequence[Any], *, bound: int, check: Callable[[Any], None]
 
 
 def of_array(values: Any, *, bound: int, dtype: "np.dtype[Any]") -> str:
-    """Take an array of numbers."""
+    """Check an array of numbers."""
     if getattr(values, "dtype", None) != dtype or values.ndim != 1:
         return f"an array of {dtype} was expected, got {type(values).__name__}; `make` makes one"
     if dtype.kind != "f":
@@ -95,5 +96,5 @@ def of_array(values: Any, *, bound: int, dtype: "np.dtype[Any]") -> str:
 
 
 def of_length(values: Sequence[Any], bound: int) -> str:
-    """Take anything with a length."""
+    """Check a length."""
     return f"is {len(values)} long, at most {bound} is allowed" if 0 < bound < len(values) else ""

@@ -1,4 +1,4 @@
-"""What a ROS value of one type starts as, and what it must be before it is encoded."""
+"""Defaults and checks of ROS values of one type."""
 
 import math
 from collections.abc import Callable
@@ -17,7 +17,7 @@ LayoutOf = Callable[[str], "Layout"]
 
 
 class Layout:
-    """How values of the type `name` are made and checked; `layout_of` gives the layouts of types within."""
+    """Makes and checks values of the type `name`; `layout_of` returns the layouts of nested types."""
 
     def __init__(self, name: str, definitions: Definitions, layout_of: LayoutOf) -> None:
         self.name = name
@@ -32,7 +32,7 @@ class Layout:
         for field, of in self._fields(name):
             self._default(field, of)
         self._collect("", name)
-        # Most fields are floats: one getter for all of them and one loop in C cost a tenth of asking each.
+        # Most fields are floats: one getter for all of them and one loop in C cost a tenth of separate ones.
         self._get_floats = attrgetter(*self._floats) if len(self._floats) > 1 else None
         if len(self._floats) == 1:
             self._faults.append((self._floats[0], attrgetter(self._floats[0]), of_float))
@@ -41,8 +41,8 @@ class Layout:
         """Return a value with the fields `given`, and ROS's defaults for the others.
 
         Raises:
-            ValueError: a list of numbers does not fit its type.
-            TypeError: there is no such field.
+            ValueError: If a list of numbers does not fit its type.
+            TypeError: If there is no such field.
         """
         values = {**self._constant, **given}
         for field, fresh in self._fresh.items():
@@ -51,17 +51,19 @@ class Layout:
         for field, dtype in self._arrays.items():
             if field in given:
                 values[field] = numbers(given[field], dtype, f"{self.name}.{field}")
-        if len(values) > len(self._constant) + len(self._fresh):  # rosbags' classes would take constants, too
+        if len(values) > len(self._constant) + len(
+            self._fresh
+        ):  # rosbags' classes would accept constants, too
             unknown = given.keys() - self._constant.keys() - self._fresh.keys()
             raise TypeError(f"{self.name} has no field {', '.join(sorted(unknown))}")
         return self.cls(**values)
 
     def check(self, value: Any) -> None:
-        """Do nothing for what may be encoded.
+        """Check that `value` can be encoded.
 
         Raises:
-            ValueError: says which field holds what.
-            AttributeError, TypeError, OverflowError: it is no value of this type at all.
+            ValueError: If a field's value is invalid; names the field.
+            AttributeError, TypeError, OverflowError: If it is no value of this type at all.
         """
         if self._get_floats is not None and not all(map(math.isfinite, self._get_floats(value))):
             for path, number in zip(self._floats, self._get_floats(value), strict=True):
@@ -76,7 +78,7 @@ class Layout:
         return [(normalize_fieldname(field), of) for field, of in self._definitions.store.fielddefs[name][1]]
 
     def _collect(self, prefix: str, name: str) -> None:
-        """Collect what is to be checked, through types within as if their fields were ours."""
+        """Collect the checks, with those of nested types as if their fields were ours."""
         for field, of in self._fields(name):
             path = prefix + field
             shape, rest = of
@@ -88,7 +90,7 @@ class Layout:
                 self._faults.append((path, attrgetter(path), fault))
 
     def _default(self, field: str, of: Any) -> None:
-        """Note what `field` is when it is not given."""
+        """Set the default of `field`."""
         shape, rest = of
         if shape == BASE:
             zero = "" if rest[0] == "string" else dtype_of(rest[0]).type(0).item()
@@ -121,13 +123,13 @@ def numbers(given: Any, dtype: "np.dtype[Any]", where: str) -> "np.ndarray[Any, 
     """Return `given` (bytes, a list, an array) as an array of `dtype`; only floats are rounded, to its width.
 
     Raises:
-        ValueError: they are no numbers in one row, or do not fit; begins with `where`.
+        ValueError: If they are no numbers in one row, or do not fit; begins with `where`.
     """
     if type(given) in {bytes, bytearray, memoryview} and dtype.itemsize == 1:
         return np.frombuffer(bytes(given), dtype)
     try:
         array = np.asarray(given if hasattr(given, "dtype") else list(given))
-        with np.errstate(over="ignore", invalid="ignore"):  # the comparison below, or `check`, sees it
+        with np.errstate(over="ignore", invalid="ignore"):  # caught by the comparison below, or by `check`
             cast = array if array.dtype == dtype else array.astype(dtype)
     except (TypeError, ValueError, OverflowError) as error:
         raise ValueError(f"{where}: are not numbers of type {dtype} ({error})") from error

@@ -1,9 +1,9 @@
-"""RIHS01, the hash by which ROS 2 tells definitions of a type apart: SHA-256 of a type's description as JSON.
+"""RIHS01, the hash of ROS 2 type definitions: SHA-256 of a type's description as JSON.
 
 Source: REP 2016, whose description is rosidl's `type_description_interfaces/msg/TypeDescription`; checked
 against hashes captured from a running Jazzy and a running Kilted.
 
-A field's description is what rosbags keeps: `(BASE, (name, bound of a string))`, `(NAME, type)`, and
+Fields are described as in rosbags: `(BASE, (name, bound of a string))`, `(NAME, type)`, and
 `(ARRAY, (one of those, length))`, `(SEQUENCE, (one of those, bound or 0))`.
 """
 
@@ -20,7 +20,7 @@ NAMED_ID = 1
 IDS = {
     "int8": 2,
     "uint8": 3,
-    "char": 3,  # a byte since ROS 2; the id 13 that carries its name is never used for it
+    "char": 3,  # a byte since ROS 2; the id 13 of that name is never used for it
     "int16": 4,
     "uint16": 5,
     "int32": 6,
@@ -40,7 +40,7 @@ BOUNDED_IDS = {"string": 21, "wstring": 22}
 ARRAY_IDS, BOUNDED_SEQUENCE_IDS, SEQUENCE_IDS = 48, 96, 144
 
 EMPTY: Fields = [("structure_needs_at_least_one_member", (BASE, ("uint8", 0)))]
-"""What stands for no field at all, in hashes and in CDR."""
+"""Placeholder of an empty definition, in hashes and in CDR."""
 
 EVENT_INFO = "service_msgs/msg/ServiceEventInfo"
 
@@ -94,7 +94,7 @@ class Rihs01:
 
 
 def _kind(of: Any) -> dict[str, Any]:
-    """Return a field's type as the hash sees it."""
+    """Return a field's type for the hash."""
     shape, rest = of
     offset, capacity, string_capacity, nested = 0, 0, 0, ""
     if shape in {ARRAY, SEQUENCE}:

@@ -1,4 +1,4 @@
-"""ROS values and their CDR: made, encoded, decoded, and named with their hash."""
+"""ROS values and their CDR: construction, encoding, decoding, type hashes."""
 
 import json
 import struct
@@ -14,7 +14,7 @@ from pointit.bridges.ros2.types.rihs01 import Fields, Rihs01
 from pointit.runtime.errors import ConfigError
 
 NO_HASH = "TypeHashNotSupported"
-"""What Humble writes where later distributions write a hash."""
+"""Humble's text in place of a hash."""
 
 GOLDEN = Path(__file__).parent / "golden.json"
 """Hashes of a running ROS 2, by type; Jazzy and Kilted agree on all of them."""
@@ -46,8 +46,8 @@ class Types:
         """Return the message or service type `name` with its hash.
 
         Raises:
-            KeyError: there is no such type; its argument is a sentence.
-            ConfigError: its hash is not the one of a running ROS 2, so ROS nodes would see nothing of it.
+            KeyError: If there is no such type; its argument is a sentence.
+            ConfigError: If its hash is not the one of a running ROS 2, so ROS nodes would see nothing of it.
         """
         if name not in self._kinds:
             self._kinds[name] = RosType(name=name, hash=self._hash(name))
@@ -73,8 +73,8 @@ class Types:
 
         Raises:
             KeyError: as `kind`.
-            TypeError: the type has no such field.
-            ValueError: a list of numbers does not fit its type; `encode` finds what else does not.
+            TypeError: If the type has no such field.
+            ValueError: If a list of numbers does not fit its type; `encode` finds what else does not.
         """
         return self._layout(name).make(fields)
 
@@ -83,8 +83,8 @@ class Types:
 
         Raises:
             KeyError: as `kind`.
-            ValueError: it is no value of this type or does not fit it (range, length, type), or has a number
-                that is not finite or text with a NUL inside.
+            ValueError: If it is no value of this type, does not fit it (range, length, type), or has a
+                number that is not finite or text with a NUL inside.
         """
         layout = self._layout(name)
         codec = self._store.get_msgdef(name)
@@ -108,7 +108,7 @@ class Types:
 
         Raises:
             KeyError: as `kind`.
-            ValueError: it is longer than `max_bytes`, is not plain CDR, or does not hold such a value.
+            ValueError: If it is longer than `max_bytes`, is not plain CDR, or does not hold such a value.
         """
         codec = self._store.get_msgdef(self._layout(name).name)
         if len(cdr) > max_bytes:
@@ -145,7 +145,7 @@ class Types:
         """Compare every type whose hash in a running ROS 2 is known.
 
         Raises:
-            ConfigError: one differs.
+            ConfigError: If one differs.
         """
         for name in self._golden:
             if name in self._definitions.services or name in self._store.fielddefs:

@@ -1,4 +1,4 @@
-"""Where a person truly stands whose wrist a page moves: what their pose says, or what it is yet to find."""
+"""True pose of a person whose wrist a page moves, which a localization has yet to find."""
 
 import itertools
 import math
@@ -14,14 +14,14 @@ Stand = tuple[Vec3, float]
 """Feet in {W}, m, and the azimuth of {H}'s x axis in {W}, rad."""
 
 CLEAR_M = 2.0
-"""From the nearest thing, for who is put somewhere in a room."""
+"""Distance from the nearest object for a person placed automatically, m."""
 _STEP_M = 0.25
 _TOO_NEAR = 3.0
-"""A metre too near a thing counts as so many metres away from the middle."""
+"""Weight: a metre too close to an object counts as this many metres away from the middle."""
 
 
 def places(room: Environment) -> NDArray[np.float64]:
-    """Return places of all that can be pointed at, n x 3, {W}, m: vertices of lines, middles of solids."""
+    """Return points on all things of `room`, n x 3, {W}, m: vertices of lines, middles of solids."""
     lines = [*(strip.line_m for strip in room.strips), *(belt.line_m for belt in room.belts)]
     found = [point for line in lines for point in _along(line)]
     found += [lamp.position_m for lamp in room.lamps]
@@ -34,7 +34,7 @@ def places(room: Environment) -> NDArray[np.float64]:
 
 
 def middle(room: Environment) -> Vec3:
-    """Return the middle of all that can be pointed at, {W}, m; of an empty room 2 m ahead of the origin."""
+    """Return the middle of all things, {W}, m. In an empty room: 2 m ahead of the origin."""
     points = places(room)
     if not len(points):
         return (CLEAR_M, 0.0, 1.0)
@@ -43,9 +43,9 @@ def middle(room: Environment) -> Vec3:
 
 
 def choose_pose(room: Environment) -> Stand:
-    """Return a place near the middle of `room`, `CLEAR_M` away from its things, facing the middle.
+    """Return a pose near the middle of `room`, `CLEAR_M` away from its objects, facing the middle.
 
-    Where the room is too small for both, it gives way to the middle rather than through the walls.
+    In a room too small for both, the position moves towards the middle, not through the walls.
     """
     points = places(room)[:, :2]
     if not len(points):
@@ -67,40 +67,40 @@ def choose_pose(room: Environment) -> Stand:
 
 
 class AssumedPose:
-    """One person's place, from what the bus says of them."""
+    """One person's pose, from messages on the bus."""
 
     def __init__(self, place: Place | None = None) -> None:
-        """Take `place`, of the configuration, where no pose is known."""
+        """Use `place` of the configuration while no pose is known."""
         self._place = None if place is None else (place.position_m, math.radians(place.yaw_deg))
         self._in_room: Stand = ((0.0, 0.0, 0.0), 0.0)
         self._pose: Stand | None = None
         self._truth: Stand | None = None
-        """While they are being localized."""
+        """Pose when the localization began, or None outside a localization."""
 
     @property
     def at(self) -> Stand:
-        """Return where they stand.
+        """Return the person's true pose.
 
-        While they are localized that is where they stood when it began, so that a localization by the mouse
-        has something true to find; else what the newest pose says.
+        During a localization that is the pose when it began, so that a localization by the mouse has a true
+        value to find. Otherwise it is the newest pose.
         """
         return self._truth or self._known
 
     @property
     def assumed(self) -> Stand | None:
-        """Return the configured place as long as no pose is known; else none."""
+        """Return the configured pose while no pose is known, else None."""
         return self._place if self._pose is None else None
 
     def room(self, stand: Stand) -> None:
-        """Take where somebody of whom nothing is known stands, see `choose_pose`."""
+        """Set the pose of a person without any other, see `choose_pose`."""
         self._in_room = stand
 
     def pose(self, pose: UserPose) -> None:
-        """Take a pose."""
+        """Update from a pose."""
         self._pose = (pose.position_m, pose.yaw_rad)
 
     def localization(self, progress: Localization) -> None:
-        """Take how far a localization has come."""
+        """Update from the progress of a localization."""
         if progress.phase != "sampling" or progress.purpose != "pose":
             self._truth = None
         elif self._truth is None:
@@ -112,7 +112,7 @@ class AssumedPose:
 
 
 def _along(line: tuple[Vec3, ...]) -> list[Vec3]:
-    """Return the vertices of `line` and, of long parts, places in between."""
+    """Return the vertices of `line` and, in long segments, points in between."""
     found = [line[0]]
     for a, b in itertools.pairwise(line):
         parts = min(64, max(1, math.ceil(math.dist(a, b) / 0.5)))
@@ -125,9 +125,9 @@ def _along(line: tuple[Vec3, ...]) -> list[Vec3]:
 def _clear_m(
     points: NDArray[np.float64], columns: NDArray[np.float64], rows: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return how far the places of a grid are from the nearest point, `CLEAR_M` at most, rows x columns, m.
+    """Return the distance of each grid point to the nearest point, `CLEAR_M` at most, rows x columns, m.
 
-    A tree of SciPy's would find it too, but to load it takes as long as to load all else of the page.
+    Not SciPy's k-d tree: loading it takes as long as loading the rest of the page.
     """
     clear_m = np.full((len(rows), len(columns)), CLEAR_M)
     reach_m = (-CLEAR_M, CLEAR_M)
@@ -140,5 +140,5 @@ def _clear_m(
 
 
 def _spacing(low: NDArray[np.float64], high: NDArray[np.float64]) -> float:
-    """Return the grid's step, m: coarser in a huge room."""
+    """Return the grid's step, m; coarser in a huge room."""
     return max(_STEP_M, float((high - low).max()) / 100.0)

@@ -1,10 +1,10 @@
-"""What happened before this server came: asked of the selector, whose journal has it."""
+"""Selection events from before this server started, queried from the selector's journal."""
 
 import asyncio
 import logging
 from collections import deque
 
-from pointit.bridges.web.pages.latest_values import HISTORY, MOST_EVENTS, LatestValueCache
+from pointit.bridges.web.pages.latest_values import HISTORY, MAX_EVENTS, LatestValueCache
 from pointit.runtime.clock import Clock
 from pointit.runtime.errors import NoAnswerError, PointItError
 from pointit.runtime.health.service_bus import ServiceBus
@@ -16,49 +16,50 @@ log = logging.getLogger(__name__)
 SELECTOR = "selector"
 
 BACK_NS = 86_400 * NS_PER_S
-"""So far it is asked: messages have a time of day, no date."""
+"""Maximum age of queried events: messages show a time of day, no date."""
 
 AHEAD_NS = 60 * NS_PER_S
-"""Further ahead are events of another run, whose time was simulated; no two clocks are so far apart."""
+"""Maximum time in the future. Later events belong to another run with simulated time: no two clocks differ by
+this much."""
 
-PATIENCE_S = 1.0
-"""How long the answer may take: pages wait for the first one."""
+QUERY_TIMEOUT_S = 1.0
+"""Timeout (s) of the query: pages wait for the first reply."""
 
 Identity = tuple[int, int, str, str]
 
 
 class Past:
-    """Gives a hub the events that it has not heard itself."""
+    """Adds events to a hub that it has not received itself."""
 
     def __init__(self, bus: ServiceBus, clock: Clock, hub: LatestValueCache) -> None:
-        """Ask nobody yet."""
+        """Create it without querying."""
         self._bus = bus
         self._clock = clock
         self._hub = hub
-        self._heard: deque[Identity] = deque(maxlen=MOST_EVENTS)
+        self._heard: deque[Identity] = deque(maxlen=MAX_EVENTS)
         self._is_wanted = asyncio.Event()
         self._is_wanted.set()
         self.is_asked = asyncio.Event()
-        """Set once the first answer has come, or is not to be had."""
-        self._has_complained = False
+        """Set once the first reply has come or failed."""
+        self._has_warned = False
 
     def hear(self, event: SelectionEvent) -> None:
-        """Take note of an event that the hub has."""
+        """Store an event that the hub has."""
         self._heard.append(_identity(event))
 
     def set_service(self, instance: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
-        """Have the selector asked that has come."""
+        """Query a selector that has started."""
         if present and instance.partition(".")[0] == SELECTOR:
             self._is_wanted.set()
 
     async def run(self) -> None:
-        """Ask now, and each selector that comes."""
+        """Query now, and each selector that starts."""
         while True:
             await self._is_wanted.wait()
             await self.ask()
 
     async def ask(self) -> None:
-        """Ask once; without an answer the hub stays as it is."""
+        """Query once. Without a reply the hub stays as it is."""
         try:
             await self._ask()
         finally:
@@ -69,13 +70,13 @@ class Past:
         now_ns = self._clock.now_ns()
         query = ReadHistory(last=HISTORY, since_ns=max(0, now_ns - BACK_NS))
         try:
-            reply = await self._bus.call(READ_HISTORY, query, timeout_s=PATIENCE_S)
+            reply = await self._bus.call(READ_HISTORY, query, timeout_s=QUERY_TIMEOUT_S)
         except NoAnswerError:
-            return  # it is asked when it comes
+            return  # it is queried when it starts
         except (PointItError, SchemaError) as error:
-            if not self._has_complained:
+            if not self._has_warned:
                 log.info("pages do not show what happened before they came: %s", error)
-            self._has_complained = True
+            self._has_warned = True
             return
         heard = set(self._heard)
         self._hub.recall(
@@ -86,5 +87,5 @@ class Past:
 
 
 def _identity(event: SelectionEvent) -> Identity:
-    """Return what two tellings of one event have in common; a reason may say that it is told again."""
+    """Return the fields that repeated messages of one event share; their reasons may differ."""
     return event.stamp_ns, event.seq, event.event, event.object_id

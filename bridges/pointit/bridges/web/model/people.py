@@ -1,4 +1,4 @@
-"""The people who are there, and what this server writes for them: presses and wrists."""
+"""People present, and what this server publishes for them: button presses and wrist samples."""
 
 from typing import Literal
 
@@ -13,52 +13,52 @@ Gesture = Literal["press", "double", "hold"]
 
 
 class People:
-    """Writes buttons and wrists of whoever is there."""
+    """Publishes buttons and wrists of people who are present."""
 
     def __init__(self, bus: ServiceBus, clock: Clock) -> None:
-        """Begin with nobody."""
+        """Create it without people."""
         self._bus = bus
         self._clock = clock
         self._writers: dict[str, tuple[Publisher[ButtonEvent], Publisher[WristSample]]] = {}
         self._presses = 0
         self.states: dict[str, str] = {}
-        """Of whom it is known: the state of their interaction."""
+        """State of the interaction by user, where known."""
 
     @property
     def names(self) -> list[str]:
-        """Return who is there."""
+        """Return the users who are present."""
         return sorted(self._writers)
 
     def on_join(self, user: str) -> None:
-        """Take that `user` is there."""
+        """Add `user`."""
         if user not in self._writers:
             self._writers[user] = (self._bus.publisher(BUTTON, user), self._bus.publisher(WRIST, user))
 
     def on_leave(self, user: str) -> None:
-        """Take that `user` is there no more."""
+        """Remove `user`."""
         self.states.pop(user, None)
         for writer in self._writers.pop(user, ()):
             writer.close_nowait()
 
     def check(self, user: str) -> None:
-        """Make sure that `user` is there.
+        """Check that `user` is present.
 
         Raises:
-            RefusedError: they are not; says who is.
+            RefusedError: If they are not; names those present.
         """
         if user not in self._writers:
-            there = ", ".join(self.names) or "nobody is"
+            there = ", ".join(self.names) or "nobody"
             raise RefusedError(f"{user} is not there; there: {there}")
 
     def press(self, user: str, gesture: Gesture = "press") -> None:
-        """Press the button of `user`, who is there."""
+        """Press the button of `user`, who must be present."""
         self._presses += 1
         self._writers[user][0].put(
             ButtonEvent(stamp_ns=self._clock.now_ns(), seq=self._presses, gesture=gesture, source="page")
         )
 
     def move(self, user: str, sample: WristSample) -> None:
-        """Publish how the wrist of `user` is held, if they are there."""
+        """Publish the orientation of the wrist of `user` if they are present."""
         writers = self._writers.get(user)
         if writers is not None:
             writers[1].put(sample)

@@ -1,4 +1,4 @@
-"""The last minute of the site as a recording that Foxglove and Lichtblick open: MCAP with JSON messages."""
+"""The last minute of the site as an MCAP recording with JSON messages, for Foxglove and Lichtblick."""
 
 import itertools
 import json
@@ -12,13 +12,13 @@ from pointit.schemas import NS_PER_S, Message, decode
 from pointit.schemas.catalogue.json_channel import JsonChannel, channel_name
 from pointit.schemas.topics import Delivery, Topic
 
-MOST = 60_000
-"""Messages that are kept at most, and their bytes; beyond either the oldest give way."""
-MOST_BYTES = 64 * 1024 * 1024
+MAX_MESSAGES = 60_000
+"""Limits of messages and bytes; beyond either the oldest are dropped."""
+MAX_BYTES = 64 * 1024 * 1024
 
 
 class _Entry(NamedTuple):
-    """A message as it came."""
+    """A message as received."""
 
     came_ns: int
     topic: Topic[Any]
@@ -30,15 +30,15 @@ class _Entry(NamedTuple):
 
 @dataclass(frozen=True)
 class Recording:
-    """What is to be written, taken out of what goes on."""
+    """A snapshot of messages to write."""
 
     entries: tuple[_Entry, ...]
-    """In order of coming; first those that were true when the window began."""
+    """In order of arrival, beginning with the states that were valid when the window began."""
     began_ns: int
     site: str
 
     def write(self, output: IO[bytes]) -> int:
-        """Write it as MCAP, compressed; return how many messages that were. Takes its time: in a thread."""
+        """Write compressed MCAP to `output`, and return the number of messages. Slow: call it in a thread."""
         writer = Writer(output, compression=CompressionType.ZSTD)
         writer.start(profile="", library="pointit")
         writer.add_metadata("pointit", {"site": self.site})
@@ -67,23 +67,23 @@ class Recording:
 
 
 class LastMinute:
-    """Keeps what came in the last while; of states also the newest that came before, which still hold."""
+    """Keeps the messages of the last `window_s`, and the newest state of each key before them."""
 
-    def __init__(self, window_s: float, *, most: int = MOST, most_bytes: int = MOST_BYTES) -> None:
-        """Begin with nothing; a window of 0 keeps states only."""
+    def __init__(self, window_s: float, *, most: int = MAX_MESSAGES, max_bytes: int = MAX_BYTES) -> None:
+        """Begin empty; a window of 0 keeps states only."""
         self._window_ns = round(window_s * NS_PER_S)
-        self._most, self._most_bytes = most, most_bytes
+        self._most, self._most_bytes = most, max_bytes
         self._entries: deque[_Entry] = deque()
         self._before: dict[tuple[str, str], _Entry] = {}
         self.bytes = 0
-        """Of the messages in the window."""
+        """Size of the messages in the window."""
 
     def __len__(self) -> int:
-        """Return how many messages the window has."""
+        """Return the number of messages in the window."""
         return len(self._entries)
 
     def add(self, topic: Topic[Any], name: str, message: Message, payload: bytes, now_ns: int) -> None:
-        """Take what came at `now_ns`: `message`, and the same as on the bus."""
+        """Add `message`, received at `now_ns`, and its payload as on the bus."""
         self._entries.append(_Entry(now_ns, topic, name, message.stamp_ns, message.seq, payload))
         self.bytes += len(payload)
         oldest_ns = now_ns - self._window_ns
@@ -94,11 +94,11 @@ class LastMinute:
             self._pass(entries.popleft())
 
     def forget(self, topic: Topic[Any], name: str) -> None:
-        """Take that a state holds no more: who wrote it is gone."""
+        """Remove a state whose writer is gone."""
         self._before.pop((topic.key, name), None)
 
     def recording(self, site: str, now_ns: int) -> Recording:
-        """Return what is to be written now."""
+        """Return the snapshot to write now."""
         oldest_ns = now_ns - self._window_ns
         while self._entries and self._entries[0].came_ns < oldest_ns:
             self._pass(self._entries.popleft())
@@ -113,5 +113,5 @@ class LastMinute:
 
 
 def file_name(site: str, now_ns: int) -> str:
-    """Return what the file is called."""
+    """Return the file's name."""
     return f"pointit-{site}-{now_ns // NS_PER_S}.mcap"

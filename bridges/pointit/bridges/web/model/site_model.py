@@ -1,6 +1,6 @@
-"""What is taken to be true of the site: the newest of every key, who is there, what was started; pure.
+"""State of the site: newest message of every key, present services, deployments; pure.
 
-Times in seconds are of any clock that only goes forward.
+Times in seconds are of any monotonic clock.
 """
 
 from collections.abc import Iterable, Sequence
@@ -16,14 +16,14 @@ from pointit.schemas.topics import LAMP_COLOR, OBJECTS, STRIPS_FRAME, Topic
 
 
 class SiteModel:
-    """Takes what the bus says, and lets go of what is no longer true."""
+    """Updates the state from the bus and removes what is no longer valid."""
 
     def __init__(self, own: str, record_s: float, now_s: float) -> None:
-        """Believe nothing yet.
+        """Begin with an empty state.
 
         Args:
-            own: the service that looks; what it was started with may end before it.
-            record_s: what a recording goes back to.
+            own: the service that owns the model; its deployment may end before it.
+            record_s: length of a recording.
             now_s: now.
         """
         self.hub = LatestValueCache()
@@ -32,19 +32,19 @@ class SiteModel:
         self._trackers = Trackers()
         self._deployments = Deployments(own)
         self._lamps: frozenset[str] | None = None
-        """Of the map; None before there is one."""
+        """Lamps of the map, or None before the map has come."""
 
     @property
     def present(self) -> frozenset[str]:
-        """Return the instances that are there."""
+        """Return the instances that are present."""
         return self._sight.present
 
     def take(self, topic: Topic[Any], name: str, message: Message, now_ns: int, now_s: float) -> bool:
-        """Take a message, encoded here once for all; where there is no room for its key, return False."""
+        """Store a message, encoded once for all pages. Return False if there is no room for its key."""
         if isinstance(message, Environment):
             self._lamps = frozenset(lamp.id for lamp in message.lamps)
         elif topic is LAMP_COLOR and self._lamps is not None and name not in self._lamps:
-            return True  # made up, perhaps: of what is not in the map nothing is shown
+            return True  # possibly invented: lamps that are not on the map are not shown
         elif isinstance(message, Deployment):
             message = message.believed(name)
         payload = encode(message)
@@ -63,24 +63,24 @@ class SiteModel:
         return True
 
     def set_service(self, instance: str, present: bool, now_s: float) -> None:  # noqa: FBT001 - the bus's signature
-        """Take that `instance` is there, or has left."""
+        """Update the presence of `instance`."""
         self._sight.set_present(instance, present, now_s)
         if not present:
             self._forget(list(keys_of_service(instance, self.present, self.hub.names)))
 
     def on_person_left(self, user: str) -> None:
-        """Take that `user` has left."""
+        """Remove the states of `user`, who has left."""
         self._forget(keys_of_person(user))
 
     def tick(self, now_s: float) -> None:
-        """Let go of what is silent, and of what is gone for too long."""
+        """Remove silent trackers and deployments that are gone for too long."""
         self._forget(self._trackers.silent(now_s))
         self._forget(self._deployments.over(self.present, now_s))
 
     def status(
         self, people: Sequence[PersonLine], now_s: float, *, viewers: int, lan_url: str, speed: float
     ) -> Status:
-        """Return how the site is, see `SiteObservation.status`."""
+        """Return the status of the site, see `SiteObservation.status`."""
         return self._sight.status(
             self._deployments.known, people, now_s, viewers=viewers, lan_url=lan_url, speed=speed
         )

@@ -1,6 +1,6 @@
-"""What was said on the bus and is no longer true, because who said it has gone; pure.
+"""Keys whose messages are no longer valid because their writer is gone; pure.
 
-The bus tells nobody that a message has lost its writer, so pages would go on showing it.
+The bus does not report that a message has lost its writer, so pages would go on showing it.
 """
 
 from collections.abc import Callable, Collection, Iterator
@@ -12,10 +12,10 @@ from pointit.schemas.topics import DEPLOYMENT, HEALTH, MAP, OBJECTS, Delivery, T
 from pointit.services.registry import PROCESSES, SHOWN
 
 SILENT_S = 3.0
-"""A tracker that has said nothing for so long is gone; it says something 25 times a second."""
+"""A tracker without messages for this long (s) counts as gone; it sends 25 a second."""
 
 MISSED_S = 86_400.0
-"""What was started and vanished is missed for so long; the keeper's default is the same."""
+"""Deployments that vanished are reported as missing for this long (s), as by the keeper's default."""
 
 Key = tuple[Topic[Any], str]
 
@@ -26,7 +26,7 @@ WITH_WRITER = tuple(
     for topic in SHOWN
     if topic.delivery is not Delivery.EVENT and topic is not MAP and set(topic.writers) <= _NAMES
 )
-"""What goes with its last writer. Rooms stay: the walls still stand when `pui` does not."""
+"""Topics that end with their last writer. Rooms stay: the walls still stand without `pui`."""
 
 OF_PEOPLE = tuple(
     topic for topic in SHOWN if topic.placeholder == "user" and topic.delivery is not Delivery.EVENT
@@ -36,12 +36,12 @@ OF_PEOPLE = tuple(
 def keys_of_service(
     instance: str, present: Collection[str], names: Callable[[Topic[Any]], list[str]]
 ) -> Iterator[Key]:
-    """Yield what is no longer true now that `instance` has left.
+    """Yield the keys that are invalid after `instance` has left.
 
     Args:
-        instance: who has left.
-        present: who is still there.
-        names: at which names something of a topic is known.
+        instance: the service that left.
+        present: services still present.
+        names: returns the known names of a topic.
     """
     yield HEALTH, instance
     service, _ = split_instance(instance)
@@ -53,24 +53,24 @@ def keys_of_service(
 
 
 def keys_of_person(user: str) -> Iterator[Key]:
-    """Yield what is no longer true now that `user` has left."""
+    """Yield the keys that are invalid after `user` has left."""
     for topic in OF_PEOPLE:
         yield topic, user
 
 
 class Trackers:
-    """Which trackers still speak."""
+    """Times of the trackers' last messages."""
 
     def __init__(self) -> None:
-        """Know none."""
+        """Begin without trackers."""
         self._heard_s: dict[str, float] = {}
 
     def heard(self, tracker: str, now_s: float) -> None:
-        """Take that `tracker` has said something."""
+        """Note a message of `tracker`."""
         self._heard_s[tracker] = now_s
 
     def silent(self, now_s: float) -> list[Key]:
-        """Return what is no longer true because its tracker is silent, each once."""
+        """Return the keys of trackers that have fallen silent, each once."""
         gone = [tracker for tracker, heard_s in self._heard_s.items() if now_s - heard_s > SILENT_S]
         for tracker in gone:
             del self._heard_s[tracker]
@@ -78,26 +78,26 @@ class Trackers:
 
 
 class Deployments:
-    """What was started and was not ended: what has vanished is missed."""
+    """Deployments that were started and not ended: vanished ones are missing."""
 
     def __init__(self, own: str) -> None:
-        """Know none; `own` is the service that looks, which may outlive what it was started with."""
+        """Begin without deployments; `own` is the owning service, which may outlive its deployment."""
         self._own = own
         self._scenario = ""
-        """That runs, or ran last."""
+        """The scenario that runs, or the last one."""
         self._there_s: dict[str, float] = {}
-        """When some service of each was there last."""
+        """When a service of each deployment was last present, s."""
         self.known: dict[str, Deployment] = {}
 
     def is_another(self, deployment: Deployment) -> bool:
-        """Return True if `deployment` begins another scenario than the one that ran last."""
+        """Return True if `deployment` begins another scenario than the last one."""
         return bool(deployment.scenario) and self._scenario not in ("", deployment.scenario)
 
     def put(self, name: str, deployment: Deployment, now_s: float) -> list[Key]:
-        """Take one; return those that are over.
+        """Add a deployment, and return the names of those that are over.
 
-        Itself when nothing of it is to run any more; else those that it replaces: a site runs one scenario at
-        a time.
+        That is the deployment itself if none of its services is to run any more, else those it replaces: a
+        site runs one scenario at a time.
         """
         if not deployment.services:
             self.known.pop(name, None)
@@ -114,7 +114,7 @@ class Deployments:
         return [self._drop(other) for other in over]
 
     def over(self, present: Collection[str], now_s: float) -> list[Key]:
-        """Return those of which no service was there for too long, each once."""
+        """Return deployments without a present service for too long, each once."""
         there = set(present)
         for name, deployment in self.known.items():
             if self._instances(deployment) & there:

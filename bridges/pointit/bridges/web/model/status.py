@@ -1,4 +1,4 @@
-"""How the site is, for the page: who is there since when, what is wrong and what to do; pure."""
+"""Status of the site for the page: services, their uptime, findings and remedies; pure."""
 
 import math
 from collections import deque
@@ -10,44 +10,44 @@ from pointit.diagnosis.observation import SILENT_S, Finding, Observation, Report
 from pointit.schemas import Deployment, Health
 
 KEPT_S = 10.0
-"""Reports go back so far: what has grown since then grows now."""
+"""Window of reports, s: counters that grew in it are growing now."""
 
 LEFT_S = 60.0
-"""Who has left for so long, and is expected by nobody, is not spoken of any more."""
+"""A service that left this long ago (s) and is not expected is no longer listed."""
 
 GRACE_S = 2.0
-"""Who should run and is not there for so long is not missed yet: it may be starting."""
+"""An expected service may be absent this long (s) before it counts as missing: it may be starting."""
 
 SETTLE_S = 2.0
-"""After another scenario was begun, who belonged to the one before may take so long to leave."""
+"""Time (s) that services of the previous scenario have to leave after another one has begun."""
 
-MOST_LINES = 256
-"""Findings, or services, that a page is told."""
+MAX_LINES = 256
+"""Maximum number of findings, or services, sent to a page."""
 
 
 class SiteObservation:
-    """What is seen of the site's services; times are seconds of any clock that only goes forward."""
+    """Observations of the site's services; times are seconds of any monotonic clock."""
 
     def __init__(self, now_s: float) -> None:
-        """Begin to look."""
+        """Begin to observe."""
         self._began_s = now_s
         self._since_s: dict[str, float] = {}
-        """Of who is there: since when."""
+        """Start of presence, by present service."""
         self._left_s: dict[str, float] = {}
-        """Of who has left: when."""
+        """Time of leaving, by service that has left."""
         self._missed_s: dict[str, float] = {}
-        """Of who is expected and was never there: since when."""
+        """Time of the first expectation, by expected service that was never present."""
         self._reports: dict[str, deque[Report]] = {}
-        self._anew_s = -math.inf
-        """When the scenario that runs was begun."""
+        self._reset_s = -math.inf
+        """Start of the scenario that runs."""
 
     @property
     def present(self) -> frozenset[str]:
-        """Return who is there."""
+        """Return the services that are present."""
         return frozenset(self._since_s)
 
     def set_present(self, instance: str, present: bool, now_s: float) -> None:  # noqa: FBT001 - the bus's signature
-        """Take that `instance` is there, or has left."""
+        """Update the presence of `instance`."""
         if present:
             self._since_s.setdefault(instance, now_s)
             self._left_s.pop(instance, None)
@@ -57,11 +57,11 @@ class SiteObservation:
             self._reports.pop(instance, None)
 
     def reset(self, now_s: float) -> None:
-        """Take that another scenario was begun: who left with the one before is not missed."""
-        self._anew_s = now_s
+        """Reset after another scenario was begun: services of the previous one are not missing."""
+        self._reset_s = now_s
 
     def report(self, instance: str, health: Health, now_s: float) -> None:
-        """Take what `instance` says of itself, if it is there."""
+        """Store the report of `instance` if it is present."""
         if instance not in self._since_s:
             return
         reports = self._reports.setdefault(instance, deque())
@@ -79,11 +79,11 @@ class SiteObservation:
         lan_url: str = "",
         speed: float = 1.0,
     ) -> Status:
-        """Return how the site is now."""
+        """Return the status of the site now."""
         self._forget_left(Observation(began_s=now_s, now_s=now_s, deployments=deployments).expected, now_s)
         seen = self._seen(deployments, now_s, speed)
         return Status(
-            services=tuple(self._services(seen))[:MOST_LINES],
+            services=tuple(self._services(seen))[:MAX_LINES],
             findings=tuple(
                 FindingLine(
                     severity=finding.severity,
@@ -93,14 +93,14 @@ class SiteObservation:
                 )
                 for finding in diagnose(seen)
                 if self._is_sure(finding, now_s)
-            )[:MOST_LINES],
+            )[:MAX_LINES],
             people=tuple(people),
             viewers=viewers,
             lan_url=lan_url,
         )
 
     def _seen(self, deployments: Mapping[str, Deployment], now_s: float, speed: float) -> Observation:
-        began_s = max(self._began_s, now_s - KEPT_S)  # who is older than this look was there before
+        began_s = max(self._began_s, now_s - KEPT_S)  # older than this observation
         seen = Observation(
             began_s=began_s,
             now_s=now_s,
@@ -115,7 +115,7 @@ class SiteObservation:
         return seen
 
     def _forget_left(self, expected: Collection[str], now_s: float) -> None:
-        gone_by_s = max(now_s - LEFT_S, self._anew_s + SETTLE_S)
+        gone_by_s = max(now_s - LEFT_S, self._reset_s + SETTLE_S)
         for name in [n for n, left_s in self._left_s.items() if left_s < gone_by_s and n not in expected]:
             del self._left_s[name]
 
@@ -127,7 +127,7 @@ class SiteObservation:
         ]
 
     def _is_sure(self, finding: Finding, now_s: float) -> bool:
-        """Return True if `finding` has stood long enough to be told."""
+        """Return True if `finding` has lasted long enough to be shown."""
         name = finding.service
         if finding.code == "absent":
             return now_s - self._left_s.get(name, self._missed_s.get(name, now_s)) >= GRACE_S

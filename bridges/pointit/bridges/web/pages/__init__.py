@@ -1,1 +1,1 @@
-"""Open pages: their websockets, what is new to them and what they ask for."""
+"""Open pages: their websockets, unsent changes and requests."""

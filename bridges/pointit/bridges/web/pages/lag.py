@@ -1,27 +1,27 @@
-"""How far behind the hand pages show it."""
+"""Latency from the hand to the page."""
 
 import math
 from collections import deque
 
 LATENCIES_S = 5.0
-"""What the quantile goes back to."""
+"""Window of the quantile."""
 
-MOST_LATENCIES = 4096
+MAX_LATENCIES = 4096
 
 
 class Latencies:
-    """What pages say of the time from the capture at a wrist to the frame that shows it."""
+    """Latencies that pages report, from the capture at a wrist to the frame that shows it."""
 
     def __init__(self) -> None:
-        """Begin with none."""
-        self._heard: deque[tuple[float, float]] = deque(maxlen=MOST_LATENCIES)
+        """Begin without latencies."""
+        self._heard: deque[tuple[float, float]] = deque(maxlen=MAX_LATENCIES)
 
     def add(self, latency_ms: float, now_s: float) -> None:
-        """Take one."""
+        """Add one."""
         self._heard.append((now_s, latency_ms))
 
     def p95_ms(self, now_s: float) -> float | None:
-        """Return the 95th percentile of the last seconds, by nearest rank; none when nothing was heard."""
+        """Return the 95th percentile (nearest rank) of the window, or None without reports."""
         while self._heard and now_s - self._heard[0][0] > LATENCIES_S:
             self._heard.popleft()
         values = sorted(latency_ms for _, latency_ms in self._heard)

@@ -1,8 +1,8 @@
-"""What is newest on the bus, and what of it is new to each page: newest wins, events in order.
+"""Newest messages on the bus, and those that each page has not yet got: newest wins, events in order.
 
-A hub keeps of every key the newest message as bytes, encoded once for all pages, and the last events. A
-page's feed knows how far the page has come; a page that is slow misses states in between, never the newest,
-and costs the others nothing.
+A cache keeps the newest message of every key as bytes, encoded once for all pages, and the last events. A
+page's feed knows how far the page has come. A slow page misses states in between, never the newest, and
+costs the other pages nothing.
 """
 
 from collections import OrderedDict, deque
@@ -15,25 +15,25 @@ from pointit.bridges.web.wire import IN_FLIGHT
 from pointit.schemas import pack
 from pointit.schemas.topics import Delivery, Topic
 
-MOST_KEYS = 4096
-"""States that are kept; more can only be a fault, and are refused."""
+MAX_KEYS = 4096
+"""Maximum number of states. More indicate a fault and are refused."""
 
-MOST_EVENTS = 1024
-"""Events that a page may lag behind."""
+MAX_EVENTS = 1024
+"""Maximum number of events that a page may lag behind."""
 
 HISTORY = 200
-"""Last events that a page is told that comes late, for its messages."""
+"""Number of past events that a new page gets, for its messages."""
 
-MOST_GONE = 256
-"""Keys kept as gone for pages that have not been told; more are looked through for those that all know."""
+MAX_GONE = 256
+"""Deleted keys kept for pages that have not been notified; beyond it those that all know are removed."""
 
 News = tuple[str, str, bytes | None]
-"""Key pattern, what stands for its placeholder, the message's bytes; none: no longer true."""
+"""Key pattern, name for its placeholder, the message's bytes or None if no longer valid."""
 
 
 @dataclass(frozen=True, slots=True)
 class Batch:
-    """What a page is sent at once."""
+    """Changes sent to a page at once."""
 
     n: int
     states: tuple[News, ...]
@@ -42,7 +42,7 @@ class Batch:
     """Events that this page has missed since the batch before."""
 
     def packed(self, sent_ns: int, speed: float) -> bytes:
-        """Return it as it travels; `sent_ns` is the site's time, which runs `speed` times as fast as ours."""
+        """Return it encoded; `sent_ns` is the site's time, which runs `speed` times as fast as the wall's."""
         return pack([self.n, sent_ns, speed, self.states, self.events, self.dropped])
 
 
@@ -55,29 +55,29 @@ class _Entry:
 class LatestValueCache:
     """The newest of every key, and the last events."""
 
-    def __init__(self, most_keys: int = MOST_KEYS, most_events: int = MOST_EVENTS) -> None:
-        self._most_keys = most_keys
+    def __init__(self, max_keys: int = MAX_KEYS, max_events: int = MAX_EVENTS) -> None:
+        self._most_keys = max_keys
         self._entries: OrderedDict[tuple[str, str], _Entry] = OrderedDict()
-        """By key pattern and name, in the order of their versions."""
+        """By key pattern and name, ordered by version."""
         self._version = 0
         self.urgent_version = 0
-        """Of the newest state that is not to wait."""
-        self._events: deque[tuple[int, News]] = deque(maxlen=most_events)
-        """With their stamps, in the order of their coming."""
+        """Version of the newest urgent state."""
+        self._events: deque[tuple[int, News]] = deque(maxlen=max_events)
+        """With their stamps, in order of arrival."""
         self._past: list[tuple[int, News]] = []
-        """Events that did not come here, see `recall`."""
+        """Events that were not received here, see `recall`."""
         self._event_count = 0
-        """Events so far, those that have fallen out of the ring too."""
+        """Number of events so far, including those dropped from the ring."""
         self._gone = 0
         self._feeds: set[PageFeed] = set()
 
     def put(
         self, topic: Topic[Any], name: str, payload: bytes, *, stamp_ns: int = 0, urgent: bool = False
     ) -> bool:
-        """Take a message of `topic` at `name`. Return True if there was room for its key.
+        """Store a message of `topic` at `name`; return False if there is no room for its key.
 
-        What is `urgent` waits for nothing but pages that are slow, see `PageFeed.wait_s`. By their `stamp_ns`
-        events have their place in the history.
+        `urgent` messages wait only for slow pages, see `PageFeed.wait_s`. Events are sorted into the history
+        by `stamp_ns`.
         """
         news = (topic.key, name, payload)
         if topic.delivery is Delivery.EVENT:
@@ -94,26 +94,26 @@ class LatestValueCache:
         return True
 
     def recall(self, past: Iterable[tuple[int, News]]) -> None:
-        """Take events, with their stamps, that did not come here; they replace those recalled before."""
+        """Set events, with their stamps, that were not received here; they replace those set before."""
         self._past = list(past)
 
     def history(self) -> list[News]:
-        """Return the last `HISTORY` events, those that were recalled too, the latest last."""
+        """Return the last `HISTORY` events, including recalled ones, oldest first."""
         happened = sorted((*self._past, *self._events), key=lambda event: event[0])
         return [news for _, news in happened[-HISTORY:]]
 
     def forget(self, topic: Topic[Any], name: str) -> bool:
-        """Say that what was put last is no longer true. Return True if there was something."""
+        """Mark a key's message as no longer valid. Return True if there was one."""
         entry = self._entries.get((topic.key, name))
         if entry is None or entry.news[2] is None:
             return False
         self._set((topic.key, name, None))
-        if self._gone > MOST_GONE or not self._feeds:
+        if self._gone > MAX_GONE or not self._feeds:
             self._drop_gone()
         return True
 
     def names(self, topic: Topic[Any]) -> list[str]:
-        """Return at which names something of `topic` is true."""
+        """Return the names with a valid message of `topic`."""
         return [
             name
             for (key, name), entry in self._entries.items()
@@ -121,7 +121,7 @@ class LatestValueCache:
         ]
 
     def open(self, rate_hz: float) -> "PageFeed":
-        """Return the feed of a new page that is sent at most `rate_hz` batches a second."""
+        """Return the feed of a new page with at most `rate_hz` batches a second."""
         feed = PageFeed(self, rate_hz)
         self._feeds.add(feed)
         return feed
@@ -132,16 +132,16 @@ class LatestValueCache:
 
     @property
     def version(self) -> int:
-        """Return how many changes of states there were."""
+        """Return the number of changes of states."""
         return self._version
 
     @property
     def event_count(self) -> int:
-        """Return how many events there were."""
+        """Return the number of events."""
         return self._event_count
 
     def states_since(self, version: int) -> list[News]:
-        """Return what has changed after `version`, oldest first; what is gone only for who knows of it."""
+        """Return changes after `version`, oldest first; deletions only of keys that the page knows."""
         new: list[News] = []
         for entry in reversed(self._entries.values()):
             if entry.version <= version:
@@ -152,7 +152,7 @@ class LatestValueCache:
         return new
 
     def events_since(self, count: int) -> list[News]:
-        """Return the events after the first `count`, as far as they are still there."""
+        """Return the events after the first `count` that are still kept."""
         behind = min(self._event_count - count, len(self._events))
         start = len(self._events) - behind
         return [self._events[index][1] for index in range(start, len(self._events))]
@@ -178,7 +178,7 @@ class LatestValueCache:
 
 
 class PageFeed:
-    """How far one page has come."""
+    """Progress of one page."""
 
     def __init__(self, hub: LatestValueCache, rate_hz: float) -> None:
         self._hub = hub
@@ -186,23 +186,23 @@ class PageFeed:
         self._sent = 0
         self._acked = 0
         self._history = hub.history()
-        """What the page is yet to be told of before it came."""
+        """Past events that the page has not yet got."""
         self._events = hub.event_count
         self.version = 0
-        """Of the newest state that the page was sent."""
+        """Version of the newest state sent to the page."""
         self.dropped = 0
         """Events that this page has missed so far."""
 
     @property
     def in_flight(self) -> int:
-        """Return how many batches the page has not acknowledged."""
+        """Return the number of unacknowledged batches."""
         return self._sent - self._acked
 
     def wait_s(self, now_s: float) -> float | None:
-        """Return in how many seconds `take` has something as things stand; none: not before they change.
+        """Return the delay (s) after which `take` has a batch, or None if not before something changes.
 
-        Of two batches that may be sent at once one is left for what is urgent: it would wait for what came
-        just before it otherwise.
+        Of two batches that may be sent at once one is reserved for urgent states, which would otherwise wait
+        for the batch just before.
         """
         is_behind = self.version < self._hub.version or self._events < self._hub.event_count
         if not (is_behind or self._history) or self.in_flight >= IN_FLIGHT:
@@ -211,7 +211,7 @@ class PageFeed:
         return self._pace.wait_s(now_s, 1.0 if is_urgent else 2.0)
 
     def take(self, now_s: float) -> Batch | None:
-        """Return what is new to the page; none: nothing, too early, or too much is on its way already."""
+        """Return the next batch, or None if nothing is new, it is too early, or too many are in flight."""
         if self.wait_s(now_s) != 0.0:
             return None
         hub = self._hub
@@ -228,7 +228,7 @@ class PageFeed:
         return Batch(self._sent, states, (*history, *events), dropped)
 
     def ack(self, n: int) -> bool:
-        """Take the page's word that it shows batch `n`, and so all before. Return True if that can be."""
+        """Acknowledge batch `n` and all before; return False if `n` was not sent."""
         if not 0 < n <= self._sent:
             return False
         self._acked = max(self._acked, n)

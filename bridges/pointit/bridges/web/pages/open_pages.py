@@ -1,4 +1,4 @@
-"""All open pages: wakes them when there is news, tells them how the site is, measures what they show."""
+"""All open pages: wakes them on changes, sends the status, measures their latency."""
 
 import asyncio
 from collections.abc import Callable
@@ -14,13 +14,13 @@ from pointit.bridges.web.wire import IN_FLIGHT, Ack, Role, Status
 from pointit.runtime.health.service_bus import ServiceBus
 
 GATHER_S = 0.004
-"""So long news waits for what follows from it, so that a movement of the hand is one batch, not four."""
+"""Time (s) to gather related messages, so that a movement of the hand is one batch, not four."""
 
 STATUS_S = 0.05
-"""So long a change of the status waits for others."""
+"""Time (s) to gather changes of the status."""
 
 SLOW_MS = 500.0
-"""Pages that show what was so long ago lag, and that is said."""
+"""Pages whose latency exceeds this cause a warning."""
 
 
 class Pages:
@@ -36,14 +36,14 @@ class Pages:
         most: int,
         version: str,
     ) -> None:
-        """Have no page yet.
+        """Create it without pages.
 
         Args:
-            hub: what is to be shown.
-            bus: where figures and warnings go.
-            status: the status as a page of this name is to be told it; called for one page after the other.
-            rate_hz: batches a second to a page at most.
-            most: pages at a time.
+            hub: the values to show.
+            bus: for metrics and warnings.
+            status: returns the status for the page of this name; called page by page.
+            rate_hz: maximum rate of batches to a page.
+            most: maximum number of pages.
             version: of PointIt.
         """
         self._hub = hub
@@ -64,11 +64,11 @@ class Pages:
         bus.set_metric("viewers", 0.0)
 
     def __len__(self) -> int:
-        """Return how many are open."""
+        """Return the number of open pages."""
         return len(self._sessions)
 
     async def open(self, socket: WebSocket, role: Role, host: Host, closed: Callable[[str], None]) -> None:
-        """Serve a page until it ends; `closed` is told its name then."""
+        """Serve a page until it ends; then call `closed` with its name."""
         if len(self._sessions) >= self._most:
             refusal = PlainTextResponse(f"{self._most} pages are open, which is the most (most_viewers)", 503)
             await socket.send_denial_response(refusal)
@@ -93,7 +93,7 @@ class Pages:
             self._count_viewers()
 
     def notify_pages(self, *, now: bool = False) -> None:
-        """Have pages sent what is new, with what follows within some ms, or right `now`."""
+        """Send pages what is new, after a few ms for related messages, or at once if `now`."""
         if not self._sessions:
             return
         if now:
@@ -102,12 +102,12 @@ class Pages:
             self._flush_timer = self._bus.call_later(GATHER_S, self._flush)
 
     def status_changed(self) -> None:
-        """Have pages told how the site is, with what else changes by then."""
+        """Send the status soon, together with other changes."""
         if self._status_timer is None:
             self._status_timer = self._bus.call_later(STATUS_S, self.tell_status)
 
     def tell_status(self) -> None:
-        """Tell every page how the site is."""
+        """Send every page the status."""
         if self._status_timer is not None:
             self._status_timer.cancel()
             self._status_timer = None
@@ -115,12 +115,12 @@ class Pages:
             session.tell_status(self._status(session.page).model_dump_json())
 
     def shown(self, ack: Ack) -> None:
-        """Take what a page says of a batch that it shows."""
+        """Process a page's acknowledgement of a batch."""
         if ack.latency_ms is not None:
             self._latencies.add(ack.latency_ms, asyncio.get_running_loop().time())
 
     def measure(self) -> None:
-        """Put figures and warnings into health; once a second."""
+        """Update metrics and warnings; once a second."""
         now_s = asyncio.get_running_loop().time()
         batches, sent_bytes, dropped = self._before
         for session in self._sessions:

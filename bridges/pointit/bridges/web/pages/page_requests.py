@@ -1,14 +1,14 @@
-"""What a page may ask for, by its role, and what of it makes sense.
+"""Requests that pages may make, by role, and their validation.
 
-Requests of the table go to their servers as they are: `name` is the user where the key has one, `query` has
-the query's fields. Deeds are this server's own; `name` is the person:
+Requests of the table go to their servers unchanged: `name` is the user where the key has one, `query` has
+the query's fields. Deeds are handled by this server; `name` is the person:
 
 - `press`, `{"gesture": "press" | "double" | "hold"}`: press the person's button.
-- `take`: have the person's arm follow this page's mouse; who is idle begins to point. `give`: no more,
-  whoever moves it.
-- `tremor`, `{"rms_deg": number}`: let that arm tremble.
+- `take`: move the person's arm by this page's mouse; an idle person begins to point. `give`: give it back,
+  whichever page moves it.
+- `tremor`, `{"rms_deg": number}`: tremor of that arm.
 - `pair`: a QR code for the person's phone; the reply has `url`, `qr_svg`, `expires_s`, `fingerprint`.
-  `{"off": true}`: their phone is not paired any more, nor is a code valid that was shown.
+  `{"off": true}`: unpair their phone and revoke codes shown before.
 - `open_lan`: open the page to the local network; the reply has `url`, `fingerprint`.
 - `centre`: the person's arm points at the middle of the room right now.
 """
@@ -20,7 +20,7 @@ from typing import Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from pointit.bridges.web.wire import Ask, Deed, Hello, Role
-from pointit.bridges.web.wrists.wrist_control import MOST_TREMOR_DEG
+from pointit.bridges.web.wrists.wrist_control import MAX_TREMOR_DEG
 from pointit.runtime.errors import RefusedError
 from pointit.schemas import Query, summarize_validation_error
 from pointit.schemas.topics import (
@@ -62,7 +62,7 @@ OPERATORS: tuple[Request[Any, Any], ...] = (
     SET_BRIGHTNESS,
     SET_YAW_ORIGIN,
 )
-"""What who controls may ask of services. Where people stand and how sensors sit, calibration says."""
+"""Service requests open to operators. Poses and sensor mountings are left to calibration."""
 
 REQUESTS: dict[Role, tuple[Request[Any, Any], ...]] = {
     "operator": OPERATORS,
@@ -76,8 +76,8 @@ DEEDS: dict[Role, tuple[Deed, ...]] = {
     "wrist": ("press", "take", "give", "centre"),
 }
 
-PATIENCE_S = {RUN_SCENARIO.key: 15.0}
-"""How long the answer may take, where that is longer than usual."""
+TIMEOUTS_S = {RUN_SCENARIO.key: 15.0}
+"""Timeouts (s) of replies that take longer than usual."""
 
 ONLY_LOOKS_ON = "this page only looks on; open it by the operator's link to control"
 
@@ -87,25 +87,25 @@ class _Extras(BaseModel):
 
 
 class Press(_Extras):
-    """What a press is like."""
+    """Parameters of a press."""
 
     gesture: Literal["press", "double", "hold"] = "press"
 
 
 class Tremor(_Extras):
-    """How much an arm trembles."""
+    """Parameters of a tremor."""
 
-    rms_deg: float = Field(ge=0, le=MOST_TREMOR_DEG)
+    rms_deg: float = Field(ge=0, le=MAX_TREMOR_DEG)
 
 
 class Pair(_Extras):
-    """A phone is to be paired, or not to be any more."""
+    """Whether to pair or to unpair a phone."""
 
     off: bool = False
 
 
 class Plain(_Extras):
-    """Nothing more to say."""
+    """No parameters."""
 
 
 EXTRAS: dict[Deed, type[_Extras]] = {"press": Press, "tremor": Tremor, "pair": Pair}
@@ -113,7 +113,7 @@ EXTRAS: dict[Deed, type[_Extras]] = {"press": Press, "tremor": Tremor, "pair": P
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Call:
-    """A request of the table, as it goes to its server."""
+    """A request of the table for its server."""
 
     request: Request[Any, Any]
     query: Query
@@ -122,7 +122,7 @@ class Call:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PageAction:
-    """A deed of this server's own."""
+    """A deed of this server."""
 
     deed: Deed
     user: str
@@ -130,26 +130,26 @@ class PageAction:
 
 
 def is_allowed(ask: Ask, role: Role) -> bool:
-    """Return True if pages of this role may ask for that, whatever the rest of it says."""
+    """Return True if pages of this role may make this request, whatever its parameters."""
     if ask.deed is not None:
         return ask.deed in DEEDS[role]
     return any(ask.key == request.key for request in REQUESTS[role])
 
 
 def greeting(role: Role, *, version: str, site: str, user: str = "") -> Hello:
-    """Return what a page of this role is greeted with; `user`: whose wrist a phone is."""
+    """Return the greeting of a page of this role; `user`: of a phone, the owner of the wrist."""
     requests = tuple(request.key for request in REQUESTS[role])
     return Hello(version=version, site=site, role=role, requests=requests, deeds=DEEDS[role], user=user)
 
 
 def parse_request(ask: Ask, role: Role) -> Call | PageAction:
-    """Return what is asked for.
+    """Return the parsed request.
 
     Raises:
-        RefusedError: says why it cannot be, or may not be asked by this page.
+        RefusedError: If it is invalid or not allowed for this page.
     """
     if ask.deed is not None:
-        return _wish(ask, ask.deed, role)
+        return _parse_deed(ask, ask.deed, role)
     request = next((row for row in OPERATORS if row.key == ask.key), None)
     if request is None:
         raise RefusedError(f"pages cannot ask for {ask.key!r}; they can ask for {_listed(OPERATORS)}")
@@ -166,7 +166,7 @@ def parse_request(ask: Ask, role: Role) -> Call | PageAction:
     return Call(request=request, query=query, name=ask.name)
 
 
-def _wish(ask: Ask, deed: Deed, role: Role) -> PageAction:
+def _parse_deed(ask: Ask, deed: Deed, role: Role) -> PageAction:
     if deed not in DEEDS[role]:
         raise RefusedError(ONLY_LOOKS_ON if role == "viewer" else f"a phone cannot ask for {deed!r}")
     if ask.key:

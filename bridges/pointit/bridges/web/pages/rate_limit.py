@@ -1,10 +1,10 @@
-"""How much a page may say, or be sent, in a second."""
+"""Rate limit of messages from or to a page."""
 
 import math
 
 
 class TokenBucket:
-    """Lets `rate_hz` a second pass in the long run, `burst` at once."""
+    """Token bucket: `rate_hz` a second in the long run, `burst` at once."""
 
     def __init__(self, rate_hz: float, burst: float) -> None:
         """Begin full."""
@@ -14,14 +14,14 @@ class TokenBucket:
         self._at_s = -math.inf
 
     def take(self, now_s: float) -> bool:
-        """Take one, if there is one."""
+        """Remove a token. Return False if there is none."""
         if self.wait_s(now_s) > 0.0:
             return False
         self._level -= 1.0
         return True
 
     def wait_s(self, now_s: float, least: float = 1.0) -> float:
-        """Return in how many seconds there are `least`, at most `burst`; 0: there are."""
+        """Return the delay until `least` tokens (at most `burst`) are there, s."""
         passed_s = max(0.0, now_s - self._at_s)
         self._level = min(self._burst, self._level + passed_s * self._rate_hz)
         self._at_s = max(self._at_s, now_s)

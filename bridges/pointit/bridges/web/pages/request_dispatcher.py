@@ -1,4 +1,4 @@
-"""Answers what pages and phones ask for: requests go to their servers, deeds are done here."""
+"""Answers requests of pages and phones: forwards them to services, or handles deeds here."""
 
 import asyncio
 import time
@@ -7,7 +7,7 @@ from typing import Any, cast
 
 from pointit.bridges.web.model.people import People
 from pointit.bridges.web.pages.page_requests import (
-    PATIENCE_S,
+    TIMEOUTS_S,
     Call,
     PageAction,
     Pair,
@@ -28,11 +28,11 @@ from pointit.schemas import SetYawOrigin
 from pointit.schemas.topics import SET_YAW_ORIGIN
 
 IMU_BRIDGE = "imu-bridge"
-"""Who turns what a page's mouse or a phone says into what a wrist measures."""
+"""Service that turns messages of a mouse or phone into wrist samples."""
 
 
 class RequestDispatcher:
-    """Does, or has done, what is asked for."""
+    """Handles requests of pages and phones."""
 
     def __init__(
         self,
@@ -47,18 +47,18 @@ class RequestDispatcher:
         present: Callable[[], Collection[str]],
         changed: Callable[[], None],
     ) -> None:
-        """Answer nothing yet.
+        """Store the parts that requests act on.
 
         Args:
-            bus: where requests go.
-            people: who is there.
-            wrists: who has whose wrist.
-            pairing: which phones there are.
-            phones: the way to them.
-            lan: the door to the local network.
-            doors: who is let in.
-            present: the instances that are there.
-            changed: told when the status of pages has changed.
+            bus: for requests.
+            people: people present.
+            wrists: control of wrists.
+            pairing: paired phones.
+            phones: connections to phones.
+            lan: access from the local network.
+            doors: access control.
+            present: returns the instances that are present.
+            changed: called when the status of pages has changed.
         """
         self._bus = bus
         self._people = people
@@ -72,20 +72,20 @@ class RequestDispatcher:
         self._drawing = asyncio.Lock()
 
     async def answer(self, page: str, role: Role, ask: Ask) -> Answer:
-        """Do what is asked for.
+        """Handle a request.
 
         Raises:
-            PointItError, SchemaError: it cannot be done, or may not be asked; says why.
+            PointItError, SchemaError: If it fails or is not allowed.
         """
         meant = parse_request(ask, role)
         reply = await (self._call(meant) if isinstance(meant, Call) else self._do(meant, page, role))
         return Answer(id=ask.id, reply=reply)
 
     async def open_lan(self) -> dict[str, Any]:
-        """Open the page to the local network; return where it is then.
+        """Open the page to the local network, and return its address.
 
         Raises:
-            RefusedError: it cannot be; says what to do.
+            RefusedError: If it fails.
         """
         url = await self._lan.open()
         self._doors.know_hosts([self._lan.address])
@@ -98,7 +98,7 @@ class RequestDispatcher:
 
     async def _call(self, call: Call) -> dict[str, Any]:
         request = call.request
-        patience_s = PATIENCE_S.get(request.key, REQUEST_TIMEOUT_S)
+        patience_s = TIMEOUTS_S.get(request.key, REQUEST_TIMEOUT_S)
         reply = await self._bus.call(request, call.query, call.name, timeout_s=patience_s)
         return cast("dict[str, Any]", reply.model_dump(mode="json"))
 
@@ -128,7 +128,7 @@ class RequestDispatcher:
     def _take(self, user: str, page: str, by: Hold) -> dict[str, Any]:
         if instance_of(IMU_BRIDGE, user) not in self._present():
             raise RefusedError(
-                f"nobody makes a wrist of what a page says: start it with "
+                f"no service turns the page's messages into wrist samples: start it with "
                 f"`pointit service {IMU_BRIDGE} --user {user} --source page`"
             )
         loser = self._wrists.acquire(user, page, by)
@@ -153,7 +153,7 @@ class RequestDispatcher:
         await self._phones.cut(replaced)
         self._changed()
         url = f"{self._lan.url}/phone?token={token}"
-        async with self._drawing:  # takes 20 ms; whoever asks again and again costs the others nothing
+        async with self._drawing:  # takes 20 ms, which repeated requests must not take from other pages
             return await asyncio.to_thread(offer, url, self._lan.fingerprint)
 
     async def _unpair(self, user: str) -> dict[str, Any]:
@@ -162,7 +162,7 @@ class RequestDispatcher:
             raise RefusedError(f"no phone is paired with {user}")
         await self._phones.cut(page)
         self._changed()
-        return {"message": f"no phone is {user}'s wrist any more"}
+        return {"message": f"{user}'s phone is unpaired"}
 
     async def _centre(self, user: str) -> dict[str, Any]:
         query = SetYawOrigin(yaw_rad=self._wrists.ahead(user))
@@ -171,7 +171,7 @@ class RequestDispatcher:
         return reply.model_dump(mode="json")
 
     def _tell_loser(self, user: str, loser: str, page: str, *, is_own: bool = False) -> None:
-        """Tell a phone from which `page` has taken the wrist of `user`; pages see it in their status."""
+        """Notify a phone from which `page` has taken the wrist of `user`. Pages see it in their status."""
         if loser and loser != page and loser == self._pairing.paired(user, self._now_s()):
             self._phones.lost(user, is_own=is_own)
 

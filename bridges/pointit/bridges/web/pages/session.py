@@ -1,4 +1,4 @@
-"""One page's websocket: sends what is new to it, takes what it says, never more than it can cope with."""
+"""One page's websocket: sends changes and receives messages within limits."""
 
 import asyncio
 import json
@@ -18,19 +18,19 @@ from pointit.schemas import SchemaError, summarize_validation_error
 log = logging.getLogger(__name__)
 
 MESSAGES_HZ, MESSAGES_BURST = 500.0, 1000.0
-"""What a page may say in all; beyond it is read more slowly."""
+"""Rate limit of a page's messages; beyond it they are read more slowly."""
 
 ASKS_HZ, ASKS_BURST = 20.0, 40.0
-"""What a page may ask for; beyond it is refused."""
+"""Rate limit of a page's requests; more are refused."""
 
 AIMS_HZ, AIMS_BURST = 120.0, 20.0
-"""Where a page may aim; of more, the newest counts."""
+"""Rate limit of aiming; of more, only the newest counts."""
 
-MOST_MALFORMED = 20
-"""Messages that are none, then the page is closed."""
+MAX_MALFORMED = 20
+"""Malformed messages after which the page is closed."""
 
-MOST_ANSWERS = 16
-"""Wishes that are being answered at a time; then the page is read on when one is."""
+MAX_ANSWERS = 16
+"""Requests handled at a time; then reading pauses until one is done."""
 
 MALFORMED, NORMAL = 1008, 1000
 """Close codes (RFC 6455): policy violation, and a normal end."""
@@ -39,17 +39,17 @@ _RECEIVED: TypeAdapter[Ack | Ask | AimAt | Turn] = TypeAdapter(Received)
 
 
 class Host(Protocol):
-    """Who has the pages: the service."""
+    """The service that owns the pages."""
 
     def header(self) -> tuple[int, float]:
-        """Return the site's time, ns, and how fast it runs."""
+        """Return the site's time, ns, and its speed."""
         ...
 
     async def answer(self, ask: Ask, session: "Session") -> Answer:
-        """Do what is asked for.
+        """Handle a request.
 
         Raises:
-            PointItError, SchemaError: it cannot be done; the text says why.
+            PointItError, SchemaError: If it cannot be done; the text says why.
         """
         ...
 
@@ -58,17 +58,17 @@ class Host(Protocol):
         ...
 
     def shown(self, ack: Ack) -> None:
-        """Take that a page has shown a batch."""
+        """Note that a page has shown a batch."""
         ...
 
     def malformed(self, sentence: str) -> None:
-        """Take that a page said what is no message."""
+        """Note a malformed message."""
         ...
 
 
 @dataclass(slots=True)
 class Counts:
-    """What was sent to a page."""
+    """Numbers of what was sent to a page."""
 
     batches: int = 0
     bytes: int = 0
@@ -78,7 +78,7 @@ class Session:
     """One page, from its websocket's opening to its end."""
 
     def __init__(self, page: str, role: Role, socket: WebSocket, feed: PageFeed, host: Host) -> None:
-        """Send nothing yet; `page` is its name among pages."""
+        """Create the session; `page` is its name among pages."""
         self.page = page
         self.role: Role = role
         self.feed = feed
@@ -90,7 +90,7 @@ class Session:
         self._timer: asyncio.TimerHandle | None = None
         self._texts: list[str] = []
         self._status = ""
-        self._slots = asyncio.Semaphore(MOST_ANSWERS)
+        self._slots = asyncio.Semaphore(MAX_ANSWERS)
         self._answering: set[asyncio.Task[None]] = set()
         self._messages = TokenBucket(MESSAGES_HZ, MESSAGES_BURST)
         self._asks = TokenBucket(ASKS_HZ, ASKS_BURST)
@@ -99,19 +99,19 @@ class Session:
         self._aim_timer: asyncio.TimerHandle | None = None
         self._malformed = 0
         self._is_shut = False
-        """By this side."""
+        """Closed by this side."""
 
     def wake(self) -> None:
-        """Look whether there is something for the page."""
+        """Check for changes to send."""
         self._news.set()
 
     def tell_status(self, status: str) -> None:
-        """Tell the page how the site is; what it was not told yet gives way."""
+        """Send the status; replaces an unsent one."""
         self._status = status
         self._news.set()
 
     async def run(self, hello: str) -> None:
-        """Accept, send `hello` and go on until the page leaves, or must."""
+        """Accept, send `hello` and serve until the page leaves or is closed."""
         await self._socket.accept()
         self._texts.append(hello)
         sending = self._loop.create_task(self._send(), name=f"{self.page} sends")
@@ -129,7 +129,7 @@ class Session:
         for end in ends:
             if isinstance(end, Exception) and not isinstance(end, (WebSocketDisconnect, OSError)):
                 if self._is_shut:
-                    continue  # the other side of it was about to send
+                    continue  # the sending task was about to send
                 raise end
 
     async def _send(self) -> None:
@@ -150,9 +150,9 @@ class Session:
                 self.counts.batches += 1
                 self.counts.bytes += len(packed)
                 await socket.send_bytes(packed)
-            self._look_again()
+            self._wake_later()
 
-    def _look_again(self) -> None:
+    def _wake_later(self) -> None:
         """Wake when the page may be sent what it may not be sent yet."""
         wait_s = self.feed.wait_s(self._loop.time())
         if wait_s is None:
@@ -172,46 +172,46 @@ class Session:
             text = message.get("text")
             said = self._understood(text)
             if said is None:
-                if self._malformed >= MOST_MALFORMED:
+                if self._malformed >= MAX_MALFORMED:
                     self._is_shut = True
-                    await self._socket.close(MALFORMED, "too many messages that are none")
+                    await self._socket.close(MALFORMED, "too many malformed messages")
                     return
             elif isinstance(said, Ack):
                 if not self.feed.ack(said.n):
-                    self._complain("Ack", "of a batch that was never sent")
+                    self._on_malformed("Ack", "of a batch that was never sent")
                 else:
                     self._host.shown(said)
                     self._news.set()
             elif isinstance(said, AimAt):
-                self._take_aim(said)
+                self._on_aim(said)
             elif isinstance(said, Ask):
                 await self._begin_answer(said)
             else:
-                self._complain("Turn", "is for phones, at their own address")
+                self._on_malformed("Turn", "is for phones, at their own address")
 
     def _understood(self, text: str | None) -> Ack | Ask | AimAt | Turn | None:
         if text is None:
-            self._complain("page", "binary messages are not taken")
+            self._on_malformed("page", "binary messages are not accepted")
             return None
         try:
             return _RECEIVED.validate_json(text)
         except ValidationError as error:
-            self._complain("page", summarize_validation_error(error))
+            self._on_malformed("page", summarize_validation_error(error))
         except (ValueError, RecursionError) as error:
-            self._complain("page", str(error))
+            self._on_malformed("page", str(error))
         return None
 
-    def _complain(self, what: str, sentence: str) -> None:
+    def _on_malformed(self, what: str, sentence: str) -> None:
         self._malformed += 1
         self._host.malformed(f"{what}: {sentence}")
 
-    def _take_aim(self, aim: AimAt) -> None:
+    def _on_aim(self, aim: AimAt) -> None:
         self._aim = aim
         if self._aim_timer is None:
-            self._pass_aim()
+            self._forward_aim()
 
-    def _pass_aim(self) -> None:
-        """Pass the newest aim on, now or as soon as the page may aim again."""
+    def _forward_aim(self) -> None:
+        """Forward the newest aim, now or as soon as the rate allows."""
         self._aim_timer = None
         aim, now_s = self._aim, self._loop.time()
         if aim is None:
@@ -220,7 +220,7 @@ class Session:
             self._aim = None
             self._host.aim(aim, self)
         else:
-            self._aim_timer = self._loop.call_later(self._aims.wait_s(now_s), self._pass_aim)
+            self._aim_timer = self._loop.call_later(self._aims.wait_s(now_s), self._forward_aim)
 
     async def _begin_answer(self, ask: Ask) -> None:
         await self._slots.acquire()
@@ -237,7 +237,7 @@ class Session:
             if self._asks.take(self._loop.time()):
                 answer = await self._host.answer(ask, self)
             else:
-                answer = Answer(id=ask.id, error="too many wishes at a time: wait a moment")
+                answer = Answer(id=ask.id, error="too many requests at a time: wait a moment")
         except (PointItError, SchemaError) as error:
             answer = Answer(id=ask.id, error=str(error))
         except Exception:  # the page waits for an answer

@@ -1,6 +1,6 @@
-"""Whether what is shown is long past: a link that carries less than a page is sent holds all of it up; pure.
+"""Detects a slow link to other machines, which delays everything that is shown; pure.
 
-By the site's time nothing is late: that comes over the same link. Reports of health are stamped by the
+The site's time does not reveal it, since that comes over the same link. Health reports are stamped by the
 clocks of their machines.
 """
 
@@ -10,26 +10,26 @@ from pointit.runtime.health.clock_skew import ClockSkewMonitor
 from pointit.schemas import Health
 
 WINDOW_S = 3.0
-"""The quickest report of so long counts."""
+"""Window (s) of which the fastest report counts."""
 
 LAG_S = 1.0
-"""What is later is told."""
+"""Delays above this are reported."""
 
 
 class SlowLink:
-    """Compares when reports of other machines were written with when they came."""
+    """Compares the stamps of other machines' reports with their arrival times."""
 
     def __init__(self, host: str) -> None:
-        """Take the name of this machine."""
+        """Set the name of this machine."""
         self._watch = ClockSkewMonitor(host, WINDOW_S)
 
     def hear(self, health: Health, arrived_ns: int, now_s: float) -> None:
-        """Take a report that arrived at a time of this machine's clock, Unix ns; `now_s` is monotonic."""
+        """Process a report that arrived at `arrived_ns` (own clock, Unix ns); `now_s` is monotonic."""
         if health.host:
             self._watch.on_report(health.host, health.stamp_ns, arrived_ns, now_s)
 
     def sentence(self, now_s: float) -> str:
-        """Return what is wrong and what to do; empty when nothing is."""
+        """Return a warning with its remedy, or `""` if there is no delay."""
         return "; ".join(self._sentences(now_s))
 
     def _sentences(self, now_s: float) -> Iterator[str]:

@@ -1,4 +1,4 @@
-"""Who may see the page and who may control: tokens, cookies, hosts, origins, and headers of answers."""
+"""Access control of the page: tokens, cookies, hosts, origins, and response headers."""
 
 import hashlib
 import hmac
@@ -12,54 +12,54 @@ from pointit.bridges.web.wire import Role
 LOOPBACK = frozenset({"127.0.0.1", "localhost", "[::1]"})
 """Names of this machine in a Host header."""
 
-MOST_GUESSES = 10
+MAX_GUESSES = 10
 """Different wrong tokens that an address may try within `GUESSES_S`."""
 
 GUESSES_S = 60.0
 
-MOST_ADDRESSES = 1024
-"""Addresses with wrong tokens that are remembered; the oldest give way."""
+MAX_ADDRESSES = 1024
+"""Maximum number of remembered addresses with wrong tokens; the oldest are dropped."""
 
 TOKEN_BYTES = 18
 
 
 def new_token() -> str:
-    """Return a token that nobody guesses."""
+    """Return a random token."""
     return secrets.token_urlsafe(TOKEN_BYTES)
 
 
 @dataclass(frozen=True, kw_only=True)
 class RequestInfo:
-    """What of a request matters here."""
+    """Fields of a request that matter for access."""
 
     scheme: str
     """`http` or `https`, also of a websocket."""
     host: str
     """The Host header."""
     address: str
-    """Of the client."""
+    """Address of the client."""
     origin: str = ""
     site: str = ""
-    """Sec-Fetch-Site: from whose page the request comes; empty: the client does not tell."""
+    """Sec-Fetch-Site: relation of the requesting page to this server; `""` if the client does not send it."""
     destination: str = ""
     """Sec-Fetch-Dest: what it is for."""
     cookies: "dict[str, str]" = field(default_factory=dict[str, str])
 
     @property
     def is_navigation(self) -> bool:
-        """Return True if a person follows a link, or the client is none that embeds things."""
+        """Return True if a person follows a link, or the client cannot embed pages."""
         return self.destination in ("", "document")
 
 
 class Access:
-    """The tokens, and who has guessed how often."""
+    """The tokens, and wrong guesses by address."""
 
     def __init__(self, operator: str, viewer: str) -> None:
         """Use these tokens.
 
         Args:
-            operator: whoever has it may control.
-            viewer: whoever has it may look on.
+            operator: token for control.
+            viewer: token for viewing only.
         """
         self._secrets: tuple[tuple[str, Role], ...] = (
             (cookie_value(operator), "operator"),
@@ -67,10 +67,10 @@ class Access:
         )
         self._hosts = set(LOOPBACK)
         self._guesses: OrderedDict[str, dict[bytes, float]] = OrderedDict()
-        """By address: digests of wrong tokens, and when they were tried."""
+        """Digests of wrong tokens and when they were tried, by address."""
 
     def know_hosts(self, names: Iterable[str]) -> None:
-        """Let the page be found under these names or addresses too."""
+        """Accept these names or addresses in the Host header too."""
         self._hosts.update(f"[{name}]" if ":" in name else name.lower() for name in names)
 
     def is_known_host(self, host: str) -> bool:
@@ -79,13 +79,13 @@ class Access:
         return name.lower() in self._hosts
 
     def is_own_origin(self, asked: RequestInfo) -> bool:
-        """Return True if the request comes from a page of this very server."""
+        """Return True if the request comes from a page of this server."""
         return bool(asked.origin) and asked.origin.lower() == f"{asked.scheme}://{asked.host}".lower()
 
     def enter(self, token: str, asked: RequestInfo, now_s: float) -> Role | None:
-        """Return the role that the `token` of a link gives; None if it is wrong, or something embeds it.
+        """Return the role of a link's `token`, or None if it is wrong or the page is embedded.
 
-        The right one always lets in: others on this machine have the same address and must not lock it out.
+        The right token always works: others on this machine have the same address and must not lock it out.
         """
         return self._judged(cookie_value(token), asked.address, now_s) if asked.is_navigation else None
 
@@ -95,7 +95,7 @@ class Access:
         return self._judged(secret, asked.address, now_s) if secret else None
 
     def is_rate_limited(self, address: str, now_s: float) -> bool:
-        """Return True if `address` has guessed too often, so that refusals take long.
+        """Return True if `address` has guessed too often and refusals are to be slow.
 
         The same wrong token counts once.
         """
@@ -106,10 +106,10 @@ class Access:
             del guesses[digest]
         if not guesses:
             del self._guesses[address]
-        return len(guesses) >= MOST_GUESSES
+        return len(guesses) >= MAX_GUESSES
 
     def _judged(self, secret: str, address: str, now_s: float) -> Role | None:
-        """Return the role of `secret`, as fast whichever is wrong and wherever; count what is wrong."""
+        """Return the role of `secret`, in constant time, and count wrong secrets."""
         given = secret.encode(errors="replace")
         roles: list[Role] = [
             role for known, role in self._secrets if hmac.compare_digest(given, known.encode())
@@ -121,7 +121,7 @@ class Access:
         guesses = self._guesses.setdefault(address, {})
         self._guesses.move_to_end(address)
         guesses.setdefault(hashlib.sha256(given).digest(), now_s)
-        if len(self._guesses) > MOST_ADDRESSES:
+        if len(self._guesses) > MAX_ADDRESSES:
             self._guesses.popitem(last=False)
         return None
 
@@ -142,18 +142,18 @@ def cookie_name(asked: RequestInfo) -> str:
 
 
 def cookie_value(token: str) -> str:
-    """Return what the cookie holds: not the token itself, which may have any characters."""
+    """Return the cookie's value: a digest, since the token may have any characters."""
     return hashlib.sha256(b"pointit page " + token.encode(errors="replace")).hexdigest()
 
 
 def cookie(asked: RequestInfo, token: str) -> str:
-    """Return the Set-Cookie header that admits who had `token`, to this server alone, unseen by scripts."""
+    """Return the Set-Cookie header for `token`, for this server alone and invisible to scripts."""
     secure = "; Secure" if asked.scheme == "https" else ""
     return f"{cookie_name(asked)}={cookie_value(token)}; Path=/; HttpOnly; SameSite=Strict{secure}"
 
 
 def headers(asked: RequestInfo) -> dict[str, str]:
-    """Return what every answer says to the browser: nothing foreign, nothing inline, nobody embeds it."""
+    """Return the security headers of every response: no foreign or inline content, no embedding."""
     socket = f"{'wss' if asked.scheme == 'https' else 'ws'}://{asked.host}"
     policy = (
         "default-src 'none'",

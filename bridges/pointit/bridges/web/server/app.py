@@ -1,4 +1,4 @@
-"""What is at which path: the ASGI application of the page's listeners."""
+"""Paths of the page's listeners: the ASGI application."""
 
 import asyncio
 import time
@@ -21,15 +21,15 @@ from pointit.bridges.web.wire import Role
 ONWARDS = """<!doctype html><html lang="en"><meta charset="utf-8"><title>PointIt</title>
 <meta http-equiv="refresh" content="0;url=/"><p><a href="/">Go on to the page</a></p></html>
 """
-"""For who comes by a link of another site: a redirection would not send the cookie, which is strict."""
+"""Served to visitors who follow a link of another site: a redirection would not send the strict cookie."""
 
 NOT_ADMITTED = (
     "Open the link that PointIt printed where it was started, or the file that its log names; "
     "the link ends in ?token=... and lets you in."
 )
-BARRED = "Too many wrong links came from your address. Open the right one, which always lets you in."
+BARRED = "Too many wrong links were opened from your address. Open the right one, which always lets you in."
 REFUSAL_S = 1.0
-"""How long a refusal takes an address that has guessed too often."""
+"""Delay (s) of a refusal for an address that has guessed too often."""
 
 OpenPage = Callable[[WebSocket, Role], Awaitable[None]]
 Download = Callable[[Request], Awaitable[Response]]
@@ -41,11 +41,11 @@ def application(
     """Return the application.
 
     Args:
-        doors: who is let in.
+        doors: access control.
         bundle: the built page.
-        open_page: serves a page's websocket, which is not accepted yet, until it ends.
-        download: answers who may control with the recording.
-        others: further routes; whom they let in is their business.
+        open_page: serves a page's websocket, not yet accepted, until it ends.
+        download: answers operators with the recording.
+        others: further routes, which check access themselves.
     """
     page = _Page(doors, bundle, open_page, download)
     return SecurityMiddleware(
@@ -77,7 +77,7 @@ class _Page:
         if token is not None:
             if self._doors.enter(token, asked, now_s) is None:
                 return await self._refused(asked, now_s)
-            # elsewhere, so that the token is not to be seen in the address bar
+            # redirected, so that the token does not stay in the address bar
             response = HTMLResponse(ONWARDS) if asked.site == "cross-site" else RedirectResponse("/", 303)
             response.headers["Set-Cookie"] = access.cookie(asked, token)
             response.headers["Cache-Control"] = "no-store"
@@ -98,7 +98,7 @@ class _Page:
         role = self._doors.admit(asked_of(request), time.monotonic())
         if role != "operator":
             await self._slow_down(asked_of(request))
-            return refusal(403, "Not for you", "Open the page by the operator's link to take a recording.")
+            return refusal(403, "Not permitted", "Open the page by the operator's link to take a recording.")
         return await self._download(request)
 
     async def static(self, request: Request) -> Response:
@@ -113,4 +113,4 @@ class _Page:
         await self._slow_down(asked)
         if self._doors.is_rate_limited(asked.address, now_s):
             return refusal(429, "Not now", BARRED)
-        return refusal(403, "This page is not open to everybody", NOT_ADMITTED)
+        return refusal(403, "This page needs a link", NOT_ADMITTED)

@@ -1,4 +1,4 @@
-"""The built page's files, held in memory: small, and read again when the build has changed them."""
+"""The built page's files, cached in memory and read again after a build."""
 
 import gzip
 import hashlib
@@ -7,16 +7,16 @@ from dataclasses import dataclass
 from pathlib import Path
 
 STATIC = Path(__file__).parents[1] / "static"
-"""What `npm run build` in `client` writes."""
+"""Output of `npm run build` in `client`."""
 
-MOST_BYTES = 8 * 1024 * 1024
-"""Of a file; a longer one is not served."""
+MAX_BYTES = 8 * 1024 * 1024
+"""Maximum size of a served file."""
 
-MOST_FILES = 256
-"""Kept in memory; where upper and lower case are the same, one file has many names."""
+MAX_FILES = 256
+"""Maximum number of cached files. On case-insensitive file systems one file has many names."""
 
 PLAIN_BYTES = 1024
-"""A shorter file is not worth compressing."""
+"""Files below this size are not compressed."""
 
 _TYPES = {
     ".html": "text/html; charset=utf-8",
@@ -26,7 +26,7 @@ _TYPES = {
     ".svg": "image/svg+xml",
     ".webmanifest": "application/manifest+json",
 }
-"""The system's own table may be anything."""
+"""Own table, since the system's may be anything."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -35,23 +35,23 @@ class File:
 
     content: bytes
     compressed: bytes
-    """By gzip; empty: not worth it."""
+    """Gzip data, or `b""` if the file is short."""
     etag: str
     media_type: str
     version: tuple[int, int]
-    """Time and length by which a change shows."""
+    """Modification time and length, which reveal a change."""
 
 
 class Bundle:
-    """The files of one folder and of the folders in it."""
+    """Files of one folder and its subfolders."""
 
     def __init__(self, folder: Path = STATIC) -> None:
-        """Read nothing yet."""
+        """Begin with an empty cache."""
         self._folder = folder
         self._files: dict[str, File] = {}
 
     def file(self, name: str) -> File | None:
-        """Return the file called `name` (with slashes), or none: there is none, or it is none of these."""
+        """Return the file called `name` (with slashes), or None if there is none or it may not be served."""
         parts = name.split("/")
         if any(part in ("", "..") or part.startswith(".") or "\\" in part or "\0" in part for part in parts):
             return None
@@ -62,7 +62,7 @@ class Bundle:
             known = self._files.get(name)
             if known is not None and known.version == version:
                 return known
-            if not path.is_file() or stat.st_size > MOST_BYTES:
+            if not path.is_file() or stat.st_size > MAX_BYTES:
                 return None
             if not path.resolve().is_relative_to(self._folder.resolve()):
                 return None
@@ -70,7 +70,7 @@ class Bundle:
         except OSError:
             self._files.pop(name, None)
             return None
-        if len(self._files) >= MOST_FILES:
+        if len(self._files) >= MAX_FILES:
             self._files.clear()
         file = self._files[name] = _file(path, content, version)
         return file

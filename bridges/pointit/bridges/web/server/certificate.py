@@ -1,7 +1,8 @@
-"""The certificate of this machine's page in the local network: made on demand, kept, made anew when it ages.
+"""The page's certificate in the local network: made on demand, stored, renewed in time.
 
-Phones give a page no sensors without one. It is signed by itself, so browsers warn; its fingerprint is shown
-beside the QR code for whoever wants to compare before they go on.
+Phones give a page no sensors without TLS. It is self-signed, so browsers warn. Its fingerprint is shown
+beside
+the QR code for comparison.
 """
 
 import datetime as dt
@@ -22,13 +23,13 @@ from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 from pointit.runtime.host.atomic_file import write_atomically
 
 VALID = dt.timedelta(days=397)
-"""Browsers take none that is valid for longer."""
+"""Validity; browsers reject longer ones."""
 
 LEFT = dt.timedelta(days=7)
-"""One that is valid for less is made anew."""
+"""A certificate that is valid for less is renewed."""
 
 BEFORE = dt.timedelta(hours=1)
-"""Phones whose clocks are behind by no more take it."""
+"""Validity begins earlier by this, for phones whose clocks are behind."""
 
 MAX_BYTES = 64 * 1024
 
@@ -43,22 +44,22 @@ class Certificate:
     fingerprint: str
     """SHA-256 of the certificate as browsers show it: `AB:CD:...`."""
     warning: str = ""
-    """One sentence when what was kept could not be used; empty when not."""
+    """Reason for replacing the stored certificate, or `""`."""
 
 
 def obtain(folder: Path, addresses: Sequence[str], host: str, now: dt.datetime) -> Certificate:
-    """Return the certificate that is kept in `folder`, or make and keep a new one.
+    """Return the certificate stored in `folder`, or make and store a new one.
 
-    What is kept is used while it names all `addresses` and this host and goes on for a week.
+    The stored one is used while it names all `addresses` and this host and is valid for a week.
 
     Args:
-        folder: where it is kept; need not exist.
+        folder: where it is stored; need not exist.
         addresses: of this machine, IPv4 or IPv6, as text.
         host: this machine's name, without domain.
         now: with a time zone.
 
     Raises:
-        ConfigError: it cannot be kept; names the file.
+        ConfigError: If it cannot be stored; names the file.
     """
     names = _names(host)
     wanted = {"127.0.0.1", "::1", *addresses}
@@ -93,24 +94,24 @@ def _names(host: str) -> set[str]:
 
 
 def _read(certificate: Path, key: Path) -> x509.Certificate:
-    """Return what is kept.
+    """Return the stored certificate.
 
     Raises:
-        OSError: it cannot be read; FileNotFoundError: there is none; ssl.SSLError: TLS cannot use it.
-        ValueError, TypeError, UnsupportedAlgorithm: it is no certificate with its key.
+        OSError: If it cannot be read; FileNotFoundError: there is none; ssl.SSLError: TLS cannot use it.
+        ValueError, TypeError, UnsupportedAlgorithm: If it is no certificate with its key.
     """
     for path in (certificate, key):
-        if not stat.S_ISREG(path.stat().st_mode):  # to open a pipe waits for somebody to write
-            raise ValueError(f"{path} is no file")
+        if not stat.S_ISREG(path.stat().st_mode):  # opening a pipe waits for a writer
+            raise ValueError(f"{path} is not a file")
     with certificate.open("rb") as file:
         found = x509.load_pem_x509_certificate(file.read(MAX_BYTES))
     with key.open("rb") as file:
         private = serialization.load_pem_private_key(file.read(MAX_BYTES), None)
     if private.public_key() != found.public_key():
-        raise ValueError("the key is another one's")
+        raise ValueError("the key belongs to another certificate")
     if os.name == "posix" and key.stat().st_mode & 0o077:
         raise ValueError("others could read the key")
-    # what follows in the file is not read here, and OpenSSL may want more of a key
+    # data after the key is not read here, and OpenSSL may want more of a key
     ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER).load_cert_chain(certificate, key)
     return found
 
@@ -132,7 +133,7 @@ def _fits(kept: x509.Certificate, names: set[str], addresses: set[str], now: dt.
 def _sign(
     key: ec.EllipticCurvePrivateKey, names: set[str], addresses: set[str], now: dt.datetime
 ) -> x509.Certificate:
-    """Return a certificate of `key`, signed by itself, for a server with these names and addresses."""
+    """Return a self-signed certificate of `key` for a server with these names and addresses."""
     subject = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, "PointIt")])
     others: list[x509.GeneralName] = [x509.DNSName(name) for name in sorted(names)]
     others += [x509.IPAddress(ipaddress.ip_address(address)) for address in sorted(addresses)]

@@ -1,4 +1,4 @@
-"""The last minute as a file that is taken from the page."""
+"""Download of the last minute as a file."""
 
 import asyncio
 import io
@@ -12,17 +12,17 @@ from pointit.runtime.clock import Clock
 
 
 class Downloads:
-    """Writes a recording when it is asked for; one at a time."""
+    """Writes recordings on request, one at a time."""
 
     def __init__(self, last_minute: LastMinute, site: str, clock: Clock) -> None:
-        """Take what is to be written, and what it is called by."""
+        """Store the source of messages, and the site's name for the file."""
         self._last_minute = last_minute
         self._site = site
         self._clock = clock
         self._writing: asyncio.Task[tuple[str, bytes]] | None = None
 
     async def answer(self, _request: Request) -> Response:
-        """Return the last minute as a file; who asks while one is being written gets that one."""
+        """Return the last minute as a file. A request during writing gets that file."""
         if self._writing is None or self._writing.done():
             self._writing = asyncio.create_task(self._write(), name="web writes a recording")
         name, content = await asyncio.shield(self._writing)
@@ -30,12 +30,12 @@ class Downloads:
         return Pieces(content, headers=headers, media_type="application/octet-stream")
 
     def close(self) -> None:
-        """Give up what is being written."""
+        """Cancel the writing."""
         if self._writing is not None:
             self._writing.cancel()
 
     async def _write(self) -> tuple[str, bytes]:
-        """Return the name and the bytes of a recording; it is written in a thread."""
+        """Return the name and the bytes of a recording, written in a thread."""
         now_ns = self._clock.now_ns()
         output = io.BytesIO()
         recording = self._last_minute.recording(self._site, now_ns)

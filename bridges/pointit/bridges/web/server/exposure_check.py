@@ -1,4 +1,4 @@
-"""Who could reach the page, and get in, as it is configured: what that must not be."""
+"""Check of the configured exposure: who could reach the page and log in."""
 
 import contextlib
 import ipaddress
@@ -9,19 +9,19 @@ from pointit.bridges.web.config import WebConfig
 from pointit.runtime.errors import ConfigError
 
 CONTAINER = "container"
-"""The variable by which a process is told that it is in one; our image and podman set it."""
+"""Environment variable that marks a container; set by PointIt's image and podman."""
 CONTAINER_MARKS = (Path("/.dockerenv"), Path("/run/.containerenv"))
-"""What engines put into a container."""
+"""Files that container engines create."""
 
-LEAST_TOKEN = 8
-"""Characters; a shorter one is guessed."""
+MIN_TOKEN = 8
+"""Minimum length of a token; shorter ones can be guessed."""
 
 
 def check(config: WebConfig) -> None:
-    """Refuse to be seen without encryption from elsewhere, and tokens that do not keep anybody out.
+    """Check that the page is not reachable unencrypted from elsewhere, and that tokens are strong.
 
     Raises:
-        ConfigError: names the parameter and says what to do.
+        ConfigError: If it is not; names the parameter and what to do.
     """
     if not _is_loopback(config.host) and not (config.published_port and _is_contained()):
         raise ConfigError(
@@ -30,20 +30,20 @@ def check(config: WebConfig) -> None:
             "(or published_port in a container)"
         )
     for name, token in (("operator_token", config.operator_token), ("viewer_token", config.viewer_token)):
-        if token and len(token) < LEAST_TOKEN:
-            raise ConfigError(f"{name}: has {len(token)} characters, use at least {LEAST_TOKEN}")
+        if token and len(token) < MIN_TOKEN:
+            raise ConfigError(f"{name}: has {len(token)} characters, use at least {MIN_TOKEN}")
     if config.operator_token and config.operator_token == config.viewer_token:
-        raise ConfigError("viewer_token: is the operator's; choose another, or leave it empty")
+        raise ConfigError("viewer_token: equals operator_token; choose another, or leave it empty")
 
 
 def address(config: WebConfig, port: int) -> tuple[str, int]:
-    """Return host and port at which the page is opened, when it listens at `port`."""
+    """Return host and port of the page's address if it listens at `port`."""
     host = config.host if _is_loopback(config.host) else "127.0.0.1"
     return host, config.published_port or port
 
 
 def _is_contained() -> bool:
-    """Return True if nobody reaches this process but through a container's engine, or other containers."""
+    """Return True if this process is reachable only through a container's engine or from containers."""
     return bool(os.environ.get(CONTAINER)) or any(mark.exists() for mark in CONTAINER_MARKS)
 
 

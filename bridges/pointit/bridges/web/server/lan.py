@@ -1,4 +1,4 @@
-"""The page in the local network, by HTTPS: which address this machine has there, and the second listener."""
+"""The page in the local network, by HTTPS: this machine's address there, and the second listener."""
 
 import asyncio
 import datetime as dt
@@ -17,14 +17,14 @@ from pointit.runtime.host.state_file import site_folder
 from pointit.runtime.link.addresses import found_addresses
 
 PORTS = 10
-"""So many are tried from the configured one on."""
+"""Number of ports to try, from the configured one on."""
 
 
 def choose_address(configured: str, found: list[str]) -> str:
     """Return the address to listen at.
 
     Raises:
-        ConfigError: `configured` is none of a machine, or it is empty and none was found.
+        ConfigError: If `configured` is none of a machine, or it is empty and none was found.
     """
     if not configured:
         if not found:
@@ -37,7 +37,7 @@ def choose_address(configured: str, found: list[str]) -> str:
         parsed = ipaddress.ip_address(configured)
     except ValueError as error:
         raise ConfigError(
-            f"lan_address: {configured!r} is no address; write it like 192.168.1.20, or leave it empty"
+            f"lan_address: {configured!r} is not an address; write it like 192.168.1.20, or leave it empty"
         ) from error
     if parsed.is_unspecified or parsed.is_multicast:
         raise ConfigError(
@@ -48,7 +48,7 @@ def choose_address(configured: str, found: list[str]) -> str:
 
 
 class Lan:
-    """The page's door to the local network: closed until `open`."""
+    """The page's listener in the local network, closed until `open`."""
 
     def __init__(
         self,
@@ -58,7 +58,7 @@ class Lan:
         *,
         addresses: Callable[[], list[str]] = found_addresses,
     ) -> None:
-        """Open nothing yet; `app` is the same as on the loopback address."""
+        """Create it closed; `app` is the same as on the loopback address."""
         self._config = config
         self._folder = site_folder(site, "web")
         self._app = app
@@ -66,19 +66,19 @@ class Lan:
         self._listener: Listener | None = None
         self._opening = asyncio.Lock()
         self.address = ""
-        """At which it listens, or did last."""
+        """Address of the listener, or the last one."""
         self.url = ""
-        """Where the page is, without a path; empty: closed."""
+        """Address of the page, without a path; `""` if closed."""
         self.fingerprint = ""
-        """Of the certificate."""
+        """Fingerprint of the certificate."""
         self.note = ""
-        """One sentence where something is other than configured; empty when not."""
+        """A deviation from the configuration, or `""`."""
 
     async def open(self) -> str:
-        """Listen; return `url`. What is open stays as it is.
+        """Open the listener and return `url`. Does nothing if it is open.
 
         Raises:
-            RefusedError: there is no address or port, or the certificate cannot be kept; says what to do.
+            RefusedError: If there is no address or port, or the certificate cannot be kept; says what to do.
         """
         async with self._opening:
             if self._listener is not None:
@@ -123,7 +123,7 @@ class Lan:
             self._listener.cut_lingering()
 
     async def close(self) -> None:
-        """Listen no more; connections end."""
+        """Close the listener and its connections."""
         async with self._opening:
             listener, self._listener, self.url = self._listener, None, ""
             if listener is not None:
@@ -136,4 +136,4 @@ class Lan:
                 return bind(address, port, "lan_port=...")
             except ListenError:
                 continue
-        return bind(address, first, "lan_port=...")  # says why not
+        return bind(address, first, "lan_port=...")  # the reason is in the log

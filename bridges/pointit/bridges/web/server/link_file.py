@@ -1,7 +1,7 @@
-"""The page's link in a file that nobody but its owner can read: neither a log nor a command line holds it.
+"""The page's link in a file that only its owner can read, since logs and command lines must not hold it.
 
-Every user of a machine sees the arguments of all processes, so a browser is given this file instead of the
-link; where no terminal shows the link, its place is told.
+Every user of a machine sees the arguments of all processes, so the browser is given this file instead of the
+link. Without a terminal, the log names the file.
 """
 
 from html import escape
@@ -18,10 +18,10 @@ ONWARDS = """<!doctype html><html lang="en"><meta charset="utf-8"><title>PointIt
 
 
 def keep_link(site: str, *urls: str) -> Path:
-    """Write a file that leads a browser to the first of `urls` and names them all; return where it is.
+    """Write a file that leads a browser to the first of `urls` and lists them all, and return its path.
 
     Raises:
-        ConfigError: it cannot be written; names the file.
+        ConfigError: If it cannot be written; names the file.
     """
     path = site_folder(site, "web") / f"page-{urlsplit(urls[0]).port}.html"
     links = "".join(f'<p><a href="{escape(url)}">{escape(url)}</a></p>\n' for url in urls)
@@ -30,5 +30,5 @@ def keep_link(site: str, *urls: str) -> Path:
 
 
 def without_token(url: str) -> str:
-    """Return the address of the page alone, which everybody may know."""
+    """Return the address of the page without the token, which is public."""
     return url.partition("?")[0]

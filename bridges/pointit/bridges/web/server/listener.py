@@ -1,7 +1,8 @@
 """One address at which an ASGI application is served, within this event loop.
 
-uvicorn's protocols without its own loop: no signal handlers, no banner, nothing polled, and an end that does
-not wait for clients that have stopped reading.
+uvicorn's protocols without its own loop: no signal handlers, no banner, no polling, and closing does not wait
+for
+clients that have stopped reading.
 """
 
 import asyncio
@@ -24,39 +25,38 @@ from pointit.runtime.errors import ListenError
 log = logging.getLogger(__name__)
 
 MAX_MESSAGE = 16 * 1024
-"""Bytes of a websocket message from a page, inflated; a longer one closes the connection."""
+"""Maximum size of a websocket message from a page, inflated, bytes; a longer one closes the connection."""
 
 PING_S = 5.0
-"""How often a websocket is asked whether it still reads, and how long it has to answer: a page that is gone
-without a word holds a wrist for twice as long."""
+"""Interval and timeout of websocket pings, s. A vanished page holds a wrist for at most twice as long."""
 
 CLOSE_S = 0.4
-"""How long connections may take to close when the server ends; then they are cut."""
+"""Timeout (s) of closing connections when the server ends; then they are cut."""
 
 BACKLOG = 128
 
-MOST_CONNECTIONS = 1024
-"""At a time, or a quarter of the files that this process may have open. One more takes the place of the one
-that has asked for nothing for the longest; if none is idle, it is cut itself."""
+MAX_CONNECTIONS = 1024
+"""Maximum number of connections, or a quarter of the files that this process may open. A further one replaces
+the longest idle one, and is cut itself if none is idle."""
 
-MOST_ARRIVING = 64
-"""TLS connections that are not agreed yet; one more takes the place of the oldest."""
+MAX_ARRIVING = 64
+"""Maximum number of TLS handshakes in progress; a further one replaces the oldest."""
 
 ARRIVING_S = 10.0
-"""How long that may take."""
+"""Timeout of a TLS handshake, s."""
 
 QUIET_S = 10.0
-"""A connection on which nothing was asked, or nothing read of what it is owed, for so long is cut."""
+"""A connection without a request, or without reading its response, for this long (s) is cut."""
 
 REST_S = 0.5
-"""How long nobody is let in when the system cannot take another connection."""
+"""Pause (s) in accepting when the system cannot take another connection."""
 
 
 def bind(host: str, port: int, option: str) -> socket.socket:
-    """Return a socket that is bound to `port` of `host`; `option` is the parameter that names the port.
+    """Return a socket bound to `port` of `host`; `option` is the parameter that names the port.
 
     Raises:
-        ListenError: the port is taken, or the address is not this machine's; names both and what to do.
+        ListenError: If the port is taken, or the address is not this machine's; names both and what to do.
     """
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     listener = socket.socket(family, socket.SOCK_STREAM)
@@ -70,7 +70,7 @@ def bind(host: str, port: int, option: str) -> socket.socket:
         listener.close()
         reason = getattr(error, "strerror", None) or str(error)
         raise ListenError(
-            f"port {port} of {host} cannot be had for the page ({reason}); "
+            f"port {port} of {host} is not available for the page ({reason}); "
             f"end what uses it, or choose another with {option} (0: any that is free)"
         ) from error
     listener.setblocking(False)
@@ -78,49 +78,49 @@ def bind(host: str, port: int, option: str) -> socket.socket:
 
 
 def url(scheme: str, host: str, port: int) -> str:
-    """Return the address of what listens there, without a path."""
+    """Return the address of a listener, without a path."""
     return f"{scheme}://[{host}]:{port}" if ":" in host else f"{scheme}://{host}:{port}"
 
 
 def most_connections() -> int:
-    """Return how many connections a listener takes, so that files are left for everything else here."""
+    """Return a listener's maximum number of connections, which leaves files for the rest of the process."""
     if sys.platform == "win32":
-        return MOST_CONNECTIONS
+        return MAX_CONNECTIONS
     import resource  # noqa: PLC0415 - there is none on Windows
 
     files, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
-    return MOST_CONNECTIONS if files == resource.RLIM_INFINITY else max(16, min(MOST_CONNECTIONS, files // 4))
+    return MAX_CONNECTIONS if files == resource.RLIM_INFINITY else max(16, min(MAX_CONNECTIONS, files // 4))
 
 
 @dataclass(slots=True)
 class _Visit:
-    """How a connection does."""
+    """State of a connection."""
 
     cycle: object = None
-    """Its newest request; none yet."""
+    """Its newest request, or None."""
     owed: int = 0
-    """Bytes it has not read."""
+    """Bytes that it has not read."""
     since_s: float = 0.0
-    """Since when that is so."""
+    """Time since when that is so."""
 
 
 class Listener:
-    """Serves `app` at a bound socket, by TLS where there is a context, from `start` to `close`."""
+    """Serves `app` at a bound socket, with TLS if there is a context, from `start` to `close`."""
 
     def __init__(
         self, app: ASGIApp, bound: socket.socket, tls: ssl.SSLContext | None = None, *, most: int = 0
     ) -> None:
-        """Accept nothing yet; `most`: connections at a time, 0: `most_connections`."""
+        """Create it without accepting. `most`: maximum number of connections, 0: `most_connections`."""
         self._socket = bound
         self.port: int = bound.getsockname()[1]
-        """Where it listens."""
+        """Port of the listener."""
         self._config = uvicorn.Config(
             app,
             http="h11",
             loop="none",
             lifespan="off",
             log_config=None,
-            log_level="critical",  # what clients do wrong is told in health; faults of ours by `app`
+            log_level="critical",  # errors of clients are reported in health, own faults by `app`
             access_log=False,
             proxy_headers=False,
             server_header=False,
@@ -135,27 +135,28 @@ class Listener:
         self._most = most or most_connections()
         self._state = ServerState()
         self._visits: OrderedDict[Any, _Visit] = OrderedDict()
-        """By connection, in the order of coming: those that are no websocket."""
+        """Connections that are no websockets, in order of arrival."""
         self._arriving: OrderedDict[asyncio.Task[None], None] = OrderedDict()
         self._at_the_door: socket.socket | None = None
-        """Accepted, and nobody's yet."""
+        """Accepted, but without a protocol yet."""
         self._lingering: set[Any] = set()
         self._accepting: asyncio.Task[None] | None = None
 
     def connections(self) -> int:
-        """Return how many there are, websockets too."""
+        """Return the number of connections, websockets included."""
         return len(self._state.connections)
 
     async def start(self) -> None:
-        """Accept connections from now on."""
+        """Start to accept connections."""
         self._socket.listen(BACKLOG)
         self._accepting = asyncio.create_task(self._accept(), name=f"port {self.port} accepts")
 
     def cut_lingering(self) -> None:
-        """Cut who keeps a connection without using it; to be called about once a second.
+        """Cut idle connections; to be called about once a second.
 
-        That is who should have closed by the last call and cannot, as they read nothing, and who was quiet
-        for `QUIET_S`.
+        Those are connections that were to be closed by the last call and do not read, and those that were
+        quiet for
+        `QUIET_S`.
         """
         now_s = asyncio.get_running_loop().time()
         closing = {one for one in self._state.connections if one.transport.is_closing()}
@@ -173,7 +174,7 @@ class Listener:
                 connection.transport.abort()
 
     async def close(self) -> None:
-        """Accept nothing more and close every connection, or cut it."""
+        """Stop accepting, and close or cut every connection."""
         accepting, self._accepting = self._accepting, None
         if accepting is None:
             self._socket.close()
@@ -197,7 +198,7 @@ class Listener:
             task.cancel()
         if state.tasks:
             await asyncio.wait(set(state.tasks), timeout=CLOSE_S)
-        await asyncio.sleep(0)  # connections that were cut are told in the next round of the loop
+        await asyncio.sleep(0)  # protocols learn of cut connections in the next round of the loop
 
     async def _accept(self) -> None:
         loop = asyncio.get_running_loop()
@@ -207,17 +208,17 @@ class Listener:
             except ConnectionError:
                 continue  # gone again already
             except OSError as error:
-                log.warning("port %d takes nobody for now: %s", self.port, error.strerror or error)
+                log.warning("port %d accepts no connections for now: %s", self.port, error.strerror or error)
                 await asyncio.sleep(REST_S)
                 continue
-            if len(self._arriving) >= MOST_ARRIVING:
+            if len(self._arriving) >= MAX_ARRIVING:
                 oldest, _ = self._arriving.popitem(last=False)
                 oldest.cancel()
             task = asyncio.create_task(self._let_in(accepted), name=f"port {self.port} lets in")
             self._arriving[task] = None
             task.add_done_callback(self._arrived)
             self._at_the_door = accepted
-            await asyncio.sleep(0)  # it begins; of many that wait at once the next is not taken before
+            await asyncio.sleep(0)  # one task per connection; the next one is accepted after it has begun
 
     def _arrived(self, task: asyncio.Task[None]) -> None:
         self._arriving.pop(task, None)
@@ -225,7 +226,9 @@ class Listener:
     async def _let_in(self, accepted: socket.socket) -> None:
         self._at_the_door = None
         loop = asyncio.get_running_loop()
-        with contextlib.suppress(OSError):  # gone again, or no TLS, or too slow at it: it is closed then
+        with contextlib.suppress(
+            OSError
+        ):  # the client has gone, speaks no TLS or is too slow: the connection is closed
             _, connection = await loop.connect_accepted_socket(
                 self._make_connection,
                 accepted,
@@ -237,7 +240,7 @@ class Listener:
                 self._make_room(connection)
 
     def _make_room(self, newest: Any) -> None:
-        """Cut the first that came of those that are idle; nobody is: `newest`."""
+        """Cut the oldest idle connection, or `newest` if none is idle."""
         there = self._state.connections
         idle = (one for one in self._visits if one in there and not _is_busy(one))
         oldest = next((one for one in idle if not one.transport.is_closing()), newest)
@@ -249,6 +252,6 @@ class Listener:
 
 
 def _is_busy(connection: Any) -> bool:
-    """Return True if a request is being answered there."""
+    """Return True if a request of the connection is being answered."""
     cycle = connection.cycle
     return cycle is not None and not cycle.response_complete

@@ -1,4 +1,4 @@
-"""Answers of the page's server: files of the bundle, and one sentence that says why not."""
+"""Responses of the page's server: files of the bundle, and error pages of one sentence."""
 
 from html import escape
 
@@ -9,7 +9,7 @@ from starlette.types import Receive, Scope, Send
 from pointit.bridges.web.server.bundle import Bundle
 
 PIECE = 64 * 1024
-"""Bytes of an answer that are handed on at a time: of a client that does not read, no more is kept."""
+"""Bytes of a response handed on at a time, which bounds memory for clients that do not read."""
 
 REFUSED = """<!doctype html><html lang="en"><meta charset="utf-8">
 <meta name="viewport" content="width=device-width"><title>PointIt</title>
@@ -18,7 +18,7 @@ REFUSED = """<!doctype html><html lang="en"><meta charset="utf-8">
 
 
 class Pieces(Response):
-    """An answer that may be long."""
+    """A response that may be long."""
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:  # noqa: ARG002 - ASGI
         """Send it piece by piece, each when the client has read most of those before."""
@@ -30,7 +30,7 @@ class Pieces(Response):
 
 
 def refusal(status: int, title: str, sentence: str) -> Response:
-    """Return a page of one sentence that says why not."""
+    """Return an error page of one sentence."""
     return HTMLResponse(
         REFUSED.format(title=escape(title), sentence=escape(sentence)),
         status,
@@ -39,7 +39,7 @@ def refusal(status: int, title: str, sentence: str) -> Response:
 
 
 def file_response(request: Request, bundle: Bundle, name: str) -> Response:
-    """Return a file of the bundle; nothing but a word when the browser has the very same already."""
+    """Return a file of the bundle, or status 304 if the browser has it already."""
     file = bundle.file(name)
     if file is None:
         if name == "index.html":

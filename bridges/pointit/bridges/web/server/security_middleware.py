@@ -1,4 +1,4 @@
-"""Stands before the application: hosts, origins and sizes of what is asked, headers of what is answered."""
+"""Middleware: checks hosts, origins and sizes of requests, and adds headers to responses."""
 
 import logging
 
@@ -14,21 +14,21 @@ from pointit.bridges.web.wire import OWN_FAULT
 
 log = logging.getLogger(__name__)
 
-MOST_BODY = 64 * 1024
-"""Bytes that may be posted."""
+MAX_BODY = 64 * 1024
+"""Maximum size of a posted body."""
 
 
 def asked_of(connection: HTTPConnection) -> RequestInfo:
-    """Return what of a request matters for access; see `SecurityMiddleware`."""
+    """Return the fields of a request that matter for access; see `SecurityMiddleware`."""
     asked: RequestInfo = connection.scope["pointit.asked"]
     return asked
 
 
 class SecurityMiddleware:
-    """Lets nothing through that another site or name had a hand in, and puts the headers on all answers."""
+    """Rejects requests made by other sites or under foreign names, and adds headers to all responses."""
 
     def __init__(self, app: ASGIApp, doors: Access) -> None:
-        """Stand before `app`."""
+        """Wrap `app`."""
         self._app = app
         self._doors = doors
 
@@ -71,15 +71,15 @@ class SecurityMiddleware:
     def _objection(self, scope: Scope, asked: RequestInfo) -> Response | None:
         if not self._doors.is_known_host(asked.host):
             return PlainTextResponse(
-                "this is no address of the page; open the link that PointIt has printed", 403
+                "this is not an address of the page; open the link that PointIt has printed", 403
             )
         is_posted = scope["type"] == "http" and scope["method"] not in ("GET", "HEAD")
         if (scope["type"] == "websocket" or is_posted) and not self._doors.is_own_origin(asked):
-            return PlainTextResponse("only a page of this very server may do that", 403)
+            return PlainTextResponse("only a page of this server may do that", 403)
         if is_posted:
             length = Headers(scope=scope).get("content-length", "")
-            if not length.isdecimal() or len(length) > 9 or int(length) > MOST_BODY:
-                return PlainTextResponse(f"at most {MOST_BODY} bytes are taken, and their number first", 413)
+            if not length.isdecimal() or len(length) > 9 or int(length) > MAX_BODY:
+                return PlainTextResponse(f"at most {MAX_BODY} bytes are accepted, with a Content-Length", 413)
         return None
 
 

@@ -1,4 +1,4 @@
-"""The arm that a mouse moves: how it must be held so that the person's pointing ray meets a place."""
+"""The arm that a mouse moves: the orientation whose pointing ray meets a given point."""
 
 import math
 
@@ -12,22 +12,23 @@ from pointit.sim.aim import Stance
 from pointit.sim.tremor import Tremor
 
 FASTEST_RADPS = math.radians(720.0)
-"""No wrist turns faster: a mouse that jumps is followed within a quarter of a second."""
+"""Maximum angular speed of the arm: a jump of the mouse is followed within a quarter of a second."""
 
 REST_RAD = math.radians(-20.0)
-"""Elevation of an arm that was not told where to point yet."""
+"""Elevation of an arm before the first aim."""
 
 
 class MouseArm:
-    """One person's arm in {H}, turned by what a mouse points at in {W}.
+    """One person's arm in {H}, which follows a mouse's point in {W}.
 
-    It is the inverse of the pointing service's model. What that service and the localizer take out
-    themselves, the person's offset and the pose's elevation bias, is not inverted: who moves the mouse sees
-    the cursor and corrects it, as everybody does.
+    It is the inverse of the pointing service's model. Corrections by that service and the localizer, the
+    person's
+    offset and the pose's elevation bias, are not inverted: the user of the mouse sees the cursor and corrects
+    it.
     """
 
     def __init__(self, *, seed: int = 0) -> None:
-        """Hang before the body; `seed` is of the tremor."""
+        """Begin hanging down in front of the body; `seed` is of the tremor."""
         self._profile = UserProfile(stamp_ns=0)
         self._position_m: Vec3 = (0.0, 0.0, 0.0)
         self._yaw_rad = 0.0
@@ -38,12 +39,12 @@ class MouseArm:
         self._step_ns: int | None = None
 
     def set_profile(self, profile: UserProfile) -> None:
-        """Take the person's body measures, hand and ray model."""
+        """Set the person's body measures, hand and ray model."""
         self._profile = profile
         self._turn()
 
     def set_pose(self, position_m: Vec3, yaw_rad: float) -> None:
-        """Take where the person stands: {H} in {W}, m and rad."""
+        """Set the person's pose: {H} in {W}, m and rad."""
         if (position_m, yaw_rad) != (self._position_m, self._yaw_rad):
             self._position_m, self._yaw_rad = position_m, yaw_rad
             self._turn()
@@ -54,7 +55,7 @@ class MouseArm:
         self._turn()
 
     def set_tremor(self, rms_rad: float) -> None:
-        """Let the arm tremble about both axes, rms each; 0: not at all."""
+        """Set the tremor about both axes, rad rms each; 0 turns it off."""
         self._tremor.rms_rad = rms_rad
 
     def azimuth(self, at_m: Vec3) -> float:
@@ -62,10 +63,10 @@ class MouseArm:
         return self._stance().aim_at(at_m)[0] - self._yaw_rad
 
     def step(self, now_ns: int) -> Quaternion:
-        """Return the arm's orientation in {H} at `now_ns`: its x axis goes along it to the finger."""
+        """Return the arm's orientation in {H} at `now_ns`; its x axis points along the arm to the finger."""
         passed_s = 0.0 if self._step_ns is None else max(0, now_ns - self._step_ns) / NS_PER_S
         if self._step_ns is None:
-            self._now = self._wanted  # nobody has seen this arm before
+            self._now = self._wanted  # the first sample may jump
         else:
             self._now = _towards(self._now, self._wanted, FASTEST_RADPS * passed_s)
         self._step_ns = now_ns

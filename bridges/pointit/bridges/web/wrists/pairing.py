@@ -9,20 +9,20 @@ from typing import Any
 import segno
 
 UNUSED_S = 600.0
-"""A token opens for so long; the phone that has used it stays paired."""
+"""Validity of an unused token, s. A phone that has used it stays paired."""
 
 
 @dataclass(slots=True, kw_only=True)
 class Phone:
-    """A paired phone, or one that is to be."""
+    """A phone that is or will be paired."""
 
     user: str
     page: str
-    """Under which it has the person's wrist; another with every pairing."""
+    """Page id that holds the person's wrist; a new one with every pairing."""
     expires_s: float
     token: bytes
     secret: bytes = b""
-    """Of the cookie; empty: not used yet."""
+    """Secret of the cookie, or `b""` until the token is used."""
 
 
 def _digest(text: str) -> bytes:
@@ -30,15 +30,15 @@ def _digest(text: str) -> bytes:
 
 
 class Pairing:
-    """Which phones are paired; times are of any clock that only goes forward, s."""
+    """Paired phones; times are of any monotonic clock, s."""
 
     def __init__(self) -> None:
-        """Begin with none."""
+        """Begin without phones."""
         self._phones: dict[str, Phone] = {}
         self._count = 0
 
     def pair(self, user: str, now_s: float) -> tuple[str, str]:
-        """Return a new token for a phone of `user` and the page id of the one that it replaces, if any."""
+        """Return a new token for a phone of `user`, and the page id of the one it replaces, or `""`."""
         replaced = self.unpair(user)
         token = secrets.token_urlsafe(24)
         self._count += 1
@@ -48,10 +48,10 @@ class Pairing:
         return token, replaced
 
     def redeem(self, token: str, now_s: float) -> str | None:
-        """Return the cookie's secret for a phone that shows `token`, or none.
+        """Return the cookie's secret for a phone that shows `token`, or None if it is invalid.
 
-        A token may be shown again while it opens, as when another browser of the phone takes over; the last
-        one counts.
+        A valid token may be shown again, as when another browser of the phone takes over. The last use
+        counts.
         """
         shown = _digest(token)
         for phone in self._phones.values():
@@ -67,12 +67,12 @@ class Pairing:
         return next((p for p in self._phones.values() if secrets.compare_digest(p.secret, shown)), None)
 
     def unpair(self, user: str) -> str:
-        """Revoke token and cookie of the phone of `user`; return its page id, empty where there was none."""
+        """Revoke token and cookie of the phone of `user`, and return its page id, or `""` if none."""
         phone = self._phones.pop(user, None)
         return "" if phone is None else phone.page
 
     def paired(self, user: str, now_s: float) -> str:
-        """Return the page id of the phone of `user`, or empty: none is paired, nor can be any more."""
+        """Return the page id of the phone of `user`, or `""` if none is paired or may still be."""
         phone = self._phones.get(user)
         if phone is None or (not phone.secret and now_s >= phone.expires_s):
             return ""
@@ -80,7 +80,7 @@ class Pairing:
 
 
 def offer(url: str, fingerprint: str) -> dict[str, Any]:
-    """Return what the operator's page shows for a phone to be paired by opening `url`."""
+    """Return the QR code and its facts for the operator's page; a phone that opens `url` is paired."""
     drawn = io.BytesIO()
     segno.make(url, error="m", micro=False).save(
         drawn,

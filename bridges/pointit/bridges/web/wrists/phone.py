@@ -29,19 +29,19 @@ from pointit.bridges.web.wrists.phone_connection import PhoneConnection, PhoneHo
 from pointit.bridges.web.wrists.phone_cues import Cues
 from pointit.schemas import Feedback, Interaction, Localization, WristSample
 
-MOST_ITEMS = 64
-"""Of one post."""
+MAX_ITEMS = 64
+"""Maximum number of items in a post."""
 
 POST_PATIENCE_S = 0.1
-"""A post waits so long for the answers to what it asks; later ones come with the next."""
+"""A post waits this long (s) for the answers to its requests; later ones come with the next post."""
 
 COOKIE_S = 12 * 3600
 
-NOT_PAIRED = "This phone is not paired, or not any more: have the page show a new QR code and scan it."
+NOT_PAIRED = "This phone is not paired, or no longer: let the page show a new QR code and scan it."
 CENTRED = "ahead is the middle of the room now"
 
 _posted: TypeAdapter[list[dict[str, Any]]] = TypeAdapter(
-    Annotated[list[dict[str, Any]], Field(max_length=MOST_ITEMS)]
+    Annotated[list[dict[str, Any]], Field(max_length=MAX_ITEMS)]
 )
 
 
@@ -49,20 +49,20 @@ class Phones:
     """Serves every paired phone."""
 
     def __init__(self, host: PhoneHost, pairing: Pairing, bundle: Bundle) -> None:
-        """Begin without a phone; `bundle` has the page, `phone.html`."""
+        """Begin without phones; `bundle` has the page, `phone.html`."""
         self._host = host
         self._pairing = pairing
         self._bundle = bundle
         self._lines: dict[str, PhoneConnection] = {}
         """By page id."""
         self._sockets: dict[str, WebSocket] = {}
-        """By page id, of those that have one."""
+        """Open sockets by page id."""
         self._cues: dict[str, Cues] = {}
         """By user."""
 
     @property
     def routes(self) -> list[BaseRoute]:
-        """Return what the application serves for phones."""
+        """Return the routes for phones."""
         return [
             Route("/phone", self._open, methods=["GET"]),
             Route("/wrist", self._post, methods=["POST"]),
@@ -70,31 +70,31 @@ class Phones:
         ]
 
     def feedback(self, user: str, feedback: Feedback) -> None:
-        """Let the phone of `user` chime and vibrate."""
-        self._tell(user, self._cues.get(user, Cues()).feedback(feedback))  # of anybody: kept of nobody
+        """Send a cue to the phone of `user`."""
+        self._tell(user, self._cues.get(user, Cues()).feedback(feedback))  # may be of an unknown person
 
     def interaction(self, user: str, interaction: Interaction) -> None:
-        """Tell the phone of `user` what is next."""
+        """Send the phone of `user` the state of the interaction."""
         self._tell(user, self._cues_of(user).interaction(interaction))
 
     def localization(self, user: str, progress: Localization) -> None:
-        """Tell the phone of `user` where to point."""
+        """Send the phone of `user` the target to point at."""
         self._tell(user, self._cues_of(user).localization(progress))
 
     def lost(self, user: str, *, is_own: bool = False) -> None:
-        """Tell the phone of `user` that the wrist was taken from it; `is_own`: nobody else moves it now."""
+        """Notify the phone of `user` that it has lost the wrist; `is_own`: to the person's own device."""
         self._tell(user, self._cues_of(user).loss(is_own=is_own))
 
     def centred(self, user: str) -> None:
-        """Tell the phone of `user` what is ahead of it from now on."""
+        """Notify the phone of `user` that its direction was set."""
         self._tell(user, self._cues_of(user).say(CENTRED))
 
     def forget(self, user: str) -> None:
-        """Forget what was said to a person who is gone."""
+        """Forget the cues of a person who has left."""
         self._cues.pop(user, None)
 
     async def cut(self, page: str) -> None:
-        """End what the phone with this page id has open, which is not paired any more; empty is nobody."""
+        """Close the connections of the unpaired phone with this page id; `""` is ignored."""
         line = self._lines.pop(page, None)
         if line is None:
             return
@@ -106,7 +106,7 @@ class Phones:
         self._host.changed()
 
     async def close(self) -> None:
-        """End everything."""
+        """Close all connections."""
         for page in list(self._lines):
             await self.cut(page)
 
@@ -127,7 +127,7 @@ class Phones:
             max_age=COOKIE_S,
             httponly=True,
             secure=request.url.scheme == "https",
-            samesite="lax",  # where the QR code was scanned may be another site's page
+            samesite="lax",  # the QR code may have been scanned in another site's page
         )
         return response
 
@@ -141,14 +141,14 @@ class Phones:
         except ClientDisconnect:
             return Response(status_code=400)
         if items is None:
-            line.complain(f"a post is a JSON list of at most {MOST_ITEMS} objects")
+            line.on_malformed(f"a post is a JSON list of at most {MAX_ITEMS} objects")
             return PlainTextResponse("a list is expected", 400)
         if not items:
             self._greet(line)
         before, sample = set(line.asks), None
         for item in items:
             sample = line.hear(item) or sample
-        self._send(phone, sample)  # of several the newest: nobody wants to know where the arm has been
+        self._send(phone, sample)  # only the newest orientation counts
         if asked := line.asks - before:
             await asyncio.wait(asked, timeout=POST_PATIENCE_S)
         return Response(f"[{','.join(line.drain())}]", media_type="application/json")
@@ -178,11 +178,11 @@ class Phones:
                 self._host.changed()
 
     async def _listen(self, line: PhoneConnection, socket: WebSocket) -> None:
-        """Take what comes until the socket ends, or is not the phone's any more."""
+        """Receive until the socket ends, or is not the phone's any more."""
         while True:
             try:
                 message = await socket.receive()
-            except (WebSocketDisconnect, RuntimeError):  # RuntimeError: closed from here
+            except (WebSocketDisconnect, RuntimeError):  # RuntimeError: closed by this side
                 return
             if message["type"] != "websocket.receive" or self._sockets.get(line.phone.page) is not socket:
                 return
@@ -193,7 +193,7 @@ class Phones:
             self._host.send(phone.user, sample)
 
     def _greet(self, line: PhoneConnection) -> None:
-        """Tell a phone that begins anew who it is, and how things stand."""
+        """Send the greeting and the current state to a phone that has just connected."""
         line.clear()
         host = self._host
         line.put(greeting("wrist", version=host.version, site=host.site, user=line.phone.user))
@@ -224,7 +224,7 @@ def _cookie(connection: HTTPConnection) -> str:
 
 
 def _items(body: bytes) -> list[dict[str, Any]] | None:
-    """Return the objects of a post, or none where it is no list of so many at most."""
+    """Return the objects of a post, or None if it is no list or too long."""
     try:
         return _posted.validate_json(body)
     except ValidationError:

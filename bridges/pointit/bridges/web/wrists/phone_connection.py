@@ -1,4 +1,4 @@
-"""One paired phone: what it says, and what waits to be told to it, whichever way it comes for it."""
+"""One paired phone: its messages, and the queue of messages to it, by socket or post."""
 
 import asyncio
 import logging
@@ -12,7 +12,7 @@ from pydantic import Field, TypeAdapter, ValidationError
 
 from pointit.bridges.web.pages.page_requests import is_allowed
 from pointit.bridges.web.pages.rate_limit import TokenBucket
-from pointit.bridges.web.wire import MOST_TOLD, OWN_FAULT, Answer, Ask, Turn, WireModel
+from pointit.bridges.web.wire import MAX_TOLD, OWN_FAULT, Answer, Ask, Turn, WireModel
 from pointit.bridges.web.wrists.pairing import Phone
 from pointit.bridges.web.wrists.wrist_control import WristControl
 from pointit.runtime.errors import PointItError
@@ -21,17 +21,17 @@ from pointit.schemas import SchemaError, WristSample, summarize_validation_error
 
 log = logging.getLogger(__name__)
 
-MOST_WAITING = 64
-"""Messages that wait for a phone; the oldest give way."""
+MAX_WAITING = 64
+"""Maximum number of queued messages to a phone; the oldest are dropped."""
 
-MOST_ASKS = 8
-"""That one phone may have open."""
+MAX_ASKS = 8
+"""Maximum number of open requests of one phone."""
 
 FRESH_S = 2.0
-"""What has waited for longer is not told any more: nobody wants yesterday's chimes."""
+"""Queued messages older than this (s) are not sent: late cues are useless."""
 
 RATE_HZ = 240.0
-"""What a phone may say in a second in the long run, and `BURST` at once."""
+"""Rate limit of a phone's messages in the long run, and `BURST` at once."""
 BURST = 480.0
 
 _said: TypeAdapter[Turn | Ask] = TypeAdapter(Annotated[Turn | Ask, Field(discriminator="kind")])
@@ -39,7 +39,7 @@ _said: TypeAdapter[Turn | Ask] = TypeAdapter(Annotated[Turn | Ask, Field(discrim
 
 @dataclass(frozen=True, kw_only=True)
 class PhoneHost:
-    """What phones need of the service."""
+    """Functions of the service for phones."""
 
     wrists: WristControl
     now_ns: Callable[[], int]
@@ -47,47 +47,47 @@ class PhoneHost:
     send: Callable[[str, WristSample], None]
     """Publishes a sample of a person's wrist."""
     answer: Callable[[str, Ask], Awaitable[Answer]]
-    """Does what the phone with this page id asks for, which names its person; raises a `PointItError` or
-    `SchemaError` that says why not."""
+    """Handles a request of the phone with this page id, which names its person; raises a `PointItError` or
+    `SchemaError` if it is refused."""
     changed: Callable[[], None]
-    """Is told when who moves what may have changed."""
+    """Called when the holder of a wrist may have changed."""
     warnings: WarningSink
-    """Where malformed input shows."""
+    """Warnings about malformed input."""
     version: str
-    """Of PointIt."""
+    """Version of PointIt."""
     site: str
 
 
 class PhoneConnection:
-    """The way from and to one phone, from pairing to unpairing."""
+    """Messages from and to one phone, from pairing to unpairing."""
 
     def __init__(self, phone: Phone, host: PhoneHost) -> None:
         self.phone = phone
         self._host = host
         self._bucket = TokenBucket(RATE_HZ, BURST)
-        self._waiting: deque[tuple[float, str]] = deque(maxlen=MOST_WAITING)
-        """With the time of each."""
+        self._waiting: deque[tuple[float, str]] = deque(maxlen=MAX_WAITING)
+        """Queued messages with their times."""
         self.woken = asyncio.Event()
-        """Something waits."""
+        """Set while messages are queued."""
         self.asks: set[asyncio.Task[None]] = set()
-        """What it has asked and not been answered."""
+        """Requests that are not answered yet."""
         self.malformed = 0
-        """Messages that could not be understood."""
+        """Number of malformed messages."""
         self.dropped = 0
-        """Messages beyond `RATE_HZ`."""
+        """Number of messages beyond `RATE_HZ`."""
 
     def put(self, part: WireModel) -> None:
-        """Have `part` told to the phone."""
+        """Queue `part` for the phone."""
         self._waiting.append((time.monotonic(), part.model_dump_json()))
         self.woken.set()
 
     def clear(self) -> None:
-        """Forget what waits: the phone begins anew."""
+        """Clear the queue: the phone reconnects."""
         self._waiting.clear()
         self._host.warnings.clear(self._topic)
 
     def drain(self) -> list[str]:
-        """Return what waits, as JSON, oldest first; from then on it does not."""
+        """Empty the queue, and return its messages as JSON, oldest first."""
         now_s = time.monotonic()
         fresh = [text for when_s, text in self._waiting if now_s - when_s <= FRESH_S]
         self._waiting.clear()
@@ -95,23 +95,23 @@ class PhoneConnection:
         return fresh
 
     def hear(self, item: str | bytes | dict[str, Any]) -> WristSample | None:
-        """Take a message, JSON or its object; return the sample of the wrist that it makes, if any."""
+        """Process a message, JSON or its object, and return its wrist sample, or None if it has none."""
         if not self._bucket.take(time.monotonic()):
             self.dropped += 1
             self._host.warnings.warn(
                 self._topic,
-                f"the phone of {self.phone.user} says more than {RATE_HZ:.0f} things a second, "
+                f"the phone of {self.phone.user} sends more than {RATE_HZ:.0f} messages a second, "
                 f"{self.dropped} were dropped in all; load its page again",
             )
             return None
         try:
             said = _said.validate_python(item) if isinstance(item, dict) else _said.validate_json(item)
         except ValidationError as error:
-            self.complain(summarize_validation_error(error))
+            self.on_malformed(summarize_validation_error(error))
             return None
         if isinstance(said, Turn):
             return self._turn(said)
-        if len(self.asks) >= MOST_ASKS:
+        if len(self.asks) >= MAX_ASKS:
             self.put(Answer(id=said.id, error="too much is asked at once: wait for the answers"))
             return None
         task = asyncio.create_task(self._ask(said), name=f"asked by the phone of {self.phone.user}")
@@ -119,17 +119,17 @@ class PhoneConnection:
         task.add_done_callback(self.asks.discard)
         return None
 
-    def complain(self, what: str) -> None:
-        """Count a message that cannot be understood, and show it."""
+    def on_malformed(self, what: str) -> None:
+        """Count a malformed message, and warn of it."""
         self.malformed += 1
         self._host.warnings.warn(
             self._topic,
-            f"the phone of {self.phone.user} has sent what cannot be understood ({what[:MOST_TOLD]}), "
+            f"the phone of {self.phone.user} has sent malformed messages ({what[:MAX_TOLD]}), "
             f"{self.malformed} such messages in all; load its page again",
         )
 
     async def end(self) -> None:
-        """Give up what is asked."""
+        """Cancel open requests."""
         tasks = list(self.asks)
         for task in tasks:
             task.cancel()

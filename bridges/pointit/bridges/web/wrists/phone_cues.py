@@ -1,22 +1,22 @@
-"""What a phone tells its person: cues for ear and skin, the state of the interaction, what to do next."""
+"""Cues of a phone: sound and vibration, the state of the interaction, instructions."""
 
 from typing import Any
 
 from pointit.bridges.web.wire import Cue
 from pointit.schemas import Feedback, Interaction, Localization
 
-LOST = "somebody else moves your arm now: take it back when you want to"
+LOST = "another device moves your arm now: take it back when you want to"
 RETURNED = "your arm does not follow this phone any more, it is your own again: take it when you want to"
 
 STEPS = 20
-"""In which progress is told."""
+"""Number of steps in which progress is sent."""
 
 
 class Cues:
-    """One person's cues, and the state that a phone is told that comes later."""
+    """One person's cues, and the current state for a phone that connects later."""
 
     def __init__(self) -> None:
-        """Begin with nothing known."""
+        """Begin without a state."""
         self._current = Cue()
         self._told: tuple[str, str, str] = ("idle", "", "")
 
@@ -30,7 +30,7 @@ class Cues:
         return self.current.model_copy(update={"text": text})
 
     def loss(self, *, is_own: bool = False) -> Cue:
-        """Return that the arm was taken from the phone; `is_own`: nobody else here moves it now."""
+        """Return the cue that the phone has lost the arm; `is_own`: to the person's own device."""
         return self.say(RETURNED if is_own else LOST).model_copy(update={"has_lost_arm": True})
 
     def feedback(self, feedback: Feedback) -> Cue:
@@ -40,13 +40,13 @@ class Cues:
         )
 
     def interaction(self, interaction: Interaction) -> Cue | None:
-        """Return the new state, or none where it is as before."""
+        """Return the new state, or None if it is unchanged."""
         return self._change(
             state=interaction.state, next_step=interaction.next_step, wants_double=interaction.is_unsure
         )
 
     def localization(self, news: Localization) -> Cue | None:
-        """Return what changes for the person: target, progress, why it was refused; else none."""
+        """Return changes for the person (target, progress, reason of a refusal), or None."""
         is_aiming = news.phase == "sampling" and bool(news.target_id) and not news.ahead
         changed = self._change(progress=round(STEPS * news.progress) / STEPS if is_aiming else None)
         now = (news.phase, news.target_id, news.reason)
@@ -56,7 +56,7 @@ class Cues:
         if is_aiming:
             is_one_of = (
                 news.target_count > 1 and not news.candidates
-            )  # else that is how many robots there are
+            )  # otherwise that is the number of robots
             which = f", {news.target_index + 1} of {news.target_count}" if is_one_of else ""
             return self.say(f"point at {news.target_id}{which}")
         if news.phase == "refused":
@@ -64,6 +64,6 @@ class Cues:
         return changed
 
     def _change(self, **fields: Any) -> Cue | None:
-        """Return the state with `fields` changed, or none where they are as before."""
+        """Return the state with `fields` changed, or None if they are unchanged."""
         before, self._current = self._current, self._current.model_copy(update=fields)
         return None if self._current == before else self._current

@@ -1,4 +1,4 @@
-"""Who has each person's wrist, the mouse of a page or a phone, and the samples that come of it."""
+"""Control of each person's wrist by a page's mouse or a phone, and the resulting samples."""
 
 import math
 from dataclasses import dataclass, field
@@ -18,22 +18,23 @@ from pointit.schemas import (
 )
 
 STILL_S = 0.18
-"""A phone that has said nothing for so long holds still, and that is said: five times a second at least."""
+"""After this silence a phone counts as held still and its sample is repeated, at least five times a second,
+s."""
 
 SILENT_S = 1.0
-"""A phone that has said nothing for so long, not even that it is still, has let go."""
+"""After this silence, without any message, a phone has released the wrist, s."""
 
-MOST_TREMOR_DEG = 5.0
+MAX_TREMOR_DEG = 5.0
 
-MOST_SESSIONS = 16
-"""Of one person's phones that are told apart; the oldest are forgotten."""
+MAX_SESSIONS = 16
+"""Maximum number of distinct phone sessions per person; the oldest are forgotten."""
 
 Hold = Literal["mouse", "phone"]
 
 
 @dataclass(slots=True)
 class _Phone:
-    """What a phone has said."""
+    """Last messages of a phone."""
 
     heard_ns: int
     turn: Turn
@@ -42,65 +43,65 @@ class _Phone:
 
 @dataclass(slots=True)
 class _Person:
-    """One person's wrist."""
+    """Control of one person's wrist."""
 
     standing: AssumedPose
     arm: MouseArm
     page: str = ""
-    """Who has it; empty: nobody here."""
+    """Page that holds the wrist, or `""`."""
     by: Hold = "mouse"
     sent_ns: int = 0
     seq: int = 0
     phones: dict[str, _Phone] = field(default_factory=dict[str, _Phone])
-    """By page."""
+    """By page id."""
     lost: set[str] = field(default_factory=set[str])
-    """Phones from which somebody else took it: they ask before they have it again."""
+    """Phones that have lost the wrist to another page; they must request it again."""
     sessions: dict[tuple[str, int], int] = field(default_factory=dict[tuple[str, int], int])
-    """By page and the phone's own number: ours, the time of its first sample, so that none comes twice."""
+    """Own session ids by page and the phone's session: time of the first sample, so that none repeats."""
 
 
 class WristControl:
-    """Of each person: which page has their wrist, and what it does.
+    """Control of wrists: holder and motion of each person's wrist.
 
-    One page at a time; the last that takes it has it. All times are the site's, ns.
+    One page holds a wrist at a time, the last one that took it. All times are the site's, ns.
     """
 
     def __init__(self, config: WebConfig) -> None:
-        """Begin with nobody."""
+        """Begin without people."""
         self._config = config
         self._people: dict[str, _Person] = {}
         self._stand = choose_pose(Environment(stamp_ns=0, name=""))
         self._middle = middle(Environment(stamp_ns=0, name=""))
 
-    # What the bus says.
+    # Input from the bus.
 
     def profile(self, user: str, profile: UserProfile) -> None:
-        """Take a person's measures."""
+        """Set a person's profile."""
         self._person(user).arm.set_profile(profile)
 
     def pose(self, user: str, pose: UserPose) -> None:
-        """Take where a person stands."""
+        """Set a person's pose."""
         person = self._person(user)
         person.standing.pose(pose)
         person.arm.set_pose(*person.standing.at)
 
     def localization(self, user: str, progress: Localization) -> None:
-        """Take how far a person's localization has come."""
+        """Update a person's localization."""
         person = self._person(user)
         person.standing.localization(progress)
         person.arm.set_pose(*person.standing.at)
 
     def room(self, room: Environment) -> None:
-        """Take the map."""
+        """Set the map."""
         self._stand, self._middle = choose_pose(room), middle(room)
         for person in self._people.values():
             person.standing.room(self._stand)
             person.arm.set_pose(*person.standing.at)
 
-    # Who has it.
+    # Holders.
 
     def acquire(self, user: str, page: str, by: Hold) -> str:
-        """Give the wrist of `user` to `page`; return the page that has lost it, empty where none has."""
+        """Give the wrist of `user` to `page`, and return the page that has lost it, or `""`."""
         person = self._person(user)
         loser = "" if person.page == page else person.page
         if loser and person.by == "phone":
@@ -110,42 +111,42 @@ class WristControl:
         return loser
 
     def release_from(self, user: str, page: str) -> bool:
-        """Take the wrist of `user` back from `page`. Return True if it had it."""
+        """Release the wrist of `user` from `page`. Return False if it was not the holder."""
         person = self._people.get(user)
         if person is None or person.page != page:
             return False
         if person.by == "phone":
-            person.lost.add(page)  # it goes on saying how it is held: that is no wish to have it again
+            person.lost.add(page)  # its further samples are no request for the wrist
         self._free(person)
         return True
 
     def release(self, user: str) -> str:
-        """Take the wrist of `user` back from whoever has it; return the page that had it, if any."""
+        """Release the wrist of `user`, and return the page that held it, or `""`."""
         page = self.holder(user)[0]
         if page:
             self.release_from(user, page)
         return page
 
     def close(self, page: str) -> list[str]:
-        """Take back what `page` has, which is gone for now or for ever; return whose wrists it had."""
+        """Release the wrists of `page`, which is gone for now or for ever, and return their users."""
         had = [user for user, person in self._people.items() if person.page == page]
         for user in had:
             self._free(self._people[user])
         return had
 
     def forget(self, user: str) -> None:
-        """Forget a person who is gone."""
+        """Forget a person who has left."""
         self._people.pop(user, None)
 
     def holder(self, user: str) -> tuple[str, Mover]:
-        """Return which page has the wrist of `user`, and what moves it; none has: empty and `own`."""
+        """Return the page that holds the wrist of `user` and what moves it, or `("", "own")`."""
         person = self._people.get(user)
         return ("", "own") if person is None or not person.page else (person.page, person.by)
 
-    # What it does.
+    # Motion.
 
     def aim(self, page: str, aim: AimAt) -> bool:
-        """Point where the mouse of `page` does. Return True if it has that wrist."""
+        """Aim the mouse of `page`. Return False if it does not hold the wrist."""
         person = self._people.get(aim.user)
         if person is None or person.page != page or person.by != "mouse":
             return False
@@ -153,20 +154,20 @@ class WristControl:
         return True
 
     def set_tremor(self, user: str, page: str, rms_deg: float) -> bool:
-        """Let the arm that the mouse of `page` moves tremble. Return True if it has that wrist."""
+        """Set the tremor of the arm that `page` moves. Return False if it does not hold the wrist."""
         if self.holder(user) != (page, "mouse"):
             return False
-        self._person(user).arm.set_tremor(math.radians(min(max(rms_deg, 0.0), MOST_TREMOR_DEG)))
+        self._person(user).arm.set_tremor(math.radians(min(max(rms_deg, 0.0), MAX_TREMOR_DEG)))
         return True
 
     def turn(self, user: str, page: str, turn: Turn, now_ns: int) -> WristSample | None:
-        """Take how the phone `page` of `user` is held; return the sample to publish, if it has the wrist.
+        """Process a phone's orientation, and return the sample to publish if it has the wrist, else None.
 
-        A phone takes the wrist by saying something, but for one that has lost it to somebody.
+        A phone takes the wrist by its first message, unless it has lost it to another page.
         """
         person = self._person(user)
         session = person.sessions.setdefault((page, turn.session), now_ns)
-        while len(person.sessions) > MOST_SESSIONS:
+        while len(person.sessions) > MAX_SESSIONS:
             del person.sessions[next(iter(person.sessions))]
         person.phones[page] = _Phone(now_ns, turn, session)
         if not person.page and page not in person.lost:
@@ -176,9 +177,10 @@ class WristControl:
         return self._sample(person, now_ns)
 
     def step(self, now_ns: int, speed: float = 1.0) -> list[tuple[str, WristSample]]:
-        """Return the samples that are due: of every arm a mouse moves, of phones that hold still.
+        """Return the samples that are due, of arms moved by mice and of phones held still.
 
-        Phones that are silent let go. `speed`: how fast the site's time runs, whose wall people live by.
+        Silent phones release the wrist. `speed`: of the site's time relative to the wall's, by which people
+        live.
         """
         due: list[tuple[str, WristSample]] = []
         for user, person in self._people.items():
@@ -199,7 +201,7 @@ class WristControl:
         return self._person(user).arm.azimuth(self._middle)
 
     def line(self, user: str, page: str, now_ns: int, *, paired: str = "") -> PersonLine:
-        """Return what `page` is told of `user`; `paired`: the page id of the phone that is paired."""
+        """Return the status of `user` for `page`; `paired`: page id of the paired phone."""
         holder, mover = self.holder(user)
         person = self._person(user)
         phone = person.phones.get(paired) if paired else None

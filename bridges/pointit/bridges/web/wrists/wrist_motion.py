@@ -1,4 +1,4 @@
-"""Moves the wrists that pages have, for as long as they have any."""
+"""Timer that moves the wrists held by pages."""
 
 import asyncio
 from collections.abc import Callable
@@ -9,19 +9,19 @@ from pointit.runtime.clock import Clock
 
 
 class WristMotion:
-    """Publishes what wrists do; rests while no page has one."""
+    """Publishes samples of wrists; rests while no page holds one."""
 
     def __init__(
         self, wrists: WristControl, people: People, clock: Clock, *, rate_hz: float, ended: Callable[[], None]
     ) -> None:
-        """Rest.
+        """Create it at rest.
 
         Args:
-            wrists: who has whose wrist, and what it does.
-            people: who is there; they publish it.
+            wrists: control of the wrists.
+            people: people present, who publish the samples.
             clock: the site's.
-            rate_hz: samples a second, by the wall.
-            ended: called when no page has a wrist any more.
+            rate_hz: samples a second of wall time.
+            ended: called when no page holds a wrist any more.
         """
         self._wrists = wrists
         self._people = people
@@ -31,12 +31,12 @@ class WristMotion:
         self._moving = asyncio.Event()
 
     def wake(self) -> None:
-        """Move, if a page has a wrist."""
+        """Start if a page holds a wrist."""
         if self._is_needed:
             self._moving.set()
 
     async def run(self) -> None:
-        """Move until cancelled; people and their mice live by the wall's time."""
+        """Move until cancelled, by wall time."""
         while True:
             await self._moving.wait()
             samples = self._wrists.step(self._clock.now_ns(), self._clock.speed)

@@ -6,7 +6,7 @@
 
 import "./app.css";
 import { Connection } from "./site/connection";
-import { Desk } from "./desk";
+import { Controls } from "./controls";
 import { mark, show, write } from "./dom";
 import { capital, milliseconds } from "./format";
 import { makeGuide } from "./guide";
@@ -63,24 +63,24 @@ const connection = new Connection(site, {
     refresh();
   },
 });
-const desk = new Desk(site, settings, connection, new Toasts(at("toasts")), () => refresh());
-const mouse = new Mouse(desk, () => stage.view, document.querySelector<HTMLElement>(".stage")!);
-const stage: Stage = new Stage(at("view"), at("cameras"), at("chip"), ["lost", "outage", "progress", "guide", "cameras", "toasts", "chip"].map(at), desk, (place) => mouse.aim(place), () => {
+const controls = new Controls(site, settings, connection, new Toasts(at("toasts")), () => refresh());
+const mouse = new Mouse(controls, () => stage.view, document.querySelector<HTMLElement>(".stage")!);
+const stage: Stage = new Stage(at("view"), at("cameras"), at("chip"), ["lost", "outage", "progress", "guide", "cameras", "toasts", "chip"].map(at), controls, (place) => mouse.aim(place), () => {
   mouse.renew();
   wake();
 });
-const pairing = pairingDialog(desk);
-const guide = makeGuide(at("guide"), desk, mouse, pairing);
-const scenario = makeScenario(at("scenario"), at("progress"), desk);
-const belts = beltsPart(desk);
-const tuning = tuningPart(desk);
-const look = lookPart(desk, changeLook);
-const panel = makePanel(at("panel"), desk, [
-  { name: "Control", icon: "sliders", parts: [nowPart(desk), moverPart(desk, mouse, pairing), belts, peoplePart(desk, scenario), tuning, look] },
-  { name: "Health", icon: "pulse", parts: [healthPart(desk, () => stage.view?.stats ?? null), messagesPart(desk)] },
+const pairing = pairingDialog(controls);
+const guide = makeGuide(at("guide"), controls, mouse, pairing);
+const scenario = makeScenario(at("scenario"), at("progress"), controls);
+const belts = beltsPart(controls);
+const tuning = tuningPart(controls);
+const look = lookPart(controls, changeLook);
+const panel = makePanel(at("panel"), controls, [
+  { name: "Control", icon: "sliders", parts: [nowPart(controls), moverPart(controls, mouse, pairing), belts, peoplePart(controls, scenario), tuning, look] },
+  { name: "Health", icon: "pulse", parts: [healthPart(controls, () => stage.view?.stats ?? null), messagesPart(controls)] },
 ]);
 const help = makeHelp((): readonly Shortcut[] => shortcuts, settings);
-const shortcuts = makeShortcuts({ desk, mouse, stage, belts, look, pairing, panel, help });
+const shortcuts = makeShortcuts({ controls, mouse, stage, belts, look, pairing, panel, help });
 listen(shortcuts, () => settings.shortcuts);
 at("help").addEventListener("click", () => help.open());
 at("pill").addEventListener("click", () => panel.open(1));
@@ -100,7 +100,7 @@ let isAwake = false;
 let refreshed = -Infinity;
 let isStale = true;
 
-/** Have the next animation frame show what is new. */
+/** Draw changes in the next animation frame. */
 function wake(): void {
   if (isAwake) return;
   isAwake = true;
@@ -129,20 +129,20 @@ function frame(): void {
   announce();
 }
 
-/** Let a person who points with this page see and hear what they did. */
+/** Give visual and audible feedback to the person who points with this page. */
 function tell(happened: Happened): void {
-  const mine = desk.mine?.user ?? "";
+  const mine = controls.mine?.user ?? "";
   if ("feedback" in happened) {
     if (happened.user !== mine) return;
     const { feedback } = happened;
     // whether a selection deserves praise depends on the object, which its event has
     if (settings.sound && (feedback.cue !== "selected" || feedback.point_m)) chime(feedback.chime);
-    if (feedback.point_m && feedback.text) desk.toasts.show(feedback.cue === "selected" ? "done" : "info", capital(feedback.text));
+    if (feedback.point_m && feedback.text) controls.toasts.show(feedback.cue === "selected" ? "done" : "info", capital(feedback.text));
     return;
   }
   const { event } = happened;
-  if (event.user !== (mine || desk.user)) return;
-  const what = called(site, event.object_id, event.kind), isWrong = !desk.isWanted(event.kind);
+  if (event.user !== (mine || controls.user)) return;
+  const what = called(site, event.object_id, event.kind), isWrong = !controls.isWanted(event.kind);
   if (event.event === "selected") {
     guide.selected(event);
     if (settings.sound && mine) chime(isWrong ? "buzz" : "tick");
@@ -151,13 +151,13 @@ function tell(happened: Happened): void {
     if (settings.sound && mine) chime("buzz");
     say(`Not wanted, and left${event.bay ? ` at bay ${event.bay}` : ""}: ${what}`, mine !== "", true);
   } else if (event.event === "deselected") say(`Taken back: ${what}`, mine !== "");
-  else if (event.event === "refused" && mine) desk.toasts.show("info", plainly(event) || `${capital(what)} could not be selected.`);
+  else if (event.event === "refused" && mine) controls.toasts.show("info", plainly(event) || `${capital(what)} could not be selected.`);
   isStale = true;
 }
 
 /** Tell in words: as a toast, which is read out, or only to be read out. */
 function say(text: string, isToast: boolean, isWrong = false): void {
-  if (isToast) desk.toasts.show(isWrong ? "wrong" : "done", text);
+  if (isToast) controls.toasts.show(isWrong ? "wrong" : "done", text);
   else write(at("said"), text);
 }
 
@@ -165,8 +165,8 @@ let announced = "";
 
 /** Have a change of the interaction read out; gauges and figures are not. */
 function announce(): void {
-  const interaction = desk.person?.interaction;
-  const now = interaction ? `${desk.user}: ${stateTitle(interaction.state)}. ${interaction.next_step}` : "";
+  const interaction = controls.person?.interaction;
+  const now = interaction ? `${controls.user}: ${stateTitle(interaction.state)}. ${interaction.next_step}` : "";
   if (now === announced) return;
   announced = now;
   write(at("said"), now);
@@ -195,7 +195,7 @@ function showOutage(): void {
 function showConnection(isConnected: boolean, attempt: number): void {
   const isLost = !isConnected && (site.hello !== null || attempt > 1 || connection.isRefused);
   show(at("lost"), isLost);
-  const text = connection.isRefused ? "PointIt was started anew: open the link that it prints." : site.hello && attempt <= 6
+  const text = connection.isRefused ? "PointIt was restarted: open the link that it prints." : site.hello && attempt <= 6
     ? "The connection is lost. What you see is old; trying again …"
     : attempt > 3 ? "PointIt does not answer. Open the link that it printed when it was started." : "Connecting …";
   write(at("lost-text"), isLost ? text : "");

@@ -12,7 +12,7 @@ export interface Option {
 
 export interface Choice {
   readonly element: HTMLFieldSetElement;
-  /** Offer these; keeps the elements as long as they are the same. */
+  /** Set the options; keeps the elements if they are unchanged. */
   offer(options: readonly Option[]): void;
   /** Show which is in use; none of them: nothing is. */
   set(value: string): void;
@@ -20,7 +20,7 @@ export interface Choice {
 }
 
 let groups = 0;
-/** What was just chosen shows for so long whatever is in use: it takes a moment to come about, ms. */
+/** Time (ms) for which a new choice is shown before the value in use replaces it. */
 const HOLD_MS = 1500;
 
 export function choice(legend: string, onChoose: (value: string) => void, options: readonly Option[] = []): Choice {

@@ -33,7 +33,7 @@ export function icon(name: string): SVGSVGElement {
   return svg;
 }
 
-/** Change what is written, only when it differs: assistive technology is told of changes. */
+/** Set the text only if it differs: assistive technology announces changes. */
 export function write(element: Element, text: string): void {
   if (element.textContent !== text) element.textContent = text;
 }
@@ -57,7 +57,7 @@ export function renew(element: HTMLElement, signature: string, make: () => Child
   element.replaceChildren(...make().filter((child): child is Node | string => child !== null));
 }
 
-/** A key as printed on its button; screen readers are told by `aria-keyshortcuts`. */
+/** A key as printed on its button; screen readers use `aria-keyshortcuts`. */
 export function key(name: string): HTMLElement {
   return el("kbd", { "aria-hidden": "true", text: name });
 }

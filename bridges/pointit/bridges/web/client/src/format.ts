@@ -45,7 +45,7 @@ export function byName(a: string, b: string): number {
   return a.localeCompare(b, "en", { numeric: true });
 }
 
-/** What draws, out of what WebGL says of it: `SwiftShader`, `NVIDIA GeForce RTX 3060`. */
+/** Name of the renderer in WebGL's description: `SwiftShader`, `NVIDIA GeForce RTX 3060`. */
 export function rendererName(text: string): string {
   const inner = /^ANGLE \((.*)\)$/.exec(text)?.[1] ?? text;
   if (/SwiftShader/i.test(inner)) return "SwiftShader";

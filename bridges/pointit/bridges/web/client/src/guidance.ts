@@ -1,4 +1,4 @@
-/** What a newcomer is told over the scene: one sentence, and what they can do about it. */
+/** Guidance for new users over the scene: one sentence, and its actions. */
 
 import type { Hover, Interaction } from "./messages";
 
@@ -36,7 +36,7 @@ export interface Guidance {
 }
 
 const GOALS: Record<string, string> = {
-  scenario_1: "Move the mouse over a lamp: its colour tells how near you point.",
+  scenario_1: "Move the mouse over a lamp: its colour shows how close you point.",
   scenario_2: "Move the mouse along a strip: the light follows you.",
   scenario_3: "Move onto a red segment and stay on it until it is full.",
   scenario_4: "Move onto a red package and stay on it until it is full.",
@@ -47,7 +47,7 @@ export function goal(scenario: string, canSelect: boolean): string {
   return GOALS[scenario] ?? (canSelect ? "Move onto an object and stay on it until it is full." : "Move the mouse: the arm follows it.");
 }
 
-/** Decide what to tell. */
+/** Choose the guidance. */
 export function guidance(now: Situation): Guidance {
   const none: Guidance = { mode: "none", title: "", text: "", progress: null };
   if (!now.isMine) {

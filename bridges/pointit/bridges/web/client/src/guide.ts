@@ -1,6 +1,6 @@
-/** The card over the scene that tells a newcomer what to do. */
+/** The card over the scene with guidance for new users. */
 
-import type { Desk } from "./desk";
+import type { Controls } from "./controls";
 import { el, icon, key, mark, show, write } from "./dom";
 import { capital } from "./format";
 import { guidance, type Guidance } from "./guidance";
@@ -16,15 +16,15 @@ const SIGNS: Record<Guidance["mode"], string> = {
 
 export interface Guide {
   update(): void;
-  /** Somebody selected something. */
+  /** An object was selected. */
   selected(event: SelectionEvent): void;
 }
 
 /** On a phone or tablet: a finger points, and a phone cannot scan its own screen. */
 const isTouch = matchMedia("(hover: none) and (pointer: coarse)").matches;
 
-export function makeGuide(host: HTMLElement, desk: Desk, mouse: Mouse, pairing: Pairing): Guide {
-  const { site } = desk;
+export function makeGuide(host: HTMLElement, controls: Controls, mouse: Mouse, pairing: Pairing): Guide {
+  const { site } = controls;
   let isDismissed = false;
   let success = { what: "", user: "", isWrong: false, at: -Infinity };
   const button = (symbol: string, name: string, shortcut: string, className: string, run: () => void): HTMLButtonElement =>
@@ -35,7 +35,7 @@ export function makeGuide(host: HTMLElement, desk: Desk, mouse: Mouse, pairing: 
   const gauge = el("progress", { max: 1, value: 0, "aria-label": "How full it is" });
   const take = button("mouse", isTouch ? "Point with your finger" : "Point with the mouse", "", "primary", () => void mouse.take());
   const phone = button("phone", "Point with your phone", "", "", () => pairing.open());
-  const press = button("button", "Start pointing", "Space", "primary", () => desk.press());
+  const press = button("button", "Start pointing", "Space", "primary", () => controls.press());
   const give = button("undo", "Give back", "Escape", "", () => void release());
   const dismiss = el("button", { type: "button", className: "quiet", "aria-label": "Close", onclick: () => {
     isDismissed = true;
@@ -45,21 +45,21 @@ export function makeGuide(host: HTMLElement, desk: Desk, mouse: Mouse, pairing: 
 
   async function release(): Promise<void> {
     isDismissed = false;
-    if (desk.mine) await mouse.give();
-    else await desk.ask({ deed: "give", name: desk.user }, { isQuiet: true });
+    if (controls.mine) await mouse.give();
+    else await controls.ask({ deed: "give", name: controls.user }, { isQuiet: true });
   }
 
   const self: Guide = {
     update() {
-      const person = desk.mine ?? desk.person;
+      const person = controls.mine ?? controls.person;
       const user = person?.user ?? "";
       const now = guidance({
-        mayTake: desk.mayDo("take"), mayPair: desk.mayDo("pair"), isSimulated: desk.isSimulated(user),
-        movedBy: person?.line?.moved_by ?? "own", isMine: person !== null && person === desk.mine,
+        mayTake: controls.mayDo("take"), mayPair: controls.mayDo("pair"), isSimulated: controls.isSimulated(user),
+        movedBy: person?.line?.moved_by ?? "own", isMine: person !== null && person === controls.mine,
         interaction: person?.interaction ?? null, hover: person?.hover ?? null,
-        hovered: capital(thing(site, person?.hover?.object_id ?? "")), scenario: desk.scenario,
+        hovered: capital(thing(site, person?.hover?.object_id ?? "")), scenario: controls.scenario,
         isTheirs: site.selection?.objects.some(({ id, user: owner }) => id === person?.hover?.object_id && owner === user) ?? false,
-        canSelect: desk.isPresent("selector"),
+        canSelect: controls.isPresent("selector"),
         success: success.user === user && performance.now() - success.at < SUCCESS_MS ? success.what : "",
         isWrong: success.isWrong,
         count: site.selection?.objects.filter((each) => each.user === user).length ?? 0,
@@ -74,15 +74,15 @@ export function makeGuide(host: HTMLElement, desk: Desk, mouse: Mouse, pairing: 
       show(text, now.text !== "");
       mark(gauge, "data-shown", now.progress === null ? null : "");
       gauge.value = now.progress ?? 0;
-      show(take, now.mode === "invite" && desk.mayDo("take"));
-      show(phone, now.mode === "invite" && desk.mayDo("pair") && !isTouch);
-      show(press, now.mode === "idle" && desk.mayDo("press"));
-      show(give, now.mode !== "invite" && desk.mayDo("give"));
+      show(take, now.mode === "invite" && controls.mayDo("take"));
+      show(phone, now.mode === "invite" && controls.mayDo("pair") && !isTouch);
+      show(press, now.mode === "idle" && controls.mayDo("press"));
+      show(give, now.mode !== "invite" && controls.mayDo("give"));
       show(dismiss, now.mode === "invite");
     },
     selected(event) {
       success = {
-        what: `a ${thing(site, event.object_id, event.kind)}`, user: event.user, isWrong: !desk.isWanted(event.kind), at: performance.now(),
+        what: `a ${thing(site, event.object_id, event.kind)}`, user: event.user, isWrong: !controls.isWanted(event.kind), at: performance.now(),
       };
       setTimeout(() => self.update(), SUCCESS_MS + 50);
     },

@@ -1,4 +1,4 @@
-/** `?`: what this is, what each key does. */
+/** `?`: help and keyboard shortcuts. */
 
 import { el, icon } from "./dom";
 import type { Shortcut } from "./keys";
@@ -17,11 +17,11 @@ export function makeHelp(shortcuts: () => readonly Shortcut[], settings: Setting
   const close = el("button", { type: "button", className: "quiet", "aria-label": "Close", onclick: () => dialog.close() }, icon("close"));
   const dialog = el("dialog", { className: "sheet", "aria-labelledby": "help-title" },
     el("header", {}, el("h2", { id: "help-title", text: "Help" }), close),
-    el("p", { text: "A sensor at a person's wrist tells where their arm points. Light on the strips shows it to them, and staying on an object selects it. Point with the mouse, and you are the arm." }),
+    el("p", { text: "A sensor on a person's wrist measures where their arm points. Light on the strips shows the target, and dwelling on an object selects it. With the mouse you move the arm yourself." }),
     el("table", { className: "keys" }, el("caption", { className: "unseen", text: "Keys" }),
       el("thead", { className: "unseen" }, el("tr", {}, el("th", { scope: "col", text: "Key" }), el("th", { scope: "col", text: "What it does" }))), rows),
     el("label", { className: "check" }, single, el("span", { text: "Single keys do this (Escape, arrows and ? always do)" })),
-    el("p", { className: "muted" }, "Licences of what this page is made of: ", el("a", { href: "/static/LICENSES.txt", target: "_blank", rel: "noreferrer", text: "LICENSES.txt" })));
+    el("p", { className: "muted" }, "Licences of this page's components: ", el("a", { href: "/static/LICENSES.txt", target: "_blank", rel: "noreferrer", text: "LICENSES.txt" })));
   document.body.append(dialog);
   return {
     open() {

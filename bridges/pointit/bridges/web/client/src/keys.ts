@@ -6,7 +6,7 @@ export interface Shortcut {
   /** As printed. */
   shown: string;
   does: string;
-  /** Whether it can do something now; what is not offered is not listed either. */
+  /** Whether it is available now; others are not listed. */
   isOffered(): boolean;
   run(event: KeyboardEvent): void;
   /** Works though single keys are switched off. */

@@ -1,16 +1,16 @@
 /** The mouse as a person's wrist: taking it, keeping it over a lost connection, giving it back. */
 
-import type { Desk } from "./desk";
+import type { Controls } from "./controls";
 import { add, turn, type Vec3 } from "./geometry/vec";
 import type { View } from "./view";
 
 /** An arm that rests points to the floor so far before the feet, m. */
 const REST_M = 0.4;
-/** The mouse has to be out of the stage for so long, ms: what it pointed at last has been told by then. */
+/** Minimum time of the mouse outside the stage, ms: its last target has been sent by then. */
 const OUT_MS = 150;
 
 export class Mouse {
-  /** Whose wrist this page wants to have; empty: nobody's. */
+  /** Person whose wrist this page requests, or "". */
   private wanted = "";
   private hadIt = false;
   private isAsking = false;
@@ -18,7 +18,7 @@ export class Mouse {
   tremor = 0;
   private leaving: ReturnType<typeof setTimeout> | undefined;
 
-  constructor(private readonly desk: Desk, private readonly view: () => View | null, stage: HTMLElement) {
+  constructor(private readonly controls: Controls, private readonly view: () => View | null, stage: HTMLElement) {
     stage.addEventListener("pointerleave", ({ pointerType }) => {
       clearTimeout(this.leaving); // a finger that is lifted has not gone anywhere else
       if (pointerType === "mouse") this.leaving = setTimeout(() => this.rest(), OUT_MS);
@@ -28,13 +28,13 @@ export class Mouse {
 
   /** Take the wrist of the chosen person; the server has them begin to point. */
   async take(): Promise<void> {
-    const { desk } = this;
-    const { user } = desk;
-    if (!user || !desk.mayDo("take") || this.isAsking) return;
-    if (desk.mine && desk.mine.user !== user) await this.give();
-    desk.choose(user);
+    const { controls } = this;
+    const { user } = controls;
+    if (!user || !controls.mayDo("take") || this.isAsking) return;
+    if (controls.mine && controls.mine.user !== user) await this.give();
+    controls.choose(user);
     this.isAsking = true;
-    const reply = await desk.ask({ deed: "take", name: user }, { isQuiet: true });
+    const reply = await controls.ask({ deed: "take", name: user }, { isQuiet: true });
     this.isAsking = false;
     if (!reply) return;
     this.wanted = user;
@@ -45,39 +45,39 @@ export class Mouse {
 
   /** Give it back: the person goes on where they were. */
   async give(): Promise<void> {
-    const user = this.desk.mine?.user ?? "";
+    const user = this.controls.mine?.user ?? "";
     this.wanted = "";
     this.hadIt = false;
-    if (user) await this.desk.ask({ deed: "give", name: user }, { isQuiet: true });
+    if (user) await this.controls.ask({ deed: "give", name: user }, { isQuiet: true });
   }
 
-  /** Let the arm tremble, degrees rms; returns what was taken. */
+  /** Set the arm's tremor, degrees rms; returns the accepted value. */
   async shake(degrees: number): Promise<number | null> {
     this.tremor = degrees;
-    const user = this.desk.mine?.user;
+    const user = this.controls.mine?.user;
     if (!user) return degrees;
-    const reply = await this.desk.ask({ deed: "tremor", name: user, query: { rms_deg: degrees } }, { isQuiet: true });
+    const reply = await this.controls.ask({ deed: "tremor", name: user, query: { rms_deg: degrees } }, { isQuiet: true });
     return reply ? degrees : null;
   }
 
   /** Point there, {W}. */
   aim(at: Vec3): void {
-    if (this.pointing) this.desk.connection.aim(this.pointing, at);
+    if (this.pointing) this.controls.connection.aim(this.pointing, at);
   }
 
   /** Let the arm hang, so that nothing is selected while the mouse is busy elsewhere; aiming again ends it. */
   private rest(): void {
-    const person = this.desk.mine;
+    const person = this.controls.mine;
     if (!person?.pose || person.interaction?.state !== "pointing") return; // who is being found has to go on pointing at the lamp
     this.view()?.rest();
     this.aim(add(person.pose.position_m, turn([REST_M, 0, 0], person.pose.yaw_rad)));
   }
 
-  /** Follow what the server says of who has the wrist. */
+  /** Update from the server's status of the wrist. */
   update(): void {
-    const { desk } = this;
-    const { site } = desk;
-    const user = desk.mine?.user ?? "";
+    const { controls } = this;
+    const { site } = controls;
+    const user = controls.mine?.user ?? "";
     if (user !== this.pointing && site.connected) {
       this.pointing = user;
       this.view()?.setPointing(user !== "", user);
@@ -86,7 +86,7 @@ export class Mouse {
     const line = site.people.get(this.wanted)?.line;
     if (!this.wanted || user || !line || !site.connected || this.isAsking) return;
     if (line.moved_by !== "own") {
-      if (this.hadIt) desk.toasts.show("info", `${line.moved_by === "phone" ? "A phone" : "Another page"} points as ${this.wanted} now.`);
+      if (this.hadIt) controls.toasts.show("info", `${line.moved_by === "phone" ? "A phone" : "Another page"} points as ${this.wanted} now.`);
       this.wanted = "";
     } else if (this.hadIt) {
       this.hadIt = false;

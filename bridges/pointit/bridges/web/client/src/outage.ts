@@ -2,9 +2,9 @@
 
 import type { Site } from "./site/site";
 
-/** What is seen of each service's absence; the most telling first. */
+/** Visible effect of each service's absence, the most important first. */
 const EFFECTS: Readonly<Record<string, string>> = {
-  pui: "Cursors and lights do not follow anybody",
+  pui: "Cursors and lights do not move",
   selector: "Nothing can be selected",
 };
 /** How the diagnosis calls one that hangs. */

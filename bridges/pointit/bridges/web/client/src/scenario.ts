@@ -1,15 +1,15 @@
-/** Which scenario runs, and running another: in the header, with a word on its progress over the scene. */
+/** Selection of the scenario in the header, and the progress of its start over the scene. */
 
-import type { Desk } from "./desk";
+import type { Controls } from "./controls";
 import { el, renew, show, write } from "./dom";
 import { scenarioTitle } from "./words";
 
-/** Starting takes some seconds; after so long something is wrong, ms. */
+/** Timeout of a scenario's start, ms. */
 const PATIENCE_MS = 45_000;
 
 export interface Scenario {
   update(): void;
-  /** Run another, or the same anew, with so many people, found by pointing at lamps or not; nothing: as now. */
+  /** Start another scenario, or restart it with other options; missing ones stay as they are. */
   run(scenario: string, as?: { users?: number; localizes?: boolean }): Promise<void>;
 }
 
@@ -17,7 +17,7 @@ export interface Scenario {
  * @param host in the header.
  * @param progress over the scene, a live region.
  */
-export function makeScenario(host: HTMLElement, progress: HTMLElement, desk: Desk): Scenario {
+export function makeScenario(host: HTMLElement, progress: HTMLElement, controls: Controls): Scenario {
   const name = el("span", { className: "scenario-name" });
   const select = el("select", { "aria-label": "Scenario", onchange: () => void run(select.value) });
   const sentence = el("p", {});
@@ -31,41 +31,41 @@ export function makeScenario(host: HTMLElement, progress: HTMLElement, desk: Des
     to = scenario;
     since = performance.now();
     isAccepted = false;
-    desk.changed();
-    const reply = await desk.ask({ key: "run/scenario", query: { scenario, ...as } }, { isQuiet: true, patienceMs: 20_000 });
+    controls.changed();
+    const reply = await controls.ask({ key: "run/scenario", query: { scenario, ...as } }, { isQuiet: true, patienceMs: 20_000 });
     if (reply) isAccepted = true;
-    // a lost connection is no refusal: the page may have been started anew with the rest
-    else if (desk.site.connected) to = "";
+    // a lost connection is no refusal: the page may have been restarted with the rest
+    else if (controls.site.connected) to = "";
     else isAccepted = true;
-    desk.changed();
+    controls.changed();
   }
 
-  /** Whether what was asked for is there with all that belongs to it. */
+  /** Whether the requested scenario runs with all its services. */
   function isThere(): boolean {
-    const { site } = desk;
-    if (!isAccepted || desk.scenario !== to || !site.map || !site.status) return false;
-    return [...site.deployments.values()].every(({ services }) => services.every(({ service, user }) => desk.isPresent(service, user)));
+    const { site } = controls;
+    if (!isAccepted || controls.scenario !== to || !site.map || !site.status) return false;
+    return [...site.deployments.values()].every(({ services }) => services.every(({ service, user }) => controls.isPresent(service, user)));
   }
 
   return {
     run,
     update() {
-      const may = desk.may("run/scenario");
-      const { scenario } = desk;
+      const may = controls.may("run/scenario");
+      const { scenario } = controls;
       show(select, may);
       show(name, !may && scenario !== "");
       write(name, scenarioTitle(scenario));
-      const offered = [...desk.scenarios];
+      const offered = [...controls.scenarios];
       renew(select, offered.join(), () => offered.map((each) => el("option", { value: each, text: scenarioTitle(each) })));
       const shown = to || scenario;
       if (document.activeElement !== select || !to) {
         if (select.value !== shown) select.value = shown;
       }
       if (to && isThere()) {
-        desk.toasts.show("done", `${scenarioTitle(to)} is running.`);
+        controls.toasts.show("done", `${scenarioTitle(to)} is running.`);
         to = "";
       } else if (to && performance.now() - since > PATIENCE_MS) {
-        desk.toasts.show("error", `${scenarioTitle(to)} did not start in time; the health page tells what is missing.`);
+        controls.toasts.show("error", `${scenarioTitle(to)} did not start in time; the health page shows what is missing.`);
         to = "";
       }
       show(progress, to !== "");

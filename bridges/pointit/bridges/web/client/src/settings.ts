@@ -11,7 +11,7 @@ export interface Settings {
 const USUAL: Settings = { theme: "auto", view: "auto", sound: true, shortcuts: true };
 const NAME = "pointit";
 
-/** Return what was kept, the usual where nothing sound was. */
+/** Return the stored settings, with defaults for invalid or missing ones. */
 export function readSettings(kept: string | null): Settings {
   const settings: Settings = { ...USUAL };
   try {

@@ -1,4 +1,4 @@
-/** A slider with its name and its value; what the server answered is what it shows. */
+/** A slider with its name and its value; it shows the value that the server confirmed. */
 
 import { el, write } from "./dom";
 
@@ -15,7 +15,7 @@ export interface SliderOptions {
 
 export interface Slider {
   readonly element: HTMLElement;
-  /** What is in use, as told by the site; not shown while it is being moved. */
+  /** Value in use at the site; not shown while the slider is being moved. */
   set(value: number | null): void;
 }
 

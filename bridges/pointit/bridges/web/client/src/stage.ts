@@ -1,7 +1,7 @@
 /** The large part of the page: the view, which one it is, from where it looks. */
 
 import { choice } from "./choice";
-import type { Desk } from "./desk";
+import type { Controls } from "./controls";
 import { show, write } from "./dom";
 import type { Rect } from "./geometry/placing";
 import type { Vec3 } from "./geometry/vec";
@@ -12,7 +12,7 @@ import type { Camera, MakeView, View } from "./view";
 const CAMERAS: Record<Camera, { label: string; icon: string }> = {
   room: { label: "Room", icon: "cube" }, top: { label: "Top", icon: "map" }, eyes: { label: "Eyes", icon: "eye" },
 };
-/** A view that fails so many frames in a row gives way to the plan. */
+/** A view that fails this many frames in a row is replaced by the plan. */
 const MOST_FAILURES = 20;
 
 /** Whether the browser can draw in three dimensions. */
@@ -40,7 +40,7 @@ export class Stage {
    */
   constructor(
     private readonly host: HTMLElement, cameras: HTMLElement, private readonly chip: HTMLElement,
-    private readonly cards: readonly HTMLElement[], private readonly desk: Desk, private readonly onAim: (at: Vec3) => void, private readonly onNew: () => void,
+    private readonly cards: readonly HTMLElement[], private readonly controls: Controls, private readonly onAim: (at: Vec3) => void, private readonly onNew: () => void,
   ) {
     this.cameras.element.classList.add("bare");
     cameras.append(this.cameras.element);
@@ -49,7 +49,7 @@ export class Stage {
   /** Make the view that is wanted, or, where it cannot be had, the plan. */
   async make(): Promise<void> {
     const turn = ++this.making;
-    const { settings, toasts } = this.desk;
+    const { settings, toasts } = this.controls;
     let make: MakeView = makePlan;
     try {
       if (settings.view !== "plan") {
@@ -58,7 +58,7 @@ export class Stage {
       }
       if (turn === this.making) this.put(make);
     } catch (error) {
-      this.desk.connection.fault(error);
+      this.controls.connection.fault(error);
       if (turn === this.making) this.put(makePlan);
     }
   }
@@ -67,10 +67,10 @@ export class Stage {
   draw(): void {
     if (!this.view) return;
     try {
-      this.view.draw(this.desk.site);
+      this.view.draw(this.controls.site);
       this.failures = 0;
     } catch (error) {
-      this.desk.connection.fault(error);
+      this.controls.connection.fault(error);
       this.failures += 1;
       if (this.failures === MOST_FAILURES && this.view.stats.renderer !== "SVG") this.giveWay();
     }
@@ -79,19 +79,19 @@ export class Stage {
   look(camera: Camera): void {
     if (!this.view?.cameras.includes(camera)) return;
     this.camera = camera;
-    this.user = this.desk.user;
+    this.user = this.controls.user;
     this.view.setCamera(camera, this.user);
     this.cameras.set(camera);
   }
 
   theme(): void {
-    this.view?.setTheme(isDark(this.desk.settings.theme));
+    this.view?.setTheme(isDark(this.controls.settings.theme));
   }
 
   update(): void {
     const { view } = this;
     if (!view) return;
-    if (this.camera === "eyes" && this.user !== this.desk.user) this.look("eyes");
+    if (this.camera === "eyes" && this.user !== this.controls.user) this.look("eyes");
     this.cameras.set(this.camera);
     view.keepClear?.(this.covered());
     const { software, renderer } = view.stats;
@@ -108,7 +108,7 @@ export class Stage {
   }
 
   private giveWay(): void {
-    this.desk.toasts.show("error", "The scene cannot be drawn here: the plan is shown.");
+    this.controls.toasts.show("error", "The scene cannot be drawn here: the plan is shown.");
     this.put(makePlan);
   }
 

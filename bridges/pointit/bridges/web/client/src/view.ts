@@ -17,7 +17,7 @@ export interface ViewStats {
 }
 
 export interface ViewOptions {
-  /** Called while the mouse (or a finger, or the arrow keys) points: a place in {W} on what is under it. */
+  /** Called while the mouse (or a finger, or the arrow keys) points: a point in {W} on the surface below it. */
   onAim(at: Vec3): void;
   /** The view cannot go on (its graphics context is gone and did not come back): another should take over. */
   onLost(): void;
@@ -34,7 +34,7 @@ export interface View {
   keepClear?(covered: readonly Rect[]): void;
   /** While on, moving over the view aims (a cross-hair shows, dragging still turns the camera); `user`: whose arm. */
   setPointing(on: boolean, user: string): void;
-  /** Move the aimed-at place by so many metres to the right of the view and up (away) in it; for arrow keys. */
+  /** Move the aimed-at point by metres to the right of the view and up (away) in it; for arrow keys. */
   nudge(right: number, away: number): void;
   /** The arm rests: show no aim until the person points again. */
   rest(): void;

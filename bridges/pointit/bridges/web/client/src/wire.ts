@@ -15,7 +15,7 @@ export interface Everything {
   Turn: Turn;
 }
 /**
- * A batch was shown.
+ * Acknowledgement that a batch was shown.
  */
 export interface Ack {
   kind: "ack";
@@ -26,7 +26,7 @@ export interface Ack {
   n: number;
 }
 /**
- * The mouse points at a place, {W}.
+ * Point of the mouse, {W}.
  */
 export interface AimAt {
   /**
@@ -38,30 +38,30 @@ export interface AimAt {
   user: string;
 }
 /**
- * What came of an `Ask`.
+ * Result of an `Ask`.
  */
 export interface Answer {
   /**
-   * one sentence, why not; empty: it was done
+   * reason of the refusal; empty if done
    */
   error: string;
   id: number;
   kind: "answer";
   /**
-   * fields of the reply; empty: refused
+   * fields of the reply; empty if refused
    */
   reply: {
     [k: string]: unknown;
   } | null;
 }
 /**
- * A wish: a request of the table by its key pattern, or a deed of the server's own.
+ * Request of the table by its key pattern, or a deed of this server.
  */
 export interface Ask {
   deed: ("press" | "take" | "give" | "tremor" | "pair" | "open_lan" | "centre") | null;
   id: number;
   /**
-   * of the table of requests; empty: a deed is asked
+   * of the table of requests; empty for a deed
    */
   key: string;
   kind: "ask";
@@ -77,7 +77,7 @@ export interface Ask {
   };
 }
 /**
- * Where a person is taken to stand.
+ * A person's assumed pose.
  */
 export interface AssumedPlace {
   /**
@@ -93,19 +93,19 @@ export interface AssumedPlace {
   yaw_rad: number;
 }
 /**
- * What a phone tells its person: a `Feedback` of the bus, or the state of the interaction.
+ * Cue for a phone's person: a `Feedback` of the bus, or the state of the interaction.
  */
 export interface Cue {
   chime: string;
   haptic_ms: number[];
   /**
-   * the arm does not follow this phone any more
+   * the arm no longer follows this phone
    */
   has_lost_arm: boolean;
   kind: "cue";
   next_step: string;
   /**
-   * of pointing at targets; empty: nothing is to be pointed at
+   * of pointing at targets; empty if there are none
    */
   progress: number | null;
   state: string;
@@ -116,7 +116,7 @@ export interface Cue {
   wants_double: boolean;
 }
 /**
- * One thing that is wrong, and what to do.
+ * A finding and its remedy.
  */
 export interface FindingLine {
   remedy: string;
@@ -125,13 +125,13 @@ export interface FindingLine {
   severity: "error" | "warning" | "note";
 }
 /**
- * Who the page is to this server.
+ * Greeting: the page's role and rights.
  */
 export interface Hello {
   deeds: ("press" | "take" | "give" | "tremor" | "pair" | "open_lan" | "centre")[];
   kind: "hello";
   /**
-   * keys of the requests this page may ask
+   * keys of the requests that this page may make
    */
   requests: string[];
   role: "operator" | "viewer" | "wrist";
@@ -146,44 +146,44 @@ export interface Hello {
   version: string;
 }
 /**
- * A person who is there.
+ * A person who is present.
  */
 export interface PersonLine {
   /**
-   * as long as they have no pose; empty: nobody says where
+   * until they have a pose; empty if none is configured
    */
   assumed: AssumedPlace | null;
   battery: number | null;
   /**
-   * by this very page
+   * by this page
    */
   is_mine: boolean;
   moved_by: "own" | "mouse" | "phone";
   /**
-   * what a paired phone says of itself; empty: none is paired
+   * state of the paired phone; empty if none is paired
    */
   phone: string;
   user: string;
 }
 /**
- * A service that is there, was there, or should be.
+ * A service that is, was or should be present.
  */
 export interface ServiceLine {
   instance: string;
   present: boolean;
   /**
-   * up, or down, for so long, wall seconds
+   * time up or down, s of wall time
    */
   since_s: number;
 }
 /**
- * How the site is; what topics do not say.
+ * Status of the site beyond its topics.
  */
 export interface Status {
   findings: FindingLine[];
   kind: "status";
   /**
-   * where the local network finds the page; empty: closed
+   * address in the local network; empty if closed
    */
   lan_url: string;
   people: PersonLine[];

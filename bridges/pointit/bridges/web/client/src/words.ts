@@ -4,7 +4,7 @@ import { capital } from "./format";
 import type { Interaction, SelectionEvent, TrackedObject } from "./messages";
 import type { LogLine, Site } from "./site/site";
 
-/** Scenarios by what one does there; others are called by their name. */
+/** Titles of scenarios; others are shown by their names. */
 const SCENARIOS: Record<string, string> = {
   scenario_1: "Lamps: point at them",
   scenario_2: "Strips: move the cursor",
@@ -24,7 +24,7 @@ export function stateTitle(state: Interaction["state"]): string {
   return STATES[state] ?? capital(state);
 }
 
-/** A tracked object by its id, whoever tracks it. */
+/** A tracked object by its id, of any tracker. */
 export function objectOf(site: Site, id: string): TrackedObject | null {
   for (const { objects } of site.objects.values()) {
     const found = objects.find((object) => object.id === id);
@@ -40,7 +40,7 @@ export function thing(site: Site, id: string, kind = ""): string {
   return [kind || object?.kind, noun].filter(Boolean).join(" ");
 }
 
-/** What ends an id; ids begin with what tells runs of PointIt apart. */
+/** End of an id; its beginning distinguishes runs of PointIt. */
 function ending(id: string): string {
   return id.slice(id.lastIndexOf("-") + 1);
 }
@@ -50,12 +50,12 @@ export function called(site: Site, id: string, kind = ""): string {
   return `${kind || objectOf(site, id)?.kind || thing(site, id)} ${ending(id)}`;
 }
 
-/** Why something happened to an object, with its id as people are told it; empty: nothing is to be told. */
+/** Reason of an event of an object, with its id as shown to people, or "" if there is none. */
 export function plainly({ object_id: id, reason }: SelectionEvent): string {
   return id ? reason.replaceAll(id, ending(id)) : reason;
 }
 
-/** How the log tells a selection event. */
+/** Text of a selection event in the log. */
 export function eventLine(site: Site, event: SelectionEvent): { severity: LogLine["severity"]; text: string } {
   const what = called(site, event.object_id, event.kind);
   const why = event.reason ? `: ${plainly(event)}` : "";

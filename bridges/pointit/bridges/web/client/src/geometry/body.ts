@@ -3,7 +3,7 @@
 import type { BodyMeasures } from "../messages";
 import { add, dot, norm, scale, subtract, turn, unit, type Read3, type Vec3 } from "./vec";
 
-/** Measures of those who have told none (as in `schemas`): eyes at 1.64 m. */
+/** Default body measures (as in `schemas`): eyes at 1.64 m. */
 export const DEFAULT_BODY: BodyMeasures = {
   footprint_to_neck_m: 1.43, neck_to_eyes_m: 0.21, neck_to_shoulder_m: 0,
   shoulder_to_wrist_m: 0.55, wrist_to_finger_m: 0.18,
@@ -12,7 +12,7 @@ export type Hand = "left" | "right";
 
 /** Of the length from shoulder to wrist (Drillis and Contini 1966). */
 const UPPER_ARM_SHARE = 0.56;
-/** The pointing model may have the shoulder in the midst of the neck; nobody looks so. */
+/** The pointing model may have the shoulder in the midst of the neck, which looks wrong. */
 const LEAST_SHOULDER_M = 0.18;
 /** Shoulders lie lower than the neck's root. */
 const SHOULDER_DROP_M = 0.07;

@@ -1,4 +1,4 @@
-/** How large a map is: what a camera must show of it. */
+/** Extent of a map that a camera must show. */
 
 import type { Environment } from "../messages";
 import type { Vec3 } from "./vec";

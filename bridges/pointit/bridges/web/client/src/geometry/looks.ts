@@ -1,6 +1,6 @@
 /**
  * How things look, in the scene and in the plan alike: kinds and people each by a colour and, as colour is never
- * alone, a second sign; objects by a size, of which the bus tells the length only.
+ * alone, a second sign; objects by a size, of which messages have the length only.
  */
 
 import type { TrackedObject, UserProfile } from "../messages";
@@ -21,7 +21,7 @@ export const PACKAGE_WIDE = [0.75, 0.1, 0.34] as const;
 export const PACKAGE_HIGH = [0.6, 0.1, 0.26] as const;
 /** Width and height of a segment on a strip, m. */
 export const SEGMENT = [0.07, 0.06] as const;
-/** Length of what tells none, m: on a line, and elsewhere, as a robot. */
+/** Length of an object without one, m: on a line, and elsewhere, as a robot. */
 export const USUAL_LENGTH_M = 0.12;
 export const ROBOT_M = 0.3;
 /** A ray that meets nothing is drawn so far, m. */

@@ -21,7 +21,7 @@ export interface Wish {
 
 /** Between labels, px. */
 const GAP = 3;
-/** A label farther from what it names would name something else, px; the smaller what it names, the sooner. */
+/** Maximum distance of a label from its object, px; less for small objects. */
 const REACHES = [30, 120] as const;
 
 /**
@@ -30,7 +30,7 @@ const REACHES = [30, 120] as const;
  * Labels take turns by rank; one whose place is taken goes to the nearest free place beside, above or below what
  * is in its way.
  *
- * @param taken what no label may lie under
+ * @param taken areas without labels
  * @param picture how wide and high it is; labels are within it
  */
 export function placed(wishes: readonly Wish[], taken: readonly Rect[], picture: Size): ({ x: number; y: number } | null)[] {

@@ -56,7 +56,7 @@ export class Polyline {
     return this.tangents[this.segmentAt(at)]!;
   }
 
-  /** Azimuth (rad) of the chord of `length` m centred on `at`: how a thing so long lies along the line. */
+  /** Azimuth (rad) of the chord of `length` m centred on `at`: the direction of an object of that length on the line. */
   headingAt(at: number, length = 0): number {
     const half = Math.max(length / 2, 1e-3);
     this.pointAt(at - half, true, FROM);

@@ -1,7 +1,7 @@
-/** The conveyor: its speed, packages, what came out where. */
+/** The conveyor: speed, packages, counts at bays. */
 
 import { choice } from "../choice";
-import type { Desk } from "../desk";
+import type { Controls } from "../controls";
 import { el, icon, key, mark, renew, section, show, write } from "../dom";
 import { byName, capital } from "../format";
 import { cssColor, KIND_COLORS, kindColor } from "../geometry/looks";
@@ -9,7 +9,7 @@ import type { BayCount } from "../messages";
 import { slider } from "../slider";
 import type { Part } from "./part";
 
-/** Offered while nothing tells which kinds there are. */
+/** Kinds offered while the real ones are unknown. */
 const USUAL_KINDS = ["red", "green", "blue"];
 const MOST_KINDS = 6;
 const ORDER = Object.keys(KIND_COLORS);
@@ -22,8 +22,8 @@ export interface Belts extends Part {
   faster(by: number): void;
 }
 
-export function beltsPart(desk: Desk): Belts {
-  const { site } = desk;
+export function beltsPart(controls: Controls): Belts {
+  const { site } = controls;
   let kind = USUAL_KINDS[0]!;
   let seen = new Set<string>();
   let seenIn = "";
@@ -31,12 +31,12 @@ export function beltsPart(desk: Desk): Belts {
 
   async function setSpeed(value: number): Promise<number | null> {
     const speed = Math.round(value * 100) / 100;
-    const reply = await desk.ask({ key: "conveyor/set_speed", query: { speed_mps: speed } }, { isQuiet: true });
+    const reply = await controls.ask({ key: "conveyor/set_speed", query: { speed_mps: speed } }, { isQuiet: true });
     return reply ? speed : null;
   }
 
   function feedOrRest(): void {
-    if (site.conveyor) void desk.ask({ key: "conveyor/set_feeding", query: { feeding: !site.conveyor.feeding } }, { isQuiet: true });
+    if (site.conveyor) void controls.ask({ key: "conveyor/set_feeding", query: { feeding: !site.conveyor.feeding } }, { isQuiet: true });
   }
 
   const speed = slider({ label: "Speed", min: 0, max: 1.5, step: 0.05, text: (value) => `${value.toFixed(2)} m/s`, send: setSpeed });
@@ -56,26 +56,26 @@ export function beltsPart(desk: Desk): Belts {
   const self: Belts = {
     element,
     add() {
-      if (desk.may("conveyor/add_package")) void desk.ask({ key: "conveyor/add_package", query: { kind } });
+      if (controls.may("conveyor/add_package")) void controls.ask({ key: "conveyor/add_package", query: { kind } });
     },
     halt() {
       const now = site.conveyor?.speed_mps ?? 0;
-      if (!desk.may("conveyor/set_speed")) return;
+      if (!controls.may("conveyor/set_speed")) return;
       if (now !== 0) before = now;
       void setSpeed(now === 0 ? before : 0);
     },
     faster(by) {
-      if (desk.may("conveyor/set_speed") && site.conveyor) void setSpeed(Math.max(0, Math.min(1.5, site.conveyor.speed_mps + by)));
+      if (controls.may("conveyor/set_speed") && site.conveyor) void setSpeed(Math.max(0, Math.min(1.5, site.conveyor.speed_mps + by)));
     },
     update() {
       const state = site.conveyor;
-      const mayRun = desk.may("conveyor/set_speed");
-      const mayAdd = desk.may("conveyor/add_package");
+      const mayRun = controls.may("conveyor/set_speed");
+      const mayAdd = controls.may("conveyor/add_package");
       show(element, state !== null);
       if (!state) return;
       show(speed.element, mayRun);
       show(halt, mayRun);
-      show(feed, desk.may("conveyor/set_feeding"));
+      show(feed, controls.may("conveyor/set_feeding"));
       show(add, mayAdd);
       show(kinds.element, mayAdd);
       speed.set(state.speed_mps);
@@ -97,7 +97,7 @@ export function beltsPart(desk: Desk): Belts {
 
   /** The kinds that this scenario has, as far as they were on its belts or came out; the usual ones before any did. */
   function kindsHere(): readonly string[] {
-    const here = `${desk.scenario} ${site.map?.name ?? ""}`;
+    const here = `${controls.scenario} ${site.map?.name ?? ""}`;
     if (here !== seenIn) [seen, seenIn] = [new Set(), here];
     for (const { objects } of site.objects.values()) for (const object of objects) if (object.kind) seen.add(object.kind);
     for (const each of site.conveyor?.bays ?? []) if (each.kind) seen.add(each.kind);

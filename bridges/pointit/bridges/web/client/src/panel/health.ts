@@ -1,6 +1,6 @@
-/** How the site does: latency, rates, losses, certainty, what is wrong, services. */
+/** Health of the site: latency, rates, losses, uncertainty, findings, services. */
 
-import type { Desk } from "../desk";
+import type { Controls } from "../controls";
 import { el, icon, renew, section, show, write } from "../dom";
 import { figureOf, losses, rates } from "../site/figures";
 import { byName, bytes, duration, figure, milliseconds, rendererName } from "../format";
@@ -25,8 +25,8 @@ function tiles(...all: Tile[]): HTMLElement {
 const RENEW_MS = 1000;
 const SEVERITIES = { error: "error", warning: "warning", note: "info" } as const;
 
-export function healthPart(desk: Desk, stats: () => ViewStats | null): Part {
-  const { site } = desk;
+export function healthPart(controls: Controls, stats: () => ViewStats | null): Part {
+  const { site } = controls;
   const p50 = tile("median"), p95 = tile("95 %"), p99 = tile("99 %");
   const graph = new LatencyGraph();
   const imu = tile("wrist"), ray = tile("ray"), cursor = tile("cursor"), frame = tile("light");
@@ -46,7 +46,7 @@ export function healthPart(desk: Desk, stats: () => ViewStats | null): Part {
   let renewed = -Infinity;
 
   function showCertainty(): void {
-    const health = site.health.get(`localizer.${desk.user}`);
+    const health = site.health.get(`localizer.${controls.user}`);
     const sigma = figureOf(health, "position σ"), turn = figureOf(health, "yaw σ");
     const rate = figureOf(health, "yaw drift") ?? figureOf(health, "drift");
     const since = figureOf(health, "anchor age");
@@ -86,13 +86,13 @@ export function healthPart(desk: Desk, stats: () => ViewStats | null): Part {
       }
       if (now - renewed < RENEW_MS) return;
       renewed = now;
-      const { latency } = desk.connection;
+      const { latency } = controls.connection;
       const total = latency.total(now);
       p50.set(milliseconds(total.p50));
       p95.set(milliseconds(total.p95));
       p99.set(milliseconds(total.p99));
       graph.show(latency.bySecond(now));
-      const found = rates(site.health.values(), desk.user, site.people.size);
+      const found = rates(site.health.values(), controls.user, site.people.size);
       const hertz = (value: number | null): string => (value === null ? "–" : `${Math.round(value)}`);
       imu.set(hertz(found.imu));
       ray.set(hertz(found.ray));

@@ -1,7 +1,7 @@
 /** How the page looks and sounds; kept by this browser. */
 
 import { choice } from "../choice";
-import type { Desk } from "../desk";
+import type { Controls } from "../controls";
 import { el, folded } from "../dom";
 import type { Settings } from "../settings";
 import type { Part } from "./part";
@@ -10,9 +10,9 @@ export interface Look extends Part {
   toggleSound(): void;
 }
 
-/** @param onChange is told what was chosen, after `settings` has it. */
-export function lookPart(desk: Desk, onChange: (what: keyof Settings) => void): Look {
-  const { settings } = desk;
+/** @param onChange called with the changed setting, after `settings` has it. */
+export function lookPart(controls: Controls, onChange: (what: keyof Settings) => void): Look {
+  const { settings } = controls;
   const theme = choice("Theme", (value) => {
     settings.theme = value as Settings["theme"];
     onChange("theme");
@@ -34,7 +34,7 @@ export function lookPart(desk: Desk, onChange: (what: keyof Settings) => void): 
     element,
     toggleSound() {
       setSound(!settings.sound);
-      desk.toasts.show("info", settings.sound ? "Sounds are on." : "Sounds are off.");
+      controls.toasts.show("info", settings.sound ? "Sounds are on." : "Sounds are off.");
     },
     update() {
       theme.set(settings.theme);

@@ -1,6 +1,6 @@
 /** The message log, newest first, with a filter. */
 
-import type { Desk } from "../desk";
+import type { Controls } from "../controls";
 import { el, icon, renew, section } from "../dom";
 import { time } from "../format";
 import { matching } from "../site/log";
@@ -9,8 +9,8 @@ import type { Part } from "./part";
 const MOST_SHOWN = 100;
 const SIGNS = { info: "info", warning: "warning", error: "warning" } as const;
 
-export function messagesPart(desk: Desk): Part {
-  const { site } = desk;
+export function messagesPart(controls: Controls): Part {
+  const { site } = controls;
   const filter = el("input", { type: "search", placeholder: "Filter", "aria-label": "Filter the messages", oninput: () => self.update() });
   const list = el("ol", { className: "log", tabindex: 0, "aria-label": "Messages, newest first" });
   const element = section("Messages", filter, list);

@@ -1,7 +1,7 @@
 /** The dialog that makes a phone a person's wrist: QR code, steps, fingerprint. */
 
 import type { Reply } from "../site/asks";
-import type { Desk } from "../desk";
+import type { Controls } from "../controls";
 import { el, icon, show, write } from "../dom";
 import { capital } from "../format";
 
@@ -16,7 +16,7 @@ export function fingerprintLines(fingerprint: string): string {
   return (hex.match(/.{2}/g) ?? []).join(" ");
 }
 
-/** The drawing in `markup`, nothing where it is none; scripts in it would not run. */
+/** The drawing in `markup`, or null if it is none; scripts in it would not run. */
 function drawing(markup: string): Element | null {
   const root = new DOMParser().parseFromString(markup, "image/svg+xml").documentElement;
   if (root.localName !== "svg") return null;
@@ -26,7 +26,7 @@ function drawing(markup: string): Element | null {
   return root;
 }
 
-export function pairingDialog(desk: Desk): Pairing {
+export function pairingDialog(controls: Controls): Pairing {
   const code = el("div", { className: "qr", role: "img", "aria-label": "QR code that opens the phone's page" });
   const link = el("a", { target: "_blank", rel: "noreferrer" });
   const print = el("code", {});
@@ -43,14 +43,14 @@ export function pairingDialog(desk: Desk): Pairing {
   const title = el("h2", { id: "pairing-title", text: "Point with your phone" });
   const dialog = el("dialog", { className: "sheet", "aria-labelledby": "pairing-title" }, el("header", {}, title, close), closed, wait, offer);
   document.body.append(dialog);
-  dialog.addEventListener("close", () => desk.changed());
+  dialog.addEventListener("close", () => controls.changed());
   let user = "";
   let isAsking = false;
   let offeredTo = "";
 
   async function lan(): Promise<void> {
     openLan.disabled = true;
-    const reply = await desk.ask({ deed: "open_lan" }, { isQuiet: true, patienceMs: 15_000 });
+    const reply = await controls.ask({ deed: "open_lan" }, { isQuiet: true, patienceMs: 15_000 });
     openLan.disabled = false;
     if (reply) await pair();
   }
@@ -60,7 +60,7 @@ export function pairingDialog(desk: Desk): Pairing {
     isAsking = true;
     show(closed, false);
     write(wait, "One moment …");
-    const reply = await desk.ask({ deed: "pair", name: user }, { isQuiet: true, patienceMs: 15_000 });
+    const reply = await controls.ask({ deed: "pair", name: user }, { isQuiet: true, patienceMs: 15_000 });
     isAsking = false;
     write(wait, "");
     if (reply) present(reply);
@@ -80,23 +80,23 @@ export function pairingDialog(desk: Desk): Pairing {
 
   return {
     open() {
-      user = desk.user;
-      write(title, desk.site.people.size > 1 ? `Point as ${user} with your phone` : "Point with your phone");
+      user = controls.user;
+      write(title, controls.site.people.size > 1 ? `Point as ${user} with your phone` : "Point with your phone");
       show(offer, false);
       offeredTo = "";
-      const isClosed = !desk.site.status?.lan_url;
+      const isClosed = !controls.site.status?.lan_url;
       show(closed, isClosed);
-      show(openLan, desk.mayDo("open_lan"));
-      write(wait, isClosed && !desk.mayDo("open_lan") ? "Start PointIt with --lan to allow it." : "");
+      show(openLan, controls.mayDo("open_lan"));
+      write(wait, isClosed && !controls.mayDo("open_lan") ? "Start PointIt with --lan to allow it." : "");
       if (!dialog.open) dialog.showModal();
       if (!isClosed) void pair();
     },
     update() {
       if (!dialog.open || !offeredTo) return;
-      const line = desk.site.people.get(offeredTo)?.line;
+      const line = controls.site.people.get(offeredTo)?.line;
       if (line?.phone && line.moved_by === "phone") {
         dialog.close();
-        desk.toasts.show("done", `The phone points as ${offeredTo} now.`);
+        controls.toasts.show("done", `The phone points as ${offeredTo} now.`);
       } else if (line?.phone) write(wait, `${capital(line.phone)}.`);
     },
   };

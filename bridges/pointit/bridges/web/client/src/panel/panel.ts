@@ -1,6 +1,6 @@
 /** The side panel: controls and health, as two tabs. */
 
-import type { Desk } from "../desk";
+import type { Controls } from "../controls";
 import { el, icon, mark, show, write } from "../dom";
 import type { Part } from "./part";
 
@@ -20,7 +20,7 @@ export interface Panel {
 }
 
 /** Fill `host` with tabs. */
-export function makePanel(host: HTMLElement, desk: Desk, tabs: readonly Tab[]): Panel {
+export function makePanel(host: HTMLElement, controls: Controls, tabs: readonly Tab[]): Panel {
   let current = 0;
   const badges = tabs.map(() => el("span", { className: "count", hidden: true }));
   const heads = tabs.map((tab, index) => el("button", {
@@ -45,7 +45,7 @@ export function makePanel(host: HTMLElement, desk: Desk, tabs: readonly Tab[]): 
     });
     host.classList.remove("low");
     mark(handle, "aria-expanded", "true");
-    desk.changed();
+    controls.changed();
   }
 
   function travel(event: KeyboardEvent): void {

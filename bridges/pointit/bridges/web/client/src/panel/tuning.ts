@@ -1,7 +1,7 @@
 /** How staying selects, how far a ray may pass, how bright the light is; as the services answer. */
 
 import { choice } from "../choice";
-import type { Desk } from "../desk";
+import type { Controls } from "../controls";
 import { folded, show } from "../dom";
 import { slider } from "../slider";
 import type { RequestKey } from "../topics";
@@ -13,17 +13,17 @@ const METHODS = [
 ];
 
 export interface Tuning extends Part {
-  /** Ask anew what is in use: something was started. */
+  /** Query the values in use again: a service was started. */
   forget(): void;
 }
 
-export function tuningPart(desk: Desk): Tuning {
+export function tuningPart(controls: Controls): Tuning {
   const asked = new Set<string>();
   let tolerance: number | null = null;
   let dwell: number | null = null;
 
   async function askMethod(query: Record<string, unknown>): Promise<number | null> {
-    const reply = await desk.ask({ key: "selector/method", query }, { isQuiet: true });
+    const reply = await controls.ask({ key: "selector/method", query }, { isQuiet: true });
     if (!reply) return null;
     method.set(String(reply["method"]));
     dwell = Number(reply["dwell_s"]);
@@ -31,7 +31,7 @@ export function tuningPart(desk: Desk): Tuning {
   }
 
   async function askTolerance(query: Record<string, unknown>): Promise<number | null> {
-    const reply = await desk.ask({ key: "pui/tolerance", query }, { isQuiet: true });
+    const reply = await controls.ask({ key: "pui/tolerance", query }, { isQuiet: true });
     if (!reply) return null;
     const answered = reply["tolerance_rad"];
     tolerance = typeof answered === "number" ? answered / DEG : null;
@@ -39,11 +39,11 @@ export function tuningPart(desk: Desk): Tuning {
   }
 
   async function dim(value: number): Promise<number | null> {
-    const reply = await desk.ask({ key: "leds/brightness", query: { brightness: value } }, { isQuiet: true });
+    const reply = await controls.ask({ key: "leds/brightness", query: { brightness: value } }, { isQuiet: true });
     return reply ? value : null;
   }
 
-  const method = choice("Method", (value) => void askMethod({ method: value }).then(desk.changed), METHODS);
+  const method = choice("Method", (value) => void askMethod({ method: value }).then(controls.changed), METHODS);
   const time = slider({
     label: "Time on an object", min: 0.2, max: 3, step: 0.05, text: (value) => `${value.toFixed(2)} s`,
     send: (value) => askMethod({ dwell_s: value }),
@@ -57,13 +57,13 @@ export function tuningPart(desk: Desk): Tuning {
   });
   const element = folded("Selecting and light", false, method.element, time.element, near.element, light.element);
 
-  /** Ask once for what is in use, as soon as there is somebody to ask. */
+  /** Query the values in use once, as soon as the server is present. */
   function once(key: RequestKey, ask: () => Promise<unknown>): boolean {
-    const may = desk.may(key);
+    const may = controls.may(key);
     if (!may) asked.delete(key);
     else if (!asked.has(key)) {
       asked.add(key);
-      void ask().then(desk.changed);
+      void ask().then(controls.changed);
     }
     return may;
   }
@@ -74,14 +74,14 @@ export function tuningPart(desk: Desk): Tuning {
     update() {
       const isSelecting = once("selector/method", () => askMethod({}));
       const isCasting = once("pui/tolerance", () => askTolerance({}));
-      const isLit = desk.may("leds/brightness") && (desk.site.map?.strips.length ?? 0) > 0;
+      const isLit = controls.may("leds/brightness") && (controls.site.map?.strips.length ?? 0) > 0;
       show(method.element, isSelecting);
       show(time.element, isSelecting);
       show(near.element, isCasting && tolerance !== null);
       show(light.element, isLit);
       time.set(dwell);
       near.set(tolerance);
-      light.set(desk.site.health.get("led-driver")?.figures.find((each) => each.name === "brightness")?.value ?? null);
+      light.set(controls.site.health.get("led-driver")?.figures.find((each) => each.name === "brightness")?.value ?? null);
       show(element, isSelecting || isCasting || isLit);
     },
   };

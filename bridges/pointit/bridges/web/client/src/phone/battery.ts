@@ -1,10 +1,10 @@
-/** The phone's charge, where the browser tells it. */
+/** The phone's charge, if the browser reports it. */
 
 interface Battery extends EventTarget {
   readonly level: number;
 }
 
-/** Call `changed` with the charge, 0 to 1, now and whenever it changes; never where it is not told. */
+/** Call `changed` with the charge, 0 to 1, now and whenever it changes; never if it is not reported. */
 export async function watchBattery(changed: (charge: number) => void): Promise<void> {
   const ask = (navigator as { getBattery?: () => Promise<Battery> }).getBattery;
   if (!ask) return;

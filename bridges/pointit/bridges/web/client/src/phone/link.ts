@@ -11,7 +11,7 @@ export interface LinkEvents {
   changed(state: LinkState): void;
 }
 
-/** Nothing heard for so long, ms: the connection is dead, whatever the browser says. */
+/** Silence after which the connection counts as dead, even if the browser reports it open, ms. */
 const SILENT_MS = 6000;
 /** How often, ms, a round trip is measured. */
 const ECHO_MS = 2000;
@@ -71,7 +71,7 @@ export class Link {
     return true;
   }
 
-  /** Ask for something; returns the number that its answer has, or null where nobody can be asked now. */
+  /** Send a request; returns its id, or null if there is no connection. */
   ask(wish: Wish): number | null {
     if (this.state !== "open") return null;
     const ask: Ask = { kind: "ask", id: ++this.number, ...wish };
@@ -111,7 +111,7 @@ export class Link {
     };
   }
 
-  /** Post what there is to say; one post at a time, the newest turn only. */
+  /** Post queued messages; one post at a time, the newest turn only. */
   private async post(isGreeting = false): Promise<void> {
     if (this.posting) return;
     const stop = (this.posting = new AbortController());

@@ -6,7 +6,7 @@ import type { Quaternion } from "./orientation";
 export const LEAST_MS = 12;
 /** A phone that holds still says so this often; a silent one is taken for lost. */
 export const STILL_MS = 160;
-/** Bytes on their way beyond which nothing more is sent: what is old when it comes is worth nothing. */
+/** Maximum number of unsent bytes; beyond it nothing more is sent, since late samples are useless. */
 export const MOST_BUFFERED = 4096;
 
 export interface Reading {
@@ -27,7 +27,7 @@ export class Pace {
     this.isNew = true;
   }
 
-  /** What is to be sent at `now`, if anything; what was returned counts as sent. */
+  /** The sample to send at `now`, if any; it counts as sent. */
   due(now: number, buffered: number): Reading | null {
     if (!this.newest || buffered > MOST_BUFFERED) return null;
     const since = now - this.sentAt;
@@ -46,7 +46,7 @@ export class Pace {
   }
 }
 
-/** Counts what happens, and tells how often in a second. */
+/** Counts events per second. */
 export class Rate {
   private times: number[] = [];
 

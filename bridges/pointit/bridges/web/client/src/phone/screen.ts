@@ -71,13 +71,13 @@ export class Screen {
     if (text) this.saidUntil = setTimeout(() => this.write("said", ""), 6000);
   }
 
-  /** Tell what is wrong; stays until it is told otherwise. */
+  /** Show a problem until it is replaced. */
   trouble(text: string): void {
     this.write("trouble", text);
     this.show("trouble", text !== "");
   }
 
-  /** Whether the start button can be tapped, and what stands on it. */
+  /** Enable the start button, and set its text. */
   offerStart(isOffered: boolean, name: string): void {
     (this.parts.start as HTMLButtonElement).disabled = !isOffered;
     this.write("start", name);

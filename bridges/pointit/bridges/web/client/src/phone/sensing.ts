@@ -27,14 +27,14 @@ export interface SensingEvents {
   ended(): void;
 }
 
-/** Why there is no orientation, and what to do, in one sentence for the person. */
+/** Reason for a missing orientation, and its remedy, for the person. */
 export class NoOrientation extends Error {}
 
 const FREQUENCY_HZ = 60;
 const PATIENCE_MS = 2500;
 
 const INSECURE = "Browsers show a page how the phone moves only over https: scan the QR code again and open the address as it is.";
-const NONE = "This browser does not tell how the phone is turned; try Chrome on Android or Safari on iPhone.";
+const NONE = "This browser does not report the phone's orientation; try Chrome on Android or Safari on iPhone.";
 const SILENT = "No movement is heard: this device has no orientation sensor, or its settings keep it from web pages.";
 const REFUSED = "Motion was refused: allow “Motion & Orientation Access” for this page in the browser's settings, load the page again and tap Start.";
 

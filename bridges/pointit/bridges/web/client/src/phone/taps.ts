@@ -2,7 +2,7 @@
 
 export type Gesture = "press" | "double" | "hold";
 
-/** Held so long, a touch is a hold. */
+/** Minimum duration of a hold, ms. */
 export const HOLD_MS = 800;
 /** A second touch within this time makes a double press, where one is asked for. */
 export const DOUBLE_MS = 320;

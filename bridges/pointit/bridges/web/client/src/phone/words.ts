@@ -1,23 +1,23 @@
-/** What the phone's page says. */
+/** Texts of the phone's page. */
 
 import type { LinkState } from "./link";
 import type { Source } from "./sensing";
 
-/** Where the person is, by the interaction's state. */
+/** Activity of the person by the interaction's state. */
 const STATES: Readonly<Record<string, string>> = { idle: "Resting", localizing: "Finding your place", pointing: "Pointing" };
 
 export function stateWords(state: string): string {
   return STATES[state] ?? "";
 }
 
-/** What a press of the big button does, as far as the state tells. */
+/** Effect of the big button in a state. */
 export function pressWords(state: string): string {
   return { idle: "starts pointing", localizing: "calls it off", pointing: "stops, or confirms" }[state] ?? "";
 }
 
 const LINKS: Readonly<Record<LinkState, string>> = {
   connecting: "Connecting …", open: "Connected", closed: "Stopped",
-  unpaired: "This phone is not paired any more: have a new QR code shown and scan it.",
+  unpaired: "This phone is no longer paired: scan a new QR code.",
   replaced: "The page was opened a second time on this phone; that one goes on.",
 };
 

@@ -6,7 +6,7 @@ import type { Bounds } from "../geometry/bounds";
 import { cm, draw, path, turned, xy } from "./svg";
 import type { Lanes } from "./lanes";
 
-/** The floor is drawn so far beyond what stands on it, m. */
+/** Margin of the floor around the objects on it, m. */
 const ABOUT_M = 6;
 
 /** Floor lines every metre, under all of `bounds`. */

@@ -1,4 +1,4 @@
-/** Lines of a map by the surface that names them: what objects lie on, what a pointer is over. */
+/** Lines of a map by the surface that names them: for positions of objects and the pointer. */
 
 import type { Environment, TrackedObject } from "../messages";
 import { Polyline } from "../geometry/polyline";
@@ -17,7 +17,7 @@ export class Lanes {
     return this.lines.get(`${surface} ${id}`) ?? null;
   }
 
-  /** Where `object`, told of at `stamp_ns`, is at `now_ns`. */
+  /** Position of `object`, reported at `stamp_ns`, at `now_ns`. */
   placed(object: TrackedObject, stamp_ns: number, now_ns: number): Placed {
     const out: Placed = { at: [0, 0, 0], heading: 0, along: 0 };
     return carriedOn(object, elapsed(stamp_ns, now_ns), this.line(object.surface, object.surface_id), out);

@@ -1,4 +1,4 @@
-/** Strips as rows of coloured pixels, and lamps: what shines. */
+/** Strips as rows of coloured pixels, and lamps. */
 
 import type { Environment, StripsFrame } from "../messages";
 import type { Site } from "../site/site";

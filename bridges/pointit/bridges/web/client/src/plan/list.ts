@@ -4,11 +4,11 @@ import { write } from "../dom";
 import type { Site } from "../site/site";
 import { lampRows, objectRows, peopleRows, type Row } from "./sentences";
 
-/** The list is told anew no more often than this, ms: a screen reader must come to its end. */
+/** Minimum interval of updates, ms, so that a screen reader can finish the list. */
 const EVERY_MS = 1000;
 
 export interface ListEvents {
-  /** Point at an object or a lamp until told otherwise; empty: at nothing any more. */
+  /** Keep pointing at an object or a lamp, or stop with "". */
   follow(what: string): void;
 }
 
@@ -48,7 +48,7 @@ export class PlanList {
     this.say();
   }
 
-  /** Offer pointing, or not; `followed`: what is pointed at. */
+  /** Offer pointing, or not; `followed`: current target. */
   offer(canPoint: boolean, followed: string): void {
     if (canPoint === this.canPoint && followed === this.followed) return;
     [this.canPoint, this.followed] = [canPoint, followed];

@@ -1,4 +1,4 @@
-/** Tracked objects in the plan: their kind by colour and letter, whose they are by pattern and name. */
+/** Tracked objects in the plan: their kind by colour and letter, their owners by pattern and name. */
 
 import type { TrackedObject } from "../messages";
 import { siteNow, type Site } from "../site/site";
@@ -62,7 +62,7 @@ export class Packages {
     }
   }
 
-  /** Remove all; the next update draws anew. */
+  /** Remove all; the next update redraws. */
   clear(): void {
     for (const { turning, place } of this.figures.values()) for (const element of [turning, place]) element.remove();
     this.figures.clear();

@@ -1,4 +1,4 @@
-/** People in the plan: body, arm, ray, cursor, the gauge of what they hover, how unsure their place is. */
+/** People in the plan: body, arm, ray, cursor, hover progress, uncertainty of the position. */
 
 import { isHeard, isSent, standingOf, type Person, type Site } from "../site/site";
 import { DEFAULT_BODY, hangingArm, pointingArm } from "../geometry/body";

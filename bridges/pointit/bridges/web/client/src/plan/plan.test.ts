@@ -123,8 +123,8 @@ test("the list tells people, objects and lamps in short lines", () => {
   site.objects.set("conveyor", { stamp_ns: 0, seq: 0, latency_sigma_s: null, objects: [thing({ id: "1a-2", kind: "blue" }), thing({ id: "1a-1", bay: "1", bay_until_ns: 0 })] });
   site.selection = { stamp_ns: 0, seq: 0, objects: [{ id: "1a-1", user: "user2", kind: "red", since_ns: 0, confidence: null }], reserved: [{ id: "1a-2", user: "user10", until_ns: 0 }] };
   assert.deepEqual(peopleRows(site).map(({ key, text }) => [key, text]), [
-    ["user2", "pointing; their place is yet to be found; points at red package, select 46 %"],
-    ["user10", "nothing heard yet; where they stand is not known"],
+    ["user2", "pointing; their position is not yet measured; points at red package, select 46 %"],
+    ["user10", "nothing heard yet; their position is not known"],
   ]);
   assert.deepEqual(objectRows(site).map(({ name, text }) => [name, text]), [
     ["red package 1", "on belt a at 1.0 m, bound for bay 1, too late to change; selected by user2"], ["blue package 2", "on belt a at 1.0 m; user10 is about to select it"],

@@ -16,7 +16,7 @@ import { People } from "./people";
 import { draw, say, set, show, xy } from "./svg";
 import { under } from "./under";
 
-/** Within so many px of a lamp or strip the pointer is drawn to it. */
+/** The pointer snaps to a lamp or strip within this distance, px. */
 const NEAR_PX = 10;
 const LAYERS = ["ground", "belts", "bays", "floor", "packages", "strips", "lamps", "bodies", "letters", "top", "aim"] as const;
 
@@ -50,7 +50,7 @@ class Plan implements View {
 
   constructor(host: HTMLElement, private readonly options: ViewOptions) {
     this.box.className = "plan";
-    this.svg = draw(this.box, "svg", { class: "plan-map", tabindex: 0, role: "img", "aria-label": "Plan of the room from above; the list below it tells the same in words. Plus and minus zoom, 0 shows everything." });
+    this.svg = draw(this.box, "svg", { class: "plan-map", tabindex: 0, role: "img", "aria-label": "Plan of the room from above; the list below has the same as text. Plus and minus zoom, 0 shows everything." });
     this.world = draw(this.svg, "g");
     this.layers = Object.fromEntries(LAYERS.map((name) => [name, draw(this.world, "g", { class: `plan-layer-${name}` })])) as typeof this.layers;
     const bar = draw(this.svg, "g", { class: "plan-scale" });
@@ -158,7 +158,7 @@ class Plan implements View {
     this.chase();
   }
 
-  /** Keep pointing at what is followed, as it moves. */
+  /** Keep pointing at the followed object as it moves. */
   private chase(): void {
     if (!this.followed) return;
     const lamp = this.site?.map?.lamps.find(({ id }) => id === this.followed);

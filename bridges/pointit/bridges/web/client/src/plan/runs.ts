@@ -4,7 +4,7 @@ import type { Strip } from "../messages";
 import type { Polyline } from "../geometry/polyline";
 import { xy } from "./svg";
 
-/** Levels of each colour that are told apart; finer ones would make a path for every pixel of a gradient. */
+/** Number of distinct levels of each colour; finer ones would make a path for every pixel of a gradient. */
 const STEP = 16;
 
 /** The `n + 1` edges of a strip's pixels as `x y` of the plan, pixel 0 first. */

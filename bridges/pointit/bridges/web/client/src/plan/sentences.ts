@@ -1,4 +1,4 @@
-/** The plan in words: what there is to know of people, objects and lamps, one short line each. */
+/** The plan as text: one short line per person, object and lamp. */
 
 import { standingOf, type Person, type Site } from "../site/site";
 import type { TrackedObject } from "../messages";
@@ -11,14 +11,14 @@ export interface Row {
   text: string;
 }
 
-/** People in counting order: what they do, what they point at. */
+/** People in counting order: activity and target. */
 export function peopleRows(site: Site): Row[] {
   return [...site.people.values()].sort((a, b) => byName(a.user, b.user)).map((person) => ({
     key: person.user, name: person.user, text: [whatTheyDo(person), ...whereTheyStand(person), ...whatTheyPointAt(site, person)].join("; "),
   }));
 }
 
-/** Objects, those that somebody has selected or nearly so first told whose they are. */
+/** Objects with their owners. */
 export function objectRows(site: Site): (Row & { object: TrackedObject })[] {
   const owners = new Map(site.selection?.objects.map((each) => [each.id, each.user]));
   const holders = new Map(site.selection?.reserved.map((each) => [each.id, each.user]));
@@ -48,7 +48,7 @@ export function lampRows(site: Site): (Row & { at: [number, number, number] })[]
   });
 }
 
-/** What ids do not share at their beginning, so that they can be told in few words: `…14-3` is `3`. */
+/** Ends of ids, if unique, as short names: `…14-3` is `3`. */
 export function shortNames(ids: readonly string[]): Map<string, string> {
   const parts = (id: string) => /^(.*-)(\d+)$/.exec(id);
   const endings = new Map(ids.map((id) => [id, parts(id)?.[2] ?? id]));
@@ -65,7 +65,7 @@ function whatTheyDo(person: Person): string {
 
 function whereTheyStand(person: Person): string[] {
   const stands = standingOf(person);
-  return !stands ? ["where they stand is not known"] : stands.isAssumed ? ["their place is yet to be found"] : [];
+  return !stands ? ["their position is not known"] : stands.isAssumed ? ["their position is not yet measured"] : [];
 }
 
 function whatTheyPointAt(site: Site, person: Person): string[] {

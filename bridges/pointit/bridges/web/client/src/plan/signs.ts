@@ -17,7 +17,7 @@ export interface Sign {
   pattern: UserProfile["pattern"];
 }
 
-/** The sign of a person; white and solid for one who has told nothing of themselves. */
+/** The sign of a person; white and solid without a profile. */
 export function signOf(profile: UserProfile | null | undefined): Sign {
   const pattern = profile?.pattern ?? "solid";
   return { color: cssColor(profile?.cursor_color ?? [255, 255, 255]), dashes: DASHES[pattern], isHollow: pattern === "hollow", pattern };

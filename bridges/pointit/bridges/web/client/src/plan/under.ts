@@ -47,7 +47,7 @@ export function nearestTo(line: Polyline, x: number, y: number): { at: Vec3; apa
   return { at, apart };
 }
 
-/** Height of what stands at (x, y): the highest solid's top, else the floor's. */
+/** Height at (x, y): the highest solid's top, else the floor's. */
 function topOf(map: Environment | null, x: number, y: number): number {
   let top = 0;
   for (const box of map?.boxes ?? []) {
@@ -74,7 +74,7 @@ function isOn(thing: Thing, x: number, y: number): boolean {
   return Math.abs(along) <= thing.halfLength && Math.abs(aside) <= thing.halfBreadth;
 }
 
-/** (x, y) in the axes of what stands at `center`, turned by `yaw`. */
+/** (x, y) in the axes of a solid at `center`, turned by `yaw`. */
 function within(center: readonly number[], yaw: number, x: number, y: number): [number, number] {
   const dx = x - center[0]!, dy = y - center[1]!, c = Math.cos(yaw), s = Math.sin(yaw);
   return [c * dx + s * dy, -s * dx + c * dy];

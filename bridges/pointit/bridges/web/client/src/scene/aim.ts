@@ -1,4 +1,4 @@
-/** Where the mouse, a finger or the arrow keys point: a place in {W} on what is under them. */
+/** Where the mouse, a finger or the arrow keys point: a point in {W} on the surface below them. */
 
 import * as THREE from "three";
 import type { Read3, Vec3 } from "../geometry/vec";
@@ -11,7 +11,7 @@ const NEAR_M = 0.04;
 /** Arrow keys: places are looked for below this height, m. */
 const CEILING_M = 20;
 
-/** Casts what points onto the scene; at most once a frame. */
+/** Casts the pointer onto the scene; at most once a frame. */
 export class Aim {
   on = false;
   /** Where it is aimed at; null: nowhere yet. */
@@ -119,7 +119,7 @@ export class Aim {
     return this.at;
   }
 
-  /** The ghost: where it is aimed at, and what is missing from there to the person's cursor. */
+  /** The ghost: the aimed-at point, and its distance to the person's cursor. */
   mark(marks: Marks, beams: Beams, cursor: Read3 | null, dark: boolean): void {
     if (!this.on || !this.at || this.isResting) return;
     const color: Read3 = dark ? [255, 255, 255] : [25, 30, 38];

@@ -1,4 +1,4 @@
-/** Straight lines of light of an even width on the screen: rays, and what is still missing to the mouse. */
+/** Straight lines of light of an even width on the screen: rays, and the gap to the mouse. */
 
 import * as THREE from "three";
 import type { Read3 } from "../geometry/vec";

@@ -33,7 +33,7 @@ interface Pose {
 
 const posed = (): Pose => ({ position: new THREE.Vector3(), target: new THREE.Vector3(), fov: 42 });
 
-/** The camera and what moves it. */
+/** The camera and its control. */
 export class Cameras {
   mode: Camera = "room";
   user = "";
@@ -70,7 +70,7 @@ export class Cameras {
     this.controls.touches.TWO = this.mode === "top" || !on ? THREE.TOUCH.DOLLY_PAN : THREE.TOUCH.DOLLY_ROTATE;
   }
 
-  /** There is more to show, or less: go there unless somebody has moved the camera. */
+  /** Fit the view to a changed scene, unless the user has moved the camera. */
   reframe(points: readonly Read3[]): void {
     this.points = points;
     if (this.isFramed && this.mode !== "eyes") this.go(performance.now(), this.isStill);
@@ -111,7 +111,7 @@ export class Cameras {
     this.wake();
   }
 
-  /** How far away what is looked at is, m. */
+  /** Distance of the camera's target, m. */
   get distance(): number {
     return this.picture.camera.position.distanceTo(this.controls.target);
   }

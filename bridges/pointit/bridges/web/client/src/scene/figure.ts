@@ -1,4 +1,4 @@
-/** One person's body, in their colour; the arms are set anew in every frame. */
+/** One person's body, in their colour; the arms are set in every frame. */
 
 import * as THREE from "three";
 import { mergeGeometries } from "three/addons/utils/BufferGeometryUtils.js";

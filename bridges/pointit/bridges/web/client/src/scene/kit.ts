@@ -32,7 +32,7 @@ interface Disposable {
   dispose(): void;
 }
 
-/** Makes what is drawn, in the mode and theme of now; `dispose` frees all that it made. */
+/** Makes meshes in the current mode and theme; `dispose` frees them all. */
 export class Kit {
   readonly group = new THREE.Group();
   private readonly made = new Set<Disposable>();

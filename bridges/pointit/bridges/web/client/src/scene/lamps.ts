@@ -50,7 +50,7 @@ export class Lamps {
     this.set(new Map(), kit.theme.dark);
   }
 
-  /** Show what lamps were told. */
+  /** Show the commanded colours. */
   set(colors: ReadonlyMap<string, LampColor>, dark: boolean): void {
     const off = dark ? 0.2 : 0.5;
     this.lamps.forEach((lamp, i) => {

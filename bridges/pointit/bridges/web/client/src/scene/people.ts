@@ -1,4 +1,4 @@
-/** People: where they stand and how surely, where they point, and what they are asked to point at. */
+/** People: pose and its uncertainty, ray, cursor, and the lamp to point at. */
 
 import { isHeard, isSent, standingOf, type Person, type Site } from "../site/site";
 import { DEFAULT_BODY, eyesOf, hangingArm, pointingArm, type Arm } from "../geometry/body";
@@ -11,7 +11,7 @@ import { Kit } from "./kit";
 import type { Labels } from "./labels";
 import type { Marks } from "./marks";
 
-/** Who points and has had no cursor for so long is shown faintly, ms. */
+/** A pointing person without a cursor for this long is shown faintly, ms. */
 const STALE_MS = 2000;
 /** A name stands at most so high, m. */
 const NAME_M = 2.15;
@@ -33,7 +33,7 @@ interface Body {
   arm: Arm | null;
 }
 
-/** What people are drawn with, and what there is to be pointed at. */
+/** Shared geometry of people, and the map's targets. */
 export interface Surroundings {
   readonly kit: Kit;
   readonly marks: Marks;
@@ -67,7 +67,7 @@ export class People {
    * Draw everybody as of `now` (`performance.now()`), `seconds` after the frame before; returns whether
    * anybody goes on moving.
    *
-   * @param own through whose eyes it is seen; empty: nobody's
+   * @param own person whose eyes the camera uses, or ""
    */
   draw(site: Site, now: number, seconds: number, own: string): boolean {
     let moves = false;

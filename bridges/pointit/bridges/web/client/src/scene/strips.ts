@@ -1,4 +1,4 @@
-/** LED strips: every pixel an instance, a glow about those that shine; what they are fixed to. */
+/** LED strips: every pixel an instance, a glow about those that shine; their rails and posts. */
 
 import * as THREE from "three";
 import type { Environment, StripsFrame } from "../messages";

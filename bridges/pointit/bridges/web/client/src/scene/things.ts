@@ -171,7 +171,7 @@ function made(object: TrackedObject, form: Form): Thing {
   return { object, form, size, up, placed: { at: [...object.position_m], heading: 0, along: 0 }, stamp_ns: 0, line: null };
 }
 
-/** A box of 1 m without a bottom; what is on its skin stands upright on every side, and on top as from -y. */
+/** A box of 1 m without a bottom; its texture is upright on every side, and on top as seen from -y. */
 function lettered(): THREE.BufferGeometry {
   const sides = [[0, -1], [1, 0], [0, 1], [-1, 0]].map(([x, y]) =>
     new THREE.PlaneGeometry(1, 1).rotateX(Math.PI / 2).rotateZ(Math.atan2(x!, -y!)).translate(x! / 2, y! / 2, 0));

@@ -1,4 +1,4 @@
-/** All that is made anew for every map and theme. */
+/** Everything that is rebuilt for every map and theme. */
 
 import type { Bounds } from "../geometry/bounds";
 import type { Read3, Vec3 } from "../geometry/vec";
@@ -34,7 +34,7 @@ export const NOTHING: Environment = {
   planes: [], spheres: [], strips: [],
 };
 
-/** Build what `map` has. `isStill`: nothing moves that need not. */
+/** Build the parts of `map`. `isStill`: without needless motion. */
 export function makeWorld(kit: Kit, map: Environment, bounds: Bounds, labels: Labels, isStill: boolean): World {
   const belts = new Belts(kit, map), strips = new Strips(kit, map), lamps = new Lamps(kit, map);
   const lines = (surface: string, id: string) => (surface === "belt" ? belts : strips).lines.get(id) ?? null;

@@ -1,4 +1,4 @@
-/** What a message changes in what the page knows of the site. */
+/** Updates of the site's state by messages. */
 
 import { decode } from "@msgpack/msgpack";
 import type { Item } from "./batch";
@@ -67,7 +67,7 @@ const TAKERS: { [K in keyof Shown]: Taker<Shown[K]> } = {
 
 type Told = "users/{user}/feedback" | "selection/events";
 
-/** How the log tells an event; null: not at all. */
+/** Text of an event in the log, or null if it is not logged. */
 const LINES: { [K in Told]: (site: Site, message: Topics[K], name: string) => Pick<LogLine, "severity" | "who" | "text"> | null } = {
   "users/{user}/feedback": (_site, message, name) => message.text && (message.point_m || (message.cue !== "selected" && message.cue !== "deselected"))
     ? { severity: message.cue === "refused" ? "warning" : "info", who: name, text: message.text } : null,
@@ -101,7 +101,7 @@ const FORGETTERS: Record<keyof Shown, Forgetter> = {
 
 /** Keeps a site up to date. */
 export class Keeper {
-  /** Everybody of whom something is known; `site.people` has those who are there. */
+  /** All people with messages; `site.people` has those who are present. */
   private readonly known = new Map<string, Person>();
 
   readonly warned = new Episodes();
@@ -113,7 +113,7 @@ export class Keeper {
   /**
    * Take one message over; `at` is `performance.now()`. Topics that this page does not know are passed over:
    * servers may be newer.
-   * @returns the message, nothing where there is none.
+   * @returns the message, or null if there is none.
    * @throws Error when it cannot be read.
    */
   take(item: Item, at: number): unknown {
@@ -149,7 +149,7 @@ export class Keeper {
     this.tell(item.topic as Told, message as never, item.name, Date.now() - ago);
   }
 
-  /** Take over what the server says of the site: who is gone vanishes with all that is theirs. */
+  /** Apply the server's status: people who have left are removed with their states. */
   status(status: Status): void {
     const { site } = this;
     const before = site.status;
@@ -175,7 +175,7 @@ export class Keeper {
     }
   }
 
-  /** Nothing is known any more: the first batch of a new connection tells all that is true. */
+  /** Clear the state: the first batch of a new connection has everything that is valid. */
   clear(): void {
     const { site } = this;
     this.known.clear();

@@ -12,7 +12,7 @@ export type Reply = Record<string, unknown>;
 /** A request of the table, or a deed of the server's own; `name`: the person, where it is about one. */
 export type Wish = ({ key: RequestKey } | { deed: NonNullable<Ask["deed"]> }) & { name?: string; query?: Record<string, unknown> };
 
-/** Milliseconds after which nobody is taken to answer; `run/scenario` takes its time. */
+/** Timeout of an answer, ms; `run/scenario` takes longer. */
 export const PATIENCE_MS = 5_000;
 
 interface Waiting {
@@ -26,7 +26,7 @@ export class Asks {
   private next = 1;
   private readonly waiting = new Map<number, Waiting>();
 
-  /** @param send sends one request; tells whether it could. */
+  /** @param send sends one request; returns false if it could not. */
   constructor(private readonly send: (ask: Ask) => boolean) {}
 
   /** Ask, and return the fields of the reply; rejects with a `Refusal`. */

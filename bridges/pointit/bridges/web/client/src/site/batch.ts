@@ -1,12 +1,12 @@
-/** The binary half of the wire: what a batch is, see the docstring of `wire.py`. */
+/** The binary half of the wire: batches, see the docstring of `wire.py`. */
 
 import { decode } from "@msgpack/msgpack";
 
-/** One message as on the bus: the key's pattern, what stands for its placeholder, msgpack. */
+/** One message as on the bus: the key's pattern, the name for its placeholder, msgpack. */
 export interface Item {
   topic: string;
   name: string;
-  /** Nothing: what the key had is no longer true. */
+  /** Null: the key's message is no longer valid. */
   payload: Uint8Array | null;
 }
 
@@ -76,10 +76,10 @@ function finite(value: unknown, what: string): number {
 function items(value: unknown, what: string): Item[] {
   if (!Array.isArray(value)) throw new Error(`${what} of a batch is no list`);
   return value.map((each: unknown) => {
-    if (!Array.isArray(each)) throw new Error(`${what} of a batch has what is no message`);
+    if (!Array.isArray(each)) throw new Error(`${what} of a batch has a malformed message`);
     const [topic, name, payload] = each as unknown[];
     if (typeof topic !== "string" || typeof name !== "string" || !(payload === null || payload instanceof Uint8Array)) {
-      throw new Error(`${what} of a batch has what is no message`);
+      throw new Error(`${what} of a batch has a malformed message`);
     }
     return { topic, name, payload };
   });

@@ -79,7 +79,7 @@ export class Connection {
     this.send({ kind: "aim", user, at_m: at } satisfies AimAt);
   }
 
-  /** Take over what came since the frame before; called at the start of an animation frame. */
+  /** Apply batches since the frame before; called at the start of an animation frame. */
   takeOver(): void {
     const { states, events, history } = this.pending.take();
     const at = performance.now();
@@ -106,7 +106,7 @@ export class Connection {
     this.capturedNs = stripsNs || cursorNs;
   }
 
-  /** Acknowledge what this frame shows; called at its end, when it is drawn. */
+  /** Acknowledge the batches that this frame shows; called at its end. */
   shown(): void {
     if (!this.unacknowledged.length) return;
     const now = performance.now();
@@ -123,7 +123,7 @@ export class Connection {
     }
   }
 
-  /** Count what could not be read or drawn. */
+  /** Count an error of reading or drawing. */
   fault(error: unknown): void {
     const { faults } = this.site;
     const text = error instanceof Error ? error.message : String(error);
@@ -160,7 +160,7 @@ export class Connection {
     this.timer = setTimeout(() => this.open(), wait * (1 + 0.3 * Math.random()));
   }
 
-  /** Why no connection was had: a refused WebSocket does not tell. */
+  /** Find out why the connection failed: a refused WebSocket has no reason. */
   private async findOut(): Promise<void> {
     const status = await fetch("/", { cache: "no-store" }).then((answer) => answer.status, () => 0);
     if (this.site.connected || this.isRefused === (status === 403)) return;

@@ -1,4 +1,4 @@
-/** The message log: what happened, bounded. */
+/** The message log, bounded. */
 
 import { LOG_LINES, type LogLine, type Site } from "./site";
 
@@ -9,7 +9,7 @@ export function note(site: Site, severity: LogLine["severity"], who: string, tex
   if (site.log.length > LOG_LINES) site.log.splice(0, site.log.length - LOG_LINES);
 }
 
-/** A warning that was not heard for so long begins anew, ms. */
+/** A warning repeated after this pause counts as new, ms. */
 const EPISODE_MS = 10_000;
 
 /** Warnings that stand on, often with other figures each second, are one episode each. */

@@ -78,7 +78,7 @@ test("a vital service that is gone or hangs is one sentence with its cause", () 
   assert.equal(told([line("selector", false)], []), "", "it was not to run");
   assert.equal(told([line("keeper", false)], [finding("keeper", "should run and does not")]), "");
   assert.equal(told([line("pui", false)], [finding("pui", "should run and does not")]),
-    "Cursors and lights do not follow anybody: pui should run and does not; start it again");
+    "Cursors and lights do not move: pui should run and does not; start it again");
   assert.match(told([line("selector", true)], [finding("selector", "is present but has not reported for 5 s")]), /^Nothing can be selected: selector is present/);
 });
 

@@ -1,4 +1,4 @@
-/** What the page knows of the site: the newest message of every key, and what the server says of itself. */
+/** State of the site: the newest message of every key, and the server's status. */
 
 import type {
   ConveyorState, Cursor, Deployment, Environment, Feedback, Goal, Health, Hover, Interaction, LampColor, Localization,
@@ -42,7 +42,7 @@ export interface Site {
   /** Open, or since when (`performance.now()`) not. */
   connected: boolean;
   lostAt: number;
-  /** Counts maps: a view builds its scene anew when it has changed. */
+  /** Counts maps: a view rebuilds its scene when it has changed. */
   mapVersion: number;
   map: Environment | null;
   /** Only people who are there now. */
@@ -56,7 +56,7 @@ export interface Site {
   conveyor: ConveyorState | null;
   /** By instance. */
   readonly health: Map<string, Health>;
-  /** By name: what was started. */
+  /** Deployments by name. */
   readonly deployments: Map<string, Deployment>;
   /** What happened since the frame before, in order; for views that show it. Emptied after each frame. */
   readonly fresh: Happened[];
@@ -73,7 +73,7 @@ export interface Site {
   cameAt: number;
   /** Bytes and batches received in the last whole second, events lost since the page was opened. */
   traffic: { bytes: number; batches: number; dropped: number };
-  /** Batches or messages that could not be read, frames that could not be drawn; and what was wrong last. */
+  /** Number of unreadable batches or messages and failed frames, and the last error. */
   faults: { count: number; last: string };
 }
 
@@ -90,7 +90,7 @@ export function emptySite(): Site {
   };
 }
 
-/** A person of whom nothing is known yet. */
+/** A person without any messages. */
 export function emptyPerson(user: string): Person {
   return {
     user, profile: null, pose: null, cursor: null, cursorAt: 0, hover: null, interaction: null, localization: null,
@@ -106,7 +106,7 @@ export function isHeard(person: Person, now: number): boolean {
   return person.cursor !== null && now - person.cursorAt < HEARD_MS;
 }
 
-/** Whether what `person` proposed last was sent. */
+/** Whether the last proposal of `person` was sent. */
 export function isSent({ goal, proposed }: Person): boolean {
   return !!goal && !!proposed && goal.position_m.every((each, axis) => each === proposed[axis]);
 }
@@ -119,7 +119,7 @@ export interface Standing {
   isAssumed: boolean;
 }
 
-/** Where `person` stands; nothing where nobody knows. */
+/** Pose of `person`, or null if unknown. */
 export function standingOf({ pose, line }: Person): Standing | null {
   const known = pose ?? line?.assumed;
   return known ? { position_m: known.position_m, yaw_rad: known.yaw_rad, isAssumed: !pose } : null;

@@ -1,8 +1,8 @@
-/** The site's clock as the page knows it, and how old what it shows is. */
+/** The page's estimate of the site's clock, and the latency of the display. */
 
 /** Milliseconds over which the fastest batch is looked for. */
 const WINDOW_MS = 10_000;
-/** The site's time is taken to have been set anew when it is off by more. */
+/** A larger difference counts as a step of the site's clock. */
 const JUMP_MS = 5_000;
 
 /**

@@ -1,4 +1,4 @@
-/** What controls work with: the site, what this page may ask, and for whom. */
+/** Model of the controls: the site, permitted requests, and the person they are for. */
 
 import type { Reply, Wish } from "./site/asks";
 import { Refusal } from "./site/asks";
@@ -12,16 +12,16 @@ import type { Hello } from "./wire";
 
 type Deed = Hello["deeds"][number];
 
-export class Desk {
+export class Controls {
   private chosen = "";
 
   constructor(
     readonly site: Site, readonly settings: Settings, readonly connection: Connection, readonly toasts: Toasts,
-    /** Has everything drawn anew that depends on what changed. */
+    /** Redraws everything that depends on the controls. */
     readonly changed: () => void,
   ) {}
 
-  /** Whom controls are about: the chosen person, else the one this page moves, else the first. */
+  /** Person of the controls: the chosen one, else the one this page moves, else the first. */
   get user(): string {
     const { people } = this.site;
     if (people.has(this.chosen)) return this.chosen;
@@ -50,7 +50,7 @@ export class Desk {
     return this.site.status?.services.some((each) => each.present && each.instance === instance) ?? false;
   }
 
-  /** Whether this page may ask it, and somebody is there to answer. */
+  /** Whether this page may make the request, and its server is present. */
   may(key: RequestKey): boolean {
     const { site } = this;
     if (!site.connected || !site.hello?.requests.includes(key)) return false;
@@ -62,13 +62,13 @@ export class Desk {
     return this.site.connected && (this.site.hello?.deeds.includes(deed) ?? false);
   }
 
-  /** What can be run instead of what runs. */
+  /** Scenarios that can be run. */
   get scenarios(): readonly string[] {
     for (const { scenarios } of this.site.deployments.values()) if (scenarios.length) return scenarios;
     return [];
   }
 
-  /** What runs; empty: nothing that has a name. */
+  /** Name of the running scenario, or "". */
   get scenario(): string {
     const all = [...this.site.deployments.values()];
     return all.find((each) => each.scenario)?.scenario ?? all.find((each) => each.services.some((s) => !s.user))?.name ?? "";
@@ -85,7 +85,7 @@ export class Desk {
     return this.isPresent("user-sim", user);
   }
 
-  /** Ask; what was done, or why not, is told. Returns the reply, nothing when refused. */
+  /** Send a request, and show its message or the reason of a refusal. Returns the reply, or null if refused. */
   async ask(wish: Wish, { isQuiet = false, patienceMs }: { isQuiet?: boolean; patienceMs?: number } = {}): Promise<Reply | null> {
     try {
       const reply = await this.connection.ask(wish, patienceMs);
@@ -118,12 +118,12 @@ export class Desk {
     if (this.may("selector/{user}/clear")) void this.ask({ key: "selector/{user}/clear", name: this.user });
   }
 
-  /** Whether people here are found by pointing at lamps, not known from the start. */
+  /** Whether people are localized by pointing at lamps; otherwise their poses are configured. */
   get localizes(): boolean {
     return [...this.site.deployments.values()].some((each) => each.localizes && each.services.length > 0);
   }
 
-  /** Whether localizing makes sense here: the person's place is not given, and there is something to point at. */
+  /** Whether localizing is useful: the person's pose is not configured, and there are lamps. */
   get canLocalize(): boolean {
     return this.localizes && this.may("localizer/{user}/start") && (this.site.map?.lamps.length ?? 0) > 0;
   }

@@ -122,7 +122,7 @@ async def test_what_else_keeps_a_node_from_being_asked() -> None:
         "no ROS node is seen in domain 0: no router", other(problem="no router", **lonely), needs="-"
     )
     await refused(
-        "node /pui is of Humble, whose services nobody of jazzy can ask; set distro to humble",
+        "node /pui is of Humble, whose services no node of jazzy can ask; set distro to humble",
         other(hash="TypeHashNotSupported"),
     )
     await refused(

@@ -1,4 +1,4 @@
-"""What comes from ROS faster than it is taken: the newest wins, and reading it holds nothing up."""
+"""Input from ROS above its rate: the newest wins, and reading does not block the loop."""
 
 import asyncio
 from typing import Any

@@ -1,4 +1,4 @@
-"""What Foxglove's viewers see looks as in the page: the numbers are the same, in Python and in TypeScript."""
+"""Foxglove's viewers show the same sizes and colours as the page, in Python and in TypeScript."""
 
 import re
 from pathlib import Path

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from pointit.bridges.ros2.graph.backend import Qos
 from pointit.bridges.ros2.outbound.drawing import DELETE_ALL
-from pointit.bridges.ros2.outbound.values import LAST_S, MOST_TEXT
+from pointit.bridges.ros2.outbound.values import LAST_S, MAX_TEXT
 from pointit.bridges.ros2.routing.route_types import OutboundRoute
 from pointit.bridges.ros2.routing.routes import Routes, routes
 from pointit.bridges.ros2.routing.scene import TRACKED_NS
@@ -307,7 +307,7 @@ def test_what_ros_texts_cannot_hold_is_left_out(table: Routes) -> None:
     )
     (value,) = sent(out(table, "diagnostics"), ill, furnished(), "pui")
     assert value.status[0].name == "pointit: pui"
-    assert len(value.status[0].message) == MOST_TEXT
+    assert len(value.status[0].message) == MAX_TEXT
 
 
 def test_times_after_2038_are_the_last_that_ros_can_tell(table: Routes) -> None:

@@ -1,4 +1,4 @@
-"""What phones are told."""
+"""Cues of phones."""
 
 from typing import Any
 
@@ -102,7 +102,7 @@ def test_who_has_lost_the_arm_is_told_whether_somebody_else_has_it() -> None:
     taken, returned = cues.loss(), cues.loss(is_own=True)
     assert taken.has_lost_arm
     assert returned.has_lost_arm
-    assert "somebody else" in taken.text
-    assert "somebody else" not in returned.text
+    assert "another device" in taken.text
+    assert "another device" not in returned.text
     assert "your own" in returned.text
     assert not cues.current.has_lost_arm

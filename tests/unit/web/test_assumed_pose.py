@@ -1,4 +1,4 @@
-"""Where a person of the mouse truly stands."""
+"""True pose of a person who uses the mouse."""
 
 import math
 

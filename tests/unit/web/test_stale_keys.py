@@ -1,4 +1,4 @@
-"""What goes with whom: nobody sees things of people, services and scenarios that have gone."""
+"""Keys of people, services and scenarios that have gone are removed."""
 
 from collections.abc import Sequence
 from typing import Any

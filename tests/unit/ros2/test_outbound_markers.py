@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from pointit.bridges.ros2.outbound.drawing import ADD, DELETE, DELETE_ALL
-from pointit.bridges.ros2.outbound.map_markers import MOST_MARKERS, ribbon
-from pointit.bridges.ros2.outbound.markers import MOST_OBJECTS, ellipse
+from pointit.bridges.ros2.outbound.map_markers import MAX_MARKERS, ribbon
+from pointit.bridges.ros2.outbound.markers import MAX_OBJECTS, ellipse
 from pointit.bridges.ros2.routing.routes import Routes, routes
 from pointit.geometry import rotation, vector
 from pointit.geometry.polyline import Polyline
@@ -67,9 +67,9 @@ def test_markers_show_the_scene_and_take_away_what_is_gone(table: Routes) -> Non
 
 
 def test_markers_are_bounded_and_say_so(table: Routes) -> None:
-    many = objects(*(package(number) for number in range(MOST_OBJECTS + 3)))
+    many = objects(*(package(number) for number in range(MAX_OBJECTS + 3)))
     (value,) = out(table, "markers").convert(many, "conveyor", _with(many))
-    assert len(value.markers) == MOST_OBJECTS + 1
+    assert len(value.markers) == MAX_OBJECTS + 1
     assert value.markers[-1].text.startswith("3 more")
 
 
@@ -108,10 +108,10 @@ def test_the_map_replaces_what_was_drawn_before(table: Routes) -> None:
 
 
 def test_a_huge_map_is_cut_and_says_so(table: Routes) -> None:
-    lamps = tuple(ROOM.lamps[0].model_copy(update={"id": f"l{n}"}) for n in range(MOST_MARKERS))
+    lamps = tuple(ROOM.lamps[0].model_copy(update={"id": f"l{n}"}) for n in range(MAX_MARKERS))
     (value,) = sent(out(table, "map_markers"), ROOM.model_copy(update={"lamps": lamps}), furnished(), "")
-    assert len(value.markers) == MOST_MARKERS + 2
-    assert str(MOST_MARKERS) in value.markers[-1].text
+    assert len(value.markers) == MAX_MARKERS + 2
+    assert str(MAX_MARKERS) in value.markers[-1].text
 
 
 def test_a_ribbon_is_as_wide_as_its_belt_and_seen_from_both_sides() -> None:

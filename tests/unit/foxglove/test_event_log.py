@@ -1,4 +1,4 @@
-"""What happened, in sentences, each once."""
+"""Log lines from messages, each once."""
 
 from foxglove.messages import LogLevel
 

@@ -1,4 +1,4 @@
-"""Who has whose wrist, and the samples that come of it."""
+"""Holders of wrists, and the resulting samples."""
 
 import itertools
 import math

@@ -1,4 +1,4 @@
-"""What happened before the server came: asked of the selector, each event once, in order."""
+"""Events from before the server started: queried from the selector, each once, in order."""
 
 import logging
 from collections.abc import Sequence
@@ -36,7 +36,7 @@ class Looker:
             self.past.hear(each)
 
     def shows(self) -> list[tuple[str, int]]:
-        """Return what a page that is opened now is told of before."""
+        """Return the past events that a page gets when it is opened now."""
         batch = self.hub.open(60.0).take(0.0)
         events = () if batch is None else batch.events
         return [(topic, msgpack.unpackb(payload)["seq"]) for topic, _, payload in events if payload]

@@ -1,4 +1,4 @@
-"""What ROS sends, as our messages and queries; and what is refused, each with one sentence."""
+"""ROS values as our messages and queries, and rejections, each with one message."""
 
 import math
 from typing import Any
@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from pointit.bridges.ros2.inbound.checks import AHEAD_NS, LATE_NS
-from pointit.bridges.ros2.inbound.person import HEARD_NS, MOST_TRANSFORMS, SOONEST_NS
+from pointit.bridges.ros2.inbound.person import HEARD_NS, MAX_TRANSFORMS, SOONEST_NS
 from pointit.bridges.ros2.routing.route_types import (
     BusOutput,
     ConversionContext,
@@ -82,7 +82,7 @@ def tf(*frames: Any) -> Any:
 def taken(
     row: InboundRoute, value: Any, scene: Scene | None = None, *, now_ns: int = NOW_NS, wall_ns: int = NOW_NS
 ) -> list[BusOutput | ConversionWarning]:
-    """What comes of a value after its way through CDR."""
+    """Messages from a value after its way through CDR."""
     read = jazzy().decode(row.type, jazzy().encode(row.type, value))
     found = row.convert(read, "user1", scene or furnished(), now_ns=now_ns, wall_ns=wall_ns)
     for each in found:
@@ -156,7 +156,7 @@ def test_a_stamp_of_another_clock_is_told_and_the_arrival_counts(stamp_ns: int, 
         assert "synchronize the clocks" in warned(found[1:])
 
 
-def test_no_stamp_is_now() -> None:
+def test_a_missing_stamp_counts_as_now() -> None:
     assert said(taken(into("rotation_in"), arm(stamp_ns=0))).stamp_ns == NOW_NS
 
 
@@ -185,7 +185,7 @@ def test_a_pose_of_motion_capture_is_where_the_person_stands() -> None:
     [
         (place(frame="odom"), "in the frame 'odom': send it in 'world'"),
         (place(frame="x" * 300), "in the frame 'xxx"),
-        (place(at=(2e6, 0.0, 0.0)), "is no place"),
+        (place(at=(2e6, 0.0, 0.0)), "is not a position"),
         (place(q=(0.0, -math.sqrt(0.5), 0.0, math.sqrt(0.5))), "no heading: its x axis points 90° up"),
     ],
 )
@@ -230,7 +230,7 @@ def test_a_static_frame_tells_the_pose_once() -> None:
     assert one.what.position_m == (1.0, 2.0, 0.0)
     assert one.what.yaw_rad == pytest.approx(1.0)
     assert scene.person("user1").tf_until_ns > NOW_NS + 3600 * NS_PER_S
-    assert "no place" in warned(taken(row, tf(frame_of("user1/human_footprint", x=1e9)), scene))
+    assert "not a position" in warned(taken(row, tf(frame_of("user1/human_footprint", x=1e9)), scene))
 
 
 def test_a_static_frame_that_was_told_before_its_person_came_is_theirs_when_they_come() -> None:
@@ -245,7 +245,7 @@ def test_a_static_frame_that_was_told_before_its_person_came_is_theirs_when_they
     assert isinstance(one.what, SetPose)
     assert one.what.position_m == (1.0, 2.0, 0.0)
     assert row.meets(ConversionContext(scene, "ben", NOW_NS)) == (), "in another frame"
-    for count in range(MOST_TRANSFORMS):
+    for count in range(MAX_TRANSFORMS):
         taken(row, tf(frame_of(f"box_{count}")), scene)
     assert row.meets(ConversionContext(scene, "anna", NOW_NS)) == (), (
         "as many are kept as one message may have"
@@ -321,7 +321,7 @@ def clock(sim_s: float) -> Any:
 
 
 def ticks(row: InboundRoute, times: list[tuple[float, float]]) -> list[ClockTick]:
-    """What comes of pairs of wall time and simulated time, s."""
+    """Ticks from pairs of wall time and simulated time, s."""
     found: list[ClockTick] = []
     for wall_s, sim_s in times:
         for each in taken(row, clock(sim_s), wall_ns=NOW_NS + round(wall_s * NS_PER_S)):

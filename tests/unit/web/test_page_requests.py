@@ -1,4 +1,4 @@
-"""What pages may ask for, and what of it is understood."""
+"""Requests of pages: permission and validation."""
 
 from typing import Any
 
@@ -93,7 +93,7 @@ def test_a_name_must_be_one(name: str) -> None:
         parse_request(ask(deed="press", name=name[:64] if len(name) < 65 else "*"), "operator")
 
 
-def test_deeds_say_more() -> None:
+def test_deeds_have_parameters() -> None:
     press = parse_request(ask(deed="press", name="anna", gesture="hold"), "operator")
     assert press == PageAction(deed="press", user="anna", extras=Press(gesture="hold"))
     tremor = parse_request(ask(deed="tremor", name="anna", rms_deg=1), "operator")

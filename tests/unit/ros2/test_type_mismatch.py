@@ -1,4 +1,4 @@
-"""What is said of another type or definition under a name of ours: what really happens to messages there."""
+"""Findings about another type or definition under a name of ours agree with the delivery of messages."""
 
 import pytest
 

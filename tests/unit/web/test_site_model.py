@@ -1,4 +1,4 @@
-"""What is taken to be true: no more than there is room for, whoever makes up names."""
+"""State of the site, bounded even against invented names."""
 
 import pytest
 
@@ -10,7 +10,7 @@ from pointit.schemas.topics import LAMP_COLOR, MAP, POSE
 
 
 def test_of_names_without_end_nothing_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module, "LatestValueCache", lambda: LatestValueCache(most_keys=10))
+    monkeypatch.setattr(module, "LatestValueCache", lambda: LatestValueCache(max_keys=10))
     belief = SiteModel("web", 0.0, 0.0)
     taken = [
         belief.take(
@@ -23,7 +23,7 @@ def test_of_names_without_end_nothing_is_kept(monkeypatch: pytest.MonkeyPatch) -
 
 
 def test_lamps_that_are_not_in_the_map_take_no_place(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module, "LatestValueCache", lambda: LatestValueCache(most_keys=3))
+    monkeypatch.setattr(module, "LatestValueCache", lambda: LatestValueCache(max_keys=3))
     belief = SiteModel("web", 0.0, 0.0)
     room = Environment(stamp_ns=1, name="lab", lamps=(Lamp(id="real", position_m=(0.0, 0.0, 1.0)),))
     lamp = LampColor(stamp_ns=1, color=(1, 2, 3))

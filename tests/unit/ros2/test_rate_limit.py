@@ -1,4 +1,4 @@
-"""How often a route sends."""
+"""Rate limit of a route."""
 
 from hypothesis import given
 from hypothesis import strategies as st

@@ -12,7 +12,7 @@ from pointit.bridges.ros2.routing.route_types import (
 )
 from pointit.bridges.ros2.routing.routes import routes
 from pointit.bridges.ros2.routing.scene import Scene
-from pointit.bridges.ros2.routing.uids import MOST
+from pointit.bridges.ros2.routing.uids import MAX_NUMBER
 from pointit.schemas import (
     AddPackage,
     AddPackageReply,
@@ -88,7 +88,7 @@ def test_who_is_refused_does_not_settle_for_who_is_not() -> None:
         ({"position": 1.5}, "send 0 (start) to 1 (end)"),
         ({"position": -1.0}, "send 0 (start) to 1 (end)"),
         ({"uid": 7}, "uid 7 is taken"),
-        ({"uid": MOST + 1}, "beyond"),
+        ({"uid": MAX_NUMBER + 1}, "beyond"),
     ],
 )
 def test_a_package_that_cannot_be_is_refused(fields: dict[str, Any], told: str) -> None:

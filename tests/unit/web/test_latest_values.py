@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pointit.bridges.web.pages.latest_values import HISTORY, MOST_GONE, LatestValueCache
+from pointit.bridges.web.pages.latest_values import HISTORY, MAX_GONE, LatestValueCache
 from pointit.bridges.web.wire import IN_FLIGHT
 from pointit.schemas import pack
 from pointit.schemas.topics import CURSOR, FEEDBACK, HOVER, MAP, POSE, SELECTION_EVENTS, STRIPS_FRAME
@@ -152,18 +152,18 @@ def test_who_comes_back_is_shown_again() -> None:
 
 
 def test_what_is_gone_is_not_kept_for_ever() -> None:
-    hub = LatestValueCache(most_keys=MOST_GONE + 10)
+    hub = LatestValueCache(max_keys=MAX_GONE + 10)
     feed = hub.open(FAST_HZ)
-    for number in range(5 * MOST_GONE):
+    for number in range(5 * MAX_GONE):
         assert hub.put(CURSOR, f"user{number}", b"1"), "forgotten keys fill the hub"
         hub.forget(CURSOR, f"user{number}")
         feed.take(float(number))
         feed.ack(feed.in_flight + feed._acked)
-    assert len(hub._entries) <= MOST_GONE + 1
+    assert len(hub._entries) <= MAX_GONE + 1
 
 
 def test_a_stalled_page_does_not_keep_others_from_new_keys_for_ever() -> None:
-    hub = LatestValueCache(most_keys=3)
+    hub = LatestValueCache(max_keys=3)
     feed = hub.open(FAST_HZ)
     for name in ("a", "b", "c"):
         assert hub.put(CURSOR, name, b"1")
@@ -175,7 +175,7 @@ def test_a_stalled_page_does_not_keep_others_from_new_keys_for_ever() -> None:
 
 
 def test_events_beyond_the_ring_are_counted() -> None:
-    hub = LatestValueCache(most_events=4)
+    hub = LatestValueCache(max_events=4)
     feed = hub.open(FAST_HZ)
     for number in range(10):
         hub.put(FEEDBACK, "anna", bytes([number]))
@@ -202,7 +202,7 @@ ACTIONS = st.lists(
 
 
 class Page:
-    """What a page makes of its batches."""
+    """A page's state from its batches."""
 
     def __init__(self, hub: LatestValueCache, first_event: int = 0) -> None:
         self.feed = hub.open(FAST_HZ)
@@ -235,7 +235,7 @@ class Story:
     """A hub, two pages, and what is true."""
 
     def __init__(self) -> None:
-        self.hub = LatestValueCache(most_events=RING)
+        self.hub = LatestValueCache(max_events=RING)
         self.true: dict[tuple[str, str], bytes] = {}
         self.events: list[bytes] = []
         self.pages = [Page(self.hub), Page(self.hub)]

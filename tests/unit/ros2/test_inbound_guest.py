@@ -1,4 +1,4 @@
-"""What ROS says of people who have ROS nodes only: their rays, and who wants a cursor."""
+"""Input of people who have ROS nodes only: rays and cursor subscriptions."""
 
 import math
 from typing import Any
@@ -20,7 +20,7 @@ from pointit.geometry import rotation, vector
 from pointit.schemas import NS_PER_S, Interaction, PointingRay, UserPose, UserProfile
 from pointit.schemas.topics import INTERACTION, POSE, PROFILE, RAY
 from tests.unit.ros2.scenes import NOW_NS, furnished, into, jazzy
-from tests.unit.ros2.test_inward import frame_of, place, said, taken, tf, warned
+from tests.unit.ros2.test_inbound import frame_of, place, said, taken, tf, warned
 
 HERS = "user1/human_footprint"
 EYES = (0.1, -0.2, 1.64)
@@ -57,7 +57,7 @@ def wish(
 
 
 def foreign(row: InboundRoute, value: Any, scene: Scene) -> list[BusOutput | ConversionWarning]:
-    """What comes of a value that our own codec would not send."""
+    """Messages from a value that our own codec would not send."""
     return list(row.convert(value, "user1", scene, now_ns=NOW_NS, wall_ns=NOW_NS))
 
 
@@ -108,8 +108,8 @@ def quaternion(q: tuple[float, float, float, float], factor: float) -> Any:
         (place(frame="user2/human_footprint"), "is in the frame 'user2/human_footprint': send it in"),
         (place(q=(0.0, 0.0, 0.0, 0.0), frame=HERS), "the norm of its quaternion is 0"),
         (place(q=(math.nan, 0.0, 0.0, 1.0), frame=HERS), "the norm of its quaternion is nan"),
-        (place(at=(math.inf, 0.0, 0.0), frame=HERS), "is no place"),
-        (place(at=(0.0, math.nan, 0.0), frame=HERS), "is no place"),
+        (place(at=(math.inf, 0.0, 0.0), frame=HERS), "is not a position"),
+        (place(at=(0.0, math.nan, 0.0), frame=HERS), "is not a position"),
     ],
 )
 def test_what_is_no_ray_is_told_and_makes_nobody_present(value: Any, told: str) -> None:
@@ -197,7 +197,7 @@ def test_colours_beyond_their_range_are_the_nearest() -> None:
 def test_who_is_not_named_in_people_is_a_stranger_and_who_has_services_of_ours_is_not_heard() -> None:
     row, scene = into("subscription_in"), with_guests("user1")
     sentence = warned(taken(row, wish("eve"), scene))
-    assert sentence.startswith("'eve' wants a cursor, but is nobody here: name ")
+    assert sentence.startswith("'eve' wants a cursor, but is unknown here: list ")
     assert "`people`" in sentence
     assert taken(row, wish("eve", subscribe=False), scene) == []
     scene.person("ben")

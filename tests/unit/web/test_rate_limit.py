@@ -1,4 +1,4 @@
-"""How much passes."""
+"""Token bucket."""
 
 import pytest
 from hypothesis import given

@@ -169,7 +169,7 @@ def test_the_extra_is_looked_for_without_loading_it(monkeypatch: pytest.MonkeyPa
 
     monkeypatch.setattr(importlib.metadata, "version", without)
     assert not page.is_available()
-    script = "import sys, pointit.cli.run.run, pointit.launch.plan.page as p; p.can_be(); print(*sys.modules)"
+    script = "import sys, pointit.cli.run.run, pointit.launch.plan.page as p; p.is_available(); print(*sys.modules)"
     done = subprocess.run(
         [sys.executable, "-c", script], capture_output=True, text=True, check=True, timeout=30
     )
@@ -199,7 +199,7 @@ def test_other_machines_too(name: str) -> None:
 
 def invoke(monkeypatch: pytest.MonkeyPatch, *arguments: str, has_extra: bool = True) -> BaseException | None:
     for module in ("pointit.cli.run.run", "pointit.cli.run.dashboard"):
-        monkeypatch.setattr(f"{module}.can_be", lambda: has_extra)
+        monkeypatch.setattr(f"{module}.is_available", lambda: has_extra)
     result = CliRunner().invoke(command, list(arguments), standalone_mode=False)
     return result.exception
 
@@ -393,5 +393,5 @@ def test_link_that_cannot_be_kept_is_a_warning(
     monkeypatch.setenv("POINTIT_STATE", str(tmp_path / "file"))
     with kept_link("lab", LINK) as path:
         assert path is None
-    assert "the link of the page is in no file" in caplog.text
+    assert "the link of the page could not be written to a file" in caplog.text
     assert "of-the-operator" not in caplog.text

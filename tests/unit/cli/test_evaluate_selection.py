@@ -58,7 +58,7 @@ def test_one_condition_by_its_name() -> None:
         *("--bench", "belts_lab", "--condition", name, "--method", "original", "--trials", "1", "--json", "-")
     )
     assert [row["condition"] for row in json.loads(out)["rows"]] == [name]
-    with pytest.raises(ConfigError, match=r"--condition 'nowhere': there is no such one; there are: static"):
+    with pytest.raises(ConfigError, match=r"--condition 'nowhere': no such condition; there are: static"):
         invoke("--bench", "belts_lab", "--condition", "nowhere")
 
 

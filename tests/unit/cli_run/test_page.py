@@ -169,7 +169,8 @@ def test_the_extra_is_looked_for_without_loading_it(monkeypatch: pytest.MonkeyPa
 
     monkeypatch.setattr(importlib.metadata, "version", without)
     assert not page.is_available()
-    script = "import sys, pointit.cli.run.run, pointit.launch.plan.page as p; p.is_available(); print(*sys.modules)"
+    script = "import sys, pointit.cli.run.run, pointit.launch.plan.page as p; p.is_available(); "
+    script += "print(*sys.modules)"
     done = subprocess.run(
         [sys.executable, "-c", script], capture_output=True, text=True, check=True, timeout=30
     )

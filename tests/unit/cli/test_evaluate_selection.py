@@ -88,7 +88,7 @@ def test_json_may_go_to_standard_output_alone() -> None:
         (("--json", "."), "is a folder"),
         (("--plot", "nowhere/rows.png"), "cannot be written"),
         (("--plot", "rows.docx"), "must end in one of"),
-        (("--data", "nowhere"), "is no folder"),
+        (("--data", "nowhere"), "not a folder"),
     ],
 )
 def test_mistakes_are_told_before_the_work(arguments: tuple[str, ...], complaint: str) -> None:

@@ -47,7 +47,7 @@ class Routing:
     async def open(self) -> None:
         self.is_open = True
 
-    async def follow(self) -> None:
+    async def reload_on_change(self) -> None:
         async with asyncio.timeout(PATIENCE_S):
             await asyncio.Event().wait()
 

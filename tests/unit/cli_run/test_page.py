@@ -284,7 +284,7 @@ def test_a_run_has_the_link_of_the_one_before_until_a_new_one_is_wanted(
     assert len({first, new, elsewhere}) == 3
     assert last == new
     assert all(page is not None and page.is_usual for page in pages[:2])  # else all is loaded
-    assert any("--new-link changes nothing" in note for note in plans[-1].notes)
+    assert any("--new-link does not change" in note for note in plans[-1].notes)
 
 
 def test_a_bad_name_is_refused_before_the_site_is_looked_for(monkeypatch: pytest.MonkeyPatch) -> None:

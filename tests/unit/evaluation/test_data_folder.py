@@ -118,7 +118,7 @@ def test_an_index_that_is_no_file_or_too_long_is_refused(tmp_path: Path) -> None
     with pytest.raises(ConfigError, match="there is no such file"):
         read_index(tmp_path)
     (tmp_path / "index.json").write_bytes(b" " * 10_000_001)
-    with pytest.raises(ConfigError, match="at most 10 MB are read"):
+    with pytest.raises(ConfigError, match="limit 10 MB"):
         read_index(tmp_path)
     (tmp_path / "index.json").unlink()
     (tmp_path / "index.json").mkdir()

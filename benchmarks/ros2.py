@@ -40,7 +40,7 @@ ROUTES = "routes: {pointing_ray: {rate_hz: 1000}, rotation_in: {rate_hz: 1000}}\
 """Raises the rate limits, which would determine the result."""
 
 
-class Nobody:
+class StderrWarnings:
     """Prints warnings of the peer's node."""
 
     def warn(self, topic: str, sentence: str) -> None:
@@ -150,7 +150,7 @@ async def bridged() -> AsyncGenerator[Ends]:
     ours, ros = (f"tcp/127.0.0.1:{free_port()}" for _ in range(2))
     bus = await ZenohBus.open(Link(listen=(ours,)))
     config = BackendConfig(mode="router", endpoint=ros, node="/robot", domain_id=7)
-    peer = await opened(config, Nobody())
+    peer = await opened(config, StderrWarnings())
     with tempfile.TemporaryDirectory() as folder:
         routes = Path(folder) / "routes.yaml"
         routes.write_text(ROUTES)

@@ -128,27 +128,27 @@ async def _measure(
         except asyncio.CancelledError:
             return INTERRUPTED
         fitted, rows = assess(anchors, clock.now_ns())
-        worry = rejection_reason(rows)
-        if worry:
-            worry = (
-                f"the pose looks wrong, {worry}: localize first, or `pointit pose {user} X Y`, then "
+        problem = rejection_reason(rows)
+        if problem:
+            problem = (
+                f"the pose looks wrong, {problem}: localize first, or `pointit pose {user} X Y`, then "
                 "calibrate again"
             )
         if not wanted.keeps and not as_json:
             _show(user, rows)
-        if worry and wanted.keeps:
-            raise PointItError(f"{user}: nothing is stored: {worry}")
+        if problem and wanted.keeps:
+            raise PointItError(f"{user}: nothing is stored: {problem}")
         if fitted.offset is None:
             why = "; ".join(dict.fromkeys([*missed, *(row.why_not for row in rows)]))
             raise PointItError(f"{user}: no pointing was usable, nothing was changed: {why}")
-        said = ". ".join(filter(None, (worry, "nothing is changed (--dry-run)")))
+        said = ". ".join(filter(None, (problem, "nothing is changed (--dry-run)")))
         if wanted.keeps:
             reply = await bus.call(SET_OFFSET, SetOffset(offset=fitted.offset), user)
             said = reply.message + default_address_note(site, connect)
     if as_json:
         offset = fitted.offset.model_dump(mode="json")
         told = [table_row(row) for row in rows]
-        print_json({"user": user, "offset": offset, "doubt": worry, "anchors": told, "missed": missed})
+        print_json({"user": user, "offset": offset, "doubt": problem, "anchors": told, "missed": missed})
     else:
         if wanted.keeps:
             _show(user, rows)

@@ -119,8 +119,8 @@ class World:
         self._lights.on_map(environment)
         sequences = np.random.SeedSequence(list(seed)).spawn(len(people))
         self._people = [
-            _Present(somebody, surfaces, np.random.default_rng(sequence))
-            for somebody, sequence in zip(people, sequences, strict=True)
+            _Present(member, surfaces, np.random.default_rng(sequence))
+            for member, sequence in zip(people, sequences, strict=True)
         ]
         self._names: Mapping[str, _Present] = {present.name: present for present in self._people}
         self._step_ns = round(NS_PER_S / rates.imu_hz)
@@ -203,16 +203,16 @@ class World:
 class _Present:
     """A person with their own band, ray and cursor."""
 
-    def __init__(self, somebody: TrialPerson, surfaces: Surfaces, rng: np.random.Generator) -> None:
-        self.name = somebody.name
-        self.profile = somebody.profile
-        self.person = Person(somebody.config, somebody.name, rng)
+    def __init__(self, member: TrialPerson, surfaces: Surfaces, rng: np.random.Generator) -> None:
+        self.name = member.name
+        self.profile = member.profile
+        self.person = Person(member.config, member.name, rng)
         pointing = PointingConfig()
         self._pointer = Pointer(
-            somebody.profile, stale_after_s=pointing.stale_after_s, smoothing=pointing.smoothing()
+            member.profile, stale_after_s=pointing.stale_after_s, smoothing=pointing.smoothing()
         )
         self._cursor = PersonCursor(surfaces)
-        pose = UserPose(stamp_ns=START_NS, position_m=somebody.config.position_m, yaw_rad=self.person.yaw_rad)
+        pose = UserPose(stamp_ns=START_NS, position_m=member.config.position_m, yaw_rad=self.person.yaw_rad)
         self._pointer.set_yaw(pose.yaw_rad)
         self._cursor.set_pose(pose)
 

@@ -60,7 +60,7 @@ async def test_nobody_who_answers_is_one_sentence() -> None:
         with pytest.raises(NoAnswerError, match=r"anna has no supervisor: .* `pointit user anna`"):
             await press(bench.bus, ANNA, "press", patience_s=0.05)
         bench.bus.announce(SERVICE_ALIVE, "supervisor.ben")
-        with pytest.raises(NoAnswerError, match=r"interaction of anna: there is ben; add them with"):
+        with pytest.raises(NoAnswerError, match=r"anna has no supervisor: there is ben; add them with"):
             await press(bench.bus, ANNA, "press", patience_s=0.05)
 
 

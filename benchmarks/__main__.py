@@ -1,4 +1,4 @@
-"""Runs the benchmarks: a table for people, JSON for everything else."""
+"""Runs the benchmarks: tables for people, JSON for programs."""
 
 import asyncio
 import json
@@ -21,7 +21,7 @@ from pointit.runtime.service.shutdown import SWITCH_INTERVAL_S
 RATE_HZ = 100.0
 PARTS = ("latency", "users", "startup", "cores", "page", "ros2")
 ROUNDS = 3
-"""Baseline and ours take turns, so that both see the same machine."""
+"""Alternations of baseline and ours, so that both have the same machine load."""
 
 
 def latency(rate_hz: float, duration_s: float) -> dict[str, Any]:
@@ -55,7 +55,7 @@ def latency(rate_hz: float, duration_s: float) -> dict[str, Any]:
 
 
 def free_endpoint() -> str:
-    """Return an address of this machine that nobody listens on."""
+    """Return a free address of this machine."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
@@ -69,9 +69,9 @@ def free_endpoint() -> str:
 @click.option("--json", "path", type=click.Path(path_type=Path), help="write everything to this file")
 @click.option("--only", type=click.Choice(PARTS), multiple=True, help="just these parts")
 def main(duration: float, rate: float, path: Path | None, only: tuple[str, ...]) -> None:
-    """Measure speed as ratios to bare Zenoh in the same run; takes about four minutes."""
+    """Measure speed as ratios to bare Zenoh in the same run; needs about four minutes."""
     sys.setswitchinterval(SWITCH_INTERVAL_S)
-    # services keep what they must not lose: not among what this machine's user keeps
+    # services must not store their state among that of this machine's user
     os.environ[VARIABLE] = click.get_current_context().with_resource(tempfile.TemporaryDirectory())
     wanted = only or PARTS
     console = Console()
@@ -100,7 +100,7 @@ def main(duration: float, rate: float, path: Path | None, only: tuple[str, ...])
             console.print(f"{core:<50} {room:<6} {us:>8} µs{ratio}")
     if "page" in wanted:
         console.print("page: browsers and bare clients of a run …")
-        result["page"] = asyncio.run(page.measure(max(duration, page.LEAST_S)))
+        result["page"] = asyncio.run(page.measure(max(duration, page.MIN_S)))
         console.print(page_table(result["page"]))
     if "ros2" in wanted:
         console.print("ROS 2: the bridge as a process, a node beside it …")
@@ -156,7 +156,7 @@ def users_table(rows: list[dict[str, Any]]) -> Table:
 
 
 def page_table(page_result: dict[str, Any]) -> Table:
-    """Return what the page costs and how old what it shows is, as a table."""
+    """Return CPU cost and latency of the page as a table."""
     table = Table(title=f"Page of {page_result['scenario']}, {page_result['duration_s']:.0f} s each")
     for column in ("who looks on", "run's CPU", "the page's", "to page p50 / p95 / p99 ms", "light p99 ms"):
         table.add_column(column, justify="left" if column == "who looks on" else "right")
@@ -181,7 +181,7 @@ def page_table(page_result: dict[str, Any]) -> Table:
 
 
 def ros2_table(ros2_result: dict[str, Any]) -> Table:
-    """Return what the bridge to ROS 2 costs beside a bare relay, as a table."""
+    """Return the cost of the ROS 2 bridge compared with a bare relay as a table."""
     trip = ros2_result["round_trip"]
     bare = ros2_result["bare_round_trip"]
     load = ros2_result["before"]["load_average"][0]

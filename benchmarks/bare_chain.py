@@ -2,8 +2,8 @@
 # (the stubs of zenoh leave return types out)
 """The baseline: a chain of Zenoh hops and nothing else, driven at the same rate as ours.
 
-Each hop takes 200 bytes and puts them on; the payload carries the time of the first put. `direct` runs the
-callback on Zenoh's own thread (the floor), `default` as Zenoh's documentation has it, a thread a subscriber.
+Each hop forwards 200 bytes; the payload carries the time of the first put. `direct` runs the callback on
+Zenoh's own thread (the minimum), `default` as in Zenoh's documentation, with a thread per subscriber.
 """
 
 import asyncio
@@ -23,7 +23,7 @@ CallbackKind = Literal["direct", "default"]
 
 
 def configuration(*, listen: str = "", connect: str = "") -> zenoh.Config:
-    """Return the configuration that our own sessions use, without a namespace."""
+    """Return the configuration of our own sessions, without a namespace."""
     config = zenoh.Config()
     settings: dict[str, Any] = {
         "mode": "client" if connect else "peer",
@@ -41,7 +41,7 @@ def configuration(*, listen: str = "", connect: str = "") -> zenoh.Config:
 
 
 def forward(session: zenoh.Session, hop: int, kind: CallbackKind) -> None:
-    """Put what arrives at `hop` on to the next."""
+    """Forward samples of `hop` to the next."""
     publisher = session.declare_publisher(KEY.format(hop + 1))
     subscribe(session, hop, lambda sample: publisher.put(sample.payload.to_bytes()), kind)
 
@@ -49,7 +49,7 @@ def forward(session: zenoh.Session, hop: int, kind: CallbackKind) -> None:
 def subscribe(
     session: zenoh.Session, hop: int, callback: Callable[[zenoh.Sample], None], kind: CallbackKind
 ) -> None:
-    """Call `callback` with what arrives at `hop`."""
+    """Call `callback` with samples of `hop`."""
     session.declare_subscriber(KEY.format(hop), Callback(callback, indirect=kind == "default"))
 
 

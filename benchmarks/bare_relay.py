@@ -1,6 +1,6 @@
 # pyright: reportUnknownMemberType=false, reportUnknownVariableType=false
 # (the stubs of zenoh leave return types out)
-"""The floor of any bridge in Python: bytes taken from one Zenoh session and put to another, nothing else.
+"""Lower bound of any bridge in Python: forwards bytes from one Zenoh session to another.
 
 As a program: `python -m benchmarks.bare_relay FROM TO` relays both ways until it is ended.
 """
@@ -30,7 +30,7 @@ LOST_S = 1.0
 
 
 def opened(mode: str, endpoint: str) -> zenoh.Session:
-    """Return a session that listens at `endpoint` as a router, or connects there."""
+    """Open a session that listens at `endpoint` as a router, or connects there."""
     config = zenoh.Config()
     where = "listen" if mode == "router" else "connect"
     settings = {"mode": mode, f"{where}/endpoints": [endpoint], "scouting/multicast/enabled": False}
@@ -74,7 +74,7 @@ async def relaying() -> AsyncGenerator[Ends]:
 
 
 async def cost(rate_hz: float, duration_s: float, at_once: int = 1) -> dict[str, Any]:
-    """Return what the relay takes of a core, and what it loses, when `at_once` messages come together."""
+    """Return the CPU share and losses of the relay, with bursts of `at_once` messages."""
     arrived: list[zenoh.Sample] = []
     async with relaying() as ends:
         publisher = ends.source.declare_publisher(THERE)
@@ -100,7 +100,7 @@ async def cost(rate_hz: float, duration_s: float, at_once: int = 1) -> dict[str,
 
 
 async def round_trip(rate_hz: float, count: int) -> dict[str, Any]:
-    """Return the times of source, relay, sink, relay, source, one message after the other."""
+    """Return round-trip times of source, relay, sink, relay, source, one message after the other."""
     times_s: list[float] = []
     loop, came = asyncio.get_running_loop(), asyncio.Event()
     async with relaying() as ends:
@@ -131,7 +131,7 @@ async def round_trip(rate_hz: float, count: int) -> dict[str, Any]:
 
 
 def main(source: str, sink: str) -> None:
-    """Relay until ended."""
+    """Relay until terminated."""
     near, far = opened("client", source), opened("client", sink)
     there, back = far.declare_publisher(THERE), near.declare_publisher(BACK)
 

@@ -1,4 +1,4 @@
-"""The pure cores alone, warm: a cursor, a frame, a localization; ours beside the paper's way in one run."""
+"""The pure cores alone, warm: a cursor, a frame, a localization; ours and the paper's in one run."""
 
 import math
 import time
@@ -28,7 +28,7 @@ ROUNDS = 5
 
 
 def run() -> list[dict[str, Any]]:
-    """Return the median microseconds of each core on each map there is."""
+    """Return the median microseconds of each core on each map."""
     rows: list[dict[str, Any]] = _clouds()
     rooms = [load_map("lab", 0), load_map("conveyor", 0)]
     for room in rooms:
@@ -38,7 +38,7 @@ def run() -> list[dict[str, Any]]:
 
 
 def _cursors(room: Environment) -> list[dict[str, Any]]:
-    """Return the times of ours and of the paper's way on one map, in turn."""
+    """Return alternating times of our and the paper's cursor on one map."""
     kinds: tuple[Kind, ...] = ("strip", "belt", "lamp")
     points = discretized(room)
     exact = Surfaces(room, kinds)
@@ -58,7 +58,7 @@ def _cursors(room: Environment) -> list[dict[str, Any]]:
 
 
 def _clouds() -> list[dict[str, Any]]:
-    """Return the times of ours and of the paper's way on a room of a million points, in turn."""
+    """Return alternating times of our and the paper's cursor on a room of a million points."""
     points = walls(POINTS)
     cloud = Cloud(id="walls", points=len(points), low_m=(0.0, 0.0, 0.0), high_m=(10.0, 8.0, 3.0))
     room = Environment(stamp_ns=0, name="a million points", clouds=(cloud,))
@@ -81,7 +81,7 @@ def _clouds() -> list[dict[str, Any]]:
 def _in_turn(
     ways: dict[str, Callable[[Vec3, Vec3], object]], rays: list[tuple[Vec3, Vec3]], core: str, room: str
 ) -> list[dict[str, Any]]:
-    """Return for each way, the first being ours, the median of rounds of the median of all rays."""
+    """Return for each method, ours first, the median of rounds of the median of all rays."""
     times_us: dict[str, list[float]] = {name: [] for name in ways}
     for _ in range(ROUNDS):
         for name, way in ways.items():
@@ -95,7 +95,7 @@ def _in_turn(
 
 
 def _localizations() -> list[dict[str, Any]]:
-    """Return the times of ours, of all starts, and of the baselines, from one start, in turn."""
+    """Return alternating times of ours, from all starts, and of the baselines, from one start."""
     random = np.random.default_rng(0)
     targets = np.repeat(np.array(TARGETS_M), SAMPLES // len(TARGETS_M), axis=0)
     origins = np.tile(np.array(EYES_M), (SAMPLES, 1))
@@ -105,7 +105,7 @@ def _localizations() -> list[dict[str, Any]]:
         stamps_s=np.arange(SAMPLES) / 50.0, origins_m=origins, directions=rays, targets_m=targets
     )
     if not isinstance(solve(pointings), Solution):
-        raise TypeError("a refusal is no localization")
+        raise TypeError("a refusal is not a localization")
     solvers: dict[str, Callable[[Pointings], object]] = {
         "ours": solve,
         "mean angle, 4-DoF BFGS": mean_angle_4dof,

@@ -1,4 +1,4 @@
-"""A frame of all strips: ours beside the paper's way, Python lists pixel by pixel, in turn in one run."""
+"""A frame of all strips: ours and the paper's, Python lists pixel by pixel, alternating in one run."""
 
 import time
 from collections.abc import Callable
@@ -24,7 +24,7 @@ from pointit.services.led_driver.picture.layout import Layout
 NOW_NS = 1_700_000_000 * NS_PER_S
 BLOCKS = 10
 BLOCK = 40
-"""Frames."""
+"""Frames per block."""
 PACKAGES = 20
 LENGTH_M = 0.3
 SPEED_MPS = 0.5
@@ -35,7 +35,7 @@ WIDTH_M = 0.1
 
 
 class _PixelByPixel:
-    """What the paper describes (§III-E), written straight: for each pixel, is anything there."""
+    """Direct implementation of the paper's description (§III-E): a test of every pixel."""
 
     def __init__(self, room: Environment, objects: list[TrackedObject]) -> None:
         layout = Layout(room.strips, room.belts)
@@ -90,7 +90,7 @@ class _PixelByPixel:
 
 
 def frame_rows(room: Environment) -> list[dict[str, Any]]:
-    """Return the median microseconds of a frame with 20 packages and 4 people, ours and the paper's way."""
+    """Return the median microseconds of a frame with 20 packages and 4 people, ours and the paper's."""
     lines = [("belt", belt.id) for belt in room.belts] or [("strip", strip.id) for strip in room.strips]
     objects = [
         TrackedObject(
@@ -146,7 +146,7 @@ def frame_rows(room: Environment) -> list[dict[str, Any]]:
 
 
 def _medians_us(*draws: Callable[[int], None]) -> list[float]:
-    """Return the median of each, warm: drawn in blocks, by turns, so that a busy machine is shared alike."""
+    """Return the median of each, warm, in alternating blocks, so that load affects all equally."""
     times_s: list[list[float]] = [[] for _ in draws]
     for block in range(BLOCKS):
         for draw, times in zip(draws, times_s, strict=True):

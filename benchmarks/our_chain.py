@@ -1,4 +1,4 @@
-"""Ours: IMU sample to LED frame through pointing, pui and led-driver, in one process or in four."""
+"""Our pipeline: IMU sample to LED frame through pointing, pui and led-driver, in one process or four."""
 
 import asyncio
 import math
@@ -21,7 +21,7 @@ HOPS = 4
 """Messages from wrist to reader: imu, ray, cursor, frame."""
 SETTLE_S = 1.0
 UNLIMITED = "led-driver.max_rate_hz=1000"
-"""The frame rate's cap would measure itself."""
+"""Raises the limit of the frame rate, which would determine the result."""
 
 
 def chain(users: int = 1) -> list[Launch]:
@@ -39,17 +39,17 @@ def chain(users: int = 1) -> list[Launch]:
 
 
 class Wrist:
-    """Puts samples of an arm that sweeps over the strips."""
+    """Publishes samples of an arm that sweeps over the strips."""
 
     def __init__(self, publisher: Publisher[ImuSample], phase_rad: float = 0.0) -> None:
         self._publisher = publisher
         self._phase_rad = phase_rad
         self._seq = 0
         self.stamp_ns = 0
-        """Of the newest sample."""
+        """Stamp of the newest sample."""
 
     def put(self) -> None:
-        """Put one sample, captured now."""
+        """Publish one sample, captured now."""
         self._seq += 1
         azimuth_rad = 0.3 * math.sin(self._seq / 50 + self._phase_rad)
         orientation_xyzw = rotation.from_azimuth_elevation(azimuth_rad, -0.02)
@@ -109,7 +109,7 @@ async def _drive(bus: ZenohBus, rate_hz: float, duration_s: float) -> list[float
 
 
 async def beat(wrists: Sequence[Wrist], rate_hz: float, duration_s: float) -> None:
-    """Have every wrist put `rate_hz` samples a second, spread evenly over the period."""
+    """Publish `rate_hz` samples per second from every wrist, spread evenly over the period."""
     loop = asyncio.get_running_loop()
     due_s = loop.time()
     end_s = due_s + duration_s

@@ -1,4 +1,4 @@
-"""The page: how old what it shows is, and what serving it costs the run and each client the network."""
+"""The page: latency, CPU cost for the run, and network traffic per client."""
 
 import asyncio
 import json
@@ -27,15 +27,15 @@ from tests.support.commands import Commands
 SCENARIO = "scenario_4"
 CLIENTS = (1, 10, 50)
 WARM_S = 8.0
-"""The first seconds of a page compile its shaders and bring everything."""
+"""Warm-up of a page, which compiles its shaders and loads everything."""
 SETTLE_S = 2.0
-LEAST_S = 10.0
-"""People point with pauses: less than that has too few captures."""
+MIN_S = 10.0
+"""Minimum duration: people point with pauses, so a shorter one has too few captures."""
 NO_LIMIT_S = "3600"
 
 
 async def measure(duration_s: float) -> dict[str, Any]:
-    """Return latency, cost and traffic of the page of a running scenario, by turns with what is compared."""
+    """Return latency, cost and traffic of the page of a running scenario, alternating with the baselines."""
     with tempfile.TemporaryDirectory() as folder, started(Path(folder)) as commands:
         alone = await without_page(commands, duration_s)
         site = await running(commands, SCENARIO, "--duration", NO_LIMIT_S)
@@ -64,7 +64,7 @@ async def measure(duration_s: float) -> dict[str, Any]:
 
 @contextmanager
 def started(folder: Path) -> Generator[Commands]:
-    """Yield what starts commands; none outlives the block."""
+    """Yield a starter of commands, which end on exit."""
     commands = Commands(folder)
     try:
         yield commands
@@ -73,7 +73,7 @@ def started(folder: Path) -> Generator[Commands]:
 
 
 async def without_page(commands: Commands, duration_s: float) -> dict[str, Any]:
-    """Measure the run that serves no page."""
+    """Measure the run without a page."""
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     command = commands.start(
         "run", SCENARIO, "--no-web", "--no-view", "--listen", endpoint, "--duration", NO_LIMIT_S
@@ -86,7 +86,7 @@ async def without_page(commands: Commands, duration_s: float) -> dict[str, Any]:
 
 
 async def watched(site: SitePage, duration_s: float) -> dict[str, Any]:
-    """Return what the run takes of a core for `duration_s`, and how far the light is behind the wrist."""
+    """Return the CPU share of the run during `duration_s`, and the latency from wrist to light."""
     process = psutil.Process(site.command.process.pid)
     async with light(site.endpoint) as latency:
         cpu_s, wall_s = sum(process.cpu_times()[:2]), time.monotonic()
@@ -101,7 +101,7 @@ async def watched(site: SitePage, duration_s: float) -> dict[str, Any]:
 
 @asynccontextmanager
 async def light(endpoint: str) -> AsyncGenerator[Latency]:
-    """Yield what fills with the times from wrist to light, as somebody who looks on by the bus sees them."""
+    """Yield the times from wrist to light, updated by an observer on the bus."""
     bus = await ZenohBus.open(Link(connect=(endpoint,)))
     latency = Latency()
     try:
@@ -113,7 +113,7 @@ async def light(endpoint: str) -> AsyncGenerator[Latency]:
 
 
 async def clients(site: SitePage, count: int, duration_s: float) -> dict[str, Any]:
-    """Measure with `count` bare websocket clients that acknowledge at once, in a process of their own."""
+    """Measure with `count` bare websocket clients that acknowledge at once, in a separate process."""
     looking = asyncio.create_task(elsewhere(site.url, count, duration_s + 2 * SETTLE_S))
     await asyncio.sleep(SETTLE_S)
     result = await watched(site, duration_s)
@@ -178,7 +178,7 @@ async def frame_rates(page: Page, duration_s: float) -> list[float]:
 
 
 def browser_cpu_s() -> float:
-    """Return what all processes of the browser that this process has started have used of the processor."""
+    """Return the CPU time of all processes of the browser that this process has started, s."""
     total_s = 0.0
     for child in psutil.Process().children(recursive=True):
         try:
@@ -190,7 +190,7 @@ def browser_cpu_s() -> float:
 
 
 def quantiles(values_ms: list[float]) -> dict[str, float | int] | None:
-    """Return median, 95th and 99th percentile and how many there were; none of nothing."""
+    """Return median, 95th and 99th percentile and the number of values, or None without values."""
     if not values_ms:
         return None
     values = sorted(values_ms)

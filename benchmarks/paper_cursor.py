@@ -1,7 +1,7 @@
-"""The paper's cursor as it is described (§III-C): points in a k-d tree, the ray as points, the nearest one.
+"""The paper's cursor as described (§III-C): points in a k-d tree, the ray as points, the nearest one.
 
-What ours is measured against. Things of the room are points 5 cm apart, so is the ray, to 20 m; the tree is
-asked for the neighbour of every point of the ray, and the nearest of all counts if it is within 0.7 m.
+Baseline of ours. Objects of the room and the ray, to 20 m, are points 5 cm apart. The tree is queried for
+the neighbour of every point of the ray, and the nearest of all counts if it is within 0.7 m.
 """
 
 from collections.abc import Sequence
@@ -25,7 +25,7 @@ class PaperCursor:
     """A k-d tree of points."""
 
     def __init__(self, points: Array, *, bounded: bool = False) -> None:
-        """Take the points; `bounded` tells the tree the tolerance too, which the paper does not say."""
+        """Build the tree; `bounded` also passes it the tolerance, which the paper does not mention."""
         self._points = points
         self._tree = cKDTree(points)
         self._steps = np.arange(0.0, REACH_M + STEP_M / 2, STEP_M)[:, None]
@@ -43,7 +43,7 @@ class PaperCursor:
 
 
 def discretized(room: Environment) -> Array:
-    """Return the lamps of a map, and its strips and belts as points."""
+    """Return the lamps, strips and belts of a map as points."""
     points: list[Sequence[Vec3] | Array] = [[lamp.position_m for lamp in room.lamps]] if room.lamps else []
     for line in [strip.line_m for strip in room.strips] + [belt.line_m for belt in room.belts]:
         path = Polyline(line)
@@ -52,7 +52,7 @@ def discretized(room: Environment) -> Array:
 
 
 def walls(count: int, size_m: Vec3 = (10.0, 8.0, 3.0)) -> Array:
-    """Return about `count` points on floor, ceiling and walls of a room, 5 mm off, as a scanner sees them."""
+    """Return about `count` points on floor, ceiling and walls of a room, with 5 mm of scanner noise."""
     random = np.random.default_rng(0)
     sides: list[Array] = []
     size = np.array(size_m)

@@ -1,4 +1,4 @@
-"""The bridge to ROS 2, a process of its own: cost beside a bare relay of bytes, round trips, start."""
+"""The ROS 2 bridge in a process of its own: cost compared with a bare relay, round trips, start time."""
 
 import asyncio
 import contextlib
@@ -28,31 +28,31 @@ from tests.support.buses import free_port
 
 USERS = 10
 HZ = 50.0
-"""Of each: 500 messages a second altogether."""
+"""Rate of each topic and person: 500 messages per second in total."""
 ROUND_HZ = 100.0
 ROUNDS = 3
-LEAST_S = 5.0
+MIN_S = 5.0
 LOST_S = 1.0
 PATIENCE_S = 60.0
 SETTLE_S = 1.0
 RAY_TYPE, ROTATION_TYPE = "geometry_msgs/msg/PoseStamped", "geometry_msgs/msg/QuaternionStamped"
 ROUTES = "routes: {pointing_ray: {rate_hz: 1000}, rotation_in: {rate_hz: 1000}}\n"
-"""Caps would measure themselves."""
+"""Raises the rate limits, which would determine the result."""
 
 
-class Nobody:
-    """Takes warnings of the peer's node."""
+class StderrWarnings:
+    """Prints warnings of the peer's node."""
 
     def warn(self, topic: str, sentence: str) -> None:
-        """Show it."""
+        """Print `sentence`."""
         print(f"{topic}: {sentence}", file=sys.stderr)
 
     def clear(self, topic: str) -> None:
-        """Take it back."""
+        """Do nothing."""
 
 
 class Ends:
-    """Both ends of the bridge: our bus, and a node in ROS that is the router there."""
+    """Both ends of the bridge: our bus, and a ROS node that is the router there."""
 
     def __init__(self, bus: ZenohBus, peer: Backend, process: psutil.Process, started_s: float) -> None:
         self.bus = bus
@@ -62,9 +62,9 @@ class Ends:
         self.types = Types("jazzy")
         self.users = [f"user{index}" for index in range(USERS)]
         self.rays: list[int] = []
-        """Stamps of those that came to ROS, ns."""
+        """Stamps of the rays that arrived in ROS, ns."""
         self.samples: list[WristSample] = []
-        """What came to our bus."""
+        """Samples that arrived on our bus."""
         self.on_ray: Callable[[int], None] = self.rays.append
         self.echoes = False
         self._presences = [bus.announce(USER_ALIVE, user) for user in self.users]
@@ -88,12 +88,12 @@ class Ends:
             self.put_ray(user, sample.stamp_ns)
 
     def put_ray(self, user: str, stamp_ns: int) -> None:
-        """Put a ray on our bus."""
+        """Publish a ray on our bus."""
         ray = PointingRay(stamp_ns=stamp_ns, origin_m=(0.0, 0.0, 1.64), direction=(1.0, 0.0, 0.0))
         self._ours[user].put(ray)
 
     def put_rotation(self, user: str, stamp_ns: int) -> None:
-        """Publish how an arm is turned, in ROS."""
+        """Publish the orientation of an arm in ROS."""
         make = self.types.make
         sec, nanosec = divmod(stamp_ns, 1_000_000_000)
         stamp = make("builtin_interfaces/msg/Time", sec=sec, nanosec=nanosec)
@@ -106,7 +106,7 @@ class Ends:
         self._theirs[user].put(self.types.encode(ROTATION_TYPE, value))
 
     async def ready(self) -> None:
-        """Wait until something of every person arrives both ways."""
+        """Wait until messages of every person arrive both ways."""
         async with asyncio.timeout(PATIENCE_S):
             while len(self.rays) < USERS or len(self.samples) < USERS:
                 for user in self.users:
@@ -120,7 +120,7 @@ async def measure(duration_s: float) -> dict[str, Any]:
     """Return cost, delivery, round trips and start of the bridge."""
     bare = await bare_relay.cost(USERS * HZ, duration_s)
     bare_in_step = await bare_relay.cost(USERS * HZ, duration_s, at_once=USERS)
-    rounds = int(max(duration_s, LEAST_S) * ROUND_HZ)
+    rounds = int(max(duration_s, MIN_S) * ROUND_HZ)
     bare_trip = await bare_relay.round_trip(ROUND_HZ, rounds)
     async with bridged() as ends:
         await ends.ready()
@@ -150,7 +150,7 @@ async def bridged() -> AsyncGenerator[Ends]:
     ours, ros = (f"tcp/127.0.0.1:{free_port()}" for _ in range(2))
     bus = await ZenohBus.open(Link(listen=(ours,)))
     config = BackendConfig(mode="router", endpoint=ros, node="/robot", domain_id=7)
-    peer = await opened(config, Nobody())
+    peer = await opened(config, StderrWarnings())
     with tempfile.TemporaryDirectory() as folder:
         routes = Path(folder) / "routes.yaml"
         routes.write_text(ROUTES)
@@ -181,9 +181,9 @@ async def bridged() -> AsyncGenerator[Ends]:
 async def _cost(
     ends: Ends, duration_s: float, puts: list[Callable[[str, int], None]], at_once: int = 1
 ) -> dict[str, Any]:
-    """Return what the bridge takes of a core while each of `puts` puts `HZ` messages of each person.
+    """Return the CPU share of the bridge while each of `puts` publishes `HZ` messages of each person.
 
-    Those of `at_once` persons come together, as they do where one process samples several.
+    Messages of `at_once` persons come in bursts, as from one process that samples several.
     """
     ends.rays.clear()
     ends.samples.clear()
@@ -197,7 +197,7 @@ async def _cost(
             for put in puts:
                 put(ends.users[sent % USERS], time.time_ns())
             sent += 1
-        # one person's are never sent in bursts: of those the newest wins, as is meant
+        # one person's messages never come in bursts, in which only the newest would be delivered
         due_s = max(due_s + at_once / (HZ * USERS), loop.time())
         await asyncio.sleep(due_s - loop.time())
     after, took_s = ends.process.cpu_times(), time.perf_counter() - began_s
@@ -210,13 +210,13 @@ async def _cost(
         "cpu_share_of_a_core": round(cpu_s / took_s, 4),
         "messages_per_second": round(messages / took_s, 1),
         "us_per_message": round(cpu_s / messages * 1e6, 1) if messages else None,
-        "superseded": superseded,  # by the same person's next one while this process stood still
+        "superseded": superseded,  # by the same person's next one while this process was stopped
         "lost": messages - arrived - superseded,
     }
 
 
 async def _round_trip(ends: Ends, count: int) -> dict[str, Any]:
-    """Return the times of ROS, bridge, our bus, bridge, ROS: one message after the other."""
+    """Return round-trip times of ROS, bridge, our bus, bridge, ROS, one message after the other."""
     times_s: list[float] = []
     came = asyncio.Event()
 

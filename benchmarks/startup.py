@@ -1,4 +1,4 @@
-"""From `pointit run` to the first light and the first cursor, and what it takes in memory."""
+"""Time from `pointit run` to the first light and the first cursor, and its memory."""
 
 import json
 import subprocess
@@ -14,10 +14,10 @@ RUN_S = 6.0
 
 
 def start(scenario: str = "scenario_3") -> dict[str, Any]:
-    """Return seconds from the command on, and the peak memory, MB.
+    """Return seconds from the command, and the peak memory, MB.
 
-    To the first light everything has been loaded and started; from there to the first cursor on a surface the
-    simulated person presses the button, looks for something and reaches for it.
+    At the first light everything is loaded and started. Until the first cursor on a surface the simulated
+    person presses the button, searches an object and points at it.
     """
     with tempfile.TemporaryDirectory() as folder:
         summary = Path(folder) / "summary.json"

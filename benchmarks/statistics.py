@@ -1,4 +1,4 @@
-"""Samples to the figures that are reported, and the state of the machine they were taken on."""
+"""Statistics of samples, and the state of the machine."""
 
 import os
 import platform
@@ -17,7 +17,7 @@ class Figures:
 
     @classmethod
     def of(cls, values_s: list[float]) -> "Figures":
-        """Return the figures of `values_s`, seconds, not empty."""
+        """Return the quantiles of `values_s`, seconds, not empty."""
         values = sorted(values_s)
         last = len(values) - 1
         return cls(
@@ -32,12 +32,12 @@ class Figures:
         return {"p50": self.p50_ms / baseline.p50_ms, "p99": self.p99_ms / baseline.p99_ms}
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the figures for JSON."""
+        """Return the quantiles for JSON."""
         return asdict(self)
 
 
 def machine() -> dict[str, Any]:
-    """Return what the figures depend on: processor count, load, versions."""
+    """Return the conditions of a measurement: processor count, load, versions."""
     return {
         "cores": os.cpu_count(),
         "load_average": [round(value, 2) for value in os.getloadavg()],

@@ -1,4 +1,4 @@
-"""How many people one core carries: CPU time of the whole pipeline at 100 Hz each, in one process."""
+"""People per core: CPU time of the whole pipeline at 100 Hz each, in one process."""
 
 import asyncio
 import time
@@ -17,11 +17,11 @@ from pointit.schemas.topics import CURSOR, IMU
 
 RATE_HZ = 100.0
 WITHOUT = ("user-sim", "supervisor")
-"""The person is driven from here; nobody presses a button."""
+"""Services left out: the benchmark drives the wrists, and no button is needed."""
 
 
 async def carried(users: int, duration_s: float) -> dict[str, Any]:
-    """Return CPU share, delivered cursors and their age for `users` people of scenario_3."""
+    """Return CPU share, delivered cursors and their age for `users` people in scenario_3."""
     scenario = read_scenario("scenario_3")
     choices = Choices()
     launches = site_launches(scenario, choices)

@@ -21,11 +21,11 @@ from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 PEOPLE = 1
 SPEED = 1.0
 MOMENT_S = 12.0
-"""Seconds after the start at which the first good moment is sought."""
+"""Earliest time of the picture after the start, s."""
 
 
 async def photograph(path: Path) -> None:
-    """Run scenario_3 until the person is half-way through a selection, and draw that."""
+    """Run scenario_3 until the person is half-way through a selection, and save the view."""
     scenario = read_scenario("scenario_3")
     choices = Choices()
     launches = site_launches(scenario, choices)
@@ -48,7 +48,7 @@ async def photograph(path: Path) -> None:
         services.cancel()
         await asyncio.wait({services})
         await bus.close()
-    # No font is fetched from anywhere: the reader's own monospace will do.
+    # no external font: use the reader's own monospace
     form = re.sub(r"@font-face \{\{.*?\}\}", "", CONSOLE_SVG_FORMAT, flags=re.DOTALL)
     form = form.replace("Fira Code, monospace", "ui-monospace, Menlo, Consolas, monospace")
     path.write_text(console.export_svg(title="pointit run scenario_3", code_format=form))

@@ -1,7 +1,7 @@
 """Makes the README's pictures of the page, `docs/window-*.webp`, from a run: `python -m docs.picture_page`.
 
-It needs what the tests need (`scripts/test` once) and Chromium. A machine without a graphics processor draws
-as slowly as it must, in the quality of one that has it.
+It needs the tests' dependencies (`scripts/test` once) and Chromium. Without a graphics processor it is slow,
+but the quality is the same.
 """
 
 import asyncio
@@ -27,9 +27,9 @@ SIZE = (1280, 800)
 QUALITY = 88
 MOST_BYTES = 250_000
 SPEED = "0.25"
-"""Speed of the site's clock: the scene must not change while the browser draws, which is slow here."""
+"""Speed of the site: slow, because the scene must not change while a picture is rendered."""
 DWELL_S = 3.0
-"""Till an object is selected, that a slow picture is in time."""
+"""Dwell time, long enough for a slow picture."""
 ARGUMENTS = ("scenario_4", "--seed", "3", "--speed", SPEED, "--duration", "900", "--lan")
 FINE = """
 for (const kind of [WebGL2RenderingContext]) {
@@ -42,7 +42,7 @@ const Socket = window.WebSocket;
 window.WebSocket = class extends Socket { constructor(...all) { super(...all); window.socket = this; } };
 Object.defineProperty(document, "hidden", { get: () => true });  // who is not seen may be slow
 """
-"""Has the page draw with shadows and all pixels, slow as it is; where its mouse points it is told, then."""
+"""Makes the page draw with shadows and all pixels despite a slow renderer, and exposes its socket."""
 SHOWS_GAUGE = """(() => {
   const value = document.querySelector("#guide progress[data-shown]")?.value ?? 0;
   const text = document.querySelector("#guide").textContent;
@@ -57,7 +57,7 @@ async def photograph() -> None:
     expect.set_options(timeout=60_000)
     path = installed()
     if path is None:
-        raise SystemExit("there is no Chromium in PATH")
+        raise SystemExit("Chromium is not in PATH")
     async with chromium(path) as browser:
         async with run("--users", "1") as site, onlooker(site.endpoint) as seen:
             await by_mouse(browser, site, seen)
@@ -82,12 +82,12 @@ async def run(*arguments: str) -> AsyncGenerator[SitePage]:
 
 
 async def by_mouse(browser: Browser, site: SitePage, seen: Onlooker) -> None:
-    """Light: the mouse selects a red package."""
+    """Take the light picture: the mouse selects a red package."""
     window = await Window.open(browser, site.url, size=SIZE, theme="light", scripts=(FINE,))
     await window.is_shown(60)
     await window.page.get_by_role("button", name="Point with the mouse").click()
     await expect(window.page.locator("#guide")).to_contain_text("You are the arm now")
-    await window.page.wait_for_timeout(3000)  # nothing is left of what the simulated person did
+    await window.page.wait_for_timeout(3000)  # no traces of the simulated person are left
     async with asyncio.timeout(180):
         while not await window.page.evaluate(SHOWS_GAUGE):
             if red := [each for each in seen.objects[-1].objects if each.kind == "red"]:
@@ -99,7 +99,7 @@ async def by_mouse(browser: Browser, site: SitePage, seen: Onlooker) -> None:
 
 
 async def two_people(browser: Browser, site: SitePage) -> None:
-    """Dark: two simulated people, one of them half-way through a selection."""
+    """Take the dark picture: two simulated people, one of them half-way through a selection."""
     window = await Window.open(browser, site.url, size=SIZE, theme="dark", scripts=(FINE,))
     await window.is_shown(60)
     await window.page.wait_for_timeout(3000)
@@ -109,7 +109,7 @@ async def two_people(browser: Browser, site: SitePage) -> None:
 
 
 async def by_phone(browser: Browser, site: SitePage) -> None:
-    """The phone's page while somebody points with it."""
+    """Take the phone's picture while a person points with it."""
     async with site.operator() as operator:
         secure = await operator.pair("user1")
     url = site.origin + secure[secure.index("/phone") :]
@@ -123,13 +123,13 @@ async def by_phone(browser: Browser, site: SitePage) -> None:
 
 
 async def save(page: Page, name: str, scale: int = 1) -> None:
-    """Write what the page shows now, with so many pixels for one of the page's."""
+    """Write a screenshot of the page, with `scale` pixels per CSS pixel."""
     clip = {"x": 0, "y": 0, **(page.viewport_size or {}), "scale": scale}
     cdp: Any = await page.context.new_cdp_session(page)
     shot = await cdp.send("Page.captureScreenshot", {"format": "webp", "quality": QUALITY, "clip": clip})
     content = base64.b64decode(shot["data"])
     if len(content) > MOST_BYTES:
-        raise SystemExit(f"{name} has {len(content)} bytes, which is too much for a README")
+        raise SystemExit(f"{name} has {len(content)} bytes, too many for a README")
     (HERE / name).write_bytes(content)
     sys.stdout.write(f"{name}: {len(content) / 1e3:.0f} kB\n")
 

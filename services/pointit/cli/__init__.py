@@ -1,1 +1,1 @@
-"""What an operator types: `pointit …`."""
+"""The command line of operators: `pointit …`."""

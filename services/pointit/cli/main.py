@@ -1,4 +1,4 @@
-"""`pointit`: collects the commands; each is imported when it is called."""
+"""`pointit`: the table of commands; each is imported when it is called."""
 
 import shutil
 import sys
@@ -18,13 +18,13 @@ COMMANDS = (
         "pointit.cli.run.dashboard:command",
     ),
     ("service", "run one service; its --help documents every parameter", "pointit.cli.run.service:command"),
-    ("list", "list what there is to run", "pointit.cli.run.list:command"),
+    ("list", "list scenarios, maps and services", "pointit.cli.run.list:command"),
     (
         "topics",
-        "show the topic table: what travels, how often, who writes it",
+        "show the topic table: keys, messages, rates, writers",
         "pointit.cli.inspect.topics:command",
     ),
-    ("echo", "print messages as they come", "pointit.cli.inspect.echo:command"),
+    ("echo", "print messages as they arrive", "pointit.cli.inspect.echo:command"),
     ("press", "press a person's button from here", "pointit.cli.people.press:command"),
     (
         "map",
@@ -33,55 +33,55 @@ COMMANDS = (
     ),
     (
         "calibrate",
-        "measure how a sensor is worn, and how a person points",
+        "measure a sensor's mounting, or a person's pointing offset",
         "pointit.cli.people.calibrate:command",
     ),
-    ("anchor", "point at one lamp, to set a person's pose right", "pointit.cli.people.anchor:command"),
-    ("pose", "show where a person stands and how sure that is, or say it", "pointit.cli.people.pose:command"),
+    ("anchor", "point at one lamp to correct a person's pose", "pointit.cli.people.anchor:command"),
+    ("pose", "show or set a person's pose", "pointit.cli.people.pose:command"),
     (
         "call",
-        "ask a service for something; alone, list what can be asked",
+        "send a request to a service; without arguments, list requests",
         "pointit.cli.inspect.call:command",
     ),
     ("hz", "measure rates against the nominal ones", "pointit.cli.inspect.hz:command"),
     (
         "doctor",
-        "say what runs, what is stale, what is wrong and what to do",
+        "show what runs, what is stale, what is wrong and what to do",
         "pointit.cli.inspect.doctor:command",
     ),
     (
         "evaluate",
-        "measure on recordings of people how good the estimates are",
+        "measure the accuracy of the estimates on recordings of people",
         "pointit.cli.evaluate.command:command",
     ),
     (
         "load",
-        "measure how many people this machine, or a site, carries",
+        "measure the number of people this machine, or a site, carries",
         "pointit.cli.loadtest.command:command",
     ),
-    ("audit", "show who selected what, when and how surely", "pointit.cli.inspect.audit:command"),
+    ("audit", "show who selected what, when and how confidently", "pointit.cli.inspect.audit:command"),
     ("schema", "write or check the catalogue of messages", "pointit.cli.inspect.schema:command"),
     ("router", "run a router that joins several machines", "pointit.cli.site.router:command"),
-    ("site", "say who may join a site, and what each may do there", "pointit.cli.site.site:command"),
+    ("site", "manage who may join a site, and their rights", "pointit.cli.site.site:command"),
 )
-"""Name, one line, and where the command is: `module:attribute`."""
+"""Name, one line, and location of the command: `module:attribute`."""
 
 EXAMPLES = (
-    ("pointit run", "a person in a room with a conveyor, in your browser; then it is you who points"),
-    ("pointit hz --all", "what travels and how often, from another terminal"),
-    ("pointit doctor", "is everything well, and if not, what to do"),
+    ("pointit run", "a person in a room with a conveyor, in your browser; then point yourself"),
+    ("pointit hz --all", "all messages and their rates, from another terminal"),
+    ("pointit doctor", "problems of a site, and what to do"),
 )
 
 
 ERROR = "Error: "
-"""What errors begin with."""
+"""Prefix of error messages."""
 
 
 class RootGroup(LazyGroup):
-    """The front page: commands, three examples, where to begin."""
+    """The top-level help: commands, three examples, first steps."""
 
     def invoke(self, ctx: click.Context) -> Any:
-        """Run the command; what went wrong is wrapped to the terminal, where there is one."""
+        """Run the command; error messages are wrapped to the terminal's width, if there is one."""
         try:
             return super().invoke(ctx)
         except click.ClickException as error:
@@ -106,11 +106,11 @@ class RootGroup(LazyGroup):
 
 
 def wrap_message(text: str, width: int | None = None) -> str:
-    """Return `text` in lines that fit behind and below `Error: `, words whole; as it is in a pipe.
+    """Return `text` wrapped to fit behind and below `Error: `, without breaking words; unchanged in a pipe.
 
     Args:
         text: one sentence.
-        width: of the terminal; empty: of that which standard error is, if it is one.
+        width: of the terminal. None: that of standard error, if it is a terminal.
     """
     if width is None:
         if not sys.stderr.isatty():
@@ -136,7 +136,7 @@ def front() -> click.Group:
         context_settings={"help_option_names": ["-h", "--help"]},
         help=(
             "Point at things and the things react.\n\n"
-            "Begin with `pointit run`: it needs no hardware, no router and no configuration. "
+            "Start with `pointit run`: it needs no hardware, no router and no configuration. "
             "Ctrl-C ends every command at once."
         ),
     )
@@ -150,7 +150,7 @@ command = front()
 
 
 def main() -> NoReturn:
-    """Run the command line; what `pointit` and `python -m pointit.cli` call."""
+    """Run the command line; entry point of `pointit` and `python -m pointit.cli`."""
     from pointit.runtime.service.process import run_program  # noqa: PLC0415 - the table above is wanted without it
 
     run_program(command)

@@ -1,1 +1,1 @@
-"""What PointIt's estimates are worth, measured on recordings of people: our cores beside named baselines."""
+"""Accuracy of PointIt's estimates on recordings of people: our cores compared with named baselines."""

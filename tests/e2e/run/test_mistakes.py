@@ -131,6 +131,6 @@ async def test_the_default_address_gives_way(commands: Commands) -> None:
     """Who has not asked for an address gets the next one, and is told how others find it."""
     with contextlib.suppress(OSError), socket.create_server(("127.0.0.1", 7447)):  # or somebody else has it
         run = commands.start("run", "scenario_2", "--no-view")
-        await run.says("tcp/127.0.0.1:7447 is taken; listening at tcp/127.0.0.1:")
+        await run.says("tcp/127.0.0.1:7447 is in use; listening at tcp/127.0.0.1:")
         await run.says("scenario_2 of site lab at tcp/127.0.0.1:")
         assert (await run.stop()).code == 0

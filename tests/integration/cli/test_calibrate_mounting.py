@@ -146,7 +146,7 @@ async def test_with_nobody_there_the_file_on_this_machine_is_shown_and_erased(
 ) -> None:
     shown = await site.pointit("calibrate", "mounting", ANNA, "--show")
     assert shown.code == 0
-    assert "nobody runs, and no mounting is kept on this machine" in shown.out
+    assert "no service runs, and no mounting is stored on this machine" in shown.out
     site.start(ImuBridge, ANNA)
     await site.arrived("imu-bridge.anna")
     query = SetMounting(sensor_from_arm_xyzw=(0.0, 0.0, 1.0, 0.0))

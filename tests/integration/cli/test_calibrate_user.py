@@ -92,7 +92,7 @@ async def test_lamps_and_their_number_can_be_chosen_and_bad_holds_do_not_count(
     localizer.rejects = tuple(LAMPS)
     ended = await site.pointit("calibrate", "user", ANNA, "--lamps", "led_0")
     assert ended.code == 1
-    assert "no pointing was of use, everything is as before: the arm wandered" in ended.err
+    assert "no pointing was usable, nothing was changed: the arm wandered" in ended.err
     ended = await site.pointit("calibrate", "user", ANNA, "--lamps", "led_9")
     assert ended.code == 2
     assert "no lamp 'led_9' on map" in ended.err
@@ -100,7 +100,7 @@ async def test_lamps_and_their_number_can_be_chosen_and_bad_holds_do_not_count(
 
 async def test_without_a_site_what_is_kept_here_is_shown(site: Site, own_state: Path) -> None:
     shown = await site.pointit("calibrate", "user", ANNA, "--show")
-    assert "nobody runs, and no offset is kept on this machine" in shown.out
+    assert "no service runs, and no offset is stored on this machine" in shown.out
     path = own_state / "users" / ANNA / "offset.json"
     path.parent.mkdir(parents=True)
     path.write_text('{"rung": "pitch", "elevation": [0.05, 0, 0, 0, 0, 0], "anchors": 2}', encoding="utf-8")
@@ -119,7 +119,7 @@ async def test_an_anchor_says_in_one_sentence_what_it_found(site: Site, localize
     assert ended.code == 0, ended.err
     assert ended.out == (
         "anna: led_1: the direction was 6.0° too far right (the IMU's drift turns the pose by 12.0 °/min) "
-        "and is set right; the pose is known to 0.10 m and 1.5° now; before, it was taken as exact, as it "
+        "and is corrected; the pose is known to 0.10 m and 1.5° now; before, it counted as exact, as it "
         "was given.\n"
     )
     localizer.rejects = ("led_0",)
@@ -135,7 +135,7 @@ async def test_an_anchor_without_end_is_called_off(site: Site, localizer: Erring
     localizer.hangs = True
     ended = await site.pointit("anchor", ANNA, "led_1", "--timeout", "1")
     assert ended.code == 1
-    assert "came to no end within 1 s and was called off" in ended.err
+    assert "did not finish within 1 s and was cancelled" in ended.err
     assert localizer.asked == ["anchor led_1", "cancel"]
     async with site.command("anchor", ANNA, "led_1") as process:
         await until(lambda: len(localizer.asked) == 3, 20)
@@ -149,7 +149,7 @@ async def test_without_a_localizer_it_says_what_to_start(site: Site) -> None:
     ended = await site.pointit("anchor", ANNA)
     assert ended.code == 1
     assert "no localizer of anna is heard" in ended.err
-    assert "no anna is on this site, nobody is there; add them with `pointit user anna`" in ended.err
+    assert "no anna is on this site, there are no people; add them with `pointit user anna`" in ended.err
     ended = await site.pointit("pose", ANNA)
     assert ended.code == 1
     assert "where anna stands is not known: no anna is on this site" in ended.err
@@ -157,7 +157,7 @@ async def test_without_a_localizer_it_says_what_to_start(site: Site) -> None:
     await site.arrived("supervisor.anna")
     ended = await site.pointit("pose", ANNA)
     assert "pointit service localizer --user anna" in ended.err
-    assert "or say it: pointit pose anna X Y" in ended.err
+    assert "or set it: pointit pose anna X Y" in ended.err
     ended = await site.pointit("pose", "ben")
     assert "no ben is on this site, there is anna; add them with `pointit user ben`" in ended.err
     ended = await site.pointit("calibrate", "user", "ben", "--show")
@@ -184,7 +184,7 @@ async def test_the_pose_is_shown_and_said(site: Site, localizer: ErringLocalizer
     shown = await site.pointit("pose", ANNA)
     assert shown.code == 0, shown.err
     assert "position      x 2.00 m, y 0.50 m, z 0.00 m" in shown.out
-    assert "given, taken as exact" in shown.out
+    assert "given, counts as exact" in shown.out
     said = await site.pointit("pose", ANNA, "-1.5", "2")
     assert (said.code, said.out) == (0, "anna: the pose is set\n"), said.err
     assert localizer.asked[-1] == "pose (-1.5, 2.0, 0.0) 17.2"  # the yaw is as it was
@@ -208,9 +208,7 @@ async def test_a_place_that_is_typed_keeps_the_yaw_that_was_found_and_how_sure_i
 ) -> None:
     localizer.find(yaw_sigma_rad=math.radians(4.0), bias_rad=0.02)
     said = await site.pointit("pose", ANNA, "1", "2")
-    assert said.out == "anna: the pose is set; the yaw stays, and its drift goes on being followed\n", (
-        said.err
-    )
+    assert said.out == "anna: the pose is set; the yaw stays, and its drift is still tracked\n", said.err
     asked = localizer.poses[-1]
     assert (asked.method, asked.position_m, asked.yaw_rad) == ("static_targets", (1.0, 2.0, 0.0), 0.3)
     assert asked.elevation_bias_rad == 0.02
@@ -229,7 +227,7 @@ async def test_a_place_far_outside_the_room_is_warned_of_and_taken(
     said = await site.pointit("pose", ANNA, "50", "50")
     assert said.code == 0
     assert "warning: 50, 50 m is 46 " in said.err
-    assert "m outside what map 'lab' holds: x " in said.err
+    assert "m outside the contents of map 'lab': x " in said.err
     assert localizer.poses[-1].position_m == (50.0, 50.0, 0.0)
     assert (await site.pointit("pose", ANNA, "3", "-5")).err == ""
 
@@ -242,7 +240,7 @@ async def test_an_offset_from_a_pose_that_looks_wrong_is_not_kept(
     localizer.find(yaw_sigma_rad=math.radians(4.0))
     ended = await site.pointit("calibrate", "user", ANNA)
     assert ended.code == 1
-    assert "nothing is kept: the pose looks wrong, " in ended.err
+    assert "nothing is stored: the pose looks wrong, " in ended.err
     assert "localize first, or `pointit pose anna X Y`" in ended.err
     assert not (own_state / "users" / ANNA / "offset.json").exists()
     ended = await site.pointit("calibrate", "user", ANNA, "--dry-run")
@@ -301,13 +299,13 @@ async def test_lamps_that_somebody_else_has_are_waited_for_once(
     ended = await site.pointit("calibrate", "user", ANNA, "--timeout", "1")
     assert ended.code == 1
     assert ended.err.count("; waiting for up to 1 s") == 1
-    assert "everything is as before: ben is being localized with these lamps" in ended.err
+    assert "nothing was changed: ben is being localized with these lamps" in ended.err
     assert len(localizer.asked) == 2
     others.put(Localization(stamp_ns=2, phase="solved", since_ns=1))
     localizer.refuses = "the lamps are broken"
     ended = await site.pointit("calibrate", "user", ANNA)
     assert "waiting" not in ended.err
-    assert "everything is as before: the lamps are broken" in ended.err
+    assert "nothing was changed: the lamps are broken" in ended.err
     assert len(localizer.asked) == 3
     others.put(Localization(stamp_ns=3, phase="sampling", target_id="led_0", target_count=2, since_ns=3))
     async with site.command("calibrate", "user", ANNA, "--lamps", "led_0") as process:
@@ -321,9 +319,9 @@ async def test_lamps_that_somebody_else_has_are_waited_for_once(
 
 async def test_what_is_typed_wrongly_is_said(site: Site) -> None:
     for arguments, words in (
-        (("anna", "1"), "a place has two or three numbers"),
-        (("anna", "1", "x"), "'x' is no place in metres"),
-        (("anna", "1", "--yau"), "'--yau' is no place in metres and no option"),
+        (("anna", "1"), "a position has two or three numbers"),
+        (("anna", "1", "x"), "'x' is neither a coordinate in metres"),
+        (("anna", "1", "--yau"), "'--yau' is neither a coordinate in metres nor an option"),
         (("anna", "--yaw", "3"), "--yaw belongs to X Y"),
         (("anna", "1", "2", "--yaw", "3", "--facing", "4"), "excludes --facing"),
         (("anna", "--now"), "--now belongs to --facing"),

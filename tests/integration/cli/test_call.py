@@ -69,7 +69,7 @@ async def test_a_refusal_and_no_answer_are_one_sentence_each(site: Site) -> None
     [
         (("conveyor/set_sped", "speed_mps=1"), "did you mean conveyor/set_speed"),
         (("localizer/anna/set_pse",), "did you mean localizer/anna/set_pose"),
-        (("zzz",), "`pointit call` lists what can be asked"),
+        (("zzz",), "`pointit call` lists all requests"),
         (("users/anna/imu",), "is a topic (orientation of the arm)"),
         (("localizer/*/start",), "user '*': use 1 to 64"),
         (("conveyor/set_speed",), "conveyor/set_speed: speed_mps is missing: write speed_mps=VALUE, float"),
@@ -115,7 +115,7 @@ async def test_a_button_pressed_from_another_process(site: Site) -> None:
     site.bus.subscribe(BUTTON, lambda event, _user: buttons.append(event), "anna")
     ended = await site.pointit("press", "anna")
     assert ended.code == 1
-    assert ended.err.startswith("Error: nobody leads the interaction of anna: ")
+    assert ended.err.startswith("Error: anna has no supervisor: ")
     site.start(Supervisor, "anna")
     await site.arrived("supervisor.anna")
     ended = await site.pointit("press", "anna", "--gesture", "hold", "--json")

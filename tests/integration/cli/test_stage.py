@@ -255,7 +255,7 @@ async def test_what_cannot_begin_lets_the_other_begin_again() -> None:
     async with going(plan_of("scenario_2", settings=(TWICE,))) as run:
         await until(lambda: run.stage.monitor.cursor_count > 0, PATIENCE_S, "a cursor")
         with pytest.raises(
-            RefusedError, match=r"scenario_1 could not begin \(.*used by two.*\); scenario_2 has begun again"
+            RefusedError, match=r"scenario_1 could not start \(.*used by two.*\); scenario_2 was restarted"
         ):
             await run.asks("scenario_1")
         assert run.stage.plan.name == "scenario_2"
@@ -302,7 +302,7 @@ async def test_a_page_that_cannot_be_is_told_and_costs_nothing(caplog: pytest.Lo
         await asyncio.wait_for(run.task, 10.0)
         assert run.stage.monitor.frame_count > 0
     (told,) = (record for record in caplog.records if "page" in record.getMessage())
-    assert told.getMessage() == "the page has ended (the port is taken); the run goes on without it"
+    assert told.getMessage() == "the page has ended (the port is taken); the run continues without it"
 
 
 async def test_the_address_is_told_once_and_nowhere_else(caplog: pytest.LogCaptureFixture) -> None:

@@ -49,8 +49,8 @@ def test_people_are_added_and_removed(folder: str) -> None:
     assert (Path(folder) / "identities/carla/key.pem").exists()
     site("user", "remove", "carla", "--folder", folder)
     assert "carla" not in names_of(folder)
-    assert "services is a name of the site's own" in refused("user", "add", "services", "--folder", folder)
-    assert "no person" in refused("user", "remove", "web", "--folder", folder)
+    assert "services is a reserved name of the site" in refused("user", "add", "services", "--folder", folder)
+    assert "is not a person" in refused("user", "remove", "web", "--folder", folder)
     assert "'run.bob': names that begin with 'run.'" in refused("user", "add", "run.bob", "--folder", folder)
 
 
@@ -59,8 +59,8 @@ def test_people_are_added_and_removed(folder: str) -> None:
     [
         ("a,b,a", "a is named twice; name each person once"),
         ("guest2", "guest2 is named twice"),
-        ("web", "web is a name of the site's own"),
-        ("dashboard7", "dashboard7 is a name of the site's own"),
+        ("web", "web is a reserved name of the site"),
+        ("dashboard7", "dashboard7 is a reserved name of the site"),
         ("a,run.bob", "user 'run.bob': names that begin with 'run.' are those of runs; choose another"),
     ],
 )
@@ -103,17 +103,17 @@ def test_passwords_which_do_not_end_are_kept_when_certificates_are_renewed(tmp_p
     assert said.startswith("router has a new certificate")
     assert said.count("\n") == 1
     assert users.read_text() == before
-    assert "anna has a new password: carry" in site("renew", "anna", "--folder", path).output
+    assert "anna has a new password: copy" in site("renew", "anna", "--folder", path).output
     assert users.read_text() != before
 
 
 def test_all_is_well_is_exit_code_0(folder: str) -> None:
     assert site("show", "--folder", folder).exit_code == 0
-    assert "valid for 30 days and more" in site("renew", "--folder", folder).output
+    assert "valid for 30 days or more" in site("renew", "--folder", folder).output
 
 
 def test_revoked_is_shown(folder: str) -> None:
-    assert "may do nothing any more" in site("revoke", "anna", "--folder", folder).output
+    assert "has no rights any more" in site("revoke", "anna", "--folder", folder).output
     rows = json.loads(site("show", "--folder", folder, "--json").output)["identities"]
     assert [row["state"] for row in rows if row["name"] == "anna"] == ["revoked"]
 

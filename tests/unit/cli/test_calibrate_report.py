@@ -112,7 +112,7 @@ def test_a_pose_that_looks_wrong_is_doubted_and_one_bad_hold_is_not() -> None:
     assert rejection_reason(assess(seen_from(AT), 0)[1]) == ""
     assert "scatter by" in rejection_reason(assess(seen_from((3.0, 3.5, 0.0)), 0)[1])
     high = [anchor(k, 4.0 * k, 0.0, 0.0, low_rad=0.05 if k < 3 else 0.8) for k in range(6)]
-    assert rejection_reason(assess(high, 0)[1]) == "3 of 6 pointings are far from what a person can be off"
+    assert rejection_reason(assess(high, 0)[1]) == "3 of 6 pointings exceed the error of a person"
     one = seen_from(AT, 8)
     one[3] = anchor(3, 12.0, 0.0, 0.8)
     fitted, rows = assess(one, 0)
@@ -127,7 +127,7 @@ def test_a_pointing_that_counts_though_it_was_not_accepted_is_said() -> None:
     _, rows = assess([taken, rejected], 0)
     assert [shown_row(row)["counts"] for row in rows] == [
         "yes",
-        "yes, but the localizer did not set the pose right by it: it is 30° off",
+        "yes, but the localizer did not correct the pose by it: it is 30° off",
     ]
     assert [table_row(row)["not_accepted"] for row in rows] == ["", "it is 30° off"]
     wandered = anchor(0, 0.0, 0.0, 0.0).model_copy(update={"spread_rad": 0.1})
@@ -147,7 +147,7 @@ def test_an_offset_in_words() -> None:
         "the rays are turned down by 2.0°; fitted from 1 pointing, 1.0° (1 sigma) is left"
     )
     bent = PointingOffset(rung="polynomial", elevation=terms, anchors=9)
-    assert "by 2.0° in the middle, and otherwise elsewhere (a polynomial" in describe(bent)
+    assert "by 2.0° in the middle, and differently elsewhere (a polynomial" in describe(bent)
 
 
 def pose(**fields: object) -> UserPose:
@@ -186,7 +186,7 @@ def test_a_pose_in_peoples_units() -> None:
     assert given[2:] == [
         "drift         not estimated",
         "last anchor   never",
-        "method        given, taken as exact",
+        "method        given, counts as exact",
         "published     6 min ago",
     ]
 
@@ -195,19 +195,21 @@ def test_an_anchor_in_one_sentence() -> None:
     found = anchor(1, 1.0, 0.0, 0.0).model_copy(update={"azimuth_error_rad": math.radians(-4.0)})
     after = pose(covariance=(0.01, 0.0, 0.0, 0.0, 0.01, 0.0, 0.0, 0.0, math.radians(1.0) ** 2))
     assert sentence(found, None, after) == (
-        "led_1: the direction was 4.0° too far left and is set right; "
+        "led_1: the direction was 4.0° too far left and is corrected; "
         "the pose is known to 0.10 m and 1.0° now."
     )
     slow = {"yaw_rate_radps": math.radians(0.1), "yaw_rate_sigma_radps": math.radians(0.2)}
     assert "drift" not in sentence(found, None, after.model_copy(update=slow))  # it may be none
     vague = pose(covariance=(0.09, 0.0, 0.0, 0.0, 0.01, 0.0, 0.0, 0.0, math.radians(1.0) ** 2))
     assert sentence(found, after, vague).endswith(
-        "known to 0.30 m and 1.0° now, before to 0.10 m and 1.0°; the place is known less well than before, "
-        "the direction did not fit it: localize anew if the person has moved."
+        "known to 0.30 m and 1.0° now, before to 0.10 m and 1.0°; the position is less certain than before, "
+        "the direction did not fit it: localize again if the person has moved."
     )
     noted = found.model_copy(update={"reason": "three anchors in a row agreed"})
-    assert "less well than before, three anchors in a row agreed: localize" in sentence(noted, after, vague)
-    assert sentence(found, pose(), after).endswith("; before, it was taken as exact, as it was given.")
+    assert "less certain than before, three anchors in a row agreed: localize" in sentence(
+        noted, after, vague
+    )
+    assert sentence(found, pose(), after).endswith("; before, it counted as exact, as it was given.")
     refused = found.model_copy(update={"accepted": False, "reason": "it is 40° off"})
     assert sentence(refused, after, after).endswith("not accepted, the pose is as before: it is 40° off")
 
@@ -225,7 +227,7 @@ def test_a_seat_in_words() -> None:
     )
     seat, errors = format_result(found)
     assert "turned by 92° about the arm (counter-clockwise, seen from the elbow)" in seat
-    assert "is 5° off it" in seat
+    assert "axis of the arm is 5° off" in seat
     assert errors == (
         "elevation of the level arm: -3.0° before, +0.0° with this mounting; of the raised arm, less 90°: "
         "-4.0° before, +0.0° with it"

@@ -58,7 +58,7 @@ def test_one_condition_by_its_name() -> None:
         *("--bench", "belts_lab", "--condition", name, "--method", "original", "--trials", "1", "--json", "-")
     )
     assert [row["condition"] for row in json.loads(out)["rows"]] == [name]
-    with pytest.raises(ConfigError, match=r"--condition 'nowhere': there is no such one; there are: static"):
+    with pytest.raises(ConfigError, match=r"--condition 'nowhere': no such condition; there are: static"):
         invoke("--bench", "belts_lab", "--condition", "nowhere")
 
 
@@ -88,7 +88,7 @@ def test_json_may_go_to_standard_output_alone() -> None:
         (("--json", "."), "is a folder"),
         (("--plot", "nowhere/rows.png"), "cannot be written"),
         (("--plot", "rows.docx"), "must end in one of"),
-        (("--data", "nowhere"), "is no folder"),
+        (("--data", "nowhere"), "not a folder"),
     ],
 )
 def test_mistakes_are_told_before_the_work(arguments: tuple[str, ...], complaint: str) -> None:

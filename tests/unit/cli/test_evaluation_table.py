@@ -97,7 +97,7 @@ def test_notes_are_about_columns_that_are_shown() -> None:
     narrow, wide = printed(BRIEF, 80), printed(BRIEF, 200)
     assert "independent pointings" not in narrow
     assert "independent pointings" in wide
-    assert "localizer takes" not in printed(DRIFT, 200)
+    assert "localizer accepts" not in printed(DRIFT, 200)
 
 
 def test_people_have_a_column_only_where_there_are_some() -> None:

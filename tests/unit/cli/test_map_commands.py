@@ -149,7 +149,7 @@ def test_where_a_person_stands_counts(room: Path) -> None:
 def test_a_place_is_two_numbers(text: str) -> None:
     result = invoke("check", "lab", f"--person={text}")
     assert result.exit_code == 2
-    assert f"{text!r} is no place; write x and y in metres, such as 1.5,-2" in result.output
+    assert f"{text!r} is not a position; write x and y in metres, such as 1.5,-2" in result.output
 
 
 def test_an_unknown_name_lists_the_shipped_maps() -> None:
@@ -257,7 +257,9 @@ def test_the_same_map_is_the_same_file(tmp_path: Path) -> None:
 def test_other_formats_are_refused(tmp_path: Path) -> None:
     result = invoke("plot", "lab", "-o", str(tmp_path / "lab.bmp"))
     assert isinstance(result.exception, ConfigError)
-    assert str(result.exception).endswith("lab.bmp: is no picture; give a file that ends in .svg, .png, .pdf")
+    assert str(result.exception).endswith(
+        "lab.bmp: not a picture format; give a file that ends in .svg, .png, .pdf"
+    )
 
 
 def test_a_folder_that_is_not_there_is_one_sentence(tmp_path: Path) -> None:

@@ -200,7 +200,7 @@ def test_a_map_with_an_error_is_told_as_by_map_check_and_not_written(graph: Grap
         "error bays.8: there is no belt 'mian'; use one of main",
         "error leds.door: is 1.8 m below the floor; correct its z",
         f"{path}: 2 errors; 1 belt, 2 bays, 1 strip with 90 pixels, 2 lamps",
-        f"{path}: was not written, as it has errors; correct the parameters of /pui",
+        f"{path}: not written because of errors; correct the parameters of /pui",
     ]
     assert not path.exists()
     graph.has({"strips.1.line": [0.0, 0.0, 1.0, 2.0, 0.0, 1.0]})
@@ -324,7 +324,7 @@ def test_options_are_checked(graph: Graph, arguments: tuple[str, ...], said: str
 def test_what_was_typed_wrong_is_one_sentence() -> None:
     result = CliRunner().invoke(command, ["map", "fetch", "pui node"])
     assert result.exit_code == 2
-    assert "NODE 'pui node': is no node's full name; write one like /pui_node" in result.output
+    assert "NODE 'pui node': not a full node name; write one like /pui_node" in result.output
     result = fetch("--prefix", "a", "--parameter", "b")
     assert result.exit_code == 2
     assert "the map is in one parameter or in many; give one of them" in result.output

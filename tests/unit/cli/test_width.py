@@ -66,7 +66,7 @@ def test_what_commands_raise_is_wrapped_on_a_terminal(monkeypatch: pytest.Monkey
     runner = CliRunner()
     told = runner.invoke(command, ["pose", "anna", "x"], standalone_mode=False).exception
     assert isinstance(told, click.ClickException)
-    assert told.format_message().startswith("<'x' is no place in metres")
+    assert told.format_message().startswith("<'x' is neither a coordinate in metres")
     told = runner.invoke(command, ["run", "nowhere"], standalone_mode=False).exception
     assert str(told).startswith("<no scenario 'nowhere'")
     told = runner.invoke(command, ["run", "--pose", "z"], standalone_mode=False).exception

@@ -286,7 +286,7 @@ def test_a_run_has_the_link_of_the_one_before_until_a_new_one_is_wanted(
     assert len({first, new, elsewhere}) == 3
     assert last == new
     assert all(page is not None and page.is_usual for page in pages[:2])  # else all is loaded
-    assert any("--new-link changes nothing" in note for note in plans[-1].notes)
+    assert any("--new-link does not change" in note for note in plans[-1].notes)
 
 
 def test_a_bad_name_is_refused_before_the_site_is_looked_for(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -396,5 +396,5 @@ def test_link_that_cannot_be_kept_is_a_warning(
     monkeypatch.setenv("POINTIT_STATE", str(tmp_path / "file"))
     with kept_link("lab", LINK) as path:
         assert path is None
-    assert "the link of the page is in no file" in caplog.text
+    assert "the link of the page could not be written to a file" in caplog.text
     assert "of-the-operator" not in caplog.text

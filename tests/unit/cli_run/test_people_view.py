@@ -250,7 +250,7 @@ async def test_anchors_are_news() -> None:
     await until(lambda: len(monitor.events) == 2)
     assert list(monitor.events) == [
         "anna: anchor at led_1, the yaw was off by +7.2°",
-        "anna: anchor at led_1 not taken: the arm wandered",
+        "anna: anchor at led_1 rejected: the arm wandered",
     ]
     monitor.person = "ben"
     anchors.put(anchor)

@@ -81,7 +81,7 @@ def test_who_is_localized_is_simulated_there_and_nobody_is_told() -> None:
     assert services["localizer"]["position_m"] != (1.0, 2.0, 0.0)
     given = Choices(localize=True, poses=(Pose(x_m=1.0, y_m=2.0, yaw_deg=40.0),))
     assert person(given)["user-sim"]["yaw_deg"] == 40.0
-    with pytest.raises(ConfigError, match=r"--pose 1,2: --localize finds out"):
+    with pytest.raises(ConfigError, match=r"--pose 1,2: --localize finds the pose"):
         person(Choices(localize=True, imu=("serial:/dev/x",), poses=(Pose(x_m=1.0, y_m=2.0),)))
 
 

@@ -9,7 +9,7 @@ import pytest
 from rich.console import Console
 from rich.segment import Segment
 
-from pointit.cli.display.view import MOST_STRIPS, NAME_WIDTH, draw, pixels_along
+from pointit.cli.display.view import MAX_STRIPS, NAME_WIDTH, draw, pixels_along
 from pointit.diagnosis.observation import SILENT_S
 from pointit.launch.run.monitor import LINES, Monitor
 from pointit.runtime.bus.local_broker import LocalBroker
@@ -282,11 +282,11 @@ def test_only_the_newest_events_are_kept() -> None:
 
 @pytest.mark.parametrize("width", [40, 80, 160])
 def test_many_strips_stand_side_by_side_each_as_long_as_it_is(width: int) -> None:
-    monitor = monitor_of(*(strip(f"s{number}") for number in range(MOST_STRIPS + 1)))
+    monitor = monitor_of(*(strip(f"s{number}") for number in range(MAX_STRIPS + 1)))
     monitor.frame = frame([RED] * 40, "s3")
     rows = [line for line in shown(monitor, width) if "▌" in line]
-    assert len(rows) <= (MOST_STRIPS + 1 if width < 80 else 4 if width < 160 else 2)
-    assert all(f"s{number} ▌" in " ".join(rows) for number in range(MOST_STRIPS + 1))
+    assert len(rows) <= (MAX_STRIPS + 1 if width < 80 else 4 if width < 160 else 2)
+    assert all(f"s{number} ▌" in " ".join(rows) for number in range(MAX_STRIPS + 1))
     counts = {len(run) for row in rows for run in re.findall("▌+", row)}
     assert len(counts) == 1  # all are 4 m long
 

@@ -41,7 +41,7 @@ def write_entry(recordings: Path, key: str, value: str) -> Path:
         (YAW, "1e308", "from -720 to 720 degrees was expected, got 1e+308"),
         (YAW, "-721", "from -720 to 720 degrees"),
         ("subject", "1" + "0" * 4250, "'subject': a text was expected"),
-        ("subject", '"all"', "'all' is the name of all together"),
+        ("subject", '"all"', "'all' is reserved for all subjects"),
         ("subject", '"\\u001b[2J"', "printable"),
         ("subject", '""', "'subject': a text of 1 to"),
         ("file", '"track_' + "x" * 5000 + '"', "(5008 characters)"),
@@ -118,7 +118,7 @@ def test_an_index_that_is_no_file_or_too_long_is_refused(tmp_path: Path) -> None
     with pytest.raises(ConfigError, match="there is no such file"):
         read_index(tmp_path)
     (tmp_path / "index.json").write_bytes(b" " * 10_000_001)
-    with pytest.raises(ConfigError, match="at most 10 MB are read"):
+    with pytest.raises(ConfigError, match="limit 10 MB"):
         read_index(tmp_path)
     (tmp_path / "index.json").unlink()
     (tmp_path / "index.json").mkdir()
@@ -127,6 +127,6 @@ def test_an_index_that_is_no_file_or_too_long_is_refused(tmp_path: Path) -> None
 
 
 def test_a_name_that_is_too_long_is_no_folder() -> None:
-    with pytest.raises(ConfigError, match="cannot be looked at") as caught:
+    with pytest.raises(ConfigError, match="cannot be accessed") as caught:
         recordings_folder(Path("x" * 5000))
     assert len(str(caught.value)) < 500

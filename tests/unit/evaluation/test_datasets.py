@@ -139,7 +139,7 @@ def test_the_data_may_be_the_root_or_the_recordings(tmp_path: Path, monkeypatch:
     monkeypatch.delenv("POINTIT_DATA")
     with pytest.raises(ConfigError, match="--data DIR or set POINTIT_DATA"):
         recordings_folder(None)
-    with pytest.raises(ConfigError, match="is no folder"):
+    with pytest.raises(ConfigError, match="not a folder"):
         recordings_folder(tmp_path / "nowhere")
 
 

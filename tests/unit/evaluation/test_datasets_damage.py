@@ -141,7 +141,7 @@ def with_member(path: Path, name: str, content: bytes) -> None:
 def test_a_single_array_is_refused(tmp_path: Path) -> None:
     path = write_simulated(tmp_path, [STAND])
     path.write_bytes(member(np.zeros(3)))
-    assert "no readable file of arrays" in refused(lambda: read_trials(tmp_path), path)
+    assert "not a readable file of arrays" in refused(lambda: read_trials(tmp_path), path)
 
 
 def test_packed_arrays_are_read(tmp_path: Path) -> None:
@@ -272,7 +272,7 @@ def write_floor(folder: Path, rows: list[str], name: str = "user_1.csv") -> Path
         ("0,2,2,-1,feedback_hold,9,2,-1,2000", "line 82, column 'target_id': 2 was expected to be 1"),
         ("0,1,2,-1,feedback_hold,9,2,-1,2001", "line 82, column 'trial_len_samples'"),
         ("0,1,2,-1,feedback_hold,5000,2,-1,2000", "is it in seconds?"),
-        ("0.5,1,2,-1,feedback_hold,0,2,-1,2000", "line 82, column 'trial': 0.5 is no whole number"),
+        ("0.5,1,2,-1,feedback_hold,0,2,-1,2000", "line 82, column 'trial': 0.5 is not an integer"),
         ("1,1,2,-1,feedback_hold,-1,2,-1,2000", "line 82, column 't': seconds since feedback_hold began"),
         ("1,1,0,0,feedback_hold,0,2,-1,2000", "the target is 0 m from the feet"),
         ("1,1,2000,-1000,feedback_hold,0,2,-1,2000", "is it in metres?"),

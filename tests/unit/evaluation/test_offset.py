@@ -136,7 +136,7 @@ def test_damage_is_told_with_its_line(tmp_path: Path, line: str, sentence: str) 
 def test_rays_that_do_not_tell_where_the_eyes_are_are_refused(tmp_path: Path) -> None:
     path = write_set(tmp_path)
     path.write_text(HEADER + "\n" + "a,1,hand,0,1,0,1,-1,0,0,1,0\n" * 9, encoding="utf-8")
-    with pytest.raises(ConfigError, match="subject a are too few, or too much alike"):
+    with pytest.raises(ConfigError, match="subject a are too few, or too similar"):
         read_wall_trials(tmp_path / "vr_eyefinger")
 
 

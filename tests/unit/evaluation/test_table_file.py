@@ -39,7 +39,7 @@ def test_lines_are_those_of_the_file(tmp_path: Path) -> None:
         ("subject,x\nb\n", "line 2: 2 cells were expected, as in the header, got 1"),
         ("subject,x\n,1\n", "line 2, column 'subject': a text of 1 to 255 printable characters"),
         ("subject,x\na\x1b[2J,1\n", "column 'subject': a text of 1 to 255 printable"),
-        ("subject,x\nall,1\n", "'all' is the name of all together"),
+        ("subject,x\nall,1\n", "'all' is reserved for all subjects"),
         (",".join(f"c{i}" for i in range(5000)) + "\n", "line 1: has 5000 columns"),
         ("y,z\n1,2\n", "line 1: one column 'x' was expected, found 'y', 'z'"),
         ("subject,x\n", "line 1: there is a header but no rows"),
@@ -63,6 +63,6 @@ def test_what_is_no_file_is_refused(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe.csv")
     with pytest.raises(ConfigError, match="a device or a pipe"):  # reading it would wait for ever
         read_table(tmp_path / "pipe.csv", numbers=["x"])
-    with pytest.raises(ConfigError, match="cannot be looked at") as caught:
+    with pytest.raises(ConfigError, match="cannot be accessed") as caught:
         read_table(tmp_path / ("x" * 5000), numbers=["x"])
     assert len(str(caught.value)) < 500

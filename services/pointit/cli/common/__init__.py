@@ -1,1 +1,1 @@
-"""What commands share: option types, output, the keyboard, joining a site, names of topics."""
+"""Shared by commands: option types, output, the keyboard, joining a site, names of topics."""

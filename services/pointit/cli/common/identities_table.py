@@ -1,4 +1,4 @@
-"""Who may join a site, in which role, until when: rows for people and programs."""
+"""Table of the identities of a site, with role and expiry, for people and programs."""
 
 import datetime as dt
 from collections.abc import Iterable
@@ -18,7 +18,7 @@ STYLES = {"expired": "red", "ends soon": "yellow", "revoked": "dim"}
 
 
 def rows_of(state: SiteState, names: Iterable[str], now: dt.datetime) -> list[dict[str, Any]]:
-    """Return a row for each of `names`; who comes by a password has no end."""
+    """Return a row for each of `names`; identities with a password do not expire."""
     return [
         {
             "name": name,
@@ -34,27 +34,27 @@ def rows_of(state: SiteState, names: Iterable[str], now: dt.datetime) -> list[di
 
 
 def present(state: SiteState) -> list[str]:
-    """Return who was not removed."""
+    """Return the names that were not removed."""
     return [name for name, one in state.identities.items() if one.state != "removed"]
 
 
 def expiring(rows: Iterable[Row]) -> list[str]:
-    """Return whose certificates end within 30 days, or have."""
+    """Return the names whose certificates have expired or expire within 30 days."""
     return [row["name"] for row in rows if row["state"] in ENDING]
 
 
 def visible_rows(
     credentials: Credentials | None, folder: Path | None, now: dt.datetime
 ) -> list[dict[str, Any]]:
-    """Return rows of the whole site where its folder is at hand, else one of the identity that is shown.
+    """Return rows of the whole site if its folder is available, else one row of the own identity.
 
     Args:
-        credentials: that are shown, if any; `own` in their row is true.
-        folder: of the site; none: that in which the credentials lie, if they do.
-        now: with a time zone.
+        credentials: the own ones, if any; `own` in their row is true.
+        folder: folder of the site. None: the one that contains the credentials, if any.
+        now: current time, with a time zone.
 
     Raises:
-        ConfigError: `folder` is none of a site.
+        ConfigError: If `folder` is not a site's folder.
     """
     own = credentials.link.name if credentials is not None else ""
     state = SiteFolder(folder).state() if folder is not None else _around(credentials)
@@ -78,7 +78,7 @@ def visible_rows(
 
 
 def section(rows: Iterable[Row]) -> Section:
-    """Return the table of what `visible_rows` has found."""
+    """Return the table of the rows of `visible_rows`."""
     return Section(
         name="identities",
         about="who may join, until when",
@@ -95,7 +95,7 @@ def section(rows: Iterable[Row]) -> Section:
 
 
 def _around(credentials: Credentials | None) -> SiteState | None:
-    """Return the site in whose folder the credentials lie, if it can be read."""
+    """Return the site whose folder contains the credentials, if it can be read."""
     if credentials is None:
         return None
     for folder in credentials.folder.parents[:2]:  # identities/NAME, or router
@@ -103,7 +103,7 @@ def _around(credentials: Credentials | None) -> SiteState | None:
             try:
                 return SiteFolder(folder).state()
             except (ConfigError, OSError):
-                return None  # somebody else's, perhaps: the own row is enough
+                return None  # perhaps another user's: the own row is enough
     return None
 
 

@@ -1,4 +1,4 @@
-"""The keyboard beside a live view: keys are not echoed into it, and Space or Enter is a person's button."""
+"""The keyboard during a live view: keys are not echoed, and Space or Enter is a person's button."""
 
 import asyncio
 import contextlib
@@ -18,13 +18,13 @@ BUTTON_KEYS = frozenset(b" \n\r")
 
 
 def has_keyboard() -> bool:
-    """Return True if keys can be read one by one: a terminal of a system that has termios."""
+    """Return True if single keys can be read: standard input is a terminal, and there is termios."""
     return os.name == "posix" and sys.stdin.isatty()
 
 
 @contextlib.contextmanager
 def keys(on_button: Callable[[], None]) -> Generator[None]:
-    """Call `on_button` for each Space or Enter; the terminal is as before afterwards.
+    """Call `on_button` for each Space or Enter; restore the terminal on exit.
 
     Must be entered in the event loop, and only when `has_keyboard`.
     """
@@ -52,10 +52,10 @@ def keys(on_button: Callable[[], None]) -> Generator[None]:
 
 
 def check_keyboard(otherwise: str) -> None:
-    """Check that somebody can press Enter.
+    """Check that Enter can be pressed.
 
     Raises:
-        Mistake: If there is no keyboard; `otherwise` is the option that does without.
+        UnknownNameError: If there is no keyboard; `otherwise` is the option that needs none.
     """
     if not has_keyboard():
         raise UnknownNameError(f"there is no keyboard to press Enter on; use {otherwise}")
@@ -65,7 +65,7 @@ async def wait_for_enter(text: str, otherwise: str) -> None:
     """Print `text` and wait for Enter or Space.
 
     Raises:
-        Mistake: there is no keyboard; `otherwise` is the option that does without.
+        UnknownNameError: If there is no keyboard; `otherwise` is the option that needs none.
     """
     check_keyboard(otherwise)
     click.echo(text, err=True)
@@ -75,13 +75,13 @@ async def wait_for_enter(text: str, otherwise: str) -> None:
 
 
 class ChangingLine:
-    """A line that changes while something goes on, and lines above it that stay."""
+    """A status line that changes, and lines above it that stay."""
 
     def __init__(self, status: Status | None) -> None:
         self._status = status
 
     def __call__(self, text: str) -> None:
-        """Show `text` in place of the one before; where no terminal can, nothing."""
+        """Replace the status line by `text`; without a terminal, do nothing."""
         if self._status is not None:
             self._status.update(Text(text))
 
@@ -89,13 +89,13 @@ class ChangingLine:
         """Write a line that stays."""
         if self._status is None:
             say(text, err=True)
-        else:  # not past the console: it would end up behind the line that changes
+        else:  # through the console, or it would end up behind the status line
             self._status.console.print(Text(text))
 
 
 @contextlib.contextmanager
 def changing_line() -> Generator[ChangingLine]:
-    """Yield a line on standard error that changes, on a terminal."""
+    """Yield a status line on standard error, if that is a terminal."""
     console = PlainConsole(stderr=True)
     if not console.is_terminal or console.is_dumb_terminal:
         yield ChangingLine(None)

@@ -1,4 +1,4 @@
-"""Groups of commands that load a command when it is called, and say in one sentence what is near a typo."""
+"""Groups of commands that import a command when it is called, and suggest names for a typo."""
 
 import difflib
 import importlib
@@ -10,7 +10,7 @@ import click
 
 
 class UnknownNameError(click.ClickException):
-    """The person typed something that does not exist: one sentence, exit code 2."""
+    """The operator typed something that does not exist: one sentence, exit code 2."""
 
     exit_code = 2
 
@@ -26,10 +26,10 @@ class Entry:
 
 
 class LazyGroup(click.Group):
-    """A group that knows its commands by name and one line, and imports only the one that is called."""
+    """A group with a name and a line for each command, which imports only the one that is called."""
 
     def __init__(self, *, entries: Sequence[Entry], kind: str = "command", **attributes: Any) -> None:
-        """Make a group of `entries`, each called a `kind` in sentences and headings."""
+        """Create a group of `entries`, each called a `kind` in messages and headings."""
         super().__init__(**attributes)
         self._entries = {entry.name: entry for entry in entries}
         self._kind = kind
@@ -40,7 +40,7 @@ class LazyGroup(click.Group):
         return list(self._entries)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """Load and return the command, or none when there is no such name."""
+        """Load and return the command, or None if there is no such name."""
         del ctx
         entry = self._entries.get(cmd_name) or self._entries.get(cmd_name.replace("_", "-"))
         return None if entry is None else entry.load()
@@ -48,10 +48,10 @@ class LazyGroup(click.Group):
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        """Return the command that `args` begin with.
+        """Return the command named first in `args`.
 
         Raises:
-            Mistake: there is none; names those that are near.
+            UnknownNameError: If there is none; suggests similar names.
         """
         command = self.get_command(ctx, args[0])
         if command is not None:
@@ -68,7 +68,7 @@ class LazyGroup(click.Group):
 
 
 def from_module(target: str) -> Callable[[], click.Command]:
-    """Return what loads the command at `target`, `module:attribute`."""
+    """Return a loader of the command at `target`, `module:attribute`."""
 
     def load() -> click.Command:
         module, _, attribute = target.partition(":")
@@ -79,7 +79,7 @@ def from_module(target: str) -> Callable[[], click.Command]:
 
 
 def nearest(name: str, names: Iterable[str]) -> str:
-    """Return `did you mean a or b?`, or `there are a, b, c` when nothing is near."""
+    """Return `did you mean a or b?`, or `there are a, b, c` if no name is similar."""
     known = list(names)
     near = difflib.get_close_matches(name, known, n=3, cutoff=0.6)
     if near:

@@ -1,4 +1,4 @@
-"""Types of options: finite numbers, and where a person stands."""
+"""Types of options: finite numbers, and a person's position."""
 
 import math
 from typing import Any
@@ -9,13 +9,13 @@ Point = tuple[float, float]
 
 
 class Finite(click.FloatRange):
-    """A range of numbers without the one that is none."""
+    """A range of numbers without NaN."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         """Return `value` as a number in the range."""
         number = super().convert(value, param, ctx)
         if not math.isfinite(number):
-            self.fail(f"{value!r} is no finite number", param, ctx)
+            self.fail(f"{value!r} is not a finite number", param, ctx)
         return number
 
 
@@ -23,7 +23,7 @@ def point(ctx: click.Context, parameter: click.Parameter, text: str | None) -> P
     """Return the two numbers in `text`.
 
     Raises:
-        click.BadParameter: it has not two.
+        click.BadParameter: If it does not have two.
     """
     if text is None:
         return None
@@ -33,7 +33,7 @@ def point(ctx: click.Context, parameter: click.Parameter, text: str | None) -> P
         x = y = math.nan
     if not (math.isfinite(x) and math.isfinite(y)):
         raise click.BadParameter(
-            f"{text!r} is no place; write x and y in metres, such as 1.5,-2", ctx=ctx, param=parameter
+            f"{text!r} is not a position; write x and y in metres, such as 1.5,-2", ctx=ctx, param=parameter
         )
     return x, y
 
@@ -43,5 +43,5 @@ person_option = click.option(
     "person_m",
     metavar="X,Y",
     callback=point,
-    help="where a person stands, m in the room; --person=-1,2 where x is negative",
+    help="position of a person in the room, m; write --person=-1,2 if x is negative",
 )

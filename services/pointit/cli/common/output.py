@@ -1,4 +1,4 @@
-"""How commands show what they found: tables for people, JSON for programs, lines for pipes."""
+"""Output of commands: tables for people, JSON for programs, lines for pipes."""
 
 import json
 import os
@@ -19,18 +19,18 @@ from pointit.schemas.text import one_line, plain
 Row = Mapping[str, Any]
 
 PIPE_WIDTH = 1000
-"""Columns when no terminal limits them: one line a row, for grep."""
+"""Width without a terminal, in columns: one line per row, for grep."""
 
 ROOMY_WIDTH = 130
-"""A terminal with fewer columns does without some of a table's."""
+"""A terminal with fewer columns does not show a table's `roomy` ones."""
 
 LONGEST_LINE = 2000
-"""Characters of one line about what others have said."""
+"""Limit of a line with text from other processes, characters."""
 
 _UNMINDED = re.compile("[\x7f-\x9f\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff]")
 
 INTERRUPTED = 130
-"""Exit code of a command that Ctrl-C ended before it had its answer."""
+"""Exit code of a command that Ctrl-C ended before it had a result."""
 
 json_option = click.option("--json", "as_json", is_flag=True, help="JSON instead of text, for programs")
 
@@ -44,9 +44,9 @@ class Section:
     about: str
     rows: tuple[Row, ...]
     roomy: frozenset[str] = frozenset()
-    """Columns that only a wide terminal has room for; JSON and pipes always have them."""
+    """Columns shown only by wide terminals; JSON and pipes always have them."""
     whole: frozenset[str] = frozenset()
-    """Columns whose words are typed as they stand, so never broken."""
+    """Columns that are never wrapped, so that their text can be copied."""
 
 
 def show(sections: Sequence[Section], *, as_json: bool) -> None:
@@ -86,7 +86,7 @@ def print_table(screen: Console, section: Section) -> None:
 
 
 def cell(value: Any) -> Text:
-    """Return `value` as a cell; text is taken as it is, braces and brackets included."""
+    """Return `value` as a cell; text is not parsed as markup."""
     if isinstance(value, Text):
         return value
     if value is None or value in ("", (), []):
@@ -100,7 +100,7 @@ def cell(value: Any) -> Text:
 
 
 def _harmless(text: Text) -> Text:
-    """Return `text` without what commands terminals: others on the site may have written it."""
+    """Return `text` without terminal control characters, since other processes may have written it."""
     text.plain = plain(text.plain)
     return text
 
@@ -111,7 +111,7 @@ def console() -> Console:
 
 
 def say(text: str, *, err: bool = False) -> None:
-    """Print `text` on one line, without what commands terminals: others on the site may have written it."""
+    """Print `text` on one line, without terminal control characters: other processes may have written it."""
     click.echo(one_line(text, LONGEST_LINE), err=err)
 
 
@@ -126,7 +126,7 @@ def to_json(value: Any, *, indent: int | None = None) -> str:
 
 
 def to_line(value: Any) -> str:
-    """Return `value` on one line, as YAML's flow style: numbers rounded to six digits, bytes counted."""
+    """Return `value` on one line in YAML's flow style: numbers with six digits, bytes as their count."""
     if isinstance(value, Mapping):
         pairs = cast("Mapping[str, Any]", value).items()
         shown = (f"{_key(key)}: {to_line(inner)}" for key, inner in pairs if inner is not None)
@@ -146,17 +146,17 @@ def _key(key: str) -> str:
 
 
 def _escaped(text: str) -> str:
-    """Return JSON text without what commands terminals or breaks lines, which JSON does not mind."""
+    """Return JSON text with terminal control and line break characters escaped."""
     return _UNMINDED.sub(lambda found: f"\\u{ord(found[0]):04x}", text)
 
 
 def write_line(line: str) -> bool:
-    """Write `line` and flush; false when the reader of the pipe has left, which is no error."""
+    """Write `line` and flush. Return False if the pipe was closed by its reader, which is not an error."""
     try:
         sys.stdout.write(line + "\n")
         sys.stdout.flush()
     except BrokenPipeError:
-        # Python flushes once more at exit; its documentation has this against a complaint then.
+        # Python flushes again at exit; its documentation recommends this to avoid an error then.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return False
     return True
@@ -166,7 +166,7 @@ def _number(value: float) -> str:
     text = f"{value:.6g}"
     if "e" in text:
         digits, _, exponent = text.partition("e")
-        return f"{digits if '.' in digits else digits + '.0'}e{exponent}"  # YAML wants the point
+        return f"{digits if '.' in digits else digits + '.0'}e{exponent}"  # YAML requires the point
     return text if "." in text else text + ".0"
 
 

@@ -1,4 +1,4 @@
-"""How commands that look on join a site: as clients that give up soon."""
+"""Commands that observe a site join it as clients with a short timeout."""
 
 import asyncio
 import contextlib
@@ -20,10 +20,10 @@ from pointit.schemas import Message
 from pointit.schemas.topics import Topic
 
 PATIENCE_S = 2.0
-"""How long to look for somebody who answers."""
+"""Timeout of finding a site, s."""
 
 SILENT_S = 1.0
-"""A wait that takes longer is told of."""
+"""Wait after which a notice is printed, s."""
 
 M = TypeVar("M", bound=Message)
 
@@ -37,13 +37,13 @@ def site_options() -> list[click.Parameter]:
 async def join_site(
     site: str, connect: Sequence[str], *, patience_s: float = PATIENCE_S
 ) -> AsyncGenerator[ZenohBus]:
-    """Yield a bus that has joined `site`; errors inside name the address, unless it was typed.
+    """Yield a bus that has joined `site`. Errors inside name the address, unless it was given.
 
     Raises:
-        ConnectError: nobody answers within `patience_s`.
+        ConnectError: If no router or peer answers within `patience_s`.
     """
     opening = logging.getLogger(session.__name__)
-    opening.setLevel(logging.ERROR)  # not "trying again until": who gives up soon says so at the end
+    opening.setLevel(logging.ERROR)  # no "trying again until": the error at the end is enough
     try:
         with notify_if_slow(f"looking for {address(site, connect)} …"):
             bus = await ZenohBus.open(link_of(site, connect), patience_s=patience_s)
@@ -59,12 +59,12 @@ async def join_site(
 
 
 def address(site: str, connect: Sequence[str]) -> str:
-    """Return a site and where it is looked for, in words."""
+    """Return a description of a site and its addresses."""
     return f"site {site} at {', '.join(connect)}"
 
 
 def default_address_note(site: str, connect: Sequence[str]) -> str:
-    """Return ` (site lab at ...)` when --connect was not typed, else nothing: who types it knows it."""
+    """Return ` (site lab at ...)` if --connect was not given, else `""`."""
     context = click.get_current_context(silent=True)
     if context is None or context.get_parameter_source("connect") is ParameterSource.COMMANDLINE:
         return ""
@@ -73,7 +73,7 @@ def default_address_note(site: str, connect: Sequence[str]) -> str:
 
 @contextmanager
 def notify_if_slow(text: str) -> Generator[None]:
-    """Say `text` on standard error when what is done inside takes longer than `SILENT_S`."""
+    """Print `text` to standard error if the block takes longer than `SILENT_S`."""
 
     def tell() -> None:
         click.echo(text, err=True)
@@ -86,7 +86,7 @@ def notify_if_slow(text: str) -> Generator[None]:
 
 
 def quiet() -> None:
-    """Log only what is wrong: standard output belongs to what was asked for."""
+    """Log only warnings and errors, so that the command's output stays readable."""
     setup_logging("warning")
 
 
@@ -95,7 +95,7 @@ def _any(_message: Message) -> bool:
 
 
 class LatestMessage(Generic[M]):
-    """Follows one key."""
+    """Holds the latest message of one key."""
 
     def __init__(self, bus: Bus, topic: Topic[M], name: str = "") -> None:
         self.value: M | None = None
@@ -103,7 +103,7 @@ class LatestMessage(Generic[M]):
         bus.subscribe(topic, self._on_message, name)
 
     async def wait(self, patience_s: float, fits: Callable[[M], bool] = _any) -> M | None:
-        """Return the newest message as soon as it `fits`; none when none does within `patience_s`."""
+        """Return the newest message as soon as it `fits`, or None if none does within `patience_s`."""
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(patience_s):
                 while self.value is None or not fits(self.value):

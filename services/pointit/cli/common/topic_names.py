@@ -1,4 +1,4 @@
-"""What a typed key stands for: rows of the topic table, each with a name or all names."""
+"""Resolves typed keys to rows of the topic table, each with a name or all names."""
 
 import difflib
 from collections.abc import Iterable, Sequence
@@ -9,19 +9,19 @@ from pointit.schemas import KeyNameError
 from pointit.schemas.topics import ANY, PRESENCES, REQUESTS, TOPICS
 
 Wanted = tuple[AnyTopic, str]
-"""A row, and what stands for its placeholder: a name, `*` for all, empty where it has none."""
+"""A row, and the value of its placeholder: a name, `*` for all, or `""` if it has none."""
 
 EVERYTHING = "**"
 
 
 def resolve(typed: str) -> list[Wanted]:
-    """Return what `typed` stands for.
+    """Return the topics that match `typed`.
 
-    `users/anna/imu` is one key, `users/*/imu` or `users/{user}/imu` everybody's, `users/anna/*` all of
-    anna's, and `**` at the end stands for whatever follows.
+    `users/anna/imu` is one key, `users/*/imu` or `users/{user}/imu` those of all users, `users/anna/*` all
+    of anna's, and `**` at the end matches any rest.
 
     Raises:
-        Mistake: no topic fits; names similar keys.
+        UnknownNameError: If no topic matches; suggests similar keys.
     """
     parts = typed.strip("/").split("/")
     wanted: list[Wanted] = []
@@ -40,12 +40,12 @@ def resolve(typed: str) -> list[Wanted]:
 
 
 def resolve_all(typed: Iterable[str]) -> list[Wanted]:
-    """Return what all of `typed` stand for, each row and name once."""
+    """Return the topics that match any of `typed`, each row and name once."""
     return list(dict.fromkeys(wanted for key in typed for wanted in resolve(key)))
 
 
 def _match(parts: Sequence[str], pattern: Sequence[str]) -> str | None:
-    """Return what `parts` have for the placeholder of `pattern` (empty: it has none), or none: no match."""
+    """Return the part for the placeholder of `pattern`, `""` if it has none, or None if it does not match."""
     if parts[-1] == EVERYTHING:
         head = parts[:-1]
         parts = [*head, *[ANY] * (len(pattern) - len(head))]
@@ -74,7 +74,7 @@ def _advice(parts: Sequence[str]) -> str:
 
 
 def filled(key: str, parts: Sequence[str]) -> str:
-    """Return `key` with the placeholder replaced by what was typed there."""
+    """Return `key` with the placeholder replaced by the typed part."""
     own = key.split("/")
     return "/".join(
         parts[i] if _is_placeholder(part) and i < len(parts) and parts[i] else part

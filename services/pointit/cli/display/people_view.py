@@ -1,4 +1,4 @@
-"""People in the terminal view: what they do, where they stand and how sure that is, why they were refused."""
+"""People in the terminal view: activity, pose and its uncertainty, refusal reasons."""
 
 import math
 
@@ -12,32 +12,32 @@ from pointit.schemas import NS_PER_S, Localization, UserPose
 
 WHITE = (255, 255, 255)
 ROOMY_WIDTH = 72
-"""With fewer columns, people's rows are shortened."""
+"""Columns below which people's rows are shortened."""
 AMPLE_WIDTH = 90
-"""With fewer, the columns of poses stand close."""
+"""Columns below which the columns of poses are narrow."""
 SCANT_WIDTH = 56
-"""With fewer still, only the place is shown of a pose."""
+"""Columns below which only the position of a pose is shown."""
 
 METHODS = {"fixed": "told", "static_targets": "lamps", "moving_target": "robot", "external": "tracker"}
-"""How the pose came to be known, in a word."""
+"""Short name of each pose method."""
 
 CANDIDATES = 3
-"""As many of the robots that may be meant are named."""
+"""Number of candidate robots that are named."""
 
 
 def activity_lines(monitor: Monitor, width: int) -> RenderableType:
-    """Return what each person does, in columns that do not move."""
+    """Return the activity of each person, in columns of constant width."""
     return _doings(monitor, monitor.people(), width)
 
 
 def pose_lines(monitor: Monitor, width: int) -> RenderableType | None:
-    """Return where people stand, if that is known of anybody."""
+    """Return people's poses, or None if none is known."""
     users = monitor.people()
     return _places(monitor, users, width) if any(user in monitor.poses for user in users) else None
 
 
 def instruction_lines(monitor: Monitor) -> list[Text]:
-    """Return what each person should do next; once, where all should do the same."""
+    """Return the next step of each person, as one line if it is the same for all."""
     told = {user: _words(monitor, user) for user in monitor.people()}
     if len(told) > 1 and len({tuple(line.plain for line in lines) for lines in told.values()}) == 1:
         return [Text.assemble(("everybody: ", "bold"), line) for line in next(iter(told.values()))]
@@ -49,7 +49,7 @@ def instruction_lines(monitor: Monitor) -> list[Text]:
 
 
 def color_of(monitor: Monitor, user: str) -> str:
-    """Return the style of a person's own colour; white is whatever the terminal writes with."""
+    """Return the style of a person's own colour; white is the terminal's text colour."""
     color = monitor.colors.get(user, WHITE)
     return "bold" if color == WHITE else f"bold rgb({color[0]},{color[1]},{color[2]})"
 
@@ -89,7 +89,7 @@ def _doings(monitor: Monitor, users: list[str], width: int) -> Table:
 
 
 def _places(monitor: Monitor, users: list[str], width: int) -> Table:
-    """Return where people stand, each with 1 sigma, and what the IMU's yaw does meanwhile."""
+    """Return people's poses with 1 sigma, and the drift of the IMU's yaw."""
     columns = [("person", 6), ("stands at", 19)]
     if width >= SCANT_WIDTH:
         columns.append(("yaw", 13))
@@ -122,7 +122,7 @@ def _pose(pose: UserPose, now_ns: int) -> list[Text]:
 
 
 def _words(monitor: Monitor, user: str) -> list[Text]:
-    """Return what a person should do next, how far localizing is, and why it was refused."""
+    """Return a person's next step, the progress of localization, and the refusal reason."""
     lines: list[Text] = []
     refusal = monitor.refusal(user)
     interaction = monitor.interactions.get(user)
@@ -141,7 +141,7 @@ def _words(monitor: Monitor, user: str) -> list[Text]:
 
 
 def _progress(news: Localization) -> list[str | tuple[str, str]]:
-    """Return what is pointed at, what was gathered, and how sure that is so far."""
+    """Return the target, the samples so far and the current uncertainty."""
     parts: list[str] = []
     if news.target_count > 1:
         parts.append(f"{news.target_index + 1} of {news.target_count}")

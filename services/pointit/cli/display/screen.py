@@ -1,4 +1,4 @@
-"""The live view of a run in the terminal: what is on stage, and the keyboard beside it."""
+"""The live view of a run in the terminal, with the keyboard as a person's button."""
 
 import contextlib
 import time
@@ -22,13 +22,13 @@ def on_screen(
     end_s: Callable[[], float | None],
     looks_on: Callable[[], bool],
 ) -> Generator[None]:
-    """Draw what happens, if there is a terminal; its Space key is the first person's button.
+    """Draw the run, if there is a terminal; its Space key is the first person's button.
 
     Args:
-        stage: what is drawn, whatever runs there.
-        console: the terminal; none: nothing is drawn.
-        end_s: returns when it is over by itself, monotonic, if ever.
-        looks_on: returns whether a page is open, for which it goes on.
+        stage: the scenario to draw; it may change.
+        console: the terminal. None: draw nothing.
+        end_s: returns the monotonic time when the run ends by itself, if ever.
+        looks_on: returns True if a page is open, for which the run continues.
     """
     if console is None:
         yield

@@ -1,4 +1,4 @@
-"""What a run came to, printed and written to a file."""
+"""The summary of a run, printed and written to a file."""
 
 import json
 import math
@@ -17,10 +17,10 @@ from pointit.runtime.errors import ConfigError
 
 
 def check_writable(summary: Path) -> None:
-    """Make sure, before a run, that its summary can be written after it.
+    """Check before a run that its summary can be written after it.
 
     Raises:
-        ConfigError: says why not.
+        ConfigError: If it cannot, with the reason.
     """
     if summary.is_dir():
         raise ConfigError(f"--summary {summary}: is a directory, give a file in it")
@@ -31,7 +31,7 @@ def check_writable(summary: Path) -> None:
 
 
 def _people(plan: Plan, monitor: Monitor) -> dict[str, dict[str, Any]]:
-    """Return where people were found, how sure that is and, of simulated ones, how far off it was."""
+    """Return the found poses with their sigma and, of simulated people, the error."""
     simulated = {
         launch.user: launch.config.model_dump()
         for launch in plan.launches
@@ -61,7 +61,7 @@ def _people(plan: Plan, monitor: Monitor) -> dict[str, dict[str, Any]]:
 
 
 def _not_found(plan: Plan, monitor: Monitor) -> list[str]:
-    """Return who was to be found by pointing and was not, in time."""
+    """Return the people to be localized by pointing who were not."""
     sought = {
         launch.user
         for launch in plan.launches
@@ -71,7 +71,7 @@ def _not_found(plan: Plan, monitor: Monitor) -> list[str]:
 
 
 def true_yaw_deg(simulated: Mapping[str, Any]) -> float | None:
-    """Return the yaw of a simulated person's IMU by their parameters; none where it is drawn, or drifts."""
+    """Return the configured yaw of a simulated person's IMU, or None if it is random or drifts."""
     wristband = simulated["wristband"]
     drift_degpmin = wristband["yaw_drift_degpmin"]
     is_steady = wristband["yaw_rate_bias_sd_degps"] == 0.0 if drift_degpmin is None else drift_degpmin == 0.0
@@ -80,7 +80,7 @@ def true_yaw_deg(simulated: Mapping[str, Any]) -> float | None:
 
 
 def write_summary(plan: Plan, monitor: Monitor, duration_s: float) -> None:
-    """Print the summary of what ran for `duration_s`, and write it where it is wanted."""
+    """Print the summary of a run of `duration_s`, and write it to the file of the plan, if any."""
     if not (plan.scored or plan.summary is not None or plan.as_json):
         return
     summary: dict[str, Any] = {
@@ -123,7 +123,7 @@ def write_summary(plan: Plan, monitor: Monitor, duration_s: float) -> None:
 
 
 def summary_lines(summary: dict[str, Any]) -> list[str]:
-    """Return the summary as lines for a person."""
+    """Return the summary as lines of text."""
     latency = summary["latency_ms"]
     shown = (
         "not measured"
@@ -138,7 +138,7 @@ def summary_lines(summary: dict[str, Any]) -> list[str]:
         lines.append(
             f"Selected {summary['selected']} of {total} {'/'.join(summary['target_kinds'])} objects, "
             f"missed {summary['missed']}, still to do {summary['pending']}, "
-            f"wrong {summary['wrong']} (taken back {summary['corrected']})."
+            f"wrong {summary['wrong']} (corrected {summary['corrected']})."
         )
     if summary.get("refused"):
         times = "once" if summary["refused"] == 1 else f"{summary['refused']} times, at last"

@@ -26,26 +26,26 @@ from pointit.schemas import Strip, StripsFrame
 from pointit.schemas.topics import CURSOR, IMU, RAY, STRIPS_FRAME, Topic
 
 REFRESH_HZ = 8
-"""The view is drawn in a thread of its own, this often."""
+"""Refresh rate of the view, which is drawn in a thread of its own."""
 NAME_WIDTH = 8
 BORDER_WIDTH = 4
-"""Columns that the frame and its padding take."""
-MOST_STRIPS = 6
-"""More are drawn side by side, without the marks below them."""
+"""Columns of the frame and its padding."""
+MAX_STRIPS = 6
+"""Strips drawn one per line; more are drawn side by side, without the marks below them."""
 MARGINS = 6
-"""Columns that a line in the frame's own border leaves."""
+"""Columns of the border that its title cannot use."""
 BORDER_HEIGHT = 2
 GAP_WIDTH = 2
 CELLS_PER_M = 8
-"""Of strips drawn side by side; they shrink together when one is wider than the terminal."""
+"""Scale of strips drawn side by side; it shrinks if one is wider than the terminal."""
 OLD_NEWS, PLACES, NEWS, WORDS, STRIPS = range(5)
-"""What is left out of a terminal too low for all, the first first."""
+"""Order in which parts are left out of a low terminal."""
 SHOWN_RATES: dict[str, Topic[Any]] = {"imu": IMU, "ray": RAY, "cursor": CURSOR, "frame": STRIPS_FRAME}
-"""Topics whose rates are shown, the chain from wrist to light."""
+"""Topics whose rates are shown: the pipeline from wrist to light."""
 END = "Ctrl-C ends it"
 
 Worth: TypeAlias = tuple[int, int] | None
-"""What is worth least is left out first; what has none stays."""
+"""Priority of a part: the lowest is left out first. None: always shown."""
 
 
 def draw(
@@ -57,15 +57,15 @@ def draw(
     page: str = "",
     is_looked_on: bool = False,
 ) -> RenderableType:
-    """Return the whole view of what `monitor` holds when it is drawn, as wide as the terminal is then.
+    """Return the view of `monitor`, rendered with its contents and the terminal's width at that time.
 
     Args:
-        monitor: what is drawn.
-        title: what stands above it.
-        remaining_s: returns for how long it goes on; 0 when it does not end by itself.
-        button_of: whose button the Space key is, if anybody's.
-        page: the address of the page, if there is one.
-        is_looked_on: a page is open, for which it goes on when its time is over.
+        monitor: messages to draw.
+        title: title of the frame.
+        remaining_s: returns the remaining time; 0 if the run does not end by itself.
+        button_of: the person whose button the Space key is, or `""`.
+        page: URL of the page, or `""`.
+        is_looked_on: a page is open, for which the run continues after its duration.
     """
     return _View(monitor, title, remaining_s, button_of, page, is_looked_on)
 
@@ -111,7 +111,7 @@ class _View:
         return ", ".join([*hints, END])
 
     def _parts(self, width: int, whole_width: int) -> list[tuple[Worth, RenderableType]]:
-        """Return what there is to show, and what of it can be missed on a low terminal."""
+        """Return the parts to show, each with its priority on a low terminal."""
         monitor = self.monitor
         environment = monitor.environment
         parts: list[tuple[Worth, RenderableType]] = []
@@ -120,7 +120,7 @@ class _View:
         if environment is None:
             parts.append((None, Text("waiting for the map …", style="dim")))
         else:
-            if len(environment.strips) > MOST_STRIPS:
+            if len(environment.strips) > MAX_STRIPS:
                 light = _side_by_side(monitor, environment.strips, width)
             else:
                 light = [
@@ -144,7 +144,7 @@ class _View:
 
 
 def _strip(monitor: Monitor, strip: Strip, width: int) -> list[Text]:
-    """Return a strip's pixels as coloured half blocks, two pixels a cell, and below them the cursors."""
+    """Return a strip's pixels as coloured half blocks, two pixels per cell, and the cursors below."""
     pixels = pixels_along(monitor.frame, strip)
     cells = min(width, (len(pixels) + 1) // 2)
     line = Text(f"{strip.id:<{NAME_WIDTH}.{NAME_WIDTH}}", style="bold", no_wrap=True)
@@ -162,7 +162,7 @@ def _strip(monitor: Monitor, strip: Strip, width: int) -> list[Text]:
 
 
 def _light(line: Text, pixels: Sequence[tuple[int, int, int]], cells: int) -> None:
-    """Append `pixels` to `line` as so many half blocks."""
+    """Append `pixels` to `line` as `cells` half blocks."""
     columns = 2 * cells
     pairs = (
         (
@@ -171,13 +171,13 @@ def _light(line: Text, pixels: Sequence[tuple[int, int, int]], cells: int) -> No
         )
         for cell in range(cells)
     )
-    for (left, right), run in groupby(pairs):  # at one go: a terminal is told every change of colour
+    for (left, right), run in groupby(pairs):  # fewer escape sequences: one per change of colour
         style = f"rgb({left[0]},{left[1]},{left[2]}) on rgb({right[0]},{right[1]},{right[2]})"
         line.append("▌" * len(list(run)), style=style)
 
 
 def _side_by_side(monitor: Monitor, strips: Sequence[Strip], width: int) -> list[Text]:
-    """Return many strips to scale, as many in a row as there is room for; cursors show as what they light."""
+    """Return many strips to scale, as many in a row as fit; cursors show only by their light."""
     lengths_m = [Polyline(strip.line_m).length_m for strip in strips]
     scale = min(CELLS_PER_M, (width - NAME_WIDTH) / max(lengths_m))
     rows = [Text(no_wrap=True)]
@@ -193,7 +193,7 @@ def _side_by_side(monitor: Monitor, strips: Sequence[Strip], width: int) -> list
 
 
 def pixels_along(frame: StripsFrame | None, strip: Strip) -> list[tuple[int, int, int]]:
-    """Return a strip's pixels from the start of its line to the end, whatever its direction."""
+    """Return a strip's pixels from the start of its line to the end, in either wiring direction."""
     rgb = b""
     if frame is not None:
         rgb = next((shown.rgb for shown in frame.strips if shown.id == strip.id), b"")
@@ -213,7 +213,7 @@ def _lamps(monitor: Monitor) -> Text:
 
 
 def figures(monitor: Monitor) -> Text:
-    """Return latency, rates, what was selected, and who is ill, in one line."""
+    """Return latency, rates, selection counts and services with warnings, in one line."""
     parts: list[str] = []
     latency = monitor.latency.quantiles_ms()
     if latency["p50"] is not None:
@@ -249,14 +249,14 @@ def figures(monitor: Monitor) -> Text:
 
 @dataclass(frozen=True)
 class Block:
-    """Lines that are shown or left out together."""
+    """Lines shown or left out together."""
 
     lines: Sequence[Sequence[Segment]]
     priority: Worth
 
 
 def drop_to_height(blocks: Sequence[Block], room: int) -> list[list[Segment]]:
-    """Return the lines of `blocks` in their order, at most `room`: those worth least are left out."""
+    """Return at most `room` lines of `blocks` in their order, without those of lowest priority."""
     height = sum(len(block.lines) for block in blocks)
     kept = dict(enumerate(blocks))
     dispensable = sorted((block.priority, at) for at, block in kept.items() if block.priority is not None)

@@ -1,4 +1,4 @@
-"""`pointit evaluate`: what the estimates are worth, measured on recordings of people."""
+"""`pointit evaluate`: accuracy of the estimates, measured on recordings of people."""
 
 import os
 from collections.abc import Callable, Sequence
@@ -18,8 +18,8 @@ from pointit.runtime.errors import ConfigError
 
 OURS = "pointit"
 
-MOST_JOBS = 8
-"""More processes take memory and bring little."""
+MAX_JOBS = 8
+"""Limit of processes: more need memory and gain little speed."""
 
 BASELINES_REMARK = "Baselines solve at most {trials} trials of a set and condition, evenly taken."
 ACTS_REMARK = (
@@ -31,7 +31,7 @@ BOUND_REMARK = "`bound`: as well as these recordings allow."
 
 
 def _localization_remarks(rows: Sequence[Row], baseline_trials: int) -> list[str]:
-    """Return what must be known of `rows` beside what their columns are."""
+    """Return remarks on `rows` beside the notes on their columns."""
     remarks: list[str] = []
     if any(row.solver != OURS for row in rows):
         remarks.append(BASELINES_REMARK.format(trials=baseline_trials))
@@ -80,9 +80,9 @@ def _options(command: Callable[..., None]) -> Callable[..., None]:
 
 @click.group("evaluate")
 def command() -> None:
-    """Measure on recordings of people how good the estimates are, beside known baselines.
+    """Measure the accuracy of the estimates on recordings of people, compared with known baselines.
 
-    The recordings are not part of PointIt; say where they are with --data or in POINTIT_DATA. `selection`
+    The recordings are not part of PointIt; give their folder by --data or POINTIT_DATA. `selection`
     needs none: it simulates people.
 
     Example: pointit evaluate localization --data recordings --only-ours
@@ -92,14 +92,14 @@ def command() -> None:
 command.add_command(selection)
 
 
-@command.command("localization", short_help="where people stand: errors, honesty, time; baselines")
+@command.command("localization", short_help="poses of people: errors, stated sigma, time; baselines")
 @_options
 @click.option(
     "--baselines/--no-baselines",
     " /--only-ours",
     default=True,
     show_default=True,
-    help="whether the baselines solve the same trials; they take most of the time",
+    help="also run the baselines on the same trials, which needs most of the time",
 )
 @click.option(
     "--jobs", type=click.IntRange(1, 64), metavar="N", help="processes to use  [default: one a core, up to 8]"
@@ -114,11 +114,11 @@ def localization(
     baselines: bool,
     jobs: int | None,
 ) -> None:
-    """Where people stand: errors, honesty and time of our solver and of two baselines.
+    """Evaluate poses of people: errors, stated sigma and time of our solver and of two baselines.
 
     People follow a moving robot with the finger for 1 to 20 s (motion_relloc, proximity_waypoints), or point
     once at each of 2 to 6 targets (vr_arm_pointing; each act is given to all solvers as a hold of equal rays,
-    2 s long); synth_two_led is simulated. With the baselines it takes minutes.
+    2 s long); synth_two_led is simulated. With the baselines this needs minutes.
 
     Example: pointit evaluate localization --only-ours --set vr_arm_pointing --json rows.json
     """
@@ -136,13 +136,13 @@ def localization(
             rows = localization_rows(
                 reading.trials,
                 baselines=baselines,
-                jobs=jobs if jobs is not None else min(MOST_JOBS, len(os.sched_getaffinity(0))),
+                jobs=jobs if jobs is not None else min(MAX_JOBS, len(os.sched_getaffinity(0))),
                 tick=lambda done, _: tell_progress("localizations", done),
             )
         tell(rows, json_file, _localization_remarks(rows, BASELINE_TRIALS), brief=brief)
 
 
-@command.command("pointing", short_help="what corrections leave of people's errors and of drift")
+@command.command("pointing", short_help="systematic errors and IMU drift after their correction")
 @_options
 def pointing(
     *,
@@ -152,11 +152,11 @@ def pointing(
     json_file: Path | None,
     brief: bool,
 ) -> None:
-    """What is left of people's systematic error once it is corrected, and of their IMU's drift.
+    """Evaluate the remaining systematic error of people and drift of their IMU after correction.
 
-    Systematic error: people point without a cursor, some of it serves as anchors, the rest is measured
-    (vr_eyefinger, proximity_feedback). Drift: how far the yaw is off after some time, with anchors in
-    between (proximity_feedback; simulated_drift, whose true yaw is known).
+    Systematic error: people point without a cursor; some pointings serve as anchors, the rest is measured
+    (vr_eyefinger, proximity_feedback). Drift: yaw error after some time, with anchors in between
+    (proximity_feedback; simulated_drift, whose true yaw is known).
 
     Example: pointit evaluate pointing --data recordings --json rows.json
     """
@@ -175,10 +175,10 @@ def pointing(
 
 
 def check_sets(sets: Sequence[str], known: Sequence[str]) -> None:
-    """Refuse a set that nobody reads.
+    """Check that all `sets` are `known`.
 
     Raises:
-        ConfigError: names the sets there are.
+        ConfigError: If one is not; lists the known sets.
     """
     for name in sets:
         if name not in known:
@@ -186,7 +186,7 @@ def check_sets(sets: Sequence[str], known: Sequence[str]) -> None:
 
 
 def tell(rows: Sequence[Row], json_file: Path | None, remarks: Sequence[str], *, brief: bool) -> None:
-    """Print `rows` as tables and write them where asked."""
+    """Print `rows` as tables, and write them to `json_file` if given."""
     if not write_json(document(rows), json_file):
         shown = [row for row in rows if row.subject == ALL] if brief else rows
         print_rows(evaluation_console(), shown, remarks)

@@ -1,4 +1,4 @@
-"""Where an evaluation's results go: files for programs, refused before the work; and how it is ended."""
+"""Result files of an evaluation, checked before the work, and its interruption."""
 
 import os
 import signal
@@ -14,14 +14,14 @@ from pointit.runtime.errors import ConfigError
 
 
 def check_writable(file: Path | None, option: str = "--json") -> None:
-    """Refuse, before the work of minutes, a file that cannot be written.
+    """Check before minutes of work that `file` can be written.
 
     Args:
-        file: none: it is not wanted; `-`: standard output.
-        option: that named it, for the sentence.
+        file: None: not requested. `-`: standard output.
+        option: name of the option, for the message.
 
     Raises:
-        ConfigError: it is a folder, its folder is not there or not writable.
+        ConfigError: If it is a folder, or its folder is missing or not writable.
     """
     if file is None or str(file) == "-":
         return
@@ -29,14 +29,14 @@ def check_writable(file: Path | None, option: str = "--json") -> None:
         raise ConfigError(f"{option} {file}: is a folder; give a file")
     there = file if file.exists() else file.parent
     if not os.access(there, os.W_OK):
-        raise ConfigError(f"{option} {file}: cannot be written; give a file in a folder that is yours")
+        raise ConfigError(f"{option} {file}: cannot be written; give a file in a folder of yours")
 
 
 def write_json(document: dict[str, Any], file: Path | None) -> bool:
-    """Write `document` where asked. Return True if standard output is taken by it.
+    """Write `document` to `file`, if given. Return True if that is standard output.
 
     Raises:
-        ConfigError: the file cannot be written.
+        ConfigError: If the file cannot be written.
     """
     if file is None:
         return False
@@ -53,7 +53,7 @@ def write_json(document: dict[str, Any], file: Path | None) -> bool:
 
 @contextmanager
 def interruptible() -> Generator[None]:
-    """Have Ctrl-C and SIGTERM raise inside, so that processes are ended and the terminal is as it was."""
+    """Make Ctrl-C and SIGTERM raise inside, so that processes end and the terminal is restored."""
     numbers = (signal.SIGINT, signal.SIGTERM)
     before: list[Any] = [signal.signal(number, signal.default_int_handler) for number in numbers]
     try:

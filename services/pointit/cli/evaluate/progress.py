@@ -1,4 +1,4 @@
-"""How far an evaluation is: a bar or a spinner on a terminal, elsewhere a line now and then."""
+"""Progress of an evaluation: a bar or a spinner on a terminal, else a line every few seconds."""
 
 import time
 from collections.abc import Callable, Generator
@@ -19,19 +19,19 @@ from rich.progress import (
 )
 
 LINE_EVERY_S = 10.0
-"""So often a line is written where no terminal can show a bar."""
+"""Interval of lines without a terminal."""
 
 
 class ProgressCallback(Protocol):
-    """Told what is being done, and how many are done where they can be counted."""
+    """Receives the current step, and the number of finished pieces if they can be counted."""
 
     def __call__(self, what: str, done: int | None = None, /) -> None:
-        """Take note of it."""
+        """Report progress."""
 
 
 @contextmanager
 def progress(total: int | None = None) -> Generator[ProgressCallback]:
-    """Yield what shows on standard error how far it is; `total`: as many are to be done, none: unknown."""
+    """Yield a callback that shows progress on standard error. `total` is the number of pieces, if known."""
     screen = Console(stderr=True)
     if not screen.is_terminal:
         yield LineProgress(total, lambda line: click.echo(line, err=True), time.monotonic)
@@ -51,7 +51,7 @@ def progress(total: int | None = None) -> Generator[ProgressCallback]:
 
 
 class LineProgress:
-    """Writes a line when it is told something and the last line, or the begin, is long ago."""
+    """Writes a line on a report if the last line, or the start, is `LINE_EVERY_S` ago."""
 
     def __init__(
         self, total: int | None, write: Callable[[str], object], monotonic_s: Callable[[], float]
@@ -62,7 +62,7 @@ class LineProgress:
         self._began_s = self._wrote_s = monotonic_s()
 
     def __call__(self, what: str, done: int | None = None, /) -> None:
-        """Take note of what is being done."""
+        """Report progress."""
         now_s = self._monotonic_s()
         if now_s - self._wrote_s < LINE_EVERY_S:
             return

@@ -1,4 +1,4 @@
-"""`pointit evaluate selection`: simulated people select packages, beside what people did."""
+"""`pointit evaluate selection`: simulated people select packages, compared with real people."""
 
 import os
 from collections.abc import Sequence
@@ -14,13 +14,13 @@ from pointit.runtime.errors import ConfigError
 
 BENCHES = ("belts_lab", "belts_vr", "conveyor")
 METHODS = ("original", "hold", "fraction", "gauge")
-"""Those tried unless told otherwise."""
+"""Methods evaluated by default."""
 
 UNSEEN_SEED = 2000
-"""Parameters of methods and people are chosen with smaller seeds, what is claimed comes from these on."""
+"""First seed for claims; parameters of methods and people were chosen with smaller seeds."""
 
-MOST_JOBS = 8
-"""More processes take memory and bring little."""
+MAX_JOBS = 8
+"""Limit of processes: more need memory and gain little speed."""
 
 
 @click.command("selection", short_help="simulated people select: time, wrong, missed, by method")
@@ -52,7 +52,7 @@ MOST_JOBS = 8
     default=25,
     show_default=True,
     metavar="N",
-    help="of each condition and method; differences between methods are told from 20 on",
+    help="trials of each condition and method; differences between methods need 20",
 )
 @click.option(
     "--seed",
@@ -60,7 +60,7 @@ MOST_JOBS = 8
     default=UNSEEN_SEED,
     show_default=True,
     metavar="SEED",
-    help="seed of the first trial, the next one has the next; parameters were chosen with seeds below "
+    help="seed of the first trial, incremented for each; parameters were chosen with seeds below "
     f"{UNSEEN_SEED} only",
 )
 @click.option(
@@ -71,7 +71,7 @@ MOST_JOBS = 8
     type=click.Path(path_type=Path),
     envvar=VARIABLE,
     show_envvar=True,
-    help="folder with the recordings of people to compare with; none are needed",
+    help="folder with recordings of people to compare with; optional",
 )
 @click.option(
     "--json",
@@ -99,12 +99,12 @@ def selection(
     json_file: Path | None,
     plot_file: Path | None,
 ) -> None:
-    """Have simulated people select packages, by each method, beside what people did.
+    """Simulate people who select packages by each method, and compare with real people.
 
-    The services' own cores run in virtual time: the person sees nothing but the light of the strips. Benches:
+    The services' own cores run in virtual time: the person sees only the light of the strips. Benches:
     belts_lab, packages on two strips; belts_vr, fast belts; conveyor, the paper's demonstrator, one thing
-    varied at a time. The same seed gives the same rows. That one method is better than another is said only
-    where the interval of their difference over the same trials excludes zero.
+    varied at a time. The same seed gives the same rows. A method is called better than another only if the
+    interval of their difference over the same trials excludes zero.
 
     Example: pointit evaluate selection --bench belts_lab --method gauge --method hold@0.6 --json rows.json
     """
@@ -137,7 +137,7 @@ def selection(
                 chosen,
                 trials=trials,
                 seed=seed,
-                jobs=jobs if jobs is not None else min(MOST_JOBS, len(os.sched_getaffinity(0))),
+                jobs=jobs if jobs is not None else min(MAX_JOBS, len(os.sched_getaffinity(0))),
                 humans=people,
                 tick=lambda done, _: tell_progress("trials", done),
             )
@@ -148,13 +148,13 @@ def selection(
 
 
 def _named(there: Sequence[Condition], names: Sequence[str]) -> list[Condition]:
-    """Return those `there` are of these names; all, if there are no names.
+    """Return the conditions `there` with these names, or all without names.
 
     Raises:
-        ConfigError: none has such a name.
+        ConfigError: If there is none of such a name.
     """
     known = list(dict.fromkeys(condition.name for condition in there))
     for name in names:
         if name not in known:
-            raise ConfigError(f"--condition {name!r}: there is no such one; there are: {'; '.join(known)}")
+            raise ConfigError(f"--condition {name!r}: no such condition; there are: {'; '.join(known)}")
     return [condition for condition in there if not names or condition.name in names]

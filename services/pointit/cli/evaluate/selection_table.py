@@ -1,4 +1,4 @@
-"""Rows of the evaluation of selecting as tables for people: one a bench, a block a condition."""
+"""Rows of the selection evaluation as tables: one per bench, a block per condition."""
 
 from collections.abc import Sequence
 from itertools import groupby
@@ -32,9 +32,9 @@ DIFFERENCE_NOTES = (
 def print_selection(
     rows: Sequence[SelectionRow], differences: Sequence[Difference], pace: SimulationSpeed
 ) -> None:
-    """Print `rows`, which stand together by bench and condition, people after the methods.
+    """Print `rows`, sorted by bench and condition, people after the methods.
 
-    Then what differs between methods, and the `pace`.
+    Then print the differences between methods, and the simulation speed `pace`.
     """
     screen = evaluation_console()
     for bench, of_bench in groupby(rows, key=lambda row: row.bench):

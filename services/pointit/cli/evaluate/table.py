@@ -1,4 +1,4 @@
-"""Rows of an evaluation as tables for people: one a set, a block a condition, as wide as there is room."""
+"""Rows of an evaluation as tables: one per set, a block per condition, as wide as the terminal."""
 
 import os
 import sys
@@ -14,19 +14,19 @@ from rich.text import Text
 from pointit.evaluation.recordings.row import ALL, Row, Spread
 
 PIPE_WIDTH = 100
-"""Columns when no terminal limits them; COLUMNS in the environment says otherwise."""
+"""Width without a terminal, unless COLUMNS in the environment is set."""
 
 GAP = 2
-"""Between two columns."""
+"""Space between two columns."""
 
 EDGES = 2
-"""Columns that a table's edges take."""
+"""Columns of a table's edges."""
 
 WORDS_WIDTH = 16
-"""Conditions and solvers longer than this go on in the next line, where the room is scant."""
+"""Characters after which conditions and solvers wrap if there is little room."""
 
 SHORT = {"pointit": "ours", "mean-angle-4dof": "4-DoF", "mean-angle-z0": "z=0"}
-"""Solvers by short names, where the room is scant."""
+"""Short names of solvers for narrow screens."""
 
 SHORTENED = "`ours`: pointit; `4-DoF`, `z=0`: the baselines mean-angle-4dof and mean-angle-z0."
 
@@ -34,15 +34,15 @@ SHORTENED = "`ours`: pointit; `4-DoF`, `z=0`: the baselines mean-angle-4dof and 
 @dataclass(frozen=True, kw_only=True)
 class _Column:
     name: str
-    """As it is called where it stands alone."""
+    """Full name, unique among the columns."""
     cell: Callable[[Row], str | None]
-    """None: does not apply."""
+    """Returns the text, or None if it does not apply."""
     rank: int
-    """The least are shown first where the room is scant; a p90 comes after its median."""
+    """The lowest ranks are shown if there is little room; a p90 ranks after its median."""
     title: str = ""
-    """At its head; empty: its name."""
+    """Column heading. `""`: its name."""
     note: str = ""
-    """What it is, in a sentence."""
+    """Explanation, printed below the table."""
 
     @property
     def head(self) -> str:
@@ -87,7 +87,7 @@ _COLUMNS = (
         name="unsure",
         rank=14,
         cell=lambda row: _count(row.unsure),
-        note="`unsure`: poses with a larger stated sigma than the localizer takes; it asks for another "
+        note="`unsure`: poses with a larger stated sigma than the localizer accepts; it requests another "
         "target then.",
     ),
     _Column(
@@ -152,15 +152,15 @@ _SPREADS = "Errors are sizes: the median, and beside it p90 and rms."
 
 
 def evaluation_console() -> Console:
-    """Return a console on standard output: as wide as the terminal, as COLUMNS says, or `PIPE_WIDTH`."""
+    """Return a console on standard output with the width of the terminal, of COLUMNS, or `PIPE_WIDTH`."""
     is_known = sys.stdout.isatty() or os.environ.get("COLUMNS", "").isdigit()
     return Console(width=None if is_known else PIPE_WIDTH)
 
 
 def print_rows(screen: Console, rows: Sequence[Row], remarks: Sequence[str] = ()) -> None:
-    """Print `rows`, which stand together by set and condition, then what their columns are, and `remarks`.
+    """Print `rows`, sorted by set and condition, then the notes on their columns, and `remarks`.
 
-    Columns that are empty are left out, and those that the screen has no room for: nothing is cut.
+    Empty columns and those that do not fit the screen are left out, so that no text is cut.
     """
     notes: list[str] = [_SPREADS]
     left_out: list[str] = []
@@ -180,7 +180,7 @@ def print_rows(screen: Console, rows: Sequence[Row], remarks: Sequence[str] = ()
 
 
 class _Layout:
-    """Which columns of one set's rows a screen has room for."""
+    """Selects the columns of one set's rows that fit the screen."""
 
     def __init__(self, rows: Sequence[Row], width: int) -> None:
         self._rows = rows
@@ -200,7 +200,7 @@ class _Layout:
         self.shown = [column for column in there if column.name in chosen]
         self.left_out = [column for column in there if column.name not in chosen]
         shown_width = sum(figures_width[column.name] for column in self.shown)
-        self.shortens, most = next(  # words as they are, where that leaves the room
+        self.shortens, most = next(  # full words if they fit
             (
                 (shortens, most)
                 for shortens, most in ((False, None), (True, None), (False, WORDS_WIDTH))
@@ -243,7 +243,7 @@ class _Layout:
         return GAP + max(len(text) for text in (column.head, *(text or "-" for text in cells)))
 
     def _texts(self, *, shortens: bool) -> list[tuple[str, list[str]]]:
-        """Return the columns that are words, each with its title."""
+        """Return the text columns, each with its title."""
         columns = [("condition", [row.condition for row in self._rows])]
         if self._has_subjects:
             columns.append(("subject", [row.subject for row in self._rows]))

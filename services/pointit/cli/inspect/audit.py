@@ -1,4 +1,4 @@
-"""`pointit audit`: who selected what, when and how surely, from the selector's journal."""
+"""`pointit audit`: selections with user, time and confidence, from the selector's journal."""
 
 import datetime as dt
 import re
@@ -20,7 +20,7 @@ from pointit.services.selector.store.journal_table import FILE, audit
 
 DEFAULT_SITE = "lab"
 MOST = 1_000_000_000
-"""Nobody has more events."""
+"""Upper limit of --last."""
 
 AGO = re.compile(r"(\d+(?:\.\d+)?)\s*(s|min|h|d)")
 UNITS_S = {"s": 1.0, "min": 60.0, "h": 3600.0, "d": 86400.0}
@@ -28,7 +28,7 @@ UNITS_S = {"s": 1.0, "min": 60.0, "h": 3600.0, "d": 86400.0}
 
 @click.command("audit")
 @click.option("--site", default=DEFAULT_SITE, show_default=True, help="name of the site")
-@click.option("--user", default="", metavar="NAME", help="what they did, or what happened to what is theirs")
+@click.option("--user", default="", metavar="NAME", help="only events by this person or on their objects")
 @click.option("--object", "object_id", default="", metavar="ID", help="one object only")
 @click.option(
     "--since", default="", metavar="WHEN", help="such as 30min, 2h, 7d, 2026-03-01 or 2026-03-01T14:30"
@@ -36,10 +36,10 @@ UNITS_S = {"s": 1.0, "min": 60.0, "h": 3600.0, "d": 86400.0}
 @click.option("--last", type=click.IntRange(1, MOST), metavar="N", help="the last N events only")
 @json_option
 def command(*, site: str, user: str, object_id: str, since: str, last: int | None, as_json: bool) -> None:
-    """Show who selected what and when, how surely it was meant, and what became of it.
+    """Show who selected what and when, with which confidence, and the outcome.
 
-    It is read from the journal of the selector that runs, or ran, on this machine: the running one is not
-    disturbed. A confidence of - means that it is not known. A machine reads --json, with stamps in ns.
+    Reads the journal of the selector that runs, or ran, on this machine, without disturbing it. A confidence
+    of - means unknown. Programs use --json, with stamps in ns.
 
     Example: pointit audit --user anna --since 2h
     """
@@ -55,10 +55,10 @@ def command(*, site: str, user: str, object_id: str, since: str, last: int | Non
 
 
 def since_ns(text: str, now_ns: int) -> int:
-    """Return the time that `text` means: so long ago, or a date with or without time of day; Unix ns.
+    """Return the time in `text`, a duration ago or a date with or without time of day, as Unix ns.
 
     Raises:
-        ConfigError: it means none.
+        ConfigError: If it is not a time.
     """
     if not text:
         return 0
@@ -70,7 +70,7 @@ def since_ns(text: str, now_ns: int) -> int:
         return max(0, int(when.timestamp() * NS_PER_S))
     except (ValueError, OverflowError, OSError) as error:
         raise ConfigError(
-            f"--since {text!r}: is no time; write how long ago (30min, 2h, 7d) or a date (2026-03-01T14:30)"
+            f"--since {text!r}: not a time; write a duration ago (30min, 2h, 7d) or a date (2026-03-01T14:30)"
         ) from error
 
 
@@ -89,7 +89,7 @@ def _read(path: Path, site: str, *, user: str, object_id: str, since_ns: int) ->
 
 
 def _row(record: Record) -> dict[str, Any]:
-    """Return what a person wants to know."""
+    """Return a record as a table row."""
     when = dt.datetime.fromtimestamp(record.stamp_ns / NS_PER_S).astimezone()
     return {
         "when": when.strftime("%Y-%m-%d %H:%M:%S.") + f"{when.microsecond // 1000:03d}",

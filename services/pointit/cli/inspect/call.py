@@ -26,7 +26,7 @@ UNITS = {"m": "m", "mps": "m/s", "rad": "rad", "s": "s"}
 """Suffixes of fields."""
 
 BOUNDS = (("ge", "from"), ("gt", "above"), ("le", "to"), ("lt", "below"))
-"""What pydantic calls them, and how people do."""
+"""Names of limits in pydantic and in the table."""
 
 
 @click.command("call", params=site_options())
@@ -38,7 +38,7 @@ BOUNDS = (("ge", "from"), ("gt", "above"), ("le", "to"), ("lt", "below"))
     type=Finite(min=0.1, max=600),
     default=REQUEST_TIMEOUT_S,
     show_default=True,
-    help="how long to wait for the answer, s",
+    help="time to wait for the reply, s",
 )
 @json_option
 def command(
@@ -50,11 +50,11 @@ def command(
     site: str,
     connect: tuple[str, ...],
 ) -> int:
-    """Ask for what KEY stands for, and print the answer; without KEY, list what can be asked.
+    """Send the request KEY to its service, and print the reply; without KEY, list all requests.
 
     VALUE is YAML: conveyor/set_speed speed_mps=0.5, or localizer/anna/set_pose 'position_m=[1, 2, 0]'; a list
-    needs no brackets: conveyor/set_speed speed_mps=0.2 belts=part_e,part_f. The exit code is 1 when the
-    service refuses or nobody answers.
+    needs no brackets: conveyor/set_speed speed_mps=0.2 belts=part_e,part_f. The exit code is 1 if the
+    service refuses or does not reply.
     """
     if key is None:
         show([requests()], as_json=as_json)
@@ -91,10 +91,10 @@ async def _call(
 
 
 def resolve(typed: str) -> tuple[AnyRequest, str]:
-    """Return the request that `typed` stands for, and what stands for its placeholder.
+    """Return the request with the key `typed`, and the value of its placeholder.
 
     Raises:
-        Mistake: there is none; names similar ones.
+        UnknownNameError: If there is none; suggests similar ones.
     """
     for request in REQUESTS:
         name = request.name_in(typed)
@@ -109,19 +109,19 @@ def resolve(typed: str) -> tuple[AnyRequest, str]:
     topic = topic_of(typed)
     if topic is not None:
         raise UnknownNameError(
-            f"{typed} is a topic ({topic.about}), not something to ask for; see `pointit echo {typed}`"
+            f"{typed} is a topic ({topic.about}), not a request; see `pointit echo {typed}`"
         )
     known = [filled(request.key, typed.split("/")) for request in REQUESTS]
     near = difflib.get_close_matches(typed, known, n=3, cutoff=0.5)
-    advice = f"did you mean {' or '.join(near)}?" if near else "`pointit call` lists what can be asked"
-    raise UnknownNameError(f"nothing to ask for has the key {typed!r}; {advice}")
+    advice = f"did you mean {' or '.join(near)}?" if near else "`pointit call` lists all requests"
+    raise UnknownNameError(f"no request has the key {typed!r}; {advice}")
 
 
 def build(request: AnyRequest, values: Iterable[str]) -> Query:
     """Return the query of `request` with `values`, each `FIELD=VALUE`.
 
     Raises:
-        Mistake: names the field, the value and what is wrong with it.
+        UnknownNameError: If a value is wrong; names field, value and problem.
     """
     layers = Layers()
     known: Sequence[str] = list(request.query.model_fields)
@@ -139,7 +139,7 @@ def build(request: AnyRequest, values: Iterable[str]) -> Query:
             raise UnknownNameError(f"{request.key}: no field {field!r}; {advice}")
         if field in layers.values:
             raise UnknownNameError(f"{request.key}: {field} is given twice")
-        if field in lists and not text.lstrip().startswith("["):  # as people write it: belts=part_e,part_f
+        if field in lists and not text.lstrip().startswith("["):  # belts=part_e,part_f
             text = f"[{text}]"
         try:
             layers.add_text([field], text, f"{request.key}: {value}")

@@ -1,4 +1,4 @@
-"""`pointit doctor`: what runs, what is stale, what is wrong, what to do."""
+"""`pointit doctor`: running services, stale data, problems and remedies."""
 
 import asyncio
 import datetime as dt
@@ -29,11 +29,11 @@ from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas import ClockTick, Deployment, Health, KeyHealth, Quantiles
 from pointit.schemas.topics import ANY, CLOCK, DEPLOYMENT, HEALTH, SERVICE_ALIVE
 
-LEAST_S = 1.2
-"""Listen at least so long: whoever reports once a second is heard."""
+MIN_S = 1.2
+"""Minimum listening time: long enough for services that report once a second."""
 
 LONGEST_S = SILENT_S + 0.4
-"""Listen no longer: whoever was not heard by then is silent."""
+"""Maximum listening time: services not heard by then count as silent."""
 
 STYLES = {"error": "red", "warning": "yellow", "note": "dim"}
 
@@ -45,15 +45,15 @@ STYLES = {"error": "red", "warning": "yellow", "note": "dim"}
     type=Finite(min=0),
     default=PATIENCE_S,
     show_default=True,
-    help="how long to look for somebody who answers, s",
+    help="time to look for the site, s",
 )
 @click.option("--only", default="", metavar="NAME", help="look at this service or person only")
 @click.option(
     "--site-folder",
     "folder",
     type=click.Path(path_type=Path),
-    help="tell how long everybody's certificates of this site's folder last  [default: the folder that holds "
-    "the credentials, if one does; else they alone]",
+    help="show when all certificates of this site's folder expire  [default: the folder that contains "
+    "the credentials, if one does; else only they]",
 )
 @json_option
 def command(
@@ -65,11 +65,11 @@ def command(
     site: str,
     connect: tuple[str, ...],
 ) -> int:
-    """Say what runs on a site, what is stale, what is wrong and what to do.
+    """Show what runs on a site, what is stale, what is wrong and what to do.
 
-    It listens for one to three seconds. The exit code is 0 when all is well, 1 when something is wrong (notes
-    about what was wrong once do not count), 130 when Ctrl-C ended it before it knew. With --only it is 1 too
-    when nothing of that name runs. On a secured site it shows until when certificates last.
+    Listens for one to three seconds. The exit code is 0 if all is well, 1 if something is wrong (notes about
+    past problems do not count), 130 if Ctrl-C ended it before it had a result. With --only it is also 1 if
+    nothing of that name runs. On a secured site it also shows when certificates expire.
 
     Example: pointit doctor --only pui
     """
@@ -86,10 +86,10 @@ def command(
             code="unreachable",
             service="",
             sentence=f"nothing runs at {', '.join(connect)}",
-            remedy="start its router with `pointit router`, or say with --connect where it is"
+            remedy="start its router with `pointit router`, or give its address by --connect"
             if credentials
-            else "start with `pointit run`, say with --connect where it runs, or, on a secured site, with "
-            "--credentials who you are",
+            else "start `pointit run`, give its address by --connect or, on a secured site, your identity by "
+            "--credentials",
         )
         return _show(Observation(began_s=0.0, now_s=0.0), [finding], known, site, as_json=as_json)
     if look.seen is None:
@@ -107,7 +107,7 @@ def _options(link: Link) -> str:
 
 
 class _Look:
-    """Gathers what the bus shows until every service was heard twice, or all that there are of a name."""
+    """Observes until every service, or every one of a name, was heard twice."""
 
     def __init__(self, only: str = "") -> None:
         self._only = only
@@ -121,13 +121,13 @@ class _Look:
         self._speed = 1.0
 
     async def watch(self, bus: ZenohBus) -> None:
-        """Look until there is enough to tell; then `seen` holds it."""
+        """Observe until there is enough data; `seen` holds it afterwards."""
         self._began_s = time.monotonic()
         bus.subscribe(CLOCK, self._on_clock)
         bus.subscribe(DEPLOYMENT, self._on_deployment)
         bus.subscribe(HEALTH, self._on_health)
         bus.watch(SERVICE_ALIVE, self._on_presence)
-        await asyncio.sleep(LEAST_S)
+        await asyncio.sleep(MIN_S)
         end_s = self._began_s + LONGEST_S
         while not self._is_enough() and (left_s := end_s - time.monotonic()) > 0:
             self._news.clear()
@@ -136,7 +136,7 @@ class _Look:
             except TimeoutError:
                 break
         sees_nobody = not self._present and not self._deployments
-        is_open = sees_nobody and bus.link.credentials is None  # who has credentials has a site
+        is_open = sees_nobody and bus.link.credentials is None  # with credentials there is a site
         self.seen = Observation(
             began_s=self._began_s,
             now_s=time.monotonic(),
@@ -186,7 +186,7 @@ async def _listen(look: _Look, site: str, connect: tuple[str, ...], timeout_s: f
 
 
 ROOMY_COLUMNS = frozenset({"pid", "host", "in_hz", "out_hz"})
-"""What a narrow terminal does without."""
+"""Columns not shown by a narrow terminal."""
 
 
 def _show(
@@ -230,7 +230,7 @@ def _show(
         print_table(screen, Section(name="figures", about="what else they measure", rows=figures))
     if known:
         print_table(screen, section(known))
-    if others := expiring(row for row in known if not row["own"]):  # of its own it was warned when it began
+    if others := expiring(row for row in known if not row["own"]):  # the own ones were reported at the start
         click.echo(f"Warning: {', '.join(others)}: renew with `pointit site renew`", err=True)
     for finding in findings:
         who = f"{finding.service}: " if finding.service else ""
@@ -277,7 +277,7 @@ def _row(seen: Observation, instance: str, findings: Sequence[Finding]) -> Row:
 
 
 def _status(instance: str, findings: Sequence[Finding]) -> Text:
-    """Return the worst that was found about `instance`, in a word."""
+    """Return the worst severity found for `instance`."""
     for finding in findings:
         if finding.service == instance and finding.severity != "note":
             return Text(finding.code, style=STYLES[finding.severity])
@@ -285,7 +285,7 @@ def _status(instance: str, findings: Sequence[Finding]) -> Text:
 
 
 def _rates(health: Health | None, direction: str) -> str:
-    """Return what flows, `imu 50, ray 50`, by the last part of the keys."""
+    """Return the rates as `imu 50, ray 50`, by the last part of the keys."""
     keys: list[KeyHealth] = [
         key for key in (health.keys if health else ()) if key.direction == direction and key.rate_hz > 0
     ]
@@ -293,7 +293,7 @@ def _rates(health: Health | None, direction: str) -> str:
 
 
 def _figures(health: Health) -> str:
-    """Return a service's own numbers, `drift 3.1 °/min, anchor age 12 s`."""
+    """Return a service's own metrics as `drift 3.1 °/min, anchor age 12 s`."""
     return ", ".join(
         f"{shown.name} {shown.value:.3g}" + ("" if shown.unit in ("", "°") else " ") + shown.unit
         for shown in health.figures

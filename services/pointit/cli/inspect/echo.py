@@ -1,4 +1,4 @@
-"""`pointit echo KEY`: messages as they come."""
+"""`pointit echo KEY`: messages as they arrive."""
 
 import asyncio
 import contextlib
@@ -16,17 +16,17 @@ from pointit.schemas import Message
 from pointit.schemas.topics import ANY, SERVICE_ALIVE, Delivery, Topic
 
 SILENCE_S = 2.0
-"""After so long without a message, say what is waited for."""
+"""Time without a message after which a notice is printed."""
 
 
 @click.command("echo", params=site_options())
 @click.argument("key")
-@click.option("--count", type=click.IntRange(min=1), help="end after so many messages")
+@click.option("--count", type=click.IntRange(min=1), help="number of messages to print before exit")
 @json_option
 def command(key: str, *, count: int | None, as_json: bool, site: str, connect: tuple[str, ...]) -> int:
-    """Print the messages on KEY as they come, one a line.
+    """Print the messages on KEY as they arrive, one per line.
 
-    KEY is users/anna/imu, or for everybody 'users/*/imu' or users/{user}/imu; 'users/anna/*' is all of
+    KEY is users/anna/imu, or for all users 'users/*/imu' or users/{user}/imu; 'users/anna/*' is all of
     anna's. Lines are YAML; with --json objects whose first field is the key, bytes as hexadecimal text.
     Ctrl-C ends it with exit code 0.
     """
@@ -58,14 +58,14 @@ async def _echo(
 
 
 class _Printer:
-    """Prints messages until there are enough or nobody reads."""
+    """Prints messages until `count` is reached or the reader of the pipe is gone."""
 
     def __init__(self, count: int | None, *, as_json: bool) -> None:
         self._now_s = asyncio.get_running_loop().time
         self.done = asyncio.Event()
         self.shown = 0
         self.newest_s = self._now_s()
-        """When the newest came, or when waiting began."""
+        """Time of the newest message, or of the start."""
         self._count = count
         self._as_json = as_json
 
@@ -82,7 +82,7 @@ class _Printer:
 
 
 def format_message(key: str, message: Message, *, as_json: bool) -> str:
-    """Return `message` on one line, as YAML or as a JSON object that begins with the key."""
+    """Return `message` on one line, as YAML or as a JSON object that starts with the key."""
     fields = message.model_dump()
     if as_json:
         return to_json({"key": key, **fields})
@@ -90,7 +90,7 @@ def format_message(key: str, message: Message, *, as_json: bool) -> str:
 
 
 def _presence(bus: ZenohBus) -> set[str]:
-    """Return a set that follows which services are present."""
+    """Return a set of the present services that is kept up to date."""
     present: set[str] = set()
 
     def on_change(instance: str, here: bool) -> None:  # noqa: FBT001 - the bus's signature
@@ -101,7 +101,7 @@ def _presence(bus: ZenohBus) -> set[str]:
 
 
 def _tell_silence(key: str, wanted: list[Wanted], present: set[str], *, any_yet: bool) -> None:
-    """Say on standard error what is waited for; silence after a message is no news on change."""
+    """Print a notice to standard error; topics that change rarely may be silent after a message."""
     if any_yet and all(topic.delivery is not Delivery.LATEST for topic, _ in wanted):
         return
     more = " more" if any_yet else ""

@@ -26,19 +26,19 @@ class Rate:
     key: str
     messages: int
     rate_hz: float | None
-    """From the first to the last message; none for fewer than two."""
+    """Mean rate from the first to the last message, or None for fewer than two."""
     nominal_hz: float | None
-    """As in the topic table; none where messages come on change."""
+    """Rate in the topic table, or None if messages come on change."""
     period_min_s: float | None
     period_max_s: float | None
-    """The silence at the end counts, when it is the longest."""
+    """Longest period, including the one up to the end of the window."""
     jitter_s: float | None
     """Standard deviation of the periods."""
     bytes_per_s: float
 
 
 class RateMeter:
-    """Counts one key; keeps sums, not messages."""
+    """Measures one key from sums, without storing messages."""
 
     def __init__(self, key: str, nominal_hz: float | None = None) -> None:
         self._key = key
@@ -52,7 +52,7 @@ class RateMeter:
         self._min_s, self._max_s = math.inf, 0.0
 
     def add(self, now_s: float, size: int) -> None:
-        """Count a message of `size` bytes that came at `now_s`."""
+        """Count a message of `size` bytes received at `now_s`."""
         if self._last_s is not None:
             period_s = now_s - self._last_s
             self._periods += 1
@@ -66,7 +66,7 @@ class RateMeter:
         self._bytes += size
 
     def take(self, now_s: float, window_s: float) -> Rate:
-        """Return the account of the last `window_s` until `now_s`, and begin the next."""
+        """Return the rate in the last `window_s` until `now_s`, and start the next window."""
         known = self._periods > 0
         silence_s = 0.0 if self._last_s is None else now_s - self._last_s
         rate = Rate(
@@ -91,9 +91,9 @@ class RateMeter:
     type=Finite(min=0.1),
     default=5.0,
     show_default=True,
-    help="how long to measure, s",
+    help="measuring time, s",
 )
-@click.option("--watch", is_flag=True, help="go on, one table a window, until Ctrl-C")
+@click.option("--watch", is_flag=True, help="repeat until Ctrl-C, one table per window")
 @json_option
 def command(
     keys: tuple[str, ...],
@@ -105,9 +105,9 @@ def command(
     site: str,
     connect: tuple[str, ...],
 ) -> int:
-    """Measure how often messages come on each KEY, how regularly, and how many bytes.
+    """Measure rate, jitter and bandwidth of the messages on each KEY.
 
-    KEY is as for `pointit echo`. The exit code is 1 when nothing came at all; Ctrl-C ends it with 0.
+    KEY is as for `pointit echo`. The exit code is 1 if nothing arrived; Ctrl-C ends it with 0.
     With --json each window is one object on one line.
     """
     if not keys and not everything:
@@ -144,7 +144,7 @@ async def _measure(
 
 
 class _Counter:
-    """A meter for each key that was named, and for each that turns up."""
+    """A meter for each named key, and for each that appears."""
 
     def __init__(self, bus: ZenohBus, wanted: list[Wanted], named: list[Wanted]) -> None:
         self._loop = asyncio.get_running_loop()
@@ -161,7 +161,7 @@ class _Counter:
         return [self._meters[key].take(now_s, window_s) for key in sorted(self._meters)]
 
     def take_conflated(self) -> int:
-        """Return how many messages gave way to newer ones uncounted since the last call."""
+        """Return the number of messages conflated before they were counted, since the last call."""
         total = sum(subscription.traffic.dropped for subscription in self._subscriptions)
         fresh, self._conflated = total - self._conflated, total
         return fresh
@@ -180,7 +180,7 @@ class _Counter:
 
 
 def _show(rates: list[Rate], window_s: float, conflated: int, *, as_json: bool) -> bool:
-    """Print one window; false when nobody reads any more."""
+    """Print one window. Return False if the reader of the pipe is gone."""
     if conflated:
         click.echo(
             f"{conflated} messages came faster than they could be counted: rates are too low", err=True

@@ -1,4 +1,4 @@
-"""`pointit schema`: what travels, for people and programs, and the files of the catalogue."""
+"""`pointit schema`: topics and messages for people and programs, and the files of the catalogue."""
 
 import difflib
 import json
@@ -16,17 +16,17 @@ from pointit.schemas.catalogue import asyncapi, catalogue
 from pointit.schemas.catalogue.asyncapi import Kind
 
 DEFAULT_DIR = Path("schemas/catalogue")
-"""Where a checkout keeps the catalogue, seen from its root."""
+"""Folder of the catalogue relative to the root of a checkout."""
 
 EXIT_OUTDATED = 1
 
 WIDE = 110
-"""Columns of a terminal from which on every column of the tables is shown."""
+"""Terminal width from which all columns of the tables are shown."""
 
 
 @click.command("schema")
 @click.argument("message", required=False)
-@click.option("--write", is_flag=True, help="write what is new into the catalogue's folder")
+@click.option("--write", is_flag=True, help="write changed files to the catalogue's folder")
 @click.option(
     "--check", is_flag=True, help="compare the catalogue's folder with the code; exit 1 if they differ"
 )
@@ -38,7 +38,7 @@ WIDE = 110
     show_default=True,
     help="the catalogue's folder",
 )
-@click.option("--json", "as_json", is_flag=True, help="print JSON: AsyncAPI, a JSON Schema, or what was done")
+@click.option("--json", "as_json", is_flag=True, help="print JSON: AsyncAPI, a JSON Schema, or the result")
 def command(message: str | None, folder: Path, *, write: bool, check: bool, as_json: bool) -> int:
     """Show every topic and request, or one MESSAGE with its fields.
 
@@ -63,7 +63,7 @@ def read_folder(folder: Path) -> dict[str, bytes]:
     """Return the committed files of a catalogue by their path in it.
 
     Raises:
-        ConfigError: there is no such folder, or a file cannot be read.
+        ConfigError: If there is no such folder, or a file cannot be read.
     """
     if not folder.is_dir():
         raise ConfigError(
@@ -84,7 +84,7 @@ def write_folder(folder: Path, files: dict[str, bytes]) -> None:
     """Write `files` below `folder`.
 
     Raises:
-        ConfigError: one cannot be written.
+        ConfigError: If one cannot be written.
     """
     try:
         for path, content in files.items():
@@ -136,7 +136,7 @@ def _show_tables() -> None:
 
 
 def _console() -> Console:
-    """Return a console as wide as the terminal; wide enough for everything where there is none."""
+    """Return a console as wide as the terminal, or wide enough for everything without one."""
     return Console() if sys.stdout.isatty() else Console(width=WIDE * 2)
 
 
@@ -192,7 +192,7 @@ def _field_rows(
 
 
 def _type_of(field: dict[str, Any], definitions: dict[str, Any]) -> tuple[str, dict[str, Any] | None]:
-    """Return a field's type for people, and the part it is made of, if any."""
+    """Return a readable type of a field, and the model it contains, if any."""
     if "$ref" in field:
         name = field["$ref"].rpartition("/")[2]
         return name, definitions[name]

@@ -27,10 +27,10 @@ def topics() -> Section:
 
 
 def requests() -> Section:
-    """Return what can be asked."""
+    """Return the requests."""
     return Section(
         name="requests",
-        about="what can be asked, and who answers",
+        about="what can be requested, and which service replies",
         rows=tuple(
             {
                 "key": request.key,
@@ -57,9 +57,9 @@ def presence() -> Section:
 @click.command("topics")
 @json_option
 def command(*, as_json: bool) -> None:
-    """Show the topic table: every key, its message, how it is delivered, how often, who writes it.
+    """Show the topic table: every key with its message, delivery, rate and writers.
 
-    latest: the newest wins; event: in order, none lost silently; state: late joiners get the last value.
-    A rate of - means on change.
+    latest: the newest replaces older ones; event: in order, none lost silently; state: late joiners get the
+    last value. A rate of - means on change.
     """
     show([topics(), requests(), presence()], as_json=as_json)

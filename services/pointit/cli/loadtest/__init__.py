@@ -1,1 +1,1 @@
-"""The load test: how many people a machine carries."""
+"""The load test: the number of people that a machine carries."""

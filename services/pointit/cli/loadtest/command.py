@@ -1,4 +1,4 @@
-"""`pointit load`: how many people this machine, or a running site, carries."""
+"""`pointit load`: the number of people that this machine, or a running site, carries."""
 
 import contextlib
 import datetime as dt
@@ -31,16 +31,16 @@ from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas.topics import USER_ALIVE
 
 WARM_UP_S = 1.0
-MOST_USERS = 1000
+MAX_USERS = 1000
 FIRST = 5
-"""People with whom a sweep begins."""
+"""Number of people at the start of a sweep."""
 
 NAME = "load"
 
 
 @click.command("load", params=site_options())
 @click.option(
-    "--users", type=click.IntRange(1, MOST_USERS), default=10, show_default=True, help="how many people"
+    "--users", type=click.IntRange(1, MAX_USERS), default=10, show_default=True, help="number of people"
 )
 @click.option(
     "--rate",
@@ -48,7 +48,7 @@ NAME = "load"
     type=Finite(min=1, max=1000),
     default=100.0,
     show_default=True,
-    help="samples a second of each",
+    help="samples per second of each person",
 )
 @click.option(
     "--duration",
@@ -56,30 +56,30 @@ NAME = "load"
     type=Finite(min=0.5, max=86_400),
     default=10.0,
     show_default=True,
-    help="how long to measure, s",
+    help="measuring time, s",
 )
 @click.option(
     "--layout",
     type=click.Choice(["one", "users", "services"]),
     default="one",
     show_default=True,
-    help="all in one process; people's services sharded over processes; a process for each service",
+    help="all in one process; people's services sharded over processes; one process per service",
 )
 @click.option(
     "--shards",
     type=click.IntRange(1, 256),
     default=os.cpu_count() or 1,
     show_default="the cores of this machine",
-    help="into how many processes --layout users divides people",
+    help="number of processes for people with --layout users",
 )
-@click.option("--router", is_flag=True, help="let processes meet at a router, as on several machines")
+@click.option("--router", is_flag=True, help="connect processes by a router, as on several machines")
 @click.option(
     "--secured",
     is_flag=True,
-    help="at a router with certificates, encryption and access rules, made for this test",
+    help="use a router with certificates, encryption and access rules, made for this test",
 )
 @click.option(
-    "--sweep", is_flag=True, help="find how many people are carried: p99 of 50 ms at most and no drops"
+    "--sweep", is_flag=True, help="find the largest number of people with p99 of at most 50 ms and no drops"
 )
 @json_option
 def command(
@@ -98,13 +98,13 @@ def command(
 ) -> int:
     """Drive the wrists of N people and measure latency, drops, CPU and memory.
 
-    Each sample goes its real way: pointing makes a ray of it, pui a cursor, selector a hover, led-driver
-    light. A site of its own is started (scenario_3, without simulated people); with --connect or
+    Each sample passes the real pipeline: pointing makes a ray, pui a cursor, selector a hover, led-driver
+    light. The test starts a site of its own (scenario_3, without simulated people); with --connect or
     --credentials, people join the site that runs there, whose own processes are not measured. The exit code
-    is 0 when all was carried: p99 from wrist to light at most 50 ms, no drops; else 1. The load average
-    beside the figures tells of other work.
+    is 0 if the load was carried: p99 from wrist to light at most 50 ms, no drops; else 1. The load average
+    includes other work on the machine.
 
-    Example: pointit load --users 40 --layout users; and how many at most: pointit load --sweep --duration 5
+    Example: pointit load --users 40 --layout users; for the maximum: pointit load --sweep --duration 5
     """
     quiet()
     context = click.get_current_context()
@@ -117,7 +117,7 @@ def command(
             "--secured makes a site of its own; leave it out with --connect or --credentials, where the site "
             "that runs there is secured or not"
         )
-    if is_own:  # services keep what they must not lose: not among what this machine's user keeps
+    if is_own:  # its services must not store their state among that of this machine's user
         os.environ[VARIABLE] = context.with_resource(tempfile.TemporaryDirectory(prefix="pointit-load-"))
     load = Load(
         users=users,
@@ -131,7 +131,7 @@ def command(
         connect=() if is_own else connect,
     )
     done: list[LoadResult] = []
-    search = CapacitySearch(FIRST, MOST_USERS) if sweep else None
+    search = CapacitySearch(FIRST, MAX_USERS) if sweep else None
     code = run_until_shutdown(_run(load, search, done))
     if not done:
         return INTERRUPTED
@@ -188,7 +188,7 @@ async def _measure(load: Load, count: int) -> LoadResult:
 
 @contextlib.asynccontextmanager
 async def _bus(load: Load) -> AsyncGenerator[tuple[ZenohBus, str, int | None]]:
-    """Yield this process's bus, where others join, and the router's process."""
+    """Yield this process's bus, the address for others, and the router's process id."""
     if load.connect:
         async with join_site(load.site, load.connect) as bus:
             yield bus, load.connect[0], None
@@ -216,7 +216,7 @@ async def _bus(load: Load) -> AsyncGenerator[tuple[ZenohBus, str, int | None]]:
 
 @contextlib.contextmanager
 def _given(credentials: Credentials) -> Generator[None]:
-    """Let the processes of this test have these credentials."""
+    """Give the processes of this test these credentials."""
     os.environ[CREDENTIALS] = str(credentials.folder)
     try:
         yield
@@ -236,10 +236,10 @@ def _tell(text: str) -> None:
 
 
 def secured_site(folder: Path, site: str, port: int) -> Credentials:
-    """Make the site in `folder`, for a router on this machine; return who drives its services and people.
+    """Create the site in `folder` for a router on this machine. Return the credentials for all its processes.
 
     Raises:
-        ConfigError: `cryptography` is missing, or something cannot be written.
+        ConfigError: If `cryptography` is missing, or something cannot be written.
     """
     now = dt.datetime.now(dt.UTC)
     made = SiteFolder(folder)

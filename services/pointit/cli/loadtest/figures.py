@@ -1,4 +1,4 @@
-"""What a load test measured, whether it was carried, and how many people could be; pure."""
+"""Results of a load test, its pass criterion, and the search for the largest load; pure."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -6,22 +6,22 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 P99_MS = 50.0
-"""From wrist to light, 99th percentile: more feels detached from the hand."""
+"""Limit of the 99th percentile from wrist to light: more feels detached from the hand."""
 
-MOST_DROPPED = 0.001
-"""Share of samples that a busy machine may conflate now and then; more are drops."""
+MAX_DROPPED = 0.001
+"""Share of samples that a busy machine may conflate; more count as drops."""
 
-LEAST_SENT = 0.99
-"""Share of the samples that were to be sent; with fewer, the machine could not even drive the wrists."""
+MIN_SENT = 0.99
+"""Share of the planned samples sent; with fewer, the machine could not even drive the wrists."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Usage:
-    """What a process took while it was measured."""
+    """Resource usage of a process during the measurement."""
 
     name: str
     cpu: float
-    """Of one core, 1.0 is all of it."""
+    """CPU time relative to one core; 1.0 is all of it."""
     memory_mb: float
 
 
@@ -36,20 +36,20 @@ class LoadResult:
     sent: int
     """Samples of all wrists."""
     pointed: int
-    """Cursors that came of them."""
+    """Cursors that followed."""
     hovered: int
-    """Hovers that came of them."""
+    """Hovers that followed."""
     light_s: Sequence[float]
-    """From wrist to light: ages of new frames as they came."""
+    """Latency from wrist to light: ages of new frames on arrival."""
     cursor_s: Sequence[float]
-    """From wrist to cursor."""
+    """Latency from wrist to cursor."""
     processes: Sequence[Usage]
     load_average: float | None
-    """Of the machine, over the last minute: of other work too."""
+    """Load average of the machine over the last minute, including other work."""
 
     @property
     def dropped(self) -> float:
-        """Return the share of samples of which no cursor came."""
+        """Return the share of samples without a cursor."""
         return max(0.0, 1.0 - self.pointed / self.sent) if self.sent else 1.0
 
     @property
@@ -59,13 +59,13 @@ class LoadResult:
 
     @property
     def failure(self) -> str:
-        """Return why this many people are too many; empty: they are carried."""
+        """Return the reason why the load was not carried, or `""` if it was."""
         p99_ms = quantile_ms(self.light_s, 0.99)
-        if self.sent_share < LEAST_SENT:
+        if self.sent_share < MIN_SENT:
             return f"only {self.sent_share:.0%} of the samples could be sent"
         if p99_ms is None:
             return "no light followed any sample"
-        if self.dropped > MOST_DROPPED:
+        if self.dropped > MAX_DROPPED:
             return f"{self.dropped:.1%} of the samples were dropped"
         return "" if p99_ms <= P99_MS else f"p99 is {p99_ms:.0f} ms, above {P99_MS:.0f} ms"
 
@@ -87,7 +87,7 @@ class LoadResult:
         }
 
     def record(self) -> dict[str, Any]:
-        """Return all of it, for programs."""
+        """Return all values, for programs."""
         return {
             **self.row(),
             "carried": not self.failure,
@@ -106,17 +106,17 @@ class LoadResult:
 
 
 def quantile_ms(values_s: Sequence[float], share: float) -> float | None:
-    """Return the nearest-rank quantile in ms; none of nothing."""
+    """Return the nearest-rank quantile in ms, or None without values."""
     if not values_s:
         return None
     return sorted(values_s)[max(0, math.ceil(share * len(values_s)) - 1)] * 1e3
 
 
 class CapacitySearch:
-    """How many to try next: doubled until it is too many, then halved between until that is near enough."""
+    """Search for the largest load: doubles it until it fails, then bisects."""
 
     def __init__(self, first: int, most: int, steps: int = 3) -> None:
-        """Begin with `first`, never try more than `most`, halve `steps` times at most."""
+        """Start with `first`, try at most `most`, bisect at most `steps` times."""
         self.carried = 0
         self._failed: int | None = None
         self._first = first
@@ -124,7 +124,7 @@ class CapacitySearch:
         self._steps = steps
 
     def counts(self) -> Iterator[int]:
-        """Yield what to try; `report` before the next is asked for."""
+        """Yield the loads to try. Call `report` before requesting the next."""
         count = min(self._first, self._most)
         while self._failed is None:
             yield count
@@ -138,7 +138,7 @@ class CapacitySearch:
             yield count
 
     def report(self, count: int, *, carried: bool) -> None:
-        """Take how it went."""
+        """Record the outcome of a load."""
         if carried:
             self.carried = max(self.carried, count)
         else:

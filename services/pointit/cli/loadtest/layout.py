@@ -1,4 +1,4 @@
-"""What a load test runs, and in which processes: people, the services of each, those of the site."""
+"""Services of a load test and their processes: people, the services of each, those of the site."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -12,12 +12,12 @@ Layout = Literal["one", "users", "services"]
 
 SCENARIO = "scenario_3"
 WITHOUT = ("user-sim", "supervisor", "imu-bridge")
-"""The person is driven from here; nobody presses a button."""
+"""Services left out: the load test drives the wrists, and no button is needed."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Load:
-    """What was asked for."""
+    """Parameters of a load test."""
 
     users: int
     rate_hz: float
@@ -26,14 +26,14 @@ class Load:
     shards: int
     router: bool
     secured: bool
-    """The router wants certificates, and encrypts."""
+    """The router requires certificates, and encrypts."""
     site: str
     connect: tuple[str, ...]
-    """Of a running site; empty: one of its own."""
+    """Addresses of a running site. Empty: start a site of its own."""
 
     @property
     def name(self) -> str:
-        """Return the layout in words."""
+        """Return a description of the layout."""
         words = {
             "one": "one process",
             "users": f"users in {self.shards} processes",
@@ -44,7 +44,7 @@ class Load:
 
 
 def groups(load: Load, count: int) -> tuple[Group, list[Group]]:
-    """Return what runs in this process and what in others, for `count` people."""
+    """Return the group of this process and those of others, for `count` people."""
     scenario = read_scenario(SCENARIO)
     choices = Choices()
     site = [] if load.connect else site_launches(scenario, choices)

@@ -1,4 +1,4 @@
-"""A site under load: its services in one process or several, wrists, and somebody who looks on."""
+"""A site under load: its services in one process or several, wrists, and an observer."""
 
 import asyncio
 import contextlib
@@ -22,7 +22,7 @@ from pointit.schemas import NS_PER_S, Cursor, Hover, Message, StripsFrame, UserP
 from pointit.schemas.topics import CURSOR, HOVER, IMU, POSE, STRIPS_FRAME
 
 READY_S = 60.0
-"""Until all poses are known, which is when all services run: of many processes on a busy machine."""
+"""Timeout until all poses are known and so all services run, for many processes on a busy machine."""
 
 DRAIN_S = 0.3
 STOP_S = 2.0
@@ -30,7 +30,7 @@ STOP_S = 2.0
 
 @dataclass(kw_only=True)
 class Group:
-    """What runs together in one process, and whose wrists it drives."""
+    """Services that run together in one process, and the users whose wrists it drives."""
 
     name: str
     launches: Sequence[Launch] = ()
@@ -39,7 +39,7 @@ class Group:
 
 @dataclass
 class _Sight:
-    """What came, from when to when."""
+    """Messages received in the measuring time."""
 
     users: frozenset[str]
     cursors: int = 0
@@ -47,7 +47,7 @@ class _Sight:
     stamps: set[int] = field(default_factory=set[int])
     cursor_s: list[float] = field(default_factory=list[float])
     frames: dict[int, float] = field(default_factory=dict[int, float])
-    """Age of each frame as it came, by stamp."""
+    """Age of each frame on arrival, by stamp."""
     poses: set[str] = field(default_factory=set[str])
 
     def on_cursor(self, cursor: Cursor, user: str) -> None:
@@ -71,7 +71,7 @@ class _Sight:
             kept.clear()
 
     def light_s(self) -> list[float]:
-        """Return the ages of the frames that show a sample of ours: others are drawn for other reasons."""
+        """Return the ages of the frames that show one of our samples; others are drawn for other reasons."""
         return [age_s for stamp_ns, age_s in self.frames.items() if stamp_ns in self.stamps]
 
 
@@ -88,7 +88,7 @@ class Worker:
 
     @classmethod
     async def start(cls, group: Group, site: str, connect: str) -> "Worker":
-        """Start it, and tell it what to run."""
+        """Start the process, and send it its launches."""
         process = await asyncio.create_subprocess_exec(
             sys.executable,
             "-m",
@@ -109,7 +109,7 @@ class Worker:
         return worker
 
     def send_line(self, what: dict[str, Any]) -> None:
-        """Send it a line."""
+        """Send it `what` as a line of JSON."""
         if self.process.stdin is not None:
             self.process.stdin.write((json.dumps(what) + "\n").encode())
 
@@ -117,11 +117,11 @@ class Worker:
         """Return its next line.
 
         Raises:
-            ConfigError: it has ended.
+            ConfigError: If it has ended.
         """
         line = b"" if self.process.stdout is None else await self.process.stdout.readline()
         if not line:
-            raise ConfigError(f"the process of {self.group.name} has ended: what it said stands above")
+            raise ConfigError(f"the process of {self.group.name} has ended: see its output above")
         answer: dict[str, Any] = json.loads(line)
         return answer
 
@@ -156,10 +156,10 @@ class LoadTest:
         bus.subscribe(STRIPS_FRAME, self._sight.on_frame)
 
     async def until_ready(self, services: "asyncio.Task[None] | None") -> None:
-        """Wait until everybody's pose is known.
+        """Wait until all poses are known.
 
         Raises:
-            ConfigError: it takes too long.
+            ConfigError: If that exceeds `READY_S`.
         """
         end_s = time.monotonic() + READY_S
         while not self._sight.users <= self._sight.poses:
@@ -177,7 +177,7 @@ class LoadTest:
             await asyncio.sleep(0.05)
 
     async def measure(self, rate_hz: float, duration_s: float, layout: str) -> LoadResult:
-        """Drive all wrists for `duration_s` and return what came of it."""
+        """Drive all wrists for `duration_s` and return the result."""
         self._sight.clear()
         before, sent = read_usage(), sum(wrist.sent for wrist in self._wrists)
         router = read_usage(self._router) if self._router else None
@@ -220,10 +220,10 @@ class LoadTest:
 async def start_load_test(
     bus: ZenohBus, here: Group, elsewhere: Sequence[Group], connect: str, router: int | None = None
 ) -> AsyncGenerator[LoadTest]:
-    """Yield a site with all services running; `connect` is where the processes join.
+    """Yield a site with all services running; processes join it at `connect`.
 
     Raises:
-        ConfigError: a process ended, or it took too long.
+        ConfigError: If a process ended, or they were not ready in time.
     """
     async with contextlib.AsyncExitStack() as stack:
         services: asyncio.Task[None] | None = None
@@ -234,7 +234,7 @@ async def start_load_test(
         stack.push_async_callback(_end_all, workers)
         for group in elsewhere:
             worker = await Worker.start(group, bus.site, connect)
-            workers.append(worker)  # one by one: who has begun is ended, whatever happens to the next
+            workers.append(worker)  # one by one, so that started ones are ended if the next one fails
         rig = LoadTest(bus, here, workers, router)
         await rig.until_ready(services)
         yield rig
@@ -251,7 +251,7 @@ async def _end_all(workers: Sequence[Worker]) -> None:
 
 @contextlib.asynccontextmanager
 async def router_process(options: Sequence[str]) -> AsyncGenerator[int]:
-    """Yield the process id of a `pointit router` with these options, which listens."""
+    """Yield the process id of a listening `pointit router` with these options."""
     process = await asyncio.create_subprocess_exec(
         sys.executable,
         "-m",
@@ -264,7 +264,7 @@ async def router_process(options: Sequence[str]) -> AsyncGenerator[int]:
     )
     try:
         if process.stdout is None or not await process.stdout.readline():
-            raise ConfigError("the router has ended: what it said stands above")
+            raise ConfigError("the router has ended: see its output above")
         yield process.pid
     finally:
         with contextlib.suppress(ProcessLookupError):

@@ -1,6 +1,6 @@
-"""A process of a load test: runs the services that it is told of, and drives wrists when asked to.
+"""A process of a load test: runs the requested services, and drives wrists on request.
 
-It is told in lines of JSON on its standard input, answers in lines of JSON, and ends with its input.
+Requests are lines of JSON on standard input, replies lines of JSON. It ends with its input.
 """
 
 import asyncio
@@ -32,7 +32,7 @@ PATIENCE_S = 10.0
 
 
 def dump_launches(launches: Sequence[Launch]) -> list[dict[str, Any]]:
-    """Return launches as a worker is told them."""
+    """Serialize launches for a worker."""
     return [
         {
             "service": launch.service.NAME,
@@ -108,14 +108,14 @@ def command() -> int:
 
 @dataclass(frozen=True, kw_only=True)
 class UsageSample:
-    """So far."""
+    """Resource usage of a process so far."""
 
     cpu_s: float
     memory_mb: float
 
 
 def read_usage(pid: int | None = None) -> UsageSample | None:
-    """Return what the process `pid` has taken, or this one; none when the system does not say."""
+    """Return the usage of the process `pid`, or of this one, or None if the system does not report it."""
     folder = Path("/proc") / str(os.getpid() if pid is None else pid)
     try:
         fields = (folder / "stat").read_text(encoding="ascii", errors="replace").rpartition(")")[2].split()

@@ -10,13 +10,13 @@ from pointit.runtime.bus.contract import Publisher
 from pointit.schemas import ImuSample
 
 SWEEP_RAD = 0.3
-"""How far the arm goes to either side."""
+"""Amplitude of the sweep."""
 
 ELEVATION_RAD = -0.02
 
 
 class Wrist:
-    """Puts samples of an arm that sweeps to and fro."""
+    """Publishes samples of an arm that sweeps to and fro."""
 
     def __init__(self, publisher: Publisher[ImuSample], phase_rad: float = 0.0) -> None:
         self._publisher = publisher
@@ -24,7 +24,7 @@ class Wrist:
         self.sent = 0
 
     def put(self) -> None:
-        """Put one sample, captured now."""
+        """Publish one sample, captured now."""
         self.sent += 1
         azimuth_rad = SWEEP_RAD * math.sin(self.sent / 50 + self._phase_rad)
         self._publisher.put(
@@ -37,10 +37,10 @@ class Wrist:
 
 
 async def drive_wrists(wrists: Sequence[Wrist], rate_hz: float, duration_s: float) -> None:
-    """Have every wrist put `rate_hz` samples a second for `duration_s`.
+    """Publish `rate_hz` samples per second from every wrist for `duration_s`.
 
-    What could not be put within a period is left out and so missing from `sent`: put in a burst, samples
-    would take each other's place, and the drops would be this generator's.
+    Samples that are not published within their period are skipped and missing from `sent`. In a burst they
+    would replace each other, and this generator would cause the drops.
     """
     if not wrists:
         await asyncio.sleep(duration_s)

@@ -1,4 +1,4 @@
-"""`pointit map check`: what is wrong with a map."""
+"""`pointit map check`: errors and warnings of a map."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -15,23 +15,23 @@ from pointit.runtime.errors import ConfigError
 
 COLORS = {"error": "red", "warning": "yellow"}
 MAX_PRINTED = 100
-"""Findings that are printed; a file in millimetres or of another kind has thousands."""
+"""Maximum of printed findings; a file in millimetres or of another kind has thousands."""
 LONGEST = 1000
-"""Characters of what is said of one place; the names in it may be anybody's."""
+"""Limit of one finding in characters, since it contains names from the file."""
 
 
 @click.command("check")
 @click.argument("name_or_path", metavar="MAP")
 @person_option
-@click.option("--strict", is_flag=True, help="warnings too make the exit code 1")
+@click.option("--strict", is_flag=True, help="exit with code 1 also for warnings")
 @json_option
 def command(*, name_or_path: str, person_m: Point | None, strict: bool, as_json: bool) -> None:
-    """Say what is wrong with MAP, a shipped one or the path of a file, and what to do.
+    """Show errors and warnings of MAP, a shipped one or the path of a file, and what to do.
 
-    Errors make something impossible: belts that do not meet, places off a belt, bays on belts that lead on,
-    circles without a way out, lamps that tell no place. Warnings are probably mistakes: strips beside no
-    belt, pixels that do not fit a strip's length, belts that nothing links. The exit code is 1 if there is
-    an error.
+    Errors make something impossible: belts that do not meet, positions off a belt, bays on belts that
+    continue, loops without an exit, lamps that determine no position. Warnings are probably mistakes: strips
+    beside no belt, pixels that do not fit a strip's length, belts without links. The exit code is 1 if there
+    is an error.
 
     Example: pointit map check ./site.yaml
     """
@@ -49,13 +49,13 @@ def command(*, name_or_path: str, person_m: Point | None, strict: bool, as_json:
 def examined(
     name: str, path: Path, read: Callable[[], MapFile], person_m: Point | None = None
 ) -> tuple[str, list[Finding]]:
-    """Return what a map has, and what is wrong with it; all that can be read is looked at.
+    """Return a description of a map's contents, and the findings on all readable sections.
 
     Args:
-        name: of the map, in findings that are of no section.
-        path: where it is, or is to be: its clouds lie beside it.
-        read: returns it, or raises `ConfigError`.
-        person_m: where the person stands; empty: anywhere.
+        name: name of the map, for findings without a section.
+        path: its current or future path; its clouds lie beside it.
+        read: returns the map, or raises `ConfigError`.
+        person_m: position of the person. None: anywhere.
     """
     has = ""
     try:
@@ -76,7 +76,7 @@ def examined(
 
 
 def print_findings(name: str, has: str, findings: Sequence[Finding], *, err: bool = False) -> None:
-    """Print the first `MAX_PRINTED` findings, and how many there are; `err`: on standard error."""
+    """Print the first `MAX_PRINTED` findings, and their number; `err`: to standard error."""
     for each in findings[:MAX_PRINTED]:
         click.echo(
             f"{click.style(each.severity, fg=COLORS[each.severity], bold=True)} "
@@ -96,5 +96,5 @@ def print_findings(name: str, has: str, findings: Sequence[Finding], *, err: boo
 
 
 def _tame(text: str) -> str:
-    """Return `text` as a terminal can have it, whoever has written the names in it."""
+    """Return `text`, which contains names from the file, without terminal control characters, shortened."""
     return "".join(letter if letter.isprintable() else "?" for letter in text[:LONGEST])

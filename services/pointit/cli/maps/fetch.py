@@ -1,4 +1,4 @@
-"""`pointit map fetch`: a map that sits in the parameters of a ROS node."""
+"""`pointit map fetch`: a map from the parameters of a ROS node."""
 
 import logging
 from collections.abc import Mapping
@@ -23,21 +23,21 @@ from pointit.runtime.host.atomic_file import write_atomically
 from pointit.runtime.service.shutdown import run_until_shutdown
 
 PARAMETER = "map"
-"""What a parameter with the text or the path of a map is called, unless it is said."""
+"""Default name of a parameter with the text or the path of a map."""
 OUR_NODE = "/pointit_map"
-"""Who we are in the graph: not the bridge, which may be there too."""
+"""Name of our node in the graph, different from the bridge's, which may also run."""
 MODE = "client"
-"""A router that is not there is said at once; nobody is to take us for it."""
+"""Zenoh mode: a missing router is reported at once, and no node mistakes us for a router."""
 ANSWER_S = 5.0
 STANDARD = Path("-")
-"""As elsewhere: standard output."""
+"""Stands for standard output."""
 
 _Dumper: Any = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
-"""The one in C where PyYAML has it, as for reading."""
+"""The C dumper, if PyYAML has it, as for reading."""
 
 
 def _leaves() -> list[ParameterInfo]:
-    """Return the parameters of the bridge's backend that are options here too."""
+    """Return the parameters of the bridge's backend that are also options here."""
     return [leaf for leaf in iter_parameters(BackendConfig, ("backend",)) if leaf.path[-1] != "node"]
 
 
@@ -63,7 +63,7 @@ def _options() -> list[click.Parameter]:
     "--output",
     type=click.Path(path_type=Path, dir_okay=False),
     metavar="FILE",
-    help="where to write it; left out: standard output",
+    help="file to write  [default: standard output]",
 )
 @click.option(
     "--parameter",
@@ -73,7 +73,7 @@ def _options() -> list[click.Parameter]:
 @click.option(
     "--prefix",
     metavar="NAME",
-    help="what stands before leds., strips., belts. where each has parameters of its own: site.map",
+    help="prefix of leds., strips., belts. if each has parameters of its own: site.map",
 )
 @click.option(
     "--timeout",
@@ -81,7 +81,7 @@ def _options() -> list[click.Parameter]:
     type=Finite(min=0.1, max=600),
     default=ANSWER_S,
     show_default=True,
-    help="how long the node may take to be found, on DDS, and to answer, s",
+    help="timeout to find the node, on DDS, and for its reply, s",
 )
 def command(
     *,
@@ -92,18 +92,18 @@ def command(
     timeout_s: float,
     **backend: str | None,
 ) -> int:
-    """Take the map that sits in the parameters of the ROS 2 node NODE, check it and write it as a file.
+    """Fetch the map from the parameters of the ROS 2 node NODE, check it and write it to a file.
 
-    Either one parameter holds its text or its path, or each of its values is one, as ROS nests them:
+    Either one parameter holds its text or its path, or each value is a parameter, nested as in ROS:
     leds.door.position [x, y, z], strips.1.line [x, y, z, x, y, z], strips.1.pixels 25. A map with an error
-    is not written; the exit code is 1 then. It needs no ROS here: it joins as `pointit service ros2` does.
+    is not written; the exit code is 1 then. No ROS is needed here: it joins as `pointit service ros2` does.
 
     Example: pointit map fetch /pui_node -o site.yaml && pointit run scenario_4 --set pui.map=./site.yaml
     """
     name = node if node.startswith("/") else f"/{node}"
     if not NAME.fullmatch(name):
         raise UnknownNameError(
-            f"NODE {node!r}: is no node's full name; write one like /pui_node or /site1/pui_node"
+            f"NODE {node!r}: not a full node name; write one like /pui_node or /site1/pui_node"
         )
     if parameter is not None and prefix is not None:
         raise UnknownNameError(
@@ -123,7 +123,7 @@ def command(
         return 0
 
     bridge = logging.getLogger("pointit.bridges.ros2")
-    bridge.setLevel(logging.ERROR)  # the error at the end says it
+    bridge.setLevel(logging.ERROR)  # the error at the end is enough
     try:
         run_until_shutdown(fetch())
     finally:
@@ -164,12 +164,12 @@ def _write(node: str, tree: Mapping[str, Any], output: Path | None) -> None:
             click.echo(text, nl=False)
         elif output.exists() and not output.is_file():
             try:
-                output.write_bytes(content)  # /dev/null, a pipe: a file in its place is what nobody wants
+                output.write_bytes(content)  # /dev/null or a pipe: must not be replaced by a file
             except OSError as error:
                 raise ConfigError(f"{output}: cannot be written ({error.strerror or error})") from error
         else:
             write_atomically(output.resolve(), content, mode=0o644)
     print_findings(name, has, findings, err=output is None or has_errors)
     if has_errors:
-        click.echo(f"{name}: was not written, as it has errors; correct the parameters of {node}", err=True)
+        click.echo(f"{name}: not written because of errors; correct the parameters of {node}", err=True)
         raise SystemExit(1)

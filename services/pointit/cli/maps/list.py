@@ -1,4 +1,4 @@
-"""`pointit map list`: the maps that come with PointIt."""
+"""`pointit map list`: the shipped maps."""
 
 import click
 
@@ -10,7 +10,7 @@ from pointit.maps.file import about_map, map_path, read_clouds, read_map_file, s
 @click.command("list")
 @json_option
 def command(*, as_json: bool) -> None:
-    """List the maps that come with PointIt, and what each has.
+    """List the shipped maps with their contents.
 
     Use one with `--set pui.map=NAME`.
     """

@@ -1,16 +1,16 @@
-"""`pointit map`: look at maps before anybody points."""
+"""`pointit map`: check, draw, fetch and list maps."""
 
 import click
 
 from pointit.cli.common.lazy import Entry, LazyGroup, from_module
 
 ACTIONS = (
-    ("check", "say what is wrong with a map, and what to do", "pointit.cli.maps.check:command"),
+    ("check", "show errors of a map, and what to do", "pointit.cli.maps.check:command"),
     ("plot", "draw a map from above: svg, png or pdf", "pointit.cli.maps.plot:command"),
-    ("fetch", "take the map of a ROS 2 node out of its parameters", "pointit.cli.maps.fetch:command"),
-    ("list", "list the maps that come with PointIt", "pointit.cli.maps.list:command"),
+    ("fetch", "fetch a map from the parameters of a ROS 2 node", "pointit.cli.maps.fetch:command"),
+    ("list", "list the shipped maps", "pointit.cli.maps.list:command"),
 )
-"""Name, one line, and where the command is."""
+"""Name, one line, and location of the command."""
 
 
 @click.command(
@@ -23,10 +23,10 @@ ACTIONS = (
 )
 @click.pass_context
 def command(ctx: click.Context) -> None:
-    """Look at maps: where lamps, LED strips, belts and things are.
+    """Check, draw, fetch and list maps: positions of lamps, LED strips, belts and objects.
 
-    A map is a YAML file; that of the ROS toolkit is one. MAP is the name of a shipped one (conveyor) or the
-    path of a file (./site.yaml); docs/maps.md says what stands in it.
+    A map is a YAML file, also that of the ROS toolkit. MAP is the name of a shipped one (conveyor) or the
+    path of a file (./site.yaml); docs/maps.md describes the format.
 
     Example: pointit map check ./site.yaml && pointit map plot ./site.yaml -o site.svg
     """

@@ -1,4 +1,4 @@
-"""`pointit map plot`: a map from above."""
+"""`pointit map plot`: draws a map from above."""
 
 import importlib.util
 from pathlib import Path
@@ -23,21 +23,23 @@ SUFFIXES = (".svg", ".png", ".pdf")
     required=True,
     type=click.Path(path_type=Path, dir_okay=False),
     metavar="FILE",
-    help="the picture; .svg, .png or .pdf",
+    help="file of the picture: .svg, .png or .pdf",
 )
 @person_option
 def command(*, name_or_path: str, picture: Path, person_m: Point | None) -> None:
     """Draw MAP, a shipped one or the path of a file, from above and to scale.
 
-    Belts with the direction they move in, strips with their pixel 0, lamps with their height, links, bays,
-    solids and point clouds. It takes matplotlib: scripts/setup plot
+    Shows belts with their direction, strips with their pixel 0, lamps with their height, links, bays,
+    solids and point clouds. Needs matplotlib: scripts/setup plot
 
     Example: pointit map plot conveyor -o conveyor.svg --person 0.5,-0.5
     """
     if picture.suffix.lower() not in SUFFIXES:
-        raise ConfigError(f"-o {picture}: is no picture; give a file that ends in {', '.join(SUFFIXES)}")
+        raise ConfigError(
+            f"-o {picture}: not a picture format; give a file that ends in {', '.join(SUFFIXES)}"
+        )
     if importlib.util.find_spec("matplotlib") is None:
-        raise ConfigError(f"pictures take matplotlib, which is not installed; run {remedy('plot')}")
+        raise ConfigError(f"pictures need matplotlib, which is not installed; run {remedy('plot')}")
     with map_path(name_or_path) as path:
         file, room, clouds = read_whole_map(path, 0)
     from pointit.maps.picture.picture import draw_map  # noqa: PLC0415 - takes half a second and an extra

@@ -1,4 +1,4 @@
-"""`pointit anchor USER [LAMP]`: point at one lamp, to set the pose right."""
+"""`pointit anchor USER [LAMP]`: point at one lamp to correct the pose."""
 
 import asyncio
 import math
@@ -16,19 +16,19 @@ from pointit.schemas import Anchor, UserPose
 from pointit.schemas.topics import POSE, check_name
 
 SHORT_S = 0.2
-"""How long to wait for the pose of before."""
+"""Timeout for the pose before the anchor."""
 LESS_M = 0.01
-"""A sigma that grew by less need not be told."""
+"""Growth of a sigma below which it is not reported."""
 
 
 def timeout_option(default_s: float = 30.0) -> click.Option:
-    """Return the option that says how long one pointing may take."""
+    """Return the option for the timeout of one pointing."""
     return click.Option(
         ["--timeout", "timeout_s"],
         type=Finite(min=1, max=600),
         default=default_s,
         show_default=True,
-        help="how long one pointing may take, s",
+        help="timeout of one pointing, s",
     )
 
 
@@ -39,15 +39,15 @@ def timeout_option(default_s: float = 30.0) -> click.Option:
 def command(
     user: str, lamp: str, *, timeout_s: float, as_json: bool, site: str, connect: tuple[str, ...]
 ) -> int:
-    """Have the person USER point at LAMP, without a cursor, and set their pose right by it.
+    """Have the person USER point at LAMP, without a cursor, and correct their pose by it.
 
     The lamp lights up; USER points at it with a straight arm until it goes dark. Without LAMP the localizer
-    takes the one that tells most. Prints how far the direction was off (the drift of the IMU), and how well
-    the pose is known before and after.
+    chooses the most informative one. Prints the error of the direction (the drift of the IMU), and the sigma
+    of the pose before and after.
 
     Example: pointit anchor anna led_1
 
-    The exit code is 1 when it was not accepted.
+    The exit code is 1 if it was not accepted.
     """
     check_name(user, "user")
     quiet()
@@ -77,14 +77,14 @@ async def _anchor(
 
 
 def is_after(pose: UserPose, anchor: Anchor, before: UserPose | None) -> bool:
-    """Return True if `anchor` is in `pose` already."""
+    """Return True if `pose` includes `anchor`."""
     return pose.anchored_ns >= anchor.stamp_ns or (
         before is not None and pose.anchored_ns > before.anchored_ns
     )
 
 
 def sentence(anchor: Anchor, before: UserPose | None, after: UserPose | None) -> str:
-    """Return in one sentence what an anchor told and what became of the pose."""
+    """Return a message about the result of an anchor and the pose."""
     lamp = anchor.target_id or "the direction"
     if not anchor.accepted:
         return f"{lamp}: not accepted, the pose is as before: {anchor.reason or 'no reason is given'}"
@@ -92,24 +92,24 @@ def sentence(anchor: Anchor, before: UserPose | None, after: UserPose | None) ->
     text = f"{lamp}: the direction was {abs(off_deg):.1f}° too far {'right' if off_deg > 0 else 'left'}"
     if after is not None:
         sigma_radps = after.yaw_rate_sigma_radps
-        if sigma_radps is not None and abs(after.yaw_rate_radps) > sigma_radps:  # else it may be none
+        if sigma_radps is not None and abs(after.yaw_rate_radps) > sigma_radps:  # else it is not significant
             text += f" (the IMU's drift turns the pose by {pose_text.drift_degpmin(after):.1f} °/min)"
-        text += " and is set right; " + _certainty(anchor, before, after)
+        text += " and is corrected; " + _certainty(anchor, before, after)
     return f"{text}."
 
 
 def _certainty(anchor: Anchor, before: UserPose | None, after: UserPose) -> str:
-    """Return how well the pose is known, and why the place may be known less well than before."""
+    """Return the uncertainty of the pose, and the reason if the position's has grown."""
     text = f"the pose is known {pose_text.sigma_text(after)} now"
     if before is None:
         return text
     (place_before_m, yaw_before_rad), (place_m, _) = pose_text.sigmas(before), pose_text.sigmas(after)
     if place_before_m == yaw_before_rad == 0.0:
-        return f"{text}; before, it was taken as exact, as it was given"
+        return f"{text}; before, it counted as exact, as it was given"
     text += f", before {pose_text.sigma_text(before)}"
     if place_m > place_before_m + LESS_M:
         why = anchor.reason or "the direction did not fit it"
-        text += f"; the place is known less well than before, {why}: localize anew if the person has moved"
+        text += f"; the position is less certain than before, {why}: localize again if the person has moved"
     return text
 
 

@@ -1,4 +1,4 @@
-"""Has a person point at a lamp without a cursor, and waits for what comes of it."""
+"""Requests that a person points at a lamp without a cursor, and waits for the result."""
 
 import asyncio
 import contextlib
@@ -18,31 +18,31 @@ from pointit.schemas.topics import (
 )
 
 LATE_S = 1.0
-"""How much later than the news of its end an anchor may arrive: the two have keys of their own."""
+"""Time an anchor may arrive after the Localization that ends it: they have different keys."""
 CANCEL_PATIENCE_S = 0.5
 LISTEN_S = 0.3
-"""How long to listen for who is present, for a complaint."""
+"""Time to listen for present services, for an error message."""
 RETRY_S = 0.5
-"""How long to wait at least before a localizer that was busy is asked again."""
+"""Minimum wait before a request to a busy localizer is repeated."""
 
 
 class AnchorNotStartedError(RefusedError):
-    """The localizer does not even begin; says why."""
+    """The localizer refused to start, with the reason."""
 
     def __init__(self, reason: str, *, is_busy: bool = False) -> None:
-        """Say why; `is_busy`: somebody is or was being localized, so that it may be otherwise soon."""
+        """Create it; `is_busy`: a person is or was being localized, so a retry may succeed."""
         super().__init__(reason)
         self.is_busy = is_busy
 
 
 class Anchoring:
-    """Asks one person's localizer for anchors, one after the other."""
+    """Requests anchors from one person's localizer, one after the other."""
 
     def __init__(self, bus: Bus, user: str) -> None:
         self._bus = bus
         self._user = user
         self._everybody: dict[str, Localization] = {}
-        """What everybody's localizers said last."""
+        """Last Localization of every user."""
         self._anchor: Anchor | None = None
         self._changed = asyncio.Event()
         bus.subscribe(LOCALIZATION, self._on_news)
@@ -54,11 +54,11 @@ class Anchoring:
 
     @property
     def is_busy(self) -> bool:
-        """Return True if somebody is being localized, or points at a lamp: this person or another."""
+        """Return True if any person is being localized or points at a lamp."""
         return any(news.phase == "sampling" for news in self._everybody.values())
 
     async def wait_until_idle(self, patience_s: float) -> bool:
-        """Wait until nobody is localized any more. Return True if that was within `patience_s`."""
+        """Wait until no person is being localized. Return False after `patience_s`."""
         await asyncio.sleep(RETRY_S)
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(patience_s):
@@ -67,18 +67,18 @@ class Anchoring:
         return not self.is_busy
 
     async def point(self, lamp: str, timeout_s: float, tell: Callable[[str], None]) -> Anchor:
-        """Return the anchor that came of pointing at `lamp`; it may be one that was not accepted.
+        """Return the anchor from pointing at `lamp`; it may be a rejected one.
 
         Args:
-            lamp: its id; empty: the localizer's choice.
-            timeout_s: after so long, not counting others' turns at the lamps, it is called off, as it is
-                when this is cancelled.
-            tell: shown what to do now.
+            lamp: its id, or `""` for the localizer's choice.
+            timeout_s: time, without others' turns at the lamps, after which the anchor is cancelled. It
+            is also cancelled when this task is.
+            tell: receives instructions.
 
         Raises:
-            NotBegunError: it did not begin; says why.
-            RefusedError: it came to nothing; says why.
-            NoAnswerError: there is no localizer, or it came to no end in time.
+            AnchorNotStartedError: If it did not start, with the reason.
+            RefusedError: If it failed, with the reason.
+            NoAnswerError: If there is no localizer, or it did not finish in time.
         """
         before_ns = await self._before()
         self._anchor = None
@@ -88,21 +88,21 @@ class Anchoring:
             await self._bus.call(POINT_ANCHOR, PointAnchor(lamp=lamp), self._user)
         except RefusedError as error:
             raise AnchorNotStartedError(str(error), is_busy=was_busy or self.is_busy) from error
-        except asyncio.CancelledError:  # before the answer: it may have begun all the same
+        except asyncio.CancelledError:  # before the reply: it may have started nevertheless
             if not had_work:
                 await self._call_off()
             raise
         try:
             async with asyncio.timeout(timeout_s) as limit:
 
-                def wait_in_turn() -> None:  # the time counts from when the lamps are this person's
+                def wait_in_turn() -> None:  # the timeout starts when this person gets the lamps
                     limit.reschedule(asyncio.get_running_loop().time() + timeout_s)
 
                 return await self._result(before_ns, tell, wait_in_turn)
         except TimeoutError:
             await self._call_off()
             raise NoAnswerError(
-                f"pointing at {lamp or 'a lamp'} came to no end within {timeout_s:g} s and was called off; "
+                f"pointing at {lamp or 'a lamp'} did not finish within {timeout_s:g} s and was cancelled; "
                 "does the IMU send? See `pointit doctor`"
             ) from None
         except asyncio.CancelledError:
@@ -110,7 +110,7 @@ class Anchoring:
             raise
 
     async def _before(self) -> int:
-        """Return the stamp of the newest news so far: what is newer is of what is asked for next."""
+        """Return the stamp of the last Localization so far; newer ones belong to the next request."""
         with (
             contextlib.suppress(TimeoutError),
             notify_if_slow(f"waiting for the localizer of {self._user} …"),
@@ -146,7 +146,7 @@ class Anchoring:
                 while self._anchor is None:
                     await self._change()
         if self._anchor is None:
-            raise RefusedError(reason or "pointing at the lamp was called off")
+            raise RefusedError(reason or "pointing at the lamp was cancelled")
         return self._anchor
 
     async def _change(self) -> None:
@@ -173,9 +173,9 @@ def _more(waiting: Sequence[str]) -> str:
 
 
 def _ending(news: Localization) -> str | None:
-    """Return what `news` says of the anchor's end; none while it goes on."""
+    """Return the reason in `news` for the end of the anchor, or None while it continues."""
     if news.phase == "idle":
-        return "the localizer was restarted; ask again"
+        return "the localizer was restarted; try again"
     if news.purpose != "anchor":
-        return "the localizer does something else by now; ask again when it is done"
+        return "the localizer is busy with another procedure; try again when it is done"
     return None if news.phase == "sampling" else news.reason

@@ -1,4 +1,4 @@
-"""`pointit calibrate`: measure how a sensor is worn, and how a person's pointing is off."""
+"""`pointit calibrate`: measure a sensor's mounting, and a person's pointing offset."""
 
 import click
 
@@ -7,16 +7,16 @@ from pointit.cli.common.lazy import Entry, LazyGroup, from_module
 CALIBRATIONS = (
     (
         "mounting",
-        "how the sensor sits on the arm: two poses, arm level ahead and straight up",
+        "mounting of the sensor on the arm: two poses, arm level ahead and straight up",
         "pointit.cli.people.calibrate_mounting:command",
     ),
     (
         "user",
-        "how the person's pointing is off: pointing at lamps without a cursor",
+        "pointing offset of the person: pointing at lamps without a cursor",
         "pointit.cli.people.calibrate_user:command",
     ),
 )
-"""Name, one line, and where the command is."""
+"""Name, one line, and location of the command."""
 
 
 @click.command(
@@ -29,11 +29,11 @@ CALIBRATIONS = (
 )
 @click.pass_context
 def command(ctx: click.Context) -> None:
-    """Measure what differs from person to person, once; it is kept for the next time.
+    """Measure what differs from person to person, once; the result is stored.
 
-    First the mounting, when the sensor is worn differently from what is configured: `pointit calibrate
-    mounting anna`. Then the person, who must have a known place: `pointit calibrate user anna`. What is kept
-    is shown by --show and forgotten by --erase.
+    First the mounting, if the sensor is worn differently from the configuration: `pointit calibrate
+    mounting anna`. Then the person, who must have a known pose: `pointit calibrate user anna`. --show prints
+    the stored result and --erase deletes it.
     """
     if ctx.invoked_subcommand is None:
         click.echo(ctx.get_help())

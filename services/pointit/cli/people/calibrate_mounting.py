@@ -1,4 +1,4 @@
-"""`pointit calibrate mounting USER`: two poses tell how the sensor sits on the arm."""
+"""`pointit calibrate mounting USER`: the sensor's mounting on the arm from two poses."""
 
 import asyncio
 import math
@@ -46,19 +46,19 @@ POSES = (
     ("up", "point straight up, with the arm stretched"),
 )
 NOTICEABLE_RAD = math.radians(2.0)
-"""A change of direction by less need not be told."""
+"""Change of direction below which it is not reported."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class GuidanceOptions:
-    """How the person is led."""
+    """Guidance of the person."""
 
     rest_s: float
     timeout_s: float
     waits: bool
-    """For Enter before each pose."""
+    """Wait for Enter before each pose."""
     asks: bool
-    """Before the result is used."""
+    """Confirm before the result is used."""
 
 
 @click.command("mounting", params=site_options())
@@ -69,7 +69,7 @@ class GuidanceOptions:
     type=Finite(min=0.3, max=30),
     default=2.0,
     show_default=True,
-    help="how long the arm rests in each pose, s",
+    help="rest of the arm in each pose, s",
 )
 @click.option(
     "--timeout",
@@ -77,16 +77,16 @@ class GuidanceOptions:
     type=Finite(min=1, max=600),
     default=30.0,
     show_default=True,
-    help="how long to wait for each rest, s",
+    help="timeout for each rest, s",
 )
-@click.option("--yes", is_flag=True, help="use the result without asking")
+@click.option("--yes", is_flag=True, help="use the result without confirmation")
 @click.option(
     "--non-interactive",
     is_flag=True,
-    help="no keyboard: take each pose as soon as the arm rests in it, and use the result",
+    help="no keyboard: record each pose as soon as the arm rests in it, and use the result",
 )
-@click.option("--show", is_flag=True, help="only show what is in use, or kept on this machine")
-@click.option("--erase", is_flag=True, help="forget what was measured: back to what is configured")
+@click.option("--show", is_flag=True, help="only show the mounting in use, or stored on this machine")
+@click.option("--erase", is_flag=True, help="delete the measured mounting: back to the configured one")
 @json_option
 def command(
     user: str,
@@ -101,12 +101,12 @@ def command(
     site: str,
     connect: tuple[str, ...],
 ) -> int:
-    """Measure how the sensor of the person USER sits on the arm, and keep it.
+    """Measure and store the mounting of the person USER's sensor on the arm.
 
     USER points level ahead with the palm down, then straight up, and rests for two seconds in each. Neither
     the direction nor the twist of the arm on its way up matters. imu-bridge uses the result at once, and at
-    every start with the same source and mounting; mounting_xyzw and mounting_rpy_deg in its configuration win
-    over it. Example: pointit calibrate mounting anna
+    every start with the same source and mounting; mounting_xyzw and mounting_rpy_deg in its configuration
+    take precedence. Example: pointit calibrate mounting anna
     """
     check_name(user, "user")
     if show and erase:
@@ -144,18 +144,18 @@ async def _measure(
     say(f"{user}: {reply.message}{default_address_note(site, connect)}")
     if abs(found.heading_change_rad) > NOTICEABLE_RAD:
         click.echo(
-            f"{user}: with it the direction turns by {math.degrees(found.heading_change_rad):.0f}°: set the "
-            f"pose right, with `pointit anchor {user}` or `pointit pose {user} --facing DEG`"
+            f"{user}: with it the direction turns by {math.degrees(found.heading_change_rad):.0f}°: correct "
+            f"the pose with `pointit anchor {user}` or `pointit pose {user} --facing DEG`"
         )
     return 0
 
 
 async def measure(bus: Bus, user: str, way: GuidanceOptions) -> Mounting:
-    """Lead the person through the two poses and return what they tell.
+    """Guide the person through the two poses and return the mounting.
 
     Raises:
-        NoAnswerError: no samples come, or not from imu-bridge, or the arm never rests.
-        PointItError: the poses tell no mounting; says why.
+        NoAnswerError: If no samples arrive, or not from imu-bridge, or the arm never rests.
+        PointItError: If the poses determine no mounting, with the reason.
     """
     wrist = _Wrist(bus, user)
     await wrist.check()
@@ -168,7 +168,7 @@ async def measure(bus: Bus, user: str, way: GuidanceOptions) -> Mounting:
             )
         else:
             click.echo(f"{text}, and rest for {way.rest_s:g} s", err=True)
-        # without Enter, the next pose is one that is far from the one before
+        # without Enter, the next pose must be far from the previous one
         last = holds[-1].mean_xyzw if holds and not way.waits else None
         with changing_line() as show:
             holds.append(await wrist.rest(name, way, show, last))
@@ -180,7 +180,7 @@ async def measure(bus: Bus, user: str, way: GuidanceOptions) -> Mounting:
 
 
 class _Wrist:
-    """A person's samples, as they come."""
+    """A person's samples."""
 
     def __init__(self, bus: Bus, user: str) -> None:
         self._bus = bus
@@ -190,12 +190,12 @@ class _Wrist:
         bus.subscribe(IMU, self._on_sample, user)
 
     async def check(self) -> None:
-        """Make sure that samples come, from a service that has a mounting."""
+        """Check that samples arrive, from a service with a mounting."""
         there = await list_present(self._bus, SERVICE_ALIVE, LISTEN_S)
         bridge = instance_of(SET_MOUNTING.server, self._user)
         if bridge not in there:
             raise NoAnswerError(
-                f"{bridge} is not there, so there is no sensor to measure (a simulated person wears none): "
+                f"{bridge} is not present, so there is no sensor to measure (a simulated person wears none): "
                 f"start it, as in `pointit user {self._user} --imu serial:PORT`"
             )
         try:
@@ -209,7 +209,7 @@ class _Wrist:
     async def rest(
         self, name: str, way: GuidanceOptions, show: Callable[[str], None], apart_from: Quaternion | None
     ) -> Hold:
-        """Return the next pose in which the arm rests, not before it is far from `apart_from`."""
+        """Return the next pose in which the arm rests and that is far from `apart_from`."""
         stillness = RestPoseCollector(way.rest_s)
         try:
             async with asyncio.timeout(way.timeout_s):
@@ -231,8 +231,8 @@ class _Wrist:
                     )
         except TimeoutError:
             raise NoAnswerError(
-                f"the arm of {self._user} did not rest {name} within {way.timeout_s:g} s; take your time and "
-                "begin again, or wait longer with --timeout"
+                f"the arm of {self._user} did not rest {name} within {way.timeout_s:g} s; try again, or wait "
+                "longer with --timeout"
             ) from None
 
     async def _next(self) -> ImuSample:
@@ -247,12 +247,12 @@ class _Wrist:
 
 
 def format_result(found: Mounting) -> list[str]:
-    """Return what was found, in words."""
+    """Return the result as lines of text."""
     about_deg, off_deg = math.degrees(found.about_arm_rad), math.degrees(found.off_axis_rad)
     way = "clockwise" if about_deg > 0 else "counter-clockwise"
     seat = (
         f"the sensor sits turned by {abs(about_deg):.0f}° about the arm ({way}, seen from the elbow), and "
-        f"what was taken for the arm's axis is {off_deg:.0f}° off it"
+        f"the assumed axis of the arm is {off_deg:.0f}° off"
     )
     errors = (
         f"elevation of the level arm: {_deg(found.forward_before_rad)} before, "
@@ -267,7 +267,7 @@ def _deg(angle_rad: float) -> str:
 
 
 def fields(found: Mounting) -> dict[str, Any]:
-    """Return what was found, for programs."""
+    """Return the result, for programs."""
     return {
         "about_arm_deg": math.degrees(found.about_arm_rad),
         "off_axis_deg": math.degrees(found.off_axis_rad),
@@ -288,8 +288,8 @@ def _reply_fields(reply: SetMountingReply) -> dict[str, Any]:
 
 
 async def _keep(user: str, *, erase: bool, as_json: bool, site: str, connect: tuple[str, ...]) -> int:
-    """Show or forget: by who runs, else in the file on this machine."""
-    # a relative rotation that turns nothing asks what is in use
+    """Show or delete the mounting: by imu-bridge if it runs, else in the file on this machine."""
+    # an identity rotation queries the mounting in use
     query = SetMounting() if erase else SetMounting(sensor_from_arm_xyzw=IDENTITY, is_relative=True)
     reply = await query_site(site, connect, lambda bus: bus.call(SET_MOUNTING, query, user))
     if reply is not None:

@@ -1,4 +1,4 @@
-"""`pointit calibrate user USER`: pointing at lamps without a cursor tells how a person's pointing is off."""
+"""`pointit calibrate user USER`: a person's pointing offset from pointing at lamps without a cursor."""
 
 import asyncio
 import itertools
@@ -45,12 +45,12 @@ from pointit.services.supervisor.offset_messages import OFFSET_PURPOSE
 
 @dataclass(frozen=True, kw_only=True)
 class CalibrationOptions:
-    """What to do."""
+    """Options of a calibration."""
 
     lamps: Sequence[str]
-    """In this order; none: all of the map."""
+    """Lamps in this order. Empty: all of the map."""
     count: int | None
-    """Of pointings; none: one a lamp."""
+    """Number of pointings. None: one per lamp."""
     timeout_s: float
     keeps: bool
 
@@ -61,18 +61,18 @@ class CalibrationOptions:
     "--lamps",
     multiple=True,
     metavar="LAMP[,LAMP...]",
-    help="point at these, in this order  [default: all of the map]",
+    help="lamps to point at, in this order  [default: all of the map]",
 )
 @click.option(
     "--anchors",
     "count",
     type=click.IntRange(1, 200),
-    help="how many pointings, round after round; with 8 the error may bend with the direction  "
-    "[default: one a lamp]",
+    help="number of pointings, round after round; from 8 the offset may vary with the direction  "
+    "[default: one per lamp]",
 )
 @click.option("--dry-run", is_flag=True, help="only show the result, change nothing")
-@click.option("--show", is_flag=True, help="only show what is in use, or kept on this machine")
-@click.option("--erase", is_flag=True, help="forget it: nothing is corrected any more")
+@click.option("--show", is_flag=True, help="only show the offset in use, or stored on this machine")
+@click.option("--erase", is_flag=True, help="delete the offset: no correction any more")
 @json_option
 def command(
     user: str,
@@ -87,13 +87,13 @@ def command(
     site: str,
     connect: tuple[str, ...],
 ) -> int:
-    """Measure how the pointing of the person USER is off, and keep it.
+    """Measure and store the pointing offset of the person USER.
 
     Lamp after lamp lights up, and USER points at each with a straight arm, as if there were no cursor, until
-    it goes dark. USER must have a known place (`pointit pose USER`). The elevation that most pointings are
-    off is corrected from then on, with enough of them also how it changes with the direction; an azimuth that
-    all are off is the heading of the pose, which the pointings set right as well. The supervisor keeps it for
-    the next start. Nothing is kept when the pose looks wrong: when the pointings do not fit to each other.
+    it goes dark. USER must have a known pose (`pointit pose USER`). The elevation error of most pointings is
+    corrected from then on, with enough of them also its change with the direction. A common azimuth error is
+    the heading of the pose, which the pointings correct as well. The supervisor stores the offset for the
+    next start. Nothing is stored if the pose looks wrong because the pointings do not fit each other.
 
     Example: pointit calibrate user anna --lamps led_0,led_2 --anchors 8
     """
@@ -128,27 +128,27 @@ async def _measure(
         except asyncio.CancelledError:
             return INTERRUPTED
         fitted, rows = assess(anchors, clock.now_ns())
-        worry = rejection_reason(rows)
-        if worry:
-            worry = (
-                f"the pose looks wrong, {worry}: localize first, or `pointit pose {user} X Y`, then "
+        problem = rejection_reason(rows)
+        if problem:
+            problem = (
+                f"the pose looks wrong, {problem}: localize first, or `pointit pose {user} X Y`, then "
                 "calibrate again"
             )
         if not wanted.keeps and not as_json:
             _show(user, rows)
-        if worry and wanted.keeps:
-            raise PointItError(f"{user}: nothing is kept: {worry}")
+        if problem and wanted.keeps:
+            raise PointItError(f"{user}: nothing is stored: {problem}")
         if fitted.offset is None:
             why = "; ".join(dict.fromkeys([*missed, *(row.why_not for row in rows)]))
-            raise PointItError(f"{user}: no pointing was of use, everything is as before: {why}")
-        said = ". ".join(filter(None, (worry, "nothing is changed (--dry-run)")))
+            raise PointItError(f"{user}: no pointing was usable, nothing was changed: {why}")
+        said = ". ".join(filter(None, (problem, "nothing is changed (--dry-run)")))
         if wanted.keeps:
             reply = await bus.call(SET_OFFSET, SetOffset(offset=fitted.offset), user)
             said = reply.message + default_address_note(site, connect)
     if as_json:
         offset = fitted.offset.model_dump(mode="json")
         told = [table_row(row) for row in rows]
-        print_json({"user": user, "offset": offset, "doubt": worry, "anchors": told, "missed": missed})
+        print_json({"user": user, "offset": offset, "doubt": problem, "anchors": told, "missed": missed})
     else:
         if wanted.keeps:
             _show(user, rows)
@@ -158,7 +158,7 @@ async def _measure(
 
 
 async def _lamps(bus: Bus, user: str, wanted: Sequence[str]) -> list[str]:
-    """Return the lamps to point at; the person's place must be known as well."""
+    """Return the lamps to point at, after checking that the person's pose is known."""
     room, pose, news = (
         LatestMessage(bus, MAP),
         LatestMessage(bus, POSE, user),
@@ -187,10 +187,10 @@ async def _why(bus: Bus, topic: AnyTopic, user: str) -> str:
 async def _point(
     anchoring: Anchoring, user: str, lamps: Sequence[str], timeout_s: float
 ) -> tuple[list[Anchor], list[str]]:
-    """Return the anchors, and why others came to nothing.
+    """Return the anchors, and the reasons why others failed.
 
     Raises:
-        NotBegunError: the localizer does not let the person point, and waiting did not help.
+        AnchorNotStartedError: If the localizer refuses, also after waiting.
     """
     anchors: list[Anchor] = []
     missed: list[str] = []
@@ -200,7 +200,7 @@ async def _point(
             try:
                 anchor = await _begun(anchoring, lamp, timeout_s, which, line)
             except AnchorNotStartedError as error:
-                raise AnchorNotStartedError(f"{user}: everything is as before: {error}") from error
+                raise AnchorNotStartedError(f"{user}: nothing was changed: {error}") from error
             except RefusedError as error:
                 missed.append(f"{lamp}: {error}")
                 line.say(f"{which}: {lamp}: {error}")
@@ -211,7 +211,7 @@ async def _point(
 
 
 async def _begun(anchoring: Anchoring, lamp: str, timeout_s: float, which: str, line: ChangingLine) -> Anchor:
-    """Return what came of pointing at `lamp`; wait once while somebody else has the lamps."""
+    """Return the anchor from pointing at `lamp`; wait once while another person uses the lamps."""
 
     def tell(text: str) -> None:
         line(f"{which}: {text}")
@@ -228,15 +228,15 @@ async def _begun(anchoring: Anchoring, lamp: str, timeout_s: float, which: str, 
 
 def _show(user: str, rows: Sequence[AnchorResidual]) -> None:
     about = (
-        f"how far {user} pointed too far right and too low, each as it was and corrected; a turn that all "
-        "have in common is the pose's and left out"
+        f"how far {user} pointed too far right and too low, before and after correction, without a common "
+        "turn, which belongs to the pose"
     )
     section = Section(name="pointings", about=about, rows=tuple(map(shown_row, rows)))
     print_table(console(), section)
 
 
 async def _keep(user: str, *, erase: bool, as_json: bool, site: str, connect: tuple[str, ...]) -> int:
-    """Show or forget: by who runs, else in the file on this machine."""
+    """Show or delete the offset: by the supervisor if it runs, else in the file on this machine."""
     file = StateFile(PointingOffset, user, OFFSET_PURPOSE)
     if erase:
         reply = await query_site(site, connect, lambda bus: bus.call(SET_OFFSET, SetOffset(), user))

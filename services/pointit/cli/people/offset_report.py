@@ -1,4 +1,4 @@
-"""What pointings at lamps tell of a person, for people; pure."""
+"""Report on a person's pointing offset from pointings at lamps; pure."""
 
 import math
 import statistics
@@ -17,21 +17,21 @@ from pointit.services.pointing.offset import OffsetFit, Sighting, fit, sighting
 STEADY_RAD = math.radians(3.0)
 """Spread of the rays about their mean above which a pointing does not count."""
 DRIFT_FROM = 4
-"""Pointings that a drift of the IMU can be told from."""
+"""Number of pointings needed to estimate a drift of the IMU."""
 DRIFT_OVER_S = 8.0
-"""How far the first and the last of them must be apart."""
-MOST_DROPPED = 1.0 / 3.0
-"""Of more pointings, it is not the person who is off."""
+"""Minimum time between the first and the last of them."""
+MAX_DROPPED = 1.0 / 3.0
+"""Share of dropped pointings above which the pose is wrong, not the person's pointing."""
 SCATTER_RAD = math.radians(20.0)
-"""Rms about the mean, of all azimuths: nobody who is where they are said to be scatters so."""
+"""Rms of all azimuths about their mean above which the pose must be wrong."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class AnchorResidual:
-    """One pointing at a lamp, with what the person's errors were and what is left of them, rad.
+    """One pointing at a lamp, with the person's errors before and after correction, rad.
 
-    Target less ray; azimuths without what is common to all pointings: that is the heading of the pose. None
-    where it was not measured.
+    Target minus ray; azimuths without the mean of all pointings, which is the heading of the pose. None if
+    not measured.
     """
 
     lamp: str
@@ -42,13 +42,13 @@ class AnchorResidual:
     is_used: bool
     why_not: str = ""
     not_accepted: str = ""
-    """Why the pose was not set right by it, where it was not: it may count all the same."""
+    """Reason why the localizer did not correct the pose by it, or `""`. It may count nevertheless."""
 
 
 def in_one_pose(anchors: Sequence[Anchor]) -> list[Anchor]:
-    """Return `anchors` as they are in the pose before the first, as if each had not set it right.
+    """Return `anchors` relative to the pose before the first, without the corrections by each.
 
-    An IMU's drift meanwhile, a constant rate, is taken out where it can be told: the median of the slopes
+    The IMU's drift meanwhile, a constant rate, is removed if it can be estimated: the median of the slopes
     between all pairs (Theil and Sen).
     """
     if not anchors:
@@ -79,7 +79,7 @@ def _turn(seen: Sighting) -> float:
 
 
 def assess(anchors: Sequence[Anchor], now_ns: int) -> tuple[OffsetFit, list[AnchorResidual]]:
-    """Return the offset that `anchors` tell, and what became of each."""
+    """Return the offset fitted to `anchors`, and the residual of each."""
     steady = [anchor for anchor in anchors if anchor.target_m and anchor.spread_rad <= STEADY_RAD]
     sightings = [seen for seen in map(sighting, in_one_pose(steady)) if seen is not None]
     fitted = fit(sightings, now_ns)
@@ -109,16 +109,16 @@ def _row(anchor: Anchor, seen: Sighting, fitted: OffsetFit, *, is_used: bool) ->
         elevation_after_rad=elevation - by_elevation,
         is_used=is_used,
         why_not="" if is_used else "far from the others",
-        not_accepted="" if anchor.accepted else anchor.reason or "it gives no reason",
+        not_accepted="" if anchor.accepted else anchor.reason or "no reason given",
     )
 
 
 def rejection_reason(rows: Sequence[AnchorResidual]) -> str:
-    """Return why an offset from `rows` is not to be kept: the pose that they count from looks wrong."""
+    """Return the evidence in `rows` that the pose is wrong, so that no offset is stored, or `""`."""
     measured = [row for row in rows if row.azimuth_before_rad is not None]
     dropped = sum(not row.is_used for row in measured)
-    if dropped > MOST_DROPPED * len(measured):
-        return f"{dropped} of {len(measured)} pointings are far from what a person can be off"
+    if dropped > MAX_DROPPED * len(measured):
+        return f"{dropped} of {len(measured)} pointings exceed the error of a person"
     azimuths = [row.azimuth_before_rad for row in rows if row.azimuth_before_rad is not None]
     if not azimuths:
         return ""
@@ -130,7 +130,7 @@ def rejection_reason(rows: Sequence[AnchorResidual]) -> str:
 
 
 def table_row(row: AnchorResidual) -> dict[str, Any]:
-    """Return `row` for a program, in degrees; empty where nothing was measured."""
+    """Return `row` for a program, in degrees, or None if not measured."""
     return {
         "lamp": row.lamp,
         "azimuth_before_deg": _degrees(row.azimuth_before_rad),
@@ -143,10 +143,10 @@ def table_row(row: AnchorResidual) -> dict[str, Any]:
 
 
 def shown_row(row: AnchorResidual) -> dict[str, Any]:
-    """Return `row` for people: by how many degrees it was too far right and too low."""
+    """Return `row` for people: degrees too far right and too low."""
     counts = "yes" if row.is_used else f"no: {row.why_not}"
     if row.is_used and row.not_accepted:
-        counts = f"yes, but the localizer did not set the pose right by it: {row.not_accepted}"
+        counts = f"yes, but the localizer did not correct the pose by it: {row.not_accepted}"
     return {
         "lamp": row.lamp,
         "too_far_right": _tenths(row.azimuth_before_rad),
@@ -162,7 +162,7 @@ def _degrees(angle_rad: float | None) -> float | None:
 
 
 def _tenths(angle_rad: float | None) -> Text | None:
-    """Return degrees so that they stand below each other."""
+    """Return right-aligned degrees."""
     return (
         None
         if angle_rad is None
@@ -171,11 +171,11 @@ def _tenths(angle_rad: float | None) -> Text | None:
 
 
 def describe(offset: PointingOffset) -> str:
-    """Return in one clause what an offset does."""
+    """Return the effect of an offset as a clause."""
     up_deg = math.degrees(offset.elevation[0])
     text = f"the rays are turned {'up' if up_deg >= 0 else 'down'} by {abs(up_deg):.1f}°"
     if offset.rung == "polynomial":
-        text += " in the middle, and otherwise elsewhere (a polynomial in azimuth and elevation)"
+        text += " in the middle, and differently elsewhere (a polynomial in azimuth and elevation)"
     many = "pointing" if offset.anchors == 1 else "pointings"
     left_deg = math.degrees(offset.sigma_rad)
     return f"{text}; fitted from {offset.anchors} {many}, {left_deg:.1f}° (1 sigma) is left"

@@ -1,4 +1,4 @@
-"""`pointit pose USER`: show where a person stands, or say it."""
+"""`pointit pose USER`: show or set a person's pose."""
 
 import asyncio
 import math
@@ -39,31 +39,31 @@ from pointit.schemas.topics import (
 )
 
 TYPED_SIGMA_M = 0.05
-"""How exactly people know the place that they type, beside a yaw that is uncertain itself."""
+"""Sigma of a position given without yaw, if the yaw itself is uncertain."""
 CLOCK_PATIENCE_S = 0.3
 MAP_PATIENCE_S = 0.3
-"""How long to wait for the map that a place is checked against; it is a state, so it comes at once."""
+"""Timeout for the map with which a position is checked; it is a state, so it arrives at once."""
 YAW_PATIENCE_S = 0.5
-"""How long to wait for the yaw that is to be kept; nobody may know one yet."""
+"""Timeout for the current yaw, which may not be known yet."""
 SHORT_S = 0.3
-"""How long to wait for a pose that is known, before somebody is asked who is busy finding it."""
+"""Timeout for a known pose, before the localizer's progress is reported."""
 WITHOUT_KEYBOARD = "--now while the person points"
-"""Option of --facing that does without a keyboard."""
+"""Option of --facing that needs no keyboard."""
 
-HELP = """Show where the person USER stands and how sure that is, or say it.
+HELP = """Show or set the pose of the person USER.
 
 \b
-pointit pose anna                  show it: position, yaw, drift, how sure
-pointit pose anna 2.0 0.5          anna stands there, in metres; the yaw stays
-pointit pose anna 2 0.5 --yaw 20   the yaw, too
+pointit pose anna                  show position, yaw, drift and 1 sigma
+pointit pose anna 2.0 0.5          set the position in metres; the yaw stays
+pointit pose anna 2 0.5 --yaw 20   set the yaw, too
 pointit pose anna --facing 90      set the yaw: anna points level along y
 
-How sure is 1 sigma. X Y alone corrects the place of a pose that was found by
-pointing: it counts as known to 5 cm, the yaw stays as uncertain as it was, and
-the drift of the IMU goes on being followed. With --yaw, or where the pose was
-given before, all of it is taken as exact.
+X Y alone corrects the position of a pose that was found by pointing: its
+sigma is then 5 cm, that of the yaw does not change, and the drift of the IMU
+is still tracked. With --yaw, or if the pose was given before, all of it counts
+as exact.
 
-The exit code is 1 when nobody knows where USER stands, or the localizer refuses.
+The exit code is 1 if the pose is unknown, or the localizer refuses.
 """
 
 _DEGREES = Finite(-360, 360)
@@ -73,7 +73,7 @@ _DEGREES = Finite(-360, 360)
     "pose",
     params=site_options(),
     help=HELP,
-    # a place may be negative, which looks like an option
+    # a position may be negative, which looks like an option
     context_settings={"ignore_unknown_options": True},
 )
 @click.argument("user")
@@ -82,15 +82,15 @@ _DEGREES = Finite(-360, 360)
     "--yaw",
     "yaw_deg",
     type=_DEGREES,
-    help="with X Y: azimuth in the room of the direction where the IMU's yaw is 0, °  [default: as it is]",
+    help="with X Y: azimuth in the room at which the IMU's yaw is 0, °  [default: unchanged]",
 )
 @click.option(
     "--facing",
     "facing_deg",
     type=_DEGREES,
-    help="the person points level towards this azimuth in the room, °: 0 along x, 90 along y",
+    help="azimuth in the room towards which the person points level, °: 0 along x, 90 along y",
 )
-@click.option("--now", is_flag=True, help="with --facing: they point already, do not wait for Enter")
+@click.option("--now", is_flag=True, help="with --facing: do not wait for Enter, the person points already")
 @json_option
 def command(
     user: str,
@@ -103,7 +103,7 @@ def command(
     site: str,
     connect: tuple[str, ...],
 ) -> int:
-    """Show where a person stands and how sure that is, or say it."""
+    """Show or set a person's pose."""
     check_name(user, "user")
     query = _place(place, yaw_deg)
     if yaw_deg is not None and (query is None or facing_deg is not None):
@@ -120,7 +120,7 @@ def command(
 
 
 class _Asked:
-    """What was asked for."""
+    """Requested changes."""
 
     def __init__(
         self, place: SetPose | None, *, keeps_yaw: bool, facing_deg: float | None, now: bool
@@ -141,10 +141,14 @@ def _place(words: tuple[str, ...], yaw_deg: float | None) -> SetPose | None:
         except ValueError:
             number = math.nan
         if not abs(number) <= FARTHEST:
-            raise UnknownNameError(f"{word!r} is no place in metres and no option; write X Y, or X Y Z")
+            raise UnknownNameError(
+                f"{word!r} is neither a coordinate in metres nor an option; write X Y, or X Y Z"
+            )
         numbers.append(number)
     if len(numbers) not in (2, 3):
-        raise UnknownNameError(f"a place has two or three numbers, X Y and perhaps Z, got {len(numbers)}")
+        raise UnknownNameError(
+            f"a position has two or three numbers, X Y and optionally Z, got {len(numbers)}"
+        )
     x, y, z = (*numbers, 0.0)[:3]
     return SetPose(position_m=(x, y, z), yaw_rad=math.radians(yaw_deg or 0.0))
 
@@ -175,10 +179,10 @@ async def _pose(user: str, asked: _Asked, *, as_json: bool, site: str, connect: 
 async def found(
     bus: Bus, user: str, poses: LatestMessage[UserPose], progress: LatestMessage[Localization]
 ) -> UserPose:
-    """Return where a person stands.
+    """Return a person's pose.
 
     Raises:
-        NoAnswerError: nobody knows it yet, or there is no such person; says what to do.
+        NoAnswerError: If it is not known yet, or there is no such person; says what to do.
     """
     with notify_if_slow(f"waiting for the pose of {user} …"):
         pose = await poses.wait(SHORT_S)
@@ -190,12 +194,12 @@ async def found(
             raise NoAnswerError(f"where {user} stands is not known yet: {busy}")
         there = await list_present(bus, SERVICE_ALIVE, LISTEN_S)
     why = missing_reason(POSE, user, there)
-    say_it = f"; or say it: pointit pose {user} X Y" if user in people(there) else ""
+    say_it = f"; or set it: pointit pose {user} X Y" if user in people(there) else ""
     raise NoAnswerError(f"where {user} stands is not known: {why}{say_it}")
 
 
 def with_yaw_of(query: SetPose, before: UserPose) -> SetPose:
-    """Return `query` with the yaw of the pose in use; what was found by pointing goes on being followed."""
+    """Return `query` with the yaw of the current pose; a found one stays tracked."""
     if before.method not in ("static_targets", "moving_target"):
         return query.model_copy(update={"yaw_rad": before.yaw_rad})
     square = TYPED_SIGMA_M**2
@@ -209,7 +213,7 @@ def with_yaw_of(query: SetPose, before: UserPose) -> SetPose:
 
 
 async def _say(bus: Bus, user: str, asked: _Asked, poses: LatestMessage[UserPose]) -> list[str]:
-    """Ask the localizer for what was asked for, and return what it says."""
+    """Request the changes from the localizer, and return its messages."""
     said: list[str] = []
     before = poses.value
     if asked.place is not None:
@@ -220,11 +224,11 @@ async def _say(bus: Bus, user: str, asked: _Asked, poses: LatestMessage[UserPose
             click.echo(f"warning: {far}", err=True)
         more = ""
         if asked.keeps_yaw and before is None:
-            more = "; no yaw was known, so it is 0°: say it with --yaw"
+            more = "; no yaw was known, so it is 0°: give it with --yaw"
         elif asked.keeps_yaw and before is not None:
             query = with_yaw_of(query, before)
             if query.method != "fixed":
-                more = "; the yaw stays, and its drift goes on being followed"
+                more = "; the yaw stays, and its drift is still tracked"
         said.append(((await bus.call(SET_POSE, query, user)).message or "the pose is set") + more)
     if asked.facing_deg is not None:
         direction = f"{asked.facing_deg:g}°"

@@ -1,4 +1,4 @@
-"""Why it is not known where a person stands, and whether a place is one in the room; pure."""
+"""Messages on unknown poses and on positions outside the map; pure."""
 
 from collections.abc import Collection
 
@@ -8,37 +8,37 @@ from pointit.schemas import Environment, Localization
 from pointit.schemas.base import Vec3
 
 FAR_M = 5.0
-"""A place so far outside what the map holds is likely a mistake."""
+"""Distance outside the map's contents beyond which a position is likely a mistake."""
 
 
 def people(present: Collection[str]) -> list[str]:
-    """Return who has services among those `present`."""
+    """Return the users of the services in `present`."""
     return sorted({user for _, user in map(split_instance, present) if user})
 
 
 def missing_reason(topic: AnyTopic, user: str, present: Collection[str]) -> str:
-    """Return one clause on why `topic` of `user` is not heard, and what to do."""
+    """Return a clause with the reason why `topic` of `user` is silent, and the remedy."""
     there = people(present)
     if user in there:
         return silence_reason(topic, user, present)
-    who = f"there {'is' if len(there) == 1 else 'are'} {', '.join(there)}" if there else "nobody is there"
+    who = f"there {'is' if len(there) == 1 else 'are'} {', '.join(there)}" if there else "there are no people"
     return f"no {user} is on this site, {who}; add them with `pointit user {user}`"
 
 
 def localizing(user: str, news: Localization | None) -> str:
-    """Return that a person is being localized, as far as that is; empty when they are not."""
+    """Return the progress of a person's localization, or `""` if there is none."""
     if news is None or news.phase != "sampling":
         return ""
     if news.ahead:
         return f"{user} waits for the lamps, which {news.ahead[0]} points at; wait until it is their turn"
     if news.purpose == "anchor":
-        return f"{user} is pointing at {news.target_id or 'a lamp'} to have the pose set right; wait"
+        return f"{user} is pointing at {news.target_id or 'a lamp'} to correct the pose; wait"
     lamp = f", lamp {news.target_index + 1} of {news.target_count}" if news.target_count > 1 else ""
     return f"{user} is being localized{lamp}; wait until that is done"
 
 
 def out_of_map_warning(place: Vec3, room: Environment) -> str:
-    """Return by how much `place` is outside what the map holds, where that is far; else empty."""
+    """Return a warning if `place` is farther than `FAR_M` outside the map's contents, else `""`."""
     points = [lamp.position_m for lamp in room.lamps]
     lines = [*(strip.line_m for strip in room.strips), *(belt.line_m for belt in room.belts)]
     points += [point for line in lines for point in line]
@@ -50,6 +50,6 @@ def out_of_map_warning(place: Vec3, room: Environment) -> str:
         return ""
     (x_low, x_high), (y_low, y_high) = spans
     return (
-        f"{place[0]:g}, {place[1]:g} m is {away_m:.0f} m outside what map {room.name!r} holds: "
+        f"{place[0]:g}, {place[1]:g} m is {away_m:.0f} m outside the contents of map {room.name!r}: "
         f"x {x_low:.1f} to {x_high:.1f} m, y {y_low:.1f} to {y_high:.1f} m"
     )

@@ -1,4 +1,4 @@
-"""A person's pose in people's units; pure."""
+"""A person's pose in readable units; pure."""
 
 import math
 from collections.abc import Mapping
@@ -7,7 +7,7 @@ from typing import Any
 from pointit.schemas import NS_PER_S, UserPose
 
 UNKNOWN_DRIFT_DEGPMIN = 10.0
-"""1 sigma of a drift of which nothing is known yet; real IMUs drift by as much."""
+"""1 sigma from which a drift counts as unknown; real IMUs drift by as much."""
 
 METHODS = {
     "fixed": "given",
@@ -25,7 +25,7 @@ def sigmas(pose: UserPose) -> tuple[float, float]:
 
 
 def sigma_text(pose: UserPose) -> str:
-    """Return how well it is known: `0.05 m and 1.2°`; a pose that was given is taken as exact."""
+    """Return 1 sigma as `to 0.05 m and 1.2°`; a pose that was given counts as exact."""
     position_m, yaw_rad = sigmas(pose)
     if position_m == yaw_rad == 0.0:
         return "exactly, as it was given"
@@ -33,12 +33,12 @@ def sigma_text(pose: UserPose) -> str:
 
 
 def drift_degpmin(pose: UserPose) -> float:
-    """Return how fast the IMU's yaw turns the pose, °/min."""
+    """Return the yaw drift of the pose by the IMU, °/min."""
     return math.degrees(pose.yaw_rate_radps) * 60.0
 
 
 def fields(pose: UserPose, now_ns: int) -> dict[str, Any]:
-    """Return it for programs; angles in degrees, ages in seconds, empty where nothing is known."""
+    """Return `pose` for programs; angles in degrees, ages in seconds, None if unknown."""
     position_sigma_m, yaw_sigma_rad = sigmas(pose)
     rate_sigma = pose.yaw_rate_sigma_radps
     return {
@@ -56,7 +56,7 @@ def fields(pose: UserPose, now_ns: int) -> dict[str, Any]:
 
 
 def lines(shown: Mapping[str, Any]) -> list[str]:
-    """Return what `fields` returned, for people."""
+    """Return the result of `fields` as lines for people."""
     x, y, z = shown["position_m"]
     is_exact = shown["position_sigma_m"] == shown["yaw_sigma_deg"] == 0.0
     place, turn = f"x {x:.2f} m, y {y:.2f} m, z {z:.2f} m", f"{shown['yaw_deg']:.1f}°"
@@ -75,7 +75,7 @@ def lines(shown: Mapping[str, Any]) -> list[str]:
         ("yaw", turn),
         ("drift", drift),
         ("last anchor", anchor),
-        ("method", METHODS[shown["method"]] + (", taken as exact" if is_exact else "")),
+        ("method", METHODS[shown["method"]] + (", counts as exact" if is_exact else "")),
         ("published", f"{_age(shown['age_s'])} ago"),
     ]
     if shown["elevation_bias_deg"]:

@@ -1,4 +1,4 @@
-"""`pointit press USER`: a person's button, for those whose device has none."""
+"""`pointit press USER`: a person's button, for devices without one."""
 
 import asyncio
 import contextlib
@@ -19,7 +19,7 @@ from pointit.schemas.topics import BUTTON, FEEDBACK, INTERACTION, SERVICE_ALIVE,
 Gesture = Literal["press", "double", "hold"]
 
 CUE_FIRST_S = 0.2
-"""How much later than its cue an interaction may arrive; a refusal may have a cue alone."""
+"""Time an Interaction may arrive after its cue; a refusal may have only a cue."""
 
 
 @click.command("press", params=site_options())
@@ -29,13 +29,13 @@ CUE_FIRST_S = 0.2
     type=click.Choice(["press", "double", "hold"]),
     default="press",
     show_default=True,
-    help="press: begin or end; double: point at one lamp to set the pose right; hold: localize anew",
+    help="press: start or stop; double: point at one lamp to correct the pose; hold: localize again",
 )
 @json_option
 def command(user: str, *, gesture: str, as_json: bool, site: str, connect: tuple[str, ...]) -> int:
-    """Press the button of the person USER, and print what they are about then and what to do next.
+    """Press the button of the person USER, and print the resulting state and the next step.
 
-    The exit code is 1 when nobody leads that person's interaction.
+    The exit code is 1 if that person has no supervisor.
     """
     check_name(user, "user")
     quiet()
@@ -57,10 +57,10 @@ async def _press(user: str, gesture: Gesture, *, as_json: bool, site: str, conne
 
 
 async def press(bus: Bus, user: str, gesture: Gesture, patience_s: float = PATIENCE_S) -> Interaction:
-    """Return the interaction that followed the gesture, or the one that it did not change.
+    """Return the interaction after the gesture, changed or not.
 
     Raises:
-        NoAnswerError: nobody leads the interaction of `user`, or they do not answer within `patience_s`.
+        NoAnswerError: If `user` has no supervisor, or it does not reply within `patience_s`.
     """
     person = _Person(bus, user)
     clock = SiteClock(bus)
@@ -90,17 +90,17 @@ class _Person:
         bus.subscribe(FEEDBACK, self._on_cue, user)
 
     async def first(self, patience_s: float) -> Interaction:
-        """Return what they are about, as soon as it and who leads them are there."""
+        """Return the interaction as soon as it and the supervisor are known."""
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(patience_s):
                 while self._newest is None or self.supervisor not in self._present:
                     await self._change()
         if self._newest is None or self.supervisor not in self._present:
-            raise NoAnswerError(f"nobody leads the interaction of {self._user}: {self._advice()}")
+            raise NoAnswerError(f"{self._user} has no supervisor: {self._advice()}")
         return self._newest
 
     async def next(self, patience_s: float) -> Interaction | None:
-        """Return what they are about after the next news or cue; none when neither comes."""
+        """Return the interaction after the next Interaction or cue, or None if neither arrives."""
         before, self._is_cued = self._newest, False
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(patience_s):
@@ -121,7 +121,7 @@ class _Person:
         )
         if self.supervisor in self._present:
             return f"{self.supervisor} is present but says nothing, see `pointit doctor`"
-        there = f"there is {', '.join(people)}" if people else "nobody else is there either"
+        there = f"there is {', '.join(people)}" if people else "there are no other people either"
         return f"{there}; add them with `pointit user {self._user}`"
 
     def _on_presence(self, instance: str, here: bool) -> None:  # noqa: FBT001 - the bus's signature

@@ -1,4 +1,4 @@
-"""What was calibrated: asked of who runs, else looked up in the state directory of this machine."""
+"""Stored calibrations, from the running service or from the state directory of this machine."""
 
 from collections.abc import Awaitable, Callable, Sequence
 from typing import TypeVar
@@ -17,7 +17,7 @@ K = TypeVar("K", bound=BaseModel)
 
 
 async def query_site(site: str, connect: Sequence[str], ask: Callable[[Bus], Awaitable[R]]) -> R | None:
-    """Return what `ask` gets on a site; none when there is no site, or nobody on it who answers."""
+    """Return the result of `ask` on a site, or None if there is no site or no service replies."""
     try:
         async with join_site(site, connect) as bus:
             return await ask(bus)
@@ -26,26 +26,26 @@ async def query_site(site: str, connect: Sequence[str], ask: Callable[[Bus], Awa
 
 
 def erase_local(user: str, file: StateFile[K], what: str, *, as_json: bool) -> int:
-    """Forget what is kept on this machine, and say so; return the exit code."""
+    """Delete the calibration stored on this machine, and print that; return the exit code."""
     was_kept = file.erase()
     if as_json:
         print_json({"user": user, "from": str(file.path), "erased": was_kept})
     elif was_kept:
-        click.echo(f"{user}: nobody runs; the {what} kept on this machine ({file.path}) is forgotten")
+        click.echo(f"{user}: no service runs; the {what} stored on this machine ({file.path}) was deleted")
     else:
-        click.echo(f"{user}: nobody runs, and no {what} is kept on this machine ({file.path})")
+        click.echo(f"{user}: no service runs, and no {what} is stored on this machine ({file.path})")
     return 0
 
 
 def read_local(user: str, file: StateFile[K], what: str, *, as_json: bool) -> K | None:
-    """Return what is kept on this machine when it is to be shown to people, having said where it is from."""
+    """Return the calibration stored on this machine for output as text, after printing its file's name."""
     kept = file.read()
     if as_json:
         shown = None if kept is None else kept.model_dump(mode="json")
         print_json({"user": user, "from": str(file.path), what: shown})
         return None
     if kept is None:
-        click.echo(f"{user}: nobody runs, and no {what} is kept on this machine ({file.path})")
+        click.echo(f"{user}: no service runs, and no {what} is stored on this machine ({file.path})")
         return None
-    click.echo(f"{user}: nobody runs; on this machine is kept ({file.path}):")
+    click.echo(f"{user}: no service runs; stored on this machine ({file.path}):")
     return kept

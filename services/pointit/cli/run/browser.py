@@ -1,4 +1,4 @@
-"""Opens the page in the person's browser, once it is there and where there is a desktop."""
+"""Opens the page in the default browser, once it is present and if there is a desktop."""
 
 import logging
 import os
@@ -16,25 +16,25 @@ from pointit.schemas.topics import SERVICE_ALIVE
 log = logging.getLogger(__name__)
 
 SNAPS = Path("/snap")
-"""Where a system has browsers that read no hidden folder of their person."""
+"""Folder of snap packages, whose browsers cannot read hidden folders in the home folder."""
 
 
 def has_desktop(environment: Mapping[str, str] = os.environ, platform: str = sys.platform) -> bool:
-    """Return True if a browser can show itself: always on macOS and Windows, elsewhere with a display."""
+    """Return True if a browser can open a window: always on macOS and Windows, else with a display."""
     if platform in {"darwin", "win32"}:
         return True
     return bool(environment.get("DISPLAY") or environment.get("WAYLAND_DISPLAY"))
 
 
 def is_wanted() -> bool:
-    """Return True if somebody sits there: a terminal, and a desktop beside it."""
+    """Return True if an operator is present: a terminal, and a desktop."""
     return sys.stderr.isatty() and has_desktop()
 
 
 class Opening:
-    """Opens `file` as soon as `instance` is present; once, in a thread that nobody waits for.
+    """Opens `file` once, as soon as `instance` is present, in a daemon thread.
 
-    Not the link itself: the arguments of a browser's process are to be read by every user of the machine.
+    Not the link itself: every user of the machine can read the arguments of a browser's process.
     """
 
     def __init__(self, bus: Bus, instance: str, file: Path) -> None:
@@ -48,7 +48,7 @@ class Opening:
         self._watching = bus.watch(SERVICE_ALIVE, self._look)
 
     def close(self) -> None:
-        """Open nothing any more; remove what was made for the browser."""
+        """Do not open it any more; remove the copy made for the browser."""
         self._watching.close()
         with self._lock:
             self._is_closed = True
@@ -75,5 +75,5 @@ class Opening:
 
 
 def open_when_there(bus: Bus, instance: str, file: Path) -> Closable:
-    """Open `file`, which leads to the page, as soon as `instance` is present; see `Opening`."""
+    """Open `file`, which redirects to the page, as soon as `instance` is present; see `Opening`."""
     return Opening(bus, instance, file)

@@ -41,17 +41,15 @@ from pointit.schemas.topics import SERVICE_ALIVE
 @click.option(
     "--port",
     type=click.IntRange(0, 65535),
-    help=f"where the page is on this machine, 0: at any that is free  [default: {PORT} or the next free one]",
+    help=f"port of the page on this machine, 0: any free one  [default: {PORT} or the next free one]",
 )
 @click.option(
-    "--host", default="", help="address to listen at  [default: this machine only; with --lan, all it has]"
+    "--host", default="", help="address to listen on  [default: localhost only; with --lan, all addresses]"
 )
-@click.option("--lan", is_flag=True, help="open the page to the local network too, by HTTPS")
+@click.option("--lan", is_flag=True, help="also open the page to the local network, by HTTPS")
 @click.option("--no-browser", is_flag=True, help="do not open the page in a browser")
 @click.option("--new-link", is_flag=True, help=NEW_LINK)
-@click.option(
-    "--view-only", is_flag=True, help="print the link for who may look on, and none that may control"
-)
+@click.option("--view-only", is_flag=True, help="print only the link for viewing, not the one for control")
 def command(
     *,
     port: int | None,
@@ -66,8 +64,8 @@ def command(
 ) -> int:
     """Open the page of a site that runs elsewhere: a `pointit run` on another machine, or on this one.
 
-    It joins the site, as soon as somebody answers there, prints the address of the page, and serves it until
-    Ctrl-C. The site goes on when the page ends, and the page waits for the site when that ends.
+    Joins the site as soon as it is reachable, prints the address of the page, and serves it until Ctrl-C.
+    The site continues when the page ends, and the page waits for the site when that ends.
 
     Example: pointit dashboard --connect tcp/plant.local:7447 --view-only
     """
@@ -86,10 +84,10 @@ def command(
 
 
 def _asked(port: int | None, host: str, *, is_lan: bool) -> dict[str, Any]:
-    """Return the page's parameters that the options ask for.
+    """Return the page's parameters from the options.
 
     Raises:
-        ConfigError: the host would open the page to a network without encryption.
+        ConfigError: If the host would open the page to a network without encryption.
     """
     asked: dict[str, Any] = {} if port is None else {"port": port}
     if is_lan:
@@ -97,8 +95,8 @@ def _asked(port: int | None, host: str, *, is_lan: bool) -> dict[str, Any]:
     if host and not is_loopback(host):
         if not is_lan:
             raise ConfigError(
-                f"--host {host}: a page on a network needs HTTPS, or its token could be read on the way; "
-                "use --lan, which opens it so"
+                f"--host {host}: a page on a network needs HTTPS, or its token could be intercepted; "
+                "use --lan, which enables it"
             )
         asked["lan_address"] = "" if host in EVERYWHERE else host
     elif host:
@@ -107,7 +105,7 @@ def _asked(port: int | None, host: str, *, is_lan: bool) -> dict[str, Any]:
 
 
 def is_loopback(host: str) -> bool:
-    """Return True if only this machine itself reaches `host`."""
+    """Return True if `host` is reachable only from this machine."""
     try:
         return ipaddress.ip_address(host).is_loopback
     except ValueError:
@@ -115,7 +113,7 @@ def is_loopback(host: str) -> bool:
 
 
 async def _serve(page: Page, link: Link, *, is_open: bool, view_only: bool) -> int:
-    """Serve the page on the site, as soon as somebody answers there, until it is cancelled."""
+    """Serve the page as soon as the site is reachable, until cancelled."""
     bus = await ZenohBus.open(link)
     try:
         clock = SiteClock(bus)

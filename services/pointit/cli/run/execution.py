@@ -1,4 +1,4 @@
-"""A run from its plan to its summary: bus, clock, services, wishes for another scenario, view, score."""
+"""A run from its plan to its summary: bus, clock, services, scenario requests, view, score."""
 
 import asyncio
 import contextlib
@@ -33,16 +33,16 @@ from pointit.schemas.topics import HEALTH, RUN_SCENARIO
 log = logging.getLogger(__name__)
 
 FIGURES_S = 10.0
-"""How often a run without a view logs its figures."""
+"""Interval at which a run without a view logs its metrics."""
 
 
 def execute(plan: Plan, log_level: str) -> int:
-    """Run the plan; return the exit code: 0 well, 1 when it failed or no cursor ever appeared.
+    """Run the plan. Return the exit code: 0, or 1 if it failed or no cursor ever appeared.
 
-    What people selected or missed is in the summary and does not make the run itself a failure.
+    Selected and missed objects are in the summary and do not affect the exit code.
 
     Raises:
-        ConfigError: a service cannot work as configured; nothing was started.
+        ConfigError: If a service cannot work as configured; nothing was started.
     """
     check_launches(plan.launches, plan.link.addresses)
     if plan.page is not None and not plan.page.is_usual:
@@ -59,7 +59,7 @@ def execute(plan: Plan, log_level: str) -> int:
 
 
 def _tell(sentence: str, console: Console | None) -> None:
-    """Say it above the view, or in the log."""
+    """Print `sentence` above the view, or log it."""
     if console is not None:
         console.print(Text(sentence))
     else:
@@ -67,7 +67,7 @@ def _tell(sentence: str, console: Console | None) -> None:
 
 
 async def _run(plan: Plan, console: Console | None) -> int:
-    """Run the plan to its end; sum it up even when it is cut short."""
+    """Run the plan to its end; write the summary even if it is interrupted."""
     bus = await open_bus(plan)
     try:
         run = _Run(await adapt_to_site(plan, bus), bus, console)
@@ -75,7 +75,7 @@ async def _run(plan: Plan, console: Console | None) -> int:
         try:
             await run.live(await clock_of(plan, bus))
             failed = False
-        except asyncio.CancelledError:  # asked to end: what was reached counts
+        except asyncio.CancelledError:  # on request: the summary covers the time so far
             failed = False
             raise
         finally:
@@ -88,33 +88,33 @@ async def _run(plan: Plan, console: Console | None) -> int:
 
 def _verdict(stage: RunningScenario) -> int:
     if stage.plan.scored and stage.monitor.first_cursor_unix_s is None and not stage.saw_cursor:
-        advice = "; ".join(stage.monitor.warnings()) or "`pointit doctor` during a run says what is missing"
+        advice = "; ".join(stage.monitor.warnings()) or "`pointit doctor` during a run shows what is missing"
         log.error("no cursor ever appeared; %s", advice)
         return 1
     return 0
 
 
 class _Run:
-    """One run on its bus, until it is over."""
+    """One run on its bus."""
 
     def __init__(self, plan: Plan, bus: ZenohBus, console: Console | None) -> None:
         self.stage: RunningScenario | None = None
         self.lasted_s = 0.0
-        """How long the scenario that ran last took, of the wall."""
+        """Wall time of the last scenario."""
         self._plan = plan
         self._bus = bus
         self._console = console
         self._link: Path | None = None
         """The file that holds the page's link."""
         self._news = asyncio.Event()
-        """Something happened that may end or change the run."""
+        """Set by events that may end or change the run."""
         self._wishes = ScenarioRequests(self._news.set)
         self._onlookers = Onlookers()
         self._limit_s: float | None = None
-        """When it ends whoever looks on, monotonic; none: it goes on for who does."""
+        """Monotonic time at which it ends even with viewers. None: viewers extend it."""
 
     async def live(self, clock: Clock) -> None:
-        """Run until it is over: by its duration, unless somebody looks on, or because services have ended."""
+        """Run until its duration is over and there are no viewers, or until services have ended."""
         is_drawn = self._console is not None
         stage = self.stage = RunningScenario(
             self._plan,
@@ -141,7 +141,7 @@ class _Run:
 
     @contextlib.contextmanager
     def _listening(self) -> Generator[contextlib.ExitStack]:
-        """Hear who looks on; open the browser as soon as there is something to look at."""
+        """Subscribe to viewers, and open the browser as soon as the page is present."""
         page = self._plan.page
         with contextlib.ExitStack() as stack:
             stack.callback(self._bus.subscribe(HEALTH, self._on_health).close)
@@ -153,7 +153,7 @@ class _Run:
             yield stack
 
     def _announce(self, page: Page) -> None:
-        """Say where the page is; where there is a view, it shows that itself."""
+        """Print the page's link, unless the view shows it."""
         if self._console is None:
             _say(f"page: {where(page.url, self._link)}")
         if page.lan_url:
@@ -184,7 +184,7 @@ class _Run:
         return self._limit_s is None and self._onlookers.are_there(time.monotonic())
 
     def _end_s(self) -> float | None:
-        """Return when it is over if nobody looks on, monotonic."""
+        """Return the monotonic time at which it ends without viewers, or None."""
         if self._limit_s is not None or self.stage is None:
             return self._limit_s
         return self.stage.end_s
@@ -197,7 +197,7 @@ class _Run:
         return until_s - time.monotonic()
 
     def _lasted_s(self, stage: RunningScenario) -> float:
-        """Return how long what is on stage has run: its duration, if that ended it."""
+        """Return the time that `stage` has run: its duration, if that ended it."""
         now_s, end_s = time.monotonic(), self._end_s()
         is_prolonged = self._limit_s is None and end_s is not None and self._onlookers.until_s > end_s
         if end_s is not None and not is_prolonged:
@@ -206,7 +206,7 @@ class _Run:
 
 
 def _say(sentence: str) -> None:
-    """Log it, or print it where nothing so unimportant is logged."""
+    """Log `sentence`, or print it if the log level hides it."""
     if log.isEnabledFor(logging.INFO):
         log.info("%s", sentence)
     else:
@@ -215,7 +215,7 @@ def _say(sentence: str) -> None:
 
 @contextlib.asynccontextmanager
 async def _told(stage: RunningScenario, *, is_drawn: bool) -> AsyncGenerator[None]:
-    """Tell the site what time it is, and without a view the log the figures, now and then."""
+    """Publish the site's clock and, without a view, log metrics every `FIGURES_S`."""
 
     async def tell_figures() -> None:
         while True:
@@ -223,7 +223,7 @@ async def _told(stage: RunningScenario, *, is_drawn: bool) -> AsyncGenerator[Non
             log.info("%s", figures(stage.monitor).plain)
 
     tasks: list[asyncio.Task[None]] = []
-    if isinstance(stage.clock, WallClock | SimulatedClock):  # whoever joins has this time, not its own
+    if isinstance(stage.clock, WallClock | SimulatedClock):  # services that join use this clock
         tasks.append(asyncio.create_task(publish_time(stage.clock, stage.bus), name="clock"))
     if not is_drawn:
         tasks.append(asyncio.create_task(tell_figures(), name="figures"))

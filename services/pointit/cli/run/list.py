@@ -1,4 +1,4 @@
-"""`pointit list`: what there is to run."""
+"""`pointit list`: scenarios, maps and services."""
 
 from collections.abc import Callable
 from typing import Any
@@ -71,14 +71,14 @@ def maps() -> Section:
 
 
 SECTIONS: dict[str, Callable[[], Section]] = {"scenarios": scenarios, "maps": maps, "services": services}
-"""By name, in the order shown; a further section is a further row."""
+"""Sections by name, in the order shown."""
 
 
 @click.command("list")
 @click.argument("section", required=False)
 @json_option
 def command(section: str | None, *, as_json: bool) -> None:
-    """List what there is to run, or one SECTION of it."""
+    """List scenarios, maps and services, or one SECTION of them."""
     if section is not None and section not in SECTIONS:
         raise UnknownNameError(f"no section {section!r}; {nearest(section, SECTIONS)}")
     show([SECTIONS[name]() for name in ([section] if section else SECTIONS)], as_json=as_json)

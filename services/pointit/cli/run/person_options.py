@@ -1,4 +1,4 @@
-"""What the command line says about the people themselves: where they stand, their hand, how tall they are."""
+"""Command line options about people: pose, hand, stature."""
 
 import math
 from collections.abc import Callable
@@ -15,7 +15,7 @@ def pose(text: str) -> Pose:
     """Return the pose in `X,Y` or `X,Y,YAW`: metres and degrees.
 
     Raises:
-        click.BadParameter: it is none.
+        click.BadParameter: If it is not a pose.
     """
     try:
         numbers = [float(part) for part in text.split(",")]
@@ -39,8 +39,8 @@ PERSON_OPTIONS: tuple[Callable[[Any], Any], ...] = (
         "--targets",
         type=click.IntRange(2, 64),
         metavar="N",
-        help="with --localize: how many lamps to point at; two, as the paper has it, tell little, and their "
-        "poses are taken all the same  [default: as many as it takes to be sure enough]",
+        help="with --localize: number of lamps to point at. With two, as in the paper, poses are uncertain "
+        "but still accepted  [default: until the pose is certain enough]",
     ),
     click.option(
         "--pose",
@@ -48,20 +48,20 @@ PERSON_OPTIONS: tuple[Callable[[Any], Any], ...] = (
         multiple=True,
         callback=_poses,
         metavar="X,Y[,YAW]",
-        help="where a person stands, m, and the azimuth of their IMU's yaw 0, deg; "
+        help="position of a person, m, and the azimuth of their IMU's yaw 0, deg; "
         "once for each person  [default: the scenario's places]",
     ),
     click.option(
         "--hand",
         type=click.Choice(["left", "right"]),
-        help="with which people point, in their profile and as simulated",
+        help="hand with which people point, in their profile and as simulated",
     ),
     click.option(
         "--stature",
         "stature_m",
         type=Finite(0.5, 2.5),
         metavar="M",
-        help="how tall people are, m: scales the body measures of profile and simulation",
+        help="stature of people, m: scales the body measures of profile and simulation",
     ),
 )
-"""Options of `run` and `user` that say how people are."""
+"""Options of `run` and `user` about people."""

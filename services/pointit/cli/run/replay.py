@@ -1,4 +1,4 @@
-"""`pointit run replay`: a recorded person through the real services, beside what motion capture saw."""
+"""`pointit run replay`: a recorded person through the real services, compared with motion capture."""
 
 import asyncio
 import contextlib
@@ -32,13 +32,13 @@ from pointit.sim.recordings import OPERATOR, ImuRecording, read_imu_csv
 log = logging.getLogger(__name__)
 
 LEAD_S = 0.3
-"""Time of the wall for all services to be up before the first sample."""
+"""Wall time for all services to start before the first sample."""
 
 TAIL_S = 0.7
-"""Time of the recording after its last sample, for the last pose to come."""
+"""Time of the recording after its last sample, for the last pose to arrive."""
 
 STALE_S = 0.2
-"""Age on the wall at which a sample makes no ray; the recording's time may run faster."""
+"""Age in wall time at which a sample makes no ray; the recording's time may run faster."""
 
 
 async def replay(
@@ -55,20 +55,20 @@ async def replay(
     """Play `recording` through imu-bridge, pointing, localizer and robot-replay, and print the errors.
 
     Args:
-        recording: CSV with the wrist's orientation and the robot's place; with the head's for the errors.
-        speed: how many seconds of the recording pass in one of the wall.
-        duration_s: seconds of the recording to play; none: all.
+        recording: CSV with the wrist's orientation and the robot's position; with the head's for the errors.
+        speed: seconds of the recording per second of wall time.
+        duration_s: seconds of the recording to play. None: all.
         mounting: the sensor's axis along the arm, as in imu-bridge.
         summary: where to write the result as JSON.
-        as_json: print the result as JSON, and nothing else.
-        user: under whose keys.
+        as_json: print the result as JSON only.
+        user: name of the person in keys.
         body: the recorded person's measures.
 
     Returns:
-        The exit code: 0 when a pose was found, 1 when none was.
+        The exit code: 0 if a pose was found, else 1.
 
     Raises:
-        ConfigError: the recording or the mounting cannot be used.
+        ConfigError: If the recording or the mounting cannot be used.
     """
     recorded = read_imu_csv(recording)
     if recorded.robot_m is None:
@@ -86,7 +86,7 @@ async def replay(
             click.echo(_line(row))
 
     def on_progress(message: Localization, _user: str) -> None:
-        if message.stamp_ns < start_ns + length_s * NS_PER_S:  # afterwards it only says that no rays come
+        if message.stamp_ns < start_ns + length_s * NS_PER_S:  # afterwards it only reports missing rays
             progress[:] = [message]
 
     bus = await ZenohBus.open(Link())
@@ -97,7 +97,7 @@ async def replay(
         if not as_json:
             click.echo(
                 f"{recording.name}: {length_s:.0f} s, {length_s / speed:.0f} s to wait; "
-                "the first place is found after some seconds of pointing"
+                "the first pose is found after some seconds of pointing"
             )
             click.echo(_HEADER)
         end_ns = start_ns + round((length_s + TAIL_S) * NS_PER_S)

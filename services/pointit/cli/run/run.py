@@ -36,10 +36,10 @@ from pointit.runtime.service.shutdown import run_until_shutdown
 
 
 def _check_people(choices: Choices, people: int) -> None:
-    """Make sure that nothing is said of people that there are not.
+    """Check that no option is given for more people than there are.
 
     Raises:
-        ConfigError: something is.
+        ConfigError: If one is.
     """
     for option, given in (("--imu", choices.imu), ("--pose", choices.poses)):
         if len(given) > people:
@@ -68,28 +68,28 @@ def _explain(context: click.Context, _parameter: click.Parameter, wanted: bool) 
     "--list", is_flag=True, is_eager=True, expose_value=False, callback=_explain, help="explain the scenarios"
 )
 @shared_options
-@click.option("--users", default=1, show_default=True, type=click.IntRange(0, 64), help="how many people")
+@click.option("--users", default=1, show_default=True, type=click.IntRange(0, 64), help="number of people")
 @click.option(
     "--method",
     type=click.Choice(["hold", "fraction", "gauge"]),
-    help="how staying on an object selects it. hold: at every timestep of a window; fraction: at "
-    "most of them; gauge: a gauge fills while one points steadily, and drains when one leaves  "
+    help="dwell method. hold: on the object at every timestep of a window; fraction: at "
+    "most of them; gauge: a gauge fills during steady pointing, and drains otherwise  "
     "[default: the scenario's]",
 )
 @click.option("--leds", default="", metavar="OUTPUT", help="expander:PORT drives real strips")
 @click.option(
     "--ros2",
     is_flag=True,
-    help="join a ROS 2 graph too, or begin one: every topic under the names and types that ROS nodes know; "
+    help="also join or start a ROS 2 graph, with topics under the names and types of ROS nodes; "
     "`--set ros2.backend.distro=kilted`, domain and more: `pointit service ros2 --help`",
 )
-@click.option("--site-only", is_flag=True, help="only what all people share; add people with `pointit user`")
+@click.option("--site-only", is_flag=True, help="only shared services; add people with `pointit user`")
 @click.option(
     "--speed",
     default=1.0,
     show_default=True,
     type=Finite(0.1, 20),
-    help="simulated time runs this many times as fast",
+    help="factor of simulated time",
 )
 @page_options
 @click.option("--summary", type=click.Path(path_type=Path), help="write the summary to this file, as JSON")
@@ -113,17 +113,17 @@ def run(
     as_json: bool,
     **options: Any,
 ) -> int:
-    """Run SCENARIO, in which simulated people or yours point at things.
+    """Run SCENARIO, in which simulated or real people point at objects.
 
-    scenario_1: lamps show how near one points. scenario_2: a cursor on the strips. scenario_3: select
-    moving segments. scenario_4 (default): packages on a conveyor, sent to bays. send_a_robot: goals on the
-    floor. `--list` explains them.
+    scenario_1: lamps show by colour how close the ray passes. scenario_2: a cursor on the strips.
+    scenario_3: select moving segments. scenario_4 (default): packages on a conveyor, sent to bays.
+    send_a_robot: goals on the floor. `--list` explains them.
 
     `replay` plays a person's recorded IMU instead (--recording FILE.csv). A .yaml file is a scenario of
     your own.
 
-    A page opens in the browser: there you look on, and point yourself with the mouse or a phone; its
-    address is printed. It ends by itself with a summary, unless a page is open or --duration says when;
+    Opens a page in the browser, and prints its address. Watch the scene there, or point with the mouse or a
+    phone. The run ends by itself with a summary, unless a page is open; --duration sets a fixed time.
     Ctrl-C ends it at once.
 
     Example: pointit run scenario_4 --users 2 --method gauge
@@ -148,7 +148,7 @@ def run(
         )
     if recording is not None:
         raise ConfigError(
-            f"--recording {recording}: only `pointit run replay` takes it; here --imu replay:FILE"
+            f"--recording {recording}: only for `pointit run replay`; use --imu replay:FILE here"
         )
     if options["listen"] and options["connect"]:
         raise ConfigError("--listen and --connect exclude each other: a run is joined, or joins another")
@@ -195,17 +195,15 @@ def run(
 def _ros2_notes(options: dict[str, Any]) -> tuple[str, ...]:
     if not options["ros2"] or options["listen"] or options["connect"] or given_credentials() is not None:
         return ()
-    return (
-        f"7447 is the ROS router's port: tell other commands with --connect {BESIDE_ROS} where this run is",
-    )
+    return (f"7447 is the ROS router's port: give other commands --connect {BESIDE_ROS}",)
 
 
 def _page(scenario: Scenario, choices: Choices, options: dict[str, Any]) -> tuple[Page | None, Sequence[str]]:
-    """Return the page of a run, if it has one, and what is to be said of it.
+    """Return the page of a run, if it has one, and notices about it.
 
     Raises:
-        ConfigError: something is asked of a page that there is not.
-        ListenError: its port is taken.
+        ConfigError: If an option needs a page that is unavailable.
+        ListenError: If its port is in use.
     """
     port: int | None = options["web_port"]
     asked = {"--web-port": port is not None, "--lan": options["lan"], "--new-link": options["new_link"]}
@@ -232,7 +230,7 @@ def _page(scenario: Scenario, choices: Choices, options: dict[str, Any]) -> tupl
     if options["new_link"] and page.config.operator_token != tokens.operator:
         notes = (
             *notes,
-            "--new-link changes nothing of the link to control: its token is set by hand",
+            "--new-link does not change the link for control: its token is set by hand",
         )
     return page, notes
 

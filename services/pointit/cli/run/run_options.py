@@ -1,4 +1,4 @@
-"""Options that several of the commands that start services share, and what is chosen by them."""
+"""Options shared by commands that start services, and their conversion."""
 
 import os
 from collections.abc import Callable
@@ -17,11 +17,11 @@ from pointit.runtime.link.options import given_credentials, link_of
 from pointit.services.registry import PROCESSES
 
 BESIDE_ROS = "tcp/127.0.0.1:7448"
-"""Where a run listens that is in a ROS graph too: ROS nodes take whoever listens at 7447 for their router."""
+"""Listen address of a run in a ROS graph: ROS nodes would mistake a process at 7447 for their router."""
 
 NEW_LINK = (
-    "give the page new links; those from before open nothing any more  [default: the site's links, which "
-    "stay the same, so that an open page comes back after a new start at the same port]"
+    "create new links of the page and revoke the old ones  [default: the site's stored links, so that an "
+    "open page reconnects after a restart at the same port]"
 )
 
 
@@ -32,8 +32,7 @@ def shared_options(function: Any) -> Any:
             click.option(
                 "--localize",
                 is_flag=True,
-                help="find out where people stand by pointing at lamps  [default: they stand at --pose, "
-                "or at the scenario's places]",
+                help="find people's poses by pointing at lamps  [default: --pose, or the scenario's places]",
             ),
             *PERSON_OPTIONS,
             click.option(
@@ -47,10 +46,10 @@ def shared_options(function: Any) -> Any:
                 "--imu",
                 multiple=True,
                 metavar="SOURCE",
-                help="where orientations come from. sim (default): a simulated person, who wants "
-                "something, points at it and presses the button. page: only a page's mouse or phone, or ROS. "
+                help="source of orientations. sim (default): a simulated person, who chooses "
+                "objects, points at them and presses the button. page: only a page's mouse or phone, or ROS. "
                 "simulated: only a simulated sensor, on an "
-                "arm that sweeps to and fro, to try what a device goes through. serial:PORT or "
+                "arm that sweeps to and fro, to test the path of a device. serial:PORT or "
                 "replay:FILE.csv: a device, or its recording. Once for each person",
             ),
             click.option(
@@ -70,10 +69,10 @@ def shared_options(function: Any) -> Any:
             click.option(
                 "--duration",
                 type=Finite(min=0.1),
-                help="seconds until it ends by itself  [default: as the scenario has it, or never]",
+                help="seconds until it ends by itself  [default: the scenario's, or never]",
             ),
             click.option(
-                "--processes", is_flag=True, help="a process for each service  [default: all in one process]"
+                "--processes", is_flag=True, help="one process per service  [default: all in one process]"
             ),
             click.option("--no-view", is_flag=True, help="log instead of drawing in the terminal"),
         ]
@@ -83,20 +82,19 @@ def shared_options(function: Any) -> Any:
 
 
 def page_options(function: Any) -> Any:
-    """Add the options of `run` that are about its page."""
+    """Add the options of `run` about its page."""
     options: tuple[Callable[[Any], Any], ...] = (
         click.option("--no-web", is_flag=True, help="no page for browsers"),
         click.option(
             "--web-port",
             type=click.IntRange(0, 65535),
             metavar="PORT",
-            help="where the page is on this machine, 0: at any that is free  "
-            f"[default: {PORT} or the next free one]",
+            help=f"port of the page on this machine, 0: any free one  [default: {PORT} or the next free one]",
         ),
         click.option(
             "--lan",
             is_flag=True,
-            help="open the page to the local network too, by HTTPS, which phones need",
+            help="also open the page to the local network, by HTTPS, which phones need",
         ),
         click.option("--no-browser", is_flag=True, help="do not open the page in a browser"),
         click.option("--new-link", is_flag=True, help=NEW_LINK),
@@ -107,10 +105,10 @@ def page_options(function: Any) -> Any:
 
 
 def choices_of(options: dict[str, Any], leds: str = "") -> Choices:
-    """Return what `run` or `user` is to start differently, by its options and `--leds`.
+    """Return the changes to a scenario by the options of `run` or `user` and `--leds`.
 
     Raises:
-        ConfigError: a variable of the environment is meant for a service, but for none that there is.
+        ConfigError: If an environment variable is for a service that does not exist.
     """
     check_environment(os.environ, [row.name for row in PROCESSES])
     return Choices(
@@ -130,10 +128,10 @@ def choices_of(options: dict[str, Any], leds: str = "") -> Choices:
 
 
 def joining(options: dict[str, Any]) -> Link:
-    """Return how `run` or `user` joins the network, by its options or the credentials that are given.
+    """Return the link of `run` or `user` to the network, from its options or the given credentials.
 
     Raises:
-        ConfigError: as `link_of`.
+        ConfigError: See `link_of`.
     """
     listen, connect = tuple(options["listen"]), tuple(options["connect"])
     if not listen and not connect:

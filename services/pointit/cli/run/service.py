@@ -1,4 +1,4 @@
-"""`pointit service NAME`: the same as `python -m` with its module."""
+"""`pointit service NAME`: equivalent to `python -m` with its module."""
 
 from collections.abc import Callable
 
@@ -17,7 +17,7 @@ def _loader(row: Process) -> Callable[[], click.Command]:
     def loaded() -> click.Command:
         try:
             return service_command(load(row))
-        except ConfigError as error:  # its help can be read before what it needs is installed
+        except ConfigError as error:  # its help is available before its dependencies are installed
             return unavailable_command(row.name, row.scope, f"{row.about}\n\n{error}.", row.config(), error)
 
     return loaded
@@ -38,8 +38,8 @@ def _loader(row: Process) -> Callable[[], click.Command]:
 def command(ctx: click.Context, *, as_json: bool) -> None:
     """Run one service by itself; without a NAME, list the services.
 
-    Services of a person (scope user) take --user; those of scope site are shared by all. Every parameter
-    of a service, with its unit and default: pointit service NAME --help
+    Services of a person (scope user) need --user; those of scope site are shared by all. `pointit service
+    NAME --help` documents every parameter with its unit and default.
     """
     if ctx.invoked_subcommand is not None:
         return

@@ -1,4 +1,4 @@
-"""What who joins a site takes over from it: the scenario that runs there, a place and colour still free."""
+"""Settings that a person who joins takes from the site: running scenario, free place and colour."""
 
 from collections.abc import Sequence
 from typing import cast
@@ -13,10 +13,10 @@ from pointit.schemas.topics import USER_ALIVE
 
 
 def check_person(name: str) -> None:
-    """Refuse to be the person `name` by credentials of which the router would refuse everything.
+    """Check that the credentials are for the person `name`, or the router would reject everything.
 
     Raises:
-        ConfigError: the running command's credentials are somebody else's.
+        ConfigError: If the running command's credentials are another's.
     """
     credentials = given_credentials()
     if credentials is None:
@@ -30,9 +30,9 @@ def check_person(name: str) -> None:
 
 
 def inspect_site(site: str, connect: Sequence[str]) -> Found | None:
-    """Return which scenario runs on a site and which place is free; none when interrupted.
+    """Return the scenario on a site and a free place, or None if interrupted.
 
-    Where nobody answers it is the usual scenario's first place: who runs it may come later.
+    Without a reply it is the default scenario's first place: its run may start later.
     """
     found: list[Found] = []
 

@@ -1,4 +1,4 @@
-"""`pointit user`: one person's part of a scenario, on a site that runs."""
+"""`pointit user`: one person's services, on a running site."""
 
 import dataclasses
 from pathlib import Path
@@ -24,17 +24,17 @@ from pointit.schemas.system import check_user
 @click.command("user")
 @click.argument("name")
 @shared_options
-@click.option("--scenario", help=f"whose parameters to use  [default: the one that runs there, or {USUAL}]")
+@click.option("--scenario", help=f"scenario with the parameters  [default: the one that runs, or {USUAL}]")
 @click.option(
     "--place",
     type=click.IntRange(min=1),
-    help="which of its places, colours and patterns is theirs  [default: the first that is free]",
+    help="index of the scenario's place, colour and pattern  [default: the first free one]",
 )
 def command(name: str, scenario: str | None, place: int | None, **options: Any) -> int:
-    """Add the person NAME to a site that runs: their IMU, pointing, localizer and supervisor.
+    """Add the person NAME to a running site: their IMU, pointing, localizer and supervisor.
 
-    Works from any machine (--connect) and for any number of people; each has keys of their own. Ctrl-C ends
-    it; who vanishes otherwise is missed by `pointit doctor`: for a day, or until started again and ended by
+    Works from any machine (--connect) and for any number of people. Ctrl-C ends it. If the process dies
+    without Ctrl-C, `pointit doctor` reports it as missing for one day or until it is restarted and ended by
     Ctrl-C.
 
     Example: pointit user anna --imu serial:/dev/ttyUSB0 --localize
@@ -65,7 +65,7 @@ def command(name: str, scenario: str | None, place: int | None, **options: Any) 
         view=not options["no_view"],
         person=name,
         notes=(
-            f"{name} takes part in {Path(scenario).stem}, place {place}; --scenario, --place say otherwise",
+            f"{name} takes part in {Path(scenario).stem}, place {place}; --scenario, --place change that",
             *assumed_places(launches, choices.of_one(place - 1), place - 1),
         ),
     )

@@ -1,4 +1,4 @@
-"""`pointit router`: where several machines meet."""
+"""`pointit router`: connects several machines."""
 
 import asyncio
 import json
@@ -25,9 +25,9 @@ from pointit.runtime.zenoh.router.router_log import captured_log
 log = logging.getLogger(__name__)
 
 TELL_S = 1.0
-"""How often it is said who was refused what."""
+"""Interval at which denied operations are reported."""
 BESIDE = ("ca.pem", "cert.pem", "key.pem", "users.txt")
-"""Files that a configuration of `pointit site` names in its own folder."""
+"""Files beside a router configuration of `pointit site` that it refers to."""
 
 
 @click.command("router", params=[log_option()])
@@ -36,34 +36,34 @@ BESIDE = ("ca.pem", "cert.pem", "key.pem", "users.txt")
     multiple=True,
     default=(DEFAULT_ENDPOINT,),
     show_default=True,
-    help="address to listen on; tcp/0.0.0.0:7447 lets other machines in, whoever they are",
+    help="address to listen on; tcp/0.0.0.0:7447 admits any other machine",
 )
 @click.option(
     "--site-folder",
     "folders",
     multiple=True,
     type=click.Path(path_type=Path),
-    help="route for the site that `pointit site init` has put there, by its access rules; once for each site",
+    help="folder made by `pointit site init`: route for that site by its access rules; once per site",
 )
 @click.option(
     "--config",
     "file",
     type=click.Path(path_type=Path),
-    help="go by this configuration of Zenoh, as a site's router/router.json5",
+    help="Zenoh configuration to use, such as a site's router/router.json5",
 )
 @click.option(
     "--uplink",
     "uplinks",
     multiple=True,
     metavar="ADDRESS",
-    help="join another router of the same site too, as tls/building:7447; with --site-folder",
+    help="also join another router of the same site, such as tls/building:7447; with --site-folder",
 )
 @click.option(
     "--most-connections",
     type=click.IntRange(1, 1000),
     default=MAX_CONNECTIONS,
     show_default=True,
-    help="connections of one person or dashboard at a time; the newest of more are cut",
+    help="maximum of simultaneous connections of one identity; the newest beyond it are closed",
 )
 def command(
     *,
@@ -79,9 +79,9 @@ def command(
     `pointit run` alone needs none. Without --site-folder or --config, anyone who reaches the address may
     join: other machines should reach it only through a trusted network.
 
-    With them it lets in only whom the site knows, and everybody may do only what their role needs. Changes by
-    `pointit site` take effect within a second, without a restart. Who is refused something is logged, and
-    told to `pointit doctor`.
+    With them it admits only identities of the site, each with the rights of its role. Changes by `pointit
+    site` take effect within a second, without a restart. Denied operations are logged and shown by `pointit
+    doctor`.
 
     Example: pointit site init lab --host 192.168.1.5 && pointit router --site-folder lab
     """
@@ -89,11 +89,11 @@ def command(
     is_given = click.get_current_context().get_parameter_source("listen") is not ParameterSource.DEFAULT
     if sum((bool(folders), file is not None, is_given)) > 1:
         raise ConfigError(
-            "--listen, --site-folder and --config exclude each other: each says where to listen"
+            "--listen, --site-folder and --config exclude each other: each sets where to listen"
         )
     if uplinks and not folders:
         raise ConfigError(
-            "--uplink needs --site-folder: the router proves with the site's certificate who it is"
+            "--uplink needs --site-folder: the router authenticates with the site's certificate"
         )
     raise_file_limit()
     if folders:
@@ -108,7 +108,7 @@ def _of_file(path: Path) -> Router:
         try:
             return path.read_text(encoding="utf-8")
         except (OSError, UnicodeDecodeError) as error:
-            reason = getattr(error, "strerror", None) or "it is no text"
+            reason = getattr(error, "strerror", None) or "it is not text"
             raise ConfigError(f"{path}: cannot be read ({reason})") from error
 
     return Router(make, path.parent, [path, *(path.parent / name for name in BESIDE)])
@@ -138,9 +138,9 @@ async def _guard(router: Router, most_connections: int = MAX_CONNECTIONS) -> int
 
 
 async def _tell(router: Router, refused: DeniedOperations, limits: Limits) -> None:
-    """Say who was refused what, soon and not more often than anybody reads: in the log, and to doctor.
+    """Report denied operations in the log and to doctor, at most every `TELL_S`.
 
-    Who takes more than one identity may is cut off.
+    Connections beyond the limit of an identity are closed.
     """
     loop, recent = asyncio.get_running_loop(), RecentDenials()
     before_s = loop.time()

@@ -1,4 +1,4 @@
-"""`pointit site`: who may do what on a site: certificates, access rules, the router's configuration."""
+"""`pointit site`: identities and rights of a site: certificates, access rules, router configuration."""
 
 import datetime as dt
 from collections.abc import Callable, Iterable
@@ -34,18 +34,18 @@ MOST = 256
 
 folder_option = click.option(
     "--folder",
-    "--site-folder",  # as `router` and `doctor` call it
+    "--site-folder",  # name in `router` and `doctor`
     type=click.Path(path_type=Path),
     default=Path(),
     help="the site's folder  [default: this one; for init, ./NAME]",
 )
 
 
-HELP = """Say who may join a site, and what each may do there.
+HELP = """Manage who may join a site, and their rights.
 
-A site's folder holds a small certificate authority, the router's files, and a folder for each identity,
-to be carried to its machine and named there by --credentials (or POINTIT_CREDENTIALS). A person may write
-only under their own name; dashboards only look on. Nobody else gets in.
+A site's folder holds a small certificate authority, the router's files, and a folder for each identity.
+Copy the latter to its machine and name it there by --credentials (or POINTIT_CREDENTIALS). A person may
+write only under their own name; dashboards can only view. All others are rejected.
 
 \b
 Example:
@@ -57,45 +57,45 @@ Example:
 
 @click.group("site", help=HELP)
 def command() -> None:
-    """Say who may join a site, and what each may do there."""
+    """Manage who may join a site, and their rights."""
 
 
 @command.command("init")
 @click.argument("name")
 @folder_option
-@click.option("--users", default="", help="names of people, anna,ben, or how many: user1, user2, …")
+@click.option("--users", default="", help="names of people, anna,ben, or their number: user1, user2, …")
 @click.option(
     "--guests",
     default=4,
     show_default=True,
     type=click.IntRange(0, MOST),
-    help="places guest1, guest2, … that can be given to anybody at any time",
+    help="number of spare identities guest1, guest2, … for later use",
 )
 @click.option(
-    "--dashboards", default=1, show_default=True, type=click.IntRange(0, MOST), help="who only looks on"
+    "--dashboards", default=1, show_default=True, type=click.IntRange(0, MOST), help="number of viewers"
 )
 @click.option(
     "--host",
     "hosts",
     multiple=True,
-    help="name or address by which the router is reached; several when it has several  [default: 127.0.0.1]",
+    help="name or address of the router, may be repeated  [default: 127.0.0.1]",
 )
 @click.option("--port", default=DEFAULT_PORT, show_default=True, type=click.IntRange(1, 65535))
 @click.option(
-    "--days", default=DEFAULT_DAYS, show_default=True, type=Finite(1, 3653), help="how long certificates last"
+    "--days", default=DEFAULT_DAYS, show_default=True, type=Finite(1, 3653), help="lifetime of certificates"
 )
 @click.option(
     "--password",
     is_flag=True,
-    help="all but the router prove who they are by passwords, which do not end, instead of by certificates; "
-    "keeps strangers out less well (deploy/README.md)",
+    help="use passwords, which do not expire, instead of certificates for all but the router; "
+    "less secure (deploy/README.md)",
 )
 @click.option(
     "--dashboard-rate",
     default=DASHBOARD_HZ,
     show_default=True,
     type=Finite(0, 1000),
-    help="what dashboards get at most, Hz of each key; 0: everything. Other than 0 they come by UDP (QUIC)",
+    help="rate limit of each key for dashboards, Hz; 0: none. With a limit they connect by UDP (QUIC)",
 )
 @json_option
 def init(
@@ -112,10 +112,10 @@ def init(
     password: bool,
     as_json: bool,
 ) -> None:
-    """Make the site NAME: its authority, its router's files, an identity for each who takes part.
+    """Create the site NAME: its authority, its router's files, and its identities.
 
-    Besides people, guests and dashboards there are `services` (what all share), `web` (the page's server),
-    `operator` (may ask services for anything) and `supervisor` (may do everything).
+    Besides people, guests and dashboards there are `services` (the shared ones), `web` (the page's server),
+    `operator` (may send any request to services) and `supervisor` (may do everything).
 
     Example: pointit site init lab --host 192.168.1.5 --users anna,ben --guests 4
     """
@@ -143,13 +143,13 @@ def init(
         return
     click.echo(f"site {name} is in {path}: {len(roles)} identities and the router's")
     click.echo(f"1. run its router: pointit router --site-folder {path}")
-    click.echo(f"2. carry {path / 'identities'}/NAME to where NAME runs, and there: --credentials NAME")
-    click.echo(f"3. keep {path / 'authority'} to yourself: who has it can be anybody on this site")
+    click.echo(f"2. copy {path / 'identities'}/NAME to the machine of NAME, and there: --credentials NAME")
+    click.echo(f"3. keep {path / 'authority'} secret: it allows to take any identity on this site")
 
 
 @command.group("user")
 def user() -> None:
-    """Add people to a site, remove them, list them; the router follows within a second."""
+    """Add, remove and list the people of a site; the router follows within a second."""
 
 
 @user.command("add")
@@ -175,7 +175,7 @@ def add(names: tuple[str, ...], folder: Path) -> None:
 @click.argument("names", nargs=-1, required=True)
 @folder_option
 def remove(names: tuple[str, ...], folder: Path) -> None:
-    """Remove the people NAMES and their certificates; what they have elsewhere is worth nothing then.
+    """Remove the people NAMES and their certificates; copies elsewhere become invalid.
 
     Example: pointit site user remove carla --folder lab
     """
@@ -184,7 +184,7 @@ def remove(names: tuple[str, ...], folder: Path) -> None:
         known = site.state().identities.get(name)
         if known is not None and known.role != "user":
             raise ConfigError(
-                f"{name} is no person but the site's {known.role}; `pointit site revoke {name}`"
+                f"{name} is not a person but the site's {known.role}; `pointit site revoke {name}`"
             )
         site.remove(name)
         click.echo(f"{name} is removed")
@@ -208,10 +208,10 @@ def list_people(folder: Path, *, as_json: bool) -> None:
 @folder_option
 @click.option("--host", "hosts", multiple=True, help="one more name or address of the router")
 def renew(names: tuple[str, ...], folder: Path, hosts: tuple[str, ...]) -> None:
-    """Make new certificates for NAMES, or for all that end within 30 days; carry them to their machines.
+    """Make new certificates for NAMES, or for all that expire within 30 days; copy them to their machines.
 
-    What they replace is worth nothing from then on; a revoked identity comes back. Where people have
-    passwords, which do not end, those who are named get new ones.
+    The old ones become invalid; a revoked identity is valid again. On sites with passwords, which do not
+    expire, NAMES get new ones.
 
     Example: pointit site renew anna --folder lab
     """
@@ -225,31 +225,31 @@ def renew(names: tuple[str, ...], folder: Path, hosts: tuple[str, ...]) -> None:
         if hosts:
             names = tuple(dict.fromkeys((ROUTER, *names)))
     if not names:
-        click.echo("every certificate is valid for 30 days and more; name those to renew all the same")
+        click.echo("every certificate is valid for 30 days or more; give names to renew them nevertheless")
         return
     site.renew(names, now, hosts)
     for name in names:
         proof = "password" if state.password and name != ROUTER else "certificate"
-        click.echo(f"{name} has a new {proof}: carry {site.identity_folder(name)} to its machine")
+        click.echo(f"{name} has a new {proof}: copy {site.identity_folder(name)} to its machine")
 
 
 @command.command("revoke")
 @click.argument("name")
 @folder_option
 def revoke(name: str, folder: Path) -> None:
-    """Take every right from NAME, from now on: a machine was lost, a person left.
+    """Revoke all rights of NAME from now on, for example if a machine was lost or a person left.
 
     Example: pointit site revoke guest2 --folder lab
     """
     SiteFolder(folder).revoke(name)
-    click.echo(f"{name} may do nothing any more; `pointit site renew {name}` lets them in again")
+    click.echo(f"{name} has no rights any more; `pointit site renew {name}` restores them")
 
 
 @command.command("show")
 @folder_option
 @json_option
 def show(folder: Path, *, as_json: bool) -> None:
-    """Show who there is, in which role, and when certificates end; exit code 1 when one ends within 30 days.
+    """Show identities, roles and when certificates expire; exit code 1 if one expires within 30 days.
 
     Example: pointit site show --folder lab
     """
@@ -276,7 +276,7 @@ def _tell(names: Iterable[str], state: SiteState, *, as_json: bool) -> int:
 
 def _refuse_taken(name: str, roles: dict[str, Role]) -> None:
     if name in {*STANDING, ROUTER} or name.startswith("dashboard"):
-        raise ConfigError(f"{name} is a name of the site's own; choose another for a person")
+        raise ConfigError(f"{name} is a reserved name of the site; choose another for a person")
     if name in roles:
         raise ConfigError(f"{name} is named twice; name each person once, guest1, guest2, … are the guests")
 

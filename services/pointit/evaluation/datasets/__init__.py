@@ -1,4 +1,4 @@
-"""Recordings of people who are localized, each set read into trials of one form."""
+"""Recordings of people who are localized, each set read into trials of one format."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -11,21 +11,21 @@ SETS: dict[str, Callable[[Path, Reading], None]] = {
     module.NAME: module.read
     for module in (motion_relloc, proximity_waypoints, vr_arm_pointing, synth_two_led)
 }
-"""Readers by the name of the folder; a further set is a further row."""
+"""Readers by the name of the folder."""
 
 
 def read_trials(recordings: Path, names: Sequence[str] = (), subjects: Sequence[str] = ()) -> Reading:
-    """Return the trials of the sets `names` (empty: all there are) and `subjects` (empty: all).
+    """Return the trials of the sets `names` (empty: all present ones) and `subjects` (empty: all).
 
-    Sets and files that are not there are noted and passed over.
+    Missing sets and files are noted and skipped.
 
     Args:
-        recordings: holds one folder a set.
+        recordings: folder with one folder per set.
         names: keys of `SETS`.
-        subjects: as the files call them.
+        subjects: names in the files.
 
     Raises:
-        ConfigError: a file is damaged, no set is there, or nothing is of these subjects.
+        ConfigError: If a file is damaged, no set is present, or there is no data of these subjects.
     """
     reading = Reading()
     wanted = tuple(names) or tuple(SETS)

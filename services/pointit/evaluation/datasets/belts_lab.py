@@ -38,17 +38,17 @@ class _Run(Line):
 
 @dataclass(frozen=True, kw_only=True)
 class Toggle:
-    """Somebody selected a package, or took that back."""
+    """A package was selected or deselected."""
 
     at_s: float
-    """From the beginning of the run; of the first sample that has it."""
+    """Time from the start of the run to the first sample with the new state."""
     is_wrong: bool
-    """It leaves the package in the state in which it should not be."""
+    """True if it leaves the package in the wrong state."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Run:
-    """One run of a person: packages to select until all that should be are."""
+    """One run of a person, until all targets are selected."""
 
     subject: str
     interface: Interface
@@ -60,11 +60,11 @@ class Run:
     missed: int
     """Targets that were not selected at the end."""
     toggles: tuple[Toggle, ...]
-    """In order of time."""
+    """Toggles in order of time."""
 
     @property
     def completion_s(self) -> float | None:
-        """Return when the last target was selected to stay so; none: not all were at the end."""
+        """Return the time of the last target's final selection, or None if some were not selected."""
         return None if self.missed or not self.toggles else self.toggles[-1].at_s
 
 
@@ -72,7 +72,7 @@ def read_runs(folder: Path) -> list[Run]:
     """Return all runs in `folder`, in the order of the file.
 
     Raises:
-        ConfigError: the file is not there or damaged; names line, field and value.
+        ConfigError: If the file is missing or damaged; names line, field and value.
     """
     path = folder / FILE
     return [_run(path, line, run) for line, run in read_lines(path, _Run)]
@@ -99,7 +99,7 @@ def _run(path: Path, line: int, run: _Run) -> Run:
 def _toggles(path: Path, line: int, run: _Run, package: _Package) -> list[Toggle]:
     toggles: list[Toggle] = []
     for (before, was), (index, state) in pairwise(package.selected):
-        # a change after the last sample, as some files have it, was seen when the recording ended
+        # some files have a change after the last sample: count it at the end of the recording
         if index < before or index > len(run.t) or state == was:
             raise ConfigError(
                 f"{path}, line {line}: packages, uid {package.uid}, selected: changes of state in order, "

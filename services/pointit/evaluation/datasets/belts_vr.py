@@ -1,4 +1,4 @@
-"""`belts_vr`: people in virtual reality select the defective ones of packages that pass by on fast belts."""
+"""`belts_vr`: people in virtual reality select defective packages that pass by on fast belts."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,20 +26,20 @@ class _Package(Line):
 
 @dataclass(frozen=True, kw_only=True)
 class Passage:
-    """A package that passed somebody by."""
+    """A package that passed a person."""
 
     subject: str
     speed_mps: float
     is_target: bool
     took_s: float | None
-    """From when it came into view until it was selected; none: it was not."""
+    """Time from its appearance until it was selected, or None if it was not."""
 
 
 def read_passages(folder: Path) -> list[Passage]:
     """Return all packages in `folder`, in the order of the file.
 
     Raises:
-        ConfigError: the file is not there or damaged; names line, field and value.
+        ConfigError: If the file is missing or damaged; names line, field and value.
     """
     path = folder / FILE
     return [_passage(path, line, package) for line, package in read_lines(path, _Package)]

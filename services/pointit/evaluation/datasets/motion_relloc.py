@@ -16,22 +16,20 @@ from pointit.sim.recordings import OPERATOR, read_imu_csv
 NAME = "motion_relloc"
 KIND = "pointing_at_moving_drone"
 MOUNTING = "minus_x"
-"""A Myo: the arm lies along the sensor's minus x axis."""
+"""Mounting of a Myo: the arm lies along the sensor's minus x axis."""
 
 
 def read(folder: Path, reading: Reading) -> None:
     """Add the windows of all files of `folder` whose kind is `KIND`.
 
     Raises:
-        ConfigError: the index or a file is damaged.
+        ConfigError: If the index or a file is damaged.
     """
     for entry in read_index(folder):
         if entry.get("kind") == KIND:
             path = file_of(folder, entry)
             if path is None:
-                reading.skip(
-                    folder / text_of(folder, entry, "file"), "the index lists it, but it is not there"
-                )
+                reading.skip(folder / text_of(folder, entry, "file"), "the index lists it, but it is missing")
             else:
                 _add(path, text_of(folder, entry, "subject"), yaw_of(folder, entry), reading)
 
@@ -39,12 +37,12 @@ def read(folder: Path, reading: Reading) -> None:
 def _add(path: Path, subject: str, yaw_rad: float | None, reading: Reading) -> None:
     recorded = read_imu_csv(path)
     if recorded.robot_m is None or recorded.head_m is None:
-        reading.skip(path, "it does not say where robot and head were")
+        reading.skip(path, "it has no positions of robot and head")
         return
     check_times(path, recorded.t_s)
     check_reach(path, recorded.robot_m, recorded.head_m, "robot ('robot_x', …) and head ('head_x', …)")
     arm = ArmFrame(MOUNTINGS[MOUNTING])
-    # the radio came at 50 Hz with gaps and was resampled to 30 Hz: what is repeated is old
+    # the radio data, 50 Hz with gaps, was resampled to 30 Hz: repeated samples are old
     fresh = np.append(True, np.any(np.diff(recorded.orientation_xyzw, axis=0) != 0.0, axis=1))
     sensors: list[Quaternion] = [tuple(row) for row in recorded.orientation_xyzw[fresh].tolist()]
     origins_m, directions = eye_finger_rays((arm.orientation(each) for each in sensors), OPERATOR)

@@ -1,4 +1,4 @@
-"""What recordings of people can be: who is beyond wrote other units, or is damaged."""
+"""Plausibility limits for recordings of people: values beyond have other units, or are damaged."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -11,28 +11,28 @@ from pointit.runtime.errors import ConfigError
 Array = NDArray[np.float64]
 
 LONGEST_S = 86_400.0
-"""Nobody points for longer than a day."""
+"""Limit of a recording: one day."""
 
 LONGEST_STEP_S = 0.5
-"""The localizer takes longer ones for pauses: at least half of the steps of a recording are shorter."""
+"""Limit of the median step; the localizer treats longer ones as pauses."""
 
-MOST_HZ = 1100.0
-"""No sensor on an arm is faster than 1000 Hz, some clocks are a little."""
+MAX_HZ = 1100.0
+"""Limit of the sample rate: sensors on an arm reach 1000 Hz, and some clocks are slightly fast."""
 
 FARTHEST_M = 100.0
-"""Nobody points at something farther off."""
+"""Limit of the distance from person to target."""
 
 
 def check_times(path: Path, times_s: Array, name: str = "column 't'") -> None:
-    """Refuse times of samples that are not those of a recording in seconds.
+    """Check that times of samples are those of a recording in seconds.
 
     Args:
-        path: for the sentence.
+        path: file, for the message.
         times_s: n, at least one.
-        name: of the column or array, for the sentence.
+        name: column or array, for the message.
 
     Raises:
-        ConfigError: they go backwards, last longer than a day, or are not as far apart as samples are.
+        ConfigError: If they go backwards, last longer than a day, or have an implausible step.
     """
     steps_s = np.diff(times_s)
     back = np.flatnonzero(steps_s < 0.0)
@@ -52,9 +52,9 @@ def check_times(path: Path, times_s: Array, name: str = "column 't'") -> None:
             f"{path}, {name}: the samples are {np.median(steps_s):g} s apart and at most "
             f"{LONGEST_STEP_S:g} s were expected; is it in seconds?"
         )
-    if len(steps_s) >= 10 and len(steps_s) > MOST_HZ * span_s:
+    if len(steps_s) >= 10 and len(steps_s) > MAX_HZ * span_s:
         raise ConfigError(
-            f"{path}, {name}: {len(times_s)} samples lie within {span_s:g} s, more than {MOST_HZ:g} a "
+            f"{path}, {name}: {len(times_s)} samples lie within {span_s:g} s, more than {MAX_HZ:g} a "
             "second; is it in seconds?"
         )
 
@@ -62,17 +62,17 @@ def check_times(path: Path, times_s: Array, name: str = "column 't'") -> None:
 def check_reach(
     path: Path, targets_m: Array, people_m: Array, what: str, lines: Sequence[int] | None = None
 ) -> None:
-    """Refuse targets that are too far away for anybody to point at.
+    """Check that targets are close enough for a person to point at.
 
     Args:
-        path: for the sentence.
+        path: file, for the message.
         targets_m: n x k, k of 2 or 3.
-        people_m: n x k, who points at them.
-        what: the target and the person in it, with the names of their columns.
-        lines: n, of the file, where they are known.
+        people_m: n x k, positions of the people who point at them.
+        what: target and person, with the names of their columns.
+        lines: n, lines of the file, if known.
 
     Raises:
-        ConfigError: names the first one.
+        ConfigError: If one is too far; names the first.
     """
     away_m = np.linalg.norm(targets_m - people_m, axis=1)
     far = np.flatnonzero(~(away_m <= FARTHEST_M))
@@ -86,15 +86,15 @@ def check_reach(
 
 
 def check_floor(path: Path, points_m: Array, names: str) -> None:
-    """Refuse points on the floor that are not in metres; single ones may be anywhere, near the horizon.
+    """Check that points on the floor are in metres; single ones may be anywhere, near the horizon.
 
     Args:
-        path: for the sentence.
+        path: file, for the message.
         points_m: n x 2, from the feet.
-        names: of the columns, for the sentence.
+        names: columns, for the message.
 
     Raises:
-        ConfigError: most are too far away.
+        ConfigError: If most are too far away.
     """
     away_m = float(np.median(np.hypot(points_m[:, 0], points_m[:, 1]))) if len(points_m) else 0.0
     if away_m > FARTHEST_M:

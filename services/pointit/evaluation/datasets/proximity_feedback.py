@@ -1,4 +1,4 @@
-"""`proximity_feedback`: people point at three places on the floor, without and with a spot of light there."""
+"""`proximity_feedback`: people point at three positions on the floor, without and with a light spot there."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -20,16 +20,16 @@ PREFIX = "user_"
 SAMPLE_HZ = 50.0
 
 Phase = Literal["open_loop_reach", "open_loop_hold", "feedback_reach", "feedback_hold"]
-"""In this order; the spot is seen in the last two only."""
+"""Phases in this order; the spot is visible only in the last two."""
 
 PHASES: tuple[Phase, ...] = get_args(Phase)
 
 
 NEAREST_M = 0.1
-"""A target at the feet is in no direction."""
+"""Minimum distance of a target, since one at the feet has no direction."""
 
 _SAME = ("target_x", "target_y", "trial_len_samples")
-"""What each row says of its trial."""
+"""Columns that are constant within a trial."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,30 +37,30 @@ class Stretch:
     """One phase of a trial."""
 
     times_s: Array
-    """n, from the beginning of the person's first trial."""
+    """n, from the start of the person's first trial."""
     points_m: Array
-    """n x 2: where the ray meets the floor in {H}, the feet at 0."""
+    """n x 2: intersection of the ray with the floor in {H}, the feet at 0."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class FloorTrial:
-    """Somebody points at one place on the floor; their feet are at 0, they face along x."""
+    """A person points at one position on the floor; their feet are at 0, they face along x."""
 
     subject: str
     number: int
     target_id: str
     target_m: tuple[float, float]
     start_s: float
-    """From the beginning of the person's first trial, rests counted as they lasted."""
+    """Time from the start of the person's first trial, including rests."""
     phases: dict[Phase, Stretch]
-    """Those that were recorded."""
+    """Recorded phases."""
 
 
 def read_floor_trials(folder: Path) -> list[FloorTrial]:
     """Return the trials of all people in `folder`, in order.
 
     Raises:
-        ConfigError: a file is damaged, or there is none.
+        ConfigError: If a file is damaged, or there is none.
     """
     paths = sorted(folder.glob(f"{PREFIX}*.csv"))
     if not paths:
@@ -89,7 +89,7 @@ def _trials(path: Path) -> Iterator[FloorTrial]:
         if number != numbers[first] or number in seen:
             raise table.refuse(
                 first,
-                f"column 'trial': {numbers[first]:g} is no whole number, or its rows are in several places; "
+                f"column 'trial': {numbers[first]:g} is not an integer, or its rows are not contiguous; "
                 "number the trials, and keep the rows of each together",
             )
         seen.add(number)
@@ -113,7 +113,7 @@ def _trials(path: Path) -> Iterator[FloorTrial]:
 
 
 def _length_s(table: Table, first: int, end: int) -> float:
-    """Return how long the trial of rows `first` to `end` was, which all say the same of it."""
+    """Return the duration of the trial in rows `first` to `end`, s, after checking that all rows agree."""
     for name, values in (*((name, table.numbers[name]) for name in _SAME), ("target_id", None)):
         row = np.array(table.texts[name][first:end]) if values is None else values[first:end]
         others = np.flatnonzero(row != row[0])
@@ -143,7 +143,7 @@ def _length_s(table: Table, first: int, end: int) -> float:
 def _phases(
     table: Table, points_m: Array, trial: range, start_s: float
 ) -> tuple[dict[Phase, Stretch], float]:
-    """Return the phases of the rows of a `trial`, one after the other, and how long they lasted."""
+    """Return the phases of a `trial` in order, and their total duration."""
     first = trial.start
     names = table.texts["phase"][first : trial.stop]
     last = 0

@@ -1,4 +1,4 @@
-"""`proximity_waypoints`: people follow a drone; of their rays the points on the floor are known."""
+"""`proximity_waypoints`: people follow a drone; their rays are recorded as points on the floor."""
 
 from pathlib import Path
 
@@ -21,24 +21,24 @@ from pointit.services.localizer.estimation.estimator import Pointings
 
 NAME = "proximity_waypoints"
 PREFIX = "track_"
-"""Files in which somebody steadily follows the drone; in the others they fly it."""
+"""Prefix of files in which a person steadily follows the drone; in the others they fly it."""
 
 MARKER_OVER_EYES_M = 0.115
-"""How high the head's marker is over the eyes."""
+"""Height of the head's marker over the eyes."""
 
 
 def read(folder: Path, reading: Reading) -> None:
-    """Add the windows of all files of `folder` whose names begin with `PREFIX`.
+    """Add the windows of all files of `folder` whose names start with `PREFIX`.
 
     Raises:
-        ConfigError: the index or a file is damaged.
+        ConfigError: If the index or a file is damaged.
     """
     for entry in read_index(folder):
         name = text_of(folder, entry, "file")
         if name.startswith(PREFIX):
             path = file_of(folder, entry)
             if path is None:
-                reading.skip(folder / name, "the index lists it, but it is not there")
+                reading.skip(folder / name, "the index lists it, but it is missing")
             else:
                 _add(folder, path, entry, reading)
 

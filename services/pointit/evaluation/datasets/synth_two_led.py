@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pointit.evaluation.datasets.array_file import Kind, read_arrays
 from pointit.evaluation.datasets.plausible import check_reach, check_times
 from pointit.evaluation.localization.trial import Array, Reading, Trial
-from pointit.evaluation.recordings.data_folder import EYE_HEIGHTS_M, MOST_YAW_DEG
+from pointit.evaluation.recordings.data_folder import EYE_HEIGHTS_M, MAX_YAW_DEG
 from pointit.evaluation.recordings.table_file import FARTHEST, check_text, is_file
 from pointit.runtime.errors import ConfigError
 from pointit.services.localizer.estimation.estimator import Pointings
@@ -21,10 +21,10 @@ FILE = "trials.npz"
 SUBJECT = "simulated"
 
 MAX_TRIALS = 100_000
-"""More take hours."""
+"""Limit of trials; more need hours."""
 
 PAUSE_S = 2.0
-"""Put between the lamps where the times of the file have none: the arm moves, and that is not pointing."""
+"""Pause inserted between the lamps if the file has none: while the arm moves, it does not point."""
 
 _NUMBERS = (
     "ray_az_rad", "ray_el_rad", "led_xyz", "led_of_sample", "t_s", "eye_height_m",
@@ -36,11 +36,11 @@ def read(folder: Path, reading: Reading) -> None:
     """Add all trials; the condition is the name of the scenario.
 
     Raises:
-        ConfigError: the file is damaged.
+        ConfigError: If the file is damaged.
     """
     path = folder / FILE
     if not is_file(path):
-        reading.skip(path, "it is not there")
+        reading.skip(path, "it is missing")
         return
     data, names = _load(path)
     azimuths, elevations = data["ray_az_rad"], data["ray_el_rad"]
@@ -60,7 +60,7 @@ def read(folder: Path, reading: Reading) -> None:
                 eye_height_m=eyes_m,
                 x_m=float(data["truth_user_xy"][i, 0]),
                 y_m=float(data["truth_user_xy"][i, 1]),
-                # the file has azimuth in {H} = azimuth in {W} + yaw, which is the other way round
+                # the file has azimuth in {H} = azimuth in {W} + yaw, the opposite sign of ours
                 yaw_rad=-float(data["truth_yaw_rad"][i]),
                 independent_hz=None,  # errors are white in one scenario, constant over a hold in others
             )
@@ -68,7 +68,7 @@ def read(folder: Path, reading: Reading) -> None:
 
 
 def _with_pauses(times_s: Array, lamps: NDArray[np.int64]) -> Array:
-    """Return `times_s`, later by `PAUSE_S` after each change of the lamp."""
+    """Return `times_s`, shifted by `PAUSE_S` after each change of the lamp."""
     return times_s + PAUSE_S * np.append(0, np.cumsum(np.diff(lamps) != 0))
 
 
@@ -82,9 +82,9 @@ def _load(path: Path) -> tuple[dict[str, Array], list[str]]:
         )
     names = [check_text(f"{path}, array 'scenario_names'", str(name)) for name in texts.tolist()]
     if len(set(names)) < len(names):
-        raise ConfigError(f"{path}, array 'scenario_names': a name is there twice; give each its own")
+        raise ConfigError(f"{path}, array 'scenario_names': contains a name twice; give each its own")
     _check_shapes(path, arrays)
-    with np.errstate(over="ignore"):  # of long doubles: what is then infinite is beyond every bound
+    with np.errstate(over="ignore"):  # of long doubles: infinity exceeds every bound
         data = {name: values.astype(np.float64) for name, values in arrays.items()}
     _check_values(path, data, names)
     return data, names
@@ -119,7 +119,7 @@ def _check_shapes(path: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
 
 
 def _check_values(path: Path, data: Mapping[str, Array], names: Sequence[str]) -> None:
-    turns_rad = math.radians(MOST_YAW_DEG)
+    turns_rad = math.radians(MAX_YAW_DEG)
     bounds: dict[str, tuple[float, float, str]] = {
         "ray_az_rad": (-turns_rad, turns_rad, "radians"),
         "ray_el_rad": (-math.pi / 2.0 - 1e-6, math.pi / 2.0 + 1e-6, "radians"),

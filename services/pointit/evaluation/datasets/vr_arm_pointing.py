@@ -1,7 +1,7 @@
 """`vr_arm_pointing`: people in virtual reality point at static targets, seeing a hand but no cursor.
 
-The recorded rays are in the room's axes, whose origin is where people stood. An IMU's yaw origin and a map's
-origin may be anywhere: each trial has its own, or a solver that starts at zero would start at the truth.
+The recorded rays are in the room's axes, whose origin is the person's position. Each trial has a random yaw
+origin and map origin, as in reality; otherwise a solver that starts at zero would start at the truth.
 """
 
 import math
@@ -25,27 +25,27 @@ NAME = "vr_arm_pointing"
 FILE = "endpoints.csv"
 
 TARGETS = (2, 3, 4, 6)
-"""How many different targets a trial has."""
+"""Numbers of different targets in a trial."""
 
 SUBSETS = 100
-"""Trials of each subject and number of targets: random targets, of each a random one of its acts."""
+"""Trials of each subject and number of targets: random targets, a random act of each."""
 
 HOLD_S = 2.0
 HOLD_RAYS = 40
-"""An act, of which only its end was recorded, is given as a hold of equal rays, as long as at a lamp."""
+"""Rays of a hold. An act, recorded only at its end, is given as a hold of equal rays as long as at a lamp."""
 
 ROOM_M = 3.0
-"""A map's origin is at most so far from where it was recorded, along each axis."""
+"""Maximum distance of a random map origin from the recorded one, along each axis."""
 
 PAUSE_S = 2.0
-"""Between two holds."""
+"""Pause between two holds."""
 
 STATURES_M = (0.5, 2.5)
 
 FOREARMS_M = (0.01, 1.0)
 
-MOST_SUBJECTS = 100
-"""Of more, the trials do not fit the memory that an evaluation should take."""
+MAX_SUBJECTS = 100
+"""Limit of subjects, which bounds the memory of an evaluation."""
 
 _ACTED = ("hmd_x", "hmd_y", "forearm_x", "forearm_y", "forearm_z", "hand_x", "hand_y", "hand_z")
 _TARGET = ("target_x", "target_y", "target_z")
@@ -53,7 +53,7 @@ _TARGET = ("target_x", "target_y", "target_z")
 
 @dataclass(frozen=True, kw_only=True)
 class _Acts:
-    """All of one subject's."""
+    """All acts of one subject."""
 
     subject: str
     eye_height_m: float
@@ -63,27 +63,27 @@ class _Acts:
     heads_m: Array
     """n x 2."""
     kinds: NDArray[np.int64]
-    """n: number of the target."""
+    """n: index of the target."""
     lean_rad: float
-    """How far to the left of the targets the person's rays are on average: forearms do not lie along them."""
+    """Mean angle of the rays to the left of the targets, since forearms are not parallel to them."""
 
 
 def read(folder: Path, reading: Reading) -> None:
-    """Add random subsets of the targets of each subject; the same ones in each run.
+    """Add random subsets of the targets of each subject, the same ones in each run.
 
     Raises:
-        ConfigError: the file is damaged.
+        ConfigError: If the file is damaged.
     """
     path = folder / FILE
     if not is_file(path):
-        reading.skip(path, "it is not there")
+        reading.skip(path, "it is missing")
         return
     table = read_table(path, numbers=("stature", *_TARGET, *_ACTED), texts=("subject",))
     groups = table.rows_by("subject")
-    if len(groups) > MOST_SUBJECTS:
+    if len(groups) > MAX_SUBJECTS:
         raise ConfigError(
-            f"{path}, column 'subject': has {len(groups)} subjects, and at most {MOST_SUBJECTS} are read; is "
-            "it the subject? then cut the file into pieces"
+            f"{path}, column 'subject': has {len(groups)} subjects, limit {MAX_SUBJECTS}; is "
+            "it the subject? then split the file"
         )
     for (subject,), rows in groups.items():
         acts = _acts(table.only(rows), subject)
@@ -92,7 +92,7 @@ def read(folder: Path, reading: Reading) -> None:
 
 
 def _acts(table: Table, subject: str) -> _Acts:
-    """Return the acts of `subject`, of whom all rows are."""
+    """Return the acts of `subject`; `table` has only their rows."""
     statures_m = table.numbers["stature"]
     strange = np.flatnonzero((statures_m < STATURES_M[0]) | (statures_m > STATURES_M[1]))
     if len(strange):
@@ -167,7 +167,7 @@ def _add(acts: _Acts, count: int, reading: Reading) -> None:
 
 
 def _holds(acts: _Acts, chosen: Sequence[int], yaw_rad: float, origin_m: Array) -> Pointings:
-    """Return each act as a hold, for an IMU with its yaw origin at `yaw_rad`, on a map from `origin_m`."""
+    """Return each act as a hold, with the IMU's yaw origin at `yaw_rad` and the map's at `origin_m`."""
     within_s = np.arange(HOLD_RAYS) * (HOLD_S / HOLD_RAYS)
     starts_s = np.arange(len(chosen)) * (HOLD_S + PAUSE_S)
     which = np.repeat(chosen, HOLD_RAYS)

@@ -1,9 +1,8 @@
-"""`vr_eyefinger`: people in virtual reality point at nine places on a wall; eye-finger rays are true ones.
+"""`vr_eyefinger`: people in virtual reality point at nine positions on a wall; true eye-finger rays.
 
-The file has the ray's direction and the fingertip, which lies on it, but not the eyes. All rays of one block
-start near one place, the head's: the eyes are taken to be where each ray passes nearest to the place that is
-nearest to all of them. That place is found within centimetres; ten of them, along the ray, are a thirtieth
-of the error.
+The file has the ray's direction and the fingertip on it, but not the eyes. All rays of one block start near
+the head, which is estimated as the point closest to all rays; the eyes are the point of each ray closest to
+it. It is found within centimetres; 10 cm along the ray are a thirtieth of the error.
 """
 
 from dataclasses import dataclass
@@ -20,39 +19,39 @@ Array = NDArray[np.float64]
 NAME = "vr_eyefinger"
 FILE = "wall_targets.csv"
 WALL_M = 2.0
-"""Where the wall is, ahead."""
+"""Distance of the wall ahead."""
 FEEDBACKS = ("none", "hand", "cursor")
-"""What the person saw: nothing of the hand, the hand, the place pointed at."""
+"""Visible feedback: nothing of the hand, the hand, the position pointed at."""
 
 REACH_M = 3.0
-"""No fingertip is farther from the eyes."""
+"""Maximum distance of the fingertip from the eyes."""
 NEAREST_M = 0.1
-"""The eyes are at least so far before the wall."""
+"""Minimum distance of the eyes from the wall."""
 
-_LEAST_ROWS = 4
-"""Rays that tell where the eyes are."""
+_MIN_ROWS = 4
+"""Minimum number of rays to estimate the eyes."""
 _WORST_CONDITION = 1e3
 
 
 @dataclass(frozen=True, kw_only=True)
 class WallTrials:
-    """All of one person with one feedback, in the order of the file; {W}: x to the wall, y to the left."""
+    """All trials of a person with one feedback, in file order; {W}: x to the wall, y to the left."""
 
     subject: str
     feedback: str
     directions: Array
     """n x 3, unit: true rays from the eyes over the fingertip."""
     ways: Array
-    """n x 3, unit: from the eyes to the target."""
+    """n x 3, unit: directions from the eyes to the target."""
     targets: NDArray[np.int64]
-    """n: number of the target."""
+    """n: index of the target."""
 
 
 def read_wall_trials(folder: Path) -> list[WallTrials]:
     """Return the trials in `folder`, one person and feedback after the other.
 
     Raises:
-        ConfigError: the file is absent or damaged.
+        ConfigError: If the file is missing or damaged.
     """
     table = read_table(
         folder / FILE,
@@ -103,24 +102,24 @@ def read_wall_trials(folder: Path) -> list[WallTrials]:
 
 
 def _ours(rows: Array) -> Array:
-    """Return vectors given as x right, y up, z ahead."""
+    """Return vectors in our axes, from x right, y up, z ahead."""
     return np.stack([rows[:, 2], -rows[:, 0], rows[:, 1]], axis=1)
 
 
 def _eyes(table: Table, directions: Array, points_m: Array) -> Array:
-    """Return where each ray starts, given a point on it."""
+    """Return the origin of each ray, given a point on it."""
     eyes_m = np.empty_like(points_m)
     subjects = table.rows_by("subject")
     for (subject, *_), rows in table.rows_by("subject", "session", "feedback").items():
         head_m = _meeting(directions[rows], points_m[rows])
-        if head_m is None:  # the hand hung all the time, or its tracker stood still: as in other blocks
+        if head_m is None:  # the hand hung all the time, or its tracker froze: use the other blocks
             whole = subjects[subject,]
             head_m = _meeting(directions[whole], points_m[whole])
         if head_m is None:
             raise table.refuse(
                 rows[0],
-                f"columns 'efrc_dir_…': the rays of subject {subject} are too few, or too much alike, to "
-                "tell where the eyes are; leave the subject out",
+                f"columns 'efrc_dir_…': the rays of subject {subject} are too few, or too similar, to "
+                "determine the eyes; leave the subject out",
             )
         along, points = directions[rows], points_m[rows]
         reach_m = np.einsum("ni,ni->n", along, points - head_m)
@@ -138,10 +137,10 @@ def _eyes(table: Table, directions: Array, points_m: Array) -> Array:
 
 
 def _meeting(along: Array, points_m: Array) -> Array | None:
-    """Return the place nearest to all lines, or none where they do not tell."""
+    """Return the point closest to all lines, or None if they do not determine it."""
     across = np.eye(3) - along[:, :, None] * along[:, None, :]
     normal: Array = across.sum(axis=0)
-    if len(along) < _LEAST_ROWS or np.linalg.cond(normal) > _WORST_CONDITION:
+    if len(along) < _MIN_ROWS or np.linalg.cond(normal) > _WORST_CONDITION:
         return None
     moments: Array = np.einsum("nij,nj->i", across, points_m)
     return np.asarray(np.linalg.solve(normal, moments), dtype=np.float64)

@@ -14,18 +14,18 @@ from pointit.services.pointing.arm_ray import ArmRay
 Array = NDArray[np.float64]
 
 STATURE_M = 1.835
-"""Of whom the default measures are; others are scaled from theirs."""
+"""Stature of the default body measures, from which others are scaled."""
 
 
 def scaled_body(stature_m: float) -> BodyMeasures:
-    """Return the measures of somebody `stature_m` tall: the default ones, scaled."""
+    """Return the default body measures, scaled to a person `stature_m` tall."""
     factor = stature_m / STATURE_M
     measures = BodyMeasures().model_dump()
     return BodyMeasures.model_validate({name: value * factor for name, value in measures.items()})
 
 
 def eye_height_m(body: BodyMeasures) -> float:
-    """Return how high the eyes are."""
+    """Return the height of the eyes."""
     return body.footprint_to_neck_m + body.neck_to_eyes_m
 
 

@@ -1,4 +1,4 @@
-"""What others do, from their description (pointing.md §4): the mean angle is minimised, BFGS, from zero.
+"""Baselines from the literature (pointing.md §4): minimise the mean angle by BFGS, starting at zero.
 
 No elevation bias, no covariance, no refusal, one start, numeric gradients.
 """
@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, kw_only=True)
 class BaselineEstimate:
-    """A pose that states no uncertainty."""
+    """A pose without uncertainty."""
 
     x_m: float
     y_m: float
@@ -38,7 +38,7 @@ def mean_angle_z0(pointings: Pointings) -> BaselineEstimate:
 
 
 def mean_angle(pointings: Pointings, x: float, y: float, z: float, yaw: float) -> float:
-    """Return the mean angle between the rays and the directions in which a pose sees the targets, rad."""
+    """Return the mean angle between the rays and the directions from a pose to the targets, rad."""
     cos_yaw, sin_yaw = np.cos(yaw), np.sin(yaw)
     away = pointings.targets_m - (x, y, z)
     seen = np.empty_like(away)
@@ -59,6 +59,6 @@ def _descended(pointings: Pointings, parameters: int) -> tuple[float, ...]:
         z = float(pose[2]) if parameters == 4 else 0.0
         return mean_angle(pointings, float(pose[0]), float(pose[1]), z, float(pose[-1]))
 
-    # a line search may give up where the angle has a kink; what it has reached is then the answer
+    # a line search may fail at a kink of the angle; the best point so far is then the result
     found = minimize(cost, np.zeros(parameters), method="BFGS")
     return tuple(np.asarray(found.x, dtype=np.float64).tolist())

@@ -1,6 +1,6 @@
-"""How well a place can be known at best from given rays: what their scatter allows (pointing.md §4).
+"""Cramér-Rao bound of a position from rays with a given scatter (pointing.md §4).
 
-Written on its own, from azimuths and elevations, so that it shares no mistake with the solver.
+Implemented separately, from azimuths and elevations, so that it shares no error with the solver.
 """
 
 import math
@@ -15,28 +15,28 @@ from pointit.evaluation.localization.trial import Trial
 Array = NDArray[np.float64]
 
 GAP_S = 0.5
-"""A longer pause is no time of pointing, and begins another hold."""
+"""Pause that ends a hold and does not count as pointing."""
 
 BIAS_SIGMA_RAD = math.radians(10.0)
-"""One sigma of people's elevation bias, which has to be found too."""
+"""One sigma of people's elevation bias, which is estimated as well."""
 
 
 SINGULAR = 1e-12
-"""Of the largest eigenvalue of the information: a smaller one is none."""
+"""Eigenvalues of the information below this share of the largest one count as zero."""
 
 
 def median_bounds_m(trials: Sequence[Trial]) -> list[float]:
     """Return for each trial of one subject the median position error of an ideal solver.
 
-    NaN where the truth or the correlation of errors is not known, infinite where the targets do not tell
-    the place.
+    NaN if the truth or the correlation of errors is unknown, infinite if the targets do not determine the
+    position.
 
-    It would know how much the subject's rays scatter, sideways and upwards, about their mean error in a
-    trial, and have no wrong minima: the error linearized at the true pose. Yaw and elevation bias have to be
-    found with the place, which is why the mean error does not count.
+    The ideal solver knows the scatter of the subject's rays about their mean error in a trial, sideways and
+    upwards, and has no wrong minima: the error is linearized at the true pose. Yaw and elevation bias are
+    estimated with the position, so the mean error does not count.
 
     Args:
-        trials: of one subject and condition, so that the scatter is pooled over all of them.
+        trials: trials of one subject and condition, over which the scatter is pooled.
     """
     if not trials or any(trial.yaw_rad is None or trial.independent_hz is None for trial in trials):
         return [math.nan] * len(trials)
@@ -45,7 +45,7 @@ def median_bounds_m(trials: Sequence[Trial]) -> list[float]:
 
 
 def _scatter(trials: Sequence[Trial]) -> Array:
-    """Return one sigma of a pointing, sideways and upwards, rad; the mean costs each trial one pointing."""
+    """Return one sigma of a pointing, sideways and upwards, rad; the mean uses up one pointing per trial."""
     squares, freedom = np.zeros(2), 0.0
     for trial in trials:
         count = effective_sample_count(trial)
@@ -55,7 +55,7 @@ def _scatter(trials: Sequence[Trial]) -> Array:
 
 
 def effective_sample_count(trial: Trial) -> float:
-    """Return how many independent pointings `trial` has: at least one a hold, at most one a sample."""
+    """Return the number of independent pointings: at least one per hold, at most one per sample."""
     steps = np.diff(trial.pointings.stamps_s)
     pauses = steps > GAP_S
     span_s = float(np.sum(steps[~pauses]))
@@ -66,14 +66,14 @@ def effective_sample_count(trial: Trial) -> float:
 
 
 def _seen(trial: Trial) -> tuple[Array, Array]:
-    """Return where the targets are from the true eyes (n x 3, {W}), and how far over the floor's plan (n)."""
+    """Return vectors from the true eyes to the targets (n x 3, {W}), and their horizontal lengths (n)."""
     away = trial.pointings.targets_m - (trial.x_m, trial.y_m, 0.0)
     away[:, 2] -= trial.pointings.origins_m[:, 2]
     return away, np.maximum(np.hypot(away[:, 0], away[:, 1]), 1e-6)
 
 
 def _misses(trial: Trial) -> Array:
-    """Return by how much the rays miss the targets at the true pose: sideways and upwards, n x 2, rad."""
+    """Return the angular errors of the rays at the true pose: sideways and upwards, n x 2, rad."""
     away, level_m = _seen(trial)
     rays = trial.pointings.directions
     elevations = np.arctan2(rays[:, 2], np.hypot(rays[:, 0], rays[:, 1]))
@@ -107,8 +107,8 @@ def _median_m(trial: Trial, spread_rad: Array) -> float:
 def median_distance(variances: Array) -> float:
     """Return the median distance from the mean of a normal distribution with these two variances.
 
-    Its square is taken as gamma distributed with the right mean and variance (Welch and Satterthwaite),
-    which is exact for two equal ones and for one that is zero.
+    Its square is approximated by a gamma distribution of equal mean and variance (Welch and Satterthwaite),
+    which is exact for two equal variances and if one is zero.
     """
     mean = float(np.sum(variances))
     spread = 2.0 * float(np.sum(variances**2))

@@ -1,4 +1,4 @@
-"""Solvers beside each other on recorded people: where they stand, how sure that is, what it takes."""
+"""Comparison of solvers on recorded people: pose errors, stated sigma, processor time."""
 
 import math
 import time
@@ -25,18 +25,18 @@ OURS = "pointit"
 Solver = Callable[[Pointings], Solution | Refusal | BaselineEstimate]
 
 STATED = SolverSettings(max_position_sigma_m=math.inf, max_yaw_sigma_rad=math.inf)
-"""The localizer's own, but every pose is taken that states its sigma, however large: an error that is only
-met by poses that are sure would flatter."""
+"""The localizer's settings, but poses of any stated sigma are accepted: errors of certain poses alone would
+be too optimistic."""
 
 ANY = replace(STATED, max_residual_rad=math.inf, max_act_residual_rad=math.inf, bias_sigma_limit=math.inf)
-"""Takes whatever fits best, as the baselines do."""
+"""Accepts the best fit, as the baselines do."""
 
 ACCEPTED = SolverSettings()
 """The localizer's own limits."""
 
 
 def ours(pointings: Pointings) -> Solution | Refusal:
-    """Return what the localizer's solver finds."""
+    """Return the result of the localizer's solver."""
     return solve(pointings, STATED)
 
 
@@ -45,22 +45,22 @@ SOLVERS: dict[str, Solver] = {
     "mean-angle-4dof": mean_angle_4dof,
     "mean-angle-z0": mean_angle_z0,
 }
-"""By name; a further solver is a further row."""
+"""Solvers by name."""
 
 CHUNK = 12
-"""Trials solved in one piece of work, by all solvers in turn: what disturbs one then disturbs all."""
+"""Trials in one piece of work, solved by all solvers in turn, so that disturbances affect all equally."""
 
 FARTHEST_M = 1e6
-"""Errors of a solver that ran away are cut here, for sums and JSON."""
+"""Limit to which the errors of a diverged solver are clipped, for sums and JSON."""
 
 
 BASELINE_TRIALS = 400
-"""Of more trials of a set and condition, the baselines solve each second, third, …: they are slow."""
+"""Maximum of trials of a set and condition for the slow baselines; of more, every second, third, …."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Task:
-    """A trial, and who solves it."""
+    """A trial, and its solvers."""
 
     trial: Trial
     bound_m: float
@@ -70,16 +70,16 @@ class Task:
 def localization_rows(
     trials: Sequence[Trial], *, baselines: bool, jobs: int, tick: Callable[[int, int], None]
 ) -> list[Row]:
-    """Return how well each solver does on `trials`.
+    """Return the results of each solver on `trials`.
 
     Args:
         trials: as read by `pointit.evaluation.datasets`.
-        baselines: whether the others solve them too.
-        jobs: processes to use.
-        tick: called with the number of trials that are done and of all.
+        baselines: also run the baselines.
+        jobs: number of processes.
+        tick: called with the number of finished trials and of all.
 
     Raises:
-        PointItError: a process came to an end by itself.
+        PointItError: If a process ended unexpectedly.
     """
     tasks = list(_tasks(trials, baselines=baselines))
     pieces = [tasks[start : start + CHUNK] for start in range(0, len(tasks), CHUNK)]
@@ -94,7 +94,7 @@ def localization_rows(
 
 
 def solved(tasks: Sequence[Task]) -> list[Outcome]:
-    """Return what each solver makes of each trial; for other processes."""
+    """Return the outcome of each solver on each trial. Runs in other processes."""
     return [_outcome(task.trial, task.bound_m, name) for task in tasks for name in task.solvers]
 
 
@@ -109,7 +109,7 @@ def _tasks(trials: Sequence[Trial], *, baselines: bool) -> Iterator[Task]:
 
 
 def _bounds(trials: Sequence[Trial]) -> list[float]:
-    """Return the bound of each trial; a subject's scatter is that in a set and condition."""
+    """Return the bound of each trial, with a subject's scatter pooled over a set and condition."""
     groups: dict[Key, list[int]] = {}
     for number, trial in enumerate(trials):
         groups.setdefault(Key.of(trial), []).append(number)

@@ -11,15 +11,15 @@ from pointit.evaluation.localization.trial import Trial
 from pointit.evaluation.recordings.row import ALL, Row, Spread, arranged
 
 WRONG_M = 1.0
-"""A place further off than this is the wrong one."""
+"""Position error above which a pose is wrong."""
 
 SURE_M = 0.5
-"""Who states a smaller sigma and is off by more than `WRONG_M` misleads."""
+"""Stated sigma below which a wrong pose misleads."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Key:
-    """Where an outcome belongs."""
+    """Group of an outcome."""
 
     set: str
     subject: str
@@ -27,29 +27,29 @@ class Key:
 
     @classmethod
     def of(cls, trial: Trial) -> "Key":
-        """Return where the outcomes of `trial` belong."""
+        """Return the group of the outcomes of `trial`."""
         return cls(set=trial.set, subject=trial.subject, condition=trial.condition)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Outcome:
-    """What a solver made of one trial."""
+    """Outcome of a solver on one trial."""
 
     key: Key
     solver: str
     solve_ms: float
     """Processor time."""
     refused: str = ""
-    """Why, where it was."""
+    """Reason of a refusal, or `""`."""
     position_m: float = math.nan
-    """Error, horizontal; of what was refused, that of the pose that fits best, if there is one."""
+    """Horizontal error; after a refusal, of the best fit, if there is one."""
     yaw_deg: float = math.nan
-    """Error, signed; NaN where the truth is not known."""
+    """Signed error; NaN if the truth is unknown."""
     position_sigma_m: float = math.nan
-    """One sigma as stated, along the worse direction; NaN where none is stated."""
+    """Stated sigma along the worse direction; NaN without one."""
     yaw_sigma_deg: float = math.nan
     is_sure: bool = True
-    """Whether the localizer would take it, with the sigma that is stated."""
+    """True if the localizer would accept the pose with the stated sigma."""
     bound_m: float = math.nan
 
 

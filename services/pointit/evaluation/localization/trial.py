@@ -1,4 +1,4 @@
-"""One localization to try: what a person pointed, at what, and where they really stood."""
+"""One localization trial: rays, targets and the true pose."""
 
 import math
 from collections.abc import Iterable, Iterator
@@ -13,52 +13,52 @@ from pointit.services.localizer.estimation.estimator import Pointings
 Array = NDArray[np.float64]
 
 WINDOWS_S = (1, 2, 3, 5, 8, 10, 20)
-"""Durations of pointing at a moving robot that are tried."""
+"""Evaluated durations of pointing at a moving robot."""
 
 STRIDE_S = 1.0
-"""A window starts so often."""
+"""Interval between the starts of windows."""
 
 SLACK_S = 0.05
-"""So much may be missing at the end of the last window: a sample and a rounded time."""
+"""Time that may be missing at the end of the last window: a sample and a rounded time."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Trial:
-    """One localization to try, and the truth."""
+    """One localization trial, and the truth."""
 
     set: str
     subject: str
     condition: str
     """`2 s`, `3 targets`."""
     pointings: Pointings
-    """In order of time; repeated samples are taken out."""
+    """Pointings in order of time, without repeated samples."""
     eye_height_m: float
     x_m: float
-    """True place of {H} in {W}: of the head."""
+    """True position of {H} in {W}: that of the head."""
     y_m: float
     yaw_rad: float | None
-    """True azimuth of {H}'s x axis in {W}; none where it is not known."""
+    """True azimuth of {H}'s x axis in {W}, or None if unknown."""
     independent_hz: float | None = 2.0
-    """Independent pointings per second, as people's are: the samples of a hold err together; none: unlike."""
+    """Independent pointings per second, since errors in a hold are correlated. None if unknown."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class FollowRecording:
-    """A recording of somebody who follows a moving robot with the finger."""
+    """A recording of a person who follows a moving robot with the finger."""
 
     set: str
     subject: str
     pointings: Pointings
-    """n; the time starts near 0."""
+    """n; times start near 0."""
     heads_m: Array
     """n x 3, {W}."""
     eye_height_m: float
     yaw_rad: float | None
 
     def trials(self, windows_s: Iterable[float] = WINDOWS_S) -> Iterator[Trial]:
-        """Yield windows of each length, one every `STRIDE_S`; the truth is where the head was on average.
+        """Yield windows of each length, one every `STRIDE_S`; the truth is the mean position of the head.
 
-        Windows with less than two samples, as in a gap, are stepped over, however long the gap is.
+        Windows with fewer than two samples, as in a gap of any length, are skipped.
         """
         stamps_s = self.pointings.stamps_s
         for length_s in windows_s:
@@ -89,7 +89,7 @@ class FollowRecording:
 
 
 def _starts(stamps_s: Array, length_s: float) -> Array:
-    """Return the multiples of `STRIDE_S` at which a window of `length_s` can begin that holds a sample."""
+    """Return the multiples of `STRIDE_S` at which a window of `length_s` with a sample can start."""
     last = np.unique(np.floor(stamps_s / STRIDE_S))
     back = np.arange(math.ceil(length_s / STRIDE_S) + 1)
     starts = np.unique(last[:, None] - back) * STRIDE_S
@@ -98,18 +98,18 @@ def _starts(stamps_s: Array, length_s: float) -> Array:
 
 @dataclass
 class Reading:
-    """What was found in the recordings."""
+    """Trials read from recordings."""
 
     trials: list[Trial] = field(default_factory=list[Trial])
     notes: list[str] = field(default_factory=list[str])
-    """What was passed over, and why: a sentence each."""
+    """Messages about skipped data, with the reason."""
 
     def skip(self, path: Path, why: str) -> None:
-        """Note that `path` was passed over."""
+        """Note that `path` was skipped."""
         self.notes.append(f"{path} is skipped: {why}")
 
     def follow(self, path: Path, following: FollowRecording) -> None:
-        """Add the trials of `following`, read from `path`; note where there are none."""
+        """Add the trials of `following`, read from `path`, or a note if there are none."""
         before = len(self.trials)
         self.trials.extend(following.trials())
         if len(self.trials) == before:

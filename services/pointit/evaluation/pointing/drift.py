@@ -1,15 +1,15 @@
-"""How far the yaw is off while the IMU drifts and the person points at a known place once in a while.
+"""Yaw error of a drifting IMU while the person points at a known position from time to time.
 
-Recorded: `proximity_feedback`. Its people point at three places in turn, one every 45 s, and their heading
-was taken anew before each such run. Only holds without a cursor count, as anchors and as truth: the yaw that
-a hold tells is the azimuth of its target less that of the ray, so that the person's own scatter is in every
+Recorded: `proximity_feedback`. Its people point at three positions in turn, one every 45 s, and their heading
+was measured again before each such run. Only holds without a cursor count, as anchors and as truth: the yaw
+of a hold is the azimuth of its target minus that of the ray, so that the person's own scatter is in every
 error (row `scatter of one hold`). For longer times the runs of one person are chained in every order: the
-next run goes on, in time and in yaw, where the last one ended, and what lay between them is left out; such
+next run continues, in time and in yaw, where the last one ended, without the time between them; such
 chains are not independent of each other. `3 min, 1 anchor/min` comes from such chains only, those of four
-people who have three runs, in each order, so that its n counts chains and not people; its anchors are the
-holds nearest to 0, 1 and 2 minutes, the last of them mostly 45 s before the hold that is told. The places
-always came in the same order, so a compressed sense of azimuth would look like drift here; that the yaw moves
-within single holds too speaks for drift.
+people with three runs, in each order, so that its n counts chains and not people; its anchors are the
+holds nearest to 0, 1 and 2 minutes, the last of them mostly 45 s before the predicted hold. The targets
+always came in the same order, so a compressed sense of azimuth would look like drift here; the change of yaw
+within single holds is evidence for drift.
 
 Simulated: seeded people with a drifting IMU, whose true yaw is known.
 """
@@ -30,7 +30,7 @@ from pointit.evaluation.recordings.row import ALL, Row, Spread
 PEOPLE = 300
 
 CHAINED = "3 min, 1 anchor/min"
-"""Condition for which a person's runs are chained."""
+"""Condition with chained runs."""
 
 CHAINS_REMARK = (
     f"`{CHAINED}` of {proximity_feedback.NAME}: the runs of each of four people chained in every order, n "
@@ -39,14 +39,14 @@ CHAINS_REMARK = (
 
 
 def drift_rows(data: Path, tick: Callable[[str], None]) -> list[Row]:
-    """Return what the yaw's error is after some time, recorded where the recordings are, and simulated.
+    """Return yaw errors after some time, of recorded people if there are recordings, and of simulated ones.
 
     Args:
-        data: holds one folder a set.
-        tick: told what is being done, in a few words.
+        data: folder with one folder per set.
+        tick: called with a short description of the current step.
 
     Raises:
-        ConfigError: a recording is damaged.
+        ConfigError: If a recording is damaged.
     """
     rows: list[Row] = []
     folder = data / proximity_feedback.NAME
@@ -77,7 +77,7 @@ def recorded_rows(trials: Sequence[FloorTrial], tick: Callable[[str], None]) -> 
 def _rows(
     condition: str, some: Sequence[HoldSequence], anchors_s: Sequence[float], told_s: float, sigma_rad: float
 ) -> list[Row]:
-    """Return a row for each person and solver, and those over all."""
+    """Return a row for each person and solver, and for all people together."""
     trials: list[tuple[HoldSequence, list[int], int]] = []
     for course in some:
         told = course.nearest(told_s)

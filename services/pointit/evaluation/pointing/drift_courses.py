@@ -1,4 +1,4 @@
-"""Recorded runs as courses of holds: what each hold tells of the yaw, and chains of a person's runs."""
+"""Recorded runs as sequences of holds with their yaw, and chains of a person's runs."""
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
@@ -15,17 +15,17 @@ from pointit.schemas import NS_PER_S
 from pointit.services.localizer.drift.rest_detection import RestDetector, RestYawRate
 
 EYE_M = 1.64
-"""Assumed height of the eyes: the recordings do not tell it, and azimuths hardly depend on it."""
+"""Assumed height of the eyes: it was not recorded, and azimuths hardly depend on it."""
 
 MAD_TO_SIGMA = 1.4826
 
-MOST_CHAINED = 4
-"""Runs of one person; their orders are 24, those of all would be endless."""
+MAX_CHAINED = 4
+"""Runs of one person that are chained; four have 24 orders."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Hold:
-    """Somebody points steadily at a known place without a cursor."""
+    """A person points steadily at a known position without a cursor."""
 
     at_s: float
     target_m: Vec3
@@ -34,17 +34,17 @@ class Hold:
     spread_rad: float
     samples: int
     rate_radps: float
-    """At which the yaw changes within the hold, by least squares."""
+    """Rate of yaw within the hold, by least squares."""
     rest: RestYawRate | None
-    """What `RestDetector` made of it, its time as the hold's."""
+    """Result of `RestDetector`, with the time of the hold."""
 
     @property
     def yaw_rad(self) -> float:
-        """Return the yaw of {H} that it tells of somebody who stands at 0."""
+        """Return the yaw of {H}, for a person at 0."""
         return vector.azimuth(self.target_m) - vector.azimuth(self.direction_h)
 
     def turned(self, yaw_rad: float, later_s: float) -> "Hold":
-        """Return the same hold, later and with an IMU whose yaw origin was turned by `yaw_rad` in {W}."""
+        """Return this hold, later and with an IMU whose yaw origin was turned by `yaw_rad` in {W}."""
         moved = replace(
             self, at_s=self.at_s + later_s, direction_h=vector.rotate_z(self.direction_h, -yaw_rad)
         )
@@ -56,19 +56,19 @@ class Hold:
 
 @dataclass(frozen=True, kw_only=True)
 class HoldSequence:
-    """Holds with one heading reference, the first of which sets the heading."""
+    """Holds with a common heading reference, set by the first one."""
 
     subject: str
     holds: tuple[Hold, ...]
 
     def nearest(self, at_s: float) -> int:
-        """Return the number of the hold that is nearest to `at_s` after the first one."""
+        """Return the index of the hold nearest to `at_s` after the first one."""
         start_s = self.holds[0].at_s
         return min(range(len(self.holds)), key=lambda i: abs(self.holds[i].at_s - start_s - at_s))
 
 
 def courses(trials: Sequence[FloorTrial]) -> list[HoldSequence]:
-    """Return the runs: the heading was taken anew whenever the first target came again."""
+    """Return the runs: the heading was measured again whenever the first target was repeated."""
     out: list[HoldSequence] = []
     held: list[Hold] = []
     seen: set[str] = set()
@@ -90,12 +90,12 @@ def courses(trials: Sequence[FloorTrial]) -> list[HoldSequence]:
 
 
 def chained(runs: Iterable[HoldSequence]) -> Iterator[HoldSequence]:
-    """Return each person's runs as one, in every order of the first few: one goes on where another ended."""
+    """Yield each person's runs joined in every order of the first `MAX_CHAINED`."""
     people: dict[str, list[HoldSequence]] = {}
     for run in runs:
         people.setdefault(run.subject, []).append(run)
     for mine in people.values():
-        for order in permutations(mine[:MOST_CHAINED]):
+        for order in permutations(mine[:MAX_CHAINED]):
             yield _joined(order)
 
 
@@ -109,7 +109,7 @@ def _joined(runs: Sequence[HoldSequence]) -> HoldSequence:
 
 
 def hold_sigma_rad(runs: Sequence[HoldSequence]) -> float:
-    """Return one sigma of the azimuth of one hold, from what three in a row have beside a constant rate."""
+    """Return one sigma of a hold's azimuth, from the deviation of three in a row from a constant rate."""
     beside: list[float] = []
     for run in runs:
         for a, b, c in zip(run.holds, run.holds[1:], run.holds[2:], strict=False):
@@ -121,7 +121,7 @@ def hold_sigma_rad(runs: Sequence[HoldSequence]) -> float:
 
 
 def _hold(trial: FloorTrial) -> Hold | None:
-    """Return the trial's hold without a cursor; none where it was not recorded."""
+    """Return the trial's hold without a cursor, or None if it was not recorded."""
     stretch = trial.phases.get("open_loop_hold")
     if stretch is None or len(stretch.times_s) < 10:
         return None

@@ -1,4 +1,4 @@
-"""How far the yaw of simulated people is off after three minutes of drift, with one anchor a minute."""
+"""Yaw error of simulated people after three minutes of drift, with one anchor per minute."""
 
 import math
 from collections.abc import Sequence
@@ -15,12 +15,12 @@ from pointit.services.localizer.drift.rest_detection import RestDetector
 
 NAME = "simulated_drift"
 ANCHORS_S = (60.0, 120.0)
-"""Beside the localization at 0 s."""
+"""Times of anchors after the localization at 0 s."""
 
 TOLD_S = 180.0
 
 NORMAL_MEDIAN, NORMAL_P90 = 0.6745, 1.6449
-"""Of the size of a standard normal number."""
+"""Quantiles of the absolute value of a standard normal variable."""
 
 Outcome = dict[str, tuple[float, float | None]]
 """Error and stated sigma by solver, rad."""
@@ -55,13 +55,13 @@ def simulated_rows(people: int, ways: DriftPersonModel | None = None) -> list[Ro
 
 
 def outcome(seed: int, ways: DriftPersonModel, anchors_s: Sequence[float], jump_rad: float = 0.0) -> Outcome:
-    """Return how far each solver's yaw is off at `TOLD_S`.
+    """Return the yaw error of each solver at `TOLD_S`.
 
     Args:
-        seed: of the person.
-        ways: how people and IMUs are.
-        anchors_s: when they point at a lamp.
-        jump_rad: so far beside it is the second anchor.
+        seed: seed of the person.
+        ways: model of people and IMUs.
+        anchors_s: times at which they point at a lamp.
+        jump_rad: error of the second anchor.
     """
     person = DriftingPerson(seed, ways, TOLD_S)
     fix = person.fix()
@@ -99,8 +99,8 @@ def outcome(seed: int, ways: DriftPersonModel, anchors_s: Sequence[float], jump_
 def bound_rad(ways: DriftPersonModel, anchors_s: Sequence[float]) -> float:
     """Return one sigma of the best estimate of the yaw at `TOLD_S` without rests (Cramér and Rao).
 
-    A constant rate with the prior of IMUs, and anchors that err by themselves: neither walk, nor bent arms,
-    nor an unknown position, all of which add to it.
+    For a constant rate with the prior of IMUs, and anchors with independent errors. Rate walk, bent arms
+    and an unknown position would increase it.
     """
     information = np.diag([1.0 / ways.start_sigma_rad**2, 1.0 / ways.rate_sigma_radps**2])
     for at_s in anchors_s:

@@ -1,4 +1,4 @@
-"""Who tells the yaw of a later hold from the anchors before it: the filter, and simpler ways beside it."""
+"""Predictors of a later hold's yaw from earlier anchors: the filter, and simpler baselines."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -12,19 +12,19 @@ from pointit.schemas import NS_PER_S
 from pointit.services.localizer.drift.filter import DriftFilter, DriftPose, DriftSettings, Fix
 
 PLACE_SIGMA_M = 0.05
-"""How exactly the recorded people stood where they should."""
+"""Sigma of the recorded people's position."""
 
 
 @dataclass(frozen=True)
 class YawEstimate:
-    """What a solver says of a later hold's yaw."""
+    """Prediction of a later hold's yaw."""
 
     yaw_rad: float
     sigma_rad: float | None = None
 
 
 Solver = Callable[[HoldSequence, Sequence[int], int], YawEstimate]
-"""Course, holds that are anchors (the first hold among them, all before the last), hold to be told."""
+"""Arguments: course, indices of the anchors (including 0, none the last), index of the hold to predict."""
 
 
 def _raw(course: HoldSequence, anchors: Sequence[int], told: int) -> YawEstimate:
@@ -100,4 +100,4 @@ SOLVERS: dict[str, Solver] = {
     "pointit": _filter,
     "pointit, rests": _filter_and_rests,
 }
-"""Who tells the yaw; `raw` sets it once at the start."""
+"""Predictors by name; `raw` sets the yaw once at the start."""

@@ -1,4 +1,4 @@
-"""People with a drifting IMU who point at a known place once a minute and rest before it (pointing.md §7)."""
+"""People with a drifting IMU who point at a known lamp once a minute and rest before it (pointing.md §7)."""
 
 import math
 from dataclasses import dataclass
@@ -14,21 +14,21 @@ from pointit.services.localizer.drift.filter import Fix
 Array = NDArray[np.float64]
 
 STEP_S = 1.0
-"""The drift is drawn so finely."""
+"""Time step of the simulated drift."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class DriftPersonModel:
-    """How people and IMUs are; angles in rad."""
+    """Parameters of people and IMUs; angles in rad."""
 
     rate_sigma_radps: float = math.radians(0.25)
     rate_walk_radps: float = math.radians(0.002)
-    """After one second."""
+    """Standard deviation of the rate's random walk after one second."""
     azimuth_sigma_rad: float = math.radians(2.0)
-    """Of one pointing, sideways."""
+    """Standard deviation of the azimuth error of one hold."""
     elevation_sigma_rad: float = math.radians(1.0)
     bent_arm_share: float = 0.05
-    """Of pointings, beside by `bent_arm_rad` more."""
+    """Share of pointings with an additional error of `bent_arm_rad`."""
     bent_arm_rad: tuple[float, float] = (math.radians(5.0), math.radians(10.0))
     hold_yaw_sigma_rad: float = math.radians(0.25)
     hold_pitch_sigma_rad: float = math.radians(0.16)
@@ -36,18 +36,18 @@ class DriftPersonModel:
     noise_rad: float = math.radians(0.03)
     eye_m: float = 1.64
     place_sigma_m: float = 0.15
-    """Of the localization at the start."""
+    """Standard deviation of the localized position at the start."""
     start_sigma_rad: float = math.radians(2.0)
     rest_s: float = 8.0
-    """The arm hangs so long before each anchor."""
+    """Time for which the arm hangs before each anchor."""
     rest_hz: float = 25.0
 
 
 class DriftingPerson:
-    """One person, one IMU; all that happens comes from the seed."""
+    """One person with one IMU; deterministic for a seed."""
 
     def __init__(self, seed: int, ways: DriftPersonModel, length_s: float) -> None:
-        """Draw where they stand and how the IMU drifts for `length_s`."""
+        """Draw the person's pose and the IMU's drift for `length_s`."""
         self._rng = np.random.default_rng(seed)
         self._ways = ways
         rng = self._rng
@@ -64,18 +64,18 @@ class DriftingPerson:
         return self._yaw_rad - float(np.interp(at_s, self._times, self._drifts))
 
     def fix(self) -> Fix:
-        """Return what a localization at 0 s says."""
+        """Return the localization at 0 s."""
         ways = self._ways
         sigmas = np.array([ways.place_sigma_m, ways.place_sigma_m, ways.start_sigma_rad])
         x, y, yaw = np.array([self.x_m, self.y_m, self.yaw_rad(0.0)]) + sigmas * self._rng.standard_normal(3)
         return Fix(x_m=x, y_m=y, yaw_rad=yaw, covariance=np.diag(sigmas**2), stamp_ns=0)
 
     def pointing(self, at_s: float, beside_rad: float = 0.0) -> tuple[Vec3, Vec3]:
-        """Return a lamp ({W}) around the person, and the ray ({H}) with which they point at it.
+        """Return a lamp ({W}) around the person, and the ray ({H}) that points at it.
 
         Args:
-            at_s: when.
-            beside_rad: so much farther to the left than people do anyway.
+            at_s: time of the pointing.
+            beside_rad: additional error to the left.
         """
         ways, rng = self._ways, self._rng
         around, away, high = rng.uniform(-math.pi, math.pi), rng.uniform(1.5, 4.0), rng.uniform(0.0, 1.2)
@@ -87,7 +87,7 @@ class DriftingPerson:
         return target, vector.direction(azimuth - self.yaw_rad(at_s), elevation)
 
     def rest(self, from_s: float) -> list[tuple[rotation.Quaternion, int]]:
-        """Return what the IMU says from `from_s` on, while the arm hangs down: orientation and time in ns."""
+        """Return the IMU's samples from `from_s` on, while the arm hangs down: orientation and time in ns."""
         ways = self._ways
         times = from_s + np.arange(round(ways.rest_s * ways.rest_hz)) / ways.rest_hz
         yaw = self._wander(len(times), ways.hold_yaw_sigma_rad)
@@ -104,7 +104,7 @@ class DriftingPerson:
         ]
 
     def _wander(self, count: int, sigma_rad: float) -> Array:
-        """Return a wander with the correlation of people who hold still (Ornstein and Uhlenbeck)."""
+        """Return a random walk with the correlation of people who hold still (Ornstein and Uhlenbeck)."""
         stays = math.exp(-1.0 / (self._ways.rest_hz * self._ways.correlation_s))
         kicks = self._rng.normal(0.0, sigma_rad * math.sqrt(1.0 - stays**2), count)
         kicks[0] = self._rng.normal(0.0, sigma_rad)

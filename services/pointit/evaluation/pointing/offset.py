@@ -1,17 +1,17 @@
-"""What correcting a person's systematic error is worth: errors of a new person before and after anchors.
+"""Benefit of correcting a person's systematic error: errors of a new person before and after anchors.
 
-Anchors are pointings without a cursor at different known targets, drawn anew some dozen times, the same ones
-in each run; scored are the person's pointings at all other targets. Under `first pointing as anchor` it is as
-it would happen: the very first one, and those after it. Who points nowhere near (a hand that hangs, a tracker
-that stands still; 25° and more off in elevation) may be an anchor, since that happens, but is not scored.
+Anchors are pointings without a cursor at different known targets, drawn `DRAWS` times, the same ones in each
+run; the person's pointings at all other targets are scored. `first pointing as anchor` is the real order: the
+very first one, and those after it. Pointings 25° or more off in elevation (a hanging hand, a frozen tracker)
+may be anchors, since that happens, but are not scored.
 
-`vr_eyefinger`: the ray is the true eye-finger ray and the heading is known; with the hand seen, as it always
-is outside virtual reality, and with nothing seen. `proximity_feedback`: three places on the floor, ray as
-the wrist tells it, heading adrift, so that only the pitch is scored; the height of the eyes is not recorded.
+`vr_eyefinger`: the ray is the true eye-finger ray and the heading is known; with visible hand, as always
+outside virtual reality, and with nothing visible. `proximity_feedback`: three positions on the floor, rays
+from the wrist, drifting heading, so that only the pitch is scored; the height of the eyes is not recorded.
 
 Solvers: `none`; `pitch`, a constant of the elevation; `ladder`, that, the heading, and a polynomial
-where it pays; `bound`: what a constant fitted from so many anchors leaves at best, the person's own scatter
-times sqrt(1 + 1/anchors). `within_2_sigma` is of the pitch; `refused` counts draws that gave no offset.
+if it helps; `bound`, the optimum for a constant fitted to so many anchors: the person's own scatter
+times sqrt(1 + 1/anchors). `within_2_sigma` is of the pitch; `refused` counts draws without an offset.
 """
 
 import math
@@ -32,26 +32,26 @@ from pointit.services.pointing.offset import OffsetFit, Sighting, fit
 
 ANCHORS = (1, 2, 4, 8)
 DRAWS = 40
-"""Choices of anchors for each person and number."""
+"""Random sets of anchors for each person and number of anchors."""
 NOT_POINTING_RAD = math.radians(25.0)
 SEEN = {"hand": ", hand seen", "none": ", nothing seen"}
-"""What the conditions of `vr_eyefinger` without a cursor are called."""
+"""Suffixes for the conditions of `vr_eyefinger` without a cursor."""
 EYE_M = 1.64
-"""Assumed height of the eyes in `proximity_feedback`: the common one."""
+"""Assumed height of the eyes in `proximity_feedback`: a typical one."""
 SETTLED_S = 1.0
-"""From the beginning of a hold until the hand is still."""
+"""Time from the start of a hold until the hand is still."""
 
 SOLVERS = ("none", "pitch", "ladder")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Person:
-    """Somebody's pointings without a cursor."""
+    """Pointings of a person without a cursor."""
 
     set: str
     subject: str
     seen: str = ""
-    """Added to the conditions."""
+    """Suffix of the conditions."""
     sightings: Sequence[Sighting]
     targets: Sequence[int]
     is_heading_known: bool = True
@@ -59,7 +59,7 @@ class Person:
 
 @dataclass
 class _Errors:
-    """What one solver left under one condition."""
+    """Errors after correction by one solver under one condition."""
 
     pitch_rad: list[float] = field(default_factory=list[float])
     yaw_rad: list[float] = field(default_factory=list[float])
@@ -76,14 +76,14 @@ class _Errors:
 
 
 def offset_rows(data: Path, tick: Callable[[str], None]) -> list[Row]:
-    """Return rows for each person and for all of a set; a set that is absent has none.
+    """Return rows for each person and for all of a set; missing sets have none.
 
     Args:
-        data: the folder with the recordings, one folder a set.
-        tick: told what comes next.
+        data: folder with one folder per set.
+        tick: called with a short description of the next step.
 
     Raises:
-        ConfigError: a recording is damaged.
+        ConfigError: If a recording is damaged.
     """
     found: dict[tuple[str, str, str, str], _Errors] = {}
     for person in people(data):
@@ -96,10 +96,10 @@ def offset_rows(data: Path, tick: Callable[[str], None]) -> list[Row]:
 
 
 def people(data: Path) -> Iterator[Person]:
-    """Yield who is recorded under `data`.
+    """Yield the people recorded under `data`.
 
     Raises:
-        ConfigError: a recording is damaged.
+        ConfigError: If a recording is damaged.
     """
     if (data / vr_eyefinger.NAME).is_dir():
         for trials in read_wall_trials(data / vr_eyefinger.NAME):
@@ -152,7 +152,7 @@ def scored(person: Person) -> Iterator[tuple[str, str, _Errors]]:
 def _corrected(
     person: Person, condition: str, draws: Sequence[tuple[list[int], list[int]]]
 ) -> Iterator[tuple[str, str, _Errors]]:
-    """Yield what each solver leaves, given which sightings are the anchors and which are scored."""
+    """Yield the errors of each solver, given the sightings used as anchors and those scored."""
     errors = {solver: _Errors() for solver in SOLVERS}
     for chosen, rest in draws:
         anchors = [person.sightings[index] for index in chosen]

@@ -1,4 +1,4 @@
-"""The systematic error of pointing and the drift of the IMU, corrected: all rows of one table."""
+"""Corrected systematic errors of pointing and drift of the IMU, as rows of one table."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -11,7 +11,7 @@ from pointit.evaluation.recordings.row import Row, arranged
 from pointit.runtime.errors import ConfigError
 
 RECORDED = (vr_eyefinger.NAME, proximity_feedback.NAME)
-"""Folders with people who point without a cursor."""
+"""Folders with recordings of people who point without a cursor."""
 
 SETS = (*RECORDED, drift_simulated.NAME)
 
@@ -19,16 +19,16 @@ SETS = (*RECORDED, drift_simulated.NAME)
 def pointing_rows(
     recordings: Path, sets: Sequence[str], subjects: Sequence[str], tick: Callable[[str], None]
 ) -> list[Row]:
-    """Return how large the errors are that corrections leave.
+    """Return the errors after correction.
 
     Args:
-        recordings: holds one folder a set.
-        sets: of `SETS`, those that are wanted; empty: all.
-        subjects: whose rows are wanted, alone; empty: everybody's, and those over all.
-        tick: told what is being done, in a few words.
+        recordings: folder with one folder per set.
+        sets: keys of `SETS` to evaluate. Empty: all.
+        subjects: subjects whose rows to return. Empty: all, and the rows over all.
+        tick: called with a short description of the current step.
 
     Raises:
-        ConfigError: a file is damaged, no set is there, or nothing is of these subjects.
+        ConfigError: If a file is damaged, no set is present, or there is no data of these subjects.
     """
     wanted = tuple(sets) or SETS
     recorded = [name for name in wanted if name in RECORDED]

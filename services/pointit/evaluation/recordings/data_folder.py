@@ -1,4 +1,4 @@
-"""Where recordings lie, and the index beside them."""
+"""The folder of recordings, and its index files."""
 
 import codecs
 import math
@@ -15,22 +15,22 @@ from pointit.runtime.errors import ConfigError
 from pointit.schemas import summarize_validation_error
 
 VARIABLE = "POINTIT_DATA"
-"""Names the folder with the recordings where no option does."""
+"""Environment variable with the folder of recordings, if there is no option."""
 
 RECORDINGS = "recordings"
-"""Folder in the data's root that holds one folder a set."""
+"""Subfolder of the data's root with one folder per set."""
 
 INDEX = "index.json"
-"""What is known about the files beside it: a list of objects with `file`, or an object with such `files`."""
+"""Metadata of the files beside it: a list of objects with `file`, or an object with such `files`."""
 
 MAX_INDEX_BYTES = 10_000_000
-"""Of an index: hundred thousands of files."""
+"""Limit of an index, enough for hundreds of thousands of files."""
 
 EYE_HEIGHTS_M = (0.3, 3.0)
-"""Over the floor, of anybody, seated or a child."""
+"""Range over the floor, including seated people and children."""
 
-MOST_YAW_DEG = 720.0
-"""Either way: some write an angle unwrapped, nobody by more than two turns."""
+MAX_YAW_DEG = 720.0
+"""Limit of the absolute value: some recordings have unwrapped angles, but at most two turns."""
 
 Entry = Mapping[str, Any]
 
@@ -39,13 +39,13 @@ _WRAPPED = TypeAdapter(dict[str, Any])
 
 
 def recordings_folder(data: Path | None) -> Path:
-    """Return the folder that holds one folder a set.
+    """Return the folder with one folder per set.
 
     Args:
-        data: that folder, or the one that has it as `recordings`; none: as `$POINTIT_DATA` says.
+        data: that folder, or its parent with the subfolder `recordings`. None: `$POINTIT_DATA`.
 
     Raises:
-        ConfigError: it is not told, or is no folder.
+        ConfigError: If it is not given, or not a folder.
     """
     if data is None:
         told = os.environ.get(VARIABLE, "")
@@ -54,21 +54,21 @@ def recordings_folder(data: Path | None) -> Path:
         data = Path(told)
     try:
         if not data.is_dir():
-            raise ConfigError(f"{data}: is no folder; give --data DIR with the recordings")
+            raise ConfigError(f"{data}: not a folder; give --data DIR with the recordings")
         inner = data / RECORDINGS
         return inner if inner.is_dir() else data
     except (OSError, ValueError) as error:
         what = error.strerror if isinstance(error, OSError) else error
         raise ConfigError(
-            f"{shown_path(data)}: cannot be looked at ({what}); give --data DIR with the recordings"
+            f"{shown_path(data)}: cannot be accessed ({what}); give --data DIR with the recordings"
         ) from error
 
 
 def read_index(folder: Path) -> list[Entry]:
-    """Return what the index of `folder` says, an object a file.
+    """Return the entries of the index of `folder`, one per file.
 
     Raises:
-        ConfigError: it cannot be read, is no index, or lists a file twice.
+        ConfigError: If it cannot be read, is not an index, or lists a file twice.
     """
     path = folder / INDEX
     check_file(path, MAX_INDEX_BYTES)
@@ -85,7 +85,7 @@ def read_index(folder: Path) -> list[Entry]:
         raise ConfigError(
             f"{path}: a list of objects, one a file, was expected; {summarize_validation_error(error)}"
         ) from error
-    except ValueError as error:  # of numbers with thousands of digits
+    except ValueError as error:  # numbers with thousands of digits
         raise ConfigError(f"{path}: a value in it cannot be shown ({error}); correct the index") from error
     names = [name for entry in entries if isinstance(name := entry.get("file"), str)]
     twice = next((name for name, count in Counter(names).items() if count > 1), None)
@@ -95,10 +95,10 @@ def read_index(folder: Path) -> list[Entry]:
 
 
 def text_of(folder: Path, entry: Entry, key: str) -> str:
-    """Return a text that an `entry` must have.
+    """Return a required text of an `entry`.
 
     Raises:
-        ConfigError: it is not there, is empty, too long or does not print.
+        ConfigError: If it is missing, empty, too long or not printable.
     """
     value = entry.get(key)
     if isinstance(value, int) and not isinstance(value, bool) and abs(value) < 10**15:
@@ -109,10 +109,10 @@ def text_of(folder: Path, entry: Entry, key: str) -> str:
 
 
 def file_of(folder: Path, entry: Entry) -> Path | None:
-    """Return the file of an `entry`; none where it is not there.
+    """Return the file of an `entry`, or None if it is missing.
 
     Raises:
-        ConfigError: the name is no text, leads out of `folder`, or names something other than a file.
+        ConfigError: If the name is not a text, leads out of `folder`, or is not that of a file.
     """
     name = text_of(folder, entry, "file")
     if Path(name).is_absolute() or ".." in Path(name).parts:
@@ -124,10 +124,10 @@ def file_of(folder: Path, entry: Entry) -> Path | None:
 
 
 def number_of(folder: Path, entry: Entry, key: str, bounds: tuple[float, float], unit: str) -> float | None:
-    """Return a number of an `entry`, or none where it is not given.
+    """Return a number of an `entry`, or None if it is not given.
 
     Raises:
-        ConfigError: it is something else, or not within the `bounds`, in `unit`.
+        ConfigError: If it is not a number within the `bounds`, in `unit`.
     """
     least, most = bounds
     value = entry.get(key)
@@ -143,22 +143,22 @@ def number_of(folder: Path, entry: Entry, key: str, bounds: tuple[float, float],
 
 
 def yaw_of(folder: Path, entry: Entry) -> float | None:
-    """Return the yaw of {H} in {W}, rad: less the azimuth in {H} minus that in {W} which the index has.
+    """Return the yaw of {H} in {W}, rad. The index has its negative: azimuth in {H} minus that in {W}.
 
     Raises:
-        ConfigError: it is no number, or more than two turns.
+        ConfigError: If it is not a number, or more than two turns.
     """
     degrees = number_of(
-        folder, entry, "ref_yaw_deg_human_minus_world", (-MOST_YAW_DEG, MOST_YAW_DEG), "degrees"
+        folder, entry, "ref_yaw_deg_human_minus_world", (-MAX_YAW_DEG, MAX_YAW_DEG), "degrees"
     )
     return None if degrees is None else math.remainder(-math.radians(degrees), math.tau)
 
 
 def eye_height_of(folder: Path, entry: Entry) -> float | None:
-    """Return the height of the eyes over the floor, m, or none where it is not given.
+    """Return the height of the eyes over the floor, m, or None if it is not given.
 
     Raises:
-        ConfigError: it is no number, or nobody's.
+        ConfigError: If it is not a number, or outside `EYE_HEIGHTS_M`.
     """
     return number_of(folder, entry, "eye_height_guess_m", EYE_HEIGHTS_M, "metres")
 

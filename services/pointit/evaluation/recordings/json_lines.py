@@ -1,4 +1,4 @@
-"""Recordings as JSON lines: one object a line, refused with the line where it is wrong."""
+"""Recordings as JSON lines: one object per line; errors name the line."""
 
 from collections.abc import Iterator
 from itertools import pairwise
@@ -13,7 +13,7 @@ from pointit.schemas import summarize_validation_error
 
 
 class Line(BaseModel):
-    """What stands in a line; fields that nobody needs are ignored."""
+    """Model of a line; other fields are ignored."""
 
     model_config = ConfigDict(frozen=True, extra="ignore", allow_inf_nan=False)
 
@@ -22,11 +22,11 @@ Kind = TypeVar("Kind", bound=Line)
 
 
 def read_lines(path: Path, kind: type[Kind]) -> Iterator[tuple[int, Kind]]:
-    """Yield the number of each line of `path` and what stands in it; empty lines are passed over.
+    """Yield the number and the contents of each line of `path`, without empty lines.
 
     Raises:
-        ConfigError: names file, line, field and value: it cannot be read, is too long, has no lines, or one
-            is no object of this `kind`.
+        ConfigError: If it cannot be read, is too long, has no lines, or one is not an object of this `kind`;
+            names file, line, field and value.
     """
     check_file(path)
     number = 0
@@ -46,14 +46,14 @@ def read_lines(path: Path, kind: type[Kind]) -> Iterator[tuple[int, Kind]]:
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read ({error.strerror or error})") from error
     if not number:
-        raise ConfigError(f"{path}: has no lines; one JSON object a line was expected")
+        raise ConfigError(f"{path}: has no lines; one JSON object per line was expected")
 
 
 def check_samples(path: Path, line: int, times_s: tuple[float, ...]) -> None:
-    """Refuse times of samples that go backwards.
+    """Check that times of samples do not go backwards.
 
     Raises:
-        ConfigError: names the first one.
+        ConfigError: If they do; names the first one.
     """
     for before_s, after_s in pairwise(times_s):
         if after_s < before_s:

@@ -1,4 +1,4 @@
-"""Work spread over processes, which all end when it is done, given up or the one who asked is gone."""
+"""Work distributed over processes, which end when it is done, cancelled, or the parent process is gone."""
 
 import contextlib
 import multiprocessing
@@ -17,26 +17,26 @@ Piece = TypeVar("Piece")
 Result = TypeVar("Result")
 
 END_PATIENCE_S = 1.0
-"""How long a process that was told to end is waited for."""
+"""Time to wait for a terminated process."""
 
 _ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
-"""The cores are used by the processes; threads inside them would only disturb the times."""
+"""One thread per process: the processes use all cores, and more threads would disturb the times."""
 
 
 def map_parallel(
     work: Callable[[Piece], Result], pieces: Iterable[Piece], jobs: int
 ) -> Generator[tuple[int, Result]]:
-    """Yield the number of each piece and what `work` made of it, as they come.
+    """Yield the index of each piece and the result of `work`, in order of completion.
 
-    Closing the generator, or an exception in whoever reads it, ends all processes at once.
+    Closing the generator, or an exception in its consumer, ends all processes at once.
 
     Args:
-        work: of a module, not of `__main__`: it is imported by each process.
-        pieces: what can be pickled.
-        jobs: processes.
+        work: function of a module other than `__main__`, since each process imports it.
+        pieces: picklable arguments.
+        jobs: number of processes.
 
     Raises:
-        PointItError: a process came to an end by itself.
+        PointItError: If a process ended unexpectedly.
     """
     pool = ProcessPoolExecutor(jobs, mp_context=multiprocessing.get_context("spawn"), initializer=_begin)
     others = multiprocessing.active_children()
@@ -51,7 +51,7 @@ def map_parallel(
         finished = True
     except BrokenProcessPool as error:
         raise PointItError(
-            "a process of the evaluation came to an end by itself; is there too little memory for --jobs?"
+            "a process of the evaluation ended unexpectedly; is there too little memory for --jobs?"
         ) from error
     finally:
         if not finished:
@@ -63,12 +63,12 @@ def map_parallel(
                 if process.is_alive():
                     process.kill()
                     process.join()
-        # waits for the thread of the pool: the end of Python would wake it by a pipe that it may be closing
+        # wait for the pool's thread: at exit Python would wake it by a pipe that it may be closing
         pool.shutdown(cancel_futures=True)
 
 
 def _begin() -> None:
-    """Leave Ctrl-C to the process that asked, and end with it."""
+    """Leave Ctrl-C to the parent process, and end with it."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, name="parent watch", daemon=True).start()
 
@@ -82,10 +82,10 @@ def _end_with_parent() -> None:
 
 @contextlib.contextmanager
 def _for_children() -> Generator[None]:
-    """Have processes that start inside ignore Ctrl-C from their first moment, and use one thread each."""
+    """Make processes started inside ignore Ctrl-C from the start, and use one thread each."""
     before = {name: os.environ.get(name) for name in _ONE_THREAD}
     os.environ.update(_ONE_THREAD)
-    # only the main thread may set handlers; elsewhere Ctrl-C is nobody's business
+    # only the main thread may set handlers, and only it receives Ctrl-C
     is_main = threading.current_thread() is threading.main_thread()
     handler = signal.signal(signal.SIGINT, signal.SIG_IGN) if is_main else None
     try:

@@ -1,4 +1,4 @@
-"""What an evaluation tells: one row per set of recordings, subject, condition and solver."""
+"""Rows of an evaluation: one per set of recordings, subject, condition and solver."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -13,7 +13,7 @@ ALL = "all"
 
 @dataclass(frozen=True, kw_only=True)
 class Spread:
-    """How errors are spread; all have one unit."""
+    """Spread of errors, all in one unit."""
 
     median: float
     p90: float
@@ -21,7 +21,7 @@ class Spread:
 
     @classmethod
     def of(cls, values: Iterable[float]) -> "Spread | None":
-        """Return the spread of the sizes of `values`, or none of none."""
+        """Return the spread of the absolute `values`, or None without values."""
         sizes = np.abs(np.array(list(values), dtype=np.float64))
         if not len(sizes):
             return None
@@ -34,7 +34,7 @@ class Spread:
 
 @dataclass(frozen=True, kw_only=True)
 class Row:
-    """One line of the table; what does not apply is none."""
+    """One line of the table; values that do not apply are None."""
 
     set: str
     subject: str
@@ -42,15 +42,15 @@ class Row:
     """`2 s`, `3 targets`, `1 anchor`."""
     solver: str
     n: int
-    """Trials, refused ones among them."""
+    """Number of trials, including refused ones."""
     position_m: Spread | None = None
-    """Of the poses that were stated."""
+    """Position errors of the accepted poses."""
     every_m: Spread | None = None
-    """Of all trials: where it was refused, of the pose that fits best."""
+    """Position errors of all trials; of refused ones, of the best fit."""
     yaw_deg: Spread | None = None
     pitch_deg: Spread | None = None
     angle_deg: Spread | None = None
-    """Between ray and target."""
+    """Angle between ray and target."""
     share_above_1m: float | None = None
     misled: float | None = None
     """Share of stated poses that were off by more than 1 m with a sigma below 0.5 m."""
@@ -60,18 +60,18 @@ class Row:
     refused: int | None = None
     """Trials without a pose."""
     unsure: int | None = None
-    """Trials with a pose whose stated sigma is more than the localizer takes; their errors count."""
+    """Trials whose stated sigma exceeds the localizer's limit; their errors count."""
     solve_ms: Spread | None = None
     bound_m: float | None = None
-    """Median position error of an unbiased linear estimate under the assumptions that are stated."""
+    """Median position error of an unbiased linear estimate under the stated assumptions."""
 
     def as_json(self) -> dict[str, Any]:
-        """Return it as it stands in a JSON file."""
+        """Return the row for a JSON file."""
         return asdict(self)
 
 
 def arranged(rows: Iterable[Row]) -> list[Row]:
-    """Return `rows` by set, condition and subject as these are first met, that over all subjects first."""
+    """Return `rows` sorted by first appearance of set, condition and subject, with all subjects first."""
     met = list(rows)
     sets, conditions, subjects = (
         {name: rank for rank, name in enumerate(dict.fromkeys(names))}
@@ -93,5 +93,5 @@ def arranged(rows: Iterable[Row]) -> list[Row]:
 
 
 def document(rows: Sequence[Row]) -> dict[str, Any]:
-    """Return what `--json FILE` writes."""
+    """Return the document for `--json FILE`."""
     return {"rows": [row.as_json() for row in rows]}

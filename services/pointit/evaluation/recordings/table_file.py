@@ -1,4 +1,4 @@
-"""Tables of recordings: CSV files, column by column, refused with the line where they are wrong."""
+"""Tables of recordings: CSV files read by column; errors name the line."""
 
 import csv
 import math
@@ -15,30 +15,30 @@ from pointit.runtime.errors import ConfigError
 Array = NDArray[np.float64]
 
 MAX_BYTES = 64_000_000
-"""More does not fit the memory that an evaluation should take."""
+"""Limit of a file, which bounds the memory of an evaluation."""
 
 FARTHEST = 1e9
-"""No value of a recording is beyond, in SI units."""
+"""Limit of absolute values in a recording, in SI units."""
 
-MOST_COLUMNS = 1000
-"""A header with more is no recording's."""
+MAX_COLUMNS = 1000
+"""Limit of columns in a header."""
 
-MOST_CHARACTERS = 255
-"""Of a name or another text."""
+MAX_CHARACTERS = 255
+"""Limit of a name or another text."""
 
 RESERVED = "all"
-"""Rows of a result over all subjects are called so, hence nobody else."""
+"""Reserved subject of result rows over all subjects."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Table:
-    """The columns that were asked for."""
+    """The requested columns of a file."""
 
     path: Path
     lines: list[int]
-    """n: where in the file each row is."""
+    """n: line in the file of each row."""
     numbers: dict[str, Array]
-    """n each; NaN where the cell is empty and may be."""
+    """n each; NaN for an empty cell where allowed."""
     texts: dict[str, list[str]]
     """n each."""
 
@@ -67,7 +67,7 @@ class Table:
         return groups
 
     def refuse(self, row: int, what: str) -> ConfigError:
-        """Return the error that says what is wrong with `row`; `what` names column, value and what to do."""
+        """Return the error for `row`; `what` names column, value and remedy."""
         return ConfigError(f"{self.path}, line {self.lines[row]}, {what}")
 
 
@@ -75,7 +75,7 @@ def is_file(path: Path) -> bool:
     """Return True if there is a file at `path`.
 
     Raises:
-        ConfigError: it cannot be told, or something else is there, as a folder or a pipe.
+        ConfigError: If it cannot be accessed, or is something else, such as a folder or a pipe.
     """
     try:
         mode = path.stat().st_mode
@@ -83,63 +83,60 @@ def is_file(path: Path) -> bool:
         return False
     except (OSError, ValueError) as error:
         what = error.strerror if isinstance(error, OSError) else error
-        raise ConfigError(
-            f"{shown_path(path)}: cannot be looked at ({what}); give it another name"
-        ) from error
+        raise ConfigError(f"{shown_path(path)}: cannot be accessed ({what}); give it another name") from error
     if not stat.S_ISREG(mode):
-        kind = "a folder" if stat.S_ISDIR(mode) else "no file but a device or a pipe"
+        kind = "a folder" if stat.S_ISDIR(mode) else "a device or a pipe"
         raise ConfigError(f"{path}: a file was expected, and this is {kind}; put the recording there")
     return True
 
 
 def check_file(path: Path, most_bytes: int = MAX_BYTES) -> None:
-    """Refuse what cannot be read as a whole.
+    """Check that the file can be read as a whole.
 
     Raises:
-        ConfigError: there is no file at `path`, or it is too long.
+        ConfigError: If there is no file at `path`, or it is too long.
     """
     if not is_file(path):
         raise ConfigError(f"{path}: cannot be read (there is no such file)")
     size = path.stat().st_size
     if size > most_bytes:
         raise ConfigError(
-            f"{path}: has {size / 1e6:.0f} MB and at most {most_bytes / 1e6:.0f} MB are read; "
-            "cut it into pieces"
+            f"{path}: has {size / 1e6:.0f} MB, limit {most_bytes / 1e6:.0f} MB; cut it into pieces"
         )
 
 
 def shown_path(path: Path) -> str:
-    """Return `path` for a sentence: of a name that is too long, the beginning."""
+    """Return `path` for a message, shortened if too long."""
     text = str(path)
-    return text if len(text) <= 2 * MOST_CHARACTERS else f"{text[:MOST_CHARACTERS]}..."
+    return text if len(text) <= 2 * MAX_CHARACTERS else f"{text[:MAX_CHARACTERS]}..."
 
 
 def truncate(value: object) -> str:
-    """Return `value` for a sentence, at most some sixty characters of it."""
+    """Return `value` for a message, limited to about sixty characters."""
     try:
         text = repr(value)
-    except ValueError:  # Python does not write out thousands of digits
+    except ValueError:  # Python does not format thousands of digits
         return "a number of thousands of digits"
     return text if len(text) <= 60 else f"{text[:57]}... ({len(text)} characters)"
 
 
 def check_text(where: str, name: str) -> str:
-    """Return `name`, which is printed, and told from others by.
+    """Return `name` after checking that it is a printable, valid name.
 
     Args:
-        where: file, and line or key, for the sentence; where it ends in 'subject', the name is a subject's.
-        name: to be refused or not.
+        where: file, and line or key, for the message; if it ends in 'subject', `name` is a subject's.
+        name: text to check.
 
     Raises:
-        ConfigError: it is empty, too long, does not print, or is a subject with the name of all together.
+        ConfigError: If it is empty, too long, not printable, or a subject with the reserved name.
     """
-    if not name or len(name) > MOST_CHARACTERS or not name.isprintable():
+    if not name or len(name) > MAX_CHARACTERS or not name.isprintable():
         raise ConfigError(
-            f"{where}: a text of 1 to {MOST_CHARACTERS} printable characters was expected, "
+            f"{where}: a text of 1 to {MAX_CHARACTERS} printable characters was expected, "
             f"got {truncate(name)}"
         )
     if name == RESERVED and where.endswith("'subject'"):
-        raise ConfigError(f"{where}: {name!r} is the name of all together; give this one another")
+        raise ConfigError(f"{where}: {name!r} is reserved for all subjects; choose another name")
     return name
 
 
@@ -149,14 +146,14 @@ def read_table(
     """Return the columns `numbers` and `texts` of the CSV file at `path`; other columns are ignored.
 
     Args:
-        path: has a header.
+        path: CSV file with a header.
         numbers: columns of finite numbers.
-        texts: columns of texts that print.
-        gaps: those of `numbers` whose cells may be empty.
+        texts: columns of printable texts.
+        gaps: columns of `numbers` whose cells may be empty.
 
     Raises:
-        ConfigError: names file, line, column and value: it cannot be read, is too long, has no rows, a column
-            is missing, a row has other cells than the header, a cell is no number within bounds or no text.
+        ConfigError: If it cannot be read, is too long, has no rows, a column is missing, a row does not match
+            the header, or a cell is not a number within bounds or a text; names file, line, column and value.
     """
     check_file(path)
     try:
@@ -186,10 +183,10 @@ def read_table(
 
 
 def _columns(path: Path, header: Sequence[str], names: Sequence[str]) -> dict[str, int]:
-    """Return where the columns `names` are."""
-    if len(header) > MOST_COLUMNS:
+    """Return the indices of the columns `names`."""
+    if len(header) > MAX_COLUMNS:
         raise ConfigError(
-            f"{path}, line 1: has {len(header)} columns, and at most {MOST_COLUMNS} were expected; "
+            f"{path}, line 1: has {len(header)} columns, and at most {MAX_COLUMNS} were expected; "
             "is it a table with a header?"
         )
     for name in names:
@@ -202,7 +199,7 @@ def _columns(path: Path, header: Sequence[str], names: Sequence[str]) -> dict[st
 def _rows(
     path: Path, header: Sequence[str], wanted: dict[str, int], rows: Iterator[tuple[int, list[str]]]
 ) -> tuple[list[int], dict[str, list[str]]]:
-    """Return line numbers and cells of the columns `wanted`; empty lines are passed over."""
+    """Return line numbers and cells of the columns `wanted`, without empty lines."""
     lines: list[int] = []
     cells: dict[str, list[str]] = {name: [] for name in wanted}
     for line, row in rows:
@@ -226,7 +223,7 @@ def _numbers(table: Table, name: str, cells: Sequence[str], *, may_be_empty: boo
             values[row] = math.nan
             continue
         try:
-            values[row] = math.inf if "_" in text else float(text)  # Python's 1_5 is nobody's 15
+            values[row] = math.inf if "_" in text else float(text)  # reject Python's 1_5
         except ValueError:
             values[row] = math.inf
         if not abs(values[row]) <= FARTHEST:

@@ -1,4 +1,4 @@
-"""Packages on a ring of strips, as in the laboratory: what leaves the last strip enters the first."""
+"""Packages on a ring of strips, as in the laboratory: packages leaving the last strip enter the first."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,11 +9,11 @@ from pointit.schemas import NS_PER_S, Environment, SelectionEvent, TrackedObject
 Array = NDArray[np.float64]
 
 TARGET, OTHER = "red", "blue"
-"""Kinds of packages: those to select, and the others."""
+"""Kinds of packages: targets, and others."""
 
 
 class Carousel:
-    """Packages that stand, or move together; none comes and none goes."""
+    """A constant set of packages that stand, or move together."""
 
     def __init__(
         self,
@@ -25,15 +25,15 @@ class Carousel:
         speed_mps: float,
         start_ns: int,
     ) -> None:
-        """Put packages of `kinds` on the strips of `environment`, in their order.
+        """Place packages of `kinds` on the strips of `environment`, in their order.
 
         Args:
             environment: the map.
-            positions_m: n, of the centres, along all strips.
+            positions_m: n, centres along all strips.
             kinds: n.
-            length_m: of each package.
-            speed_mps: along the strips.
-            start_ns: when they are there.
+            length_m: length of each package.
+            speed_mps: speed along the strips.
+            start_ns: time of `positions_m`.
         """
         self._ids = [strip.id for strip in environment.strips]
         self._lines = [Polyline(strip.line_m) for strip in environment.strips]
@@ -46,7 +46,7 @@ class Carousel:
         self._seq = 0
 
     def step(self, now_ns: int) -> list[SelectionEvent]:
-        """Do nothing: where they are depends on the time alone, and nothing leaves."""
+        """Do nothing: positions depend on the time alone, and nothing leaves."""
         del now_ns
         return []
 
@@ -55,7 +55,7 @@ class Carousel:
         del owners, now_ns
 
     def tracked(self, now_ns: int) -> TrackedObjects:
-        """Return where they are at `now_ns`."""
+        """Return the packages at `now_ns`."""
         self._seq += 1
         passed_s = (now_ns - self._start_ns) / NS_PER_S
         around_m: Array = (self._positions_m + self._speed_mps * passed_s) % self._starts_m[-1]

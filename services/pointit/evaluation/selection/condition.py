@@ -1,4 +1,4 @@
-"""What is tried: the paper group's conditions, and a sweep on the paper's conveyor."""
+"""Evaluated conditions: those of the paper's group, and a sweep on the paper's conveyor."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,16 +10,16 @@ CONVEYOR = "conveyor"
 BENCHES = (LAB, VR, CONVEYOR)
 
 LAB_SPEEDS_MPS = (0.2, 0.5, 0.9)
-"""Of the levels 1, 2, 3 of moving packages."""
+"""Speeds of the levels 1, 2, 3 with moving packages."""
 VR_SPEEDS_MPS = tuple(0.5 * step for step in range(1, 16))
 
 RING_M = 10.0
-"""The two strips of the laboratory, one after the other."""
+"""Total length of the two strips of the laboratory."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Condition:
-    """One line of the table, for each method."""
+    """Parameters of one condition, evaluated for each method."""
 
     bench: str
     name: str
@@ -27,12 +27,12 @@ class Condition:
     packages: int
     targets: int
     spacing_m: float
-    """From centre to centre, on the average."""
+    """Mean distance from centre to centre."""
     users: int = 1
 
     @property
     def per_package(self) -> bool:
-        """Return True if packages pass by, so that times are of each and not of a run."""
+        """Return True if packages pass by, so that times count per package and not per run."""
         return self.bench != LAB
 
 
@@ -49,7 +49,7 @@ def vr_condition(speed_mps: float) -> str:
 
 
 def conditions(benches: Sequence[str] = ()) -> list[Condition]:
-    """Return what is tried in `benches` (empty: in all)."""
+    """Return the conditions of `benches` (empty: of all)."""
     return [
         condition
         for bench, of_it in ((LAB, _lab()), (VR, _vr()), (CONVEYOR, _conveyor()))
@@ -82,14 +82,14 @@ def _vr() -> list[Condition]:
             speed_mps=speed_mps,
             packages=24,
             targets=8,
-            spacing_m=3.7 * speed_mps,  # they fed by time: one every 3.7 s, whatever the speed
+            spacing_m=3.7 * speed_mps,  # fed by time: one every 3.7 s at any speed
         )
         for speed_mps in VR_SPEEDS_MPS
     ]
 
 
 def _conveyor() -> list[Condition]:
-    """Return one thing varied at a time; the first has them all as usual."""
+    """Return conditions with one parameter varied at a time, after the default one."""
 
     def condition(
         name: str, *, speed_mps: float = 0.5, packages: int = 12, spacing_m: float = 2.0, users: int = 1

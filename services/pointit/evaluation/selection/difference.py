@@ -1,4 +1,4 @@
-"""Paired differences between methods of selecting, with intervals: what may be claimed of them."""
+"""Paired differences between selection methods, with confidence intervals, and the resulting claims."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -14,18 +14,18 @@ from pointit.evaluation.selection.score import Score
 Array = NDArray[np.float64]
 
 FEWEST = 20
-"""Trials, each with a seed of its own, below which no difference is told."""
+"""Trials, each with its own seed, below which no difference is reported."""
 DOUBT = 0.05
 """Probability that any of a run's intervals misses the true difference."""
 TAIL = 20
-"""Resamples beyond each end of an interval, at least."""
+"""Minimum number of resamples beyond each end of an interval."""
 CHUNK = 2000
 """Resamples drawn at once."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Interval:
-    """A difference and where the true one lies."""
+    """A difference and its confidence interval."""
 
     value: float
     low: float
@@ -33,13 +33,13 @@ class Interval:
 
     @property
     def excludes_zero(self) -> bool:
-        """Return True if there is a difference."""
+        """Return True if the difference is significant."""
         return self.low > 0.0 or self.high < 0.0
 
 
 @dataclass(frozen=True, kw_only=True)
 class Difference:
-    """How much more `method` has than `other` in the same trials."""
+    """Difference of `method` minus `other` in the same trials."""
 
     bench: str
     condition: str
@@ -49,11 +49,11 @@ class Difference:
     errors: Interval
     """Wrong toggles and missed packages, as a share of the packages that should be selected."""
     time_s: Interval | None
-    """Mean time, see `Figures`; None if too few trials have one."""
+    """Mean time, see `SelectionMetrics`, or None if too few trials have one."""
 
     @property
     def claims(self) -> list[str]:
-        """Return what may be said, in words: nothing unless an interval excludes zero."""
+        """Return the significant differences in words."""
         said: list[str] = []
         for interval, less, more in (
             (self.errors, "errs less", "errs more"),
@@ -64,7 +64,7 @@ class Difference:
         return said
 
     def as_json(self) -> dict[str, Any]:
-        """Return it as it stands in a JSON file."""
+        """Return the difference for a JSON file."""
         return {**asdict(self), "claims": self.claims}
 
 
@@ -76,8 +76,8 @@ def differences_of(groups: Groups) -> list[Difference]:
     """Return the differences between every two methods in each condition.
 
     Bootstrap percentile intervals over trials (Efron & Tibshirani 1993, ch. 13), with the same trials for
-    both methods. All intervals of a run hold together with probability 1 - `DOUBT` (Bonferroni). Fewer
-    than `FEWEST` trials tell nothing.
+    both methods. All intervals of a run hold together with probability 1 - `DOUBT` (Bonferroni). Conditions
+    with fewer than `FEWEST` trials are left out.
     """
     by_condition: dict[Condition, dict[str, Sequence[Score]]] = {}
     for (condition, method), scores in groups.items():

@@ -1,4 +1,4 @@
-"""What people did in the conditions that are simulated, from recordings where they are there."""
+"""Results of real people in the simulated conditions, from recordings if available."""
 
 from collections import defaultdict
 from itertools import pairwise
@@ -9,20 +9,20 @@ from pointit.evaluation.selection.condition import LAB, VR, lab_condition, vr_co
 from pointit.evaluation.selection.row import SelectionMetrics, TimeSpread
 
 Humans = dict[tuple[str, str], dict[str, SelectionMetrics]]
-"""Bench and condition to figures by what people did it with."""
+"""Metrics by bench and condition, then by the people's pointing device."""
 
 USUALLY = {"pointing": "pointing", "mouse_gui": "mouse"}
 
 
 def humans(recordings: Path | None, notes: list[str]) -> Humans:
-    """Return what people did; recordings that are not there are noted and left out.
+    """Return the results of people; missing recordings are noted and left out.
 
     Args:
-        recordings: holds one folder a set; none: nobody said where they are.
-        notes: a sentence is added for each set that is not there.
+        recordings: folder with one folder per set. None: not given.
+        notes: receives a message for each missing set.
 
     Raises:
-        ConfigError: a file is damaged.
+        ConfigError: If a file is damaged.
     """
     found: Humans = {}
     for name, read in ((belts_lab.NAME, _lab), (belts_vr.NAME, _vr)):
@@ -36,7 +36,7 @@ def humans(recordings: Path | None, notes: list[str]) -> Humans:
 
 
 def lab_figures(runs: list[belts_lab.Run]) -> SelectionMetrics:
-    """Return the figures over `runs` of people."""
+    """Return the metrics over `runs` of people."""
     toggles = [toggle for run in runs for toggle in run.toggles]
     targets = sum(run.targets for run in runs)
     return SelectionMetrics(
@@ -53,7 +53,7 @@ def lab_figures(runs: list[belts_lab.Run]) -> SelectionMetrics:
 
 
 def vr_figures(passages: list[belts_vr.Passage]) -> SelectionMetrics:
-    """Return the figures over `passages` of packages, those that should not be selected among them."""
+    """Return the metrics over `passages` of packages, including those that should not be selected."""
     targets = [passage for passage in passages if passage.is_target]
     took_s = [passage.took_s for passage in targets if passage.took_s is not None]
     wrong = sum(passage.took_s is not None for passage in passages if not passage.is_target)

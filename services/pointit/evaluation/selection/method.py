@@ -1,4 +1,4 @@
-"""Methods of selecting by name, as they stand beside each other in a table."""
+"""Selection methods by name, in the order of tables."""
 
 from pydantic import ValidationError
 
@@ -16,14 +16,14 @@ METHODS: dict[str, SelectorConfig] = {
     "fraction": SelectorConfig(method="fraction", journal=_NO_JOURNAL),
     "gauge": SelectorConfig(method="gauge", journal=_NO_JOURNAL),
 }
-"""`original`: the paper's second method at the settings of its system, 10 Hz and 4 of 5 timesteps."""
+"""Methods; `original` is the paper's second one with its system's settings, 10 Hz and 4 of 5 timesteps."""
 
 
 def selector_config(name: str) -> SelectorConfig:
-    """Return the parameters of the method `name`, one of `METHODS`, with `@S` for S seconds on an object.
+    """Return the parameters of the method `name`, one of `METHODS`, with `@S` for a dwell time of S seconds.
 
     Raises:
-        ConfigError: there is no such method, or it cannot have that time.
+        ConfigError: If there is no such method, or the time is invalid.
     """
     base, at, seconds = name.partition("@")
     config = METHODS.get(base)

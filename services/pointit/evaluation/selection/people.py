@@ -1,4 +1,4 @@
-"""Simulated people as they are tried: of common measures, each new to every trial."""
+"""Simulated people of the evaluation: average body measures, created for every trial."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -9,7 +9,7 @@ from pointit.schemas.base import Rgb, Vec3
 from pointit.services.user_sim.config import AimConfig, MindConfig, UserSimConfig
 
 COLORS: tuple[Rgb, ...] = ((255, 255, 255), (0, 158, 115), (204, 121, 167), (86, 180, 233))
-"""Of their cursors, in turn."""
+"""Cursor colours by person index."""
 PATTERNS: tuple[Literal["solid", "dashed", "striped", "dotted"], ...] = (
     "solid",
     "dashed",
@@ -18,12 +18,12 @@ PATTERNS: tuple[Literal["solid", "dashed", "striped", "dotted"], ...] = (
 )
 
 YAW_DEG = 20.0
-"""Where their bands' yaw origin lies."""
+"""Azimuth of their bands' yaw origin."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class PersonModel:
-    """What of a simulated person is not as usual."""
+    """Parameters in which a simulated person differs from the default."""
 
     skill: float
     search_per_item_s: float
@@ -32,13 +32,13 @@ class PersonModel:
 
 
 PRACTISED = PersonModel(skill=0.7, search_per_item_s=0.005, decide_per_bit_s=0.05, lapse_share=0.04)
-"""People who have done it before, as the paper group's had: fitted to the medians and wrong toggles of
-`belts_lab`. Targets pop out by colour (Wolfe: 5 ms an item), choosing among two or three of them is habit
-(Hick's slope flattens with practice); of their lapses 0.04 (1 - skill) come about, 1.2 % of choices."""
+"""Practised people, as in the paper's group: fitted to the medians and wrong toggles of `belts_lab`.
+Targets pop out by colour (Wolfe: 5 ms an item), choosing among two or three of them is habit (Hick's slope
+flattens with practice); the rate of lapses is 0.04 (1 - skill), 1.2 % of choices."""
 
 
 def person(index: int, position_m: Vec3, target_kind: str, model: PersonModel = PRACTISED) -> TrialPerson:
-    """Return somebody who stands at `position_m` and selects packages of `target_kind`."""
+    """Return a person at `position_m` who selects packages of `target_kind`."""
     return TrialPerson(
         name=f"person-{index + 1}",
         config=UserSimConfig(

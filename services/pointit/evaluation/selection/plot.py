@@ -1,4 +1,4 @@
-"""A picture of the rows: time, wrong and missed by condition, a mark each method, people in black."""
+"""Plot of the rows: time, wrong and missed by condition, one marker per method, people in black."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -15,18 +15,18 @@ PANELS: tuple[tuple[str, Value], ...] = (
 )
 
 COLORS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00")
-"""Of methods in turn (Okabe and Ito)."""
+"""Colours of methods in order (Okabe and Ito)."""
 MARKS = ("o", "s", "^", "D", "v", "P")
 
 INCHES = (4.2, 3.4)
-"""Of one panel."""
+"""Size of one panel."""
 
 
 def check_plot(path: Path) -> None:
-    """Refuse, before the work of minutes, a picture that cannot be drawn.
+    """Check before minutes of work that a picture can be drawn.
 
     Raises:
-        ConfigError: matplotlib is not installed, or cannot write files with this suffix.
+        ConfigError: If matplotlib is not installed, or cannot write files with this suffix.
     """
     try:
         from matplotlib.backends.backend_agg import FigureCanvasAgg  # noqa: PLC0415 - an extra, wanted here only
@@ -40,10 +40,10 @@ def check_plot(path: Path) -> None:
 
 
 def plot(rows: Sequence[SelectionRow], path: Path) -> None:
-    """Write a picture of `rows` to `path`; its suffix says how: png, svg, pdf.
+    """Write a picture of `rows` to `path`, in the format of its suffix: png, svg, pdf.
 
     Raises:
-        ConfigError: the file cannot be written.
+        ConfigError: If the file cannot be written.
     """
     from matplotlib.figure import Figure  # noqa: PLC0415 - an extra, wanted here only
 

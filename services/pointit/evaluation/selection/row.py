@@ -1,4 +1,4 @@
-"""What the evaluation of selecting tells: one row per bench, condition and method, people beside it."""
+"""Rows of the selection evaluation: one per bench, condition and method, with people's results."""
 
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
@@ -9,14 +9,14 @@ import numpy as np
 
 @dataclass(frozen=True, kw_only=True)
 class TimeSpread:
-    """How long it took, s."""
+    """Spread of times, s."""
 
     median: float
     p90: float
 
     @classmethod
     def of(cls, times_s: Iterable[float]) -> "TimeSpread | None":
-        """Return the spread of `times_s`, or none of none."""
+        """Return the spread of `times_s`, or None without times."""
         values = np.array(list(times_s), dtype=np.float64)
         if not len(values):
             return None
@@ -25,18 +25,18 @@ class TimeSpread:
 
 @dataclass(frozen=True, kw_only=True)
 class SelectionMetrics:
-    """What somebody, simulated or not, was worth in a condition; what is not known is none."""
+    """Performance of a person, simulated or not, in a condition; unknown values are None."""
 
     n: int
-    """Runs where they end once all is selected, else packages that should be selected."""
+    """Number of runs, if a run ends once all targets are selected, else of targets."""
     time_s: TimeSpread | None
-    """Of a run until all is selected to stay so; where packages pass by, of each from its entry on."""
+    """Time of a run until all targets stay selected; if packages pass by, of each from its entry."""
     between_s: TimeSpread | None = None
-    """From one right selection to the next."""
+    """Time from one correct selection to the next."""
     wrong_rate: float | None = None
-    """Of all toggles, those that leave their package as it should not be."""
+    """Share of all toggles that leave their package in the wrong state."""
     missed_rate: float | None = None
-    """Of what should be selected, what was not at the end."""
+    """Share of targets not selected at the end."""
 
     def as_json(self) -> dict[str, Any]:
         """Return it as it stands in a JSON file."""
@@ -51,9 +51,9 @@ class SelectionRow:
     condition: str
     method: str
     figures: SelectionMetrics
-    """Of the simulated person."""
+    """Metrics of the simulated person."""
     human: dict[str, SelectionMetrics]
-    """Of people in the same condition, by what they did it with; empty: there are none."""
+    """Metrics of people in the same condition, by their pointing device; may be empty."""
 
     def as_json(self) -> dict[str, Any]:
         """Return it as it stands in a JSON file."""

@@ -1,4 +1,4 @@
-"""What became of one simulated trial, and the figures over many."""
+"""Score of one simulated trial, and metrics over many."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -9,27 +9,27 @@ from pointit.evaluation.selection.row import SelectionMetrics, TimeSpread
 
 @dataclass(kw_only=True)
 class Score:
-    """What somebody did in one trial; filled while it runs."""
+    """Actions of a person in one trial; filled while it runs."""
 
     targets: int
-    """Packages that should be selected."""
+    """Number of packages to select."""
     missed: int = 0
-    """Those that were not, at the end or when they left."""
+    """Targets not selected at the end or when they left."""
     toggles: int = 0
     wrong: int = 0
-    """Toggles that left their package as it should not be."""
+    """Toggles that left their package in the wrong state."""
     right_s: list[float] = field(default_factory=list[float])
-    """When each right toggle of a target was made, from the beginning."""
+    """Times of the correct toggles of targets, from the start."""
     took_s: list[float] = field(default_factory=list[float])
-    """What counts as time, see `SelectionMetrics`."""
+    """Times that count, see `SelectionMetrics`."""
     simulated_s: float = 0.0
     cpu_s: float = 0.0
-    """Processor time that it took to simulate."""
+    """Processor time of the simulation."""
     frames: int = 0
-    """Drawn for somebody's eyes."""
+    """Frames drawn for the simulated eyes."""
 
     def toggled(self, at_s: float, *, selected: bool, is_target: bool) -> None:
-        """Note that a package was toggled, to be `selected` or not."""
+        """Count a toggle of a package to `selected` or not."""
         self.toggles += 1
         self.wrong += selected is not is_target
         if selected and is_target:
@@ -37,7 +37,7 @@ class Score:
 
 
 def figures_of(scores: Sequence[Score], *, per_package: bool) -> SelectionMetrics:
-    """Return the figures over `scores`; `per_package`: n counts packages, not runs."""
+    """Return the metrics over `scores`; `per_package`: n counts packages, not runs."""
     targets, toggles = sum(score.targets for score in scores), sum(score.toggles for score in scores)
     return SelectionMetrics(
         n=targets if per_package else len(scores),

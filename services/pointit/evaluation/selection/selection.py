@@ -1,4 +1,4 @@
-"""Simulated people who select, beside real ones: by method, in each condition."""
+"""Comparison of simulated people with real ones, by condition and selection method."""
 
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -14,20 +14,20 @@ from pointit.evaluation.selection.score import Score, figures_of
 from pointit.evaluation.selection.trial import Trial, run
 
 CHUNK = 5
-"""Trials in one piece of work at most."""
+"""Maximum of trials in one piece of work."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class SimulationSpeed:
-    """How fast time went by in the simulation."""
+    """Speed of the simulation relative to real time."""
 
     simulated_s: float
     cpu_s: float
-    """Processor time, of all processes together."""
+    """Processor time of all processes together."""
 
     @classmethod
     def of(cls, results: Iterable[Sequence[Score]]) -> "SimulationSpeed":
-        """Return that of all `results`."""
+        """Return the speed over all `results`."""
         scores = [score for each in results for score in each]
         return cls(
             simulated_s=sum(score.simulated_s for score in scores),
@@ -36,7 +36,7 @@ class SimulationSpeed:
 
     @property
     def times_real(self) -> float:
-        """Return how many times faster than real time it was, on one core."""
+        """Return the real-time factor on one core."""
         return self.simulated_s / self.cpu_s if self.cpu_s else 0.0
 
 
@@ -50,22 +50,22 @@ def selection_rows(
     humans: Humans,
     tick: Callable[[int, int], None],
 ) -> tuple[list[SelectionRow], list[Difference], SimulationSpeed]:
-    """Return how simulated people do by condition and method, how methods differ, and the speed.
+    """Return results of simulated people by condition and method, differences of methods, and the speed.
 
-    A trial has the same people, packages and unrest of hands with every method, whatever else is tried: rows
-    of one condition differ by the method alone. Every trial has a seed of its own.
+    A trial has the same people, packages and hand motion for every method, so that rows of one condition
+    differ by the method alone. Every trial has its own seed.
 
     Args:
-        conditions: what is tried.
-        methods: as `selection_method.selector_config` takes them.
-        trials: of each condition and method.
-        seed: of all that is random in the first trial; the next one has the next.
-        jobs: processes to use; 1: this one alone.
-        humans: figures of people.
-        tick: called with the number of trials that are done and of all.
+        conditions: conditions to evaluate.
+        methods: names for `method.selector_config`.
+        trials: number of trials of each condition and method.
+        seed: seed of the first trial, incremented for each.
+        jobs: number of processes; 1: this one alone.
+        humans: metrics of people.
+        tick: called with the number of finished trials and of all.
 
     Raises:
-        PointItError: a process came to an end by itself.
+        PointItError: If a process ended unexpectedly.
     """
     pieces = [
         [Trial(condition=condition, method=method, seed=seed + number) for number in numbers]
@@ -97,7 +97,7 @@ def selection_rows(
 
 
 def document(rows: Sequence[SelectionRow], differences: Sequence[Difference]) -> dict[str, Any]:
-    """Return what `--json FILE` writes."""
+    """Return the document for `--json FILE`."""
     return {
         "rows": [row.as_json() for row in rows],
         "differences": [difference.as_json() for difference in differences],
@@ -105,7 +105,7 @@ def document(rows: Sequence[SelectionRow], differences: Sequence[Difference]) ->
 
 
 def done(trials: Sequence[Trial]) -> list[Score]:
-    """Return what became of `trials`; for other processes."""
+    """Return the scores of `trials`. Runs in other processes."""
     return [run(trial) for trial in trials]
 
 

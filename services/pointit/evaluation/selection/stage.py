@@ -1,4 +1,4 @@
-"""What a condition looks like: the map, what moves on it, who stands where."""
+"""Setup of a condition: map, moving objects, positions of people."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -19,30 +19,30 @@ from pointit.services.conveyor_sim.plant import Plant
 from pointit.services.pui.surfaces import Surfaces
 
 LAB_LENGTH_M = 0.5
-"""Of a package."""
+"""Length of a package."""
 LAB_LEAST_M = 0.9
-"""No two packages were nearer to each other, centre to centre."""
+"""Minimum distance of packages, centre to centre."""
 LAB_LIMIT_S = 60.0
 
 VR_BELTS = ("a", "b", "c", "d")
 VR_LENGTH_M = 1.2
 VR_INTERVALS_S = (3.0, 5.0)
-"""From one package to the next of a belt."""
+"""Time between packages on a belt."""
 
 LENGTH_M = 0.4
-"""Of a package on the conveyor."""
+"""Length of a package on the conveyor."""
 ENTRY = "part_e"
 RIGHT_BAY = "1"
 PLACES_M = ((-1.3, -1.9, 0.0), (1.8, -1.9, 0.0), (-3.0, -1.9, 0.0), (0.0, -2.3, 0.0))
-"""Where people stand at the conveyor, in turn; as in scenario 4."""
+"""Positions of people at the conveyor, in order; as in scenario 4."""
 
 REST_S = 10.0
-"""To wait after the last package should have left."""
+"""Time to wait after the last package should have left."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class TrialSetup:
-    """A condition, ready to be lived through once."""
+    """A condition, ready for one trial."""
 
     environment: Environment
     movers: ObjectMotion
@@ -50,16 +50,16 @@ class TrialSetup:
     surfaces: Surfaces
     packages: int
     limit_s: float
-    """Who is not done by then has missed what is left."""
+    """Time limit; targets not selected by then are missed."""
     target_kind: str = TARGET
     right_bay: str = ""
-    """Where selected packages leave; empty: wherever."""
+    """Bay where selected packages must leave, or `""` for any."""
     ends: frozenset[str] = frozenset({"left"})
-    """Events with which a package is out of reach."""
+    """Events after which a package is out of reach."""
 
 
 def stage_of(condition: Condition, entropy: Sequence[int]) -> TrialSetup:
-    """Return `condition` with packages and people as drawn from `entropy`."""
+    """Return the setup of `condition` with packages and people drawn from `entropy`."""
     rng = np.random.default_rng([*entropy, 1])
     if condition.bench == LAB:
         return _lab(condition, rng)
@@ -69,24 +69,24 @@ def stage_of(condition: Condition, entropy: Sequence[int]) -> TrialSetup:
 
 
 def kinds_of(condition: Condition, rng: np.random.Generator) -> list[str]:
-    """Return the kinds of its packages, the targets among them anywhere."""
+    """Return the kinds of its packages, with targets at random positions."""
     kinds = [TARGET] * condition.targets + [OTHER] * (condition.packages - condition.targets)
     return [kinds[index] for index in rng.permutation(len(kinds))]
 
 
 @lru_cache(maxsize=4)
 def room(name: str, kind: Literal["strip", "belt"]) -> tuple[Environment, Surfaces]:
-    """Return the shipped map `name`, and its things of `kind` that can be pointed at."""
+    """Return the shipped map `name`, and its surfaces of `kind`."""
     environment = load_map(name, START_NS)
     return environment, Surfaces(environment, (kind,))
 
 
 def _lab(condition: Condition, rng: np.random.Generator) -> TrialSetup:
-    """Return packages spread over the ring as theirs were: evenly, each off by as much as they may be."""
+    """Return packages spread over the ring as in the recordings: evenly, with random deviations."""
     environment, surfaces = room("lab", "strip")
     ids = [strip.id for strip in environment.strips]
     ring = tuple(BeltLink(source=a, target=b) for a, b in zip(ids, [*ids[1:], ids[0]], strict=True))
-    environment = environment.model_copy(update={"links": ring})  # people know that what leaves comes again
+    environment = environment.model_copy(update={"links": ring})  # people know that packages come back
     pitch_m = RING_M / condition.packages
     loose_m = (pitch_m - LAB_LEAST_M) / 2.0
     positions_m = (np.arange(condition.packages) + 0.5) * pitch_m
@@ -109,7 +109,7 @@ def _lab(condition: Condition, rng: np.random.Generator) -> TrialSetup:
 
 
 def _vr(condition: Condition, rng: np.random.Generator) -> TrialSetup:
-    """Return belts fed each on its own, with intervals as theirs were."""
+    """Return independently fed belts, with intervals as in the recordings."""
     environment, surfaces = room("vr_belts", "belt")
     kinds = kinds_of(condition, rng)
     each = condition.packages // len(VR_BELTS)

@@ -1,4 +1,4 @@
-"""One trial: a condition, a method, a seed; and what becomes of it."""
+"""One trial of a condition, a method and a seed, and its score."""
 
 import time
 import zlib
@@ -13,12 +13,12 @@ from pointit.evaluation.selection.world import START_NS, USUAL, Rates, World
 from pointit.schemas import NS_PER_S, SelectionEvent
 
 SETTLE_S = 1.5
-"""A run is over when all that should be selected has been for so long, and nothing else."""
+"""A run is over when exactly the targets have been selected for this time."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Trial:
-    """What is tried once."""
+    """Parameters of one trial."""
 
     condition: Condition
     method: str
@@ -27,13 +27,13 @@ class Trial:
 
     @property
     def entropy(self) -> tuple[int, ...]:
-        """Return the seed of all that is random; the same for every method."""
+        """Return the seed of everything random; the same for every method."""
         name = f"{self.condition.bench}/{self.condition.name}"
         return (self.seed, zlib.crc32(name.encode()))
 
 
 def run(trial: Trial) -> Score:
-    """Return what becomes of `trial`."""
+    """Run `trial` and return its score."""
     began_ns = time.process_time_ns()
     stage = stage_of(trial.condition, trial.entropy)
     world = World(
@@ -57,22 +57,22 @@ def run(trial: Trial) -> Score:
 
 
 class TrialRecorder:
-    """Takes down what happens to packages."""
+    """Records the events of packages."""
 
     def __init__(self, condition: Condition, stage: TrialSetup) -> None:
         self._passing = condition.per_package
         self._stage = stage
         self._score = Score(targets=condition.targets)
         self._selected: dict[str, bool] = {}
-        """Whether a package is a target, of those selected."""
+        """Selected packages; True for targets."""
         self._last_ns = START_NS
         self._took_s: dict[str, float] = {}
-        """From a target's entry until it was selected to stay so."""
+        """Time from a target's entry to its final selection."""
         self._out: set[str] = set()
         self._right_out = 0
 
     def take(self, events: Sequence[SelectionEvent], entered_ns: Mapping[str, int]) -> None:
-        """Take note of `events`; `entered_ns`: when each package came."""
+        """Record `events`; `entered_ns`: entry time of each package."""
         for event in events:
             at_s = (event.stamp_ns - START_NS) / NS_PER_S
             is_target = event.kind == self._stage.target_kind
@@ -95,7 +95,7 @@ class TrialRecorder:
         return self._is_complete and now_ns - self._last_ns >= SETTLE_S * NS_PER_S
 
     def finish(self) -> Score:
-        """Return the score, the trial being over."""
+        """Return the score at the end of the trial."""
         score = self._score
         if self._passing:
             score.missed = score.targets - self._right_out

@@ -1,7 +1,7 @@
-"""One trial in virtual time: the very cores of the services around simulated people, without a bus.
+"""One trial in virtual time: the services' own cores with simulated people, without a bus.
 
 Person → pointing → cursor → selector → lights → the person's eyes; packages move meanwhile. Frames are drawn
-only when somebody's eyes are due to look.
+only when a person's eyes are due to look.
 """
 
 from collections.abc import Mapping, Sequence
@@ -36,38 +36,38 @@ from pointit.services.user_sim.config import UserSimConfig
 from pointit.services.user_sim.person import Person
 
 START_NS = 1_000 * NS_PER_S
-"""When a trial begins."""
+"""Start time of a trial."""
 
 TRACKER = "belts"
 
 
 class ObjectMotion(Protocol):
-    """What moves in the room."""
+    """Motion of the objects in the room."""
 
     def step(self, now_ns: int) -> list[SelectionEvent]:
-        """Go on to `now_ns`; return what left or was dispatched."""
+        """Advance to `now_ns`. Return the events of objects that left or were dispatched."""
         ...
 
     def tracked(self, now_ns: int) -> TrackedObjects:
-        """Return where everything is."""
+        """Return all objects."""
         ...
 
     def select(self, owners: dict[str, str], now_ns: int) -> list[SelectionEvent] | None:
-        """Take what is selected, and by whom."""
+        """Update the selected objects and their owners."""
         ...
 
 
 @dataclass(frozen=True, kw_only=True)
 class Rates:
-    """How often things happen in virtual time, Hz."""
+    """Rates in virtual time, Hz."""
 
     imu_hz: float = 25.0
     objects_hz: float = 10.0
-    """A tracker's reports; in between all reckon on with the speed."""
+    """Rate of a tracker's reports; positions in between are extrapolated by the speed."""
     eyes_hz: float = 10.0
-    """So often the lights are looked at by who points at something; at most 30."""
+    """Rate at which people look at the lights while they point; at most 30."""
     rest_hz: float = 5.0
-    """The same while nobody does: they look around."""
+    """The same while they do not point and look around."""
 
 
 USUAL = Rates()
@@ -83,7 +83,7 @@ class TrialPerson:
 
 
 class World:
-    """A room, what moves in it and who points, stepped in virtual time."""
+    """A room with moving objects and people, stepped in virtual time."""
 
     def __init__(
         self,
@@ -96,22 +96,22 @@ class World:
         seed: Sequence[int],
         rates: Rates,
     ) -> None:
-        """Have everybody be there, told that they may point.
+        """Create the world with all people present and allowed to point.
 
         Args:
             environment: the map.
-            movers: made for `START_NS`.
-            people: whose names differ.
-            surfaces: what of the map can be pointed at.
-            selector: how staying on an object selects it.
-            seed: of everything random about people.
-            rates: how often things happen.
+            movers: object motion, created for `START_NS`.
+            people: people with different names.
+            surfaces: surfaces of the map for pointing.
+            selector: parameters of the dwell method.
+            seed: seed of everything random about people.
+            rates: rates of the simulation.
         """
         self.now_ns = START_NS
         self.frames = 0
-        """Drawn so far."""
+        """Frames drawn so far."""
         self.entered_ns: dict[str, int] = {}
-        """When each object was first there."""
+        """Time of each object's first appearance."""
         self._movers = movers
         self._selecting = SelectionEngine(selector)
         self._lights = LightState(LedDriverConfig())
@@ -119,8 +119,8 @@ class World:
         self._lights.on_map(environment)
         sequences = np.random.SeedSequence(list(seed)).spawn(len(people))
         self._people = [
-            _Present(somebody, surfaces, np.random.default_rng(sequence))
-            for somebody, sequence in zip(people, sequences, strict=True)
+            _Present(member, surfaces, np.random.default_rng(sequence))
+            for member, sequence in zip(people, sequences, strict=True)
         ]
         self._names: Mapping[str, _Present] = {present.name: present for present in self._people}
         self._step_ns = round(NS_PER_S / rates.imu_hz)
@@ -136,7 +136,7 @@ class World:
             self._selecting.set_present(present.name, True, START_NS)
 
     def step(self) -> list[SelectionEvent]:
-        """Go on by one sample of the wrists; return what happened to objects."""
+        """Advance by one sample of the wrists. Return the events of objects."""
         now_ns = self.now_ns = self.now_ns + self._step_ns
         events: list[SelectionEvent] = []
         if now_ns >= self._objects_ns:
@@ -157,7 +157,7 @@ class World:
         return events
 
     def _look(self) -> None:
-        """Show everybody the lights, and say when they are due again."""
+        """Show the lights to the people who are due to look, and schedule their next look."""
         frame = self._lights.frame(self.now_ns)
         if frame is not None:
             self.frames += 1
@@ -180,7 +180,7 @@ class World:
                 present.person.see(now_ns, cue, present.name)
 
     def _route(self, outputs: Sequence[Output], events: list[SelectionEvent]) -> None:
-        """Bring what the selector says to whom it concerns."""
+        """Deliver the selector's outputs to their receivers."""
         now_ns = self.now_ns
         for output in outputs:
             message = output.message
@@ -201,18 +201,18 @@ class World:
 
 
 class _Present:
-    """A person with what is theirs alone: band, ray, cursor."""
+    """A person with their own band, ray and cursor."""
 
-    def __init__(self, somebody: TrialPerson, surfaces: Surfaces, rng: np.random.Generator) -> None:
-        self.name = somebody.name
-        self.profile = somebody.profile
-        self.person = Person(somebody.config, somebody.name, rng)
+    def __init__(self, member: TrialPerson, surfaces: Surfaces, rng: np.random.Generator) -> None:
+        self.name = member.name
+        self.profile = member.profile
+        self.person = Person(member.config, member.name, rng)
         pointing = PointingConfig()
         self._pointer = Pointer(
-            somebody.profile, stale_after_s=pointing.stale_after_s, smoothing=pointing.smoothing()
+            member.profile, stale_after_s=pointing.stale_after_s, smoothing=pointing.smoothing()
         )
         self._cursor = PersonCursor(surfaces)
-        pose = UserPose(stamp_ns=START_NS, position_m=somebody.config.position_m, yaw_rad=self.person.yaw_rad)
+        pose = UserPose(stamp_ns=START_NS, position_m=member.config.position_m, yaw_rad=self.person.yaw_rad)
         self._pointer.set_yaw(pose.yaw_rad)
         self._cursor.set_pose(pose)
 
@@ -222,5 +222,5 @@ class _Present:
         return None if ray is None else self._cursor.cursor(ray)
 
     def cue(self) -> Feedback | None:
-        """Return what they are told when they point past everything."""
+        """Return the cue for pointing past everything, or None."""
         return self._cursor.cue()

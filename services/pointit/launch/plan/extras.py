@@ -1,4 +1,4 @@
-"""What some services need beyond the base: whether it is installed, and what is said where it is not."""
+"""Optional dependencies of services: whether they are installed, and the error message if they are not."""
 
 import importlib.metadata
 import re
@@ -9,7 +9,7 @@ from pointit.services.registry import Process
 
 NAME = re.compile(r"[\w.-]+")
 EXTRA = re.compile(r"extra\s*==\s*['\"](?P<extra>[\w.-]+)['\"]")
-"""In a requirement of the distribution (PEP 508)."""
+"""Extra in the marker of a distribution's requirement (PEP 508)."""
 
 
 def remedy(extra: str) -> str:
@@ -18,7 +18,7 @@ def remedy(extra: str) -> str:
 
 
 def has_extra(extra: str) -> bool:
-    """Return True if what `extra` brings is installed; none of it is loaded."""
+    """Return True if the requirements of `extra` are installed; imports none of them."""
     for requirement in importlib.metadata.requires("pointit") or ():
         named, of = NAME.match(requirement), EXTRA.search(requirement)
         if named is None or of is None or of["extra"] != extra:
@@ -34,11 +34,11 @@ def load(row: Process) -> Any:
     """Return the service class of a row of the process table.
 
     Raises:
-        ConfigError: it needs an extra that is not installed.
+        ConfigError: If it needs an extra that is not installed.
     """
     try:
         return row.load()
     except ImportError as error:
         if not row.extra or (error.name or "").partition(".")[0] == "pointit":
-            raise  # that is no extra, but a fault of ours
+            raise  # not a missing extra but a bug of ours
         raise ConfigError(f"{row.name} needs {remedy(row.extra)}") from error

@@ -1,4 +1,4 @@
-"""From a scenario and what the command line changes about it to the services that start."""
+"""Service launches from a scenario and the command line's changes to it."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -15,13 +15,13 @@ from pointit.schemas.system import check_user
 from pointit.services import registry
 
 ROS2 = "ros2"
-"""The process of the bridge to ROS 2: of a run that asks for it, or of a scenario that names it."""
+"""The process of the ROS 2 bridge: starts if the run requests it or the scenario names it."""
 
 PAGE = "web"
-"""The process of the page: of a run, not of a scenario, and so not among a scenario's services."""
+"""The process of the page: belongs to a run, so it is not among a scenario's services."""
 
 SWEEP = {"elevation_deg": 2.0, "elevation_amplitude_deg": 5.0}
-"""Of a simulated device: an arm nearly level, over which one sees things at the height of a table or belt."""
+"""Simulated device: the arm is nearly level, so that it points at objects at table or belt height."""
 
 CURSOR_COLORS = (
     (255, 255, 255),
@@ -31,47 +31,47 @@ CURSOR_COLORS = (
     (230, 159, 0),
     (0, 158, 115),
 )
-"""Of people's cursors, in turn: white, then hues that colour-blind people tell apart (Okabe and Ito)."""
+"""Cursor colours by person index: white, then hues that colour-blind people can distinguish (Okabe, Ito)."""
 
 PATTERNS = ("solid", "dashed", "striped", "dotted", "hollow", "tailed")
-"""Of what people have selected, in turn: a second sign beside the colour."""
+"""Patterns of selected objects by person index: a second cue beside the colour."""
 
 Method = Literal["hold", "fraction", "gauge"]
-"""How staying on an object selects it."""
+"""Dwell method of the selector."""
 
 OF_TWO_LAMPS: dict[str, Any] = {
     "trust": {"max_position_sigma_m": 1.5, "max_yaw_sigma_deg": 30.0},
     "drift": {"max_yaw_sigma_deg": 35.0},
 }
-"""Who asks for two lamps, as the paper has it, gets the pose they tell, however little that is."""
+"""With two lamps, as in the paper, poses are uncertain but still accepted."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Choices(Settings):
-    """What the command line changes about a scenario."""
+    """Changes of the command line to a scenario."""
 
     seed: int = 0
     localize: bool = False
     targets: int | None = None
-    """How many lamps to point at; none: as the localizer has it."""
+    """Number of lamps to point at. None: the localizer's default."""
     poses: Sequence[Pose | None] = ()
-    """Where people stand, for each in turn; who has none takes the scenario's place."""
+    """Pose per person. None: the scenario's place."""
     method: Method | None = None
-    """How staying on an object selects it; none: as the scenario has it."""
+    """Dwell method. None: the scenario's."""
     hand: str = ""
-    """`left` or `right`; empty: as configured."""
+    """`left` or `right`, or `""` as configured."""
     stature_m: float | None = None
     imu: Sequence[str] = ()
-    """For each person in turn: `sim`, `page`, `simulated`, `serial:PORT` or `replay:FILE`."""
+    """IMU per person: `sim`, `page`, `simulated`, `serial:PORT` or `replay:FILE`."""
     leds: str = ""
-    """Empty, or `expander:PORT`."""
+    """`expander:PORT`, or `""`."""
     ros2: bool = False
-    """The site is a node in a ROS 2 graph too: as with `page`, ROS may move people's wrists."""
+    """The site is also a node in a ROS 2 graph. As with `page`, ROS may move people's wrists."""
     page: bool = False
-    """People may point with a page: who is simulated has an imu-bridge too, which waits for one."""
+    """People may point with a page: simulated people also get an imu-bridge, which waits for a page."""
 
     def of_one(self, index: int) -> "Choices":
-        """Return these choices, made for one person, for the person `index`."""
+        """Return these choices, made for one person, as choices for the person `index`."""
         return replace(
             self,
             imu=["sim"] * index + list(self.imu) if self.imu else (),
@@ -80,7 +80,7 @@ class Choices(Settings):
 
 
 def site_launches(scenario: Scenario, choices: Choices) -> list[Launch]:
-    """Return what all people of the scenario share.
+    """Return the services that all people of the scenario share.
 
     Raises:
         ConfigError: a service or parameter is wrong.
@@ -109,7 +109,7 @@ def site_launches(scenario: Scenario, choices: Choices) -> list[Launch]:
 
 
 def user_launches(scenario: Scenario, choices: Choices, user: str, index: int = 0) -> list[Launch]:
-    """Return one person's services; `index` counts people from 0 and gives place, seed and device.
+    """Return one person's services. `index` (from 0) determines place, seed and device.
 
     Raises:
         ConfigError: a service or parameter is wrong.
@@ -148,20 +148,20 @@ def user_launches(scenario: Scenario, choices: Choices, user: str, index: int = 
 def _person(
     scenario: Scenario, choices: Choices, index: int, *, is_simulated: bool
 ) -> dict[str, dict[str, Any]]:
-    """Return what the command line says of one person: how they are, where they stand, who knows it."""
+    """Return one person's parameters from the command line: body, pose and which services know the pose."""
     place = scenario.place_of(index)
     position_m, yaw_deg = list(place.position_m), None if choices.localize else place.yaw_deg
     pose = choices.poses[index] if index < len(choices.poses) else None
     if pose is not None:
         if choices.localize and not is_simulated:
             raise ConfigError(
-                f"--pose {pose.x_m:g},{pose.y_m:g}: --localize finds out where who wears a device is; "
+                f"--pose {pose.x_m:g},{pose.y_m:g}: --localize finds the pose of people with a device; "
                 "leave one of the two out"
             )
         position_m = [pose.x_m, pose.y_m, 0.0]
         yaw_deg = pose.yaw_deg if choices.localize else pose.yaw_deg or 0.0
     localizer: dict[str, Any] = {"position_m": position_m, "yaw_deg": yaw_deg}
-    if choices.localize:  # who localizes is told nothing
+    if choices.localize:  # the localizer must not know the pose
         localizer = {"method": "static_targets"}
         if choices.targets is not None:
             localizer["targets"] = choices.targets
@@ -187,7 +187,7 @@ def _person(
 
 
 def place_of(scenario: Scenario, choices: Choices, index: int) -> Place:
-    """Return where the person `index` is taken to stand: as the command line says, else the scenario."""
+    """Return the assumed place of the person `index`: from the command line, else from the scenario."""
     pose = choices.poses[index] if index < len(choices.poses) else None
     if pose is None:
         return scenario.place_of(index)

@@ -1,4 +1,4 @@
-"""Whether the map of a run has what its services need, before anything starts."""
+"""Checks before a run starts that its map has what the services need."""
 
 from collections.abc import Sequence
 
@@ -16,14 +16,14 @@ from pointit.services.conveyor_sim.plant import Plant
 from pointit.services.localizer.config import LocalizerConfig
 from pointit.services.pui.config import PuiConfig
 
-LEAST_LAMPS = 2
-"""Lamps that localizing by pointing takes."""
+MIN_LAMPS = 2
+"""Lamps needed to localize by pointing."""
 
 
 def check_map_fits(launches: Sequence[Launch]) -> None:
     """Check that the map of `launches` has the belts, strips and lamps that they need.
 
-    Without a pui, or where its map names belts that it lacks, there is nothing to check: pui says so itself.
+    Without a pui, or if its map names missing belts, there is nothing to check: pui reports that itself.
 
     Raises:
         ConfigError: If it lacks some; names the map, what it has and the option to set.
@@ -38,22 +38,22 @@ def check_map_fits(launches: Sequence[Launch]) -> None:
             try:
                 Plant(room, config, seed=0, start_ns=0)
             except UnusableMapError as error:
-                raise ConfigError(f"{launch.instance}: {error}, or take another map: pui.map") from error
+                raise ConfigError(f"{launch.instance}: {error}, or choose another map: pui.map") from error
             _check_bays(launch.instance, config, room)
         if (
             isinstance(config, LocalizerConfig)
             and config.method == "static_targets"
-            and len(room.lamps) < LEAST_LAMPS
+            and len(room.lamps) < MIN_LAMPS
         ):
             raise ConfigError(
                 f"{launch.instance}: map {room.name!r} has {len(room.lamps) or 'no'} "
-                f"lamp{'' if len(room.lamps) == 1 else 's'} and pointing at lamps takes {LEAST_LAMPS}; "
+                f"lamp{'' if len(room.lamps) == 1 else 's'} and pointing at lamps needs {MIN_LAMPS}; "
                 "leave --localize out, or add lamps to the map"
             )
 
 
 def _check_bays(instance: str, config: ConveyorSimConfig, room: Environment) -> None:
-    """Check that packages can be told apart where they leave. A map with one bay or none sorts nothing."""
+    """Check that the configured bays exist. A map with fewer than two bays sorts nothing."""
     there = [bay.id for bay in room.bays]
     for name, bay in (("bay_selected", config.bay_selected), ("bay_rest", config.bay_rest)):
         if len(there) > 1 and bay not in there:
@@ -64,7 +64,7 @@ def _check_bays(instance: str, config: ConveyorSimConfig, room: Environment) -> 
 
 
 def _room(name_or_path: str) -> Environment | None:
-    """Return the map without the points of its clouds, which take long to read and feed nothing."""
+    """Return the map without the points of its clouds, which are slow to read and not needed here."""
     try:
         with map_path(name_or_path) as path:
             file = read_map_file(path)

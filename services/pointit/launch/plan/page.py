@@ -1,4 +1,4 @@
-"""The page of a run or a dashboard: the service that serves it, at a free port, and how it is found."""
+"""The page of a run or a dashboard: its service, a free port and its URLs."""
 
 import contextlib
 import logging
@@ -26,29 +26,29 @@ from pointit.services import registry
 log = logging.getLogger(__name__)
 
 REMEDY = f"the page needs {remedy(registry.process(PAGE).extra)}"
-"""What is said where the extra is not installed."""
+"""Advice if the extra is not installed."""
 
 PORT = 8090
 LAN_PORT = 8443
 
 PORTS_TO_TRY = 10
-"""Ports from the usual one on that are tried when none was asked for."""
+"""Consecutive ports to try, from the default one, if none was requested."""
 
 EVERYWHERE = frozenset({"", "0.0.0.0", "::"})  # noqa: S104 - told apart, not listened at
 
 VIEWERS = "viewers"
-"""The figure of a page's health: how many have it open."""
+"""Metric in a page's Health: number of open pages."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class NumberedLaunch(Launch):
-    """One of several of a kind on a site: `web`, `web.2`, …; each is present under a name of its own."""
+    """One of several services of a kind on a site, each with its own instance name: `web`, `web.2`, …."""
 
     number: int = 1
 
     @property
     def instance(self) -> str:
-        """Return the name under which it is present."""
+        """Return the instance name."""
         return super().instance if self.number == 1 else f"{super().instance}.{self.number}"
 
 
@@ -59,33 +59,33 @@ def _load() -> type[AnyService]:
 
 @dataclass(frozen=True, kw_only=True)
 class Page:
-    """A page to be served, and its addresses; they hold tokens, so they are told once and to a person."""
+    """A page to be served, and its URLs. They contain tokens, so they are shown once, to the operator."""
 
     config: WebConfig
     url: str
-    """For who may control, on this machine."""
+    """URL with control rights, on this machine."""
     viewer_url: str
-    """For who may only look on."""
+    """URL with viewing rights only."""
     lan_url: str = ""
-    """For who may control, from the local network; empty: it is not open to it."""
+    """URL with control rights from the local network, or `""` if the page is not open to it."""
     viewer_lan_url: str = ""
     is_usual: bool = True
-    """Nothing of it was set by hand, so nothing of it needs to be checked."""
+    """True if no parameter was set by hand, so that none needs to be checked."""
     load: Callable[[], type[AnyService]] = _load
-    """Returns what serves it; takes time, since all that it needs is loaded."""
+    """Returns the service class. Slow, because it imports all dependencies."""
 
     @property
     def instance(self) -> str:
-        """Return the name under which it is present, where it is the only one."""
+        """Return the instance name of the first or only page."""
         return PAGE
 
     def launch(self, number: int = 1) -> NumberedLaunch:
-        """Return what serves it, as the only one or one of several."""
+        """Return the launch of page `number`, counted from 1."""
         return NumberedLaunch(service=self.load(), config=self.config, number=number)
 
 
 def is_available() -> bool:
-    """Return True if what a page needs is installed; none of it is loaded."""
+    """Return True if the dependencies of a page are installed; imports none of them."""
     return has_extra(registry.process(PAGE).extra)
 
 
@@ -98,19 +98,19 @@ def page_of(
     tokens: Tokens | None = None,
     option: str = "--web-port",
 ) -> Page:
-    """Return the page, at ports that are free now.
+    """Return the page, at currently free ports.
 
     Args:
-        chosen: files and `--set`, which win.
-        below: what a scenario says of it.
-        asked: what options of the command line say of it.
-        places: by user, where people are taken to stand.
-        tokens: unless others are set by hand; none: new ones.
-        option: of the command line, which another port is chosen with.
+        chosen: files and `--set`, which take precedence.
+        below: parameters from the scenario.
+        asked: parameters from command line options.
+        places: assumed places by user.
+        tokens: used unless others are set by hand. None: new ones.
+        option: command line option that chooses another port.
 
     Raises:
         ConfigError: a parameter is wrong.
-        ListenError: the port that was asked for is taken, or all that are tried are.
+        ListenError: If the requested port, or every port that was tried, is in use.
     """
     tokens = tokens or Tokens()
     usual = {
@@ -147,10 +147,10 @@ def is_asked_of_page(settings: Iterable[str]) -> bool:
 
 
 def _port(host: str, port: int, usual: int, *, is_asked: bool, option: str) -> int:
-    """Return a port that nobody listens at; the one that was asked for, where one was.
+    """Return a free port: the requested one, if there is one.
 
     Raises:
-        ListenError: there is none.
+        ListenError: If none is free.
     """
     candidates = [port] if is_asked else list(range(usual, usual + PORTS_TO_TRY))
     reason = ""
@@ -165,7 +165,7 @@ def _port(host: str, port: int, usual: int, *, is_asked: bool, option: str) -> i
 
 
 def _probe(host: str, port: int) -> int:
-    """Return the port, or for 0 any, if it can be listened at; as the server does, past sockets that fade."""
+    """Return `port` (0: any) if it can be bound, with SO_REUSEADDR as the server uses it."""
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     with socket.socket(family, socket.SOCK_STREAM) as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -176,7 +176,7 @@ def _probe(host: str, port: int) -> int:
 
 
 def _shown(host: str) -> str:
-    """Return a host as it stands in an address that is opened on this machine."""
+    """Return `host` as written in a URL that is opened on this machine."""
     if host in EVERYWHERE:
         return "127.0.0.1"
     return f"[{host}]" if ":" in host else host
@@ -184,11 +184,11 @@ def _shown(host: str) -> str:
 
 @contextlib.contextmanager
 def kept_link(site: str, *urls: str) -> Generator[Path | None]:
-    """Yield a file of the owner alone that holds `urls` while inside, or None if it cannot be written."""
+    """Yield a file with `urls` that only its owner can read, or None if it cannot be written."""
     try:
         path = keep_link(site, *filter(None, urls))
     except ConfigError as error:
-        log.warning("the link of the page is in no file: %s", error)
+        log.warning("the link of the page could not be written to a file: %s", error)
         yield None
         return
     try:
@@ -198,12 +198,12 @@ def kept_link(site: str, *urls: str) -> Generator[Path | None]:
 
 
 def where(url: str, path: Path | None, stream: TextIO | None = None) -> str:
-    """Return what is printed of the page at `url`: on a terminal its link, in a log the file that holds it.
+    """Return the text to print for the page at `url`: on a terminal its link, in a log the link's file.
 
     Args:
         url: with its token.
-        path: of the file.
-        stream: where it is printed; None: standard error.
+        path: file with the link.
+        stream: output of the text. None: standard error.
     """
     if (stream or sys.stderr).isatty():
         return url
@@ -211,19 +211,19 @@ def where(url: str, path: Path | None, stream: TextIO | None = None) -> str:
 
 
 def page_unavailable_error(why: str) -> ConfigError:
-    """Return the error for who asks something of a page that cannot be."""
+    """Return the error for an option that needs an unavailable page."""
     return ConfigError(f"{why}: {REMEDY}")
 
 
 class Onlookers:
-    """Knows how long somebody looks on at least: a page that is loaded anew is not gone at once."""
+    """Tracks until when viewers count as present: a page that is reloaded is not gone at once."""
 
     def __init__(self) -> None:
         self.until_s = -math.inf
-        """Somebody looks on until then, unless more is heard; on the clock of `on_health`."""
+        """Viewers count as present until then, on the clock of `on_health`."""
 
     def on_health(self, health: Health, now_s: float) -> bool:
-        """Take note of what a service says. Return True if it is news of people who look on."""
+        """Update from a service's Health. Return True if it changes whether viewers are present."""
         is_open = any(figure.name == VIEWERS and figure.value > 0 for figure in health.figures)
         if is_open and health.service == PAGE:
             self.until_s = max(self.until_s, now_s + SILENT_S)
@@ -231,5 +231,5 @@ class Onlookers:
         return False
 
     def are_there(self, now_s: float) -> bool:
-        """Return True if somebody looks on at `now_s`."""
+        """Return True if viewers are present at `now_s`."""
         return now_s < self.until_s

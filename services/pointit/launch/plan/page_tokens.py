@@ -1,4 +1,4 @@
-"""The tokens of a site's pages, kept so that an open page comes back when what serves it is started again."""
+"""The stored tokens of a site's pages, with which an open page reconnects after its service restarts."""
 
 import json
 import os
@@ -15,14 +15,14 @@ from pointit.runtime.host.atomic_file import write_atomically
 from pointit.runtime.host.state_file import site_folder
 
 TOKEN_BYTES = 18
-"""Of a token: 144 bits, and an address that fits a line of 80 columns."""
+"""Length of a token: 144 bits, and the URL fits a line of 80 columns."""
 
 FILE = "tokens.json"
 
 MAX_BYTES = 4096
 
 OTHERS = 0o077
-"""Of a file's mode: what its group and everybody else may do."""
+"""Mode bits of a file for its group and others."""
 
 
 def _new() -> str:
@@ -31,14 +31,14 @@ def _new() -> str:
 
 @dataclass(frozen=True, kw_only=True)
 class Tokens:
-    """Who has the one may control, who has the other may look on; random unless given."""
+    """Tokens for control and for viewing; random unless given."""
 
     operator: str = field(default_factory=_new)
     viewer: str = field(default_factory=_new)
 
 
 class _Kept(BaseModel):
-    """What the file holds."""
+    """Contents of the file."""
 
     model_config = ConfigDict(strict=True, extra="forbid")
 
@@ -47,17 +47,17 @@ class _Kept(BaseModel):
 
 
 def kept_tokens(site: str, *, renew: bool = False) -> tuple[Tokens, Sequence[str]]:
-    """Return the tokens of the pages of `site`, the same at every start, and what is to be said of them.
+    """Return the tokens of the pages of `site`, the same at every start, and notices about them.
 
-    They are in a file of the site's state that nobody but its owner may read. Where there is none, or it
-    cannot be trusted any more, it is made anew.
+    They are in a file of the site's state that only its owner may read. A missing or untrusted file is
+    replaced by one with new tokens.
 
     Args:
-        site: whose pages.
-        renew: forget those that are kept, so that links from before open nothing.
+        site: name of the site.
+        renew: replace the stored tokens, which revokes earlier links.
 
     Raises:
-        KeyNameError: `site` cannot be a name.
+        KeyNameError: If `site` is not a valid name.
     """
     path = site_folder(site, PAGE) / FILE
     notes: list[str] = []
@@ -68,34 +68,34 @@ def kept_tokens(site: str, *, renew: bool = False) -> tuple[Tokens, Sequence[str
             pass
         except (OSError, ValueError) as error:
             why = error.strerror or str(error) if isinstance(error, OSError) else str(error)
-            notes.append(f"the page has a new link, the one from before opens nothing: {path} {why}")
+            notes.append(f"the page has a new link, the old one is revoked: {path} {why}")
     tokens = Tokens()
     try:
         write_atomically(
             path, (json.dumps({"operator": tokens.operator, "viewer": tokens.viewer}) + "\n").encode()
         )
     except ConfigError as error:
-        notes.append(f"the link of the page is for this time only: {error}")
+        notes.append(f"the link of the page is valid for this run only: {error}")
     return tokens, notes
 
 
 def _read(path: Path) -> Tokens:
-    """Return the tokens in a file.
+    """Return the tokens in the file at `path`.
 
     Raises:
-        OSError: it cannot be read.
-        ValueError: it cannot be trusted; says why, as what follows its name.
+        OSError: If it cannot be read.
+        ValueError: If it cannot be trusted. The message continues a sentence that starts with the path.
     """
     with path.open("rb") as file:
         status = os.fstat(file.fileno())
         if os.name == "posix" and status.st_mode & OTHERS:
             raise ValueError("could be read by others")
         if os.name == "posix" and status.st_uid != os.geteuid():
-            raise ValueError("belongs to somebody else")
+            raise ValueError("belongs to another user")
         data = file.read(MAX_BYTES)
     try:
         kept = _Kept.model_validate_json(data)
-    except ValidationError:  # not told in detail: that would show what it holds
+    except ValidationError:  # its details would reveal the contents
         raise ValueError("does not hold two tokens") from None
     if kept.operator == kept.viewer:
         raise ValueError("does not hold two tokens")

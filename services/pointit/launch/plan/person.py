@@ -9,8 +9,8 @@ REALISTIC: dict[str, Any] = {
     "wristband": {"yaw_rate_bias_sd_degps": 0.25, "dropout_share": 0.01},
     "anchor_when_off_deg": 10.0,
 }
-"""Of a simulated person whose place is found out by pointing: a band as bands are (pointing.md §7), and the
-sense to point at a lamp anew when the cursor has drifted away."""
+"""Simulated person who is localized by pointing: a band with realistic drift (pointing.md §7), and they point
+at a lamp again when the cursor has drifted away."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -20,9 +20,9 @@ class Pose:
     x_m: float
     y_m: float
     yaw_deg: float | None = None
-    """None: not said."""
+    """None if not given."""
 
 
 def body_of(stature_m: float) -> dict[str, float]:
-    """Return the measures of somebody `stature_m` tall, as parameters."""
+    """Return the body measures, as parameters, of a person `stature_m` tall."""
     return {name: round(value, 4) for name, value in measures(stature_m, {}).model_dump().items()}

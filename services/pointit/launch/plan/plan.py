@@ -1,4 +1,4 @@
-"""Everything a run needs to know, decided before it begins."""
+"""Everything a run needs to know, decided before it starts."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -16,47 +16,47 @@ class Plan:
 
     name: str
     launches: Sequence[Launch]
-    """Of the scenario or the person; not the page's."""
+    """Services of the scenario or the person, without the page."""
     link: Link
     target_kinds: Sequence[str] = ()
     seed: int = 0
     duration_s: float | None = None
     is_limited: bool = False
-    """The duration was asked for: it ends then, whoever looks on."""
+    """The duration was requested: the run ends then, even with viewers."""
     speed: float = 1.0
     processes: bool = False
     may_move: bool = False
-    """The address to listen on is only the default: take the next port when it is taken."""
+    """The listen address is only the default: use the next port if it is in use."""
     scored: bool = True
-    """A whole scenario: sum it up at the end, and without any cursor it has failed."""
+    """A whole scenario: print a summary at the end, and fail if there was no cursor."""
     view: bool = True
     person: str = ""
-    """Only this person's part is told and drawn; empty for everybody's."""
+    """The only person whose activity is reported and drawn, or `""` for all."""
     notes: Sequence[str] = ()
-    """Sentences that are said at the start."""
+    """Messages to print at the start."""
     afterword: str = ""
-    """A sentence that is said below the summary."""
+    """Message to print below the summary."""
     summary: Path | None = None
     as_json: bool = False
     page: Page | None = None
     browser: bool = False
-    """Open the page in a browser, where somebody sits."""
+    """Open the page in a browser, if there is a desktop."""
     scenario: str = ""
-    """That runs; empty: one person's part."""
+    """Name of the running scenario, or `""` for one person's part."""
     scenarios: Sequence[str] = ()
-    """That can be asked for instead; empty: none."""
+    """Names of the scenarios that can be requested instead."""
     localizes: bool = False
-    """People are found by pointing at lamps."""
+    """People are localized by pointing at lamps."""
     another: "Callable[[RunScenario, Plan], Plan] | None" = None
-    """Makes the plan of what is asked for in place of a plan that runs; raises ConfigError. In any thread."""
+    """Makes the plan that replaces the running one on request; raises ConfigError. Thread-safe."""
 
     @property
     def users(self) -> list[str]:
-        """Return whose services it starts, in order."""
+        """Return the users whose services it starts, in order."""
         return list(dict.fromkeys(launch.user for launch in self.launches if launch.user))
 
     @property
     def instances(self) -> list[str]:
-        """Return the names of all that it starts."""
+        """Return the instance names of all that it starts."""
         page = [] if self.page is None else [self.page.instance]
         return [launch.instance for launch in self.launches] + page

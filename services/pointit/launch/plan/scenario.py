@@ -18,18 +18,18 @@ LONGEST_NAME = 60
 
 
 class Place(Config):
-    """Where a person stands in {W}, and the azimuth of their IMU's yaw 0."""
+    """Position of a person in {W}, and the azimuth of their IMU's yaw 0."""
 
     position_m: tuple[float, float, float]
     yaw_deg: float = 0.0
 
 
 class Scenario(Config):
-    """What a scenario file says."""
+    """Contents of a scenario file."""
 
     about: str = Field(description="one sentence")
     explained: str = Field(default="", description="what happens and what to look at, some sentences")
-    duration_s: float = Field(default=60.0, gt=0, description="how long it runs unless told otherwise, s")
+    duration_s: float = Field(default=60.0, gt=0, description="default duration, s")
     target_kinds: tuple[str, ...] = Field(default=(), description="kinds of objects to select")
     places: tuple[Place, ...] = Field(min_length=1, description="where people stand, in turn")
     site: dict[str, dict[str, Any]] = Field(default={}, description="services for all, by name")
@@ -38,11 +38,11 @@ class Scenario(Config):
 
     @property
     def source(self) -> str:
-        """Return where it stands, for errors."""
+        """Return the name of its file, for error messages."""
         return self._source
 
     def place_of(self, index: int) -> Place:
-        """Return where the person `index` stands, counted from 0; there may be more people than places."""
+        """Return the place of the person `index`, counted from 0. Places repeat if there are more people."""
         return self.places[index % len(self.places)]
 
     @classmethod
@@ -53,13 +53,13 @@ class Scenario(Config):
         scenario = layers.build(cls)
         scenario._source = source  # noqa: SLF001 - its own
         room = scenario.site.get("pui", {}).get("map")
-        if isinstance(room, str) and Path(room).suffix:  # a file, beside the scenario unless said otherwise
+        if isinstance(room, str) and Path(room).suffix:  # a file, relative to the scenario's
             scenario.site["pui"]["map"] = str(path.parent / room)
         return scenario
 
 
 def scenario_names() -> list[str]:
-    """Return the shipped scenarios."""
+    """Return the names of the shipped scenarios."""
     return sorted(
         entry.name.removesuffix(".yaml") for entry in SHIPPED.iterdir() if entry.name.endswith(".yaml")
     )
@@ -69,7 +69,7 @@ def read_scenario(name: str) -> Scenario:
     """Return the shipped scenario `name`, or the one in the file of that path.
 
     Raises:
-        ConfigError: there is none, a field is wrong, or the file's name cannot stand in a key.
+        ConfigError: If there is none, a field is wrong, or the file's name is not valid in a key.
     """
     if name.endswith((".yaml", ".yml")):
         scenario = Scenario.read(Path(name), name)

@@ -1,4 +1,4 @@
-"""What a run can be asked to run, and what the command line says of each scenario."""
+"""The scenarios that a run can switch to, each with the command line's choices."""
 
 import dataclasses
 from collections.abc import Iterator, Mapping
@@ -17,7 +17,7 @@ from pointit.runtime.service.service import Launch, check_launches
 from pointit.schemas import RunScenario
 
 PLACES = 8
-"""Of so many people a page is told where they are taken to stand, whether they are there yet or not."""
+"""Number of people whose assumed places are given to a page, present or not."""
 
 
 def name_of(index: int) -> str:
@@ -26,7 +26,7 @@ def name_of(index: int) -> str:
 
 
 def scenario_launches(scenario: Scenario, choices: Choices, people: int) -> list[Launch]:
-    """Return the services of a scenario with so many people.
+    """Return the services of a scenario with `people` people.
 
     Raises:
         ConfigError: a service or parameter is wrong, or the map lacks what they need.
@@ -39,7 +39,7 @@ def scenario_launches(scenario: Scenario, choices: Choices, people: int) -> list
 
 
 def places(scenario: Scenario, choices: Choices) -> dict[str, dict[str, Any]]:
-    """Return by user where people are taken to stand, for the page."""
+    """Return the assumed places of people by user, for the page."""
     return {name_of(index): place_of(scenario, choices, index).model_dump() for index in range(PLACES)}
 
 
@@ -48,10 +48,10 @@ class ScenarioCatalog:
     """Scenarios that a run may change to, each with the choices of the command line that fit it."""
 
     sources: Mapping[str, str]
-    """By name, what `read_scenario` takes for it."""
+    """Argument of `read_scenario` by name."""
     choices: Choices
     room: str
-    """The map of the scenario that the choices were made for."""
+    """Map of the scenario for which the choices were made."""
 
     @classmethod
     def beginning_with(
@@ -69,10 +69,10 @@ class ScenarioCatalog:
         return tuple(name for name, source in self.sources.items() if self._can_run(source))
 
     def plan(self, query: RunScenario, now: Plan) -> Plan:
-        """Return the plan of what is asked for in place of `now`, checked as at a start.
+        """Return the plan of the requested scenario, which replaces `now`, checked as at a start.
 
         Raises:
-            ConfigError: there is no such scenario, or it cannot work so.
+            ConfigError: If there is no such scenario, or it does not fit the choices.
         """
         source = self.sources.get(query.scenario)
         if source is None:
@@ -104,10 +104,10 @@ class ScenarioCatalog:
         return True
 
     def _fitting(self, scenario: Scenario, *, localize: bool) -> Choices:
-        """Return what of the choices can be applied to `scenario`."""
+        """Return the choices that apply to `scenario`."""
         choices = self.choices
         poses = choices.poses if _room(scenario) == self.room else ()
-        if localize:  # who wears a device is found out
+        if localize:  # the poses of people with a device are found by pointing
             devices = [*choices.imu, *["sim"] * len(poses)]
             poses = [pose if device == "sim" else None for pose, device in zip(poses, devices, strict=False)]
         return dataclasses.replace(
@@ -121,7 +121,7 @@ class ScenarioCatalog:
         )
 
     def _ignored(self, scenario: Scenario) -> Iterator[str]:
-        """Yield a sentence on each choice that does not fit."""
+        """Yield a message for each choice that does not fit."""
         choices, there = self.choices, _services(scenario)
         said = [(f"--set {setting}", service_of(setting)) for setting in choices.settings]
         said += [(f"--method {choices.method}", "selector")] if choices.method else []
@@ -130,11 +130,11 @@ class ScenarioCatalog:
             if service not in there and service != PAGE:
                 yield f"{option} is ignored: {scenario.source} has no {service}"
         if any(choices.poses) and _room(scenario) != self.room:
-            yield f"--pose is ignored: it is of another room; people stand where {scenario.source} says"
+            yield f"--pose is ignored: it is for another map; people stand where {scenario.source} says"
 
 
 def _services(scenario: Scenario) -> set[str]:
-    """Return what may run in a scenario; anybody may have an imu-bridge."""
+    """Return the services that may run in a scenario; every person may have an imu-bridge."""
     return {*scenario.site, *scenario.user, "imu-bridge"}
 
 

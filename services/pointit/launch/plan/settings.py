@@ -1,4 +1,4 @@
-"""Parameters of services from files, variables and `--set`, each on top of the one before."""
+"""Parameters of services from files, variables and `--set`, in ascending precedence."""
 
 import os
 from collections.abc import Collection, Mapping, Sequence
@@ -15,7 +15,7 @@ from pointit.services import registry
 
 @dataclass(frozen=True, kw_only=True)
 class Settings:
-    """What the command line says of services' parameters."""
+    """Parameters of services from the command line."""
 
     files: Sequence[Path] = ()
     """YAML files that map services to parameters."""
@@ -43,10 +43,10 @@ def layers_of(name: str, below: Mapping[str, Mapping[str, Any]], chosen: Setting
 
 
 def check_settings(running: Collection[str], chosen: Settings) -> None:
-    """Make sure that no `--set` is without effect.
+    """Check that every `--set` has an effect.
 
     Raises:
-        ConfigError: one is for a service that is not among `running`.
+        ConfigError: If one is for a service that is not among `running`.
     """
     for setting in chosen.settings:
         service = service_of(setting)
@@ -57,10 +57,10 @@ def check_settings(running: Collection[str], chosen: Settings) -> None:
 
 
 def service_of(setting: str) -> str:
-    """Return the service that a `--set` is for.
+    """Return the service named in a `--set`.
 
     Raises:
-        ConfigError: it is none, or there is no such service.
+        ConfigError: If it is malformed, or there is no such service.
     """
     return _split(setting)[0][0]
 

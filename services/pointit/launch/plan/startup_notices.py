@@ -1,4 +1,4 @@
-"""What is worth saying when people's services start: where they are taken to stand, what of them is kept."""
+"""Notices when people's services start: assumed places and stored calibrations."""
 
 from collections.abc import Iterator, Sequence
 
@@ -14,12 +14,12 @@ from pointit.services.supervisor.offset_messages import OFFSET_PURPOSE, minute, 
 
 
 def assumed_places(launches: Sequence[Launch], choices: Choices, first: int = 0) -> Iterator[str]:
-    """Yield a sentence on everybody who wears a device and whose place nobody has said.
+    """Yield a message for each person with a device whose place was not given.
 
     Args:
         launches: the services; people in the order of `choices`.
-        choices: what the command line says of them.
-        first: which of `choices` is the first of the people.
+        choices: command line options about the people.
+        first: index in `choices` of the first person.
     """
     simulated = {launch.user for launch in launches if launch.service.NAME == "user-sim"}
     users = list(dict.fromkeys(launch.user for launch in launches if launch.user))
@@ -33,20 +33,20 @@ def assumed_places(launches: Sequence[Launch], choices: Choices, first: int = 0)
             continue
         x_m, y_m, _ = config.position_m
         yield (
-            f"{user} is taken to stand at {x_m:.2f}, {y_m:.2f} m, yaw {config.yaw_deg:g}°, as {source}; "
-            "say otherwise with --pose X,Y,YAW, or --localize"
+            f"{user} is assumed to stand at {x_m:.2f}, {y_m:.2f} m, yaw {config.yaw_deg:g}°, as {source}; "
+            "give --pose X,Y,YAW or --localize to change that"
         )
 
 
 def kept_mountings(launches: Sequence[Launch]) -> Iterator[str]:
-    """Yield a sentence on every measured mounting that is in use from the start."""
+    """Yield a message for each stored mounting in use from the start."""
     for launch in launches:
         if not isinstance(launch.config, ImuBridgeConfig):
             continue
         try:
             kept = StateFile(StoredMountings, launch.user, PURPOSE).read()
         except ConfigError:
-            continue  # the service says so itself, and goes on without
+            continue  # the service reports that itself and continues without it
         if kept is not None and MountingSelection(launch.config, kept).is_measured:
             since = minute(kept.by_source[launch.config.source].set_ns)
             forget = f"`pointit calibrate mounting {launch.user} --erase` forgets it"
@@ -54,7 +54,7 @@ def kept_mountings(launches: Sequence[Launch]) -> Iterator[str]:
 
 
 def kept_offsets(launches: Sequence[Launch]) -> Iterator[str]:
-    """Yield a sentence on every pointing offset that is in use from the start."""
+    """Yield a message for each stored pointing offset in use from the start."""
     for launch in launches:
         if launch.service.NAME != "supervisor":
             continue

@@ -1,1 +1,1 @@
-"""The services that run now: started, watched, announced to the site and scored."""
+"""The running services: started, watched, announced to the site and scored."""

@@ -1,7 +1,7 @@
-"""What a run tells the site of itself: which scenario, which services, what starts them again.
+"""Publishes the deployment of a run: scenario, services and the commands that restart them.
 
-Who ends on purpose tells that nothing is to run any more. Who vanishes does not: what it has told outlives
-it, and `doctor` says what is missing.
+A run that ends on purpose publishes that nothing is expected to run any more. The deployment of a run that
+dies is retained, and `doctor` reports what is missing.
 """
 
 import time
@@ -15,11 +15,11 @@ from pointit.schemas.system import RUN
 from pointit.schemas.topics import DEPLOYMENT
 
 Line = tuple[Launch, tuple[str, ...]]
-"""A service, and the command that starts it again."""
+"""A service, and the command that restarts it."""
 
 
 class DeploymentPublisher:
-    """The deployment of what runs now; there is one at a time."""
+    """Publishes the deployment of the current run; there is one at a time."""
 
     def __init__(self, bus: Bus) -> None:
         self._bus = bus
@@ -27,12 +27,12 @@ class DeploymentPublisher:
         self._publisher: Publisher[Deployment] | None = None
         self._hearing: Closable | None = None
         self._stamp_ns = 0
-        """Of what was told last."""
+        """Stamp of the last published deployment."""
         self._is_anothers = False
-        """Another process has told something under the same name since then."""
+        """Another process has published under the same name since then."""
 
     def post(self, plan: Plan, lines: Sequence[Line]) -> None:
-        """Tell what `plan` runs, in place of what was told before."""
+        """Publish the services of `plan`, which replaces the last deployment."""
         name = plan.name if plan.person else f"{RUN}{plan.name}"
         if self._publisher is None or self._name != name:
             self.retract()
@@ -56,7 +56,7 @@ class DeploymentPublisher:
         )
 
     def retract(self) -> None:
-        """Tell that nothing of it is to run any more, unless the name went over to another process."""
+        """Publish that nothing should run any more, unless another process has taken over the name."""
         publisher, self._publisher = self._publisher, None
         if publisher is not None:
             if not self._is_anothers:

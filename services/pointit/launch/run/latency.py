@@ -1,4 +1,4 @@
-"""How fast the light follows the wrist."""
+"""Latency from a wrist sample to the LED frame that shows it."""
 
 import math
 from collections import Counter
@@ -6,21 +6,21 @@ from collections import Counter
 from pointit.schemas import NS_PER_S, Cursor, StripsFrame
 
 RECENT = 64
-"""Cursors remembered to find out which capture a frame shows."""
+"""Recent cursors kept to match a frame with its capture."""
 STEP = 1.005
-"""Latencies are counted in classes this much apart, so that a run of weeks takes no more memory."""
-LEAST_S = 1e-6
+"""Ratio of neighbouring histogram bins, which bounds the memory of long runs."""
+MIN_S = 1e-6
 
 
 class Latency:
-    """Time from capture at the wrist to the light that shows it, wall seconds; another thread may read it."""
+    """Time from capture at the wrist to the light that shows it, wall seconds. Other threads may read it."""
 
     def __init__(self) -> None:
         self._classes: Counter[int] = Counter()
         self._pending: dict[int, None] = {}
 
     def on_cursor(self, cursor: Cursor) -> None:
-        """Remember a capture whose frame is to come."""
+        """Store a capture that waits for its frame."""
         if cursor.surface == "none" and not cursor.solid:
             return
         self._pending[cursor.stamp_ns] = None
@@ -28,19 +28,19 @@ class Latency:
             del self._pending[next(iter(self._pending))]
 
     def on_frame(self, frame: StripsFrame, now_ns: int, speed: float) -> None:
-        """Take the first frame that shows a remembered capture; `now_ns` runs `speed` times as fast."""
+        """Count the first frame of a stored capture; `now_ns` runs `speed` times as fast as wall time."""
         if frame.stamp_ns in self._pending:
             del self._pending[frame.stamp_ns]
             value_s = (now_ns - frame.stamp_ns) / NS_PER_S / speed + frame.light_s
-            self._classes[round(math.log(max(value_s, LEAST_S), STEP))] += 1
+            self._classes[round(math.log(max(value_s, MIN_S), STEP))] += 1
 
     @property
     def count(self) -> int:
-        """Return how many captures were seen as light."""
+        """Return the number of captures shown as light."""
         return sum(dict(self._classes).values())
 
     def quantiles_ms(self) -> dict[str, float | None]:
-        """Return median and 99th percentile in milliseconds, exact to 0.3 %; none if nothing was measured."""
+        """Return median and 99th percentile, ms, exact to 0.3 %; values are None if nothing was measured."""
         classes = sorted(dict(self._classes).items())
         total = sum(number for _, number in classes)
         if not total:

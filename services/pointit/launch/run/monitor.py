@@ -1,4 +1,4 @@
-"""What a run looks like from outside: newest messages of every kind, kept for the view and the summary."""
+"""Observer of a run: the newest messages of every kind, for the view and the summary."""
 
 import math
 import time
@@ -50,21 +50,21 @@ from pointit.schemas.topics import (
 LINES = 5
 """Recent events kept for the view."""
 FOUND = ("static_targets", "moving_target")
-"""Methods of poses that were found by pointing."""
+"""Pose methods of localization by pointing."""
 TOGETHER_NS = 500_000_000
-"""A pose is stamped with its newest ray, so it may be a little older than the news of it."""
+"""Maximum age of a pose relative to its Localization: a pose is stamped with its newest ray."""
 
 
 @dataclass
 class Monitor:
-    """Subscribes like any other reader; holds the newest of everything."""
+    """Subscribes like any other subscriber and holds the newest messages."""
 
     score: Score
     clock: Clock
     person: str = ""
-    """Only what this person does is news; empty for everybody's."""
+    """The only person whose activity is reported, or `""` for all."""
     tell: Callable[[str], object] | None = None
-    """Called with each line of news."""
+    """Called with each event line."""
     environment: Environment | None = None
     frame: StripsFrame | None = None
     cursors: dict[str, Cursor] = field(default_factory=dict[str, Cursor])
@@ -72,37 +72,37 @@ class Monitor:
     interactions: dict[str, Interaction] = field(default_factory=dict[str, Interaction])
     poses: dict[str, UserPose] = field(default_factory=dict[str, UserPose])
     found: dict[str, UserPose] = field(default_factory=dict[str, UserPose])
-    """Where people were last found by pointing, as it was then; also those who have left."""
+    """Last poses found by pointing, also of people who have left."""
     solved: dict[str, int] = field(default_factory=dict[str, int])
-    """When a localization said that it is solved, until its pose has come."""
+    """Stamps of solved localizations whose pose has not arrived yet."""
     localizations: dict[str, Localization] = field(default_factory=dict[str, Localization])
     refusals: dict[str, str] = field(default_factory=dict[str, str])
-    """Why the localizer last refused a person, until they try again."""
+    """Last refusal reason of the localizer by person, until they try again."""
     cues: dict[str, str] = field(default_factory=dict[str, str])
-    """What the cue of a refusal last told a person, until they try again; the selector refuses as well."""
+    """Text of the last refusal cue by person, until they try again; the selector also refuses."""
     colors: dict[str, Rgb] = field(default_factory=dict[str, Rgb])
     """Each person's colour."""
     lamps: dict[str, LampColor] = field(default_factory=dict[str, LampColor])
     health: dict[str, Health] = field(default_factory=dict[str, Health])
     heard_s: dict[str, float] = field(default_factory=dict[str, float])
-    """When a service's health came last, monotonic; another machine's clock may be apart."""
+    """Monotonic time of a service's last Health, since another machine's clock may differ."""
     events: deque[str] = field(default_factory=lambda: deque(maxlen=LINES))
     latency: Latency = field(default_factory=Latency)
     cursor_count: int = 0
-    """Cursors that were on something."""
+    """Number of cursors on a surface."""
     frame_count: int = 0
     lamp_misses_rad: dict[str, float] = field(default_factory=dict[str, float])
-    """How near a ray came to each lamp that was pointed at."""
+    """Smallest angle between a ray and each lamp that was pointed at."""
     first_cursor_unix_s: float | None = None
-    """When the first cursor on a surface came, wall time."""
+    """Wall time of the first cursor on a surface."""
     first_frame_unix_s: float | None = None
-    """When the strips had their first light, wall time: everything runs."""
+    """Wall time of the first light on the strips: everything runs."""
     _light_hz: dict[str, tuple[float, int]] = field(default_factory=dict[str, tuple[float, int]])
-    """Sum of the frame rates that each controller's port reported, and how many these were."""
+    """Sum and number of the frame rates that each controller's port reported."""
     _listening: list[Closable] = field(default_factory=list[Closable])
 
     def attach(self, bus: Bus) -> None:
-        """Begin to listen on `bus`."""
+        """Subscribe on `bus`."""
         self._listening += [
             bus.subscribe(MAP, self._on_map),
             bus.subscribe(OBJECTS, lambda message, tracker: self.score.on_objects(tracker, message)),
@@ -123,25 +123,25 @@ class Monitor:
         ]
 
     def detach(self) -> None:
-        """Hear nothing any more; what was seen stays."""
+        """Unsubscribe; received data stays."""
         while self._listening:
             self._listening.pop().close()
 
     def people(self) -> list[str]:
-        """Return whose doings are shown."""
+        """Return the people whose activity is shown."""
         known = {*self.interactions, *self.cursors}
         return sorted(known & {self.person} if self.person else known)
 
     def light_rates(self) -> dict[str, float]:
-        """Return how many frames a second the link of each controller carries on average, by its port."""
+        """Return the mean frame rate of each controller's link by port, frames/s."""
         return {port: sum_hz / count for port, (sum_hz, count) in dict(self._light_hz).items()}
 
     def warnings(self) -> list[str]:
-        """Return what the services last said is wrong, each with who says it."""
+        """Return the services' last warnings, each prefixed with the instance."""
         return [f"{name}: {said}" for name, health in self.health.items() for said in health.warnings]
 
     def refusal(self, user: str) -> str:
-        """Return why a person could not begin, or not set their pose right, until they try again."""
+        """Return the reason of a person's last refusal, or `""` once they try again."""
         interaction = self.interactions.get(user)
         told = self.cues.get(user, "")
         by_supervisor = told if interaction is not None and told == interaction.reason else ""
@@ -154,7 +154,7 @@ class Monitor:
             self.tell(line)
 
     def _on_user(self, user: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
-        if not present:  # nothing of theirs runs any more: what they did last is no news
+        if not present:  # none of their services runs any more, so their last state is outdated
             for newest in (
                 self.cursors,
                 self.hovers,
@@ -197,7 +197,7 @@ class Monitor:
         self.poses[user] = pose
         if self.person and user != self.person:
             return
-        if pose.method == "fixed":  # it was told since
+        if pose.method == "fixed":  # given since then
             self.found.pop(user, None)
             return
         self._take_found(user)
@@ -205,7 +205,7 @@ class Monitor:
             self.found[user] = pose
 
     def _take_found(self, user: str) -> None:
-        """Keep the pose that a localization ended with; the two come in any order."""
+        """Store the pose of a finished localization; the two messages arrive in any order."""
         solved_ns, pose = self.solved.get(user), self.poses.get(user)
         if solved_ns is None or pose is None or pose.stamp_ns < solved_ns - TOGETHER_NS:
             return
@@ -232,7 +232,7 @@ class Monitor:
             off_deg = math.degrees(anchor.azimuth_error_rad)
             self._news(f"{user}: anchor{at}, the yaw was off by {off_deg:+.1f}°")
         else:
-            self._news(f"{user}: anchor{at} not taken: {anchor.reason}".rstrip(": "))
+            self._news(f"{user}: anchor{at} rejected: {anchor.reason}".rstrip(": "))
 
     def _on_feedback(self, feedback: Feedback, user: str) -> None:
         if feedback.cue == "refused":

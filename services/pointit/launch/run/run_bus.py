@@ -1,4 +1,4 @@
-"""How a run comes onto the network: its bus, the time it goes by, who is there already."""
+"""The bus and the clock of a run, and its adaptation to services that are already on the site."""
 
 import asyncio
 import dataclasses
@@ -16,14 +16,14 @@ from pointit.schemas.topics import SERVICE_ALIVE
 log = logging.getLogger(__name__)
 
 PORTS_TO_TRY = 10
-"""Ports from the default on that `run` tries before it gives up."""
+"""Consecutive ports from the default one that `run` tries."""
 
 CLOCK_PATIENCE_S = 0.5
-"""How long to wait for the time of a site that is joined; a site of bare services has none."""
+"""Timeout for the clock of a joined site; a site without `run` has none."""
 
 
 async def open_bus(plan: Plan) -> ZenohBus:
-    """Open the bus; when the default address is taken, take the next port and say so."""
+    """Open the bus. If the default address is in use, use the next port and log it."""
     link = plan.link
     for number in range(PORTS_TO_TRY):
         try:
@@ -36,7 +36,7 @@ async def open_bus(plan: Plan) -> ZenohBus:
         else:
             if number:
                 log.warning(
-                    "%s is taken; listening at %s: tell other commands with --connect %s",
+                    "%s is in use; listening at %s: give other commands --connect %s",
                     plan.link.listen[0],
                     link.listen[0],
                     link.listen[0],
@@ -46,7 +46,7 @@ async def open_bus(plan: Plan) -> ZenohBus:
 
 
 async def clock_of(plan: Plan, bus: ZenohBus) -> Clock:
-    """Return the time of this run: its own, or that of the site it joins."""
+    """Return the clock of this run: its own, or that of the site it joins."""
     if plan.speed != 1.0:
         return SimulatedClock(plan.speed)
     if bus.link.connect:
@@ -57,10 +57,10 @@ async def clock_of(plan: Plan, bus: ZenohBus) -> Clock:
 
 
 async def adapt_to_site(plan: Plan, bus: ZenohBus) -> Plan:
-    """Return the plan as it is run beside who is on the site already: without a page where there is one.
+    """Return the plan adapted to the services on the site: without a page if there is one already.
 
     Raises:
-        ConfigError: somebody runs services under the same people's names.
+        ConfigError: If another process runs services under the same people's names.
     """
     if not bus.link.connect:
         return plan

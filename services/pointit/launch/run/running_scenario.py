@@ -1,4 +1,4 @@
-"""The scenario that runs now: its services, what is seen of it, and how it gives way to another."""
+"""The running scenario: its services, its monitor, and switching to another scenario."""
 
 import asyncio
 import logging
@@ -23,17 +23,17 @@ from pointit.schemas.topics import USER_ALIVE
 log = logging.getLogger(__name__)
 
 PRESENCE_PATIENCE_S = 0.3
-"""How long to listen for who is there already."""
+"""Time to listen for services that are already present."""
 
 GONE_S = UNDECLARE_S + 0.05
-"""After so long nothing of services that have ended is told any more to who comes late."""
+"""Time after which late subscribers receive no retained state of ended services any more."""
 
 Tell = Callable[[str], object]
-"""Says a sentence to the person: in the log, or above the view."""
+"""Shows a message to the operator: in the log, or above the view."""
 
 
 class RunningScenario:
-    """What runs, here or as processes; the page beside it stays whatever is run."""
+    """The running services, here or as processes. The page stays when the scenario changes."""
 
     def __init__(
         self,
@@ -46,16 +46,16 @@ class RunningScenario:
         on_end: Callable[[], None],
         on_page: Callable[[Page], None],
     ) -> None:
-        """Begin nothing yet.
+        """Create it; starts nothing yet.
 
         Args:
-            plan: what is run first.
-            bus: where.
-            clock: of all services.
-            tell: takes what the person should know.
-            news: takes what people do, where nobody sees it drawn.
-            on_end: called when services end before they are asked to.
-            on_page: called when the page is there.
+            plan: the first plan to run.
+            bus: bus of the run.
+            clock: clock of all services.
+            tell: shows messages to the operator.
+            news: receives event lines, if there is no view.
+            on_end: called when services end unexpectedly.
+            on_page: called when the page is present.
         """
         self.plan = plan
         self.bus = bus
@@ -76,7 +76,7 @@ class RunningScenario:
 
     @property
     def end_s(self) -> float | None:
-        """Return when it is over by its own duration, monotonic; none: never."""
+        """Return the monotonic time at which its duration ends, or None if it never does."""
         if self.plan.duration_s is None:
             return None
         return self.began_s + self.plan.duration_s / self.clock.speed
@@ -97,20 +97,20 @@ class RunningScenario:
         )
 
     async def begin(self) -> None:
-        """Begin what the plan says; the page follows, and nobody waits for it: it takes time to load.
+        """Start the plan's services. The page, which loads slowly, starts in the background.
 
         Raises:
-            Exception: what ended a service at once.
+            Exception: The error that ended a service at startup.
         """
         await self._set(self.plan)
         if self.plan.page is not None:
             self._opening = asyncio.create_task(self._open(self.plan.page), name="opening the page")
 
     async def switch_to(self, plan: Plan) -> None:
-        """Run `plan` in place of what runs; if it cannot begin, what runs now begins again.
+        """Run `plan` in place of the current plan. If it cannot start, restart the current plan.
 
         Raises:
-            ConfigError: it cannot, and why.
+            ConfigError: If it cannot start, with the reason.
         """
         before = self.plan
         await refuse_names_in_use(self.bus, set(plan.users) - set(before.users))
@@ -121,21 +121,21 @@ class RunningScenario:
             await self._strike()
             await self._set(before)
             raise ConfigError(
-                f"{plan.name} could not begin ({_sentence(error)}); {before.name} has begun again"
+                f"{plan.name} could not start ({_sentence(error)}); {before.name} was restarted"
             ) from error
         for note in plan.notes:
             self._tell(note)
 
     async def end(self) -> None:
-        """End everything.
+        """Stop everything.
 
         Raises:
-            Exception: what ended a service before.
+            Exception: The error that ended a service before.
         """
         if self._opening is not None:
             self._opening.cancel()
             await asyncio.wait({self._opening})
-        if not self.has_ended:  # else it failed, and is missed
+        if not self.has_ended:  # else it failed and stays in the deployment as missing
             self._notice.retract()
         casts = [cast for cast in (self._cast, self._page) if cast is not None]
         await asyncio.gather(*(cast.end() for cast in casts))
@@ -157,7 +157,7 @@ class RunningScenario:
         await self._cast.begin()
 
     async def _strike(self) -> None:
-        """End the scenario; return when nothing of it is told any more."""
+        """Stop the scenario. Return when none of its state is retained any more."""
         self._notice.retract()
         if self._cast is not None:
             await self._cast.end()
@@ -177,7 +177,7 @@ class RunningScenario:
         except Exception as error:  # noqa: BLE001 - whatever it was, the scenario goes on
             self._give_up_page(error)
             return
-        if self._cast is not None:  # else another scenario is about to begin, and tells of both
+        if self._cast is not None:  # else another scenario is about to start, and publishes both
             self._post()
         self._on_page(page)
 
@@ -190,19 +190,19 @@ class RunningScenario:
 
     def _give_up_page(self, error: Exception) -> None:
         if not self._page_is_lost:
-            log.error("the page has ended (%s); the run goes on without it", _sentence(error))
+            log.error("the page has ended (%s); the run continues without it", _sentence(error))
         self._page_is_lost = True
 
     def _post(self) -> None:
-        """Tell the site what runs."""
+        """Publish the deployment."""
         self._notice.post(self.plan, [*_lines(self._cast), *_lines(self._page)])
 
 
 async def refuse_names_in_use(bus: ZenohBus, users: set[str]) -> None:
-    """Make sure that nobody else runs services under these people's names; who is silent loses them.
+    """Check that no other process runs services under these people's names. Silent instances do not count.
 
     Raises:
-        ConfigError: somebody does, and is well.
+        ConfigError: If a healthy process does.
     """
     await claim_names(bus, USER_ALIVE, users)
 
@@ -212,7 +212,7 @@ def _lines(cast: ServiceGroup | None) -> list[Line]:
 
 
 def _sentence(error: BaseException) -> str:
-    """Return what an error says; of several, the first."""
+    """Return the message of an error, or of the first one in a group."""
     while isinstance(error, BaseExceptionGroup):
         error = cast("BaseExceptionGroup[BaseException]", error).exceptions[0]
     return str(error) or type(error).__name__

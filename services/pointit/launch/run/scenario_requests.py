@@ -1,4 +1,4 @@
-"""Wishes for another scenario: granted one after the other, by the run itself, each answered."""
+"""Requests for another scenario, applied one after the other by the run; each gets a reply."""
 
 import asyncio
 from collections import deque
@@ -11,26 +11,26 @@ from pointit.schemas import Done, RunScenario, SchemaError
 
 
 class ScenarioRequests:
-    """What was asked for and is not answered yet; in the loop."""
+    """Pending requests. Use in the event loop only."""
 
     def __init__(self, on_wish: Callable[[], None]) -> None:
-        """Wait for wishes; `on_wish` is called when there is one to grant."""
+        """Create an empty queue; `on_wish` is called when a request arrives."""
         self._on_wish = on_wish
         self._waiting: deque[tuple[RunScenario, asyncio.Future[Done]]] = deque()
 
     def __bool__(self) -> bool:
-        """Return True if somebody waits."""
+        """Return True if a request is pending."""
         return bool(self._waiting)
 
     async def serve(self, query: RunScenario, _name: str) -> Done:
-        """Answer when the wish has come true, or cannot."""
+        """Reply when the request is fulfilled or has failed."""
         answer: asyncio.Future[Done] = asyncio.get_running_loop().create_future()
         self._waiting.append((query, answer))
         self._on_wish()
         return await answer
 
     async def apply_next(self, stage: RunningScenario) -> None:
-        """Change what `stage` runs to what was asked for first."""
+        """Switch `stage` to the scenario of the oldest request."""
         query, answer = self._waiting.popleft()
         try:
             await stage.switch_to(await _plan(query, stage.plan))
@@ -43,13 +43,13 @@ class ScenarioRequests:
 
 
 async def _plan(query: RunScenario, now: Plan) -> Plan:
-    """Return the plan of what is asked for, made and checked beside the loop: maps take long to read.
+    """Return the plan of the request, made and checked in a thread because maps are slow to read.
 
     Raises:
-        ConfigError: there is none.
+        ConfigError: If there is none.
     """
     if now.another is None:
         raise ConfigError(
-            f"{now.name} runs without people of its own (--site-only): it takes no other scenario"
+            f"{now.name} runs without people of its own (--site-only): it cannot change the scenario"
         )
     return await asyncio.to_thread(now.another, query, now)

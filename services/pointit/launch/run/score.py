@@ -1,6 +1,6 @@
-"""What a run comes to: which objects were selected, missed or wrong, and where they came out.
+"""Score of a run: objects selected, missed or wrong, and the bays where they left.
 
-What came out at a bay counts by for whom it went there, whatever was selected before.
+An object that left at a bay counts for the person it was sent there for, whatever was selected before.
 """
 
 from collections import Counter
@@ -10,42 +10,42 @@ from dataclasses import dataclass, field
 from pointit.schemas import Selection, SelectionEvent, TrackedObjects
 
 UNKNOWN = "object"
-"""Kind of what nobody has listed."""
+"""Kind of an object that no tracker has listed."""
 MAX_OBJECTS = 10_000
-"""Remembered one by one; of more, the oldest are counted and forgotten."""
+"""Objects stored individually. Beyond that, the oldest are only counted."""
 MAX_TRACKERS = 64
-"""Of more, the one longest unheard is forgotten."""
+"""Trackers stored. Beyond that, the one that has been silent longest is dropped."""
 
 
 @dataclass
 class Score:
-    """Follows objects and selections; pure. Another thread may read it."""
+    """Counts objects and selections; pure. Other threads may read it."""
 
     target_kinds: Sequence[str]
-    """Kinds to select; empty: anything may be selected and nothing need be."""
+    """Kinds to select. If empty, anything may be selected and nothing has to be."""
     kinds: dict[str, str] = field(default_factory=dict[str, str])
     """Kind by object id, of every object seen."""
     selected: set[str] = field(default_factory=set[str])
     left: set[str] = field(default_factory=set[str])
     listed: dict[str, frozenset[str]] = field(default_factory=dict[str, frozenset[str]])
-    """By tracker, the objects that are there now."""
+    """Objects now listed, by tracker."""
     corrected: Counter[str] = field(default_factory=Counter[str])
-    """Wrong selections that were taken back before the object left, by object id."""
+    """Wrong selections that were corrected before the object left, by object id."""
     unknown: set[str] = field(default_factory=set[str])
-    """Selected, yet nobody has told of them: a run before has left them so. They are nobody's fault."""
+    """Selected but not listed by any tracker: left over from an earlier run, so not counted as errors."""
     refused: int = 0
-    """Selections that came to nothing: too late for the bay, or somebody else's object."""
+    """Selections without effect: too late for the bay, or another person's object."""
     refusal: str = ""
-    """Why the last of them did."""
+    """Reason of the last refused selection."""
     bays: dict[str, str] = field(default_factory=dict[str, str])
-    """Where objects came out, by object id."""
+    """Bay where an object left, by object id."""
     past: Counter[str] = field(default_factory=Counter[str])
-    """What came of objects that are forgotten."""
+    """Counts of dropped objects."""
     past_bays: Counter[tuple[str, str]] = field(default_factory=Counter[tuple[str, str]])
-    """Where forgotten objects came out: bay and kind."""
+    """Counts of dropped objects by bay and kind."""
 
     def on_objects(self, tracker: str, message: TrackedObjects) -> None:
-        """Take note of what `tracker` lists."""
+        """Update from the list of `tracker`."""
         self.listed.pop(tracker, None)
         self.listed[tracker] = frozenset(thing.id for thing in message.objects)
         if len(self.listed) > MAX_TRACKERS:
@@ -57,10 +57,10 @@ class Score:
                 self.selected.add(thing.id)
 
     def on_event(self, event: SelectionEvent) -> None:
-        """Take note of what happened."""
+        """Count `event`."""
         self._know(event.object_id, event.kind)
         if event.event in {"selected", "deselected"} and event.object_id in self.bays:
-            return  # nothing changes any more where it came out
+            return  # the bay is final
         if event.event == "selected":
             self.selected.add(event.object_id)
         elif event.event == "deselected":
@@ -70,20 +70,20 @@ class Score:
         elif event.event == "refused":
             self.refused += 1
             self.refusal = event.reason
-        elif event.event in {"left", "dispatched"}:  # may be told twice, when its teller was killed meanwhile
+        elif event.event in {"left", "dispatched"}:  # may arrive twice if its publisher was killed meanwhile
             self.left.add(event.object_id)
-            if event.user:  # it left for them, whichever came first: this, or the selection without it
+            if event.user:  # it left for them, whether this or the selection without it arrived first
                 self.selected.add(event.object_id)
                 del self.corrected[event.object_id]
-            elif event.event == "dispatched":  # to the bay of the rest, whatever was selected
+            elif event.event == "dispatched":  # to the bay for the rest, whatever was selected
                 self.selected.discard(event.object_id)
             if event.event == "dispatched":
                 self.bays[event.object_id] = event.bay
 
     def on_selection(self, state: Selection) -> None:
-        """Take what is selected now: a selector that was restarted tells no events of it.
+        """Update from the current selection: a restarted selector publishes no events for it.
 
-        It may have kept what the run before had selected, and wait for that to be seen again.
+        It may contain objects selected in the previous run that have not been seen again yet.
         """
         now = {thing.id for thing in state.objects}
         known = now & self.kinds.keys()
@@ -112,7 +112,7 @@ class Score:
     def counts(self) -> dict[str, int]:
         """Return targets selected, missed (left unselected) and pending, and other objects selected.
 
-        Pending are those still there; what vanished with its tracker or a reset is nobody's fault.
+        Pending are those still listed. Objects that vanished with their tracker or a reset do not count.
         """
         kinds, selected, left = dict(self.kinds), set(self.selected), set(self.left)  # each at one go
         there = frozenset[str]().union(*list(self.listed.values()))
@@ -127,7 +127,7 @@ class Score:
         }
 
     def dispatched(self) -> dict[str, dict[str, int]]:
-        """Return how many objects came out, by bay and kind."""
+        """Return the number of objects that left, by bay and kind."""
         kinds, bays = dict(self.kinds), dict(self.bays)
         total = Counter(self.past_bays)
         total.update((bay, kinds.get(name, UNKNOWN)) for name, bay in bays.items())

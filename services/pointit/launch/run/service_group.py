@@ -1,4 +1,4 @@
-"""Services that begin together and end together: in this process, or as processes of their own."""
+"""Services that start and stop together: in this process, or as processes of their own."""
 
 import asyncio
 import re
@@ -12,11 +12,11 @@ from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas.topics import SERVICE_ALIVE
 
 SECRET = re.compile(r"(token[^=]*=).*", re.DOTALL)
-"""An assignment whose value is nobody else's business."""
+"""An assignment with a secret value."""
 
 
 class ServiceGroup:
-    """Launches on a bus; `on_end` is called when they end before they are asked to."""
+    """Launches on a bus; `on_end` is called when they end unexpectedly."""
 
     def __init__(
         self,
@@ -41,16 +41,16 @@ class ServiceGroup:
         return self._work is not None and self._work.done()
 
     def commands(self) -> list[tuple[str, ...]]:
-        """Return what starts each launch again, without secrets: it is told to everybody."""
+        """Return the command that restarts each launch, without secrets because it is published."""
         if self._children is None:
             return [("pointit", *redact_secrets(sys.argv[1:]))] * len(self.launches)
         return [self._children.command(launch) for launch in self.launches]
 
     async def begin(self) -> None:
-        """Begin; return when all are present, or as processes: are on their way.
+        """Start the services. Return when all are present, or when all processes are started.
 
         Raises:
-            Exception: what ended one of them at once; the others have ended too.
+            Exception: The error that ended one of them at startup; the others have ended too.
         """
         if self._children is not None:
             await self._children.__aenter__()
@@ -81,16 +81,16 @@ class ServiceGroup:
         self.check()
 
     def check(self) -> None:
-        """Say why they have ended, if they have.
+        """Raise the error that ended them, if they have ended.
 
         Raises:
-            Exception: what ended them.
+            Exception: That error.
         """
         if self._work is not None and self._work.done() and not self._work.cancelled():
             self._work.result()
 
     async def end(self) -> None:
-        """End what has begun; nothing of it is left afterwards, ended by itself or not."""
+        """Stop and clean up everything that was started, also what has ended by itself."""
         if self._children is not None:
             await self._children.__aexit__(None, None, None)
         if self._work is not None:
@@ -99,5 +99,5 @@ class ServiceGroup:
 
 
 def redact_secrets(arguments: Sequence[str]) -> list[str]:
-    """Return what was typed, with the values of secrets left out."""
+    """Return the command line `arguments` with secret values removed."""
     return [SECRET.sub(r"\1…", argument) for argument in arguments]

@@ -1,4 +1,4 @@
-"""Services as processes of their own: started from files anybody can start them from again."""
+"""Services as processes of their own, started from files with which an operator can restart them."""
 
 import asyncio
 import logging
@@ -20,17 +20,17 @@ from pointit.services import registry
 log = logging.getLogger(__name__)
 
 STOP_PATIENCE_S = 1.2
-"""How long children may take to end before they are killed."""
+"""Time children get to end before they are killed."""
 
 LAST_WORDS = 2000
-"""Bytes at the end of a child's log in which its last sentence is sought."""
+"""Bytes at the end of a child's log that are searched for its last error."""
 
 
 class Processes:
-    """Child processes, one per launch; all end with the block.
+    """Child processes, one per launch; all end on exit of the context.
 
-    A child that ends by itself is reported, with the command that starts it again; it is not restarted:
-    an operator, compose or systemd decides that.
+    A child that ends by itself is reported with the command that restarts it. Restarting it is up to
+    the operator, compose or systemd.
     """
 
     def __init__(
@@ -49,7 +49,7 @@ class Processes:
         self._watches: list[asyncio.Task[None]] = []
         self._ending = False
         self.folder = Path(tempfile.mkdtemp(prefix="pointit-"))
-        """Holds each service's configuration and log; stays when one of them failed."""
+        """Holds each service's configuration and log; kept if one of them failed."""
 
     def command(self, launch: Launch) -> tuple[str, ...]:
         """Return the command that starts `launch`."""
@@ -109,7 +109,7 @@ class Processes:
                 stdin=asyncio.subprocess.PIPE,
                 stdout=output,
                 stderr=output,
-                process_group=0,  # a terminal's Ctrl-C is for the parent, which ends the children in order
+                process_group=0,  # a terminal's Ctrl-C goes to the parent, which ends the children in order
             )
         self._children[launch.instance] = child
         watch = asyncio.create_task(self._watch(launch, child, path), name=f"watch {launch.instance}")
@@ -135,7 +135,7 @@ class Processes:
 
 
 def last_log_error(path: Path) -> str:
-    """Return the error with which a service ended, from its log, or else the log's last line."""
+    """Return the last error in a service's log, or else the log's last line."""
     try:
         with path.open("rb") as file:
             file.seek(max(0, path.stat().st_size - LAST_WORDS))

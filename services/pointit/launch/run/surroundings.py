@@ -1,4 +1,4 @@
-"""What runs on a site that a person joins: the scenario, and which place and colour are free."""
+"""State of a site that a person joins: the running scenario, and a free place and colour."""
 
 import asyncio
 from collections.abc import Collection
@@ -11,17 +11,17 @@ from pointit.schemas.base import Rgb
 from pointit.schemas.topics import DEPLOYMENT, PROFILE
 
 USUAL = "scenario_4"
-"""What is run where none is named, and whose parameters a person has where no shipped one runs."""
+"""Default scenario, also the source of a person's parameters if the site runs no shipped one."""
 
 LISTEN_S = 0.3
-"""So long is listened; what is there is told at once."""
+"""Time to listen; retained state arrives at once."""
 
 Found = tuple[str, int]
 """A scenario, and a place of it, from 1 on."""
 
 
 async def surroundings(bus: Bus) -> Found:
-    """Return which scenario runs on a site that was joined, and which place is free."""
+    """Return the scenario of a joined site, and a free place."""
     running: dict[str, str] = {}
     colors: dict[str, Rgb] = {}
 
@@ -42,6 +42,6 @@ async def surroundings(bus: Bus) -> Found:
 
 
 def free_place(colors: Collection[Rgb]) -> int:
-    """Return the first place, from 1 on, whose cursor's colour nobody has yet; else one after all."""
+    """Return the first place, from 1, whose cursor colour is unused, or the one after the last."""
     free = (place for place, color in enumerate(CURSOR_COLORS, 1) if color not in colors)
     return next(free, len(colors) + 1)

@@ -103,12 +103,12 @@ def test_devices_stay_with_their_persons_and_poses_with_their_room() -> None:
     place = read_scenario("scenario_2").places[1]
     assert config_of(plan, "localizer.user2")["position_m"] == place.position_m
     assert (
-        plan.notes[0] == "--pose is ignored: it is of another room; people stand where scenario_2.yaml says"
+        plan.notes[0] == "--pose is ignored: it is for another map; people stand where scenario_2.yaml says"
     )
-    assert plan.notes[1].startswith("user2 is taken to stand at ")
+    assert plan.notes[1].startswith("user2 is assumed to stand at ")
     same_room = wish("scenario_4", choices, people=2)
     assert config_of(same_room, "localizer.user2")["position_m"] == (-2.0, -1.0, 0.0)
-    found = wish("scenario_4", choices, people=2, localizes=True)  # who wears a device is found out
+    found = wish("scenario_4", choices, people=2, localizes=True)
     assert config_of(found, "localizer.user2")["method"] == "static_targets"
     assert config_of(found, "user-sim.user1")["position_m"] == (-1.0, -1.0, 0.0)
 

@@ -47,7 +47,7 @@ def test_refusal_names_the_belt_and_the_option(tmp_path: Path) -> None:
     with pytest.raises(
         ConfigError,
         match=r"^conveyor-sim: feeders\.entry: map 'room' has no belt 'part_e', there are main, next; "
-        r"set conveyor-sim\.feeders\.entry\.belt, or take another map: pui\.map$",
+        r"set conveyor-sim\.feeders\.entry\.belt, or choose another map: pui\.map$",
     ):
         scenario_launches(read_scenario("scenario_4"), choices, 1)
 

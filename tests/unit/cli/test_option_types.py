@@ -41,4 +41,4 @@ def test_nan_is_no_number(path: tuple[str, ...], option: click.Option) -> None:
 def test_the_command_says_so() -> None:
     result = CliRunner().invoke(front(), ["pose", "anna", "1", "2", "--yaw", "nan"])
     assert result.exit_code == 2
-    assert "no finite number" in result.output
+    assert "not a finite number" in result.output

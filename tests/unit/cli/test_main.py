@@ -33,7 +33,7 @@ def test_the_front_page_teaches(arguments: tuple[str, ...]) -> None:
     assert len(EXAMPLES) == 3
     for example, _ in EXAMPLES:
         assert example in text
-    assert "Begin with `pointit run`" in text
+    assert "Start with `pointit run`" in text
 
 
 def test_the_version_is_the_distributions() -> None:

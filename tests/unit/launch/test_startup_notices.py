@@ -36,8 +36,8 @@ def test_who_wears_a_device_is_told_where_they_are_taken_to_stand(index: int) ->
     x_m, y_m, _ = place.position_m
     (sentence,) = said(Choices(imu=[SERIAL]), index=index)
     assert sentence == (
-        f"anna is taken to stand at {x_m:.2f}, {y_m:.2f} m, yaw {place.yaw_deg:g}°, as the scenario says; "
-        "say otherwise with --pose X,Y,YAW, or --localize"
+        f"anna is assumed to stand at {x_m:.2f}, {y_m:.2f} m, yaw {place.yaw_deg:g}°, as the scenario says; "
+        "give --pose X,Y,YAW or --localize to change that"
     )
 
 
@@ -60,7 +60,7 @@ def test_of_several_people_only_who_wears_a_device() -> None:
     scenario, choices = read_scenario("scenario_3"), Choices(imu=["sim", SERIAL])
     launches = [*user_launches(scenario, choices, "user1", 0), *user_launches(scenario, choices, "user2", 1)]
     (sentence,) = assumed_places(launches, choices)
-    assert sentence.startswith("user2 is taken to stand at ")
+    assert sentence.startswith("user2 is assumed to stand at ")
 
 
 def test_what_is_kept_and_in_use_is_said() -> None:

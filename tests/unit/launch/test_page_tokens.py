@@ -66,4 +66,4 @@ def test_where_nothing_can_be_kept_it_is_said(own_state: Path) -> None:
     own_state.write_text("no folder")
     tokens, notes = kept_tokens("lab")
     assert tokens.operator
-    assert "the link of the page is for this time only" in notes[-1]
+    assert "the link of the page is valid for this run only" in notes[-1]

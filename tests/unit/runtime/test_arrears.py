@@ -12,7 +12,7 @@ from pointit.runtime.bus.contract import EVENT_CAPACITY
 from pointit.runtime.bus.local_broker import LocalBroker
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.zenoh import event_recovery, queries
-from pointit.runtime.zenoh.event_recovery import MOST_WRITERS, EventRecovery
+from pointit.runtime.zenoh.event_recovery import MAX_WRITERS, EventRecovery
 from tests.support.bench import until
 
 
@@ -169,13 +169,13 @@ async def test_more_than_anybody_keeps_is_lost_without_being_asked_for(reader: R
 
 
 async def test_only_so_many_writers_are_remembered(reader: Reader) -> None:
-    for eid in range(MOST_WRITERS + 1):
+    for eid in range(MAX_WRITERS + 1):
         reader.hear(1, of=Id(eid=eid))
     reader.hear(9, of=Id(eid=0))
     assert reader.got[-1] == 9
-    reader.hear(9, of=Id(eid=MOST_WRITERS))
+    reader.hear(9, of=Id(eid=MAX_WRITERS))
     await asyncio.sleep(0)
-    assert len(reader.got) == MOST_WRITERS + 2
+    assert len(reader.got) == MAX_WRITERS + 2
 
 
 async def test_who_has_closed_hears_nothing_more(reader: Reader) -> None:

@@ -44,7 +44,7 @@ async def bus() -> AsyncIterator[MemoryBus]:
 def _quick(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(instance_takeover, "LISTEN_S", 0.01)
     monkeypatch.setattr(instance_takeover, "SILENT_S", 20.0)
-    monkeypatch.setattr(instance_takeover, "TELL_AFTER_S", 0.05)
+    monkeypatch.setattr(instance_takeover, "LOG_AFTER_S", 0.05)
 
 
 async def reported(bus: MemoryBus, claiming: asyncio.Task[None]) -> None:

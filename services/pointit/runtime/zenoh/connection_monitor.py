@@ -42,7 +42,7 @@ class LinkWatch:
 
     @property
     def up(self) -> bool:
-        """Return whether there is a router."""
+        """Return True if there is a router."""
         return self._lost_s is None
 
     @property

@@ -1,4 +1,4 @@
-"""What every bus promises of states whose writers are gone: in memory, between peers, through a router."""
+"""Contract of every bus for states whose writers are gone: in memory, between peers, through a router."""
 
 import asyncio
 from collections.abc import Iterator
@@ -14,7 +14,7 @@ TOPICS = (PROFILE, SELECTION)
 
 
 class Shelf:
-    """What is kept, by topic key and name."""
+    """The retained states, by topic key and name."""
 
     def __init__(self, **profiles: int) -> None:
         self.values: dict[str, dict[str, Message]] = {

@@ -1,4 +1,4 @@
-"""What every bus promises of presence and its end: passed in memory, between peers and through a router."""
+"""Contract of every bus for presence and its end: in memory, between peers and through a router."""
 
 import asyncio
 import logging

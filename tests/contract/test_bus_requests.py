@@ -1,4 +1,4 @@
-"""What every bus promises of requests: passed in memory, between peers and through a router."""
+"""Contract of every bus for requests: in memory, between peers and through a router."""
 
 import asyncio
 import time
@@ -151,7 +151,7 @@ class TestRequests:
         together = asyncio.Barrier(100)
 
         async def pose(query: SetPose, name: str) -> Done:
-            await together.wait()  # nobody is answered before all have asked
+            await together.wait()  # none is answered before all have asked
             return Done(message=f"{name} {query.yaw_rad:g}")
 
         site.a.serve(SET_POSE, pose)

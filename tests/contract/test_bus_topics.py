@@ -1,4 +1,4 @@
-"""What every bus promises of topics: passed in memory, between peers and through a router."""
+"""Contract of every bus for topics: in memory, between peers and through a router."""
 
 import asyncio
 import time
@@ -28,7 +28,7 @@ from tests.support.buses import Site
 from tests.support.sinks import Sink, imu, press, profile, reached
 
 RETIRED_S = 1.0
-"""Four times what the bus takes to undeclare a retired writer."""
+"""Four times the bus's delay to undeclare a retired writer."""
 
 
 class TestLatest:
@@ -123,7 +123,7 @@ class TestEvent:
         for bus, sink in zip(site.buses, sinks, strict=True):
             bus.subscribe(BUTTON, sink)
         await site.settle()
-        await asyncio.sleep(0.5)  # two heartbeats of the writer: what makes Zenoh fetch old ones
+        await asyncio.sleep(0.5)  # two heartbeats of the writer, which make Zenoh fetch old ones
         writer.put(press(5))
         await until(lambda: all(sink.seen for sink in sinks))
         assert [sink.of("anna") for sink in sinks] == [[5]] * 3
@@ -196,7 +196,7 @@ class TestState:
         for bus, sink in zip(site.buses, sinks, strict=True):
             bus.subscribe(PROFILE, sink)
         await site.settle()
-        site.a.publisher(PROFILE, "anna").put(profile(1))  # at once, before anybody has heard of it
+        site.a.publisher(PROFILE, "anna").put(profile(1))  # at once, before others know of it
         await until(lambda: all(sink.seen == [("anna", 1)] for sink in sinks))
 
     async def test_the_value_goes_with_its_writer(self, site: Site) -> None:

@@ -92,7 +92,7 @@ def _references(node: Any) -> list[str]:
 
 
 def _grown(old: Any, new: Any) -> bool:
-    """Return whether `new` holds everything that `old` holds."""
+    """Return True if `new` holds everything that `old` holds."""
     if _is_object(old):
         return all(name in new and _grown(value, new[name]) for name, value in old.items())
     if _is_list(old):

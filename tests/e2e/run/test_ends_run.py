@@ -91,7 +91,7 @@ async def test_a_run_ends_while_it_starts(
 
 
 def catches(command: Command, number: int, mask: str = "SigCgt") -> bool:
-    """Return whether the process has a handler of its own for a signal, or has it in another `mask`."""
+    """Return True if the process has a handler of its own for a signal, or has it in another `mask`."""
     for line in Path(f"/proc/{command.process.pid}/status").read_text().splitlines():
         if line.startswith(f"{mask}:"):
             return bool(int(line.split()[1], 16) >> (number - 1) & 1)

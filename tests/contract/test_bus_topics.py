@@ -49,7 +49,7 @@ class TestLatest:
         assert sinks[0].seen == [("anna", 100), ("ben", 100)]  # its own loop never saw the others
         assert subscriptions[0].traffic.dropped >= 2 * 99
 
-    async def test_a_single_name_hears_nobody_else(self, site: Site) -> None:
+    async def test_a_subscription_to_one_name_gets_no_other(self, site: Site) -> None:
         one, everyone = Sink(), Sink()
         site.b.subscribe(IMU, one, "anna")
         site.b.subscribe(IMU, everyone)
@@ -175,7 +175,7 @@ class TestState:
         await asyncio.sleep(0.5)  # two heartbeats: whatever makes Zenoh fetch the same again
         assert [sorted(sink.seen) for sink in sinks] == [[("anna", 3), ("ben", 30)]] * 3, "each once"
 
-    async def test_a_late_reader_of_one_name_gets_that_one(self, site: Site) -> None:
+    async def test_a_late_reader_of_one_name_gets_its_state(self, site: Site) -> None:
         for name, seq in (("anna", 1), ("ben", 2)):
             site.a.publisher(PROFILE, name).put(profile(seq))
         sinks = {bus: Sink() for bus in site.buses}
@@ -238,7 +238,7 @@ class TestState:
 
 class TestReaders:
     @pytest.mark.parametrize(("topic", "make"), [(BUTTON, press), (PROFILE, profile)])
-    async def test_a_handler_that_raises_stops_nobody(
+    async def test_a_raising_handler_does_not_stop_others(
         self, site: Site, topic: Topic[Any], make: Callable[[int], Message], caplog: pytest.LogCaptureFixture
     ) -> None:
         def fail(_message: Message, _name: str) -> None:

@@ -90,7 +90,7 @@ async def test_a_site_and_people_who_come_and_go(commands: Commands, endpoint: s
         assert "Traceback" not in left.err
         await until(lambda: "ben" not in seen.people, what="ben to be gone")
         await until(lambda: not services_of("ben") & seen.present, what="his services to be gone")
-        doctor = await commands.pointit("doctor", "--json", *join)  # a person who left regularly is not missed
+        doctor = await commands.pointit("doctor", "--json", *join)  # ben left regularly
         assert doctor.code == 0, doctor.out
         seen.cursors["ben"].clear()
         await seen.sees_cursors("anna")

@@ -94,7 +94,7 @@ ensure_venv() {
         if [ -x "$PYTHON" ] && [ -f "$stamp" ] && [ "$(cat "$stamp")" = "$wanted" ]; then return; fi
     done
     if [ -e "$VENV" ] && ! is_new_enough "$PYTHON"; then
-        say "The Python of .venv is gone or older than 3.11: making .venv anew"
+        say "The Python of .venv is gone or older than 3.11: recreating .venv"
         rm -rf "$VENV"
     fi
     if [ ! -e "$VENV" ]; then make_venv; fi

@@ -7,9 +7,9 @@ from pointit.schemas.topics import PRESENCES, REQUESTS, TOPICS
 
 
 def patterns() -> list[str]:
-    """What of each key tells it from other text: all of it, or what stands before the placeholder.
+    """Return the part of each key that identifies it in other text: all, or the part before the placeholder.
 
-    Keys of one word (`map`, `objects`) are everyday words and cannot be told.
+    Keys of one word (`map`, `objects`) are everyday words and cannot be identified.
     """
     heads = {row.key.partition("{")[0] for row in (*TOPICS, *REQUESTS, *PRESENCES)}
     return sorted(head for head in heads if "/" in head)
@@ -18,7 +18,7 @@ def patterns() -> list[str]:
 def finder(wanted: Iterable[str]) -> re.Pattern[str]:
     """Matches a key wherever it begins: at the start, or after anything but a word, dot or dash.
 
-    What stands before a placeholder must be followed by a name, `{`, `*`, or the end of an f-string's piece.
+    The part before a placeholder must be followed by a name, `{`, `*`, or the end of an f-string's piece.
     """
     alternatives = "|".join(
         re.escape(each) + (r"(?=[\w{*$]|\Z)" if each.endswith("/") else r"(?![\w-])") for each in wanted

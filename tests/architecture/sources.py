@@ -1,4 +1,4 @@
-"""The sources under test: which files there are, and what stands in them."""
+"""The sources under test: files and their content."""
 
 import ast
 from collections.abc import Iterator
@@ -11,7 +11,7 @@ NAMESPACES = tuple(
     for folder in (ROOT / "schemas/pointit", ROOT / "services/pointit", ROOT / "bridges/pointit")
     if folder.is_dir()
 )
-"""The portions of the namespace `pointit`; what is installed."""
+"""The installed portions of the namespace `pointit`."""
 
 ROOMS = tuple(
     room

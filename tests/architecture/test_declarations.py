@@ -43,7 +43,7 @@ CONFIGURATIONS: dict[str, Callable[[type[Config], Path], Config]] = {
     "ros2": in_a_graph_of_its_own,
     "web": at_any_port,
 }
-"""For services that do not start without being told something, or that would disturb others."""
+"""For services that do not start without parameters, or that would disturb others."""
 
 
 def configuration(row: Process, folder: Path) -> Config:
@@ -56,7 +56,7 @@ async def test_a_service_declares_what_its_row_says(row: Process, tmp_path: Path
     bus, clock = MemoryBus(LocalBroker()), ManualClock()
     user = "anna" if row.scope == "user" else ""
     view = ServiceBus(bus, clock, row.name, row.name, user)
-    bus.announce(USER_ALIVE, "anna")  # some write for whoever is there
+    bus.announce(USER_ALIVE, "anna")  # some write for any person present
     service = row.load()(configuration(row, tmp_path), Context(bus=view, clock=clock, user=user))
     life = asyncio.create_task(service.run())
     try:

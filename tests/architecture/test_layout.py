@@ -17,7 +17,7 @@ HOMES = {
     "services": ROOT / "services/pointit/services",
     "bridges": ROOT / "bridges/pointit/bridges",
 }
-"""Where the folders of processes are, by room."""
+"""Folders of processes, by room."""
 FOUR_FILES = {"__init__.py", "__main__.py", "config.py", "service.py"}
 OUTSIDERS = {"cli", "external", "every service"}
 """Writers that are no row of the process table."""

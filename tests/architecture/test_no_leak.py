@@ -1,4 +1,4 @@
-"""What decides loads no Zenoh: it is tested, replayed and spawned without a network."""
+"""Decision cores load no Zenoh: they are tested, replayed and spawned without a network."""
 
 import subprocess
 import sys
@@ -7,11 +7,11 @@ from pointit.services.registry import PROCESSES
 from tests.architecture.sources import ROOT, shipped
 
 HARMLESS = ("access", "diagnosis", "evaluation", "geometry", "schemas", "sim")
-"""Rooms of which every module is loaded."""
+"""Rooms with modules that are all loaded."""
 
 
 def modules() -> list[str]:
-    """Modules of the harmless rooms and of every service, without what starts a process."""
+    """Modules of the harmless rooms and of every service, except those that start a process."""
     rooms = [f"pointit.{room}" for room in HARMLESS]
     rooms += [row.package for row in PROCESSES if row.room == "services"]
     names: list[str] = []

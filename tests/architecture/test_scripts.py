@@ -1,4 +1,4 @@
-"""The scripts on machines that lack something; stand-ins for Python and uv write down what is asked."""
+"""The scripts on incomplete machines. Stand-ins for Python and uv record their calls."""
 
 import os
 import re
@@ -57,7 +57,7 @@ fi
 
 
 class Machine:
-    """A checkout and a PATH with nothing but what it is given."""
+    """A checkout and a PATH with nothing but the given programs."""
 
     def __init__(self, folder: Path) -> None:
         self.root = folder / "a checkout"
@@ -266,7 +266,7 @@ def test_a_venv_whose_python_is_gone_is_made_anew(machine: Machine) -> None:
     (machine.root / ".venv" / "bin" / "python").unlink()
     done = machine.run("demo")
     assert done.returncode == 0
-    assert "making .venv anew" in done.stderr
+    assert "recreating .venv" in done.stderr
     assert machine.calls[0].startswith("python -m venv")
 
 
@@ -313,7 +313,7 @@ def test_ci_installs_what_tests_need_and_says_what_is_missing(machine: Machine, 
     for tool in (*needed, "google-chrome") if there else ():
         machine.add(tool, "#!/bin/sh\n")
     done = machine.run("../.ci/run")
-    assert done.returncode == 0  # without what is missing tests are skipped, for reasons that are not listed
+    assert done.returncode == 0  # without it tests are skipped, for reasons that are not listed
     assert ("apt-get update" in machine.calls) == (not there)
     told = f"*** missing on this machine: chromium {' '.join(needed)} ***"
     assert done.stderr.count(told) == (0 if there else 2)  # before the tests and after them

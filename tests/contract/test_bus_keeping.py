@@ -1,4 +1,4 @@
-"""What every bus promises of states whose writers are gone: in memory, between peers, through a router."""
+"""Contract of every bus for states whose writers are gone: in memory, between peers, through a router."""
 
 import asyncio
 from collections.abc import Iterator
@@ -14,7 +14,7 @@ TOPICS = (PROFILE, SELECTION)
 
 
 class Shelf:
-    """What is kept, by topic key and name."""
+    """The retained states, by topic key and name."""
 
     def __init__(self, **profiles: int) -> None:
         self.values: dict[str, dict[str, Message]] = {
@@ -91,7 +91,7 @@ async def test_a_keeper_that_comes_again_says_nothing_old(site: Site) -> None:
     await until(lambda: seen_by_all(sinks, ("anna", 2), ("ben", 4), ("cleo", 1)))
 
 
-async def test_what_is_kept_and_then_put_is_handled_once(site: Site) -> None:
+async def test_a_retained_value_that_is_then_published_is_handled_once(site: Site) -> None:
     site.a.serve_retained(TOPICS, Shelf(anna=2))
     await site.settle()
     sinks = read(site)
@@ -103,7 +103,7 @@ async def test_what_is_kept_and_then_put_is_handled_once(site: Site) -> None:
     assert all(sink.of("anna").count(2) == 1 for sink in sinks)
 
 
-async def test_nothing_comes_from_who_has_stopped_keeping(site: Site) -> None:
+async def test_a_closed_keeper_delivers_nothing(site: Site) -> None:
     kept = site.a.serve_retained(TOPICS, Shelf(anna=2))
     await site.settle()
     kept.close()
@@ -115,7 +115,7 @@ async def test_nothing_comes_from_who_has_stopped_keeping(site: Site) -> None:
     assert seen_by_all(sinks)
 
 
-async def test_only_the_topics_that_are_kept_and_only_for_who_wants_them(site: Site) -> None:
+async def test_only_retained_topics_are_delivered_and_only_on_request(site: Site) -> None:
     shelf = Shelf(anna=2)
     shelf.values[POSE.key] = shelf.values[IMU.key] = shelf.values[PROFILE.key]
     site.a.serve_retained(TOPICS, shelf)

@@ -1,4 +1,4 @@
-"""What every bus promises of presence and its end: passed in memory, between peers and through a router."""
+"""Contract of every bus for presence and its end: in memory, between peers and through a router."""
 
 import asyncio
 import logging
@@ -60,7 +60,7 @@ class TestPresence:
         tokens[2].close()
         await until(lambda: all(roll.told[1:] == [("anna", False)] for roll in rolls))
 
-    async def test_a_watcher_that_raises_is_logged_and_stops_nobody(
+    async def test_a_raising_watcher_is_logged_and_does_not_stop_others(
         self, site: Site, caplog: pytest.LogCaptureFixture
     ) -> None:
         def fail(_name: str, _present: bool) -> None:  # noqa: FBT001
@@ -75,7 +75,7 @@ class TestPresence:
         await until(lambda: sum("watcher of alive/users" in r.message for r in caplog.records) == 2)
         assert all(record.exc_info for record in caplog.records if "watcher" in record.message)
 
-    async def test_nothing_is_told_after_close(self, site: Site) -> None:
+    async def test_a_closed_watcher_reports_nothing(self, site: Site) -> None:
         roll, other = Roll(), Roll()
         watching = site.b.watch(USER_ALIVE, roll)
         site.b.watch(USER_ALIVE, other)
@@ -173,7 +173,7 @@ class TestClose:
 
 
 class TestPresent:
-    async def test_who_is_there_now_is_told_once(self, site: Site) -> None:
+    async def test_list_present_returns_the_present_names(self, site: Site) -> None:
         tokens = [bus.announce(USER_ALIVE, name) for bus, name in ((site.a, "anna"), (site.b, "ben"))]
         site.a.announce(SERVICE_ALIVE, "pui")
         await site.settle()
@@ -186,7 +186,7 @@ class TestPresent:
         for bus in site.buses:
             assert await list_present(bus, USER_ALIVE, 1.0) == {"ben"}
 
-    async def test_who_leaves_meanwhile_is_not(self, site: Site) -> None:
+    async def test_a_name_that_leaves_meanwhile_is_not_listed(self, site: Site) -> None:
         token = site.a.announce(USER_ALIVE, "anna")
         await site.settle()
         asking = asyncio.create_task(list_present(site.b, USER_ALIVE, 1.0))

@@ -1,4 +1,4 @@
-"""What every bus promises of requests: passed in memory, between peers and through a router."""
+"""Contract of every bus for requests: in memory, between peers and through a router."""
 
 import asyncio
 import time
@@ -98,7 +98,7 @@ class TestRequests:
             with pytest.raises(RefusedError, match="Done, not a AddPackageReply"):
                 await bus.call(ADD_PACKAGE, AddPackage(kind="red"))
 
-    async def test_nobody_there_is_known_without_waiting_for_the_time_out(self, site: Site) -> None:
+    async def test_a_missing_server_is_known_before_the_time_out(self, site: Site) -> None:
         for bus in site.buses:
             began_s = time.monotonic()
             with pytest.raises(NoAnswerError, match="led-driver does not answer leds/brightness"):
@@ -151,7 +151,7 @@ class TestRequests:
         together = asyncio.Barrier(100)
 
         async def pose(query: SetPose, name: str) -> Done:
-            await together.wait()  # nobody is answered before all have asked
+            await together.wait()  # none is answered before all have asked
             return Done(message=f"{name} {query.yaw_rad:g}")
 
         site.a.serve(SET_POSE, pose)
@@ -185,7 +185,7 @@ class TestRequests:
         assert len(refused) == 20
         assert all("led-driver is busy with 256 other requests" in sentence for sentence in refused)
 
-    async def test_a_server_that_ends_tells_those_who_wait(self, site: Site) -> None:
+    async def test_a_closing_server_refuses_waiting_callers(self, site: Site) -> None:
         asked: list[str] = []
         stopped: list[str] = []
 

@@ -1,4 +1,4 @@
-"""What every bus promises of topics: passed in memory, between peers and through a router."""
+"""Contract of every bus for topics: in memory, between peers and through a router."""
 
 import asyncio
 import time
@@ -28,7 +28,7 @@ from tests.support.buses import Site
 from tests.support.sinks import Sink, imu, press, profile, reached
 
 RETIRED_S = 1.0
-"""Four times what the bus takes to undeclare a retired writer."""
+"""Four times the bus's delay to undeclare a retired writer."""
 
 
 class TestLatest:
@@ -49,7 +49,7 @@ class TestLatest:
         assert sinks[0].seen == [("anna", 100), ("ben", 100)]  # its own loop never saw the others
         assert subscriptions[0].traffic.dropped >= 2 * 99
 
-    async def test_a_single_name_hears_nobody_else(self, site: Site) -> None:
+    async def test_a_subscription_to_one_name_gets_no_other(self, site: Site) -> None:
         one, everyone = Sink(), Sink()
         site.b.subscribe(IMU, one, "anna")
         site.b.subscribe(IMU, everyone)
@@ -123,7 +123,7 @@ class TestEvent:
         for bus, sink in zip(site.buses, sinks, strict=True):
             bus.subscribe(BUTTON, sink)
         await site.settle()
-        await asyncio.sleep(0.5)  # two heartbeats of the writer: what makes Zenoh fetch old ones
+        await asyncio.sleep(0.5)  # two heartbeats of the writer, which make Zenoh fetch old ones
         writer.put(press(5))
         await until(lambda: all(sink.seen for sink in sinks))
         assert [sink.of("anna") for sink in sinks] == [[5]] * 3
@@ -175,7 +175,7 @@ class TestState:
         await asyncio.sleep(0.5)  # two heartbeats: whatever makes Zenoh fetch the same again
         assert [sorted(sink.seen) for sink in sinks] == [[("anna", 3), ("ben", 30)]] * 3, "each once"
 
-    async def test_a_late_reader_of_one_name_gets_that_one(self, site: Site) -> None:
+    async def test_a_late_reader_of_one_name_gets_its_state(self, site: Site) -> None:
         for name, seq in (("anna", 1), ("ben", 2)):
             site.a.publisher(PROFILE, name).put(profile(seq))
         sinks = {bus: Sink() for bus in site.buses}
@@ -196,7 +196,7 @@ class TestState:
         for bus, sink in zip(site.buses, sinks, strict=True):
             bus.subscribe(PROFILE, sink)
         await site.settle()
-        site.a.publisher(PROFILE, "anna").put(profile(1))  # at once, before anybody has heard of it
+        site.a.publisher(PROFILE, "anna").put(profile(1))  # at once, before others know of it
         await until(lambda: all(sink.seen == [("anna", 1)] for sink in sinks))
 
     async def test_the_value_goes_with_its_writer(self, site: Site) -> None:
@@ -238,7 +238,7 @@ class TestState:
 
 class TestReaders:
     @pytest.mark.parametrize(("topic", "make"), [(BUTTON, press), (PROFILE, profile)])
-    async def test_a_handler_that_raises_stops_nobody(
+    async def test_a_raising_handler_does_not_stop_others(
         self, site: Site, topic: Topic[Any], make: Callable[[int], Message], caplog: pytest.LogCaptureFixture
     ) -> None:
         def fail(_message: Message, _name: str) -> None:

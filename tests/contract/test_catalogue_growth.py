@@ -1,4 +1,4 @@
-"""Messages only grow: what a developer is told who changes one."""
+"""Messages only grow: errors for a developer who changes one."""
 
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal
@@ -33,7 +33,7 @@ COMMITTED = generate([Cart])
 
 
 def cart(version: int = 1, *, doc: str | None = None, **fields: Any) -> type[Message]:
-    """Cart as somebody may change it: fields are (annotation, default), `...` requires one, None drops it."""
+    """Return Cart with changes: fields are (annotation, default), `...` requires one, None drops it."""
     now: dict[str, Any] = {
         "front": (Wheel, ...),
         "wheels": (tuple[Wheel, ...], ()),
@@ -49,7 +49,7 @@ def cart(version: int = 1, *, doc: str | None = None, **fields: Any) -> type[Mes
 
 
 def part(**fields: Any) -> Any:
-    """Wheel as somebody may change it."""
+    """Return Wheel with changes."""
     now: dict[str, Any] = {"radius_m": (Annotated[float, Field(gt=0)], 0.3), "title": (str, ""), **fields}
     return create_model("Wheel", __base__=SchemaModel, **now)
 

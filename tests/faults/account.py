@@ -1,4 +1,4 @@
-"""What each fault did: the table that the suite prints when it ends."""
+"""The effect of each fault: the table that the suite prints at the end."""
 
 from dataclasses import dataclass, field
 
@@ -7,19 +7,19 @@ HEAD = ("fault", "noticed", "by", "recovered", "lost", "memory")
 
 @dataclass(frozen=True, kw_only=True)
 class Fault:
-    """One row: what was done to a running site, and what came of it."""
+    """One row: a fault of a running site, and its effect."""
 
     name: str
     noticed_s: float | None
-    """From the fault until an operator could know, s; none where there is nothing to notice."""
+    """From the fault until an operator could know, s. None if there is nothing to notice."""
     by: str
-    """Who said so, and how: `doctor: absent`, `router: denied` …"""
+    """Source of the report: `doctor: absent`, `router: denied` …"""
     recovered_s: float | None
-    """From the fault's end until all was as before, s; none where nothing had stopped."""
+    """From the fault's end until all was as before, s. None if nothing had stopped."""
     lost: str
-    """What nobody gets any more: `nothing`, `12 cursors, no event` …"""
+    """Lost messages: `nothing`, `12 cursors, no event` …"""
     memory_mb: float | None = None
-    """How much the process that suffered most grew by, MB."""
+    """Growth of the process that grew most, MB."""
 
 
 @dataclass

@@ -1,8 +1,8 @@
 # pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false
 # (the stubs of zenoh leave return types out)
-"""Who attacks a secured site, and what its operator is told of it.
+"""Attackers of a secured site, and the warnings to its operator.
 
-As a program: `python -m tests.faults.attackers SITE-FOLDER NAME RATE KEYS…` floods keys as somebody.
+As a program, `python -m tests.faults.attackers SITE-FOLDER NAME RATE KEYS…` floods keys under an identity.
 """
 
 import asyncio
@@ -36,7 +36,7 @@ PATIENCE_S = 20.0
 ROUTER = SERVICE
 LARGE = 10_000_000
 MARK = b"attack"
-"""What attackers write, which is no message of ours."""
+"""Payload of attackers, which is no message of ours."""
 BUTTON_END = BUTTON.at("x").partition("x")[2]
 SECONDS_OF_A_BURST = 0.01
 
@@ -52,7 +52,7 @@ class Besieged:
     memory: Memory = field(default_factory=lambda: Memory({}))
     _refused: float = 0.0
     _heard: list[tuple[str, float]] = field(default_factory=list[tuple[str, float]])
-    """Whose cursor came, and how old it was, s."""
+    """User and age (s) of each received cursor."""
 
     def __post_init__(self) -> None:
         self.seen.bus.subscribe(CURSOR, self._on_cursor)
@@ -68,7 +68,7 @@ class Besieged:
 
     @property
     def refused(self) -> float:
-        """Return how many attempts the router has refused so far, as doctor shows it."""
+        """Return the number of attempts that the router has refused so far, as doctor shows it."""
         health = self.seen.health.get(ROUTER)
         return (
             next((figure.value for figure in health.figures if figure.name == "refused"), 0.0)
@@ -78,20 +78,20 @@ class Besieged:
 
     @property
     def refused_since(self) -> float:
-        """Return how many it has refused since the attack began."""
+        """Return the number of refusals since the attack began."""
         return self.refused - self._refused
 
     def shown(self, instance: str = ROUTER) -> str:
-        """Return what doctor and the page show as wrong with a service."""
+        """Return the problems of a service as shown by doctor and the page."""
         return "\n".join(finding.sentence for finding in self.seen.findings(instance))
 
     async def is_told(
         self, *words: str, instance: str = ROUTER, again: Callable[[], object] = bool, refused: bool = True
     ) -> float:
-        """Wait until doctor has shown each of `words`; return how long it took, s; the router's log has them.
+        """Wait until doctor and the router's log have shown each of `words`. Return the time it took, s.
 
-        They need not be shown together: the router reports once a second what is new of each identity. What
-        is to be told may be done `again` and again until then, and was `refused`.
+        They need not be shown together: the router reports once a second the news of each identity. The
+        attack may be repeated by `again` until then, and was `refused`.
         """
         missing = list(words)
 
@@ -102,7 +102,7 @@ class Besieged:
 
         patience = Patience(PATIENCE_S)
         while not is_shown():
-            await asyncio.to_thread(again)  # the loop, on which all is heard and timed, goes on meanwhile
+            await asyncio.to_thread(again)  # the loop, which receives and times all, goes on meanwhile
             await asyncio.sleep(0.05)
             assert not patience.is_over(), f"{missing} are not shown, but {self.shown(instance)!r}"
         noticed_s = time.monotonic() - self.began_s
@@ -112,17 +112,17 @@ class Besieged:
         return noticed_s
 
     async def unharmed(self) -> None:
-        """Fail unless everybody goes on as before: what comes, who runs, what is selected."""
+        """Fail unless cursors, services and selections go on as before."""
         await self.seen.flows()
         await self.seen.agrees(self.site)
 
     def delay_s(self, user: str = PEOPLE[1]) -> float:
-        """Return how old the cursors of an innocent were, median since the attack began, s."""
+        """Return the age of the cursors of an innocent person, median since the attack began, s."""
         delays = [delay_s for who, delay_s in self._heard if who == user]
         return statistics.median(delays) if delays else float("inf")
 
     def longest_silence_s(self) -> float:
-        """Return for how long nobody's cursor came, at most, since the attack began, s."""
+        """Return the longest time without a cursor of any person since the attack began, s."""
         came_ns = [came_ns for _, _, came_ns in self.seen.arrivals if came_ns >= self.began_ns]
         return max(after - before for before, after in itertools.pairwise([self.began_ns, *came_ns])) / 1e9
 
@@ -159,7 +159,7 @@ async def besieged(site: Site) -> AsyncGenerator[Besieged]:
 
 @contextlib.asynccontextmanager
 async def new_rules(site: Site) -> AsyncGenerator[None]:
-    """Wait at the end until the router goes by what was changed inside."""
+    """Wait at the end until the router applies the rules changed inside."""
     count = site.router.err.count("that there are now")
     yield
     await until(lambda: site.router.err.count("that there are now") > count, 10, "the router's new rules")
@@ -167,7 +167,7 @@ async def new_rules(site: Site) -> AsyncGenerator[None]:
 
 @contextlib.contextmanager
 def member(site: Site, name: str) -> Generator[Member]:
-    """Yield somebody with an identity of the site and bad intentions."""
+    """Yield an attacker with an identity of the site."""
     with Member(site.folder, name) as somebody:
         yield somebody
 
@@ -194,7 +194,7 @@ def overhearing(who: Member, *keys: str) -> Generator[list[str]]:
 
 
 def name_of(row: object, user: str) -> str:
-    """Return what stands for the placeholder of a key."""
+    """Return the value for the placeholder of a key."""
     placeholder = getattr(row, "placeholder", "")
     return {"": "", "user": user, "service": f"pointing.{user}"}.get(placeholder, "thing")
 
@@ -211,7 +211,7 @@ def request_keys_of(user: str) -> tuple[str, ...]:
 
 @contextlib.contextmanager
 def flooding(site: Site, name: str, rate_hz: float, *keys: str) -> Generator[Command]:
-    """Have a process write each of `keys` in turn, `rate_hz` in all, while inside."""
+    """Run a process that writes each of `keys` in turn, `rate_hz` in all, while inside."""
     program = [sys.executable, "-m", "tests.faults.attackers"]
     command = site.commands.run([*program, str(site.folder.path), name, str(rate_hz), *keys])
     try:
@@ -238,7 +238,7 @@ def flood(folder: SiteFolder, name: str, rate_hz: float, keys: Sequence[str]) ->
 
 
 def _press() -> bytes:
-    """Return what nobody can tell from a person's button."""
+    """Return a message that equals that of a person's button."""
     return encode(ButtonEvent(stamp_ns=time.time_ns()))
 
 

@@ -34,16 +34,16 @@ class MachineClock:
         with self._path.open("r+b") as file:
             self._offset = mmap.mmap(file.fileno(), 8)
         self.ahead_s = 0.0
-        """Of this machine's own clock."""
+        """Lead of this machine's own clock."""
 
     def set(self, ahead_s: float) -> None:
-        """Have it be ahead of the wall's time from now on, or behind."""
+        """Set its lead over the wall clock, from now on."""
         self.ahead_s = ahead_s
         self._offset[:] = struct.pack("q", round(ahead_s * 1e9))
 
     @property
     def environment(self) -> Mapping[str, str]:
-        """Return what makes a process go by it."""
+        """Return the variables that make a process use it."""
         paths = [str(self._folder), os.environ.get("PYTHONPATH", "")]
         return {
             "PYTHONPATH": os.pathsep.join(path for path in paths if path),

@@ -1,4 +1,4 @@
-"""The fault suite: real processes, and a table of what each fault did at the end (`pytest tests/faults`)."""
+"""The fault suite: real processes, and a table of each fault's effect at the end (`pytest tests/faults`)."""
 
 import contextlib
 from collections.abc import Generator, Iterator
@@ -54,7 +54,7 @@ def _running(path: Path, *, password: bool = False) -> Generator[Site]:
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: pytest.Config) -> None:
-    """Print what every fault did."""
+    """Print the effect of every fault."""
     account = config.stash.get(_ACCOUNT, None)
     if account is not None and account.rows:
         terminalreporter.section("faults")

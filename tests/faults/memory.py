@@ -1,4 +1,4 @@
-"""How much memory processes take, and by how much that grows."""
+"""Memory use of processes, and its growth."""
 
 import contextlib
 from collections.abc import Iterable, Mapping
@@ -9,7 +9,7 @@ import psutil
 
 @dataclass(frozen=True)
 class Memory:
-    """How much memory processes had, bytes."""
+    """Memory use of processes, bytes."""
 
     of: Mapping[int, int]
 

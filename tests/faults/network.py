@@ -20,9 +20,9 @@ import pytest
 from tests.support.commands import Command, Commands, without_page
 
 PREFIX = "pointit-fault-"
-"""Of our namespaces; the process that made one follows."""
+"""Prefix of our namespaces. The id of the process that made one follows."""
 BLOCKS = range(256)
-"""Of addresses meant for tests of networks (RFC 2544), 198.18.N.0/24."""
+"""Blocks of addresses for tests of networks (RFC 2544), 198.18.N.0/24."""
 WIRE = "wire"
 ALL = 100
 """Percent."""
@@ -30,7 +30,7 @@ ALL = 100
 
 @functools.cache
 def lacking() -> str:
-    """Return why there can be no network here; empty when there can."""
+    """Return the reason why no network can be made here, or `""` if there can."""
     if not sys.platform.startswith("linux") or os.geteuid() != 0:
         return "needs root on Linux, to make network namespaces"
     missing = [tool for tool in ("ip", "nft", "tc", "unshare") if shutil.which(tool) is None]
@@ -134,7 +134,7 @@ class Network:
         return host
 
     def cut(self, host: Host) -> None:
-        """Take the host's cable out."""
+        """Unplug the host's cable."""
         self._ip("link", "set", "dev", host.socket, "down")
 
     def mend(self, host: Host) -> None:
@@ -150,7 +150,7 @@ class Network:
         self._nft("\n".join(lines))
 
     def narrow(self, host: Host, kbit: int) -> None:
-        """Let no more than `kbit` a second through to the host; what is too much waits for up to 0.4 s."""
+        """Limit the rate to the host to `kbit` a second. The excess waits for up to 0.4 s."""
         limit = ["rate", f"{kbit}kbit", "burst", "4kb", "latency", "400ms"]
         _run("tc", "-n", self.wire, "qdisc", "add", "dev", host.socket, "root", "tbf", *limit)
 
@@ -188,7 +188,7 @@ class Network:
         self._delays.clear()
 
     def sent_bytes(self, host: Host) -> int:
-        """Return how much has gone to the host so far."""
+        """Return the number of bytes sent to the host so far."""
         file = f"/sys/class/net/{host.socket}/statistics/tx_bytes"
         return int(_run("ip", "netns", "exec", self.wire, "cat", file))
 
@@ -198,7 +198,7 @@ class Network:
         self._settings(self.wire)
 
     def close(self) -> None:
-        """Take everything away; what still runs there loses its network."""
+        """Remove everything. Processes that still run there lose their network."""
         self.clear()
         for host in self.hosts.values():
             if not host.namespace:
@@ -221,7 +221,7 @@ class Network:
 
 @contextlib.contextmanager
 def network() -> Generator[Network]:
-    """Yield a wire with nobody at it, and take everything away at the end; what dead tests left, too."""
+    """Yield a wire without hosts, and remove everything at the end, also the remains of aborted tests."""
     for name in _namespaces():
         if name.startswith(PREFIX) and not Path(f"/proc/{name.removeprefix(PREFIX).split('-')[0]}").exists():
             with contextlib.suppress(RuntimeError):

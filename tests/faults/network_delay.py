@@ -1,4 +1,4 @@
-"""A link that holds packets up: two tun devices, and each packet goes over after a random time of its own.
+"""A link that delays packets: two tun devices, and each packet passes after a random time of its own.
 
 Started as `network_delay.py NEAR FAR LEAST_S MOST_S`; says `ready` when the devices are there, and goes on
 until it is killed. Later packets may overtake earlier ones, as they do with `tc netem`.
@@ -29,7 +29,7 @@ def main() -> None:
     """Carry packets over."""
     near, far = device(sys.argv[1]), device(sys.argv[2])
     least_s, most_s = float(sys.argv[3]), float(sys.argv[4])
-    print("ready", flush=True)  # noqa: T201 - who started it reads this
+    print("ready", flush=True)  # noqa: T201 - for the parent process
     other = {near: far, far: near}
     held: list[tuple[float, int, int, bytes]] = []
     count = 0

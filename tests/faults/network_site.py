@@ -1,4 +1,4 @@
-"""A secured site on host A with somebody who points there, and somebody at another host who points at it."""
+"""A secured site on host A with one person there, and another person at host B who points at it."""
 
 import asyncio
 import contextlib
@@ -20,26 +20,26 @@ from tests.support.commands import Command, Commands
 
 SITE = "plant"
 HERE, THERE = "ben", "anna"
-"""Who points at host A, and at host B."""
+"""People pointing at host A, and at host B."""
 
 
 class Spectator:
-    """Somebody at another host who looks on."""
+    """An observer at another host."""
 
     def __init__(self, command: Command) -> None:
         self.command = command
 
     def lines(self, what: str = "") -> list[dict[str, Any]]:
-        """Return everything that came there, in order; of one kind, `what`, only."""
+        """Return all received messages in order, or those of one kind, `what`."""
         whole = self.command.out.rpartition("\n")[0]
         return [json.loads(line) for line in whole.splitlines() if what in line]
 
     def events(self) -> list[str]:
-        """Return all selection events that came, in order, each as `told` names it."""
+        """Return all received selection events in order, each as `told` names it."""
         return [line["told"] for line in self.lines('"told"')]
 
     def ages_s(self, topic: str, since_ns: int = 0, until_ns: int = 2**63) -> list[float]:
-        """Return how old what came on a topic between two times (Unix) was."""
+        """Return the ages at arrival of messages on a topic between two times (Unix)."""
         lines = [
             line for line in self.lines() if line["topic"] == topic and since_ns <= line["came"] <= until_ns
         ]
@@ -47,13 +47,13 @@ class Spectator:
 
 
 def python(program: str, *arguments: str) -> list[str]:
-    """Return how one of our own programs is run."""
+    """Return the command that runs one of our own programs."""
     return [sys.executable, "-m", f"tests.faults.{program}", *arguments]
 
 
 @dataclass
 class Plant:
-    """Router, services and one person at host A; another person and somebody who looks on at host B."""
+    """Router, services and one person at host A; another person and an observer at host B."""
 
     network: Network
     commands: Commands
@@ -84,7 +84,7 @@ class Plant:
         return host.pointit(self.commands, *arguments, environment=self.environment(host, name))
 
     def spectator(self, host: Host, name: str) -> Spectator:
-        """Have somebody look on there."""
+        """Start an observer there."""
         program = python("network_spectator", str(self.folder / "identities" / name))
         return Spectator(self.commands.run(host.arguments(*program), self.environment(host, "")))
 
@@ -98,7 +98,7 @@ class Plant:
         return {"router": self.router, "services": self.run, HERE: self.here, THERE: self.there}
 
     def memory_mb(self) -> dict[str, float]:
-        """Return what each process has, by name."""
+        """Return the memory of each process, by name."""
         return {name: _memory_mb(command) for name, command in self.processes.items()}
 
     def ended(self) -> list[str]:
@@ -106,14 +106,14 @@ class Plant:
         return [name for name, command in self.processes.items() if not command.is_running]
 
     async def doctor(self) -> list[str]:
-        """Return what `pointit doctor` finds at host A, each as `code service: sentence`."""
+        """Return the findings of `pointit doctor` at host A, each as `code service: sentence`."""
         ended = await self.start(self.a, "doctor", "--json", name="supervisor").end()
         report: dict[str, Any] = json.loads(ended.out)
         return [f"{each['code']} {each['service']}: {each['sentence']}" for each in report["findings"]]
 
     @contextlib.asynccontextmanager
     async def view(self) -> AsyncGenerator[View]:
-        """Yield what is seen at host A from now on."""
+        """Yield the view from host A from now on."""
         credentials = read_credentials(self.folder / "identities" / "supervisor", now())
         link = Link(site=SITE, connect=credentials.link.endpoints, credentials=credentials)
         bus = await ZenohBus.open(link, patience_s=PATIENCE_S)

@@ -1,6 +1,6 @@
-"""Somebody at another host who looks on: prints what comes there, a line of JSON each.
+"""An observer at another host: prints each received message as a line of JSON.
 
-Started as `network_spectator.py CREDENTIALS`; goes on until it is killed. What was lost is in the numbers.
+Started as `network_spectator.py CREDENTIALS`. Runs until killed. The numbers show losses.
 """
 
 import asyncio
@@ -23,7 +23,7 @@ TOPICS: tuple[Topic[Any], ...] = (CURSOR, OBJECTS, SELECTION, SELECTION_EVENTS, 
 
 
 def show(topic: str, message: Message, name: str) -> None:
-    """Print what came, and when."""
+    """Print a message with its arrival time."""
     line = {"topic": topic, "name": name, "stamp": message.stamp_ns, "came": time.time_ns()}
     if isinstance(message, SelectionEvent):
         line["told"] = told(message)

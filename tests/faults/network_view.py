@@ -1,4 +1,4 @@
-"""What is seen of a site at its router's host: cursors and how late they are, what doctor finds."""
+"""The view of a site at its router's host: cursors and their delays, findings of doctor."""
 
 import itertools
 import math
@@ -17,7 +17,7 @@ from tests.support.bench import until
 
 PATIENCE_S = 40.0
 FRESH_S = 0.5
-"""A cursor that is no older is where the person points."""
+"""A cursor up to this age is where the person points."""
 REPORTS_S = 8.0
 """Doctor looks back so far."""
 
@@ -34,12 +34,12 @@ class Seen:
 
 @dataclass
 class View:
-    """What is seen at host A."""
+    """The view from host A."""
 
     bus: ZenohBus
     cursors: list[Seen] = field(default_factory=list[Seen])
     events: list[str] = field(default_factory=list[str])
-    """What was selected and let go, each as `told` names it."""
+    """Selections and deselections, each as `told` names it."""
     _present: set[str] = field(default_factory=set[str])
     _ever: set[str] = field(default_factory=set[str])
     _reports: dict[str, list[Report]] = field(default_factory=lambda: defaultdict(list))
@@ -56,13 +56,13 @@ class View:
         self.bus.watch(SERVICE_ALIVE, self._on_presence)
 
     def tell(self) -> None:
-        """Put a selection event: who looks on elsewhere must get it, now or later."""
+        """Publish a selection event, which observers elsewhere must get, now or later."""
         self._told += 1
         event = SelectionEvent(stamp_ns=time.time_ns(), seq=self._told, event="left", object_id=f"{id(self)}")
         self._teller.put(event)
 
     def findings(self) -> list[Finding]:
-        """Return what `doctor` would say now."""
+        """Return the findings that `doctor` would report now."""
         now_s = time.monotonic()
         lately = {
             instance: [report for report in reports if report.received_s > now_s - REPORTS_S] or reports[-1:]
@@ -80,7 +80,7 @@ class View:
         return [finding for finding in diagnose(seen) if finding.severity != "note"]
 
     def ages_s(self, user: str, since_s: float = 0.0, until_s: float = math.inf) -> list[float]:
-        """Return how old the cursors of `user` were as they came between two times."""
+        """Return the ages at arrival of the cursors of `user` between two times."""
         return [
             each.age_s for each in self.cursors if each.user == user and since_s <= each.came_s <= until_s
         ]
@@ -136,7 +136,7 @@ class View:
 
 
 def told(event: SelectionEvent) -> str:
-    """Return what tells an event from all others."""
+    """Return a text that identifies an event."""
     return f"{event.seq} {event.event} {event.object_id} {event.user}"
 
 

@@ -1,4 +1,4 @@
-"""Who listens as a router and is none of the site's."""
+"""A false router that is not part of the site."""
 
 import contextlib
 import socket
@@ -10,18 +10,18 @@ from dataclasses import dataclass, field
 from pointit.access.site_folder import SiteFolder
 
 PATIENCE_S = 5.0
-"""For what one who has come says next."""
+"""Time to wait for the next message of a connection."""
 
 
 @dataclass
 class Pretender:
-    """What has happened at its port."""
+    """Events at its port."""
 
     port: int
     trusted: list[bytes] = field(default_factory=list[bytes])
-    """What each said who took it for the router."""
+    """First message of each client that trusted it."""
     failed: list[str] = field(default_factory=list[str])
-    """Why each of the others went away."""
+    """Error of each other client."""
 
 
 @contextlib.contextmanager

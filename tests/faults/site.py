@@ -21,7 +21,7 @@ PEOPLE = ("user1", "user2")
 SHARED = ("pui", "selector", "led-driver", "conveyor-sim", "keeper")
 PERSONAL = ("pointing", "localizer", "supervisor", "user-sim")
 FLOODERS = ("flooder1", "flooder2", "flooder3")
-"""Persons who write without limit: each is cut off for a while, which no other test should meet."""
+"""Persons who write without limit. Each is cut off for a while, which must not affect other tests."""
 INSTANCES = (*SHARED, *(f"{name}.{person}" for person in PEOPLE for name in PERSONAL))
 START_S = 120.0
 """Fifteen processes on a busy machine."""
@@ -75,12 +75,12 @@ class Site:
         self.router = self.route()
         self.run: Command | None = None
         self.again: dict[str, Command] = {}
-        """What was started again, by instance."""
+        """Services that were started again, by instance."""
         self._commands: dict[str, str] = {}
 
     @contextlib.contextmanager
     def on_small_disk(self) -> Generator[None]:
-        """Have the state on a small disk of its own, where that is allowed."""
+        """Put the state on a small disk of its own, where that is allowed."""
         options = ("-t", "tmpfs", "-o", f"size={DISK_BYTES}", "tmpfs", str(self.state))
         mount, unmount = shutil.which("mount"), shutil.which("umount")
         if mount is not None and unmount is not None:
@@ -97,7 +97,7 @@ class Site:
         return endpoint_of(self.folder)
 
     def environment(self, name: str = "supervisor") -> Mapping[str, str]:
-        """Return what makes a command one of this site, by the identity `name`."""
+        """Return the variables by which a command joins this site as `name`."""
         identity = str(self.folder.identity_folder(name))
         return {"POINTIT_STATE": str(self.state), "POINTIT_CREDENTIALS": identity}
 
@@ -123,12 +123,12 @@ class Site:
         return self.commands.start(*arguments, environment=self.environment(name))
 
     def says_lost(self) -> int:
-        """Return how often the run has logged that its router is lost."""
+        """Return the number of times that the run has logged the loss of its router."""
         assert self.run is not None
         return sum("is lost; trying again" in line for line in self.run.logged())
 
     def command(self, instance: str) -> str:
-        """Return the command that starts a service again, as the run's log has said when it ended first."""
+        """Return the command that starts a service again, as logged by the run when it ended first."""
         if instance not in self._commands:
             assert self.run is not None
             said = f"{instance} was ended"
@@ -144,7 +144,7 @@ class Site:
         return again
 
     async def doctor(self, *arguments: str) -> dict[str, Any]:
-        """Return what doctor says."""
+        """Return doctor's report."""
         command = self.start("doctor", "--json", *arguments)
         report: dict[str, Any] = json.loads((await command.end()).out)
         return report
@@ -165,6 +165,6 @@ class Site:
         return self.state / SITE / "selector" / FILE
 
     def told(self) -> list[tuple[int, str, str]]:
-        """Return number, object and event of what the selector's journal says it has told."""
+        """Return number, object and event of what the selector's journal marks as published."""
         records = audit(self.journal)
         return [(each.seq, each.object_id, each.event) for each in records if each.seq is not None]

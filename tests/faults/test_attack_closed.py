@@ -1,6 +1,6 @@
 # pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false
 # (the stubs of zenoh leave return types out)
-"""What a secured router tells of itself and of others, beside what it routes: nothing."""
+"""Information that a secured router reveals about itself and others, besides routed messages: none."""
 
 import asyncio
 import json

@@ -55,7 +55,7 @@ def expired(site: Site, path: Path) -> None:
 
 
 def _show(folder: SiteFolder, at: dt.datetime, site: Site) -> None:
-    """Show a certificate to the router, whose clock is another than `at`."""
+    """Present a certificate to the router, whose clock is another than `at`."""
     credentials = read_credentials(folder.identity_folder("anna"), at)
     assert "refuses anna's certificate" in connection_refusal(credentials, endpoint_of(site.folder))
     with pytest.raises(zenoh.ZError):

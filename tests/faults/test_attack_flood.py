@@ -1,4 +1,4 @@
-"""Somebody who writes without measure, and somebody who does not read what they asked for."""
+"""Attackers who write without limit, or do not read what they requested."""
 
 import asyncio
 import signal
@@ -32,7 +32,7 @@ FLOODS = {
         (f"plant/{THREE} may not write users/{THREE}/x", " more: refused"),
     ),
 }
-"""Who writes, which keys, and what is shown."""
+"""Writer, keys, and the text shown."""
 
 
 @pytest.mark.parametrize(

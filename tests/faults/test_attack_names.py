@@ -1,4 +1,4 @@
-"""Somebody with an identity of the site who writes, answers, is present and reads as somebody else."""
+"""An identity of the site that writes, answers, is present and reads as another person."""
 
 import pytest
 
@@ -26,7 +26,7 @@ from tests.support.bench import until
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(300)]
 
 EVIL = "anna"
-"""May write below her own keys, and read what everybody may."""
+"""May write below her own keys, and read what all may."""
 VICTIM = "user1"
 BY = "doctor: router; the router's log"
 
@@ -63,7 +63,7 @@ async def test_who_writes_as_another_is_refused_and_named(either_site: Site, acc
 
 
 async def test_history_is_written_and_read_by_whom_it_belongs_to(either_site: Site, account: Account) -> None:
-    """Below `@adv` writers keep what late joiners ask for: neither is had or given behind the key."""
+    """Below `@adv` writers keep messages for late joiners, which must be neither read nor faked."""
     late = [f"{topic.at(VICTIM)}/@adv/pub/1/2/_" for topic in (POSE, INTERACTION)]
     async with besieged(either_site) as attacked:
         with member(either_site, "supervisor") as ally, member(either_site, EVIL) as evil:
@@ -120,7 +120,7 @@ async def test_who_reads_how_others_move_is_refused_and_named(either_site: Site,
                 attacked.begin()
                 with evil.listening(*private, "**", "users/**", "users/*/*", CURSOR.at(ANY)) as ear:
                     noticed_s = await attacked.is_told(f"plant/{name} may not ", "read ")
-                    ear.hears(CURSOR.at(VICTIM))  # what everybody may
+                    ear.hears(CURSOR.at(VICTIM))  # readable for all
                     speaker.put(*keys_of(VICTIM)[:2])
                     ear.keys.clear()
                     ear.hears(CURSOR.at(VICTIM))

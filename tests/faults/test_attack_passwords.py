@@ -1,6 +1,6 @@
 # pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false
 # (the stubs of zenoh leave return types out)
-"""A site by passwords: who has none, a wrong one, an old one, and where a password must never be seen."""
+"""A site with passwords: without one, with a wrong or an old one, and places where none must be seen."""
 
 import asyncio
 import contextlib
@@ -36,14 +36,14 @@ BY = "doctor: router; the router's log"
 USER, PASSWORD = "transport/auth/usrpwd/user", "transport/auth/usrpwd/password"
 EVIL, VICTIM = "anna", "user1"
 SILENT = 150
-"""More than Zenoh lets wait at its door unless told otherwise."""
+"""More than Zenoh allows to wait at its door by default."""
 STRANGER = "somebody was not let in"
 LATE_S = 1.0
-"""As long as nobody's cursor may stand still, on a machine that is busy with other things."""
+"""Limit of the time without any person's cursor, on a busy machine."""
 
 
 def refused(folder: SiteFolder, name: str, **settings: object) -> None:
-    """Have somebody knock with other settings than theirs; fail if that is let in."""
+    """Connect with other settings than the person's. Fail if that is accepted."""
     config = configuration(link_of(folder, name))
     for key, value in settings.items():
         config.insert_json5({"user": USER, "password": PASSWORD}[key], json.dumps(value))
@@ -51,7 +51,7 @@ def refused(folder: SiteFolder, name: str, **settings: object) -> None:
 
 
 def behind_tls(folder: SiteFolder) -> ssl.SSLSocket:
-    """Return a connection of somebody who has nothing but the authority's certificate, which is no secret."""
+    """Return a connection of a stranger who has only the authority's certificate, which is no secret."""
     context = ssl.create_default_context(cafile=folder.identity_folder(EVIL) / "ca.pem")
     plain = socket.create_connection(("127.0.0.1", folder.state().port), timeout=10)
     return context.wrap_socket(plain, server_hostname="127.0.0.1")
@@ -95,7 +95,7 @@ STRANGERS: dict[str, tuple[Callable[[SiteFolder], None], str]] = {
 
 
 async def test_nobody_who_is_let_in_is_told_of(password_site: Site) -> None:
-    """The first test here, as it waits until what others tell of strangers is over."""
+    """The first test here, as it waits until the reports of others about strangers are over."""
     async with besieged(password_site) as attacked:
         health = attacked.seen.health
         await until(
@@ -131,7 +131,7 @@ async def test_who_says_nothing_at_the_door_keeps_nobody_out(password_site: Site
                     stack.enter_context(behind_tls(password_site.folder))
                 stack.enter_context(member(password_site, "ben"))
 
-            await asyncio.to_thread(come)  # the loop, on which cursors are heard, goes on meanwhile
+            await asyncio.to_thread(come)  # the loop, which receives cursors, goes on meanwhile
             noticed_s = await attacked.is_told(STRANGER, "came by TLS and said nothing")
             await attacked.unharmed()
         assert within(attacked.longest_silence_s(), LATE_S)  # 3 s where closing each of them is waited for
@@ -164,7 +164,7 @@ async def test_a_right_password_opens_nobody_elses_door(password_site: Site, acc
                 )
                 ear.hears(CURSOR.at(VICTIM))
                 assert set(ear.keys) == {CURSOR.at(VICTIM)}
-                # who has the same name beside them is them, and is harmed as little
+                # a twin shares their name, and is unharmed too
                 twins.hears(POSE.at(EVIL), lambda: evil.put(POSE.at(EVIL)))
         await attacked.unharmed()
         attacked.row(account, "a right password and others' keys; twice at a time", noticed_s, BY)
@@ -235,7 +235,7 @@ def test_who_pretends_to_be_the_router_is_told_no_password(tmp_path: Path) -> No
     folder = make_site(tmp_path / "lab", password=True, dashboard_rate_hz=20.0)
     other = make_site(tmp_path / "other" / "lab", password=True, dashboard_rate_hz=20.0)
     shutil.copy(folder.path / "router" / "users.txt", other.path / "router" / "users.txt")
-    for name in (EVIL, "dashboard1"):  # who trusts the other authority is let in there
+    for name in (EVIL, "dashboard1"):  # identities that trust the other authority are accepted there
         shutil.copy(folder.identity_folder(name) / "password", other.identity_folder(name) / "password")
     with pretending(other) as pretender:
         endpoint = f"tls/127.0.0.1:{pretender.port}"

@@ -42,9 +42,7 @@ async def test_ten_megabytes_go_no_further_than_the_router(
             noticed_s = await attacked.is_told(f"plant/{name} ", writes)
             for key in requests:
                 assert list(evil.session.get(key, payload=large, timeout=5.0)) == []
-            await attacked.is_told(
-                f"plant/{name} ", asks
-            )  # may be by the next report, which tells of new only
+            await attacked.is_told(f"plant/{name} ", asks)  # may be by the next report, which has only news
         count = len(keys) + len(requests)
         await until(lambda: attacked.refused_since >= count, 10, f"all {count} to be refused")
         await attacked.unharmed()

@@ -1,6 +1,6 @@
 # pyright: reportUnknownMemberType=false
 # (the stubs of zenoh leave return types out)
-"""What was once said, said again: by whoever may say it, and by somebody else."""
+"""Replayed messages, by an identity that may write them, and by another one."""
 
 import asyncio
 import time
@@ -19,13 +19,13 @@ pytestmark = [pytest.mark.slow, pytest.mark.timeout(300)]
 
 VICTIM = "user1"
 OLD_S = 2.0
-"""Samples of so long ago are no news."""
+"""Samples of this age are too old."""
 FOR_S = 3.0
 KEYS = tuple(topic.at(VICTIM) for topic in (IMU, RAY, POSE, INTERACTION, BUTTON))
 
 
 async def captured(by: Member) -> list[zenoh.Sample]:
-    """Return what is said under the victim's keys for a second; it is old then."""
+    """Return the messages under the victim's keys within a second. They are old then."""
     samples: list[zenoh.Sample] = []
     hears = [by.session.declare_subscriber(key, Callback(samples.append, indirect=False)) for key in KEYS]
     await asyncio.sleep(1.0)
@@ -55,7 +55,7 @@ async def test_old_samples_move_nobodys_cursor(site: Site, account: Account, nam
             samples = await captured(spy)
             assert len(samples) > 10
             attacked.begin()
-            if name == "supervisor":  # who may say all that; a reader tells old from new
+            if name == "supervisor":  # may write all that; a reader distinguishes old from new
                 words, instance = "were older than those before them", "pui"
             else:
                 words, instance = f"plant/{name} may not write ", "router"

@@ -1,4 +1,4 @@
-"""Clocks of single machines jump while everything runs: told, and of no consequence to anybody else."""
+"""Clocks of single machines jump while everything runs: this is reported and affects no one else."""
 
 import asyncio
 import os
@@ -17,7 +17,7 @@ from tests.support.pace import within
 
 BACK_S = 20.0
 JUMPS_S = (-5.0, 5.0)
-"""In this order: for 20 s the keeper says of a clock that was ahead that it is."""
+"""Jumps in this order: for 20 s the keeper still reports a clock that was ahead."""
 MINES = ("selector", "conveyor-sim")
 """Services that run on a machine of their own."""
 
@@ -65,7 +65,7 @@ async def test_of_a_persons_machine(site: Site, account: Account, tmp_path: Path
 
 
 async def moved(site: Site, seen: Witness, clock: MachineClock) -> None:
-    """Have `MINES` run on the machine of `clock`."""
+    """Run `MINES` on the machine of `clock`."""
     for instance in MINES:
         os.kill(seen.health[instance].pid, signal.SIGKILL)
         await seen.finds(instance, "absent")

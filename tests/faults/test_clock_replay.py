@@ -1,6 +1,6 @@
 # pyright: reportUnknownMemberType=false
 # (the stubs of zenoh leave return types out)
-"""What was on the bus seconds ago is put there again, by who may write it: nobody takes it for new."""
+"""Old bus messages are put there again by an authorized writer: no reader takes them for new."""
 
 import asyncio
 import time
@@ -21,7 +21,7 @@ from tests.support.bench import until
 RECORDED = (IMU.at("user1"), RAY.at("user1"), CURSOR.at("user1"), SELECTION_EVENTS.at(), OBJECTS.at(ANY))
 LATER_S = 3.0
 MOST_TAKEN = 0.02
-"""Of what is played: on a machine so busy that for a second nothing new comes, some is."""
+"""Share of the replay: on a machine so busy that for a second nothing new comes, some passes."""
 READERS = ("pointing.user1", "pui", "selector", "led-driver")
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(300)]
@@ -36,7 +36,7 @@ class Recorded:
 
 
 class Recorder:
-    """Takes what is on the bus of one person, and of what all share."""
+    """Records the messages of one person, and of shared topics."""
 
     def __init__(self, member: Member) -> None:
         self.taken: list[Recorded] = []
@@ -48,7 +48,7 @@ class Recorder:
         self.taken.append(Recorded(time.monotonic(), key, payload, sample.encoding))
 
     def end(self, last_s: float) -> list[Recorded]:
-        """Take no more; return what came in the `last_s`."""
+        """Stop recording and return the messages of the `last_s`."""
         for each in self._hears:
             each.undeclare()
         since_s = time.monotonic() - last_s

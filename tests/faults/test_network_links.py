@@ -1,7 +1,7 @@
-"""Links between hosts that fail or are bad: what is seen of it at the site, and how it comes back.
+"""Links between hosts that fail or are bad: reports at the site, and recovery.
 
-Host A has router, services and ben; anna, and somebody who looks on, are at host B. Whatever happens to B's
-link, ben goes on undisturbed, nothing ends, and no selection event is lost to who looks on at B.
+Host A has router, services and ben. anna and an observer are at host B. Whatever happens to B's link, ben
+goes on undisturbed, nothing ends, and the observer at B loses no selection event.
 """
 
 import asyncio
@@ -24,14 +24,14 @@ pytestmark = pytest.mark.timeout(300)  # of a machine that has much else to do
 AFTER_S = 2.0
 LOOK_S = 0.05
 GAP_S = 2.0
-"""Between two cursors of who is not concerned, on a busy machine."""
+"""Time limit between two cursors of an unaffected person, on a busy machine."""
 NOTICED_S = 10.0
 GONE_S = 12.0
 """Lease, and as long for TCP to give a write up."""
 RECOVERED_S = 15.0
 MEMORY_MB = 30.0
 GONE = ("silent", "absent", "left")
-"""What doctor says of who cannot be reached."""
+"""Doctor's codes for an unreachable person."""
 BAD = (*GONE, "slow", "stale", "clock", "warning")
 """And of a link that is bad; a busy machine is slow, too."""
 
@@ -53,7 +53,7 @@ def both(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Both]:
 
 @dataclass
 class Outcome:
-    """What a fault did."""
+    """The effect of a fault."""
 
     noticed_s: float | None
     by: str
@@ -93,9 +93,9 @@ class Trial:
     async def suffer(
         self, begin: Callable[[], None], lasts_s: float, codes: Collection[str], named: Collection[str] = ()
     ) -> Outcome:
-        """Begin the fault, end it after `lasts_s` and when doctor has found `named`; check what must hold.
+        """Begin the fault, end it after `lasts_s` and when doctor has found `named`. Check the invariants.
 
-        Of what doctor finds only `codes` count.
+        Of doctor's findings only `codes` count.
         """
         view, plant = self.view, self.plant
         await view.flows(HERE, THERE)
@@ -143,7 +143,7 @@ class Trial:
         )
 
     async def _events_arrive(self) -> None:
-        """Wait until everything that was selected and let go so far is known at host B."""
+        """Wait until all selections and deselections so far are known at host B."""
         self.view.tell()
         there = self.both.spectator
         await until(lambda: set(self.view.events) <= set(there.events()), PATIENCE_S, "all events at host B")
@@ -172,7 +172,7 @@ async def test_a_cut_link(both: Both, account: Account) -> None:
 async def test_a_link_that_swallows_everything(
     both: Both, account: Account, name: str, ways: dict[str, bool]
 ) -> None:
-    """Who cannot be reached is not present, however full the buffers of the dead connections are."""
+    """An unreachable person is not present, however full the buffers of the dead connections are."""
     async with both.plant.view() as view:
         trial = Trial(both, view)
         outcome = await trial.suffer(

@@ -1,4 +1,4 @@
-"""A narrow link with somebody behind it who would be sent more: only they are late, and not for long."""
+"""A narrow link with more data than it carries: only the person behind it is late, and not for long."""
 
 import asyncio
 import time
@@ -20,7 +20,7 @@ KBIT = 256
 WIDE_S = 2.0
 NARROW_S = 15.0
 LATE_S = 12.0
-"""What Zenoh's queue and the socket's buffer hold takes so long at most; 4 s where nothing else runs."""
+"""Time that Zenoh's queue and the socket's buffer hold at most, 4 s on a quiet machine."""
 RECOVERED_S = 25.0
 NOTICED_S = 15.0
 GAP_S = 2.0
@@ -129,7 +129,7 @@ async def test_a_page_behind_a_narrow_link_says_so(plant: Plant, account: Accoun
 
 
 async def _kbit(plant: Plant, host: Host, for_s: float) -> float:
-    """Return how much a second goes to the host."""
+    """Return the rate to the host."""
     before, began_s = plant.network.sent_bytes(host), time.monotonic()
     await asyncio.sleep(for_s)
     return (plant.network.sent_bytes(host) - before) * 8e-3 / (time.monotonic() - began_s)

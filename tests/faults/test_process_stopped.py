@@ -18,7 +18,7 @@ LEAST_S = 4.0
 BACK_S = 20.0
 GROWTH_MB = 30.0
 MOST_STALE = 40
-"""Cursors of rays from before: what was in the sockets, less what newer rays have overtaken."""
+"""Cursors of old rays: the content of the sockets, less those that newer rays have overtaken."""
 OFTEN = ("pui", "selector", "pointing.user1")
 SELDOM = ("led-driver", "conveyor-sim", "keeper", "localizer.user1", "supervisor.user1", "user-sim.user1")
 

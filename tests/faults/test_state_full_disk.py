@@ -19,7 +19,7 @@ from tests.support.bench import until
 BACK_S = 20.0
 """A journal tries again every 5 s."""
 MORE = 3
-"""Selections that are told while the disk is full."""
+"""Selections published while the disk is full."""
 GROWTH_MB = 30.0
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(300)]
@@ -35,7 +35,7 @@ async def fill(site: Site, path: Path) -> None:
                 while True:
                     file.write(bytes(size))
             except OSError as error:
-                assert error.errno == errno.ENOSPC  # noqa: PT017 - what is to be seen
+                assert error.errno == errno.ENOSPC  # noqa: PT017 - the expected error
 
 
 def is_cut(journal: Path) -> bool:

@@ -1,4 +1,4 @@
-"""Who sees everything of a secured site, and counts what it loses."""
+"""An observer of everything on a secured site, which counts losses."""
 
 import asyncio
 import contextlib
@@ -40,7 +40,7 @@ class Witness(Onlooker):
     samples: dict[str, list[ImuSample]] = field(default_factory=lambda: defaultdict(list))
     """By user."""
     arrivals: list[tuple[str, int, int]] = field(default_factory=list[tuple[str, int, int]])
-    """Of cursors: user, stamp, and when it came, both Unix ns."""
+    """Cursors: user, stamp, and arrival, both Unix ns."""
 
     reports: dict[str, list[Report]] = field(default_factory=lambda: defaultdict(list))
     deployments: dict[str, Deployment] = field(default_factory=dict[str, Deployment])
@@ -68,9 +68,9 @@ class Witness(Onlooker):
         self.deployments[name] = deployment
 
     def findings(self, instance: str = "") -> list[Finding]:
-        """Return what doctor would find now, who has looked on as long as we: of one service, or anything.
+        """Return the findings that doctor would have after observing as long: of one service, or of all.
 
-        But for notes of the past, and that this machine is slow.
+        Without notes of the past, and of a slow machine.
         """
         seen = Observation(
             began_s=self.began_s,
@@ -98,7 +98,7 @@ class Witness(Onlooker):
 
     @property
     def selected(self) -> dict[str, str]:
-        """Return what is selected, and by whom."""
+        """Return the selected objects with their owners."""
         return {thing.id: thing.user for thing in self.selections[-1].objects} if self.selections else {}
 
     async def begins(self, site: Site) -> None:
@@ -113,7 +113,7 @@ class Witness(Onlooker):
         return any("cannot be written" in warning for warning in self.health["selector"].warnings)
 
     def told(self) -> list[tuple[int, str, str]]:
-        """Return number, object and event of what the selector has told, each once, in order."""
+        """Return number, object and event of the published selections, each once, in order."""
         mine = [event for event in self.events if event.event in SELECTORS and not _is_conveyors(event)]
         return sorted({(e.seq, e.object_id, e.event) for e in mine if e.seq >= self._first})
 
@@ -122,14 +122,14 @@ class Witness(Onlooker):
         return {instance: (health.pid, health.uptime_s) for instance, health in self.health.items()}
 
     def is_undisturbed(self, before: Mapping[str, tuple[int, float]], but: str = "") -> None:
-        """Fail unless all `but` one are the `processes` that they were, and have not begun anew."""
+        """Fail unless all but one (`but`) are the same `processes` as before, and have not restarted."""
         for instance, (pid, uptime_s) in before.items():
             if instance != but:
                 assert self.health[instance].pid == pid, instance
                 assert self.health[instance].uptime_s >= uptime_s, instance
 
     def keeps(self, selected: Iterable[str]) -> None:
-        """Fail unless what was `selected` still is, but for what is not there any more or was deselected."""
+        """Fail unless the `selected` still are, except those that have left or were deselected."""
         there = {thing.id for thing in self.objects[-1].objects}
         gone = {
             event.object_id for event in self.events if event.event in ("left", "dispatched", "deselected")
@@ -138,7 +138,7 @@ class Witness(Onlooker):
         assert not lost, f"selections did not survive: {lost}"
 
     async def agrees(self, site: Site) -> None:
-        """Wait until what was seen told since the beginning is what the selector's journal says was told."""
+        """Wait until the events seen since the beginning are those published by the selector's journal."""
         kept = [record for record in site.told() if record[0] >= self._first]
         assert [seq for seq, _, _ in kept] == list(range(self._first, self._first + len(kept))), kept
         await until(
@@ -165,7 +165,7 @@ class Witness(Onlooker):
         await until(all_came, FLOWS_S, f"frames, objects and cursors of {list(users or PEOPLE)}")
 
     async def sees_more_selected(self, patience_s: float = 60.0) -> None:
-        """Wait until something is selected that is not now; what was selected leaves meanwhile."""
+        """Wait until an object is selected that is not now. Selected ones leave meanwhile."""
         now = set(self.selected)
         await until(lambda: bool(set(self.selected) - now), patience_s, f"more than {now} to be selected")
 
@@ -174,9 +174,9 @@ class Witness(Onlooker):
         await until(lambda: len(self.selected) >= count, patience_s, f"{count} to be selected")
 
     def lost(self, since_ns: int, but: str = "") -> tuple[int, int]:
-        """Return how many samples since then have come to no cursor that got here, and of how many.
+        """Return the number of samples since then without a received cursor, and the number of all.
 
-        `but` one person's, whose clock is wrong.
+        Without the person `but`, whose clock is wrong.
         """
         count = answered = 0
         for user, samples in self.samples.items():
@@ -185,19 +185,19 @@ class Witness(Onlooker):
             newest_ns = max((cursor.stamp_ns for cursor in self.cursors[user]), default=0)
             window = [sample for sample in samples if since_ns <= sample.stamp_ns <= newest_ns]
             steps = (after.seq - before.seq for before, after in itertools.pairwise(window))
-            count += sum(step if step > 0 else 1 for step in steps)  # else whoever sends was restarted
+            count += sum(step if step > 0 else 1 for step in steps)  # else the sender was restarted
             count += bool(window)
             answered += len({c.stamp_ns for c in self.cursors[user] if since_ns <= c.stamp_ns <= newest_ns})
         return max(0, count - answered), count
 
     def lost_in_words(self, since_ns: int, but: str = "") -> str:
-        """Return what the table says of it; that no event was lost is asserted by `agrees`."""
+        """Return the table's text on losses. `agrees` asserts that no event was lost."""
         lost, count = self.lost(since_ns, but)
         events = sum(seq >= self._first for seq, _, _ in self.told())
         return f"{lost} of {count} cursors; none of {events} selection events"
 
     def stale(self, since_ns: int, old_s: float = 0.5) -> int:
-        """Return how many cursors came since then that were older than `old_s` when it was."""
+        """Return the number of cursors since then that were older than `old_s` at that time."""
         oldest_ns = since_ns - round(old_s * 1e9)
         return sum(stamp_ns < oldest_ns for _, stamp_ns, came_ns in self.arrivals if came_ns >= since_ns)
 
@@ -209,7 +209,7 @@ def _is_conveyors(event: SelectionEvent) -> bool:
 
 @contextlib.asynccontextmanager
 async def witness(site: Site) -> AsyncGenerator[Witness]:
-    """Yield somebody who sees everything of the site, which begins if it has not, from now on."""
+    """Yield an observer of the site from now on, which is started if it is not running."""
     await site.begin()
     async with asyncio.timeout(START_S):
         bus = await ZenohBus.open(link_of(site.folder, "supervisor"), patience_s=START_S)

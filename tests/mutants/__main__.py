@@ -53,7 +53,7 @@ class Mutant:
     """Test file or node id that fails with the mutant."""
 
     def error(self) -> str:
-        """Return what must be mended in the row, or `""`."""
+        """Return the problem of the row, or `""`."""
         path = ROOT / self.file
         if not path.is_file():
             return f"{self.file}: no such file{self._elsewhere()}"
@@ -140,7 +140,7 @@ def run_tests(tests: Sequence[str], folder: str, mutant: Mutant | None = None) -
 
 
 def verdict(mutant: Mutant, folder: str) -> str:
-    """Return `"killed"`, or what is wrong."""
+    """Return `"killed"`, or the problem."""
     code, printed = run_tests([mutant.test], folder, mutant)
     if code == FAILED:
         return "killed"

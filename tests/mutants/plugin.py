@@ -79,13 +79,13 @@ _finder = _install()  # as soon as pytest imports this plugin: before the first 
 
 
 def pytest_configure() -> None:
-    """Have property tests stop at the first failing example and remember none for later runs."""
+    """Make property tests stop at the first failing example and remember none for later runs."""
     phases = (Phase.explicit, Phase.generate)
     settings.register_profile("mutants", settings.default, phases=phases, database=None)
     settings.load_profile("mutants")
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
-    """Say so if the mutation had no chance."""
+    """Warn if the mutation had no chance."""
     if _finder is not None and not _finder.used:
         terminalreporter.write_line(NOT_IMPORTED)

@@ -19,12 +19,12 @@ SETTLE_S = 1.0
 
 
 class Counting(ClientConnection):
-    """A connection that counts what comes in."""
+    """A connection that counts received bytes."""
 
     size = 0
 
     def data_received(self, data: bytes) -> None:
-        """Take bytes of the network."""
+        """Count and process bytes of the network."""
         self.size += len(data)
         super().data_received(data)
 
@@ -43,7 +43,7 @@ class BarePage:
     longest_gap_s: float = 0.0
 
     async def look_on(self, url: str, cookie: str, duration_s: float) -> None:
-        """Open the socket and measure for so long, after a second to settle."""
+        """Open the socket and measure for `duration_s`, after a second to settle."""
         parts = urlsplit(url)
         origin: Any = f"{parts.scheme}://{parts.netloc}"
         socket = f"ws://{parts.netloc}/ws"
@@ -82,7 +82,7 @@ class BarePage:
                 self.latencies_ms.append((now_ns - msgpack.unpackb(payload)["stamp_ns"]) / 1e6)
 
     def as_dict(self) -> dict[str, Any]:
-        """Return what was measured, for JSON."""
+        """Return the measurements, for JSON."""
         return {
             "batches": self.batches,
             "bytes": self.size,
@@ -93,7 +93,7 @@ class BarePage:
 
 
 async def look_on(url: str, count: int, duration_s: float) -> list[BarePage]:
-    """Have `count` pages look on at the same time, let in by `url`'s token."""
+    """Open `count` viewing pages at the same time, with `url`'s token."""
     async with httpx.AsyncClient() as client:
         answer = await client.get(url)
     cookie = answer.headers["set-cookie"].partition(";")[0]
@@ -105,10 +105,10 @@ async def look_on(url: str, count: int, duration_s: float) -> list[BarePage]:
 
 
 async def elsewhere(url: str, count: int, duration_s: float) -> list[dict[str, Any]]:
-    """Have them look on from a process of its own, and return what each has measured.
+    """Open the pages in a process of its own, and return the measurements of each.
 
     Raises:
-        RuntimeError: that process failed.
+        RuntimeError: If that process failed.
     """
     process = await asyncio.create_subprocess_exec(
         *(sys.executable, "-m", "tests.support.bare_pages", url, str(count), str(duration_s)),
@@ -128,7 +128,7 @@ async def elsewhere(url: str, count: int, duration_s: float) -> list[dict[str, A
 
 
 def main(arguments: Mapping[str, str]) -> None:
-    """Look on, and print what was measured as JSON."""
+    """Open the pages, and print the measurements as JSON."""
     pages = asyncio.run(look_on(arguments["url"], int(arguments["count"]), float(arguments["duration_s"])))
     sys.stdout.write(json.dumps([page.as_dict() for page in pages]))
 

@@ -20,7 +20,7 @@ M = TypeVar("M", bound=Message)
 PATIENCE_S = 5.0
 SHORTEST_WAIT_S = 0.002
 LONGEST_WAIT_S = 0.02
-"""Conditions read logs and whole reports: asked more often, they slow down what they wait for."""
+"""Conditions read logs and whole reports. Polled more often, they would slow down what they wait for."""
 START_NS = 1_700_000_000_000_000_000
 
 
@@ -44,9 +44,9 @@ async def until(condition: Callable[[], bool], patience_s: float = PATIENCE_S, w
     """Wait for `condition`; fail, saying `what`, if it does not come true in time.
 
     Args:
-        condition: is asked every few milliseconds, less often the longer it takes.
+        condition: polled every few milliseconds, less often the longer it takes.
         patience_s: time that is enough on a quiet machine.
-        what: what is waited for.
+        what: description of the condition.
     """
     patience, wait_s = Patience(patience_s), SHORTEST_WAIT_S
     while not condition():
@@ -77,13 +77,13 @@ class Bench:
         self._publishers[key].put(message)
 
     def collect(self, topic: Topic[M], name: str = ANY) -> list[M]:
-        """Return a list that grows with what arrives on `topic`."""
+        """Return a list that grows with the messages on `topic`."""
         seen: list[M] = []
         self.bus.subscribe(topic, lambda message, _name: seen.append(message), name)
         return seen
 
     async def settle(self, rounds: int = 10) -> None:
-        """Let everything that is on its way arrive and be handled."""
+        """Wait until all messages on their way have arrived and been handled."""
         for _ in range(rounds):
             await asyncio.sleep(0)
         for launch in self._launches:

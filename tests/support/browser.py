@@ -20,7 +20,7 @@ FLAGS = (
 
 
 def installed() -> str | None:
-    """Return where it is; none where there is none."""
+    """Return the path of an installed browser, or None."""
     return next((path for name in NAMES if (path := shutil.which(name))), None)
 
 

@@ -41,7 +41,7 @@ class Site:
         return (self.a, self.b, self.c)
 
     async def settle(self) -> None:
-        """Return when what each has declared is known to all (declarations travel in order)."""
+        """Return when each declaration is known to all (declarations travel in order)."""
         await settled(*self.buses)
 
 
@@ -63,7 +63,7 @@ def _adder(names: set[str]) -> Callable[[str, bool], None]:
 
 @asynccontextmanager
 async def site_of(kind: str, name: str = "lab") -> AsyncGenerator[Site]:
-    """Yield three participants, joined the way `kind` says."""
+    """Yield three participants, joined as `kind` says."""
     async with contextlib.AsyncExitStack() as stack:
         buses: list[Bus] = []
         if kind == "memory":
@@ -84,7 +84,7 @@ async def site_of(kind: str, name: str = "lab") -> AsyncGenerator[Site]:
 
 
 def free_port() -> int:
-    """Return a port of 127.0.0.1 that nobody listens on."""
+    """Return a free port of 127.0.0.1."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         port: int = probe.getsockname()[1]

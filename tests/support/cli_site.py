@@ -21,7 +21,7 @@ from tests.support.pace import slowness
 
 @dataclass
 class Site:
-    """The listening end of the bus: what `pointit run` would be."""
+    """The listening end of the bus, in place of `pointit run`."""
 
     bus: ZenohBus
     endpoint: str
@@ -84,7 +84,7 @@ class Site:
 
 
 async def interrupt(process: asyncio.subprocess.Process) -> tuple[int, float]:
-    """Send what Ctrl-C sends; return the exit code and how long it took, s on a quiet machine."""
+    """Send SIGINT as Ctrl-C does. Return the exit code and the time to end, s on a quiet machine."""
     began_s = time.monotonic()
     process.send_signal(signal.SIGINT)
     code = await asyncio.wait_for(process.wait(), PATIENCE_S)

@@ -33,7 +33,7 @@ from tests.support.bench import until
 
 PATIENCE_S = 30.0
 START_S = 0.6
-"""How long a command takes to start on a quiet machine."""
+"""Start time of a command on a quiet machine, s."""
 _numbers = itertools.count()
 
 
@@ -63,7 +63,7 @@ class Ended:
 
 
 class Command:
-    """A running command; what it prints goes to files, so that it never waits for a reader."""
+    """A running command. Its output goes to files, so that it never waits for a reader."""
 
     def __init__(self, arguments: Sequence[str], folder: Path, environment: Mapping[str, str]) -> None:
         self._out = folder / f"{next(_numbers)}.out"
@@ -117,7 +117,7 @@ class Command:
         return self._ended(self._began_s)
 
     async def stop(self, number: int = signal.SIGINT) -> Ended:
-        """Send what Ctrl-C sends, or another signal, and wait for the end."""
+        """Send SIGINT as Ctrl-C does, or another signal, and wait for the end."""
         began_s = time.monotonic()
         self.process.send_signal(number)
         await until(lambda: not self.is_running, PATIENCE_S, f"its end; it says {self.err[-2000:]}")
@@ -148,7 +148,7 @@ class Commands:
         self._started: list[Command] = []
 
     def start(self, *arguments: str, environment: Mapping[str, str] | None = None) -> Command:
-        """Start `pointit …`; a run has no page, which takes time, unless something is said of it."""
+        """Start `pointit …`. A run has no page, which takes time, unless an argument asks for one."""
         return self.run([sys.executable, "-m", "pointit.cli", *without_page(arguments)], environment)
 
     def run(self, arguments: Sequence[str], environment: Mapping[str, str] | None = None) -> Command:
@@ -168,7 +168,7 @@ class Commands:
 
 @dataclass
 class Onlooker:
-    """What somebody sees who joins a site and only looks on."""
+    """The messages of a site as seen by a participant that only observes."""
 
     bus: ZenohBus
     present: set[str] = field(default_factory=set[str])
@@ -222,7 +222,7 @@ def _change(names: set[str], name: str, *, here: bool) -> None:
 
 @contextlib.asynccontextmanager
 async def onlooker(endpoint: str, site: str = "lab") -> AsyncGenerator[Onlooker]:
-    """Yield somebody who looks on at `site`, as soon as it is there."""
+    """Yield an observer of `site`, as soon as the site is there."""
     async with asyncio.timeout(PATIENCE_S):
         bus = await ZenohBus.open(Link(site=site, connect=(endpoint,)))
     seen = Onlooker(bus)
@@ -234,7 +234,7 @@ async def onlooker(endpoint: str, site: str = "lab") -> AsyncGenerator[Onlooker]
 
 
 async def start_delay_s(pointit: Callable[..., Awaitable[Ended]]) -> float:
-    """Return how much longer a command takes to start on this machine as busy as it is now, s."""
+    """Return the extra start time of a command on this machine under its current load, s."""
     return max(0.0, (await pointit("doctor", "--help")).took_s - START_S)
 
 

@@ -1,4 +1,4 @@
-"""Where the recordings are; tests that need them skip, saying so, where they are absent."""
+"""The folder of recordings. Tests that need them are skipped with a reason if they are missing."""
 
 import os
 from pathlib import Path

@@ -14,19 +14,19 @@ from tests.architecture.sources import ROOT
 
 INSTALL_S = 500.0
 PIP = ("-m", "pip", "install", "--disable-pip-version-check", "--no-compile")
-"""Most of what is fetched is never imported: what is, is compiled then."""
+"""Most modules are never imported. Imported ones are compiled then."""
 
 
 def python_of(name: str, requirements: Path, what: str, say: Callable[[str], None]) -> Path:
     """Return the Python of an environment, made first where its list is new: a minute or two.
 
-    Skips the test, with what pip said, where it cannot be made.
+    Skips the test, with pip's message, if it cannot be made.
 
     Args:
         name: of the environment's folder, beside .venv.
         requirements: the list of what has to be in it, for pip.
         what: what that is, for people.
-        say: told what goes on.
+        say: prints progress.
     """
     folder = ROOT / name
     python, stamp = folder / "bin" / "python", folder / ".installed"

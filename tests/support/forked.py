@@ -26,7 +26,7 @@ def run(arguments: Sequence[str], patience_s: float) -> tuple[int, str, str]:
         patience_s: seconds after which it is killed.
 
     Returns:
-        The exit code, what it printed, and what it printed as errors.
+        The exit code, the standard output and the standard error.
     """
     with tempfile.TemporaryDirectory() as folder:
         out, err = Path(folder, "out"), Path(folder, "err")

@@ -9,7 +9,7 @@ LINK = re.compile(r'href="([^"]+)"')
 
 
 def link_in(printed: str) -> str:
-    """Return the link in the file that what was `printed` names last."""
+    """Return the link in the last file named in `printed`."""
     path = Path(FILE.findall(printed)[-1])
     assert path.stat().st_mode & 0o077 == 0
     return html.unescape(LINK.findall(path.read_text(encoding="utf-8"))[0])

@@ -1,4 +1,4 @@
-"""How busy this machine is: durations in tests are those of a quiet one."""
+"""Load of this machine: durations in tests are those of a quiet one."""
 
 import os
 import subprocess
@@ -6,13 +6,13 @@ import sys
 import time
 
 START_S = 0.1
-"""How long Python takes to start on a quiet machine."""
+"""Start time of Python on a quiet machine, s."""
 MOST = 5.0
 """Upper limit of how many times as long a test is patient."""
 
 
 def slowness() -> float:
-    """Return how many times as long as on a quiet machine things take now; 1 at least."""
+    """Return the factor by which this machine is slower now than when quiet, at least 1."""
     began_s = time.monotonic()
     subprocess.run([sys.executable, "-c", "pass"], check=True, timeout=60)
     start = (time.monotonic() - began_s) / START_S

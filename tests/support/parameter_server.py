@@ -1,4 +1,4 @@
-"""A ROS node with parameters: what it answers, and a graph in which there is nobody else."""
+"""A ROS node with parameters: its answers, and a graph without other nodes."""
 
 from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import dataclass, field
@@ -13,7 +13,7 @@ NODE = "/pui"
 
 
 class ParameterServer:
-    """Parameters as nodes of rclcpp and rclpy tell them."""
+    """Parameters in the form in which rclcpp and rclpy nodes report them."""
 
     def __init__(self, types: Types, parameters: Mapping[str, Any]) -> None:
         self.types = types
@@ -47,7 +47,7 @@ class ParameterServer:
 
 @dataclass
 class OneNode:
-    """A backend in a graph with one other node, `NODE` unless it is said."""
+    """A backend in a graph with one other node, by default `NODE`."""
 
     server: ParameterServer
     node: str = "/pointit_map"
@@ -55,7 +55,7 @@ class OneNode:
     name: str = NODE
     domain: int = 0
     hash: str = "RIHS01_3e6062bfbb27bfb8730d4cef2558221f51a11646d78e7bb30a1e83afac3aad9d"
-    """Of `ListParameters`."""
+    """Type hash of `ListParameters`."""
     serves: bool = True
     nodes: frozenset[str] = frozenset({"/pointit_map", NODE})
     answers: dict[str, Callable[[bytes], Awaitable[bytes]]] = field(
@@ -90,7 +90,7 @@ class OneNode:
 
 
 class Watch:
-    """Counts in its node who has not been closed."""
+    """Counts in its node the open watches."""
 
     def __init__(self, of: OneNode) -> None:
         self._of = of

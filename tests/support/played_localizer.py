@@ -34,7 +34,7 @@ EYES: Vec3 = (0.0, 0.0, 1.64)
 
 @dataclass
 class PlayedLocalizer:
-    """Answers the requests of one person, who errs by known angles."""
+    """Answers the requests of one person with known angular errors."""
 
     bus: Bus
     user: str
@@ -42,11 +42,11 @@ class PlayedLocalizer:
     too_low_rad: float = math.radians(4.0)
     """By how much the person's rays are below their targets."""
     yaw_rad: float = 0.3
-    """Of the pose, as it is known; anchors set it right."""
+    """Yaw of the known pose, corrected by anchors."""
     true_yaw_rad: float = 0.3 + math.radians(6.0)
     """The rays are to the right of the targets by the difference."""
     rejects: tuple[str, ...] = ()
-    """Lamps whose anchors are not accepted."""
+    """Lamps whose anchors are rejected."""
     hangs: bool = False
     """Whether pointing comes to no end."""
     asked: list[str] = field(default_factory=list[str])

@@ -35,7 +35,7 @@ class PtyDevice:
         fresh.replace(self.path)
 
     def unplug(self) -> None:
-        """Go away; whoever reads or writes gets the errors of a removed device."""
+        """Unplug the device. Readers and writers get the errors of a removed device."""
         self.path.unlink(missing_ok=True)
         master, slave, self.master, self._slave = self.master, self._slave, -1, -1
         for end in (slave, master):
@@ -43,7 +43,7 @@ class PtyDevice:
                 os.close(end)
 
     def send(self, data: bytes) -> None:
-        """Send, or lose what the program does not read in time, as a real wire does."""
+        """Send, or lose data that the program does not read in time, as a real wire does."""
         with contextlib.suppress(BlockingIOError):
             os.write(self.master, data)
 

@@ -1,4 +1,4 @@
-"""Messages to send, and places to put what arrives."""
+"""Messages to send, and collectors of received ones."""
 
 import asyncio
 import time
@@ -23,7 +23,7 @@ def profile(seq: int) -> UserProfile:
 
 
 class Sink:
-    """Keeps what a subscription hands over, as (name, seq)."""
+    """Keeps the messages of a subscription as (name, seq)."""
 
     def __init__(self) -> None:
         self.messages: list[Message] = []
@@ -38,7 +38,7 @@ class Sink:
 
 
 async def reached(publisher: Publisher[ImuSample], *sinks: Sink) -> None:
-    """Put until everybody has got something: *latest* promises nothing to who is not known yet."""
+    """Publish until every sink has a message: *latest* promises nothing to subscribers not known yet."""
     deadline_s = time.monotonic() + 5
     while not all(sink.seen for sink in sinks):
         assert time.monotonic() < deadline_s
@@ -52,7 +52,7 @@ async def reached(publisher: Publisher[ImuSample], *sinks: Sink) -> None:
 
 
 class Roll:
-    """Who is present, as a watcher was told."""
+    """The present names, as reported to a watcher."""
 
     def __init__(self) -> None:
         self.told: list[tuple[str, bool]] = []

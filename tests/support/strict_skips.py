@@ -1,6 +1,6 @@
 """A plugin (`-p tests.support.strict_skips`): a test that is skipped for a reason not listed here fails.
 
-Continuous integration takes it, so that what a machine lacks cannot hide tests from it unseen.
+Continuous integration uses it, so that a missing tool cannot hide tests unnoticed.
 """
 
 import re

@@ -1,4 +1,4 @@
-"""A process that is told by lines of JSON what to do."""
+"""A process that is controlled by lines of JSON."""
 
 import asyncio
 import json
@@ -25,13 +25,13 @@ class Told:
         Args:
             name: for people.
             command: with its arguments.
-            said: the file that takes its standard error.
-            environment: its variables; ours where there are none.
+            said: the file for its standard error.
+            environment: its variables, by default ours.
         """
         self.name = name
         self._said = said
         self._turn = threading.Lock()
-        """Answers carry no names: who asks waits until the one before has been answered."""
+        """Answers carry no names: each query waits until the one before has been answered."""
         with said.open("w") as stderr:
             self._process = subprocess.Popen(
                 command,
@@ -43,7 +43,7 @@ class Told:
             )
 
     def wait(self) -> None:
-        """Return when it is ready, which it says by `{}`."""
+        """Return when it is ready, which it reports by `{}`."""
         line = self._line()
         assert line == "{}\n", f"{self.name}: {line} {self.complaints()[-2000:]}"
 
@@ -53,7 +53,7 @@ class Told:
         self._process.communicate()
 
     def end(self) -> None:
-        """Let it end by itself, which it does when nothing more is to be told."""
+        """Close its input and wait for its end."""
         self._process.communicate()
         assert self._process.returncode == 0, f"{self.name}: {self.complaints()[-2000:]}"
 
@@ -62,11 +62,11 @@ class Told:
         return self._process.poll() is None
 
     def complaints(self) -> str:
-        """Return what it has written to standard error."""
+        """Return its standard error."""
         return self._said.read_text()
 
     def ask(self, **order: Any) -> Any:
-        """Tell it `order`; return what it answers."""
+        """Send `order` and return the answer."""
         assert self._process.stdin is not None
         with self._turn:
             self._process.stdin.write(json.dumps(order) + "\n")
@@ -78,11 +78,11 @@ class Told:
         return answer["value"]
 
     async def do(self, what: str, **order: Any) -> Any:
-        """Tell it to do something, while the loop goes on; return what it answers."""
+        """Send an order without blocking the loop. Return the answer."""
         return await asyncio.to_thread(self.ask, do=what, **order)
 
     async def until(self, what: str, fits: Callable[[Any], object], **order: Any) -> Any:
-        """Tell it again and again until the answer fits; return that."""
+        """Repeat an order until the answer fits. Return that."""
         patience = Patience(PATIENCE_S)
         while not fits(answer := await self.do(what, **order)):
             late = patience.is_over()

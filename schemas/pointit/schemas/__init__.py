@@ -1,4 +1,4 @@
-"""What travels: messages, their bytes, and the table of topics."""
+"""Messages, their encoding, and the table of topics."""
 
 from pointit.schemas.base import FARTHEST, NS_PER_S, Message, Query, Reply, SchemaModel
 from pointit.schemas.codec import decode, encode, pack, summarize_validation_error

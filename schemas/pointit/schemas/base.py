@@ -1,4 +1,4 @@
-"""What every message shares: immutability, strictness, units and the time of capture."""
+"""Bases of all messages: immutability, strictness, units and the time of capture."""
 
 import math
 from typing import Annotated, ClassVar, TypeVar
@@ -8,7 +8,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, FailFast, Field
 T = TypeVar("T")
 
 UNIT_TOLERANCE = 1e-3
-"""How far the norm of a unit vector or quaternion may be from 1 and still be taken (float32 devices)."""
+"""Accepted deviation of the norm of a unit vector or quaternion from 1 (float32 devices)."""
 
 
 def _unit(values: tuple[float, ...]) -> tuple[float, ...]:
@@ -30,7 +30,7 @@ Ns = Annotated[int, Field(ge=0, lt=2**63)]
 """A time in ns that fits 64 bits."""
 
 Count = Annotated[int, Field(ge=0, lt=2**63)]
-"""How many, in 64 bits."""
+"""A 64-bit count."""
 
 Real = Annotated[float, Field(ge=-FARTHEST, le=FARTHEST)]
 """A coordinate, speed or angle."""
@@ -72,7 +72,7 @@ Rgb = tuple[
 
 
 Many = Annotated[tuple[T, ...], FailFast()]
-"""Any number of them; the first that is wrong is the only one told: a million complaints take seconds."""
+"""Any number of items. Only the first invalid one is reported: a million errors would take seconds."""
 
 
 class SchemaModel(BaseModel):
@@ -103,7 +103,7 @@ class Message(SchemaModel):
 
 
 class Query(SchemaModel):
-    """What a request asks; same rules as a message, no time of its own."""
+    """The content of a request. Same rules as a message, without a time of its own."""
 
     version: ClassVar[int] = 1
 
@@ -114,6 +114,6 @@ class Query(SchemaModel):
 
 
 class Reply(Query):
-    """What a request answers."""
+    """The answer to a request."""
 
-    message: Annotated[str, Field(description="one sentence for a person: what was done")] = ""
+    message: Annotated[str, Field(description="the effect, in one sentence for a person")] = ""

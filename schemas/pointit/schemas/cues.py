@@ -1,7 +1,7 @@
-"""What a person hears and feels of each cue, and what a state lamp shows: one line a cue.
+"""Sound, vibration and state-lamp colour of each cue, one line per cue.
 
 Cues differ in all three, so that each sense alone tells them apart. The colours are of Okabe and Ito's
-palette (Color Universal Design, 2008), which colour-blind people tell apart, and differ in lightness as well.
+palette (Color Universal Design, 2008), distinguishable by colour-blind people, and differ in lightness.
 """
 
 from dataclasses import dataclass

@@ -25,7 +25,7 @@ Line = Annotated[Many[Vec3], Field(min_length=2)]
 """A polyline, vertices in {W}, metres."""
 
 BESIDE_BELT_M = 0.1
-"""A pixel of a strip shows what is on a belt when it is no farther beside the belt's edge."""
+"""Strip pixels up to this distance beside a belt's edge show objects on the belt."""
 
 
 class Lamp(SchemaModel):
@@ -58,13 +58,13 @@ class BeltLink(SchemaModel):
     source: str
     target: str
     source_position_m: Annotated[
-        Along | None, Field(description="arc length on `source` where they leave it; empty: its end")
+        Along | None, Field(description="arc length on `source` where they leave it; None for its end")
     ] = None
     target_position_m: Annotated[Along, Field(description="arc length on `target` where they enter it")] = 0.0
 
 
 class Bay(SchemaModel):
-    """Where objects leave the conveyor: the end of a belt."""
+    """The end of a belt, where objects leave the conveyor."""
 
     id: Name
     belt: str
@@ -91,7 +91,7 @@ class Plane(SchemaModel):
     id: Name
     center_m: Vec3
     normal: UnitVec3
-    size_m: Annotated[tuple[Size, Size] | None, Field(description="along u and v; empty: without end")] = None
+    size_m: Annotated[tuple[Size, Size] | None, Field(description="along u and v; None if unbounded")] = None
 
 
 class Cylinder(SchemaModel):
@@ -112,7 +112,7 @@ class Sphere(SchemaModel):
 
 
 class Cloud(SchemaModel):
-    """A point cloud, read from a file by whoever casts; only what it is travels."""
+    """A point cloud, read from a file by the process that casts rays. The points are not in the message."""
 
     id: Name
     points: Count
@@ -149,17 +149,17 @@ KIND_COLORS: dict[str, Rgb] = {
     "orange": (230, 120, 0),
     "purple": (190, 80, 170),
 }
-"""How kinds of objects are shown, on strips and by every viewer, unless a configuration says otherwise.
+"""Colours of the kinds of objects, on strips and in viewers, unless configured otherwise.
 
-Near Okabe and Ito's colours, told apart by colour-blind people; more saturated, as LEDs wash out.
+Near Okabe and Ito's colours, distinguishable by colour-blind people. More saturated, as LEDs wash out.
 """
 
 OTHER_COLOR: Rgb = (200, 200, 200)
-"""Of any other kind."""
+"""Colour of any other kind."""
 
 
 class TrackedObject(SchemaModel):
-    """A thing whose place is known: a package, a segment, a robot."""
+    """An object with a known position: a package, a segment, a robot."""
 
     id: str
     kind: str
@@ -170,18 +170,18 @@ class TrackedObject(SchemaModel):
     surface_id: str = ""
     surface_position_m: Annotated[Along, Field(description="arc length of its centre on the surface")] = 0.0
     surface_speed_mps: Annotated[Real, Field(description="along the surface, signed")] = 0.0
-    bay: Annotated[str, Field(description="where it is on its way to; empty: not decided, or nowhere")] = ""
+    bay: Annotated[str, Field(description="its destination; empty if undecided or none")] = ""
     bay_until_ns: Annotated[
         Ns | None,
         Field(
             description="until then, at the present speeds, (de)selecting it changes its bay; 0: it is too "
-            "late; empty: no limit is known"
+            "late; None if no limit is known"
         ),
     ] = None
 
 
 class TrackedObjects(Message):
-    """All tracked objects of one tracker at one time; an object that is no longer listed has left."""
+    """All tracked objects of one tracker at one time. An object that is no longer listed has left."""
 
     version: ClassVar[int] = 3
 
@@ -191,24 +191,24 @@ class TrackedObjects(Message):
     objects: Many[TrackedObject] = ()
     latency_sigma_s: Annotated[
         Extent | None,
-        Field(description="1 sigma of the time from `stamp_ns` to that of the positions; empty: unknown"),
+        Field(description="1 sigma of the time from `stamp_ns` to that of the positions; None if unknown"),
     ] = None
 
 
 class BeltSpeed(SchemaModel):
-    """How fast one belt runs."""
+    """The speed of one belt."""
 
     id: str
     speed_mps: Real
 
 
 class BayCount(SchemaModel):
-    """What came out at a bay."""
+    """Counts of the objects that came out at a bay."""
 
     bay: str
     kind: str
     count: Count
-    selected: Annotated[Count, Field(description="of these, how many were selected")] = 0
+    selected: Annotated[Count, Field(description="number of selected ones among them")] = 0
 
 
 class Departure(SchemaModel):
@@ -216,12 +216,12 @@ class Departure(SchemaModel):
 
     object_id: str
     stamp_ns: Ns
-    bay: Annotated[str, Field(description="empty: where a belt ends")] = ""
-    user: Annotated[str, Field(description="for whom it was sent there; empty: nobody")] = ""
+    bay: Annotated[str, Field(description="empty for a belt's end")] = ""
+    user: Annotated[str, Field(description="person for whom it was sent there, or empty")] = ""
 
 
 class ConveyorState(Message):
-    """What the conveyor does."""
+    """The state of the conveyor."""
 
     version: ClassVar[int] = 4
 
@@ -231,15 +231,15 @@ class ConveyorState(Message):
     belts: Annotated[Many[BeltSpeed], Field(description="those with a speed of their own")] = ()
     bays: Many[BayCount] = ()
     refused: Annotated[Count, Field(description="selections that came past the point of no return")] = 0
-    step: Annotated[str, Field(description="of a feeding schedule; empty: there is none")] = ""
-    feeding: Annotated[bool, Field(description="false: the feeders rest until they are let again")] = True
+    step: Annotated[str, Field(description="of a feeding schedule, or empty without one")] = ""
+    feeding: Annotated[bool, Field(description="false while the feeders are stopped")] = True
     departures: Annotated[
         Many[Departure], Field(description="the latest objects that left and were selected, oldest first")
     ] = ()
 
 
 class LampColor(Message):
-    """What a single lamp shows; black is off."""
+    """The colour of a single lamp. Black is off."""
 
     color: Rgb
 

@@ -1,4 +1,4 @@
-"""What can be wrong with what travels.
+"""Errors in messages and keys.
 
 SchemaError
 ├── DecodeError     bytes that are not the message they should be
@@ -11,8 +11,8 @@ class SchemaError(ValueError):
 
 
 class DecodeError(SchemaError):
-    """Bytes do not decode, or do not validate as the message of their key."""
+    """Bytes do not decode, or are not valid as the message of their key."""
 
 
 class KeyNameError(SchemaError):
-    """A user, lamp or service name contains what a key cannot hold."""
+    """A user, lamp or service name contains characters that a key cannot hold."""

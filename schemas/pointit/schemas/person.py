@@ -1,4 +1,4 @@
-"""What a person wears, does and is: IMU samples, button presses, the profile."""
+"""Messages of a person's devices and profile: IMU samples, button presses, body measures."""
 
 from typing import Annotated, ClassVar, Literal
 
@@ -18,17 +18,17 @@ from pointit.schemas.base import (
 )
 
 WRIST_PATIENCE_S = 1.0
-"""A page has a person's wrist until it has sent no `WristSample` for so long, wall seconds.
+"""A page controls a person's wrist until it has sent no `WristSample` for this long (s, wall clock).
 
-Whoever else moves that wrist says nothing meanwhile; all take the same time, or two would move it at once.
+Other sources of that wrist's motion pause meanwhile. All use the same time, or two would move it at once.
 """
 
 
 class ImuSample(Message):
     """Orientation of the arm: rotates vectors of the arm frame (x along the arm to the finger) into {H}.
 
-    {H} is at the person's feet, z up, x forward at IMU yaw 0. The mounting of the sensor on the arm is
-    already taken out by whoever publishes.
+    {H} is at the person's feet, z up, x forward at IMU yaw 0. The publisher has already removed the mounting
+    of the sensor on the arm.
     """
 
     version: ClassVar[int] = 2
@@ -41,16 +41,16 @@ class ImuSample(Message):
     yaw_epoch: Annotated[
         Count,
         Field(
-            description="counts how often the yaw origin was set anew, by a request, a new mounting or a "
+            description="number of resets of the yaw origin, by a request, a new mounting or a "
             "restarted device"
         ),
     ] = 0
 
 
 class WristSample(Message):
-    """Orientation of a person's hand as a page reports it: of the arm a mouse moves, or of a phone.
+    """Orientation of a person's hand as a page reports it: of the arm that a mouse moves, or of a phone.
 
-    Comes at least five times a second as long as the page has the person's wrist, be it moved or not.
+    Sent at least five times a second while the page controls the person's wrist, moving or not.
     """
 
     orientation_xyzw: Annotated[
@@ -114,7 +114,7 @@ class PointingOffset(SchemaModel):
 
 
 class UserProfile(Message):
-    """Who the person is to the system: body measures, handedness, colour of the cursor."""
+    """Profile of the person: body measures, handedness, colour of the cursor."""
 
     version: ClassVar[int] = 3
 
@@ -126,11 +126,11 @@ class UserProfile(Message):
         Literal["eye_finger", "shoulder_arm", "forearm"],
         Field(description="from the eyes through the fingertip, from the shoulder or from the elbow"),
     ] = "eye_finger"
-    offset: Annotated[PointingOffset | None, Field(description="empty: not calibrated")] = None
+    offset: Annotated[PointingOffset | None, Field(description="None if not calibrated")] = None
     cursor_colormap: Annotated[
-        str, Field(max_length=32, description="of the cursor by distance, such as viridis; empty: its colour")
+        str, Field(max_length=32, description="of the cursor by distance, such as viridis, or empty")
     ] = ""
     pattern: Annotated[
         Literal["solid", "dashed", "dotted", "striped", "hollow", "tailed"],
-        Field(description="second sign of what is this person's, beside the colour"),
+        Field(description="mark of this person's things, besides the colour"),
     ] = "solid"

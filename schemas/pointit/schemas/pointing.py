@@ -1,4 +1,4 @@
-"""Where the person points: the ray, the pose it starts from, the cursor, the object under it."""
+"""Messages of pointing: the ray, the pose it starts from, the cursor, the object under it."""
 
 from typing import Annotated, ClassVar, Literal
 
@@ -26,16 +26,16 @@ Covariance = Annotated[
     tuple[_Cov, _Cov, _Cov, _Cov, _Cov, _Cov, _Cov, _Cov, _Cov],
     Field(description="of (x, y, yaw of pointing), row by row, m², m·rad, rad²"),
 ]
-"""Of a pose on the floor."""
+"""Covariance of a pose on the floor."""
 
 SurfaceKind = Literal["none", "strip", "belt", "lamp", "points"]
-"""What a cursor can be on; `none` when the ray passes everything by, or meets something with an area."""
+"""Surface under a cursor. `none` if the ray meets nothing, or a solid."""
 
 LINES: tuple[SurfaceKind, ...] = ("strip", "belt")
 """Surfaces with an arc length; on all others places are compared in space."""
 
 Solid = Literal["", "box", "plane", "cylinder", "sphere"]
-"""What has an area and can be pointed at; empty: the cursor is on none."""
+"""Solid under a cursor, or `""` if the cursor is on none."""
 
 
 class PointingRay(Message):
@@ -44,7 +44,7 @@ class PointingRay(Message):
     version: ClassVar[int] = 2
 
     origin_m: Vec3
-    direction: Annotated[UnitVec3, Field(description="filtered, the person's offset taken out")]
+    direction: Annotated[UnitVec3, Field(description="filtered, without the person's offset")]
     raw_direction: Annotated[
         UnitVec3 | None, Field(description="of the model alone: neither filtered nor corrected")
     ] = None
@@ -54,7 +54,7 @@ class PointingRay(Message):
     elevation_correction_rad: Annotated[Real, Field(description="the same of the elevation")] = 0.0
     elevation_sigma_rad: Annotated[
         Extent | None,
-        Field(description="1 sigma of the person's elevation error that is left; empty: not calibrated"),
+        Field(description="1 sigma of the person's remaining elevation error; None if not calibrated"),
     ] = None
 
 
@@ -72,14 +72,12 @@ class UserPose(Message):
     ] = 0.0
     residual_rad: Annotated[Extent, Field(description="rms angle between rays and targets")] = 0.0
     samples: Annotated[int, Field(ge=0)] = 0
-    yaw_rate_radps: Annotated[
-        Real, Field(description="how fast `yaw_rad` changes because the IMU's yaw drifts")
-    ] = 0.0
-    yaw_rate_sigma_radps: Annotated[Extent | None, Field(description="its 1 sigma; empty: not estimated")] = (
-        None
-    )
+    yaw_rate_radps: Annotated[Real, Field(description="rate of `yaw_rad` due to the IMU's yaw drift")] = 0.0
+    yaw_rate_sigma_radps: Annotated[
+        Extent | None, Field(description="its 1 sigma, or None if not estimated")
+    ] = None
     anchored_ns: Annotated[
-        Ns, Field(description="when pointing at a known place last told the pose; 0: never")
+        Ns, Field(description="last time at which pointing at a known point determined the pose; 0 if never")
     ] = 0
     z_sigma_m: Annotated[Extent, Field(description="1 sigma of the height; 0: the floor is known")] = 0.0
 
@@ -92,47 +90,47 @@ class Candidate(SchemaModel):
 
 
 class Localization(Message):
-    """Progress of one localization, as the person and a dashboard should see it."""
+    """Progress of one localization, for the person and a dashboard."""
 
     version: ClassVar[int] = 3
 
     phase: Literal["idle", "sampling", "solved", "refused", "cancelled"]
-    target_id: Annotated[str, Field(description="lamp or robot to point at now; empty when none")] = ""
+    target_id: Annotated[str, Field(description="lamp or robot to point at now, or empty")] = ""
     target_index: Annotated[int, Field(ge=0)] = 0
     target_count: Annotated[int, Field(ge=0)] = 0
     samples: Annotated[int, Field(ge=0, description="rays gathered so far")] = 0
     since_ns: Annotated[Ns, Field(description="when this localization began; 0: none has")] = 0
     progress: Fraction = 0.0
     residual_rad: Extent | None = None
-    reason: Annotated[str, Field(description="why it was refused and what to do")] = ""
+    reason: Annotated[str, Field(description="reason of a refusal and the remedy")] = ""
     purpose: Annotated[
         Literal["pose", "anchor"],
         Field(description="to find the pose, or to set one right by pointing at one known place"),
     ] = "pose"
     position_sigma_m: Annotated[
-        Extent | None, Field(description="1 sigma along the worse direction, so far; empty: unknown")
+        Extent | None, Field(description="1 sigma along the worse direction, so far; None if unknown")
     ] = None
-    yaw_sigma_rad: Annotated[Extent | None, Field(description="1 sigma so far; empty: unknown")] = None
+    yaw_sigma_rad: Annotated[Extent | None, Field(description="1 sigma so far, or None if unknown")] = None
     candidates: Annotated[
         Many[Candidate], Field(description="of several robots, which may be meant; the likeliest first")
     ] = ()
     ahead: Annotated[
         Many[str],
-        Field(description="who uses the lamps, who is before them; then they wait, not sampling"),
+        Field(description="people at the lamps or ahead in the queue; the person waits, not sampling"),
     ] = ()
 
 
 class Anchor(Message):
-    """One pointing at a known place without a cursor: what tells a person's offset and an IMU's drift.
+    """One pointing at a known point without a cursor, which shows a person's offset and an IMU's drift.
 
     `stamp_ns`: the middle of the hold.
     """
 
-    target_id: Annotated[str, Field(description="lamp or object; empty: a direction only")] = ""
+    target_id: Annotated[str, Field(description="lamp or object; empty for a mere direction")] = ""
     target_m: Annotated[Vec3 | None, Field(description="{W}")] = None
     origin_m: Annotated[Vec3, Field(description="of the ray, {H}")]
     raw_direction: Annotated[UnitVec3, Field(description="mean of the raw rays, {H}")]
-    direction: Annotated[UnitVec3, Field(description="the same with the person's offset taken out")]
+    direction: Annotated[UnitVec3, Field(description="the same without the person's offset")]
     spread_rad: Annotated[Extent, Field(description="rms of the rays about their mean")] = 0.0
     samples: Annotated[int, Field(ge=0)] = 0
     position_m: Annotated[Vec3, Field(description="of {H} in {W} before this anchor")] = (0.0, 0.0, 0.0)
@@ -142,11 +140,11 @@ class Anchor(Message):
     ] = 0.0
     elevation_error_rad: Annotated[Real, Field(description="the same; positive: the target is higher")] = 0.0
     accepted: Annotated[bool, Field(description="whether the pose was set right by it")] = True
-    reason: Annotated[str, Field(description="why it was not, and what to do")] = ""
+    reason: Annotated[str, Field(description="reason of a rejection and the remedy")] = ""
 
 
 class LampMiss(SchemaModel):
-    """How far the ray passes a lamp."""
+    """Distance at which the ray passes a lamp."""
 
     id: str
     miss_rad: Extent
@@ -168,7 +166,7 @@ class Passed(SchemaModel):
 
 
 class Cursor(Message):
-    """Where the pointing ray meets the environment, in {W}."""
+    """The intersection of the pointing ray with the environment, in {W}."""
 
     version: ClassVar[int] = 3
 
@@ -200,29 +198,29 @@ class Hover(Message):
     object_id: Annotated[str, Field(description="empty when none")] = ""
     progress: Fraction = 0.0
     action: Annotated[
-        Literal["", "select", "deselect", "refuse"], Field(description="what staying there would do")
+        Literal["", "select", "deselect", "refuse"], Field(description="effect of dwelling there")
     ] = ""
-    taken_by: Annotated[str, Field(description="who else has it selected, or is about to")] = ""
+    taken_by: Annotated[str, Field(description="other person who has selected or reserved it")] = ""
     is_selected: bool = False
     snapped_m: Annotated[
-        Vec3 | None, Field(description="where the cursor is drawn to, {W}; the true one is the cursor's")
+        Vec3 | None, Field(description="position that attracts the cursor, {W}; the true one is the cursor's")
     ] = None
     snapped_position_m: Annotated[
-        Along | None, Field(description="the same along the cursor's surface; empty: not drawn to anything")
+        Along | None, Field(description="the same along the cursor's surface; None if nothing attracts it")
     ] = None
     miss_rad: Annotated[Extent | None, Field(description="from the ray to the object, 0: on it")] = None
 
 
 class Interaction(Message):
-    """Where the person is in the interaction's life cycle (paper, §II-D), and what they should do next."""
+    """State of the person in the interaction's life cycle (paper, §II-D), and their next step."""
 
     version: ClassVar[int] = 3
 
     state: Literal["idle", "localizing", "pointing"]
-    next_step: Annotated[str, Field(description="one sentence for the person")] = ""
+    next_step: Annotated[str, Field(description="instruction to the person, in one sentence")] = ""
     reason: Annotated[str, Field(description="why the state was entered")] = ""
     ahead: Annotated[
-        Many[str], Field(description="who is to be localized first, in turn; empty: nobody, or no wish to be")
+        Many[str], Field(description="people to be localized before, in turn; also empty without a request")
     ] = ()
     is_unsure: Annotated[
         bool,
@@ -243,14 +241,14 @@ class Goal(Message):
     position_m: Vec3
     yaw_rad: Annotated[Real, Field(description="azimuth from the person to the place: facing on, on arrival")]
     surface_id: Annotated[
-        str, Field(description="level plane of the map it is on, or `workspace/horizontal`; empty: unknown")
+        str, Field(description="level plane of the map it is on, or `workspace/horizontal`; empty if unknown")
     ] = ""
     age_s: Annotated[Extent, Field(description="of that ray when the goal was given")]
     position_sigma_m: Annotated[
         Extent, Field(description="1 sigma along the worse direction, of the person's place and aim")
     ]
     clearance_m: Annotated[
-        Extent, Field(description="on the floor from the place to the nearest person whose place is known")
+        Extent, Field(description="on the floor from there to the nearest person with a known position")
     ]
     proposed_ns: Annotated[Ns, Field(description="stamp of the ray with which it was proposed")]
     confirmed_by: Annotated[
@@ -267,17 +265,17 @@ class Feedback(Message):
     text: str = ""
     chime: Annotated[
         Literal["", "up", "down", "single", "double", "buzz", "tick", "tock"],
-        Field(description="what is to be heard"),
+        Field(description="sound to play"),
     ] = ""
     haptic_ms: Annotated[
         Many[Annotated[int, Field(gt=0, le=2000)]],
-        Field(description="what is to be felt: on, off, on ..., ms; empty: nothing"),
+        Field(description="vibration pattern: on, off, on ..., ms; empty for none"),
     ] = ()
-    color: Annotated[Rgb | None, Field(description="what a state lamp is to show for a moment")] = None
-    target_id: Annotated[str, Field(description="what the person is asked to point at")] = ""
+    color: Annotated[Rgb | None, Field(description="short flash of a state lamp")] = None
+    target_id: Annotated[str, Field(description="target that the person should point at")] = ""
     waits: Annotated[bool, Field(description="there is nothing to do yet but wait for the next cue")] = False
-    point_m: Annotated[Vec3 | None, Field(description="the place that it is about, {W}; empty: none")] = None
+    point_m: Annotated[Vec3 | None, Field(description="position that it refers to, {W}, or None")] = None
     turn_rad: Annotated[
         tuple[Real, Real] | None,
-        Field(description="how far to turn, right and up, of one who points past everything; else empty"),
+        Field(description="rotation to the target, right and up, if the ray misses everything; else None"),
     ] = None

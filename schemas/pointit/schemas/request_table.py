@@ -24,7 +24,7 @@ SET_FEEDING = Request(
     query=requests.SetFeeding,
     reply=requests.Done,
     server="conveyor-sim",
-    about="let the feeders give packages, or rest",
+    about="start or stop the feeders",
 )
 RESET_CONVEYOR = Request(
     key="conveyor/reset",
@@ -94,7 +94,7 @@ RELEASE_OBJECT = Request(
     query=requests.ReleaseObject,
     reply=requests.Done,
     server="selector",
-    about="deselect or take over anybody's object",
+    about="deselect or take over an object of any person",
 )
 SET_WORKSPACE = Request(
     key="pui/{user}/set_workspace",
@@ -108,7 +108,7 @@ SET_METHOD = Request(
     query=requests.SetMethod,
     reply=requests.SetMethodReply,
     server="selector",
-    about="how staying on an object selects it",
+    about="how dwelling on an object selects it",
 )
 READ_HISTORY = Request(
     key="selector/history",
@@ -122,7 +122,7 @@ SET_TOLERANCE = Request(
     query=requests.SetTolerance,
     reply=requests.SetToleranceReply,
     server="pui",
-    about="how far a ray may pass what it points at",
+    about="how far a ray may pass its target",
 )
 RUN_SCENARIO = Request(
     key="run/scenario",

@@ -1,4 +1,4 @@
-"""What can be asked of a service, and what it answers."""
+"""Requests to services, and their replies."""
 
 from typing import Annotated, ClassVar, Literal
 
@@ -16,11 +16,11 @@ class AddPackage(Query):
     version: ClassVar[int] = 2
 
     kind: Annotated[str, Field(min_length=1, max_length=64)]
-    lane: Annotated[str, Field(description="strip or belt id; empty: the first lane")] = ""
+    lane: Annotated[str, Field(description="strip or belt id; empty for the first lane")] = ""
     length_m: Annotated[float, Field(gt=0, le=5)] = 0.3
     position: Annotated[
         Fraction | None,
-        Field(description="share of the lane's length from its start; empty: where packages come onto it"),
+        Field(description="share of the lane's length from its start; None for the feed point"),
     ] = None
 
 
@@ -36,11 +36,11 @@ class SetSpeed(Query):
     version: ClassVar[int] = 2
 
     speed_mps: Annotated[float, Field(ge=-5, le=5)]
-    belts: Annotated[Many[str], Field(description="ids of belts; empty: all of them")] = ()
+    belts: Annotated[Many[str], Field(description="ids of belts, or empty for all")] = ()
 
 
 class SetFeeding(Query):
-    """Let the feeders give packages, or rest; belts run on, and packages can be added, either way."""
+    """Start or stop the feeders. Belts run on, and packages can be added, either way."""
 
     feeding: Annotated[
         bool, Field(description="false: they rest until it is true again, whatever a schedule's step says")
@@ -48,14 +48,14 @@ class SetFeeding(Query):
 
 
 class ResetConveyor(Query):
-    """Take every object off and start the feeders again."""
+    """Remove all objects and start the feeders again."""
 
 
 class StartLocalization(Query):
     """Begin to localize a person."""
 
     method: Annotated[
-        Literal["static_targets", "moving_target"] | None, Field(description="empty: as configured")
+        Literal["static_targets", "moving_target"] | None, Field(description="None for the configured one")
     ] = None
 
 
@@ -64,7 +64,7 @@ class CancelLocalization(Query):
 
 
 class SetPose(Query):
-    """Say where the person stands."""
+    """Set the pose of the person."""
 
     version: ClassVar[int] = 2
 
@@ -72,7 +72,7 @@ class SetPose(Query):
     yaw_rad: Real = 0.0
     method: Annotated[
         Literal["fixed", "static_targets", "moving_target"],
-        Field(description="how it was found; with a covariance it is followed as the IMU drifts"),
+        Field(description="how it was found; with a covariance it is tracked as the IMU drifts"),
     ] = "fixed"
     covariance: Annotated[Covariance | None, Field(description="of a pose that is not exact")] = None
     elevation_bias_rad: Annotated[Real, Field(description="found with it, see UserPose")] = 0.0
@@ -85,22 +85,22 @@ class SetHeading(Query):
 
 
 class PointAnchor(Query):
-    """Have the person point at one lamp without a cursor, to set their pose right."""
+    """Ask the person to point at one lamp without a cursor, to correct their pose."""
 
-    lamp: Annotated[str, Field(description="its id; empty: the one that tells most")] = ""
+    lamp: Annotated[str, Field(description="its id, or empty for the most informative one")] = ""
 
 
 class SetOffset(Query):
     """Keep a person's pointing offset."""
 
-    offset: Annotated[PointingOffset | None, Field(description="empty: forget it")] = None
+    offset: Annotated[PointingOffset | None, Field(description="None removes it")] = None
 
 
 class SetMounting(Query):
-    """Say how the sensor sits on the arm."""
+    """Set the mounting of the sensor on the arm."""
 
     sensor_from_arm_xyzw: Annotated[
-        QuaternionXyzw | None, Field(description="rotates arm vectors into the sensor; empty: as configured")
+        QuaternionXyzw | None, Field(description="rotates arm vectors into the sensor; None if as configured")
     ] = None
     is_relative: Annotated[
         bool,
@@ -109,7 +109,7 @@ class SetMounting(Query):
 
 
 class SetMountingReply(Reply):
-    """What is in use now."""
+    """The mounting in use now."""
 
     sensor_from_arm_xyzw: QuaternionXyzw
 
@@ -119,14 +119,14 @@ class ClearSelection(Query):
 
 
 class UndoSelection(Query):
-    """Take back the last selection or deselection of a person."""
+    """Undo the last selection or deselection of a person."""
 
 
 class ReleaseObject(Query):
-    """Deselect one object, whoever selected it: for a supervisor, or to take it over."""
+    """Deselect one object of any person: for a supervisor, or to take it over."""
 
     object_id: Annotated[str, Field(min_length=1)]
-    take_over: Annotated[bool, Field(description="select it for the person who asks at once")] = False
+    take_over: Annotated[bool, Field(description="select it at once for the requesting person")] = False
 
 
 class SetWorkspace(Query):
@@ -139,7 +139,7 @@ class SetWorkspace(Query):
             "cylinder about the person; sphere about their eyes"
         ),
     ]
-    anchor: Annotated[Literal["pointer", "object", "point"], Field(description="through what it is laid")] = (
+    anchor: Annotated[Literal["pointer", "object", "point"], Field(description="point on the plane")] = (
         "pointer"
     )
     object_id: str = ""
@@ -147,33 +147,33 @@ class SetWorkspace(Query):
 
 
 class SetMethod(Query):
-    """Choose how staying on an object selects it, and for how long; with nothing set it only asks."""
+    """Choose how dwelling on an object selects it, and for how long. Without values it only reads them."""
 
-    method: Annotated[Literal["hold", "fraction", "gauge"] | None, Field(description="empty: as it is")] = (
+    method: Annotated[Literal["hold", "fraction", "gauge"] | None, Field(description="None to keep it")] = (
         None
     )
     dwell_s: Annotated[
         float | None,
-        Field(gt=0, le=10, description="time on an object that selects it; empty: the method's own"),
+        Field(gt=0, le=10, description="time on an object that selects it; None for the method's default"),
     ] = None
 
 
 class SetMethodReply(Reply):
-    """What is in use now."""
+    """The method in use now."""
 
     method: Literal["hold", "fraction", "gauge"]
     dwell_s: Annotated[float, Field(gt=0, le=10)]
 
 
 class ReadHistory(Query):
-    """Ask for the last selection events that the selector told, from its journal."""
+    """Read the last selection events that the selector published, from its journal."""
 
     last: Annotated[int, Field(ge=1, le=200, description="so many at most")] = 200
     since_ns: Annotated[Ns, Field(description="nothing before, Unix ns")] = 0
 
 
 class ReadHistoryReply(Reply):
-    """What was told, as far as there is room: the oldest are left out."""
+    """The published events, as far as there is room. The oldest are left out."""
 
     max_bytes: ClassVar[int] = 256 * 1024
 
@@ -184,28 +184,30 @@ class ReadHistoryReply(Reply):
 
 
 class SetTolerance(Query):
-    """Choose how far a ray may pass things that it still points at; with nothing set it only asks."""
+    """Choose how far a ray may pass its target. Without values it only reads the tolerance."""
 
     tolerance_rad: Annotated[
-        float | None, Field(gt=0, lt=1.57, description="angle at the eyes; empty: as it is")
+        float | None, Field(gt=0, lt=1.57, description="angle at the eyes; None to keep it")
     ] = None
 
 
 class SetToleranceReply(Reply):
-    """What is in use now."""
+    """The tolerance in use now."""
 
     tolerance_rad: Annotated[
-        float | None, Field(gt=0, lt=1.57, description="empty: metres tell what is near enough")
+        float | None, Field(gt=0, lt=1.57, description="None if the tolerance is in metres")
     ] = None
 
 
 class RunScenario(Query):
-    """End what runs and run another scenario in its place, on the same site."""
+    """Replace the running scenario by another one, on the same site."""
 
     scenario: Annotated[str, Field(min_length=1, max_length=64, description="one of the deployment's")]
-    users: Annotated[int | None, Field(ge=0, le=64, description="how many people; empty: as now")] = None
+    users: Annotated[int | None, Field(ge=0, le=64, description="number of people, or None to keep it")] = (
+        None
+    )
     localizes: Annotated[
-        bool | None, Field(description="find people by their pointing at lamps; empty: as now")
+        bool | None, Field(description="locate people by pointing at lamps; None to keep the setting")
     ] = None
 
 
@@ -215,7 +217,7 @@ class SetBrightness(Query):
     version: ClassVar[int] = 2
 
     brightness: Fraction
-    strips: Annotated[Many[str], Field(description="ids of strips; empty: all of them")] = ()
+    strips: Annotated[Many[str], Field(description="ids of strips, or empty for all")] = ()
 
 
 class SetYawOrigin(Query):

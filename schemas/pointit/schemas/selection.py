@@ -1,4 +1,4 @@
-"""What is selected, by whom and since when."""
+"""Selected and reserved objects, by person."""
 
 from typing import Annotated, ClassVar, Literal
 
@@ -15,12 +15,12 @@ class SelectedObject(SchemaModel):
     since_ns: Ns
     kind: str = ""
     confidence: Annotated[
-        Fraction | None, Field(description="that it was meant, of all that was near; empty: unknown")
+        Fraction | None, Field(description="probability that it was meant among nearby objects, or None")
     ] = None
 
 
 class ReservedObject(SchemaModel):
-    """An object that somebody is about to select; others see it as taken."""
+    """An object that a person is about to select. To others it is not available."""
 
     id: str
     user: str
@@ -48,12 +48,12 @@ class SelectionEvent(Message):
     object_id: str
     kind: str = ""
     user: Annotated[
-        str, Field(description="who did it; of `left` and `dispatched`: for whom it went there, or empty")
+        str, Field(description="acting person; of `left` and `dispatched`: for whom it went there, or empty")
     ] = ""
     reason: str = ""
     bay: Annotated[str, Field(description="of `dispatched`: where it went")] = ""
     cause: Annotated[
         Literal["", "dwell", "button", "undo", "clear", "release"],
-        Field(description="what the person did; empty: nothing, or unknown"),
+        Field(description="action of the person; empty if none or unknown"),
     ] = ""
     confidence: Annotated[Fraction | None, Field(description="that this object was meant")] = None

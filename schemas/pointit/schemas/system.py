@@ -1,4 +1,4 @@
-"""What services say about themselves: time, health, what should be running."""
+"""Reports of services: time, health, expected deployment."""
 
 from typing import Annotated, ClassVar, Literal
 
@@ -9,7 +9,7 @@ from pointit.schemas.errors import KeyNameError
 from pointit.schemas.table_types import check_name
 
 RUN = "run."
-"""First characters of the name under which a run tells its deployment. No person may write there."""
+"""Prefix of the name under which a run publishes its deployment. No person may write there."""
 
 
 def check_user(name: str) -> str:
@@ -38,7 +38,7 @@ class KeyHealth(SchemaModel):
     key: str
     direction: Literal["in", "out"]
     rate_hz: Annotated[float, Field(ge=0)]
-    age_s: Annotated[float | None, Field(description="since the newest; empty when there was none")] = None
+    age_s: Annotated[float | None, Field(description="since the newest, or None without one")] = None
     dropped: Annotated[int, Field(ge=0, description="conflated or overflowed, since the start")] = 0
     lost: Annotated[int, Field(ge=0, description="events that never arrived, since the start")] = 0
     invalid: Annotated[int, Field(ge=0, description="did not decode or validate, since the start")] = 0
@@ -77,8 +77,8 @@ class Health(Message):
     latency: Annotated[Quantiles | None, Field(description="from capture to its output")] = None
     errors: Annotated[int, Field(ge=0, description="handlers that raised, since the start")] = 0
     status: Literal["ok", "degraded"] = "ok"
-    warnings: Annotated[Many[str], Field(description="what is wrong and what to do")] = ()
-    figures: Annotated[Many[Figure], Field(description="what else it measures")] = ()
+    warnings: Annotated[Many[str], Field(description="problems and their remedies")] = ()
+    figures: Annotated[Many[Figure], Field(description="further metrics of the service")] = ()
 
 
 class ExpectedService(SchemaModel):
@@ -90,7 +90,7 @@ class ExpectedService(SchemaModel):
 
 
 class Deployment(Message):
-    """What `pointit run` or `pointit user` started; lets `doctor` tell what is missing."""
+    """Services started by `pointit run` or `pointit user`, by which `doctor` finds missing ones."""
 
     version: ClassVar[int] = 3
 
@@ -99,19 +99,19 @@ class Deployment(Message):
 
     name: Annotated[str, Field(description="the scenario, or the user")]
     services: Many[ExpectedService] = ()
-    scenario: Annotated[str, Field(description="that runs; empty: none that has a name")] = ""
+    scenario: Annotated[str, Field(description="name of the running one, or empty if it has none")] = ""
     scenarios: Annotated[
-        Many[str], Field(description="that it can run instead when asked to; empty: it takes no such wish")
+        Many[str], Field(description="alternatives on request; empty if it accepts none")
     ] = ()
     localizes: Annotated[bool, Field(description="people are found by pointing at lamps")] = False
     target_kinds: Annotated[
-        Many[str], Field(description="kinds of objects to select; empty: none is wrong")
+        Many[str], Field(description="kinds of objects to select; empty if all are right")
     ] = ()
 
     def believed(self, name: str) -> "Deployment":
-        """Return what the writer of `deployment/{name}` may say: a run everything, a person of their own.
+        """Return the part that the writer of `deployment/{name}` may state: a run all, a person their own.
 
-        Who may write where is the router's to enforce; what stands in a message is its writer's claim.
+        The router enforces write access. The content of a message is only its writer's claim.
         """
         if name.startswith(RUN):
             return self

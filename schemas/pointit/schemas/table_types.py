@@ -1,4 +1,4 @@
-"""What a row of the topic table is: a key, what travels under it, and how it is delivered."""
+"""Types of the rows of the topic table: key, message and delivery."""
 
 import re
 from dataclasses import dataclass
@@ -19,20 +19,20 @@ STALE_PERIODS = 10
 """A topic is stale when nothing came for this many of its nominal periods."""
 
 NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.\-]{0,63}\Z")
-"""What may stand for a placeholder."""
+"""Valid values of a placeholder."""
 
 _PLACEHOLDER = re.compile(r"\{(\w+)\}")
 
 
 class Delivery(Enum):
-    """What a writer promises and a reader gets."""
+    """Delivery guarantee between a writer and its readers."""
 
     LATEST = "latest"
     """Newest wins: never queues, never blocks the sender."""
     EVENT = "event"
     """Reliable and ordered; an overflow is counted and reported, never silent."""
     STATE = "state"
-    """Reliable; whoever joins late gets the last value at once."""
+    """Reliable. Late joiners get the last value at once."""
 
 
 class _Keyed:
@@ -42,7 +42,7 @@ class _Keyed:
 
     @property
     def placeholder(self) -> str:
-        """Return the placeholder's name, `user` of `users/{user}/imu`; empty when there is none."""
+        """Return the placeholder's name (`user` of `users/{user}/imu`), or `""` without one."""
         found = _PLACEHOLDER.search(self.key)
         return found.group(1) if found else ""
 
@@ -62,7 +62,7 @@ class _Keyed:
         return self.key.replace("{" + placeholder + "}", name)
 
     def name_in(self, key: str) -> str:
-        """Return what stands for the placeholder in `key`; empty when there is none or it is another key."""
+        """Return the value of the placeholder in `key`, or `""` if there is none or it is another key."""
         head, _, tail = self.key.partition("{" + self.placeholder + "}")
         if not self.placeholder or not (key.startswith(head) and key.endswith(tail)):
             return ""
@@ -73,7 +73,7 @@ def check_name(name: str, what: str = "name") -> str:
     """Return `name` if it can stand in a key.
 
     Raises:
-        KeyNameError: says which characters may be used.
+        KeyNameError: Names the valid characters.
     """
     if not NAME.match(name):
         raise KeyNameError(
@@ -90,20 +90,20 @@ class Topic(_Keyed, Generic[M]):
     message: type[M]
     delivery: Delivery
     rate_hz: float | None
-    """Nominal rate; none where messages come on change."""
+    """Nominal rate. None if messages are published on change."""
     writers: tuple[str, ...]
     """Processes that may write it, as in the registry; `external`: a foreign tracker may too."""
     about: str
 
     @property
     def stale_after_s(self) -> float | None:
-        """Return the age at which the newest message is no longer to be trusted, in seconds."""
+        """Return the age (s) from which the newest message counts as stale."""
         return None if self.rate_hz is None else STALE_PERIODS / self.rate_hz
 
 
 @dataclass(frozen=True, kw_only=True)
 class Request(_Keyed, Generic[Q, R]):
-    """Something that can be asked, who answers, and with what."""
+    """A request: its key, its server, and the types of query and reply."""
 
     key: str
     query: type[Q]

@@ -1,7 +1,7 @@
-"""THE TOPIC TABLE: every key, its message, how it is delivered, how often, who writes it.
+"""THE TOPIC TABLE: every key with its message, delivery, rate and writer.
 
 Keys are relative to the site's namespace, `pointit/<site>`. A key has at most one placeholder, in braces.
-Nothing else in the code base spells a key: services name the rows of this table.
+No other module spells a key: services name the rows of this table.
 """
 
 from typing import Any
@@ -119,7 +119,7 @@ WRIST = Topic(
     delivery=_LATEST,
     rate_hz=None,
     writers=("web", "ros2"),
-    about="the hand of who points with a page, mouse or phone, or with a sensor in ROS",
+    about="the hand of a person who points with a page, mouse or phone, or with a sensor in ROS",
 )
 BUTTON = Topic(
     key="users/{user}/button",
@@ -167,7 +167,7 @@ ANCHOR = Topic(
     delivery=_EVENT,
     rate_hz=None,
     writers=("localizer",),
-    about="one pointing at a known place, without a cursor",
+    about="one pointing at a known point, without a cursor",
 )
 CURSOR = Topic(
     key="users/{user}/cursor",
@@ -223,7 +223,7 @@ OBJECTS = Topic(
     delivery=_LATEST,
     rate_hz=25,
     writers=("conveyor-sim", "robot-replay", "external"),
-    about="what moves; each tracker lists its own",
+    about="moving objects; each tracker lists its own",
 )
 SELECTION = Topic(
     key="selection",
@@ -231,7 +231,7 @@ SELECTION = Topic(
     delivery=_STATE,
     rate_hz=None,
     writers=("selector",),
-    about="what is selected",
+    about="selected objects",
 )
 SELECTION_EVENTS = Topic(
     key="selection/events",
@@ -287,7 +287,7 @@ DEPLOYMENT = Topic(
     delivery=_STATE,
     rate_hz=None,
     writers=("cli",),
-    about="what should be running",
+    about="services that should be running",
 )
 
 TOPICS: tuple[Topic[Any], ...] = (
@@ -320,14 +320,14 @@ SERVICE_ALIVE = Presence(key="alive/services/{instance}", about="one service ins
 USER_ALIVE = Presence(key="alive/users/{user}", about="one person's services run")
 
 KEEPER_ALIVE = Presence(
-    key="alive/keepers/{session}", about="somebody answers for states whose writers are gone"
+    key="alive/keepers/{session}", about="a process answers for states whose writers are gone"
 )
 
 PRESENCES: tuple[Presence, ...] = (SERVICE_ALIVE, USER_ALIVE, KEEPER_ALIVE)
 
 
 def topic_of(key: str) -> Topic[Any] | None:
-    """Return the row whose key pattern fits `key` (relative to the site), or none."""
+    """Return the row whose key pattern fits `key` (relative to the site), or None."""
     for topic in TOPICS:
         if not topic.placeholder:
             if topic.key == key:

@@ -1,1 +1,1 @@
-"""What running services share: bus, clock, configuration, logs, health, life and end."""
+"""The parts that all services share: bus, clock, configuration, logs, health, start and shutdown."""

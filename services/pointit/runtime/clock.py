@@ -11,21 +11,21 @@ from pointit.schemas import NS_PER_S, ClockTick
 from pointit.schemas.topics import CLOCK
 
 TICK_PERIOD_S = 1.0
-"""How often simulated time is published, in seconds of the wall."""
+"""Period of published simulated time, in wall-clock seconds."""
 
-MOST_AHEAD_S = 2.0
+MAX_AHEAD_S = 2.0
 """A follower ahead by more, in seconds of the wall, has followed another run; one by less is slowed down."""
 
 SILENT_NS = 10 * NS_PER_S
-"""After so long without a tick from who ticked regularly, the site has no simulated time any more."""
+"""After this long without a tick from a regular source, the site has no simulated time any more."""
 
 
 class Clock(Protocol):
-    """Where services get the time from; nobody else asks the operating system."""
+    """Source of time for services, which never ask the operating system."""
 
     @property
     def speed(self) -> float:
-        """Return how many of its seconds pass in a second of the wall."""
+        """Return the seconds of this clock per wall-clock second."""
         ...
 
     def now_ns(self) -> int:
@@ -43,7 +43,7 @@ class WallClock:
         return time.time_ns()
 
     def tick(self) -> ClockTick:
-        """Return what lets other processes and machines follow."""
+        """Return the tick by which other processes and machines follow."""
         now_ns = time.time_ns()
         return ClockTick(stamp_ns=now_ns, sim_ns=now_ns)
 
@@ -68,12 +68,12 @@ class SimulatedClock:
         return self._start_ns + int((time.monotonic_ns() - self._origin_ns) * self.speed)
 
     def tick(self) -> ClockTick:
-        """Return what lets other processes follow."""
+        """Return the tick by which other processes follow."""
         return ClockTick(stamp_ns=time.time_ns(), sim_ns=self.now_ns(), speed=self.speed)
 
 
 async def publish_time(clock: WallClock | SimulatedClock, bus: Bus) -> None:
-    """Tell the site the time of `clock`, now and every `TICK_PERIOD_S`, until cancelled."""
+    """Publish the time of `clock` now and every `TICK_PERIOD_S`, until cancelled."""
     publisher = bus.publisher(CLOCK)
     try:
         while True:
@@ -84,13 +84,13 @@ async def publish_time(clock: WallClock | SimulatedClock, bus: Bus) -> None:
 
 
 class SiteClock:
-    """Follows the simulated time that the site publishes; the wall's time while it does not.
+    """Follows the simulated time that the site publishes, and wall-clock time while there is none.
 
-    Between ticks it runs on this machine's monotonic clock, so that setting the wall's clock moves nothing.
-    A tick counts as of the moment it arrives (its way over the network is neglected); only the first, which
-    may have waited for this reader, is as old as its stamp says. When a tick shows that this clock is ahead,
-    it runs at half its speed until it is not: it never goes backwards while it follows one source. To one
-    that is far behind, which is another run's, it jumps, as it does when the site's time comes or goes.
+    Between ticks it runs on this machine's monotonic clock, so setting the wall clock changes nothing. A tick
+    counts from its arrival (network delay is neglected). Only the first, which may have waited for this
+    reader, is as old as its stamp says. If a tick shows that this clock is ahead, it runs at half its speed
+    until it no longer is: it never goes backwards while it follows one source. It jumps to a tick that is far
+    behind, which belongs to another run, and whenever the site's time appears or ends.
     """
 
     def __init__(self, bus: Bus) -> None:
@@ -100,13 +100,13 @@ class SiteClock:
         """Monotonic time at which the tick said `_base_ns`."""
         self._base_ns = 0
         self._ahead_ns = 0
-        """How far this clock was ahead then."""
+        """Lead of this clock at that moment, ns."""
         self._ticked = asyncio.Event()
         self._subscription: Closable = bus.subscribe(CLOCK, self._on_tick)
 
     @property
     def speed(self) -> float:
-        """Return how many of its seconds pass in a second of the wall."""
+        """Return the seconds of this clock per wall-clock second."""
         tick = self._source(time.monotonic_ns())
         return 1.0 if tick is None else tick.speed
 
@@ -129,7 +129,7 @@ class SiteClock:
         self._subscription.close()
 
     def _source(self, here_ns: int) -> ClockTick | None:
-        """Return the tick to go by; none when who ticked regularly has fallen silent: that run is over."""
+        """Return the tick to follow. None if a regular source has fallen silent, since that run is over."""
         is_over = self._count > 1 and here_ns - self._arrived_ns > SILENT_NS
         return None if is_over else self._tick
 
@@ -140,11 +140,11 @@ class SiteClock:
     def _on_tick(self, tick: ClockTick, _name: str) -> None:
         here_ns = time.monotonic_ns()
         before = self._source(here_ns)
-        # A first tick that is older is not old: its stamp is of a machine whose clock is apart.
+        # A first tick that is older than this is not old: its machine's clock is skewed.
         age_ns = 0 if before else min(max(0, time.time_ns() - tick.stamp_ns), SILENT_NS)
         base_ns = tick.sim_ns + int(age_ns * tick.speed)
         ahead_ns = 0 if before is None else self._at(before, here_ns) - base_ns
-        goes_on = before is not None and ahead_ns <= MOST_AHEAD_S * tick.speed * NS_PER_S
+        goes_on = before is not None and ahead_ns <= MAX_AHEAD_S * tick.speed * NS_PER_S
         self._ahead_ns = max(0, ahead_ns) if goes_on else 0
         self._count = self._count + 1 if goes_on else 1
         self._tick, self._arrived_ns, self._base_ns = tick, here_ns, base_ns

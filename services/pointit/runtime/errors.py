@@ -1,14 +1,14 @@
-"""What can go wrong while running.
+"""Errors at run time.
 
-PointItError                 its text is one sentence for a person: what, where, what to do
+PointItError                 its text is one sentence for a person: problem, place, action
 ├── ConfigError              a file, variable or option is wrong; commands exit with 2
 ├── BusError
 │   ├── BusClosedError       used after `close`
-│   ├── ListenError          the address to listen on is taken
-│   └── ConnectError         nobody answers at the address to connect to
+│   ├── ListenError          the address to listen on is in use
+│   └── ConnectError         nothing answers at the address to connect to
 └── RequestError
-    ├── NoAnswerError        nobody serves the request, or not in time
-    └── RefusedError         the server says why not; servers raise it themselves
+    ├── NoAnswerError        there is no server of the request, or it did not answer in time
+    └── RefusedError         the server refuses with a reason; servers raise it themselves
 """
 
 
@@ -21,7 +21,7 @@ class ConfigError(PointItError):
 
 
 class BusError(PointItError):
-    """The bus cannot do what was asked."""
+    """The bus cannot do what was requested."""
 
 
 class BusClosedError(BusError):
@@ -29,7 +29,7 @@ class BusClosedError(BusError):
 
 
 class ListenError(BusError):
-    """The address to listen on is taken or not ours."""
+    """The address to listen on is in use or not of this machine."""
 
 
 class ConnectError(BusError):
@@ -45,4 +45,4 @@ class NoAnswerError(RequestError):
 
 
 class RefusedError(RequestError):
-    """The server refuses and says why; raised by servers, and again at the caller."""
+    """The server refuses and gives the reason. Raised by servers, and again at the caller."""

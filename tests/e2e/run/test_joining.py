@@ -1,4 +1,4 @@
-"""Joining a site that runs: its time is taken over, a name is one person's, a log tells what happens."""
+"""Joining a running site: its time is adopted, a name belongs to one person, a log reports events."""
 
 import json
 
@@ -36,7 +36,7 @@ async def test_a_name_stands_for_one_person(commands: Commands, endpoint: str) -
 
 
 async def missed(commands: Commands, endpoint: str) -> dict[str, str]:
-    """Return who should run and does not, each with what starts it again, as doctor says who comes now."""
+    """Return the missing services, each with its remedy, as reported by a doctor that has just joined."""
     report = json.loads((await commands.pointit("doctor", "--json", "--connect", endpoint)).out)
     absent = [finding for finding in report["findings"] if finding["code"] == "absent"]
     return {finding["service"]: finding["remedy"] for finding in absent}

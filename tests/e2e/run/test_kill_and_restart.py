@@ -31,7 +31,7 @@ def reported(ended: Ended) -> dict[str, Any]:
 
 
 async def doctor_is_content(commands: Commands, endpoint: str) -> None:
-    """Ask until all is well: what waited for the restarted one may still say so for a moment."""
+    """Ask until all is well: services that waited for the restarted one may still say so for a moment."""
     patience = Patience(20)
     while True:
         ended = await commands.pointit("doctor", "--json", "--connect", endpoint)

@@ -1,4 +1,4 @@
-"""What people get wrong: one sentence that names it, the right exit code, and nothing started in vain."""
+"""Mistakes of users: one sentence that names it, the right exit code, and nothing started in vain."""
 
 import contextlib
 import signal
@@ -128,8 +128,8 @@ async def test_nobody_is_there_to_join(commands: Commands, endpoint: str, argume
 
 
 async def test_the_default_address_gives_way(commands: Commands) -> None:
-    """Who has not asked for an address gets the next one, and is told how others find it."""
-    with contextlib.suppress(OSError), socket.create_server(("127.0.0.1", 7447)):  # or somebody else has it
+    """Without an explicit address the next free one is used, and the run prints how others find it."""
+    with contextlib.suppress(OSError), socket.create_server(("127.0.0.1", 7447)):  # or another process has it
         run = commands.start("run", "scenario_2", "--no-view")
         await run.says("tcp/127.0.0.1:7447 is in use; listening at tcp/127.0.0.1:")
         await run.says("scenario_2 of site lab at tcp/127.0.0.1:")

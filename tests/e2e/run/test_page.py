@@ -1,4 +1,4 @@
-"""The page of a run: where it is, who may see it, how a run goes on for it and changes from it."""
+"""The page of a run: its address, its viewers, and changes of the run by it."""
 
 import asyncio
 import signal
@@ -23,7 +23,7 @@ CHANGE_S = 20.0
 START_S = 60.0
 """Fourteen processes on a busy machine."""
 END_S = 2.0
-"""How long the end may take on a quiet machine."""
+"""Limit of the time to end on a quiet machine."""
 PERSON = ("imu-bridge", "pointing", "localizer", "supervisor", "user-sim")
 
 
@@ -53,7 +53,7 @@ async def test_the_address_opens_with_its_token_and_not_without(
         await seen.sees_more(seen.cursors["user1"], "cursors on the belts")
     ended = await command.stop()
     assert ended.code == 0, ended.err
-    assert "scenario_4 ran" in ended.out  # what is run where nothing is named
+    assert "scenario_4 ran" in ended.out  # the default scenario
     (token,) = parse_qs(urlsplit(url).query)["token"]
     assert token not in ended.err + ended.out
 
@@ -68,7 +68,7 @@ async def test_the_port_can_be_set_like_any_parameter(commands: Commands, endpoi
         seen.bus.subscribe(DEPLOYMENT, lambda deployment, _name: told.append(deployment))
         await until(lambda: bool(told), CHANGE_S, "the deployment")
     assert "web" in {service.service for service in told[0].services}
-    assert "a-token-of-mine" not in told[0].model_dump_json()  # who looks on must not learn to control
+    assert "a-token-of-mine" not in told[0].model_dump_json()  # viewers must not learn to control
     taken = str(urlsplit(url).port)
     second = await commands.pointit("run", "--web-port", taken, "--no-view")
     assert second.code == 1
@@ -181,7 +181,7 @@ async def test_an_open_page_comes_back_after_a_new_start(commands: Commands, end
     url = await address_of(first)
     cookie, _ = await entered(url)
     assert (await first.stop()).code == 0
-    headers = {"Cookie": cookie}  # what a browser has kept
+    headers = {"Cookie": cookie}  # the browser's cookies
     for arguments, status in (((), 200), (("--new-link",), 403)):
         command = commands.start(*start, *arguments)
         assert (await address_of(command) == url) == (status == 200)
@@ -205,7 +205,7 @@ async def test_a_dashboard_beside_a_run(commands: Commands, endpoint: str, *, ha
         await until(lambda: instance in seen.present, CHANGE_S, f"{instance} among {seen.present}")
         async with looking_on(url) as (socket, hello):
             assert hello["role"] == "operator"
-            for _ in range(5):  # status, batches of what happens there
+            for _ in range(5):  # status, batches of messages
                 await socket.recv()
         ended = await dashboard.stop()
         assert (ended.code, ended.err) == (0, "")

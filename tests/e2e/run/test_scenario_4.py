@@ -1,4 +1,4 @@
-"""`pointit run scenario_4`: packages are selected and dispatched, whoever is killed meanwhile."""
+"""`pointit run scenario_4`: packages are selected and dispatched, even when services are killed meanwhile."""
 
 import os
 import shlex
@@ -24,7 +24,7 @@ def listen() -> tuple[str, str]:
 
 @dataclass
 class Books:
-    """What an accountant beside the belts would write down."""
+    """The books of an accountant beside the belts."""
 
     kinds: dict[str, str] = field(default_factory=dict[str, str])
     there: frozenset[str] = frozenset()
@@ -55,12 +55,12 @@ class Books:
         return bays
 
     def gone(self) -> set[str]:
-        """Return what cannot be selected any more: it is not there, or was deselected."""
+        """Return the objects that cannot be selected any more: they have left, or were deselected."""
         ends = ("dispatched", "deselected", "left")
         return {event.object_id for event in self.events if event.event in ends}
 
     def owned(self) -> set[str]:
-        """Return what is, or was when it left, selected, by the events alone."""
+        """Return the objects that are, or were when they left, selected, by the events alone."""
         owned: set[str] = set()
         for event in self.events:
             if event.event == "selected":
@@ -117,7 +117,7 @@ async def test_selector_and_conveyor_may_be_killed_and_nothing_is_lost_or_told_t
         listings = books.listings
         await restart(commands, run, seen, "conveyor-sim")
         await until(lambda: books.listings > listings + 25, 20, "the packages again")
-        # that a package came out and that it is not on the belts any more are told by different ways
+        # that a package came out and that it has left the belts are published on different topics
         await until(lambda: there - set(books.dispatched()) <= books.there, what="the packages of before")
 
         before = len(books.dispatched())
@@ -140,7 +140,7 @@ async def test_selector_and_conveyor_may_be_killed_and_nothing_is_lost_or_told_t
 
 
 async def restart(commands: Commands, run: Command, seen: Onlooker, instance: str) -> None:
-    """Kill `instance` and start it again as the run says."""
+    """Kill `instance` and start it again as printed by the run."""
     os.kill(seen.health[instance].pid, signal.SIGKILL)
     sentence = f"{instance} was ended by SIGKILL; start it again with: "
     await run.says(sentence)

@@ -37,11 +37,11 @@ def assert_flawless(summary: dict[str, Any]) -> None:
 async def test_the_simulated_person_selects_every_red_segment_and_no_other(
     commands: Commands, tmp_path: Path
 ) -> None:
-    """Of other seeds too, and without the processes: tests/integration/scenario, in virtual time."""
+    """Other seeds, and without processes: tests/integration/scenario, in virtual time."""
     path = tmp_path / "summary.json"
     run = commands.start(
         *("run", "scenario_3", "--duration", "60", "--speed", "2", "--seed", "1", "--no-view"),
-        *("--set", "user-sim.mind.lapse_share=0"),  # who means a wrong one selects a wrong one
+        *("--set", "user-sim.mind.lapse_share=0"),  # a wrong intention selects a wrong one
         *("--summary", str(path)),
         *listen(),
     )
@@ -165,7 +165,7 @@ async def test_no_cursor_is_a_failure(commands: Commands) -> None:
 
 
 async def test_what_was_missed_is_told_and_is_no_failure_of_the_run(commands: Commands) -> None:
-    """Somebody who holds too short: the run did its job, and the summary says what came of it."""
+    """A person who holds too short: the run did its job, and the summary gives the result."""
     arguments = ("--duration", "40", "--speed", "8", "--set", "selector.window_s=10", "--no-view", "--json")
     ended = await commands.pointit("run", "scenario_3", *arguments, *listen())
     assert ended.code == 0, ended.err
@@ -175,7 +175,7 @@ async def test_what_was_missed_is_told_and_is_no_failure_of_the_run(commands: Co
 
 
 async def test_a_person_of_unknown_place_is_found_by_three_lamps(commands: Commands) -> None:
-    """With a bias and a drift, on real Zenoh: progress, pose with its sigma, cursors, and what came of it."""
+    """With a bias and a drift, on real Zenoh: progress, pose with its sigma, cursors, and the result."""
     option, endpoint = listen()
     person_errs = ("user-sim.aim.elevation_bias_deg=10", "user-sim.wristband.yaw_drift_degpmin=15")
     settings = [part for setting in person_errs for part in ("--set", setting)]

@@ -1,4 +1,4 @@
-"""Several sites on one router, several people on one site: who sees whom, who disturbs whom."""
+"""Several sites on one router, several people on one site: visibility and mutual disturbance."""
 
 import json
 import signal
@@ -90,7 +90,7 @@ async def test_a_site_and_people_who_come_and_go(commands: Commands, endpoint: s
         assert "Traceback" not in left.err
         await until(lambda: "ben" not in seen.people, what="ben to be gone")
         await until(lambda: not services_of("ben") & seen.present, what="his services to be gone")
-        doctor = await commands.pointit("doctor", "--json", *join)  # who left well is not missed
+        doctor = await commands.pointit("doctor", "--json", *join)  # ben left regularly
         assert doctor.code == 0, doctor.out
         seen.cursors["ben"].clear()
         await seen.sees_cursors("anna")
@@ -107,7 +107,7 @@ async def test_a_site_and_people_who_come_and_go(commands: Commands, endpoint: s
 
         last = await site.stop(signal.SIGTERM)
         assert last.code == 0
-        assert last.out == ""  # no summary of what had no end
+        assert last.out == ""  # no summary without an end
     for person in (anna, again):
         await person.says("is lost")
         assert (await person.stop(signal.SIGTERM)).code == 0

@@ -1,4 +1,4 @@
-"""A machine whose clock is apart, as a real process: doctor names it, whether or not there is a keeper."""
+"""A machine with clock skew, as a real process: doctor names it, whether or not there is a keeper."""
 
 import asyncio
 import json
@@ -22,7 +22,7 @@ main()
 
 
 async def found(commands: Commands, endpoint: str) -> list[dict[str, Any]]:
-    """Return what doctor finds of clocks, its own finding or the keeper's warning."""
+    """Return doctor's findings on clocks, its own or the keeper's warning."""
     report = json.loads((await commands.pointit("doctor", "--json", "--connect", endpoint)).out)
     return [finding for finding in report["findings"] if "the clock of machine" in finding["sentence"]]
 
@@ -46,7 +46,7 @@ async def test_doctor_names_the_machine(
             await seen.hears("keeper")
         commands.run([sys.executable, "-c", SKEWED.format(ahead_s=ahead_s, endpoint=endpoint)])
         await seen.hears("pointing.anna")
-        await asyncio.sleep(3.0 if ahead_s else 10.0)  # what would be said of one that is right, is by then
+        await asyncio.sleep(3.0 if ahead_s else 10.0)  # time enough for a false report on a right clock
         if keeper and ahead_s:
             await until(
                 lambda: any("clock of machine watch" in w for w in seen.health["keeper"].warnings), 20

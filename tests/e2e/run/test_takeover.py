@@ -20,7 +20,7 @@ def freeze(command: Command, number: int) -> None:
 
 
 async def is_run_by(seen: Onlooker, command: Command, patience_s: float = TAKEN_OVER_S) -> None:
-    """Wait until all that is heard of anna is of `command`, and her cursor moves."""
+    """Wait until all messages of anna are from `command`, and her cursor moves."""
     pids = {process.pid for process in command.family()}
     began_s = time.monotonic()
     for instance in list(seen.health):

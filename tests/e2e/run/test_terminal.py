@@ -54,7 +54,7 @@ class Terminal:
         )
 
     def read(self) -> str:
-        """Read what there is; return all so far."""
+        """Read the available output. Return all so far."""
         while select.select([self.master], [], [], 0)[0]:
             try:
                 data = os.read(self.master, 65536)
@@ -67,7 +67,7 @@ class Terminal:
 
     @property
     def text(self) -> str:
-        """Return what was drawn, without colours and cursor movements."""
+        """Return the output, without colours and cursor movements."""
         return ESCAPE.sub("", self.read())
 
     def press(self, key: bytes) -> None:
@@ -163,7 +163,7 @@ async def test_the_page_stays_in_view_and_the_run_goes_on_for_it(endpoint: str, 
 
 
 async def test_a_localization_and_a_refusal_are_seen_in_80_columns(endpoint: str) -> None:
-    """Three lamps, then where the person stands; who does not point sees why it came to nothing."""
+    """Three lamps, then the person's position. A person who does not point sees the reason of the failure."""
     localize = ("run", "scenario_2", "--localize", "--targets", "3", "--speed", "4", "--listen", endpoint)
     with terminal(80, 40, *localize, "--seed", "2") as shown:
         await shown.shows("1 of 3", "3 of 3", "samples", "stands at", "lamps", "°/min", "user1: pointing.")

@@ -1,4 +1,4 @@
-"""Who opens the page of a run: what their browser is given, and what it is told."""
+"""A visitor who opens the page of a run: the browser's cookies and messages."""
 
 import contextlib
 import json
@@ -21,7 +21,7 @@ async def entered(url: str) -> tuple[str, httpx.Response]:
 
 @contextlib.asynccontextmanager
 async def looking_on(url: str) -> AsyncGenerator[tuple[ClientConnection, dict[str, Any]]]:
-    """Hold the page open, as a browser does; yield what it is told first, too."""
+    """Hold the page open, as a browser does. Yield the first message, too."""
     cookie, _ = await entered(url)
     origin = url.partition("/?")[0]
     where = origin.replace("http", "ws", 1) + "/ws"

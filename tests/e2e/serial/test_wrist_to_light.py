@@ -68,7 +68,7 @@ def expected_pixel(strip: int, position_m: float) -> int:
 
 
 def line_pointing_at(target: Vec3) -> bytes:
-    """Return what the IMU prints while eyes, fingertip and `target` are in line: `w,x,y,z`."""
+    """Return the IMU's output while eyes, fingertip and `target` are in line: `w,x,y,z`."""
     east, north, up = target[0] - FEET_M[0], target[1] - FEET_M[1], target[2] - EYES_M
     distance = math.hypot(east, north, up)
     ahead, rise = math.hypot(east, north) / distance, up / distance  # of the line of sight, per metre
@@ -83,11 +83,11 @@ def line_pointing_at(target: Vec3) -> bytes:
 
 
 HOME_M = near_pixel(75)
-"""Where on strip 0 is pointed at first."""
+"""Position on strip 0 of the first target."""
 
 
 class Board:
-    """An LED expander: takes bytes, shows pictures; refuses what the table does not allow."""
+    """An LED expander: reads bytes, shows frames, and rejects what the table does not allow."""
 
     def __init__(self) -> None:
         self.shown: dict[int, list[Vec3]] = {}
@@ -114,7 +114,7 @@ class Board:
         return [k for k, color in enumerate(self.shown.get(channel, [])) if color != (0, 0, 0)]
 
     def _step(self) -> bool:
-        """Take one frame off the stream, if a whole one is there."""
+        """Remove one frame from the stream, if a complete one is there."""
         stream = self._stream
         if len(stream) < 6:
             return False
@@ -152,7 +152,7 @@ class Board:
 
 
 class Bench:
-    """Both devices and what can be done with them."""
+    """Both devices and the operations on them."""
 
     def __init__(self, imu: PtyDevice, bus: Bus) -> None:
         self.line = line_pointing_at(point_on(0, HOME_M))
@@ -166,7 +166,7 @@ class Bench:
         self.line = line_pointing_at(point_on(strip, position_m))
 
     def shows(self, strip: int, position_m: float) -> bool:
-        """Tell whether the cursor, three pixels wide, has the expected pixel in its middle."""
+        """Return True if the cursor, three pixels wide, has the expected pixel in its middle."""
         wanted = expected_pixel(strip, position_m)
         return self.board.lit(strip) == [wanted - 1, wanted, wanted + 1] and not self.board.lit(1 - strip)
 
@@ -179,7 +179,7 @@ class Bench:
             raise AssertionError(f"wanted {wanted} on strip {strip}, lit {lit}, {self.reports}") from error
 
     def unread(self) -> int:
-        """Return how many lines of the IMU could not be read, as it reports."""
+        """Return the number of unreadable lines of the IMU, as it reports."""
         count, _, what = self.warnings("imu-bridge.anna").partition(" ")
         return int(count) if "could not be read" in what else 0
 
@@ -221,7 +221,7 @@ async def whole_chain(folder: Path) -> AsyncGenerator[Bench]:
                 finally:
                     running.cancel()
                     await asyncio.gather(running, return_exceptions=True)
-                # the last thing a controller is told is to be dark
+                # the last frame of a controller is dark
                 await until(lambda: not bench.board.lit(0) and not bench.board.lit(1))
         finally:
             await bus.close()

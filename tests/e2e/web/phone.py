@@ -32,7 +32,7 @@ class PhonePage:
     source: Source
     _cdp: Any
     faults: list[str] = field(default_factory=list[str])
-    """What the console complained of."""
+    """Errors of the console."""
 
     @classmethod
     async def open(

@@ -1,4 +1,4 @@
-"""A running site with its page, and an operator who asks it for something as the page does."""
+"""A running site with its page, and an operator who sends requests as the page does."""
 
 import itertools
 import json
@@ -25,9 +25,9 @@ class SitePage:
 
     command: Command
     endpoint: str
-    """Of its bus."""
+    """Endpoint of its bus."""
     url: str
-    """Of the page on this machine, with the operator's token."""
+    """URL of the page on this machine, with the operator's token."""
 
     @property
     def origin(self) -> str:
@@ -36,7 +36,7 @@ class SitePage:
 
     @property
     def viewer_url(self) -> str:
-        """Return where the page is for who may only look on."""
+        """Return the page's URL for viewers."""
         return f"{self.origin}/?token={VIEWER_TOKEN}"
 
     @asynccontextmanager
@@ -52,7 +52,7 @@ class SitePage:
 
 
 class Operator:
-    """Asks what the page's panel would."""
+    """Sends the requests of the page's panel."""
 
     def __init__(self, connection: ClientConnection) -> None:
         self._connection = connection
@@ -65,7 +65,7 @@ class Operator:
         return dict(part["reply"])
 
     async def refusal(self, **wish: Any) -> str:
-        """Ask for what is refused, and return why."""
+        """Send a request that is refused, and return the reason."""
         part = await self._answer(wish)
         assert part["reply"] is None, part
         return str(part["error"])

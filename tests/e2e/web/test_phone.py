@@ -37,7 +37,7 @@ def azimuth(cursor: Cursor) -> float:
 
 
 async def sweeps_the_ray(phone: PhonePage, seen: Onlooker, patience_s: float = 20.0) -> None:
-    """Have the phone turn left and right, and wait until the ray does the same."""
+    """Turn the phone left and right, and wait until the ray does the same."""
     begin = 0.0
     for yaw in (0.0, 30.0):
         patience = Patience(patience_s)
@@ -94,7 +94,7 @@ async def test_a_browser_that_refuses_the_socket_posts(browser: Browser, site: S
 
 
 async def presses_of(phone: PhonePage, seen: Onlooker) -> list[ButtonEvent]:
-    """Tap the big button once and return what the bus has of it."""
+    """Tap the big button once and return the bus messages of it."""
     heard: list[ButtonEvent] = []
     seen.bus.subscribe(BUTTON, lambda event, user: heard.append(event) if user == USER else None)
     await phone.page.locator("#big").tap()

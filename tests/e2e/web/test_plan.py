@@ -1,4 +1,4 @@
-"""The plan: what browsers without WebGL show, and how one selects without a mouse and without seeing."""
+"""The plan: the view of browsers without WebGL, and selection without a mouse and without sight."""
 
 import re
 
@@ -23,7 +23,7 @@ HTMLCanvasElement.prototype.getContext = function (kind, ...more) {
 
 
 async def opened(browser: Browser, url: str) -> tuple[Page, list[str]]:
-    """Return the page without WebGL, and what its console complains of."""
+    """Return the page without WebGL, and the errors of its console."""
     page = await (await browser.new_context(viewport={"width": 1280, "height": 800})).new_page()
     faults: list[str] = []
     page.on("pageerror", lambda error: faults.append(str(error)))
@@ -53,7 +53,7 @@ async def test_without_webgl_the_plan_shows_the_conveyor(browser: Browser, share
 async def test_a_package_is_selected_by_the_keyboard_alone(browser: Browser, shared_site: SitePage) -> None:
     page, faults = await opened(browser, shared_site.url)
     await expect(page.locator("svg.plan-map")).to_be_visible(timeout=60_000)
-    # the plan is there before anything is known of the site: who may be pointed as, too
+    # the plan is there before anything is known of the site, even the people
     await expect(page.get_by_role("button", name="Point with the mouse")).to_be_visible(timeout=60_000)
     events: list[SelectionEvent] = []
     async with onlooker(shared_site.endpoint) as seen:
@@ -68,7 +68,7 @@ async def test_a_package_is_selected_by_the_keyboard_alone(browser: Browser, sha
         await blue.focus()
         await page.keyboard.press("Enter")
         await expect(blue).to_have_attribute("aria-pressed", "true")
-        # nobody but who chose it from the list wants a blue one
+        # only a person who chose it from the list wants a blue one
         await until(
             lambda: any(event.event == "selected" and event.kind == "blue" for event in events),
             20,

@@ -1,4 +1,4 @@
-"""The page in a browser: what a newcomer sees first, and how they select a package with the mouse."""
+"""The page in a browser: the first view of a newcomer, and the selection of a package with the mouse."""
 
 import time
 
@@ -18,7 +18,7 @@ pytestmark = [pytest.mark.slow, pytest.mark.timeout(300)]
 USER = "user1"
 FIRST_SCREEN_S = 3.0
 OPENINGS = 3
-"""The fastest counts: what else runs on this machine is not the page's fault."""
+"""The fastest counts: the load of this machine is not the page's fault."""
 
 
 async def test_the_first_screen_comes_fast_and_clean(browser: Browser, shared_site: SitePage) -> None:

@@ -1,4 +1,4 @@
-"""Who cannot see well, has no mouse, or has a small screen can use the page too."""
+"""The page is usable with poor sight, without a mouse, or on a small screen."""
 
 from collections.abc import AsyncIterator
 from typing import Any

@@ -1,4 +1,4 @@
-"""The server dies and is started again: the page says so, comes back by itself, and goes on."""
+"""The server dies and is started again: the page says so, reconnects automatically, and goes on."""
 
 from collections.abc import AsyncIterator
 
@@ -71,6 +71,6 @@ async def test_it_comes_back_with_the_mouse_and_says_when_its_link_is_no_longer_
     await expect(lost).to_contain_text(
         "PointIt was restarted: open the link that it prints", timeout=60_000
     )
-    # a browser reports by itself what a page asks of a server that is not there, or not its own any more
+    # a browser reports automatically requests to a server that is gone, or not its own any more
     asked = ("/ws", f"failed: {site.origin}/", "net::ERR_CONNECTION_", "403")
     assert [fault for fault in window.faults if not any(each in fault for each in asked)] == []

@@ -25,7 +25,7 @@ STUCK = (
     "(() => { const [began, since] = [Date.now(), performance.now()]; "
     f"while (performance.now() - since < {STUCK_MS}); return began; }})()"
 )
-"""Does nothing for so long; returns when it began, Unix ms."""
+"""Does nothing for this long. Returns its start, Unix ms."""
 MOST_GROWN_BYTES = 12e6
 PAGES = 50
 LOOK_S = 14.0
@@ -35,7 +35,7 @@ LONGEST_GAP_S = 3.0
 SAMPLES = 60
 MOST_TIMES = 2.0
 SLACK_MS = 15.0
-"""By which the 99th percentile of a busy machine varies by itself."""
+"""Variation of the 99th percentile on a busy machine."""
 
 
 async def test_a_stuck_page_gets_the_newest_at_once_and_nothing_old(browser: Browser, site: SitePage) -> None:
@@ -56,7 +56,7 @@ async def test_a_stuck_page_gets_the_newest_at_once_and_nothing_old(browser: Bro
         assert not patience.is_over(), "nothing new after it was stuck"
         await asyncio.sleep(0.01)
     came_s = (time.time_ns() - free_ns) / 1e9
-    # what was sent in the midst of it; a batch's own time may pass at either end
+    # sent in the midst of it; a batch's own time may pass at either end
     stale = [at_ns for at_ns in sent_ns if stuck_ns <= at_ns < free_ns - 300e6]
     assert len(stale) <= IN_FLIGHT, [(at_ns - free_ns) / 1e9 for at_ns in stale]
     assert within(came_s, 1.5)
@@ -66,7 +66,7 @@ async def test_a_stuck_page_gets_the_newest_at_once_and_nothing_old(browser: Bro
 
 
 async def light_p99_ms(seen: Onlooker) -> float:
-    """Return how far the light is behind the wrist, as somebody who looks on sees it for some seconds."""
+    """Return the delay of the light behind the wrist, as an observer measures it for some seconds."""
     latency = Latency()
     subscriptions = (
         seen.bus.subscribe(CURSOR, lambda cursor, _user: latency.on_cursor(cursor)),

@@ -25,7 +25,7 @@ SCENARIOS = {
     "scenario_2": "Strips: move the cursor",
     "scenario_3": "Strips: select the red segments",
 }
-"""In the order in which they are run; titles as the page has them."""
+"""In the order of execution, with the page's titles."""
 
 WAY_MS = 1000
 """The camera's way to the new room."""
@@ -36,7 +36,7 @@ SCENE_ONLY = """hidden => {
     if (each.tagName !== "CANVAS") each.style.visibility = hidden ? "hidden" : "";
   }
 }"""
-"""Hides what lies over the scene, such as names: their text is white, whatever the scene shows."""
+"""Hides overlays of the scene, such as names: their text is white, whatever the scene shows."""
 LIT = """() => {
   const { site } = window.pointit;
   const strips = site.strips?.strips ?? [];
@@ -49,7 +49,7 @@ LIT = """() => {
 
 @dataclass(frozen=True)
 class Picture:
-    """What there is to see in a region of the page."""
+    """The visible content of a region of the page."""
 
     colors: int
     """Different ones, of 4096."""
@@ -58,7 +58,7 @@ class Picture:
     strong: int
     """Pixels of a strong colour: lamps, packages, segments."""
     white: int
-    """Pixels of a white light, or of somebody's shirt; not full white: on a slow machine the page draws fewer
+    """Pixels of a white light, or of a person's shirt; not full white: on a slow machine the page draws fewer
     pixels, which the browser enlarges and so blurs."""
 
     @classmethod
@@ -90,13 +90,13 @@ def folder(tmp_path: Path) -> Path:
 
 
 async def picture(page: Page, path: Path) -> Picture:
-    """Return what the page's scene shows; the whole page is kept at `path`."""
+    """Return the page's scene. The whole page is stored at `path`."""
     await page.evaluate(SCENE_ONLY, arg=True)
     await page.screenshot(path=path)
     await page.evaluate(SCENE_ONLY, arg=False)
     box = await page.locator("#view canvas").bounding_box()
     assert box is not None
-    # without what lies over the scene: the card at the top, cameras and toasts at the bottom
+    # without overlays: the card at the top, cameras and toasts at the bottom
     return Picture.of(path, (box["x"], box["y"] + 95, box["width"], box["height"] - 175))
 
 

@@ -57,7 +57,7 @@ async def test_the_second_who_takes_the_mouse_has_it_and_the_first_is_told(
     middle = (box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
     assert await first.aimed_at(*middle, patience_s=0.5) is None
     assert await second.aimed_at(*middle) is not None
-    await second.page.context.close()  # who leaves lets go
+    await second.page.context.close()  # leaving releases it
     await expect(first.page.get_by_role("radio", name="Demo")).to_be_checked()
     await expect(first.page.get_by_role("button", name="Point with the mouse")).to_be_visible()
     assert first.faults == second.faults == []

@@ -1,4 +1,4 @@
-"""What the page tells: a wrong package, a service that hangs, what happened before; lamps; at 200 % zoom."""
+"""Messages of the page: a wrong package, a service that hangs, past events; lamps; at 200 % zoom."""
 
 import os
 import re
@@ -59,7 +59,7 @@ PLAN_COLORS = """() => {
   };
 }"""
 VITAL = {"pui": "Cursors and lights do not move", "selector": "Nothing can be selected"}
-"""What is over the scene, by the service that hangs."""
+"""Text over the scene, by the service that hangs."""
 THEMES: tuple[Theme, ...] = ("light", "dark")
 LEAST_CONTRAST = 3.0
 """WCAG 2.2, 1.4.11: of graphics."""
@@ -103,7 +103,7 @@ async def test_a_wrong_package_is_not_praised(browser: Browser, shared_site: Sit
 
 
 def accepts(host: str, port: int) -> bool:
-    """Return True if somebody listens there."""
+    """Return True if a server listens there."""
     try:
         socket.create_connection((host, port), timeout=1.0).close()
     except OSError:

@@ -1,4 +1,4 @@
-"""The window: the page in a browser, what it complains of, and where on it things of the room are."""
+"""The window: the page in a browser, its errors, and the page coordinates of objects in the room."""
 
 import asyncio
 import json
@@ -48,9 +48,9 @@ class Window:
 
     page: Page
     faults: list[str] = field(default_factory=list[str])
-    """What the console warned or complained of, and requests to foreign hosts."""
+    """Warnings and errors of the console, and requests to foreign hosts."""
     sent: list[dict[str, Any]] = field(default_factory=list[dict[str, Any]])
-    """What the page said to its server, oldest first; not its acknowledgements."""
+    """Messages of the page to its server, oldest first, without its acknowledgements."""
     latencies_ms: list[float] = field(default_factory=list[float])
     """From capture to frame, as its acknowledgements have it."""
     batches: list[bytes] = field(default_factory=list[bytes])
@@ -132,7 +132,7 @@ class Window:
         return found
 
     async def violations(self) -> list[str]:
-        """Return what the content security policy has forbidden to the page."""
+        """Return the violations of the content security policy by the page."""
         return list(await self.page.evaluate("window.violations"))
 
     async def objects(self) -> list[dict[str, Any]]:
@@ -141,9 +141,9 @@ class Window:
         return list(await self.page.evaluate(found))
 
     async def survey(self, settle_s: float = 0.0) -> "Lens":
-        """Move the mouse, which aims already, all over the scene, and find out what is where on the page.
+        """Move the mouse, which aims already, over the whole scene, and find the page coordinates of points.
 
-        `settle_s` is how long a frame takes at most where one takes long.
+        `settle_s` is the duration of the slowest frame.
         """
         box = await self.page.locator("#view canvas").bounding_box()
         assert box is not None
@@ -158,13 +158,13 @@ class Window:
     async def aimed_at(
         self, x: float, y: float, patience_s: float = 1.0, settle_s: float = 0.0
     ) -> Vec3 | None:
-        """Move the mouse there, and return where it aims, {W}; none: over something else."""
+        """Move the mouse there, and return its aim, {W}, or None over something else."""
         self.sent.clear()
         await self.page.mouse.move(x, y)
         deadline_s = time.monotonic() + patience_s
         while time.monotonic() < deadline_s:
             if any(part["kind"] == "aim" for part in self.sent):
-                await asyncio.sleep(settle_s)  # the first may be of where the mouse was before
+                await asyncio.sleep(settle_s)  # the first may belong to the mouse's former position
                 aims = [part["at_m"] for part in self.sent if part["kind"] == "aim"]
                 return (aims[-1][0], aims[-1][1], aims[-1][2])
             await asyncio.sleep(0.01)
@@ -189,7 +189,7 @@ class Window:
 
 @dataclass(frozen=True)
 class Lens:
-    """How {W} is seen on the page: a projection, found from places whose two ends are known."""
+    """The projection of {W} on the page, estimated from points known in both."""
 
     projection: NDArray[np.float64]
 
@@ -207,7 +207,7 @@ class Lens:
 
     @classmethod
     def _fitted(cls, places: list[tuple[Vec2, Vec3]]) -> "Lens":
-        """Return what fits best (direct linear transformation)."""
+        """Return the best fit (direct linear transformation)."""
         rows: list[list[float]] = []
         for (x, y), at_m in places:
             point = [*at_m, 1.0]

@@ -1,6 +1,6 @@
 # pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false
 # (the stubs of zenoh leave return types out)
-"""A stranger on the network: whoever speaks Zenoh, but none of ours."""
+"""A stranger on the network, which speaks Zenoh, but is none of ours."""
 
 import asyncio
 from collections.abc import AsyncIterator
@@ -14,7 +14,7 @@ from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 
 @pytest_asyncio.fixture
 async def bus_and_stranger(endpoint: str) -> AsyncIterator[tuple[ZenohBus, zenoh.Session]]:
-    """Yield a bus that others can join, and somebody who joins it with bare Zenoh."""
+    """Yield a bus that others can join, and a bare Zenoh session that joins it."""
     bus = await ZenohBus.open(Link(listen=(endpoint,)))
     config = zenoh.Config()
     config.insert_json5("mode", '"client"')

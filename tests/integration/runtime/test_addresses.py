@@ -32,7 +32,7 @@ async def test_an_address_of_another_machine() -> None:
 
 
 @pytest.mark.parametrize("is_listening", [False, True])
-async def test_an_address_where_nobody_answers_does_not_keep_from_the_next(is_listening: bool) -> None:  # noqa: FBT001
+async def test_a_silent_address_does_not_prevent_trying_the_next(is_listening: bool) -> None:  # noqa: FBT001
     with socket.socket() as mute:
         mute.bind(("127.0.0.1", 0))
         if is_listening:  # and says nothing
@@ -47,7 +47,7 @@ async def test_an_address_where_nobody_answers_does_not_keep_from_the_next(is_li
             await bus.close()
 
 
-async def test_where_nobody_answers_anywhere_that_is_said_after_all_were_tried() -> None:
+async def test_silence_at_all_addresses_is_reported_after_trying_each() -> None:
     where = tuple(f"tcp/127.0.0.1:{free_port()}" for _ in range(2))
     with pytest.raises(ConnectError, match=f"nobody answers at {where[0]}, {where[1]}"):
         await ZenohBus.open(Link(connect=where), patience_s=0.0)

@@ -14,7 +14,7 @@ from tests.support.bench import START_NS, until
 from tests.support.buses import router_process
 
 SLOWEST_S = 0.3
-"""Of what is on its way at a time."""
+"""Delay of the slowest packet."""
 BREAKS = 8
 LIVES_S = (0.5, 1.2)
 PERIOD_S = 0.02
@@ -22,7 +22,7 @@ RECOVERED_S = 30.0
 
 
 class BadLink:
-    """Stands between a router and who connects to it."""
+    """A relay between a router and its clients."""
 
     def __init__(self, router: str) -> None:
         host, _, port = router.removeprefix("tcp/").rpartition(":")

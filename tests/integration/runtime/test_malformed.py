@@ -1,6 +1,6 @@
 # pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false
 # (the stubs of zenoh leave return types out)
-"""Bytes that nobody of ours has sent: dropped, counted, said once a second, and never the end of a reader."""
+"""Malformed bytes are dropped, counted, logged once a second, and never end a reader."""
 
 import asyncio
 import logging
@@ -80,7 +80,7 @@ async def test_good_messages_go_on_between_bad_ones(
         await until(lambda seq=seq: seen == list(range(seq + 1)))  # type: ignore[misc]
 
 
-async def test_a_key_whose_name_cannot_be_one_is_dropped(
+async def test_a_key_with_an_invalid_name_is_dropped(
     bus_and_stranger: tuple[ZenohBus, zenoh.Session],
 ) -> None:
     bus, stranger = bus_and_stranger

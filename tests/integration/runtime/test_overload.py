@@ -1,4 +1,4 @@
-"""A reader that is too slow harms nobody but itself."""
+"""A reader that is too slow harms only itself."""
 
 import asyncio
 import threading
@@ -61,7 +61,7 @@ class SlowReader:
         self.seen.append((name, message.seq))
 
 
-async def test_a_slow_reader_delays_nobody_and_sees_the_newest() -> None:
+async def test_a_slow_reader_does_not_delay_others_and_gets_the_newest() -> None:
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     async with running_router((endpoint,)):
         writer = await ZenohBus.open(Link(connect=(endpoint,)), patience_s=5)

@@ -1,4 +1,4 @@
-"""A router that is killed and comes back: said once, and everything works again."""
+"""A router that is killed and comes back: logged once, and everything works again."""
 
 import logging
 import re

@@ -27,7 +27,7 @@ SITE = "pointit/lab/"
 LAMP = Lamp(id="lamp", position_m=(0.0, 0.0, 2.0))
 
 
-async def test_thousands_of_new_names_leave_those_who_are_heard_alone(
+async def test_thousands_of_new_names_do_not_evict_active_ones(
     bus_and_stranger: tuple[ZenohBus, zenoh.Session], caplog: pytest.LogCaptureFixture
 ) -> None:
     bus, stranger = bus_and_stranger
@@ -194,7 +194,7 @@ async def test_a_sample_is_decoded_once_for_all_readers_of_the_process(
     assert sinks[1].of("anna") == [1, 2]
 
 
-async def test_readers_of_one_name_and_of_all_hear_each_their_own(
+async def test_readers_of_one_name_and_of_all_get_their_messages(
     bus_and_stranger: tuple[ZenohBus, zenoh.Session],
 ) -> None:
     bus, stranger = bus_and_stranger

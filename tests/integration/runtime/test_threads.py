@@ -1,4 +1,4 @@
-"""How many of Zenoh's threads receive, in a process of its own: Zenoh is told once for each."""
+"""Number of Zenoh's receiving threads, in a process of its own: Zenoh is configured once per process."""
 
 import os
 import subprocess

@@ -14,9 +14,7 @@ from tests.integration.access.secured import credentials_of, make_site, now
 def test_what_is_no_password_is_told_without_it(tmp_path: Path, held: bytes) -> None:
     file = make_site(tmp_path / "lab", password=True).identity_folder("anna") / "password"
     file.write_bytes(held)
-    with pytest.raises(
-        ConfigError, match=r"password: holds no password as `pointit site` makes them"
-    ) as told:
+    with pytest.raises(ConfigError, match=r"password: is not a password made by `pointit site`") as told:
         read_credentials(file.parent, now())
     assert "heim" not in str(told.value).replace(str(file), "")
 

@@ -107,7 +107,7 @@ async def test_a_site_clock_follows_the_tick_of_another_participant(wall: Wall, 
     assert (follower.speed, late.speed) == (10.0, 3.0)
 
 
-async def test_setting_the_walls_clock_moves_nobody(wall: Wall, bus: MemoryBus) -> None:
+async def test_setting_the_wall_clock_changes_no_site_time(wall: Wall, bus: MemoryBus) -> None:
     source, follower = SimulatedClock(10.0), SiteClock(bus)
     publisher = bus.publisher(CLOCK)
     publisher.put(source.tick())
@@ -149,7 +149,7 @@ async def test_a_clock_that_is_ahead_waits_without_going_backwards(wall: Wall, b
     }
 
 
-async def test_a_source_that_begins_anew_is_followed_at_once(wall: Wall, bus: MemoryBus) -> None:
+async def test_a_restarted_source_is_followed_at_once(wall: Wall, bus: MemoryBus) -> None:
     follower, publisher = SiteClock(bus), bus.publisher(CLOCK)
     publisher.put(SimulatedClock(10.0).tick())
     await handled()
@@ -184,7 +184,9 @@ async def test_a_run_that_is_over_leaves_wall_time(wall: Wall, bus: MemoryBus) -
     assert (follower.speed, follower.now_ns()) == (10.0, source.now_ns())
 
 
-async def test_time_is_told_at_once_and_again(monkeypatch: pytest.MonkeyPatch, bus: MemoryBus) -> None:
+async def test_time_is_published_at_once_and_periodically(
+    monkeypatch: pytest.MonkeyPatch, bus: MemoryBus
+) -> None:
     monkeypatch.setattr(clock_module, "TICK_PERIOD_S", 0.01)
     told: list[int] = []
     bus.subscribe(CLOCK, lambda tick, _name: told.append(tick.sim_ns))

@@ -1,4 +1,4 @@
-"""Configuration: which source wins, and what a person is told about a mistake."""
+"""Configuration: precedence of sources, and messages about mistakes."""
 
 import contextlib
 from pathlib import Path
@@ -34,7 +34,7 @@ class Part(Config):
 
 
 class Sample(Config):
-    """What the tests configure."""
+    """The configuration under test."""
 
     count: int = Field(default=3, ge=0, description="how many")
     label: str = Field(default="none yet", description="what to call it")
@@ -126,7 +126,7 @@ def test_a_mistake_in_a_file_names_file_field_and_value(values: dict[str, object
     assert "\n" not in str(caught.value)
 
 
-def test_the_source_that_is_named_is_the_one_that_won() -> None:
+def test_an_error_names_the_source_that_took_precedence() -> None:
     layers = Layers()
     layers.add({"arm": {"length_m": "long", "side": "left"}}, "file.yaml")
     layers.add_environment({"POINTIT_X__ARM__LENGTH_M": "longer"}, "POINTIT_X__")
@@ -212,7 +212,7 @@ BOMB = b"a0: &a0 [1, 1, 1, 1, 1, 1, 1, 1, 1, 1]\n" + b"".join(
 MERGED_BOMB = b"a0: &a0 {b: 1, c: 2, d: 3, e: 4}\n" + b"".join(
     f"a{n + 1}: &a{n + 1}\n  {{<<: [{TEN.format(n)}]}}\n".encode() for n in range(9)
 )
-"""Ten to the power of ten values each, for who unfolds them."""
+"""Ten to the power of ten values each when unfolded."""
 
 
 def test_yaml_files(tmp_path: Path) -> None:
@@ -251,7 +251,7 @@ def test_yaml_files(tmp_path: Path) -> None:
         (b"# " + b"x" * 4 * 1024 * 1024, "is too large, at most 4 MiB are read"),
     ],
 )
-def test_a_broken_file_is_told_in_one_sentence(tmp_path: Path, content: bytes, sentence: str) -> None:
+def test_a_broken_file_raises_one_sentence(tmp_path: Path, content: bytes, sentence: str) -> None:
     file = tmp_path / "broken.yaml"
     file.write_bytes(content)
     with pytest.raises(ConfigError) as caught:

@@ -1,4 +1,4 @@
-"""What others have written is text on a terminal: no command, no markup, no log line of ours."""
+"""Foreign text on a terminal is plain text: no command, no markup, no log line of ours."""
 
 import io
 import logging

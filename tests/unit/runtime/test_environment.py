@@ -11,7 +11,7 @@ from pointit.services.selector.service import Selector
 SERVICES = [process.name for process in PROCESSES]
 
 
-def test_what_configures_a_service_is_let_through() -> None:
+def test_variables_of_services_are_accepted() -> None:
     fine = {f"{environment_prefix(name)}ANYTHING": "1" for name in SERVICES}
     check_environment(
         {**fine, "POINTIT_DATA": "/data", "HOME": "/", "POINTITX": "", "XPOINTIT_Y": ""}, SERVICES
@@ -35,7 +35,7 @@ def test_what_configures_a_service_is_let_through() -> None:
         ("POINTIT_QQQQQQ__X", "`pointit list` shows services"),
     ],
 )
-def test_what_configures_nothing_is_told_with_what_was_meant(variable: str, said: str) -> None:
+def test_a_variable_without_effect_is_reported_with_the_nearest_name(variable: str, said: str) -> None:
     with pytest.raises(ConfigError) as caught:
         check_environment({variable: "1"}, SERVICES)
     assert str(caught.value).startswith(f"variable {variable}: ")

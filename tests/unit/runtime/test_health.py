@@ -220,7 +220,7 @@ async def test_a_timer_ends_with_its_service_or_when_it_is_cancelled(bench: Benc
     assert called == ["first"]
 
 
-async def test_a_recording_that_is_played_is_left_out_and_told(bench: Bench, now_s: list[float]) -> None:
+async def test_a_played_recording_is_left_out_and_reported(bench: Bench, now_s: list[float]) -> None:
     seen: list[int] = []
     bench.view.subscribe(IMU, lambda message, _name: seen.append(message.seq), "anna")
     writer = bench.bus.publisher(IMU, "anna")
@@ -240,7 +240,9 @@ async def test_a_recording_that_is_played_is_left_out_and_told(bench: Bench, now
     assert not bench.view.report().warnings
 
 
-async def test_what_comes_too_late_to_act_on_is_left_out_and_told(bench: Bench, now_s: list[float]) -> None:
+async def test_messages_too_late_to_act_on_are_left_out_and_reported(
+    bench: Bench, now_s: list[float]
+) -> None:
     acts: list[int] = []
     looks: list[int] = []
 

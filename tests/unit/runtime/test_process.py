@@ -1,4 +1,4 @@
-"""Commands: what they say and with which code they end."""
+"""Messages and exit codes of commands."""
 
 import asyncio
 import json
@@ -97,7 +97,7 @@ def test_errors_are_a_sentence_and_a_code(
     assert "Traceback" not in shown.err
 
 
-def test_a_fault_nobody_foresaw_is_a_sentence_a_code_of_its_own_and_a_traceback_in_the_log(
+def test_an_unforeseen_error_gives_a_sentence_a_code_and_a_logged_traceback(
     capsys: pytest.CaptureFixture[str], caplog: pytest.LogCaptureFixture
 ) -> None:
     assert ended(raising(ZeroDivisionError("oops"))) == 70
@@ -143,7 +143,7 @@ def test_what_a_shell_has_started_beside_it_ignores_ctrl_c_again_afterwards() ->
         signal.signal(signal.SIGINT, before)
 
 
-def test_a_failure_while_ending_is_one() -> None:
+def test_an_error_during_shutdown_is_a_failure() -> None:
     async def work() -> int:
         asyncio.get_running_loop().call_later(0.05, os.kill, os.getpid(), signal.SIGTERM)
         try:
@@ -155,7 +155,7 @@ def test_a_failure_while_ending_is_one() -> None:
         run_until_shutdown(work())
 
 
-def test_of_a_group_the_sentence_for_people_is_told() -> None:
+def test_an_exception_group_prints_its_message_for_people() -> None:
     async def fail(error: Exception) -> int:
         raise error
 
@@ -204,7 +204,7 @@ def test_files_variables_and_options_in_this_order(tmp_path: Path, monkeypatch: 
         (["--site", "*"], "site '*': use 1 to 64 letters"),
     ],
 )
-def test_what_is_typed_wrongly_is_told_with_code_2(
+def test_a_wrong_argument_ends_with_code_2_and_a_message(
     arguments: list[str], said: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert ended(service_command(Sample), "--user", "anna", *arguments) == 2
@@ -213,7 +213,7 @@ def test_what_is_typed_wrongly_is_told_with_code_2(
     assert "Traceback" not in error
 
 
-def test_an_address_that_is_none_is_told(capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_invalid_address_is_reported(capsys: pytest.CaptureFixture[str]) -> None:
     assert ended(service_command(Sample), "--user", "anna", "--connect", "over there") == 2
     assert "over there" in capsys.readouterr().err
 
@@ -224,7 +224,7 @@ def test_logs_are_json_lines_without_a_terminal(capsys: pytest.CaptureFixture[st
     assert json.loads(capsys.readouterr().err.splitlines()[-1])["message"] == "hello"
 
 
-def test_what_a_service_can_see_by_itself_is_told_before_anybody_is_sought(
+def test_a_configuration_error_is_reported_before_connecting(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     class Picky(Sample):
@@ -250,7 +250,7 @@ def test_what_a_service_can_see_by_itself_is_told_before_anybody_is_sought(
         ("tcp/127.0.0.1", "is no address"),
     ],
 )
-def test_a_port_that_cannot_be_is_a_mistake_of_who_typed_it(
+def test_an_invalid_port_ends_with_code_2(
     option: str, address: str, said: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert ended(service_command(Sample), "--user", "anna", option, address) == 2

@@ -14,7 +14,7 @@ PATIENCE_S = 20.0
 
 
 class Session:
-    """Of Zenoh, as far as it matters here."""
+    """A stand-in for a Zenoh session."""
 
     def __init__(self) -> None:
         self.is_closed = False
@@ -45,7 +45,7 @@ def test_without_connections_no_sockets_are_looked_for(monkeypatch: pytest.Monke
     assert cut == [[("10.0.0.7", 40_000)]]
 
 
-async def test_a_session_that_opens_when_nobody_wants_it_any_more_is_closed(
+async def test_a_session_that_opens_after_cancellation_is_closed(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     begun, release = threading.Event(), threading.Event()

@@ -27,7 +27,7 @@ from tests.support.bench import ManualClock, until
 
 
 class Worker(Service[Config]):
-    """Writes a state, answers a request, works until told otherwise."""
+    """Writes a state, answers a request, works until cancelled."""
 
     NAME: ClassVar[str] = "worker"
     SCOPE: ClassVar[Scope] = "user"

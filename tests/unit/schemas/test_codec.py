@@ -124,7 +124,7 @@ def test_bombs_and_rubbish_are_decode_errors(payload: bytes) -> None:
         decode(Environment, payload)
 
 
-def test_what_is_too_long_is_refused_unread() -> None:
+def test_a_payload_that_is_too_long_is_refused_unread() -> None:
     padding = ImuSample.max_bytes - len(packed(skin=b""))
     with pytest.raises(DecodeError, match=r"^ImuSample: skin: Extra inputs"):
         decode(ImuSample, packed(skin=b"x" * (padding - 1)))  # one more to say how long it is
@@ -193,7 +193,7 @@ def test_the_largest_that_is_meant_to_travel_does(message: Message) -> None:
     assert decode(type(message), encode(message)) == message
 
 
-def test_what_is_wrong_is_said_in_a_short_line() -> None:
+def test_an_error_is_one_short_line() -> None:
     objects = [{"id": str(number)} for number in range(20_000)]
     with pytest.raises(DecodeError) as caught:
         decode(TrackedObjects, msgpack.packb({"stamp_ns": 1, "objects": objects}))
@@ -253,7 +253,7 @@ def test_directions_have_norm_one_as_far_as_float32_has(norm: float, taken: bool
 
 
 @pytest.mark.parametrize("schema", ["ImuSample.v98", "ImuSample.v1700"])
-def test_what_a_newer_sender_added_is_ignored(schema: str) -> None:
+def test_fields_of_a_newer_sender_are_ignored(schema: str) -> None:
     assert decode(ImuSample, packed(skin_temperature_k=307.0), schema) == decode(ImuSample, packed())
 
 
@@ -272,12 +272,12 @@ def test_what_a_newer_sender_added_is_ignored(schema: str) -> None:
         pytest.param("ImuSample.v" + "9" * 5000, id="ImuSample.v999..."),
     ],
 )
-def test_what_anyone_else_added_is_refused(schema: str) -> None:
+def test_unknown_fields_of_other_senders_are_refused(schema: str) -> None:
     with pytest.raises(DecodeError, match=r"skin_temperature_k: Extra inputs"):
         decode(ImuSample, packed(skin_temperature_k=307.0), schema)
 
 
-def test_what_a_newer_sender_added_to_a_part_is_ignored_too() -> None:
+def test_nested_fields_of_a_newer_sender_are_ignored() -> None:
     payload = msgpack.packb({"stamp_ns": 1, "body": {"shoulder_to_wrist_m": 0.6, "ring_size_m": 0.02}})
     assert decode(UserProfile, payload, "UserProfile.v99").body.shoulder_to_wrist_m == 0.6
     with pytest.raises(DecodeError, match=r"body\.ring_size_m"):

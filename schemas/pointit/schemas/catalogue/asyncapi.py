@@ -8,7 +8,7 @@ from pointit.schemas.codec import MEDIA_TYPE
 from pointit.schemas.topics import PRESENCES, REQUESTS, TOPICS, Request, Topic
 
 VERSION = "1.0.0"
-"""Of the set of keys; every message has a version of its own."""
+"""Version of the set of keys. Every message has a version of its own."""
 
 Kind = type[Message] | type[Query]
 
@@ -59,7 +59,7 @@ def channel_name(key: str) -> str:
 
 
 def first_sentence(kind: Kind) -> str:
-    """Return what a message says of itself in one line."""
+    """Return the first sentence of a message's docstring."""
     text = " ".join((kind.__doc__ or "").split("\n\n")[0].split())
     return text.partition(". ")[0].removesuffix(".")
 

@@ -68,7 +68,7 @@ def generate(kinds: Iterable[Kind] | None = None) -> dict[str, bytes]:
 
 
 def compatibility_errors(committed: Files, kinds: Iterable[Kind] | None = None) -> list[str]:
-    """Return how today's messages break the rule that they only grow; a sentence each."""
+    """Return a sentence for each change of today's messages that is not a mere addition."""
     today = {kind.__name__: kind for kind in (all_kinds() if kinds is None else kinds)}
     sentences: list[str] = []
     versions: dict[str, set[int]] = {}
@@ -87,7 +87,7 @@ def compatibility_errors(committed: Files, kinds: Iterable[Kind] | None = None) 
 
 
 def updated_files(committed: Files, kinds: Iterable[Kind] | None = None) -> dict[str, bytes]:
-    """Return the files to write: what is new, and newer prose; samples that are there stay as they are.
+    """Return the files to write: new ones, and those with newer descriptions. Samples stay unchanged.
 
     Raises:
         SchemaError: a message breaks the rule that it only grows.
@@ -103,7 +103,7 @@ def updated_files(committed: Files, kinds: Iterable[Kind] | None = None) -> dict
 
 
 def check_committed(committed: Files, kinds: Iterable[Kind] | None = None) -> list[str]:
-    """Return what is wrong with a committed catalogue and what to do, a sentence each."""
+    """Return a sentence for each problem of a committed catalogue, with the remedy."""
     kinds = tuple(all_kinds() if kinds is None else kinds)
     if broken := compatibility_errors(committed, kinds):
         return broken

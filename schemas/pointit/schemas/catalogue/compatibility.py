@@ -1,4 +1,4 @@
-"""Messages only grow: what of a JSON Schema is structure, and whether a newer one only adds to it."""
+"""Compatibility of messages: the structural part of a JSON Schema, and checks that a newer one only adds."""
 
 from collections.abc import Iterator, Mapping
 from typing import Any, TypeGuard
@@ -7,7 +7,7 @@ JsonSchema = dict[str, Any]
 
 _PROSE = frozenset({"title", "description", "$id", "$schema"})
 _MAPS = frozenset({"properties", "$defs"})
-"""Keywords whose members have names of ours, which may well be `title`."""
+"""Keywords whose members have names of our own, which may be `title`."""
 
 
 def strip_annotations(schema: Mapping[str, Any]) -> JsonSchema:
@@ -17,9 +17,9 @@ def strip_annotations(schema: Mapping[str, Any]) -> JsonSchema:
 
 
 def breaking_changes(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
-    """Return what keeps `new` from being `old` plus optional fields, a clause each; empty when it only grew.
+    """Return a clause for each way in which `new` is not `old` plus optional fields.
 
-    Defaults may change: whoever sends the newer version sends every field.
+    Defaults may change, since writers of the newer version send every field.
     """
     return list(_losses(strip_annotations(old), strip_annotations(new), ""))
 

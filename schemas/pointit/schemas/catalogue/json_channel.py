@@ -1,8 +1,8 @@
-"""Messages as Foxglove's and Lichtblick's viewers read them, live or recorded: JSON with a JSON Schema.
+"""Messages for the viewers Foxglove and Lichtblick, live or recorded: JSON with a JSON Schema.
 
-Their parsers know no references, alternatives, empty fields and arrays in arrays: references
-are resolved, what may be empty is described as when it is not, and what cannot be described is left out
-of the schema, though not of the message.
+Their parsers know no references, alternatives, nulls and nested arrays: references are resolved, optional
+fields are described by their type without null, and all else is left out of the schema, though not of the
+message.
 """
 
 import base64

@@ -1,4 +1,4 @@
-"""What others ask and the loop has not looked at yet: bounded, and handled a slice of time a turn."""
+"""Bounded queues of incoming requests. The loop handles each queue for a slice of time per turn."""
 
 import asyncio
 import collections
@@ -14,7 +14,7 @@ log = logging.getLogger(__name__)
 T = TypeVar("T")
 
 MAX_WAITING = 512
-"""Of one line; more are turned away. Twice what one request answers at a time."""
+"""Length of one queue, twice what one request answers at a time. Further items are rejected."""
 SLICE_S = 0.001
 """So long a line works in one turn of the loop before everybody else gets theirs."""
 SHOWN_S = 5.0
@@ -23,7 +23,7 @@ LOG_PERIOD_S = 1.0
 
 
 class OverflowCounter:
-    """Who found a line full, of all lines of a process; counted on any thread."""
+    """Counts rejections by full queues, for all queues of a process and from any thread."""
 
     def __init__(self) -> None:
         """Begin with none."""
@@ -43,7 +43,7 @@ class OverflowCounter:
         log.warning("%s", self.problem(now_s))
 
     def problem(self, now_s: float) -> str:
-        """Return one sentence while this is so, or was a moment ago; empty otherwise."""
+        """Return a message for `SHOWN_S` after a rejection, else `""`."""
         with self._lock:
             if now_s - self._last_s > SHOWN_S:
                 return ""
@@ -72,7 +72,7 @@ class BoundedWorkQueue(Generic[T]):
         self._lock = threading.Lock()
         self._waiting: collections.deque[T] = collections.deque()
         self._steps: Iterator[object] | None = None
-        """What is left of the item that is worked on."""
+        """Remaining steps of the item in progress."""
         self._is_awake = False
 
     def offer(self, item: T) -> bool:

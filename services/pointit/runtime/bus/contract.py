@@ -20,7 +20,7 @@ EVENT_CAPACITY = 1024
 """Events a reader may lag behind before the oldest are dropped, counted and reported."""
 
 REQUEST_TIMEOUT_S = 2.0
-"""How long a caller waits for a reply unless told otherwise."""
+"""Time (s) that a caller waits for a reply by default."""
 
 Handler = Callable[[M, str], None]
 """Takes a message and what stands for the key's placeholder (empty where there is none)."""
@@ -41,12 +41,12 @@ MAX_IN_FLIGHT = 256
 """Answers that one server works on at a time; further callers are refused at once."""
 
 UNDECLARE_S = 0.25
-"""How long a retired writer is still known elsewhere, unless its session is closed before."""
+"""Time (s) for which a retired writer is still known elsewhere, unless its session is closed before."""
 
 
 @dataclass(slots=True)
 class SubscriptionStats:
-    """What a subscription has seen since it began."""
+    """Counters of a subscription since it was made."""
 
     received: int = 0
     dropped: int = 0
@@ -152,7 +152,7 @@ class Bus(Protocol):
 
     @property
     def problem(self) -> str:
-        """Return one sentence on what is wrong with the bus itself; empty when nothing is."""
+        """Return a message if the bus itself has a problem, else `""`."""
         ...
 
     async def close(self) -> None:
@@ -163,7 +163,7 @@ class Bus(Protocol):
 async def list_present(bus: Bus, presence: Presence, wait_s: float) -> set[str]:
     """Return the names that are present now, as far as they are known after `wait_s` (ms on one machine).
 
-    Whoever is about to announce a name asks first, and refuses one that is in use.
+    Call this before announcing a name, and reject a name in use.
     """
     names: set[str] = set()
 

@@ -1,4 +1,4 @@
-"""What a participant of an exchange declares in it: writers, readers, what it keeps, whom it watches."""
+"""Declarations of a participant in an exchange: writers, readers, retained states, presence watchers."""
 
 import logging
 from collections.abc import Callable, Sequence
@@ -103,7 +103,7 @@ class MailboxSubscription:
 
 
 class RetainedStateServer:
-    """What somebody keeps of states: handed over to the readers there are, and to each that comes."""
+    """Retained states of one keeper, delivered to the present readers and to each later one."""
 
     def __init__(self, bus: Participant, topics: Sequence[AnyTopic], recall: Recall) -> None:
         self.recall = recall

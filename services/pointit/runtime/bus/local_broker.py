@@ -44,7 +44,7 @@ class PresenceWatcher(Protocol):
 
 
 class LocalBroker:
-    """What participants of one process share: readers, last values, servers, presence."""
+    """The shared state of the participants of one process: readers, last values, servers, presence."""
 
     def __init__(self) -> None:
         self.readers: dict[str, list[tuple[str, Mailbox]]] = {}
@@ -57,14 +57,14 @@ class LocalBroker:
         """By presence key and name: how many announce it."""
         self.watchers: dict[str, list[PresenceWatcher]] = {}
         self.keepings: list[KeptStates] = []
-        """Who answers for writers that are gone."""
+        """Servers of the states of writers that are gone."""
 
     def readers_of(self, topic: AnyTopic) -> list[tuple[str, Mailbox]]:
         """Return the live list of readers, for writers to keep."""
         return self.readers.setdefault(topic.key, [])
 
     def handler_for(self, request: Request[Q, R], name: str) -> RequestServer[Q, R] | None:
-        """Return who answers `request` for `name` in this process."""
+        """Return the server of `request` for `name` in this process, or None."""
         for desk in self.desks.get(request.key, ()):
             if desk.wanted in (ANY, name):
                 return desk
@@ -72,7 +72,7 @@ class LocalBroker:
 
 
 class Participant:
-    """What the ends of a bus need of it: the exchange, its declarations, tasks that end with it."""
+    """The part of a bus that its endpoints need: the exchange, its declarations, tasks that end with it."""
 
     def __init__(self, exchange: LocalBroker | None = None) -> None:
         """Join `exchange`, or a new one; must be called in the event loop that will run the tasks."""
@@ -84,7 +84,7 @@ class Participant:
 
     @property
     def is_closed(self) -> bool:
-        """Return True if the bus is closed, or being closed."""
+        """Return True if the bus is closed or closing."""
         return self._closed.done()
 
     def spawn(self, work: Coroutine[Any, Any, T], name: str) -> asyncio.Task[T]:
@@ -97,4 +97,4 @@ class Participant:
     def _forget(self, task: asyncio.Task[Any]) -> None:
         self._tasks.discard(task)
         if not task.cancelled():
-            task.exception()  # seen: whoever asked may have gone
+            task.exception()  # mark as retrieved: the caller may be gone

@@ -27,7 +27,7 @@ LOG_PERIOD_S = 1.0
 
 
 class Drainable(Protocol):
-    """What fills on any thread and is emptied in the loop; `Mailbox` is one."""
+    """A buffer that is filled on any thread and drained in the loop, such as `Mailbox`."""
 
     def drain(self) -> None:
         """Handle what is there."""
@@ -47,7 +47,7 @@ class Dispatcher:
         self._logged_s: dict[tuple[str, str], float] = {}
 
     def should_log(self, key: str, what: str) -> bool:
-        """Return True if it is time for a line on `what` about the topic `key`; from any thread."""
+        """Return True if a log line on `what` about the topic `key` is due. Any thread."""
         now_s = time.monotonic()
         with self._log_lock:
             if now_s - self._logged_s.get((key, what), -math.inf) < LOG_PERIOD_S:
@@ -126,7 +126,7 @@ class Mailbox:
         self._newest: dict[str, Any] = {}
         self._queue: collections.deque[tuple[str, Any]] = collections.deque(maxlen=EVENT_CAPACITY)
         self._overflowed = 0
-        """How many had overflowed when it was last said."""
+        """Number of overflows at the last report."""
         self._takes_kept = kept and topic.delivery is Delivery.STATE
         self._live: set[str] = set()
         """Names of which a living writer's state was handled."""
@@ -137,7 +137,7 @@ class Mailbox:
 
     @property
     def accepts_retained(self) -> bool:
-        """Return True if `offer_retained` has a meaning now."""
+        """Return True if `offer_retained` has an effect now."""
         return self._takes_kept and not self._closed
 
     def offer(self, name: str, item: Any) -> None:
@@ -203,7 +203,7 @@ class Mailbox:
             self._drain_kept()
 
     def _is_known(self, name: str, message: Message) -> bool:
-        """Take note that a living writer has put `message`. Return True if it is what was kept of it."""
+        """Note that a living writer has put `message`. Return True if it equals the retained value."""
         self._live.add(name)
         return bool(self._recalled) and self._recalled.pop(name, None) == message
 

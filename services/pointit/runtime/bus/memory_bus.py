@@ -36,7 +36,7 @@ Q = TypeVar("Q", bound=Query)
 R = TypeVar("R", bound=Reply)
 
 CLOSE_PATIENCE_S = 1.0
-"""How long closing waits for servers to notice that they are cancelled."""
+"""Time (s) that closing waits for cancelled servers."""
 
 log = logging.getLogger(__name__)
 
@@ -85,7 +85,7 @@ class MemoryBus(Participant):
     async def call(
         self, request: Request[Q, R], query: Q, name: str = "", *, timeout_s: float = REQUEST_TIMEOUT_S
     ) -> R:
-        """Return the reply of whoever serves `request` in this process."""
+        """Return the reply of the server of `request` in this process."""
         self._check_open()
         key = request.at(name)
         desk = self.exchange.handler_for(request, name)
@@ -137,7 +137,7 @@ class MemoryBus(Participant):
     async def _wait_for(
         self, reply: "asyncio.Task[R]", request: Request[Q, R], key: str, timeout_s: float
     ) -> R:
-        """Return what `reply` comes to, unless the time or the bus ends before."""
+        """Return the result of `reply`, unless the time or the bus ends before."""
         await asyncio.wait({reply, self._closed}, timeout=timeout_s, return_when=asyncio.FIRST_COMPLETED)
         if self._closed.done():
             raise BusClosedError(f"{key} was not answered: the bus is closed")

@@ -1,4 +1,4 @@
-"""Whose messages a reader takes: as many names as a site can have, however many a stranger makes up."""
+"""A limit on the names that a reader accepts, so that a stranger cannot flood it with new ones."""
 
 import collections
 import threading
@@ -8,7 +8,7 @@ from pointit.schemas import KeyNameError
 
 MAX_USERS = 256
 MAX_NAMES = 4096
-"""Of anything but users: lamps, service instances."""
+"""Limit for all placeholders but users: lamps, service instances."""
 
 SILENT_S = 60.0
 """A name that was not heard for so long gives way to a new one."""
@@ -25,12 +25,12 @@ class Places:
         self._kept[placeholder] = frozenset(names)
 
     def holds(self, placeholder: str, name: str) -> bool:
-        """Return True if `name` has a place; from any thread."""
+        """Return True if a place is reserved for `name`. Any thread."""
         return name in self._kept.get(placeholder, ())
 
 
 def max_names_for(placeholder: str) -> int:
-    """Return how many names a reader takes for `{placeholder}` of a key."""
+    """Return the number of names that a reader accepts for `{placeholder}` of a key."""
     return MAX_USERS if placeholder == "user" else MAX_NAMES
 
 

@@ -1,4 +1,4 @@
-"""Where requests are answered in this process."""
+"""Servers of requests within this process."""
 
 import asyncio
 import logging
@@ -18,7 +18,7 @@ log = logging.getLogger(__name__)
 
 
 class RequestHandler(Generic[Q, R]):
-    """Where one request is answered: each answer is a task that ends with the desk, not with its caller."""
+    """The server of one request. Each answer is a task that ends with the server, not with its caller."""
 
     def __init__(self, bus: Participant, request: Request[Q, R], server: Server[Q, R], name: str) -> None:
         self.request = request
@@ -66,7 +66,7 @@ class RequestHandler(Generic[Q, R]):
 
 
 def shutting_down(request: Request[Any, Any]) -> str:
-    """Return what a caller is told whose server ends."""
+    """Return the refusal for callers of a server that ends."""
     return f"{request.server} is shutting down"
 
 

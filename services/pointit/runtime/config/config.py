@@ -42,7 +42,7 @@ class Layers:
         self._lay(values, source)
 
     def add_text(self, path: Sequence[str], text: str, source: str) -> None:
-        """Lay one value on top, given as YAML text (`0.5`, `[1, 2]`, `red`).
+        """Override one value, given as YAML text (`0.5`, `[1, 2]`, `red`).
 
         A single word or number stays text, for the field to read: `no` may be a name, `7` an id.
         """

@@ -13,15 +13,15 @@ SEPARATOR = "__"
 
 
 def environment_prefix(service_name: str) -> str:
-    """Return how variables of a service begin: `POINTIT_LED_DRIVER__`."""
+    """Return the prefix of a service's variables: `POINTIT_LED_DRIVER__`."""
     return _stem(service_name) + SEPARATOR
 
 
 def check_environment(environment: Mapping[str, str], services: Iterable[str]) -> None:
-    """Make sure that no variable is without effect; `services` are the names of all there are.
+    """Check that each variable with our prefix belongs to one of `services`, the names of all services.
 
     Raises:
-        ConfigError: a variable begins as ours do and belongs to no service; names the nearest.
+        ConfigError: If a variable belongs to no service. Names the nearest.
     """
     stems = {_stem(service): service for service in services}
     for variable in sorted(environment):
@@ -43,10 +43,10 @@ def check_environment(environment: Mapping[str, str], services: Iterable[str]) -
 
 
 def check_spelling(variable: str, services: Iterable[str]) -> None:
-    """Make sure that `variable` does not name one of `services` without the separator behind it.
+    """Check that `variable` does not name one of `services` without the separator behind it.
 
     Raises:
-        ConfigError: it does; says how to write it.
+        ConfigError: If it does. Says how to write it.
     """
     # of `robot` and `robot-replay`, the longer one is meant
     for stem in sorted((_stem(service) for service in services), key=len, reverse=True):

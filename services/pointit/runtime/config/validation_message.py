@@ -1,4 +1,4 @@
-"""What is wrong with a file or a parameter, in words for the person who wrote it."""
+"""Messages about an invalid file or parameter, for the person who wrote it."""
 
 import difflib
 import types
@@ -28,11 +28,11 @@ _WANTED = {
     "string": "write text",
     "tuple": "write a list such as [a, b]",
 }
-"""By what pydantic calls a mistake, or by the first word of it (`int_parsing`, `int_type`)."""
+"""Advice by pydantic's error type, or by its first word (`int_parsing`, `int_type`)."""
 
 
 def describe_validation_error(error: ValidationError, kind: type[BaseModel]) -> str:
-    """Return the first mistake that `error` finds in a `kind`: field, what to do, value, how many more."""
+    """Return a message on the first mistake of `error` in a `kind`: field, action, value, more errors."""
     details = error.errors(include_url=False)
     first = details[0]
     where = ".".join(str(part) for part in first["loc"])
@@ -51,7 +51,7 @@ def describe_validation_error(error: ValidationError, kind: type[BaseModel]) -> 
 
 
 def unknown_parameter_message(name: str, known: Sequence[str]) -> str:
-    """Return that there is no parameter `name`, and which of those that are `known` may be meant."""
+    """Return the message that there is no parameter `name`, with the nearest of those `known`."""
     near = difflib.get_close_matches(name, known, n=1)
     if near:
         return f"no parameter {name}; did you mean {near[0]}?"
@@ -64,7 +64,7 @@ def field_names(model: type[BaseModel]) -> list[str]:
 
 
 def more_errors_suffix(count: int) -> str:
-    """Return the end of a sentence that told one mistake of `count` more."""
+    """Return the end of a message that describes one mistake, if there are `count` more."""
     return "" if count < 1 else f" (and {count} more mistake{'s' if count > 1 else ''})"
 
 
@@ -100,7 +100,7 @@ def _wanted(detail: ErrorDetails, kind: type[BaseModel]) -> str:
 
 
 def _model_at(kind: type[BaseModel], loc: Sequence[int | str]) -> type[BaseModel] | None:
-    """Return the model that stands at `loc` in a `kind`; none where it cannot be told."""
+    """Return the model at `loc` in a `kind`, or None if it cannot be determined."""
     here: Any = kind
     for part in loc:
         here = _inner(here, part)

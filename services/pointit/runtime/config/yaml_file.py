@@ -1,4 +1,4 @@
-"""YAML files of foreign text, which may neither end nor hold up a process."""
+"""YAML files of unknown origin, which must neither end nor block a process."""
 
 import typing
 from pathlib import Path
@@ -22,15 +22,15 @@ MAX_YAML_UNFOLDED = 200_000
 """Values that stand in a file only as aliases; to check so many takes a second."""
 
 MAX_YAML_BYTES = 4 * 1024 * 1024
-"""Of a file that is read; the C loader takes some seconds for it."""
+"""Size limit of a file. The C loader takes some seconds for it."""
 
 
 def check_nesting_depth(text: str) -> None:
-    """Refuse what is nested so deeply that the loader in C would run out of stack, and end the process.
+    """Check that the C loader does not run out of stack on `text`, which would end the process.
 
     Raises:
-        RecursionError: it is nested too deeply.
-        yaml.YAMLError: it is not YAML.
+        RecursionError: If it is nested too deeply.
+        yaml.YAMLError: If it is not YAML.
     """
     loader = Loader(text)
     depth = 0
@@ -57,7 +57,7 @@ def read_yaml(path: Path) -> dict[str, Any]:
     """Return the mapping in a YAML file.
 
     Raises:
-        ConfigError: it cannot be read, or is not what `parse_yaml` takes.
+        ConfigError: If it cannot be read, or `parse_yaml` rejects it.
     """
     try:
         with path.open("rb") as file:
@@ -100,19 +100,19 @@ def _load_yaml(text: str) -> Any:
         if root is None:
             return None
         if not isinstance(root, yaml.ScalarNode):
-            _refuse_bombs(root)
-        _refuse_twins(root)
+            _check_aliases(root)
+        _check_unique_keys(root)
         return loader.construct_document(root)
     finally:
         loader.dispose()
 
 
-def _refuse_bombs(root: yaml.Node) -> None:
-    """Refuse what nobody can check in time: aliases of aliases of aliases, and a hundred things nested.
+def _check_aliases(root: yaml.Node) -> None:
+    """Check that the document can be validated in time: aliases of aliases, and a hundred levels, cannot.
 
     Raises:
-        RecursionError: it is nested too deeply.
-        yaml.MarkedYAMLError: its aliases unfold to too much.
+        RecursionError: If it is nested too deeply.
+        yaml.MarkedYAMLError: If its aliases unfold to too much.
     """
     sizes: dict[int, int] = {}  # with everything below; 1 while it is counted: an anchor may hold itself
     depths: dict[int, int] = {}
@@ -140,8 +140,8 @@ def _refuse_bombs(root: yaml.Node) -> None:
             waiting += [(each, None) for each in inner]
 
 
-def _refuse_twins(root: yaml.Node) -> None:
-    """Refuse what YAML forbids and PyYAML drops silently: a key that stands twice in one mapping."""
+def _check_unique_keys(root: yaml.Node) -> None:
+    """Check that no mapping has a key twice. YAML forbids it, PyYAML drops the first silently."""
     waiting: list[Any] = [root]
     visited: set[int] = set()  # an anchor may hold itself
     while waiting:

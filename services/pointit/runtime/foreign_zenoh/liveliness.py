@@ -1,6 +1,6 @@
 # pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false
 # (the stubs of zenoh leave return types out)
-"""Tokens of a plain session: who is present, ours and others'."""
+"""Liveliness tokens of a plain session: our own, and those of others."""
 
 import asyncio
 import functools
@@ -16,16 +16,16 @@ from pointit.runtime.bus.mailbox import Dispatcher
 log = logging.getLogger(__name__)
 
 MAX_WAITING_TOKENS = 20_000
-"""Changes that wait for the loop; after more all are asked for anew."""
+"""Limit of changes that wait for the loop. Beyond it all tokens are queried again."""
 ASK_AFTER_S = 0.5
 """So long after changes were dropped all tokens are asked for: a flood passes first."""
 ASK_TIMEOUT_S = 5.0
 MAX_TOKEN_CHARACTERS = 5000
-"""What is longer is cut: nobody can read it, but it is there."""
+"""Longer ones are cut: nothing can parse them, but they are present."""
 
 
 class LivelinessSubscriber:
-    """Reads who is present: the last word on each token waits for the loop."""
+    """Reports present tokens. The last change of each token waits for the loop."""
 
     def __init__(
         self,
@@ -44,12 +44,12 @@ class LivelinessSubscriber:
         self._marked = False
         self._closed = False
         self._undeclare: Callable[[], None] = lambda: None
-        self._told: set[str] = set()
-        """Who is present, as the handler knows it."""
+        self._reported: set[str] = set()
+        """Present tokens as last reported to the handler."""
         self._is_lacking = False
         """Changes were dropped, or the answer to our question was."""
         self._since: set[str] | None = None
-        """Tokens that have changed since all were asked for: what is answered may be older."""
+        """Tokens that changed since the last query for all, whose answer may be older."""
         self._found: set[str] | None = None
         """All there are, as answered."""
         self._timer: asyncio.TimerHandle | None = None
@@ -98,14 +98,14 @@ class LivelinessSubscriber:
         self._dispatcher.schedule(self)
 
     def drain(self) -> None:
-        """Tell what has changed; in the loop."""
+        """Report the changes. Runs in the loop."""
         with self._lock:
             changes, self._waiting = self._waiting, {}
             self._marked = False
             if self._found is not None:
                 newer = changes.keys() | (self._since or set())
-                changes |= dict.fromkeys(self._told - self._found - newer, False)
-                changes |= dict.fromkeys(self._found - self._told - newer, True)
+                changes |= dict.fromkeys(self._reported - self._found - newer, False)
+                changes |= dict.fromkeys(self._found - self._reported - newer, True)
                 self._found = self._since = None
             if self._is_lacking and self._since is None and self._timer is None and not self._closed:
                 self._is_lacking = False
@@ -113,12 +113,12 @@ class LivelinessSubscriber:
         if self._closed:
             return
         for token, present in changes.items():
-            (self._told.add if present else self._told.discard)(token)
+            (self._reported.add if present else self._reported.discard)(token)
         if changes:
             self._handler(changes)
 
     def _ask_for_all(self, session: zenoh.Session, pattern: str) -> None:
-        """Ask who is there: a change that was dropped comes never again."""
+        """Query all tokens, since a dropped change is never repeated."""
         self._timer = None
         found: set[str] = set()
         refused: list[zenoh.Reply] = []
@@ -131,7 +131,7 @@ class LivelinessSubscriber:
 
         def finish() -> None:  # on Zenoh's threads
             with self._lock:
-                if refused:  # who is not among them may be there: ask again
+                if refused:  # tokens may be missing from the answer: query again
                     self._is_lacking, self._since = True, None
                 else:
                     self._found = found
@@ -139,18 +139,18 @@ class LivelinessSubscriber:
 
         with self._lock:
             self._since = set()
-        log.warning("%d changes of tokens were too many; who is there is asked for anew", self.dropped)
+        log.warning("%d changes of tokens were too many; all tokens are queried again", self.dropped)
         session.liveliness().get(pattern, Callback(take, finish, indirect=False), timeout=ASK_TIMEOUT_S)
 
 
 class PlainToken:
-    """Somebody of ours is present; kept here because Zenoh takes back what nobody refers to."""
+    """A declared token. Kept here because Zenoh undeclares tokens that are no longer referenced."""
 
     def __init__(self, token: zenoh.LivelinessToken) -> None:
         self._token: zenoh.LivelinessToken | None = token
 
     def close(self) -> None:
-        """Be gone."""
+        """Undeclare the token."""
         token, self._token = self._token, None
         if token is not None:
             token.undeclare()

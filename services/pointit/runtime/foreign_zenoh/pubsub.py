@@ -21,14 +21,14 @@ from pointit.runtime.errors import BusClosedError
 log = logging.getLogger(__name__)
 
 HEARTBEAT_S = 0.5
-"""How soon a reader hears that it has missed the last message of a reliable writer that keeps some."""
+"""Period (s) after which a reader notices that it lost the last message of a reliable, caching writer."""
 MAX_ATTACHMENT_BYTES = 4096
-"""Longer ones are nobody's, and dropped with their message."""
+"""Messages with a longer attachment are dropped."""
 
 
 @dataclass(frozen=True, slots=True)
 class RawSample:
-    """What somebody has put."""
+    """A received sample."""
 
     key: str
     payload: bytes
@@ -37,7 +37,7 @@ class RawSample:
 
 @dataclass
 class PlainTraffic:
-    """What a reader has seen; counted on any thread."""
+    """Counters of a reader, updated on any thread."""
 
     received: int = 0
     overrun: int = 0
@@ -96,7 +96,7 @@ class RawPublisher:
             raise BusClosedError("the session was closed") from error
 
     def close(self) -> None:
-        """Write no more; what was kept is forgotten."""
+        """Close the publisher and its cache."""
         if not self._closed:
             self._closed = True
             self._writer.undeclare()
@@ -120,7 +120,7 @@ class RawSubscriber:
         self._handler = handler
         self._on_loss = on_loss
         self._lost = 0
-        """How many were dropped when it was last said."""
+        """Number of dropped messages at the last report."""
         self._max_bytes = max_bytes
         self._on_close = on_close
         self._lock = threading.Lock()
@@ -183,7 +183,7 @@ class RawSubscriber:
         self._dispatcher.schedule(self)
 
     def drain(self) -> None:
-        """Handle what waits; in the loop."""
+        """Handle the waiting messages. Runs in the loop."""
         with self._lock:
             waiting = tuple(self._queue)
             self._queue.clear()

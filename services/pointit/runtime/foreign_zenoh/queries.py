@@ -16,16 +16,16 @@ from pointit.runtime.foreign_zenoh.pubsub import MAX_ATTACHMENT_BYTES
 from pointit.runtime.host.threads import in_daemon_thread
 
 MAX_OPEN = 64
-"""Questions one desk has taken and not answered yet; more are refused."""
+"""Limit of queries that a queryable has accepted and not answered. Further ones are refused."""
 QUERY_TIMEOUT_S = 600.0
-"""How long Zenoh keeps a question alive; whoever asks has a deadline of its own, and cancels."""
+"""Time for which Zenoh keeps a query alive. The querier has a deadline of its own, and cancels."""
 MAX_REASON_BYTES = 500
 MAX_ANSWERS = 16
-"""To one question that wait for the loop; more are not looked at."""
+"""Limit of answers to one query that wait for the loop. Further ones are dropped."""
 
 
 class IncomingQuery:
-    """A question that must be answered, once: otherwise who asks waits for a time-out."""
+    """A query that must be answered once, since otherwise the querier waits for a time-out."""
 
     def __init__(self, query: zenoh.Query, done: Callable[[], None]) -> None:
         self.payload = b"" if query.payload is None else query.payload.to_bytes()
@@ -41,13 +41,13 @@ class IncomingQuery:
             await in_daemon_thread(lambda: _answer(query, self._key, payload, attachment), "zenoh-reply")
 
     async def refuse(self, reason: str) -> None:
-        """Answer that there is none."""
+        """Send an error reply."""
         query = self._take()
         if query is not None:
             await in_daemon_thread(lambda: _refuse(query, reason), "zenoh-reply")
 
     def drop(self) -> None:
-        """Answer nothing: for who has been closed."""
+        """Drop the query without an answer, because the queryable was closed."""
         query = self._take()
         if query is not None:
             query.drop()
@@ -60,7 +60,7 @@ class IncomingQuery:
 
 
 def _answer(query: zenoh.Query, key: str, payload: bytes, attachment: bytes | None) -> None:
-    with query, contextlib.suppress(zenoh.ZError):  # who asked is gone, or our session is
+    with query, contextlib.suppress(zenoh.ZError):  # the querier is gone, or our session is
         query.reply(key, payload, attachment=attachment)
 
 
@@ -70,7 +70,7 @@ def _refuse(query: zenoh.Query, reason: str) -> None:
 
 
 class RawQueryable:
-    """Where questions come in."""
+    """The queue of incoming queries."""
 
     def __init__(
         self,
@@ -95,7 +95,7 @@ class RawQueryable:
         self._undeclare = queryable.undeclare
 
     def close(self) -> None:
-        """Take no more questions."""
+        """Undeclare the queryable."""
         if not self._closed:
             self.stop()
             self._undeclare()
@@ -141,7 +141,7 @@ class RawQueryable:
 
 @dataclass(frozen=True, slots=True)
 class QueryReply:
-    """One answer, or why there is none."""
+    """One answer, or the reason for its absence."""
 
     payload: bytes
     attachment: bytes | None
@@ -173,7 +173,7 @@ class RawQuerier:
         )
 
     async def wait_for_server(self) -> None:
-        """Return when somebody answers at this key."""
+        """Return when a queryable exists at this key."""
         if self._has_server():
             return
         found = asyncio.Event()

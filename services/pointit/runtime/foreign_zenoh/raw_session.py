@@ -1,9 +1,9 @@
 # pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false, reportUnknownLambdaType=false
 # (the stubs of zenoh leave return types out)
-"""A session on somebody else's Zenoh network: their keys as they are, raw bytes and attachments.
+"""A session on a foreign Zenoh network, with keys unchanged, raw bytes and attachments.
 
-Everything comes through Zenoh's threads into bounded queues and is handled in the loop that opened the
-session; nothing that is called in the loop waits for a reader elsewhere.
+All input passes from Zenoh's threads through bounded queues to the loop that opened the session. No call
+in the loop waits for a reader elsewhere.
 """
 
 import asyncio
@@ -38,17 +38,17 @@ async def open_raw_session(
 ) -> "RawSession":
     """Return an open session; may be cancelled at any time.
 
-    A peer opens within a second whether anybody answers or not. A client is tried again for `patience_s`,
-    or for ever, which `on_wait` is told once, in a sentence.
+    A peer opens within a second, with or without others. A client is retried for `patience_s`, or without
+    end. In the latter case `on_wait` is called once, with a sentence.
 
     Raises:
-        ConfigError: the endpoint is not one.
-        ListenError: the router's address is taken.
-        ConnectError: nobody answered the client within `patience_s`.
+        ConfigError: If the endpoint is invalid.
+        ListenError: If the router's address is in use.
+        ConnectError: If nothing answered the client within `patience_s`.
     """
     loop = asyncio.get_running_loop()
     began_s = loop.time()
-    told = False
+    has_warned = False
     config = plain_configuration(link)
     while True:
         try:
@@ -63,8 +63,8 @@ async def open_raw_session(
             sentence = f"nobody answers at {link.endpoint}{link.remedy and f': {link.remedy}'}"
             if patience_s is not None and loop.time() - began_s >= patience_s:
                 raise ConnectError(sentence) from error
-            if not told:
-                told = True
+            if not has_warned:
+                has_warned = True
                 on_wait(f"{sentence}; trying again until somebody does")
             await asyncio.sleep(OPEN_RETRY_S)
         else:
@@ -72,7 +72,7 @@ async def open_raw_session(
 
 
 class RawSession:
-    """What we have declared on that network; closing it takes everything away."""
+    """Our declarations on that network. Closing it undeclares all."""
 
     def __init__(self, session: zenoh.Session, link: RawLink) -> None:
         """Use `session`, which is closed with this; `open_raw_session` is the usual way in."""
@@ -85,9 +85,9 @@ class RawSession:
         self._loop = asyncio.get_running_loop()
         self._dispatcher = Dispatcher()
         self._ends: set[RawSubscriber | LivelinessSubscriber | RawQueryable | RawQuerier] = set()
-        """Whose handlers must not run when this is closed."""
+        """Endpoints whose handlers must not run after closing."""
         self._others: dict[str, bool] = {}
-        """Who is connected, by their id: whether it is a router."""
+        """Connected sessions by id: True for a router."""
         self._ports = ports_of((link.endpoint,))
         set_user_timeout(self._ports, LEASE_MS)  # of a router: all that it will accept
         self._had_router = False
@@ -98,7 +98,7 @@ class RawSession:
 
     @property
     def problem(self) -> str:
-        """Return one sentence when nobody is connected who should be; empty otherwise."""
+        """Return a message if a required connection is missing, else `""`."""
         link = self._link
         if link.mode == "router" or any(self._others.values()):
             return ""
@@ -132,12 +132,12 @@ class RawSession:
 
         Args:
             key: may have wildcards.
-            handler: runs in the loop.
-            capacity: messages that wait for the loop; the oldest give way.
+            handler: called in the loop.
+            capacity: messages that wait for the loop. The oldest are dropped.
             max_bytes: of a payload; longer ones are dropped unread.
-            on_loss: told in the loop when messages were dropped here.
-            kept: how many of a writer's last messages to fetch, from those that keep them.
-            reliable: fetch again what was lost on the way, from those that keep it.
+            on_loss: called in the loop when messages were dropped here.
+            kept: how many of a writer's last messages to fetch from their caches.
+            reliable: fetch messages that were lost on the way from their caches.
         """
         self._check_open()
         reader = RawSubscriber(
@@ -153,12 +153,12 @@ class RawSession:
         return reader
 
     def token(self, key: str) -> Closable:
-        """Be present under `key` until closed, or until this process dies."""
+        """Declare the token `key` until closed, or until this process dies."""
         self._check_open()
         return declared_token(self._session, key)
 
     def watch_tokens(self, pattern: str, handler: Callable[[Mapping[str, bool]], None]) -> Closable:
-        """Call `handler` with who has come (true) or gone under `pattern`, now and on every change."""
+        """Call `handler` with added (True) and removed (False) tokens of `pattern`, now and on changes."""
         self._check_open()
         reader = LivelinessSubscriber(self._dispatcher, handler, self._ends.discard)
         reader.declare(self._session, pattern)
@@ -168,17 +168,17 @@ class RawSession:
     def queryable(self, key: str, handler: Callable[[IncomingQuery], None], *, max_bytes: int) -> Closable:
         """Call `handler` in the loop for every question to `key`; it must answer each, once."""
         self._check_open()
-        desk = RawQueryable(handler, max_bytes, self._ends.discard)
-        desk.declare(self._session, key)
-        self._ends.add(desk)
-        return desk
+        queryable = RawQueryable(handler, max_bytes, self._ends.discard)
+        queryable.declare(self._session, key)
+        self._ends.add(queryable)
+        return queryable
 
     def querier(self, key: str, *, max_bytes: int) -> RawQuerier:
-        """Declare who asks at `key`; answers longer than `max_bytes` are dropped unread."""
+        """Declare a querier at `key`. Answers longer than `max_bytes` are dropped unread."""
         self._check_open()
-        asker = RawQuerier(self._session, key, max_bytes, self._ends.discard)
-        self._ends.add(asker)
-        return asker
+        querier = RawQuerier(self._session, key, max_bytes, self._ends.discard)
+        self._ends.add(querier)
+        return querier
 
     def stop(self) -> None:
         """Run no handler any more, and declare nothing: the first half of `close`."""
@@ -188,7 +188,7 @@ class RawSession:
             end.stop()
 
     async def close(self) -> None:
-        """Close; no handler runs afterwards, and what was declared is gone everywhere."""
+        """Close. No handler runs afterwards, and all declarations are removed."""
         self.stop()
         if not self._was_left:
             self._was_left = True

@@ -1,6 +1,6 @@
 # pyright: reportUnknownMemberType=false
 # (the stubs of zenoh leave types out)
-"""How a plain session joins somebody else's network, as Zenoh is told."""
+"""Zenoh configuration of a plain session that joins a foreign network."""
 
 import json
 from dataclasses import dataclass
@@ -14,26 +14,26 @@ from pointit.runtime.link.link import ENDPOINT
 Mode = Literal["peer", "client", "router"]
 
 CONNECT_TIMEOUT_MS = 1000
-"""How long one attempt may take; closing a session waits for the attempt that goes on."""
+"""Duration of one attempt at most. Closing a session waits for the current attempt."""
 SCOUTING_DELAY_MS = 500
-"""How long a peer waits, when it opens, for those it may find."""
+"""Time that a peer waits for other peers when it opens."""
 QUERY_TIMEOUT_MS = 600_000
-"""Of questions that are passed on for others; our own have deadlines of their own."""
+"""Lifetime of forwarded queries. Our own have deadlines of their own."""
 SEND_BATCHES = 16
-"""Of 64 KB, kept for a link that is slower than we are before messages are dropped."""
+"""Batches of 64 KB that wait for a slower link before messages are dropped."""
 MAX_MESSAGE_BYTES = 16 * 1024 * 1024
-"""Of what is put together from fragments, unless we route for others."""
+"""Size limit of reassembled messages, unless we route for others."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class RawLink:
-    """How to join: connect as a peer or a client, or be the router that others connect to."""
+    """The way to join: connect as a peer or a client, or be the router that others connect to."""
 
     endpoint: str
-    """Where to connect, or of a router: where to listen."""
+    """Address to connect to, or of a router: to listen on."""
     mode: Mode = "peer"
     remedy: str = ""
-    """What to do when nobody answers there, for people."""
+    """Advice if nothing answers there, for people."""
 
 
 def plain_configuration(link: RawLink) -> zenoh.Config:
@@ -51,7 +51,7 @@ def plain_configuration(link: RawLink) -> zenoh.Config:
         "connect/retry": {"period_init_ms": 100, "period_max_ms": 1000, "period_increase_factor": 1.5},
         "scouting/multicast/enabled": False,
         "scouting/gossip/enabled": True,
-        # peers tell the router alone that they are there, and of two peers one connects to the other
+        # Peers announce themselves only to the router. Of two peers one connects to the other.
         "scouting/gossip/target": {"router": ["router", "peer"], "peer": ["router"]},
         "scouting/gossip/autoconnect": {"router": [], "peer": ["router", "peer"]},
         "scouting/gossip/autoconnect_strategy": {"peer": {"to_router": "always", "to_peer": "greater-zid"}},
@@ -59,7 +59,7 @@ def plain_configuration(link: RawLink) -> zenoh.Config:
         "queries_default_timeout": QUERY_TIMEOUT_MS,
         "transport/shared_memory/enabled": False,
         "transport/unicast/open_timeout": CONNECT_TIMEOUT_MS,
-        # whoever does not read makes us drop, not wait
+        # a peer that does not read makes us drop, not wait
         "transport/link/tx/queue/congestion_control/drop": {
             "wait_before_drop": 0,
             "max_wait_before_drop_fragments": 0,

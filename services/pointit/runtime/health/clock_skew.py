@@ -40,7 +40,7 @@ LONGEST_HOST = 64
 
 @dataclass(frozen=True, kw_only=True)
 class ClockSkew:
-    """How far a machine's clock is ahead of this one's."""
+    """Difference between a machine's clock and this one's."""
 
     host: str
     ahead_s: float
@@ -48,11 +48,11 @@ class ClockSkew:
 
     @property
     def exceeds_limit(self) -> bool:
-        """Return True if samples are refused for it."""
+        """Return True if samples are refused because of it."""
         return abs(self.ahead_s) >= REFUSED_S
 
     def sentence(self, here: str) -> str:
-        """Return what is wrong, as seen from the machine `here`."""
+        """Return a description of the difference, as seen from the machine `here`."""
         by = f"{abs(self.ahead_s) * 1e3:.0f} ms" if abs(self.ahead_s) < 1 else f"{abs(self.ahead_s):.1f} s"
         way = "ahead of" if self.ahead_s > 0 else "behind"
         unless = "" if self.ahead_s > 0 else ", unless its link alone takes so long"
@@ -107,7 +107,7 @@ class ClockSkewMonitor:
 
 
 def _is_sure(values: list[float]) -> bool:
-    """Return True if delays alone do not explain `values`, which are sorted, s."""
+    """Return True if delays alone do not explain `values` (sorted, s)."""
     if len(values) >= LEAST_BEHIND:
         return True
     if len(values) < (LEAST_REFUSED if values[0] >= REFUSED_S else LEAST_STEADY):

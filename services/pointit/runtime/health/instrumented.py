@@ -49,15 +49,15 @@ def instrument_handler(
     clock: Clock,
     in_time: Callable[[M], bool] | None,
 ) -> Handler[M]:
-    """Return `handler` for one reader: what comes is counted, and what it takes of it is timed.
+    """Return `handler` for one reader, with messages counted and its calls timed.
 
     Args:
         handler: gets what is neither old nor late.
         meter: counts; it is told of what is left out.
         steps: gets how long each call of `handler` takes.
         clock: by which messages are stamped.
-        in_time: which messages are left out when they come much later than others before them; none: all
-            are taken.
+        in_time: selects messages that are left out if they come much later than others before them. None if
+            all are accepted.
     """
     order = OutOfOrderFilter() if meter.topic in STREAMS else None
     if order is not None:

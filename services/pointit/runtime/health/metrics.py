@@ -28,7 +28,7 @@ class DurationWindow:
         self._count += 1
 
     def take(self) -> Quantiles | None:
-        """Return their quantiles, and begin anew; none where there were none."""
+        """Return the quantiles of the values since the last call, or None without values."""
         values = sorted(self._values[: min(self._count, SAMPLES)])
         self._count = 0
         if not values:
@@ -48,7 +48,7 @@ class _Complaint:
         self._grown_s = -math.inf
 
     def holds(self, count: int, now_s: float) -> bool:
-        """Return True if there were more than before, now or a while ago."""
+        """Return True if `count` has grown now or within `REFUSED_SHOWN_S`."""
         if count > self._count:
             self._count, self._grown_s = count, now_s
         return now_s - self._grown_s <= REFUSED_SHOWN_S
@@ -78,7 +78,7 @@ class TopicMeter:
         return sum(getattr(traffic, counter) for traffic in self.traffics)
 
     def warnings(self, now_s: float) -> Iterator[str]:
-        """Yield sentences that say that old messages come, or late ones; none when they have not for long."""
+        """Yield a message each if old or late messages came recently."""
         old = sum(order.refused for order in self.orders)
         if self._old.holds(old, now_s):
             yield (

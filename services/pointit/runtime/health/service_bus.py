@@ -39,7 +39,7 @@ LOG_PERIOD_S = 1.0
 
 
 class WarningSink(Protocol):
-    """Where a part of a service says what is wrong; `ServiceBus` is one."""
+    """Shows and clears warnings of a part of a service, such as `ServiceBus`."""
 
     def warn(self, topic: str, sentence: str) -> None:
         """Show `sentence` (what is wrong, what to do) until `clear(topic)`."""
@@ -106,15 +106,15 @@ class ServiceBus:
         kept: bool = True,
         in_time: Callable[[M], bool] | None = None,
     ) -> Subscription:
-        """Call `handler(message, name)` for what arrives.
+        """Call `handler(message, name)` for each arriving message.
 
         Args:
             topic: what is read.
             handler: takes it.
             name: whose; all by default.
             kept: take what was kept of states whose writers may be gone.
-            in_time: which messages are left out, and told of, when they come much later than others before
-                them: who acts on a stream must not act on what a bad link has held up; none: all are taken.
+            in_time: selects messages that are left out and reported if they come much later than others
+                before them: a service must not act on what a bad link has delayed. None if all are accepted.
         """
         meter = self._meter(topic, "in")
         counted = instrument_handler(handler, meter, self._steps, self._clock, in_time)
@@ -139,7 +139,7 @@ class ServiceBus:
     async def call(
         self, request: Request[Q, R], query: Q, name: str = "", *, timeout_s: float = REQUEST_TIMEOUT_S
     ) -> R:
-        """Return the reply of whoever serves `request`."""
+        """Return the reply of the server of `request`."""
         return await self._bus.call(request, query, name, timeout_s=timeout_s)
 
     def announce(self, presence: Presence, name: str) -> Closable:
@@ -189,7 +189,7 @@ class ServiceBus:
 
     @property
     def problem(self) -> str:
-        """Return what is wrong with the bus itself."""
+        """Return a message if the bus itself has a problem, else `""`."""
         return self._bus.problem
 
     async def close(self) -> None:
@@ -216,7 +216,7 @@ class ServiceBus:
         self._warnings.pop(topic, None)
 
     def set_metric(self, name: str, value: float | None, unit: str = "") -> None:
-        """Show a number of the service's own, as in `("drift", 0.4, "°/min")`; none takes it away."""
+        """Show a metric of the service, as in `("drift", 0.4, "°/min")`. None removes it."""
         if value is None or not math.isfinite(value):
             self._figures.pop(name, None)
         else:

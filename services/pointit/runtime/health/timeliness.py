@@ -1,4 +1,4 @@
-"""Which messages of a stream come too late to act on: what a bad link has held up is no news; pure.
+"""Detection of messages that come too late to act on, because a bad link has delayed them; pure.
 
 What TCP has to send again comes seconds after it was said, and all that was said meanwhile with it, in order.
 Who acts on it acts where a person pointed seconds ago. How old a message is cannot be told of two machines'
@@ -14,16 +14,16 @@ from pointit.schemas import NS_PER_S
 from pointit.schemas.topics import CURSOR, HOVER, IMU, OBJECTS, RAY
 
 LATE_S = 0.3
-"""What comes later than the quickest by more is left out."""
+"""Messages that come later than the quickest by more (s) are left out."""
 
 STEADY_S = 1.5
-"""What is late by as much for so long is not held up: a clock was set, or there is nothing newer."""
+"""A constant delay for this long (s) is accepted: a clock was set, or there is nothing newer."""
 
 SPREAD_S = 0.2
 """By as much: all of it within this."""
 
 FORGOTTEN_S = 20.0
-"""When nothing came in time for so long, all begins anew."""
+"""If nothing came in time for this long (s), the measurement is reset."""
 
 FOLLOWS = 0.05
 """The quickest of before counts less as time goes on, s per s: clocks run apart, and are slewed."""
@@ -32,16 +32,16 @@ GAP_S = 0.1
 """Time during which nothing came does not count for that, except so much."""
 
 STALL_S = 0.5
-"""What comes after so long a silence may have been held up: it says nothing of what came before."""
+"""The first message after a silence this long (s) may have been delayed and says nothing of earlier ones."""
 
 STREAMS: frozenset[AnyTopic] = frozenset((IMU, RAY, CURSOR, HOVER, OBJECTS))
 """Topics each of whose names has one writer at a time, who stamps with one clock."""
 
 OLD_NS = NS_PER_S // 2
-"""What is older than the newest by more is not merely late."""
+"""Messages older than the newest by more are not merely late."""
 
 STRAY_NS = 2 * NS_PER_S
-"""What is ahead of the newest by more is of a clock that jumped, or a stray: nobody is too old for it yet."""
+"""A message ahead of the newest by more is a stray or of a clock that jumped: the newest stays."""
 
 SILENT_S = 1.0
 """When nothing has gone on from the newest for so long, the clock was set, or the writer is another."""
@@ -49,7 +49,7 @@ SILENT_S = 1.0
 
 @dataclass(slots=True)
 class _Pace:
-    """How late the messages of one name come."""
+    """Lateness of the messages of one name."""
 
     quickest_s: float
     in_time_s: float
@@ -60,7 +60,7 @@ class _Pace:
     """Since when all that comes is late."""
     least_s: float = 0.0
     most_s: float = 0.0
-    """How late since then."""
+    """Largest lateness since then, s."""
 
 
 class LateMessageFilter:
@@ -118,7 +118,7 @@ class OutOfOrderFilter:
         """By name: the newest stamp, and when it came."""
 
     def accepts(self, name: str, stamp_ns: int, now_s: float) -> bool:
-        """Return True if a message of `name` is news; `now_s` is monotonic."""
+        """Return True if a message of `name` is new. `now_s` is monotonic."""
         newest = self._newest.get(name)
         if newest is not None and now_s - newest[1] <= SILENT_S:
             ahead_ns = stamp_ns - newest[0]

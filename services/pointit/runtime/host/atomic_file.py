@@ -1,4 +1,4 @@
-"""Files that are replaced as a whole: whoever reads one finds the old or the new, never half of it."""
+"""Files that are replaced as a whole: readers find the old or the new content, never a part."""
 
 import os
 import sys
@@ -9,16 +9,16 @@ from pointit.runtime.errors import ConfigError
 
 
 def write_atomically(path: Path, content: bytes, *, mode: int = 0o600, durable: bool = False) -> None:
-    """Put `content` in the place of `path`, all of it or nothing; new folders are the owner's alone.
+    """Replace `path` by `content` atomically. New folders are accessible to the owner only.
 
     Args:
-        path: of the file; what it is in need not exist.
-        content: all of it.
-        mode: of the file; until it is complete only its owner can read it, whatever is said here.
-        durable: return only when it would outlive a power cut.
+        path: of the file. Its folder need not exist.
+        content: the complete content.
+        mode: of the file. Until it is complete, only its owner can read it.
+        durable: return only when it would survive a power failure.
 
     Raises:
-        ConfigError: it cannot be written; names the file.
+        ConfigError: If it cannot be written. Names the file.
     """
     try:
         for folder in reversed(path.parents):  # `parents=True` would give its mode to the last one only

@@ -20,12 +20,12 @@ RETRY_MOST_S = 2.0
 """Waits between tries to open a port: doubled from the first to the most, for ever."""
 
 END_WITHIN_S = 0.5
-"""How long the end of a port's thread is waited for."""
+"""Time to wait for the end of a port's thread."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class PortSettings:
-    """Which port, how fast, and how long a call may block."""
+    """Device, speed and time-out of blocking calls of a port."""
 
     port: str
     """Path or name; `/dev/serial/by-id/...` stays the same when a device is plugged in again."""
@@ -42,7 +42,7 @@ def open_port(settings: PortSettings) -> serial.Serial:
     """Return the open port, locked so that no other program steals its bytes.
 
     Raises:
-        OSError: it cannot be opened; `describe_error` says why and what to do.
+        OSError: If it cannot be opened. `describe_error` gives the reason and the remedy.
     """
     try:
         return serial.Serial(
@@ -59,7 +59,7 @@ def open_port(settings: PortSettings) -> serial.Serial:
 
 
 def describe_error(error: BaseException, port: str) -> str:
-    """Return what `error` on `port` means and what to do, for a person."""
+    """Return the meaning of `error` on `port` and the remedy, for a person."""
     number = _errno_of(error)
     if number in (errno.ENOENT, errno.ENODEV, errno.ENXIO):
         return f"{port} is not there: plug the device in; ports found: {describe_ports()}"
@@ -107,20 +107,20 @@ class SerialThread:
 
         Args:
             settings: the port.
-            work: what to do with it, in the thread.
-            on_change: called in the loop, with why the port is down, or with nothing when it is up.
-            wake: called when `work` is asked to end, for a `work` that waits for something of its own.
+            work: its use, in the thread.
+            on_change: called in the loop, with the reason if the port is down, or with `""` when it is up.
+            wake: called when `work` is asked to end, for a `work` that waits for something else.
         """
         self._settings = settings
         self._work = work
         self._on_change = on_change
         self._wake = wake
         self._stopping = threading.Event()
-        self._told = ""
+        self._reported = ""
         self._ever_up = False
 
     async def run(self) -> None:
-        """Go on until cancelled; the thread has ended afterwards. A fault of `work` is raised here."""
+        """Run until cancelled. The thread has ended afterwards. An error of `work` is raised here."""
         self._loop = asyncio.get_running_loop()
         self._fault: asyncio.Future[None] = self._loop.create_future()
         thread = threading.Thread(target=self._run, name=f"serial {self._settings.port}", daemon=True)
@@ -133,10 +133,10 @@ class SerialThread:
             await asyncio.to_thread(thread.join, END_WITHIN_S)
 
     def post(self, call: Callable[..., None], *arguments: object) -> None:
-        """Have `call(*arguments)` run in the loop; from the port's thread."""
+        """Schedule `call(*arguments)` in the loop, from the port's thread."""
         try:
             self._loop.call_soon_threadsafe(call, *arguments)
-        except RuntimeError:  # the loop is gone: nobody listens any more
+        except RuntimeError:  # the loop is gone
             self._stopping.set()
 
     def _run(self) -> None:
@@ -150,7 +150,7 @@ class SerialThread:
             except OSError as error:  # SerialException is one
                 if not self._stopping.is_set():
                     self._tell(describe_error(error, self._settings.port))
-            except Exception as error:  # noqa: BLE001 - a fault of ours: raised by `run`
+            except Exception as error:  # noqa: BLE001 - raised by `run`
                 self.post(self._fail, error)
                 return
             # A port that opens and fails at once must not be hammered.
@@ -161,15 +161,15 @@ class SerialThread:
     def _tell(self, why: str) -> None:
         """Log once down and once up; the loop hears of every change of the reason."""
         port = self._settings.port
-        if why and not self._told:
+        if why and not self._reported:
             log.warning("%s; trying again until it works", why)
-        elif not why and self._told:
+        elif not why and self._reported:
             log.info("%s is %s", port, "back" if self._ever_up else "open")
         elif not why:
             log.debug("%s is open at %d baud", port, self._settings.baud)
         self._ever_up = self._ever_up or not why
-        if why != self._told or not why:
-            self._told = why
+        if why != self._reported or not why:
+            self._reported = why
             self.post(self._on_change, why)
 
     def _fail(self, error: Exception) -> None:
@@ -178,7 +178,7 @@ class SerialThread:
 
 
 def _errno_of(error: BaseException) -> int | None:
-    """Return the number of `error` or of what it came from; pyserial does not always keep it."""
+    """Return the number of `error` or of its cause, since pyserial does not always keep it."""
     current: BaseException | None = error
     while current is not None:
         number = getattr(current, "errno", None)

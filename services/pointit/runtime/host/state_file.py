@@ -1,4 +1,4 @@
-"""What outlives a process: small JSON files under the state directory, one a person and purpose."""
+"""Persistent state: small JSON files under the state directory, one per person and purpose."""
 
 import os
 from pathlib import Path
@@ -21,16 +21,16 @@ MAX_BYTES = 64 * 1024
 
 
 def state_directory() -> Path:
-    """Return where state is kept: `$POINTIT_STATE`, or what the system has for it; it need not exist."""
+    """Return the state directory: `$POINTIT_STATE`, or the system's default. It need not exist."""
     named = os.environ.get(VARIABLE, "")
     return Path(named) if named else platformdirs.user_state_path("pointit", appauthor=False)
 
 
 def site_folder(site: str, service: str) -> Path:
-    """Return where `service` keeps what it must not lose of `site`; it need not exist.
+    """Return the folder of `service` for data of `site` that must not be lost. It need not exist.
 
     Raises:
-        KeyNameError: `site` cannot be a name.
+        KeyNameError: If `site` cannot be a name.
     """
     check_name(site, "site")
     return state_directory() / site / service
@@ -50,10 +50,10 @@ class StateFile(Generic[T]):
         self.path = state_directory() / "users" / user / f"{purpose}.json"
 
     def read(self) -> T | None:
-        """Return what is kept, or none.
+        """Return the stored value, or None.
 
         Raises:
-            ConfigError: something is kept, but it cannot be read or used; names the file.
+            ConfigError: If a value is stored, but cannot be read or used. Names the file.
         """
         try:
             with self.path.open("rb") as file:
@@ -73,18 +73,18 @@ class StateFile(Generic[T]):
             ) from error
 
     def write(self, value: T) -> None:
-        """Keep `value` in place of what is kept: all of it or nothing, readable by its owner alone.
+        """Replace the stored value by `value`, atomically and readable by its owner only.
 
         Raises:
-            ConfigError: it cannot be written; names the file.
+            ConfigError: If it cannot be written. Names the file.
         """
         write_atomically(self.path, (value.model_dump_json(indent=2) + "\n").encode())
 
     def erase(self) -> bool:
-        """Forget what is kept. Return True if something was.
+        """Erase the stored value. Return True if there was one.
 
         Raises:
-            ConfigError: it cannot be erased; names the file.
+            ConfigError: If it cannot be erased. Names the file.
         """
         try:
             self.path.unlink()

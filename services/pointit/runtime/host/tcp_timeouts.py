@@ -1,13 +1,13 @@
-"""How long TCP waits: for who has vanished no longer than Zenoh's lease, for who is thrown out not at all.
+"""TCP timers: a vanished peer is noticed within Zenoh's lease, a rejected one closes without lingering.
 
-Zenoh gives a link up when nothing came for a lease, but first waits for a write that is under way (1.10). To
-an end that was cut off that write ends when TCP gives up, after 15 minutes: so long would a person who is out
-of reach be present, and their own machine would not say that the router is lost. Zenoh has no setting for it;
-the sockets have one, on Linux, and those that a listening socket accepts inherit it.
+Zenoh gives a link up when nothing came for a lease, but first waits for a pending write (1.10). To a peer
+that was cut off that write ends when TCP gives up, after 15 minutes: until then an unreachable person would
+be present, and their own machine would not report the lost router. Zenoh has no setting for it. On Linux
+the sockets have one, and those that a listening socket accepts inherit it.
 
 Where Zenoh closes a connection, it waits likewise until the other end has acknowledged all (`SO_LINGER`),
-40 ms or more, in a thread by which all that a router has accepted is read: a hundred strangers who are thrown
-out at once would hold up everybody for seconds. Without that the system does the rest by itself.
+40 ms or more, in a thread that reads all connections that a router has accepted: a hundred rejected
+strangers would block all others for seconds. Without it the system does the rest in the background.
 """
 
 import contextlib
@@ -25,13 +25,13 @@ LINGER = struct.Struct("ii")
 
 
 def set_user_timeout(ports: Collection[int], after_ms: int) -> int:
-    """Have TCP end connections from or to `ports` of which nothing is acknowledged for `after_ms`.
+    """Set TCP to end connections from or to `ports` with nothing acknowledged for `after_ms`.
 
-    It concerns the sockets that this process has now, and those that will be accepted by them; may be called
-    on any thread.
+    It applies to the present sockets of this process, and to those that they will accept. Any thread may
+    call it.
 
     Returns:
-        How many sockets were set; 0 where the system has no such option.
+        Number of sockets set, 0 where the system has no such option.
     """
     if sys.platform != "linux":
         return 0
@@ -45,12 +45,12 @@ def set_user_timeout(ports: Collection[int], after_ms: int) -> int:
 
 
 def disable_linger(ports: Collection[int]) -> int:
-    """Have connections from or to `ports` close at once; what was written is sent all the same.
+    """Set connections from or to `ports` to close at once. Written data are sent all the same.
 
-    Zenoh sets each connection to linger when it is accepted: call it again and again.
+    Zenoh sets each connection to linger when it is accepted, so this must be called repeatedly.
 
     Returns:
-        How many sockets were set; 0 where they cannot be found.
+        Number of sockets set, 0 where they cannot be found.
     """
     if sys.platform != "linux":
         return 0
@@ -65,7 +65,7 @@ def disable_linger(ports: Collection[int]) -> int:
 
 
 def unread() -> dict[tuple[str, int], int]:
-    """Return how many bytes wait for the readers of this process's connections, by their address and port."""
+    """Return the unacknowledged bytes (`TIOCOUTQ`) of each connection, by peer address and port."""
     found: dict[tuple[str, int], int] = {}
     if sys.platform != "linux":
         return found
@@ -95,12 +95,12 @@ def cut(peers: Collection[tuple[str, int]]) -> int:
 
 
 def tcp_sockets() -> Iterator[socket.socket]:
-    """Yield this process's TCP sockets, Zenoh's too; each only for as long as it is looked at.
+    """Yield this process's TCP sockets, Zenoh's too, each only for the current iteration.
 
-    None where they cannot be listed: no /proc, or no descriptor left to read it by.
+    Yields none where they cannot be listed: no /proc, or no descriptor left to read it by.
 
-    No file is duplicated and closed again: closing any descriptor of a file gives up all locks that the
-    process has on it (POSIX), such as those by which SQLite keeps other writers away.
+    No descriptor is duplicated and closed again: closing any descriptor of a file gives up all locks that the
+    process has on it (POSIX), such as those by which SQLite excludes other writers.
     """
     try:
         entries = list(OPEN_FILES.iterdir())
@@ -109,13 +109,13 @@ def tcp_sockets() -> Iterator[socket.socket]:
     for entry in entries:
         try:
             found = socket.socket(fileno=int(entry.name))
-        except OSError:  # it is none, or closed meanwhile
+        except OSError:  # not a socket, or closed meanwhile
             continue
         try:
             if found.type == socket.SOCK_STREAM and found.family in (socket.AF_INET, socket.AF_INET6):
                 yield found
         finally:
-            found.detach()  # it is somebody else's
+            found.detach()  # its owner closes it
 
 
 def _ports_of(found: socket.socket) -> set[int]:

@@ -1,8 +1,8 @@
-"""A blocking call in a thread that nobody waits for at the end: a look-up of a name may take 20 s.
+"""Blocking calls in threads that need not be joined at the end: a name look-up may take 20 s.
 
-Threads of asyncio's own (`asyncio.to_thread`) are waited for when the loop ends, whether their work is still
-wanted or not. What runs here is left behind instead; but Zenoh must not return to a Python that is about to
-end, which would abort the process. So a program ends by `exit_now`, and any other process waits at its exit.
+Threads of asyncio (`asyncio.to_thread`) are joined when the loop ends, whether their result is still needed
+or not. Threads of this module are abandoned. Zenoh, however, must not return to a Python that is shutting
+down, which would abort the process. So a program ends by `exit_now`, and any other process waits at exit.
 """
 
 import asyncio
@@ -21,7 +21,7 @@ from typing import NoReturn, TypeVar
 T = TypeVar("T")
 
 EXIT_PATIENCE_S = 15.0
-"""How long the exit of another process waits for each thread; Zenoh takes 10 s at most."""
+"""Time that the exit of another process waits for each thread. Zenoh takes 10 s at most."""
 
 _threads: weakref.WeakSet[threading.Thread] = weakref.WeakSet()
 
@@ -29,20 +29,20 @@ _threads: weakref.WeakSet[threading.Thread] = weakref.WeakSet()
 async def in_daemon_thread(
     work: Callable[[], T], name: str, *, discard: Callable[[T], None] | None = None
 ) -> T:
-    """Return what `work` returns, or raise what it raises; cancelling does not wait for it.
+    """Return the result of `work`, or raise its error. Cancelling does not wait for it.
 
     Args:
         work: may block for any time.
         name: of its thread.
-        discard: gets a result that comes when nobody wants it any more, in a thread, too.
+        discard: gets, also in a thread, a result that arrives after cancellation.
     """
     outcome: Future[T] = Future()
 
     def run() -> None:
         try:
             result = work()
-        except Exception as error:  # noqa: BLE001 - handed over to whoever awaits
-            with contextlib.suppress(InvalidStateError):  # nobody does any more
+        except Exception as error:  # noqa: BLE001 - passed to the awaiting caller
+            with contextlib.suppress(InvalidStateError):  # cancelled meanwhile
                 outcome.set_exception(error)
             return
         try:
@@ -69,15 +69,15 @@ def _start(run: Callable[[], None], name: str) -> None:
 
 
 def has_running_threads() -> bool:
-    """Return True if a thread is left behind."""
+    """Return True if an abandoned thread is still running."""
     return any(thread.is_alive() for thread in _threads)
 
 
 def exit_now(code: int) -> NoReturn:
-    """End the process with `code`, at once: what it has to close is closed by now."""
+    """End the process at once with `code`. All resources must be closed by now."""
     logging.shutdown()
     for stream in (sys.stdout, sys.stderr):
-        with contextlib.suppress(OSError, ValueError):  # nobody reads it any more; it is closed
+        with contextlib.suppress(OSError, ValueError):  # the stream is closed, or its reader is
             stream.flush()
     os._exit(code)
 

@@ -1,1 +1,1 @@
-"""How a process joins a site: addresses, identity, permissions and their options. It loads no Zenoh."""
+"""Connection of a process to a site: addresses, identity, permissions and their options. Loads no Zenoh."""

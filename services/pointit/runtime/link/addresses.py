@@ -1,10 +1,10 @@
-"""Which addresses this machine has in its networks: where others reach it."""
+"""Addresses of this machine in its networks, by which others reach it."""
 
 import ipaddress
 import socket
 
 _TOWARDS = ("192.0.2.1", "10.255.255.254", "172.31.255.254", "192.168.255.254", "169.254.255.254")
-"""Where routes are looked up, the default route first: 192.0.2.1 is of no machine (RFC 5737)."""
+"""Destinations of route look-ups, the default route first: 192.0.2.1 is of no machine (RFC 5737)."""
 
 
 def found_addresses() -> list[str]:
@@ -26,7 +26,7 @@ def found_addresses() -> list[str]:
 
 
 def own_address(otherwise: str) -> str:
-    """Return the first of `found_addresses`, or `otherwise` where there is none."""
+    """Return the first of `found_addresses`, or `otherwise` if there is none."""
     return next(iter(found_addresses()), otherwise)
 
 

@@ -1,7 +1,7 @@
-"""By what a process proves to a router who it is: a folder that `pointit site` has made.
+"""Credentials by which a process proves its identity to a router: a folder made by `pointit site`.
 
 It holds `link.json` (site, addresses, name, role), the authority's certificate `ca.pem`, and `cert.pem` with
-`key.pem`, or `password` where the site goes by passwords.
+`key.pem`, or `password` on a site with passwords.
 """
 
 import datetime as dt
@@ -33,12 +33,12 @@ ONLOOKERS = ("dashboard", "operator")
 SOON = dt.timedelta(days=30)
 """Credentials that end sooner are warned of."""
 HANDSHAKE_S = 1.0
-"""How long each step of looking for the reason of a refusal may take."""
+"""Time limit of each step when probing for the reason of a refusal."""
 
 SECURE = re.compile(r"(?:tls|quic)/(?:\[(?P<ipv6>[^\]]+)\]|(?P<host>[^/:]+)):(?P<port>\d+)")
 
 PASSWORD_FORM = re.compile(rb"[A-Za-z0-9_-]+")
-"""What one is made of."""
+"""Characters of a password."""
 
 X509_TOO_OLD, X509_TOO_YOUNG, X509_OTHER_HOST = 10, 9, (62, 64)
 """OpenSSL's verify codes: expired; not yet valid; the certificate names another host or address."""
@@ -51,11 +51,11 @@ REFUSALS = {
     "DECRYPT_ERROR": "is of another authority of the same name",
     "CERTIFICATE_REQUIRED": "was not shown, and the router wants one",
 }
-"""What a router's alert says of our certificate, by the end of OpenSSL's name for it."""
+"""Meaning of a router's alert on our certificate, by the end of OpenSSL's name for it."""
 
 
 class LinkFile(Config):
-    """What `link.json` holds; no secret."""
+    """Content of `link.json`, without secrets."""
 
     site: str
     name: str
@@ -81,14 +81,14 @@ class Credentials:
 
     @property
     def is_observer(self) -> bool:
-        """Return True if nobody is told of what runs by this identity."""
+        """Return True if processes with this identity are not announced to others."""
         return self.link.role in ONLOOKERS
 
     def check_endpoint(self, endpoint: str) -> None:
-        """Refuse an address that would not be encrypted.
+        """Check that `endpoint` is encrypted.
 
         Raises:
-            ConfigError: it is neither TLS nor QUIC.
+            ConfigError: If it is neither TLS nor QUIC.
         """
         if not SECURE.match(endpoint):
             raise ConfigError(
@@ -97,17 +97,17 @@ class Credentials:
             )
 
     def expiry_warning(self, now: dt.datetime) -> str:
-        """Return the sentence that says that they end within 30 days; empty when they do not."""
+        """Return a warning if the credentials end within 30 days, else `""`."""
         if self.link.password or self.link.valid_until - now >= SOON:
             return ""
         name = self.link.name
         return (
-            f"the credentials of {name} end on {self.link.valid_until:%Y-%m-%d}; have them made anew with "
-            f"`pointit site renew {name}` before, and carry the folder here"
+            f"the credentials of {name} end on {self.link.valid_until:%Y-%m-%d}; renew them with "
+            f"`pointit site renew {name}` before, and copy the folder here"
         )
 
     def settings(self) -> dict[str, Any]:
-        """Return what Zenoh's configuration needs; secrets are in it: show it to nobody."""
+        """Return the settings for Zenoh's configuration. They hold secrets: never show them."""
         tls = "transport/link/tls"
         settings: dict[str, Any] = {
             "transport/link/protocols": ["tls", "quic"],
@@ -125,7 +125,7 @@ class Credentials:
 
     @property
     def user(self) -> str:
-        """Return by what the router knows this identity."""
+        """Return the name by which the router knows this identity."""
         return f"{self.link.site}/{self.link.name}/{self.link.generation}"
 
 
@@ -153,7 +153,7 @@ def read_credentials(folder: Path, now: dt.datetime) -> Credentials:
         )
     if link.password:
         _password(folder)
-    again = f"have it made anew with `pointit site renew {link.name}` and carry the folder here"
+    again = f"renew it with `pointit site renew {link.name}` and copy the folder here"
     if not link.password and now < link.valid_from:
         raise ConfigError(
             f"{folder / CERTIFICATE}: is not valid before {link.valid_from:%Y-%m-%d %H:%M} UTC and "
@@ -165,7 +165,7 @@ def read_credentials(folder: Path, now: dt.datetime) -> Credentials:
 
 
 def connection_refusal(credentials: Credentials, endpoint: str) -> str:
-    """Return why the router at `endpoint` cannot be joined: one sentence; empty when nobody answers there.
+    """Return a message if the router at `endpoint` rejects a connection, else `""` (also without an answer).
 
     Zenoh reports every refusal as a time-out, so the handshake is tried again without it. Blocks for up to
     3 s: call it in a thread.
@@ -178,27 +178,25 @@ def connection_refusal(credentials: Credentials, endpoint: str) -> str:
     try:
         context = _context(credentials)
     except (OSError, ssl.SSLError) as error:
-        return f"{credentials.folder}: its certificates cannot be used ({_words(error)})"
+        return f"{credentials.folder}: its certificates cannot be used ({_reason(error)})"
     try:
         plain = socket.create_connection((host, port), timeout=HANDSHAKE_S)
     except OSError:
-        return ""  # nobody answers, or there is no way there: the usual words fit
+        return ""  # no answer or no route: the usual message fits
     is_secured = False
     try:
         with plain, context.wrap_socket(plain, server_hostname=host) as secured:
             is_secured = True
-            secured.recv(1)  # the router's word on our certificate comes after the handshake
+            secured.recv(1)  # the router's verdict on our certificate follows the handshake
     except ssl.SSLError as error:
-        return _told(error, endpoint, credentials)
-    except OSError:  # a time-out, too: it said nothing, which is good once the connection is secured
+        return _handshake_problem(error, endpoint, credentials)
+    except OSError:  # includes a time-out, which means success once the connection is secured
         if not is_secured:
-            return (
-                f"who listens at {endpoint} is no router of a secured site; give its address with --connect"
-            )
+            return f"{endpoint} is not a router of a secured site; give its address with --connect"
     if credentials.link.password:
         return (
-            f"the router at {endpoint} refuses {name}'s password, or is too busy to take it; if that stays "
-            f"so, have it made anew with `pointit site renew {name}` and carry the folder here"
+            f"the router at {endpoint} refuses {name}'s password, or is too busy to check it; if that "
+            f"persists, renew it with `pointit site renew {name}` and copy the folder here"
         )
     return ""
 
@@ -211,8 +209,8 @@ def _context(credentials: Credentials) -> ssl.SSLContext:
     return context
 
 
-def _told(error: ssl.SSLError, endpoint: str, credentials: Credentials) -> str:
-    """Return what a handshake that failed says of either certificate."""
+def _handshake_problem(error: ssl.SSLError, endpoint: str, credentials: Credentials) -> str:
+    """Return a message on the reason why a handshake failed, mostly a certificate."""
     if isinstance(error, ssl.SSLCertVerificationError):
         return _distrust(error, endpoint, credentials)
     name = credentials.link.name
@@ -220,9 +218,9 @@ def _told(error: ssl.SSLError, endpoint: str, credentials: Credentials) -> str:
         if (error.reason or "").endswith(alert):
             return (
                 f"the router at {endpoint} refuses {name}'s certificate: it {why}; "
-                f"have it made anew with `pointit site renew {name}`"
+                f"renew it with `pointit site renew {name}`"
             )
-    return f"{endpoint} does not speak TLS as a router does ({_words(error)})"
+    return f"{endpoint} does not speak TLS as a router does ({_reason(error)})"
 
 
 def _distrust(error: ssl.SSLCertVerificationError, endpoint: str, credentials: Credentials) -> str:
@@ -248,22 +246,20 @@ def _read(path: Path) -> bytes:
             return file.read(MAX_BYTES)
     except FileNotFoundError as error:
         raise ConfigError(
-            f"{path}: is missing; credentials are a folder that `pointit site` has made, with all its files"
+            f"{path}: is missing; credentials are a folder made by `pointit site`, with all its files"
         ) from error
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read ({error.strerror or error})") from error
 
 
 def _password(folder: Path) -> str:
-    """Return what stands in the file of the password; what is wrong with it is told without it."""
+    """Return the password in `folder`. Errors do not quote it."""
     path = folder / PASSWORD
     password = _read(path).strip()
     if not PASSWORD_FORM.fullmatch(password):
-        raise ConfigError(
-            f"{path}: holds no password as `pointit site` makes them; carry the folder here once more"
-        )
+        raise ConfigError(f"{path}: is not a password made by `pointit site`; copy the folder here again")
     return password.decode()
 
 
-def _words(error: Exception) -> str:
+def _reason(error: Exception) -> str:
     return getattr(error, "reason", None) or getattr(error, "strerror", None) or type(error).__name__

@@ -1,4 +1,4 @@
-"""How a process joins the network: site, addresses, credentials and lease. Loads no Zenoh."""
+"""Connection of a process to the network: site, addresses, credentials and lease. Loads no Zenoh."""
 
 import re
 from collections.abc import Sequence
@@ -8,14 +8,14 @@ from pointit.runtime.errors import ConfigError
 from pointit.runtime.link.credentials import Credentials
 
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
-"""Where `pointit run` listens and every other command looks, on this machine only."""
+"""The address where `pointit run` listens and every other command connects, on this machine only."""
 
 DEFAULT_SITE = "lab"
 
 ENDPOINT = re.compile(
     r"(tcp|udp|tls|quic|ws)/(\[[\w:.%]+\]|[^/:\s]+):(?P<port>\d{1,5})([?#]\S*)?|(serial|unixsock-stream|unixpipe|vsock)/\S+"
 )
-"""What Zenoh takes for an address: host and port, or what other protocols need (`serial//dev/ttyUSB0`)."""
+"""Addresses that Zenoh accepts: host and port, or those of other protocols (`serial//dev/ttyUSB0`)."""
 
 MAX_PORT = 65535
 
@@ -25,7 +25,7 @@ LEASE_MS = 3000
 
 @dataclass(frozen=True, kw_only=True)
 class Link:
-    """How a process joins the network: it listens and relays for its clients, or connects, or neither."""
+    """Connection of a process: it listens and relays for its clients, or connects, or neither."""
 
     site: str = DEFAULT_SITE
     listen: tuple[str, ...] = ()
@@ -33,11 +33,11 @@ class Link:
     router: bool = False
     """Route for everybody, without being a member of the site."""
     credentials: Credentials | None = None
-    """By what it proves who it is, at a router that wants to know."""
+    """Proof of identity for a router that requires it."""
 
     @property
     def addresses(self) -> tuple[str, ...]:
-        """Return where it listens or connects: who listens connects nowhere."""
+        """Return the addresses to listen on, or if there are none, to connect to."""
         return self.listen or self.connect
 
 
@@ -45,7 +45,7 @@ def check_addresses(link: Link) -> None:
     """Check the addresses of `link`, and that its credentials allow them.
 
     Raises:
-        ConfigError: one is no address, or not one for the credentials.
+        ConfigError: If one is no address, or does not fit the credentials.
     """
     for endpoint in (*link.listen, *link.connect):
         found = ENDPOINT.fullmatch(endpoint)

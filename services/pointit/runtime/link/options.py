@@ -1,4 +1,4 @@
-"""How a command joins the network: its options, and the credentials that answer them."""
+"""Connection options of commands, and the credentials that they name."""
 
 import datetime as dt
 import os
@@ -59,17 +59,17 @@ def _take_credentials(ctx: click.Context, _parameter: click.Parameter, folder: P
 
 
 def given_credentials() -> Credentials | None:
-    """Return what --credentials of the running command names; none without it."""
+    """Return the credentials given by --credentials of the running command, or None."""
     context = click.get_current_context(silent=True)
     credentials: Credentials | None = None if context is None else context.meta.get(VARIABLE)
     return credentials
 
 
 def link_of(site: str, connect: Sequence[str], listen: Sequence[str] = ()) -> Link:
-    """Return how the running command joins `site`: with its credentials, if it has any.
+    """Return the link of the running command to `site`, with its credentials, if it has any.
 
     Raises:
-        ConfigError: they are of another site, or nobody is there to be shown them.
+        ConfigError: If they are of another site, or there is no router to show them to.
     """
     credentials = given_credentials()
     if credentials is not None and site != credentials.link.site:

@@ -7,4 +7,4 @@ VERBS = ("writes", "reads", "serves", "asks")
 """The permissions."""
 
 JOIN = "joins"
-"""What every identity with any right may write below `ROOM`."""
+"""Permission to join, granted below `ROOM` to every identity with any right."""

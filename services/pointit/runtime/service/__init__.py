@@ -1,1 +1,1 @@
-"""What a service is, and the process around it: options, lifetime, shutdown, log, one instance per name."""
+"""Services and the process around them: options, lifetime, shutdown, log, one instance per name."""

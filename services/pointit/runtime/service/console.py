@@ -1,4 +1,4 @@
-"""The console of logs, tables and views: text of others neither commands the terminal nor is markup."""
+"""The console of logs, tables and views. Foreign text neither commands the terminal nor acts as markup."""
 
 from collections.abc import Iterable
 from typing import Any

@@ -33,23 +33,23 @@ log = logging.getLogger(__name__)
 
 EXIT_USAGE = 2
 EXIT_FAULT = 70
-"""An error that nobody foresaw (sysexits' EX_SOFTWARE)."""
+"""An unforeseen error (sysexits' EX_SOFTWARE)."""
 CLOCK_PATIENCE_S = 0.3
-"""How long a service waits for the site's simulated time before it begins; it usually takes ms."""
+"""Time to wait for the site's simulated time before a service starts. It usually takes ms."""
 ASKED_CLOCK_PATIENCE_S = 2.0
-"""The same, when the command line says that there is one: so many processes may start that they are slow."""
+"""The same if the command line says that there is one: many processes may start slowly at once."""
 
 
 def main(service: type[AnyService]) -> NoReturn:
-    """Run `service` as a process of its own: what every `__main__.py` calls."""
+    """Run `service` as a process of its own. Every `__main__.py` calls this."""
     # To take Python's modules apart costs 0.1 s of a core; ten processes that end together have two.
     run_program(service_command(service), at_once=True)
 
 
 def run_program(command: click.Command, *, at_once: bool = False) -> NoReturn:
-    """Run a click command as all that this process does, see `run_command`; its end waits for nobody.
+    """Run a click command as the only work of this process, see `run_command`; its end joins no threads.
 
-    `at_once`: nor for what others have left with `atexit`.
+    `at_once`: skip `atexit` handlers of others, too.
     """
     try:
         run_command(command)
@@ -62,8 +62,8 @@ def run_program(command: click.Command, *, at_once: bool = False) -> NoReturn:
 def run_command(command: click.Command, arguments: list[str] | None = None) -> NoReturn:
     """Run a click command; errors become one sentence on standard error and an exit code.
 
-    0 done, or ended as asked; 1 it failed (nobody answers, an address is taken); 2 what was typed, a file or
-    a variable is wrong; 70 a fault of the program, whose traceback goes to the log; 130 Ctrl-C before work.
+    0 done, or ended as requested; 1 it failed (no answer, an address is in use); 2 an argument, a file or a
+    variable is wrong; 70 a fault of the program, whose traceback goes to the log; 130 Ctrl-C before work.
     """
     try:
         result = command.main(args=arguments, standalone_mode=False)

@@ -1,4 +1,4 @@
-"""What a service is, and how one or many of them live and end together."""
+"""Services, and the common start and end of one or many of them."""
 
 import asyncio
 import contextlib
@@ -28,19 +28,19 @@ HEALTH_PERIOD_S = 1.0
 
 @dataclass(frozen=True, kw_only=True)
 class Context:
-    """What a service gets from its surroundings."""
+    """The environment of a service."""
 
     bus: ServiceBus
     clock: Clock
     user: str = ""
-    """Whose service it is; empty for a service that all share."""
+    """The person whose service it is, or `""` for a shared service."""
 
 
 class Service(ABC, Generic[C]):
     """A process: subscribes, calls its pure core, publishes.
 
-    The constructor declares everything on the bus and puts the first states; `run` holds what must go on
-    in time. Both run in the event loop.
+    The constructor declares everything on the bus and publishes the first states. `run` holds the periodic
+    work. Both run in the event loop.
     """
 
     NAME: ClassVar[str]
@@ -58,33 +58,33 @@ class Service(ABC, Generic[C]):
 
     @classmethod
     def validate_config(cls, config: C) -> None:
-        """Refuse what cannot work however the site looks; called before a bus is opened, and may read files.
+        """Check for mistakes that no site can remedy. Called before a bus is opened, and may read files.
 
         Raises:
-            ConfigError: names the parameter or file, and says what to do.
+            ConfigError: Names the parameter or file and the remedy.
         """
 
     @classmethod
     def validate_link(cls, config: C, addresses: Sequence[str]) -> None:
-        """Refuse what cannot work beside the connection of its process; called before a bus is opened.
+        """Check `config` against the connection of the process. Called before a bus is opened.
 
         Args:
             config: its own.
             addresses: where the process connects or listens.
 
         Raises:
-            ConfigError: names the parameter and the address, and says what to do.
+            ConfigError: Names the parameter and the address and the remedy.
         """
 
     @classmethod
     def discard_saved_state(cls, site: str, now_ns: int) -> None:
-        """Let go of what an earlier run of `site` has left to be taken up; called before a new run begins.
+        """Discard the state that an earlier run of `site` left for resumption. Called before a new run.
 
-        What a service that runs right now has in its hands stays.
+        The state of a service that is running stays.
         """
 
     async def run(self) -> None:
-        """Go on until cancelled; services that only react need not override it."""
+        """Run until cancelled. Services that only react need not override it."""
         await asyncio.Event().wait()
 
 
@@ -106,14 +106,14 @@ class Launch:
 
 
 def check_launches(launches: Sequence[Launch], addresses: Sequence[str] = ()) -> None:
-    """Let every service look at its configuration, before anything is opened or started.
+    """Check the configuration of every service, before anything is opened or started.
 
     Args:
-        launches: what is to be started.
+        launches: the services to start.
         addresses: where their process connects or listens.
 
     Raises:
-        ConfigError: one cannot work; names the instance.
+        ConfigError: If one cannot work. Names the instance.
     """
     for launch in launches:
         try:
@@ -145,7 +145,7 @@ async def run_service(launch: Launch, bus: Bus, clock: Clock) -> None:
             work = group.create_task(service.run(), name=launch.instance)
             report = group.create_task(_report(view, health, succession), name=f"{launch.instance} health")
             tasks = {work, report}
-            if launch.user:  # what all share has nobody's name to lose: both go on, and say so
+            if launch.user:  # duplicates of a shared service both go on, with a warning
                 tasks.add(group.create_task(_until_lost(succession, launch), name=f"{launch.instance} name"))
             await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
             for task in tasks:

@@ -1,4 +1,4 @@
-"""Work that runs until it ends or is asked to: signals, the exit code, what does not end is cut off."""
+"""Work that runs until it ends or is asked to: signals, exit code, a time limit for the end."""
 
 import asyncio
 import contextlib
@@ -64,9 +64,9 @@ async def _until_signal(work: Coroutine[Any, Any, int]) -> int:
 
 
 def _first_cause(group: BaseExceptionGroup[BaseException]) -> BaseException:
-    """Return the error to tell the person: a sentence of ours if there is one."""
-    said = group.subgroup((PointItError, SchemaError))
-    error: BaseException = group if said is None else said
+    """Return the error to show to the person: a `PointItError` if there is one."""
+    known = group.subgroup((PointItError, SchemaError))
+    error: BaseException = group if known is None else known
     while isinstance(error, BaseExceptionGroup):
         error = typing.cast("BaseExceptionGroup[BaseException]", error).exceptions[0]
     return error
@@ -74,7 +74,7 @@ def _first_cause(group: BaseExceptionGroup[BaseException]) -> BaseException:
 
 @contextlib.contextmanager
 def _cut_off(loop: asyncio.AbstractEventLoop) -> Generator[threading.Timer]:
-    """Yield a timer that, once started, ends the process if what is inside takes too long to end."""
+    """Yield a timer that, once started, ends the process if the body takes too long to end."""
 
     def end() -> None:
         names = ", ".join(sorted(task.get_name() for task in asyncio.all_tasks(loop)))
@@ -92,7 +92,7 @@ def _cut_off(loop: asyncio.AbstractEventLoop) -> Generator[threading.Timer]:
 
 @contextlib.contextmanager
 def _signals(loop: asyncio.AbstractEventLoop, ask: Callable[[], None]) -> Generator[None]:
-    """Have SIGINT and SIGTERM call `ask` in the loop."""
+    """Make SIGINT and SIGTERM call `ask` in the loop."""
     before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
         for number in before:

@@ -22,8 +22,8 @@ from pointit.runtime.zenoh.queries import query_samples
 WAITS_S = (0.0, 0.1, 0.2, 0.4, 0.8, 1.6, 2.0, 2.0, 2.0, 2.0, 2.0)
 """Before each question; what has not come after the last one counts as lost."""
 TIMEOUT_S = 2.0
-MOST_WRITERS = 1000
-"""Whose last number is known; of who was heard of first it is forgotten first."""
+MAX_WRITERS = 1000
+"""Writers whose last sequence number is kept. The oldest is evicted first, which bounds memory."""
 
 Writer = tuple[str, int]
 """Session and number in it."""
@@ -31,7 +31,7 @@ Writer = tuple[str, int]
 
 @dataclass(slots=True, eq=False)
 class _Gap:
-    """What one writer has sent and did not come, and what came since."""
+    """Missing samples of one writer, and those that came since."""
 
     about: str
     """Under which the writer is asked."""
@@ -83,7 +83,7 @@ class EventRecovery:
         with self._lock:
             last = self._last.pop(writer, None)
             self._last[writer] = number
-            if len(self._last) > MOST_WRITERS:
+            if len(self._last) > MAX_WRITERS:
                 self._last.popitem(last=False)
             gap = self._gaps.get(writer)
             if last is not None and number > last + 1:

@@ -1,6 +1,6 @@
 # pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false, reportUnknownLambdaType=false
 # (the stubs of zenoh leave return types out)
-"""Who is present on Zenoh."""
+"""Presence on Zenoh."""
 
 import asyncio
 import contextlib

@@ -1,10 +1,10 @@
 # pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false, reportUnknownLambdaType=false
 # (the stubs of zenoh leave return types out)
-"""What an identity may not do, found out by itself: a router drops what it denies without a word to anybody.
+"""Detection of missing permissions by a self-test, since a router drops denied messages silently.
 
 Rules that grant a key grant `KEY/@may/NAME/VERB` too. The process writes there, and a second session of the
-same identity, which lives as long as the test, tells what came back: delivery within one session is never
-filtered. What services read and write is not touched.
+same identity, which lives as long as the test, reports what came back: delivery within one session is never
+filtered. Keys of services are not touched.
 """
 
 import asyncio
@@ -25,9 +25,9 @@ log = logging.getLogger(__name__)
 WORDS = {"writes": "write", "reads": "read", "serves": "answer", "asks": "ask"}
 
 SETTLE_S = 0.25
-"""What is declared within this time is tested together."""
+"""Rights declared within this time are tested together."""
 WAITS_S = (0.05, 0.1, 0.2, 0.4, 0.8)
-"""How long is waited for what was written, before it is written again; after the last one it is denied."""
+"""Times to wait for a written message before it is repeated. After the last one it counts as denied."""
 RETRY_S = (2.0, 5.0, 15.0, 60.0)
 """After so long what is denied is tested again, the last one from then on: a router that was just restarted,
 with everybody at its door, answers late; and rules change."""
@@ -77,7 +77,7 @@ class PermissionProbe:
 
     @property
     def problem(self) -> str:
-        """Return what is denied, in one sentence for each kind; empty when nothing is known to be."""
+        """Return one sentence for each kind of right that is known to be denied, else `""`."""
         return "; ".join(self._sentences())
 
     def add(self, verb: str, key: str) -> None:
@@ -89,13 +89,13 @@ class PermissionProbe:
             self._soon()
 
     def retest(self) -> None:
-        """Have all tested anew: the router is back, perhaps with other rules."""
+        """Schedule a new test of all rights: the router is back, perhaps with other rules."""
         self._denials = 0
         self._untested |= self._wanted
         self._soon()
 
     async def denial_reason(self, verb: str, key: str) -> str:
-        """Return the sentence that says that this right is denied; empty when it is not, or nobody knows."""
+        """Return the reason if this right is denied, or `""` if it is not, or if that is unknown."""
         arrived = await self._arrived({(verb, key)})
         if arrived is None or (verb, key) in arrived:
             return ""
@@ -199,8 +199,8 @@ class PermissionProbe:
 def _nobody(credentials: Credentials) -> str:
     name = credentials.link.name
     return (
-        f"{credentials.description} may do nothing here: it was revoked or its certificate replaced; carry "
-        f"the folder here anew, or make one with `pointit site renew {name}`"
+        f"{credentials.description} may do nothing here: it was revoked or its certificate replaced; copy "
+        f"the folder here again, or make one with `pointit site renew {name}`"
     )
 
 
@@ -217,7 +217,7 @@ def _sentence(credentials: Credentials, verb: str, keys: list[str]) -> str:
 
 
 def _person(key: str) -> str:
-    """Return whose key it is; empty when it is nobody's."""
+    """Return the person whose key it is, or `""` for other keys."""
     topic = topic_of(key)
     rows = REQUESTS if topic is None else (topic,)
     names = {row.name_in(key) for row in rows if row.placeholder == "user"} - {"", ANY}

@@ -22,7 +22,7 @@ EVENT_CACHE = 500
 """Events a writer keeps for readers that were cut off."""
 
 HEARTBEAT_S = 0.2
-"""How often a writer of states and events tells its last sequence number: bounds the time to recover."""
+"""Period of sequence numbers published by a writer of states and events. Bounds the time to recover."""
 
 
 class _LatestWriter:

@@ -39,7 +39,7 @@ async def query_replies(session: zenoh.Session, selector: str, **asked: Any) -> 
 async def query_samples(
     session: zenoh.Session, selector: str, *, timeout_s: float, under_any_key: bool = False
 ) -> list[zenoh.Sample]:
-    """Return all samples with which others answer, as they come; none when nobody does.
+    """Return all samples with which others answer, in order of arrival.
 
     Args:
         session: asks.

@@ -70,7 +70,7 @@ class ZenohRetainedStateServer(RetainedStateServer):
             queryable.undeclare()
 
     def _asked_for(self, topic: AnyTopic) -> Callable[[zenoh.Query], None]:
-        """Return what takes questions for `topic`: many for one keep nobody from another."""
+        """Return a handler of queries for `topic`. Many for one topic do not delay those for another."""
         line = BoundedWorkQueue(topic.key, functools.partial(self._answer, topic), self._turned_away)
 
         def on_query(query: zenoh.Query) -> None:  # on Zenoh's thread

@@ -25,16 +25,16 @@ log = logging.getLogger(__name__)
 
 SYSTEM_REASON = re.compile(r"([^:\[\]\s][^:\[\]]*) \(os error \d+\)")
 IN_USE = re.compile(r"\(os error (48|98|10048)\)")
-"""How macOS, Linux and Windows number that an address is taken."""
+"""Numbers by which macOS, Linux and Windows report that an address is in use."""
 
 OPEN_RETRY_S = 0.5
 CONNECT_TIMEOUT_MS = 1000
-"""How long an attempt to open may take. Later attempts to reach a lost router take up to 10 s: with less, the
+"""Duration limit of an attempt to open. Later attempts to reach a lost router take up to 10 s: with less, the
 attempts that clients have given up would keep a router that stood still busy for good, which turns away ten a
 second (github.com/eclipse-zenoh/zenoh/issues/2685)."""
 CLOSE_PATIENCE_S = 1.0
-"""How long the closing of a session is waited for; it takes some ms, unless a router is lost: then as long as
-the attempt to reach it that goes on."""
+"""Time to wait for the closing of a session. It takes some ms, but with a lost router as long as the current
+attempt to reach it."""
 
 RUNTIME = "(rx: (worker_threads: 1))"
 """One thread receives, not two: each message would wake both, and both need Python's lock."""
@@ -155,7 +155,7 @@ async def _open_by_turns(turns: Sequence[zenoh.Config]) -> zenoh.Session:
 
 
 def refusals(link: Link) -> str:
-    """Return why the routers of `link` refuse its credentials; empty when one does not, or none answers.
+    """Return the first refusal of our credentials by `link`, or `""` unless all its routers refuse them.
 
     Blocks for up to 3 s each.
     """

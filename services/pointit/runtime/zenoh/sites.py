@@ -1,6 +1,6 @@
 # pyright: reportUnknownMemberType=false
 # (the stubs of zenoh leave types out)
-"""Which sites run at an address: a member sees its own only."""
+"""Sites that run at an address. A member sees only its own."""
 
 import asyncio
 import contextlib

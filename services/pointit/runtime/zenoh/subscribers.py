@@ -56,7 +56,7 @@ class EncodedMessage:
 
 
 class _Inlet(ABC):
-    """Where samples of other processes come in, for the readers of one key; called on Zenoh's threads."""
+    """The input of samples of other processes, for the readers of one key. Called on Zenoh's threads."""
 
     def __init__(self, topic: AnyTopic, places: Places) -> None:
         self.mailboxes: tuple[Mailbox, ...] = ()
@@ -84,7 +84,7 @@ class _Inlet(ABC):
 
 
 class SharedSubscriber(_Inlet):
-    """What all readers of a key share: a sample comes in once and is decoded once, however many they are."""
+    """The shared input of all readers of a key: a sample is received and decoded once."""
 
     def __init__(self, session: zenoh.Session, topic: AnyTopic, key: str, places: Places) -> None:
         super().__init__(topic, places)
@@ -98,7 +98,7 @@ class SharedSubscriber(_Inlet):
 
 
 class _KeptInlet(_Inlet):
-    """What one reader of states or events has for itself: each begins with a history of its own."""
+    """The input of one reader of states or events, which begins with a history of its own."""
 
     def __init__(
         self,

@@ -1,4 +1,4 @@
-"""How messages and keys look on Zenoh."""
+"""The form of messages and keys on Zenoh."""
 
 from typing import Any
 
@@ -10,7 +10,7 @@ from pointit.schemas.codec import MEDIA_TYPE
 from pointit.schemas.topics import Presence, Request, check_name
 
 PRIORITY = zenoh.Priority.DATA_HIGH
-"""Of states and events as they are put; what is fetched again from a writer's cache has another one."""
+"""Priority of published states and events. Those fetched again from a writer's cache have another one."""
 
 
 def encoding_of(kind: type[Message] | type[Query]) -> zenoh.Encoding:

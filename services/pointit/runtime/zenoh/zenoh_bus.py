@@ -61,7 +61,7 @@ class ZenohBus(MemoryBus):
         self._watch = LinkWatch(session, link, self._on_back) if link.connect else None
         self._self_test: PermissionProbe | None = None
         self._is_onlooker = link.credentials is not None and link.credentials.is_observer
-        """What it tells of itself stays in this process: its router would refuse it, and complain."""
+        """True if its own health and presence stay in this process, since the router would refuse them."""
         if link.credentials is not None and self._watch is not None:
             self._self_test = PermissionProbe(session, link.credentials, self._second, lambda: self.connected)
 
@@ -72,7 +72,7 @@ class ZenohBus(MemoryBus):
 
     @property
     def connected(self) -> bool:
-        """Return True if there is a router, for a bus that needs one."""
+        """Return True if there is a router, or the bus needs none."""
         return self._watch is None or self._watch.up
 
     @property
@@ -88,15 +88,15 @@ class ZenohBus(MemoryBus):
         return lost or denied or self._turned_away.problem(time.monotonic())
 
     async def denial_reason(self, verb: str, topic: AnyTopic, name: str) -> str:
-        """Return the sentence that says that this identity may not do something; it takes two seconds then.
+        """Return the reason if this identity may not do something, which takes two seconds, else `""`.
 
         Args:
             verb: `writes` or `reads`.
             topic: what.
-            name: whose; `*` for anybody's.
+            name: the placeholder, or `*` for any.
 
         Returns:
-            Nothing when it may, or when there are neither credentials nor a router.
+            `""` also without credentials, or without a router.
         """
         return "" if self._self_test is None else await self._self_test.denial_reason(verb, topic.at(name))
 
@@ -149,7 +149,7 @@ class ZenohBus(MemoryBus):
     async def call(
         self, request: Request[Q, R], query: Q, name: str = "", *, timeout_s: float = REQUEST_TIMEOUT_S
     ) -> R:
-        """Return the reply of whoever serves `request`, in this process or another."""
+        """Return the reply of the server of `request`, in this process or another."""
         self._check_open()
         if self.exchange.handler_for(request, name) is not None:
             return await super().call(request, query, name, timeout_s=timeout_s)

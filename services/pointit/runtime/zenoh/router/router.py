@@ -1,9 +1,9 @@
 # pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false, reportUnknownLambdaType=false
 # (the stubs of zenoh leave return types out)
-"""A Zenoh router in this process: what joins several machines where no zenohd is installed.
+"""A Zenoh router in this process, which joins several machines where no zenohd is installed.
 
-Zenoh reads access rules, passwords and certificates when a session opens and never again, so a router whose
-files have changed is opened anew; its clients are back after 0.1 s, and declare by themselves what they had.
+Zenoh reads access rules, passwords and certificates only when a session opens, so a router whose files have
+changed is reopened. Its clients are back after 0.1 s, and repeat their declarations automatically.
 """
 
 import asyncio
@@ -30,15 +30,15 @@ from pointit.schemas.table_types import NAME
 log = logging.getLogger(__name__)
 
 LOOK_S = 0.5
-"""How often the files are looked at; nothing tells of their change on every system and file system."""
+"""Period of polling the files, since not every system and file system reports changes."""
 PORT_PATIENCE_S = 5.0
-"""How long the router's own port may stay taken after it was closed (QUIC: 0.1 s)."""
+"""Time that the router's own port may stay in use after it was closed (QUIC: 0.1 s)."""
 PORT_RETRY_S = 0.05
 REOPEN_PATIENCE_S = 11.0
-"""How long a session's end is waited for before the next one begins; Zenoh takes 10 s at most."""
+"""Time to wait for a session's end before the next one begins. Zenoh takes 10 s at most."""
 
 RELATIVE = re.compile(r"(?<=_file=)(?![/\\]|[A-Za-z]:)")
-"""Where an address names a file by a path from the configuration's own folder."""
+"""Addresses that name a file by a path relative to the configuration's folder."""
 
 PEER = re.compile(r"tls/\[?([^]#?]+?)]?:(\d+)(?:[#?]|$)")
 """Address and port of who is connected by TLS."""
@@ -85,12 +85,12 @@ class Router:
     """Routes by a configuration that is made from files, and follows their changes."""
 
     def __init__(self, make: Callable[[], str], folder: Path, files: Sequence[Path]) -> None:
-        """Open nothing yet.
+        """Prepare. Nothing is opened yet.
 
         Args:
             make: returns the configuration as it should be now, JSON5; raises `ConfigError`.
             folder: from where the configuration names files.
-            files: what it is made from, and what it names: their change opens the router anew.
+            files: what it is made from, and what it names: a change of these reopens the router.
         """
         self._make = make
         self._folder = folder
@@ -145,13 +145,13 @@ class Router:
             cut(peers)
 
     def unread(self, addresses: Iterable[str]) -> dict[str, int]:
-        """Return how many bytes wait for who is connected from `addresses`, where that is known."""
+        """Return the bytes that wait for the peers connected from `addresses`, where known."""
         peers = {address: peer for address in addresses if (peer := _peer(address)) is not None}
         waiting = unread() if peers else {}
         return {address: waiting[peer] for address, peer in peers.items() if peer in waiting}
 
     async def reload_on_change(self) -> None:
-        """Route on until cancelled, anew whenever a file has changed; what cannot be used is left."""
+        """Route until cancelled, and reopen after a change of a file. Unusable changes are ignored."""
         while True:
             await asyncio.sleep(LOOK_S)
             disable_linger(ports_of(self._listens))
@@ -246,7 +246,7 @@ def _opened(config: zenoh.Config) -> zenoh.Session:
 
 
 def _reason(error: Exception) -> str:
-    """Return what is wrong, without the place in Zenoh's source."""
+    """Return the error message, without the place in Zenoh's source."""
     return str(error).partition(" at /")[0].rstrip(".")
 
 

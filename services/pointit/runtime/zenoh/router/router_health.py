@@ -20,7 +20,7 @@ LONGEST_HOST = 48
 
 
 class RouterHealthPublisher:
-    """What `pointit doctor` and the page show of a router; access rules let nobody else write it."""
+    """Health of a router for `pointit doctor` and the page. Access rules let only routers write it."""
 
     def __init__(self, session: zenoh.Session, site: str, *, joins_another: bool) -> None:
         """Be present at `site`, as long as `session` is open.

@@ -1,4 +1,4 @@
-"""Logs: JSON lines where nobody looks, rich lines where somebody does."""
+"""Logs: JSON lines in files and pipes, rich lines on a terminal."""
 
 import io
 import json

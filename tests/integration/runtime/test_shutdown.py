@@ -1,4 +1,4 @@
-"""How processes end: soon, with an exit code that says what happened, whatever they wait for."""
+"""Processes end soon, with a meaningful exit code, whatever they wait for."""
 
 import asyncio
 import json
@@ -22,12 +22,12 @@ from tests.support.buses import RouterProcess, free_port, router_process
 from tests.support.pace import slowness
 
 END_S = 2.0
-"""How long the end may take on a quiet machine."""
+"""Limit of the time to end on a quiet machine."""
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
 def end_s() -> float:
-    """Return how long the end may take on this machine as busy as it is now."""
+    """Return the limit of the time to end on this machine under its current load."""
     return END_S * slowness()
 
 
@@ -84,7 +84,7 @@ def test_a_service_that_waits_for_its_router_ends_on_a_signal(number: int) -> No
         assert "Traceback" not in child.stderr.read()
 
 
-def test_it_ends_while_somebody_listens_who_never_answers() -> None:
+def test_a_process_ends_while_a_listener_never_answers() -> None:
     mute = socket.create_server(("127.0.0.1", 0))
     with mute, process(*pointing(f"tcp/127.0.0.1:{mute.getsockname()[1]}")) as child:
         line_with(child, "nobody answers")
@@ -190,7 +190,7 @@ ending.run_until_shutdown(work())
 """
 
 
-def test_what_does_not_end_is_cut_off_and_named() -> None:
+def test_a_task_that_does_not_end_is_cut_off_and_named() -> None:
     with process("-c", STUBBORN) as child:
         assert child.stdout is not None
         assert child.stdout.readline() == "ready\n"
@@ -226,7 +226,7 @@ def test_a_router_on_a_taken_port_says_so_in_a_sentence() -> None:
     assert "--listen" in done.stderr
 
 
-def test_a_router_whose_address_is_none_says_so_in_a_sentence() -> None:
+def test_a_router_reports_an_invalid_address() -> None:
     done = subprocess.run(
         [sys.executable, "-m", "pointit.cli", "router", "--listen", "over there"],
         capture_output=True,

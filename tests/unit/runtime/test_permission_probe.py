@@ -1,4 +1,4 @@
-"""What is denied is tested again: a busy router answers late, and rules change."""
+"""Denied rights are tested again: a busy router answers late, and rules change."""
 
 import contextlib
 import datetime as dt
@@ -16,7 +16,7 @@ from tests.support.bench import until
 
 
 class Router:
-    """What is put in one session comes out in the other, but for what is `denied`."""
+    """Forwards messages from one session to the other, except `denied` ones."""
 
     def __init__(self) -> None:
         self.denied: Callable[[str], bool] = lambda _key: False
@@ -64,7 +64,7 @@ def self_test_at(router: Router) -> PermissionProbe:
 
 
 @pytest.mark.parametrize("what", ["@may", "users/anna/imu"])
-async def test_what_came_late_is_denied_no_longer(what: str) -> None:
+async def test_a_late_answer_ends_the_denial(what: str) -> None:
     router = Router()
     router.denied = lambda key: what in key
     test = self_test_at(router)

@@ -1,4 +1,4 @@
-"""What a lost link has swallowed is asked for until its writer answers; what came since waits for it."""
+"""Lost events are queried until their writer answers. Later ones wait for them."""
 
 import asyncio
 from collections.abc import AsyncIterator
@@ -12,7 +12,7 @@ from pointit.runtime.bus.contract import EVENT_CAPACITY
 from pointit.runtime.bus.local_broker import LocalBroker
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.zenoh import event_recovery, queries
-from pointit.runtime.zenoh.event_recovery import MOST_WRITERS, EventRecovery
+from pointit.runtime.zenoh.event_recovery import MAX_WRITERS, EventRecovery
 from tests.support.bench import until
 
 
@@ -46,13 +46,13 @@ class Heard:
 
 @dataclass
 class Writer:
-    """Answers questions with what it keeps, in place of a session, where the link is up."""
+    """Answers queries from its cache, in place of a session, while the link is up."""
 
     kept: range = range(0)
     cut: int = 0
     """So many questions are lost with the link."""
     after: int = 0
-    """Of the next one so many answers still come."""
+    """Number of answers that still come to the next query."""
     asked: list[str] = field(default_factory=list[str])
 
     def get(self, selector: str, callback: Any, **_: Any) -> None:
@@ -76,7 +76,7 @@ class Called:
 
 @dataclass
 class Reader:
-    """What one reader is told."""
+    """Samples and losses reported to one reader."""
 
     arrears: EventRecovery
     writer: Writer
@@ -101,7 +101,7 @@ async def reader(monkeypatch: pytest.MonkeyPatch) -> AsyncIterator[Reader]:
     await bus.close()
 
 
-async def test_what_comes_without_gaps_is_handed_on_at_once(reader: Reader) -> None:
+async def test_samples_without_gaps_are_passed_on_at_once(reader: Reader) -> None:
     reader.hear(3, 4, 5)
     reader.hear(11, 12, of=Id(eid=8))
     reader.arrears.on_sample(Heard(None))  # type: ignore[arg-type]  # as far as it is looked at
@@ -110,9 +110,7 @@ async def test_what_comes_without_gaps_is_handed_on_at_once(reader: Reader) -> N
 
 
 @pytest.mark.parametrize("after", [0, 1, 2])
-async def test_who_does_not_answer_is_asked_again_and_nothing_comes_out_of_order(
-    reader: Reader, after: int
-) -> None:
+async def test_a_silent_writer_is_queried_again_and_order_is_kept(reader: Reader, after: int) -> None:
     reader.writer.kept, reader.writer.cut, reader.writer.after = range(20), 3, after
     reader.hear(1, 5, 6)
     reader.hear(1, of=Id(eid=8))
@@ -133,7 +131,7 @@ async def test_a_second_gap_is_closed_with_the_first(reader: Reader) -> None:
     assert not reader.lost
 
 
-async def test_what_the_writer_no_longer_has_is_lost_and_not_waited_for(reader: Reader) -> None:
+async def test_samples_evicted_by_the_writer_count_as_lost_at_once(reader: Reader) -> None:
     reader.writer.kept = range(4, 20)
     reader.hear(1, 6)
     await until(lambda: bool(reader.lost))
@@ -142,7 +140,7 @@ async def test_what_the_writer_no_longer_has_is_lost_and_not_waited_for(reader: 
     assert len(reader.writer.asked) == 1
 
 
-async def test_who_never_answers_is_not_waited_for_for_ever(reader: Reader) -> None:
+async def test_a_writer_that_never_answers_is_given_up(reader: Reader) -> None:
     reader.hear(1, 4)
     await until(lambda: bool(reader.lost))
     assert reader.lost == [2]
@@ -169,16 +167,16 @@ async def test_more_than_anybody_keeps_is_lost_without_being_asked_for(reader: R
 
 
 async def test_only_so_many_writers_are_remembered(reader: Reader) -> None:
-    for eid in range(MOST_WRITERS + 1):
+    for eid in range(MAX_WRITERS + 1):
         reader.hear(1, of=Id(eid=eid))
     reader.hear(9, of=Id(eid=0))
     assert reader.got[-1] == 9
-    reader.hear(9, of=Id(eid=MOST_WRITERS))
+    reader.hear(9, of=Id(eid=MAX_WRITERS))
     await asyncio.sleep(0)
-    assert len(reader.got) == MOST_WRITERS + 2
+    assert len(reader.got) == MAX_WRITERS + 2
 
 
-async def test_who_has_closed_hears_nothing_more(reader: Reader) -> None:
+async def test_a_closed_reader_gets_nothing_more(reader: Reader) -> None:
     reader.writer.kept = range(20)
     reader.hear(1, 4)
     reader.arrears.close()

@@ -1,4 +1,4 @@
-"""What a link has held up is refused, a clock that was set is believed."""
+"""Messages delayed by a link are refused, a clock that was set is believed."""
 
 import pytest
 
@@ -10,13 +10,13 @@ PERIOD_S = 0.02
 def link(
     lateness: LateMessageFilter, delays_s: list[float], began_s: float = 0.0, ahead_s: float = 0.0
 ) -> list[float]:
-    """Send every 20 ms over a link that keeps the order; return when what was taken was said.
+    """Send every 20 ms over a link that keeps the order. Return the send times of accepted messages.
 
     Args:
         lateness: of the reader.
-        delays_s: of each message by itself; none comes before those that were said earlier.
-        began_s: when the first is said.
-        ahead_s: how far the writer's clock is ahead.
+        delays_s: of each message by itself. None arrives before earlier ones.
+        began_s: time of the first message.
+        ahead_s: lead of the writer's clock.
     """
     taken: list[float] = []
     comes_s = began_s
@@ -30,7 +30,7 @@ def link(
 
 @pytest.mark.parametrize("held_s", [0.6, 3.0, 8.0])
 @pytest.mark.parametrize("ahead_s", [0.0, 0.7, -5.0])
-def test_what_was_held_up_is_refused_whatever_the_clocks_say(held_s: float, ahead_s: float) -> None:
+def test_delayed_messages_are_refused_whatever_the_clocks_say(held_s: float, ahead_s: float) -> None:
     lateness = LateMessageFilter()
     delays_s = [0.01] * 100 + [held_s] + [0.01] * 1000
     taken = link(lateness, delays_s, ahead_s=ahead_s)
@@ -42,7 +42,7 @@ def test_what_was_held_up_is_refused_whatever_the_clocks_say(held_s: float, ahea
     assert lateness.by_s == pytest.approx(LATE_S, abs=2 * PERIOD_S)
 
 
-def test_what_is_held_up_again_and_again_is_never_taken_for_a_slow_clock() -> None:
+def test_repeated_delays_are_never_mistaken_for_a_slow_clock() -> None:
     lateness = LateMessageFilter()
     stalls = [delay_s for _ in range(20) for delay_s in [2.0] + [0.01] * 120]
     taken = link(lateness, [0.01] * 50 + stalls)
@@ -82,12 +82,12 @@ def test_clocks_that_run_apart_are_followed() -> None:
     assert all(lateness.accepts("anna", n * PERIOD_S * 0.04, n * PERIOD_S) for n in range(3000))
 
 
-def test_what_varies_as_it_does_on_a_busy_machine_is_in_time() -> None:
+def test_delays_of_a_busy_machine_are_in_time() -> None:
     lateness = LateMessageFilter()
     assert len(link(lateness, [0.25 if n % 50 == 0 else 0.001 for n in range(1000)])) == 1000
 
 
-def test_after_a_long_silence_all_begins_anew_and_each_name_for_itself() -> None:
+def test_a_long_silence_resets_each_name_separately() -> None:
     lateness = LateMessageFilter()
     assert lateness.accepts("anna", 0.0, 0.0)
     assert lateness.accepts("ben", 9.0, 0.0)

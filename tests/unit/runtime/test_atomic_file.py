@@ -19,7 +19,7 @@ def mode_of(path: Path) -> int:
 
 
 @pytest.mark.parametrize("durable", [False, True])
-def test_what_is_there_is_replaced(tmp_path: Path, durable: bool) -> None:  # noqa: FBT001 - pytest's way
+def test_an_existing_file_is_replaced(tmp_path: Path, durable: bool) -> None:  # noqa: FBT001 - pytest's way
     write_atomically(tmp_path / "x", b"old, and longer", durable=durable)
     write_atomically(tmp_path / "x", b"new", durable=durable)
     assert (tmp_path / "x").read_bytes() == b"new"
@@ -42,7 +42,7 @@ def test_a_path_from_here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
     assert (tmp_path / "a/x").read_bytes() == b"below"
 
 
-def test_what_cannot_be_written_is_named_and_nothing_is_left(tmp_path: Path) -> None:
+def test_a_failed_write_names_the_file_and_leaves_nothing(tmp_path: Path) -> None:
     (tmp_path / "folder").mkdir()
     with pytest.raises(ConfigError, match=r"folder: cannot be written \(.+\)"):
         write_atomically(tmp_path / "folder", b"new")

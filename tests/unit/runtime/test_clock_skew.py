@@ -1,4 +1,4 @@
-"""Clocks apart: told for sure, told of the right machine, and never only because a machine is busy."""
+"""Clock skew is reported for sure, for the right machine, and never only because a machine is busy."""
 
 import random
 
@@ -12,7 +12,7 @@ START_NS = 1_700_000_000 * 10**9
 
 
 def watched(skews_s: dict[str, float], delays_s: dict[str, list[float]]) -> list[ClockSkew]:
-    """Return what is said of machines whose clocks are ahead by so much and whose reports take so long."""
+    """Return the skews found for machines with these clock offsets and report delays."""
     watch = ClockSkewMonitor("here")
     for host, delays in delays_s.items():
         for second, delay_s in enumerate(delays):
@@ -23,7 +23,7 @@ def watched(skews_s: dict[str, float], delays_s: dict[str, list[float]]) -> list
 
 
 @pytest.mark.parametrize("skew_s", [0.06, 0.3, 1.5, 3600.0, -0.06, -0.3, -1.5, -3600.0])
-def test_a_clock_apart_is_told_with_its_machine_and_by_how_much(skew_s: float) -> None:
+def test_clock_skew_is_reported_with_machine_and_amount(skew_s: float) -> None:
     found = watched({"there": skew_s}, {"here": [0.001] * 10, "there": [0.002] * 10, "fine": [0.002] * 10})
     assert [skew.host for skew in found] == ["there"]
     assert found[0].ahead_s == pytest.approx(skew_s, abs=0.003)
@@ -36,7 +36,7 @@ def test_a_little_apart_is_nothing(skew_s: float) -> None:
 
 
 @given(seed=st.integers(0, 10_000), count=st.integers(1, 20), skew_s=st.floats(-0.045, 0.04))
-def test_a_busy_machine_or_link_is_no_clock_apart(seed: int, count: int, skew_s: float) -> None:
+def test_variable_delay_is_not_reported_as_clock_skew(seed: int, count: int, skew_s: float) -> None:
     """Delays of up to a second, of which now and then one is small: as of processes that wait for a core."""
     chance = random.Random(seed)
     delays = [chance.choice([0.002, chance.uniform(0.0, 1.0), chance.expovariate(3.0)]) for _ in range(count)]

@@ -1,4 +1,4 @@
-"""How many names a reader hears, and which of them give way."""
+"""Number of names that a reader accepts, and eviction."""
 
 import contextlib
 import threading
@@ -23,7 +23,7 @@ def names() -> NameLimiter:
     return NameLimiter("user", lambda key: key.removeprefix("users/"), Places())
 
 
-def test_a_flood_of_new_names_does_not_drive_out_who_is_heard() -> None:
+def test_a_flood_of_new_names_does_not_evict_active_names() -> None:
     """The attack: thousands of names in seconds, while one person goes on at 50 Hz."""
     heard = names()
     assert heard.admit("users/anna", 0.0) == "anna"
@@ -55,7 +55,7 @@ def test_names_of_the_map_have_a_place_whatever_others_make_up() -> None:
     assert heard.admit("lamp", 0.0) == "lamp"
 
 
-def test_the_one_longest_silent_makes_room_after_a_minute() -> None:
+def test_the_longest_silent_name_is_evicted_after_a_minute() -> None:
     heard = names()
     for index in range(MAX_USERS):
         heard.admit(f"users/x{index}", 1.0)

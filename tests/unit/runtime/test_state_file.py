@@ -1,4 +1,4 @@
-"""What outlives a process: written whole, read again, one person's own, or refused by name."""
+"""Persistent state: written whole, read again, private to one person, or refused by name."""
 
 import os
 import stat
@@ -21,7 +21,7 @@ def test_nothing_is_kept_at_first() -> None:
     assert not StateFile(Shoe, "anna", "shoe").erase()
 
 
-def test_what_is_kept_is_read_again_by_that_person_alone() -> None:
+def test_a_stored_value_is_read_again_by_the_same_person_only() -> None:
     StateFile(Shoe, "anna", "shoe").write(Shoe(size=40))
     StateFile(Shoe, "anna", "shoe").write(Shoe(size=41))
     assert StateFile(Shoe, "anna", "shoe").read() == Shoe(size=41)
@@ -30,7 +30,7 @@ def test_what_is_kept_is_read_again_by_that_person_alone() -> None:
     assert StateFile(Shoe, "anna", "shoe").read() is None
 
 
-def test_nobody_else_reads_it(own_state: Path) -> None:
+def test_only_the_owner_may_read_the_file(own_state: Path) -> None:
     file = StateFile(Shoe, "anna", "shoe")
     file.write(Shoe(size=40))
     assert own_state in file.path.parents

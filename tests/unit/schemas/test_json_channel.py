@@ -1,4 +1,4 @@
-"""JSON and its schemas, as the viewers' parsers take them."""
+"""JSON and its schemas, as the viewers' parsers require them."""
 
 import base64
 import json
@@ -58,7 +58,7 @@ def assert_described(told: Any, fields: Any) -> None:
             assert_described(value, inner)
 
 
-def test_what_may_be_plotted_is_described() -> None:
+def test_fields_that_can_be_plotted_are_described() -> None:
     cursor = as_a_viewer_reads_it(JsonChannel(Cursor).schema)
     assert cursor["miss_rad"] == "number"
     assert cursor["point_m"] == ["number"]

@@ -1,6 +1,6 @@
 # pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false
 # (the stubs of zenoh leave return types out)
-"""Who is present on somebody else's network, when more come and go than can wait for the loop."""
+"""Presence on a foreign network, when more come and go than can wait for the loop."""
 
 import asyncio
 import time
@@ -35,7 +35,7 @@ async def pair(endpoint: str) -> AsyncIterator[tuple[RawSession, zenoh.Session]]
 
 
 class Crowd:
-    """Who is there, as our reader tells it."""
+    """Present tokens, as our reader reports them."""
 
     def __init__(self, ours: RawSession) -> None:
         self.present: set[str] = set()
@@ -53,7 +53,7 @@ class Crowd:
         assert self.reader.dropped >= dropped
 
 
-async def test_who_came_and_went_unseen_is_known_in_the_end(
+async def test_tokens_changed_during_overflow_are_known_in_the_end(
     pair: tuple[RawSession, zenoh.Session], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(liveliness, "MAX_WAITING_TOKENS", 2)
@@ -72,7 +72,7 @@ async def test_who_came_and_went_unseen_is_known_in_the_end(
     await until(lambda: not crowd.present)
 
 
-async def test_what_changes_while_all_are_asked_for_is_newer_than_the_answer(
+async def test_changes_during_a_query_for_all_override_its_answer(
     pair: tuple[RawSession, zenoh.Session], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(liveliness, "MAX_WAITING_TOKENS", 2)

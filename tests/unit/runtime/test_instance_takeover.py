@@ -1,4 +1,4 @@
-"""Whose a name is: who reports keeps it, who is silent loses it, and of two exactly one goes on."""
+"""Ownership of names: a reporting instance keeps it, a silent one loses it, of two exactly one goes on."""
 
 import asyncio
 import os
@@ -44,11 +44,11 @@ async def bus() -> AsyncIterator[MemoryBus]:
 def _quick(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(instance_takeover, "LISTEN_S", 0.01)
     monkeypatch.setattr(instance_takeover, "SILENT_S", 20.0)
-    monkeypatch.setattr(instance_takeover, "TELL_AFTER_S", 0.05)
+    monkeypatch.setattr(instance_takeover, "LOG_AFTER_S", 0.05)
 
 
 async def reported(bus: MemoryBus, claiming: asyncio.Task[None]) -> None:
-    """Put the report of process 17, as often as it takes to be heard."""
+    """Publish the report of process 17 until it is received."""
     while not claiming.done():
         bus.publisher(HEALTH, "pointing.anna").put(report(17, 5.0))
         await asyncio.sleep(0.01)
@@ -62,7 +62,7 @@ class TestClaim:
         await claim_names(bus, USER_ALIVE, ())
         assert asyncio.get_running_loop().time() - began_s < instance_takeover.SILENT_S
 
-    async def test_who_reports_keeps_the_name(self, bus: MemoryBus) -> None:
+    async def test_a_reporting_instance_keeps_the_name(self, bus: MemoryBus) -> None:
         bus.announce(USER_ALIVE, "anna")
         claiming = asyncio.create_task(claim_names(bus, USER_ALIVE, {"anna", "ben"}))
         await reported(bus, claiming)
@@ -78,14 +78,14 @@ class TestClaim:
         with pytest.raises(ConfigError, match="do as you like"):
             await claiming
 
-    async def test_who_goes_meanwhile_leaves_the_name(self, bus: MemoryBus) -> None:
+    async def test_an_instance_that_leaves_meanwhile_frees_the_name(self, bus: MemoryBus) -> None:
         token = bus.announce(USER_ALIVE, "anna")
         claiming = asyncio.create_task(claim_names(bus, USER_ALIVE, {"anna"}))
         await asyncio.sleep(0.05)
         token.close()
         await asyncio.wait_for(claiming, instance_takeover.SILENT_S / 2)
 
-    async def test_who_is_silent_loses_it_and_the_wait_is_told(
+    async def test_a_silent_instance_loses_the_name_and_the_wait_is_logged(
         self, bus: MemoryBus, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
     ) -> None:
         monkeypatch.setattr(instance_takeover, "SILENT_S", 0.2)
@@ -99,7 +99,7 @@ class TestClaim:
 
 class TestSuccession:
     @pytest.mark.parametrize(("uptime_s", "is_lost"), [(0.0, True), (30.0, False)])
-    async def test_the_one_that_began_last_wins(
+    async def test_the_instance_that_started_last_wins(
         self,
         bus: MemoryBus,
         uptime_s: float,
@@ -118,7 +118,7 @@ class TestSuccession:
 
     @pytest.mark.parametrize("late_s", [0.0, 2.0, 20.0])
     @pytest.mark.parametrize("older", ["a", "b"])
-    async def test_of_two_exactly_one_ends_however_long_messages_take(
+    async def test_exactly_one_of_two_instances_ends_however_long_messages_take(
         self, bus: MemoryBus, older: str, late_s: float
     ) -> None:
         """One began 101 s ago, the other 100 s; each hears what the other has said `late_s` ago."""

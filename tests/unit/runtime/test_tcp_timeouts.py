@@ -32,7 +32,7 @@ try:
 except OSError:
     print(list(tcp_sockets()), set_user_timeout({1}, 1), disable_linger({1}))
 """
-"""In a process of its own: it uses up what a process may open."""
+"""Run in a process of its own, since it uses up the limit of open files."""
 
 
 def waits_ms(of: socket.socket) -> int:
@@ -45,7 +45,7 @@ def listening() -> Iterator[socket.socket]:
         yield server
 
 
-def test_who_listens_hands_it_on_and_who_connects_has_it(listening: socket.socket) -> None:
+def test_accepted_and_connected_sockets_have_the_timeout(listening: socket.socket) -> None:
     port = listening.getsockname()[1]
     assert set_user_timeout({port}, AFTER_MS) == 1
     with socket.create_connection(("127.0.0.1", port)) as client, listening.accept()[0] as accepted:
@@ -116,7 +116,7 @@ def test_ports_of_addresses() -> None:
     assert ports_of(addresses) == {7447, 7448, 7449}
 
 
-async def test_a_session_that_listens_and_one_that_connects_have_it() -> None:
+async def test_listening_and_connecting_sessions_have_the_timeout() -> None:
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     router = await open_session(Link(listen=(endpoint,), router=True))
     session = await open_session(Link(connect=(endpoint,)), patience_s=5.0)

@@ -9,7 +9,7 @@ MARK = b"unauthorized"
 
 
 def read(lines: list[bytes]) -> list[str]:
-    """Return what is taken of `lines`, which are there at once."""
+    """Return the lines accepted of `lines`, which arrive at once."""
     source, sink = os.pipe()
     taken: list[str] = []
     thread = threading.Thread(target=_read, args=(source, taken.append, (MARK,)))

@@ -1,4 +1,4 @@
-"""What others ask: bounded, and handled a slice of time a turn."""
+"""Incoming requests are bounded, and handled a slice of time per turn."""
 
 import asyncio
 import threading
@@ -11,7 +11,7 @@ from pointit.runtime.bus.bounded_queue import MAX_WAITING, SHOWN_S, SLICE_S, Bou
 from tests.support.bench import until
 
 
-async def test_what_finds_no_room_is_turned_away_and_the_rest_handled_in_order() -> None:
+async def test_items_beyond_the_limit_are_rejected_and_the_rest_handled_in_order() -> None:
     seen: list[int] = []
     turned_away = OverflowCounter()
 
@@ -36,7 +36,7 @@ async def test_what_finds_no_room_is_turned_away_and_the_rest_handled_in_order()
     await until(lambda: seen[-1] == 7)
 
 
-def test_one_that_is_turned_away_is_told_of_as_one() -> None:
+def test_a_single_rejection_is_reported_in_the_singular() -> None:
     turned_away = OverflowCounter()
     turned_away.add("users/anna/profile", 10.0)
     assert turned_away.problem(10.0).startswith(
@@ -44,7 +44,7 @@ def test_one_that_is_turned_away_is_told_of_as_one() -> None:
     )
 
 
-async def test_everybody_else_gets_turns_while_one_long_item_is_worked_on() -> None:
+async def test_other_tasks_run_while_a_long_item_is_worked_on() -> None:
     turns = 0
     counts: list[int] = []
 
@@ -62,7 +62,7 @@ async def test_everybody_else_gets_turns_while_one_long_item_is_worked_on() -> N
     assert len(set(counts)) == 20, "a step longer than a slice is the only one of its turn"
 
 
-async def test_what_fails_does_not_stop_the_next(caplog: pytest.LogCaptureFixture) -> None:
+async def test_a_failing_item_does_not_stop_the_next(caplog: pytest.LogCaptureFixture) -> None:
     seen: list[int] = []
 
     def work(item: int) -> Iterator[None]:

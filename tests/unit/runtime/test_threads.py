@@ -1,4 +1,4 @@
-"""Blocking calls that nobody waits for at the end."""
+"""Blocking calls that are not joined at the end."""
 
 import asyncio
 import subprocess
@@ -14,7 +14,7 @@ from tests.support.bench import until
 PATIENCE_S = 20.0
 
 
-async def test_what_the_work_returns_or_raises_comes_back() -> None:
+async def test_the_result_or_error_of_the_work_is_passed_on() -> None:
     def fail() -> int:
         raise KeyError("no")
 
@@ -81,7 +81,7 @@ async def test_a_result_that_comes_with_the_cancelling_is_discarded(turns: int) 
     await until(lambda: dropped == [True])
 
 
-async def test_an_error_that_comes_with_the_cancelling_is_nobodys() -> None:
+async def test_an_error_raised_after_cancellation_is_discarded() -> None:
     def fail() -> int:
         raise KeyError("no")
 

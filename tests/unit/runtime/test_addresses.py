@@ -1,4 +1,4 @@
-"""This machine's addresses in its networks, and what stands in their place where there are none."""
+"""This machine's addresses in its networks, and the substitute where there are none."""
 
 import socket
 
@@ -30,7 +30,7 @@ def test_the_default_routes_comes_first_and_none_twice(monkeypatch: pytest.Monke
     assert own_address("here") == "172.16.0.2"
 
 
-def test_what_nobody_else_reaches_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_addresses_that_others_cannot_reach_are_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
     route(monkeypatch, {"192.0.2.1": "127.0.0.1", "10.255.255.254": "10.0.0.7"})
     assert found_addresses() == ["10.0.0.7"]
     assert own_address("here") == "10.0.0.7"
@@ -42,7 +42,7 @@ def test_a_machine_without_routes_has_no_address(monkeypatch: pytest.MonkeyPatch
     assert own_address("here") == "here"
 
 
-def test_what_this_machine_says_can_be_reached() -> None:
+def test_found_addresses_of_this_machine_are_reachable() -> None:
     assert all(is_reachable(address) for address in found_addresses())
     assert not is_reachable("127.0.0.1")
     assert not is_reachable("0.0.0.0")  # noqa: S104 - not listened at

@@ -1,4 +1,4 @@
-"""A recording that is played beside a living stream is no news; a clock that is set back is believed."""
+"""A recording played beside a living stream is refused. A clock that is set back is believed."""
 
 import pytest
 
@@ -19,7 +19,7 @@ def play(
     ]
 
 
-def test_what_is_played_beside_what_lives_is_refused_and_counted() -> None:
+def test_a_recording_played_beside_a_live_stream_is_refused_and_counted() -> None:
     order = OutOfOrderFilter()
     lives = [100.0 + number * PERIOD_S for number in range(50)]
     both = [stamp_s for live_s in lives for stamp_s in (live_s, live_s - 5.0)]
@@ -38,7 +38,7 @@ def test_a_clock_that_was_set_back_is_believed_after_a_moment(back_s: float) -> 
     assert order.refused == refused
 
 
-def test_strays_of_the_future_hold_nobody_up() -> None:
+def test_strays_from_the_future_do_not_block_later_messages() -> None:
     order = OutOfOrderFilter()
     stamps_s = [stamp_s for number in range(100) for stamp_s in (100.0 + number * PERIOD_S, 9999.0)]
     assert all(play(order, stamps_s))
@@ -54,7 +54,7 @@ def test_a_clock_that_was_set_forward_is_believed_and_what_was_before_is_old() -
     assert not order.accepts("anna", 100 * S, len(stamps_s) * PERIOD_S)
 
 
-def test_what_is_merely_late_is_its_readers_business() -> None:
+def test_slightly_late_messages_are_passed_on() -> None:
     order = OutOfOrderFilter()
     assert play(order, [100.0, 99.8, 100.02, 100.02]) == [True] * 4
     assert order.refused == 0

@@ -13,13 +13,13 @@ import click
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks import bare_chain, cores, our_chain, page, ros2, startup, users
+from benchmarks import bare_chain, cores, our_chain, page, ros2, sample_path, startup, users
 from benchmarks.statistics import Figures, machine
 from pointit.runtime.host.state_file import VARIABLE
 from pointit.runtime.service.shutdown import SWITCH_INTERVAL_S
 
 RATE_HZ = 100.0
-PARTS = ("latency", "users", "startup", "cores", "page", "ros2")
+PARTS = ("latency", "users", "calls", "startup", "cores", "page", "ros2")
 ROUNDS = 3
 """Baseline and ours take turns, so that both see the same machine."""
 
@@ -84,6 +84,13 @@ def main(duration: float, rate: float, path: Path | None, only: tuple[str, ...])
         console.print("users: 100 Hz each, one process …")
         result["users"] = [asyncio.run(users.carried(count, duration)) for count in (1, 10, 20, 40, 60)]
         console.print(users_table(result["users"]))
+    if "calls" in wanted:
+        console.print("calls: IMU sample to LED frame, over TCP …")
+        result["calls"] = asyncio.run(sample_path.measure(free_endpoint()))
+        console.print(
+            "{calls} Python calls in {files} files, of them {own_calls} in {own_files} of PointIt, "
+            "{cpu_us} µs of CPU".format(**result["calls"])
+        )
     if "startup" in wanted:
         console.print("start-up …")
         result["startup"] = startup.start()

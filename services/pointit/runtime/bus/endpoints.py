@@ -35,10 +35,14 @@ class Declaration:
 class MemoryPublisher(Generic[M]):
     """Hands messages to the readers of this process as they are: they are frozen."""
 
-    def __init__(self, bus: Participant, topic: Topic[M], name: str) -> None:
+    def __init__(
+        self, bus: Participant, topic: Topic[M], name: str, send: Callable[[Message], None] | None = None
+    ) -> None:
+        """Write `topic.at(name)`; `send` gets each message for the readers of other processes."""
         topic.at(name)  # raises on a name that cannot stand in the key
         self._name = name
         self._readers = bus.exchange.readers_of(topic)
+        self._send = send
         self._is_state = topic.delivery is Delivery.STATE
         self._states = bus.exchange.states.setdefault(topic.key, {})
         self._message = topic.message
@@ -55,6 +59,8 @@ class MemoryPublisher(Generic[M]):
         for wanted, mailbox in self._readers:
             if wanted in (ANY, self._name):
                 mailbox.offer(self._name, message)
+        if self._send is not None:
+            self._send(message)
 
     def close(self) -> None:
         """Undeclare; a state's last value goes with its writer."""

@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, cast
 
-from pointit.runtime import Bus
+from pointit.runtime.bus.contract import Bus
 from pointit.schemas import Message
 from pointit.schemas.topics import HEALTH, TOPICS, Delivery, Topic
 

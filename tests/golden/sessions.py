@@ -134,9 +134,9 @@ SESSIONS: dict[str, Session] = {
     ),
     "four people": Session(
         scenario="scenario_4",
-        duration_s=20.0,
+        duration_s=35.0,
         users=("anna", "ben", "carl", "dora"),
-        happens=("selection/events=selected", "users/dora/hover"),
+        happens=("selection/events=dispatched", "users/dora/hover"),
     ),
     "a restart of each service": Session(
         scenario="scenario_3", duration_s=30.0, restarts=True, happens=("selection/events=selected",)

@@ -20,7 +20,7 @@ from typing import Any
 
 import pytest
 
-from pointit.runtime import MemoryBus
+from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.schemas import Feedback, UserPose
 from pointit.schemas.topics import FEEDBACK, POSE, Topic
 from tests.golden.record import SENTENCES, Record, difference, read_hashes

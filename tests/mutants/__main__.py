@@ -9,8 +9,8 @@ Python imports its file (`plugin.py`): the files themselves are never touched.
 - BROKEN: pytest ended otherwise, for instance because the changed module can no longer be imported.
 
 When code moves, `scripts/mutants --check` names the rows whose line is no longer found exactly once, and
-where such a line is now; `--mend` enters the new path where only one file has it. To add a mutant, append a
-row whose mistake changes behaviour and whose test is narrow and quick.
+where such a line is now; `--mend` enters the new path where only one file has it, and leaves out the names of
+tests that are gone. To add a mutant, append a row whose mistake changes behaviour and whose test is quick.
 """
 
 import argparse
@@ -96,12 +96,20 @@ def read(path: Path = ROWS) -> list[Mutant]:
 
 
 def mend(path: Path = ROWS) -> None:
-    """Correct the paths of rows whose line is now in exactly one other file."""
+    """Correct the rows whose line is now in exactly one other file, or whose test was renamed.
+
+    Instead of a test that was renamed its whole file is run.
+    """
     text = path.read_text("utf-8")
     head, *rows = text.split("[[mutant]]\n")
     for index, mutant in enumerate(read(path)):
-        if mutant.error() and len(homes := mutant.homes()) == 1:
+        if not mutant.error():
+            continue
+        if mutant.file not in (homes := mutant.homes()) and len(homes) == 1:
             rows[index] = rows[index].replace(mutant.file, homes[0], 1)
+        test, *names = mutant.test.split("::")
+        if names and (ROOT / test).is_file() and names[-1] not in (ROOT / test).read_text("utf-8"):
+            rows[index] = rows[index].replace(mutant.test, test, 1)
     path.write_text("[[mutant]]\n".join([head, *rows]), "utf-8")
 
 
@@ -152,7 +160,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--sample", type=int, metavar="N", help="only N of them, chosen by --seed")
     parser.add_argument("--seed", default="0", help="any text; the same text chooses the same mutants")
     parser.add_argument("--check", action="store_true", help="only check the rows; run no test")
-    parser.add_argument("--mend", action="store_true", help="correct paths of moved files first")
+    parser.add_argument(
+        "--mend",
+        action="store_true",
+        help="first correct rows whose file was moved or whose test was renamed",
+    )
     chosen = parser.parse_args(arguments)
     if chosen.mend:
         mend()

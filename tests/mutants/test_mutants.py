@@ -63,10 +63,11 @@ def test_error_says_what_to_mend(project: Path, each: runner.Mutant, complaint: 
     assert bool(each.error()) == bool(complaint)
 
 
-def test_mending_finds_the_line_in_a_moved_file(project: Path) -> None:
+def test_mending_finds_the_line_in_a_moved_file_and_drops_the_name_of_a_renamed_test(project: Path) -> None:
     rows = project / "rows.toml"
     rows.write_text(
-        f"[[mutant]]\nfile = 'src/shape.py'\nline = '{LINE}'\nmutated = '{MUTATED}'\ntest = 'a.py'\n",
+        f"[[mutant]]\nfile = 'src/shape.py'\nline = '{LINE}'\nmutated = '{MUTATED}'\n"
+        "test = 'test_shape.py::test_of_old'\n",
         encoding="utf-8",
     )
     (project / "src" / "shape.py").rename(project / "src" / "figure.py")
@@ -74,7 +75,8 @@ def test_mending_finds_the_line_in_a_moved_file(project: Path) -> None:
     runner.mend(rows)
     (row,) = runner.read(rows)
     assert row.file == "src/figure.py"
-    assert row.error() == "a.py: no such test"
+    assert row.test == "test_shape.py"
+    assert row.error() == ""
 
 
 @pytest.mark.parametrize(

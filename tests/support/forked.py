@@ -12,15 +12,9 @@ from pathlib import Path
 import pointit.cli
 
 _processes = multiprocessing.get_context("forkserver")
+_modules = (each.name for each in pkgutil.walk_packages(pointit.cli.__path__, f"{pointit.cli.__name__}."))
 _processes.set_forkserver_preload(
-    [
-        "tests.support.forked",
-        *(
-            f"pointit.cli.{each.name}"
-            for each in pkgutil.iter_modules(pointit.cli.__path__)
-            if each.name[0] != "_"
-        ),
-    ]
+    ["tests.support.forked", *(name for name in _modules if not name.endswith(".__main__"))]
 )
 
 

@@ -20,8 +20,8 @@ from tests.integration.access.secured import Member, RouterProgram, make_site, r
 
 pytestmark = pytest.mark.timeout(120)
 
-STALL_S = 1.5
-"""A router that waits for a reader does so for 5 s, over and over; on a busy machine a cursor takes 0.3 s."""
+STALL_S = 4.0
+"""A router that waits for a reader does so for 5 s, over and over."""
 WRITERS = 4
 """More than the threads by which a router reads."""
 LARGE = bytes(16_000)

@@ -175,7 +175,7 @@ def test_a_process_that_forgets_to_close_ends_all_the_same(end: str, code: int) 
 
 STUBBORN = """
 import asyncio, threading
-from pointit.runtime.service.service import shutdown as ending
+from pointit.runtime.service import shutdown as ending
 ending.END_PATIENCE_S = 0.5
 
 async def work():
@@ -186,7 +186,7 @@ async def work():
         except asyncio.CancelledError:
             pass
 
-ending.run_async(work())
+ending.run_until_shutdown(work())
 """
 
 

@@ -39,11 +39,11 @@ def test_with_a_real_wristband_too() -> None:
 
 
 def test_without_corrections_the_errors_would_show() -> None:
-    outcomes = [
-        play("scenario_3", Choices(seed=seed, settings=("user-sim.aim.correction_gain=0",)))
+    finals = (
+        play("scenario_3", Choices(seed=seed, settings=("user-sim.aim.correction_gain=0",))).final("red")
         for seed in (1, 2, 3)
-    ]
-    assert sum(missed + wrong for _, missed, wrong in (o.final("red") for o in outcomes)) > 0
+    )
+    assert any(missed or wrong for _, missed, wrong in finals)
 
 
 def test_who_sees_no_light_finds_no_cursor_and_presses_in_vain() -> None:

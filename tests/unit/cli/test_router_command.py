@@ -16,15 +16,15 @@ STARTS_WITH_FEW_FILES = """
 import resource
 _, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
 resource.setrlimit(resource.RLIMIT_NOFILE, (256, hard))
-from pointit.cli.site.site import router
+from pointit.cli.site import router
 
-def run_async(work):
+def run_until_shutdown(work):
     work.close()
     soft, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
     print(soft == hard > 256)
     return 0
 
-router.run_async = run_async
+router.run_until_shutdown = run_until_shutdown
 router.command([])
 """
 
@@ -47,7 +47,7 @@ class Routing:
     async def open(self) -> None:
         self.is_open = True
 
-    async def follow(self) -> None:
+    async def reload_on_change(self) -> None:
         async with asyncio.timeout(PATIENCE_S):
             await asyncio.Event().wait()
 

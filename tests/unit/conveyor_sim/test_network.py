@@ -151,6 +151,16 @@ def test_gaps_are_travelled_with_a_place_on_either_belt() -> None:
     assert {tracked.surface_id for tracked in path} == {"a", "b", "c"}
 
 
+def test_package_loses_no_time_where_it_passes_from_belt_to_belt() -> None:
+    belts = plant(CHAIN, feeder={"sequence": ["red"], "count": 1})
+    straight = [
+        x for objects in run(belts, 10.0, step_s=0.03) if objects and (x := objects[0].position_m[0]) < 5.2
+    ]
+    assert straight[-1] > 4.5
+    for before, after in pairwise(straight):
+        assert after - before == pytest.approx(0.5 * 0.03)
+
+
 def test_a_fork_off_the_middle_counts_on_the_belt_that_it_leads_to() -> None:
     belts = plant(FORK, feeder={"sequence": ["red"], "count": 1}, bay_rest="1")
     path = [objects[0] for objects in run(belts, 7.5)]

@@ -99,7 +99,7 @@ async def test_an_error_that_comes_with_the_cancelling_is_nobodys() -> None:
 
 LEAVING = """
 import asyncio, sys, threading
-from pointit.runtime.host.threads import in_daemon_thread, is_left, leave
+from pointit.runtime.host.threads import exit_now, has_running_threads, in_daemon_thread
 
 async def main():
     try:
@@ -109,8 +109,8 @@ async def main():
 
 print("said", end="")
 {first}
-if is_left():
-    leave(3)
+if has_running_threads():
+    exit_now(3)
 sys.exit(4)
 """
 

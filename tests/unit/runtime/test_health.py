@@ -161,7 +161,7 @@ class Order:
         if self.error is not None:
             raise self.error
 
-    def retire(self) -> None:
+    def close_nowait(self) -> None:
         self.close()
 
 

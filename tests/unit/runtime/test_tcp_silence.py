@@ -22,7 +22,7 @@ AFTER_MS = 2345
 
 LOOKS_WITHOUT_DESCRIPTORS = """
 import os, resource
-from pointit.runtime.host.tcp_timeouts import end_lingering, end_silence, tcp_sockets
+from pointit.runtime.host.tcp_timeouts import disable_linger, set_user_timeout, tcp_sockets
 _, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
 resource.setrlimit(resource.RLIMIT_NOFILE, (64, hard))
 taken = []
@@ -30,7 +30,7 @@ try:
     while True:
         taken.append(os.open(os.devnull, os.O_RDONLY))
 except OSError:
-    print(list(tcp_sockets()), end_silence({1}, 1), end_lingering({1}))
+    print(list(tcp_sockets()), set_user_timeout({1}, 1), disable_linger({1}))
 """
 """In a process of its own: it uses up what a process may open."""
 

@@ -3,8 +3,8 @@
 import msgpack
 import pytest
 import zenoh
-from pointit.runtime.zenoh_wire import decoded, encoding_of
 
+from pointit.runtime.zenoh.wire_format import decoded, encoding_of
 from pointit.schemas import ClockTick, DecodeError, encode
 from pointit.schemas.codec import MEDIA_TYPE
 

@@ -126,7 +126,7 @@ for seq in range(1, 6):
     journal.add(record)
     journal.commit(%d)
     if seq == 3:
-        journal.tell(3)
+        journal.mark_published(3)
 print("ready", flush=True)
 time.sleep(60)
 """

@@ -41,7 +41,7 @@ class MemoryPublisher(Generic[M]):
         """Write `topic.at(name)`; `send` gets each message for the readers of other processes."""
         topic.at(name)  # raises on a name that cannot stand in the key
         self._name = name
-        self._readers = bus.exchange.readers_of(topic)
+        self._mailboxes = bus.exchange.readers_of(topic).matching(name)
         self._send = send
         self._is_state = topic.delivery is Delivery.STATE
         self._states = bus.exchange.states.setdefault(topic.key, {})
@@ -56,9 +56,8 @@ class MemoryPublisher(Generic[M]):
             raise BusClosedError(f"{self._message.__name__} cannot be sent: the bus is closed")
         if self._is_state:
             self._states[self._name] = self._last = message
-        for wanted, mailbox in self._readers:
-            if wanted in (ANY, self._name):
-                mailbox.offer(self._name, message)
+        for mailbox in self._mailboxes:
+            mailbox.offer(self._name, message)
         if self._send is not None:
             self._send(message)
 
@@ -84,8 +83,8 @@ class MailboxSubscription:
             topic.at(name)
         self._mailbox = mailbox
         self._readers = bus.exchange.readers_of(topic)
-        self._entry = (name, mailbox)
-        self._readers.append(self._entry)
+        self._name = name
+        self._readers.add(name, mailbox)
         self._declaration = Declaration(bus, self._undeclare)
         if topic.delivery is Delivery.STATE:
             for key, state in bus.exchange.states.get(topic.key, {}).items():
@@ -105,7 +104,7 @@ class MailboxSubscription:
 
     def _undeclare(self) -> None:
         self._mailbox.close()
-        self._readers.remove(self._entry)
+        self._readers.remove(self._name, self._mailbox)
 
 
 class RetainedStateServer:

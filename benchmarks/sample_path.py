@@ -1,13 +1,14 @@
 """Python calls, files and CPU time from one IMU sample to the LED frame that shows it.
 
-A wrist on one bus, pointing, localizer, pui and led-driver on another, joined over TCP in one process. The
-calls and CPU time of a run without samples are subtracted. Calls and files do not depend on the load.
+A wrist on one bus, pointing, localizer, pui and led-driver on another, joined over TCP in one process. What
+runs without a sample is subtracted. Calls are medians over samples, which the load does not change.
 """
 
 import asyncio
 import collections
 import itertools
 import math
+import statistics
 import sys
 import time
 from collections.abc import Awaitable, Callable
@@ -33,14 +34,12 @@ SAMPLES = 100
 """Samples whose calls are counted."""
 TIMED_SAMPLES = 1000
 """Samples whose CPU time is measured, without counting."""
-PERIOD_S = 0.01
+PERIOD_S = 0.02
 TIMED_PERIOD_S = 0.002
 SETTLE_S = 2.0
-REGULAR = 0.5
-"""A function counts towards the files of a sample if it runs for at least this share of the samples."""
 
-Work = Callable[[int, float], Awaitable[None]]
-"""Goes on for so many samples with this period, s."""
+Work = Callable[[float], Awaitable[None]]
+"""Lasts for so long, s."""
 
 Calls = collections.Counter[tuple[str, str]]
 """Calls by file and function."""
@@ -57,54 +56,52 @@ async def measure(endpoint: str) -> dict[str, Any]:
     wrist = wrist_bus.publisher(IMU, "user0")
     arm = [rotation.from_azimuth_elevation(0.3 * math.sin(step / 50), -0.02) for step in range(314)]
     seqs = itertools.count()
-    shown: list[int] = []
 
     def on_frame(frame: StripsFrame, _name: str) -> None:
-        shown.append(frame.stamp_ns)
+        """Read frames, as an output does."""
 
-    async def put(samples: int, period_s: float) -> None:
-        for seq in itertools.islice(seqs, samples):
-            stamp_ns = time.time_ns()
-            wrist.put(ImuSample(stamp_ns=stamp_ns, seq=seq, orientation_xyzw=arm[seq % len(arm)]))
-            await asyncio.sleep(period_s)
-
-    async def rest(samples: int, period_s: float) -> None:
-        for _ in range(samples):
-            await asyncio.sleep(period_s)
+    async def put(period_s: float) -> None:
+        seq, stamp_ns = next(seqs), time.time_ns()
+        wrist.put(ImuSample(stamp_ns=stamp_ns, seq=seq, orientation_xyzw=arm[seq % len(arm)]))
+        await asyncio.sleep(period_s)
 
     try:
         bus.subscribe(STRIPS_FRAME, on_frame)
         await asyncio.sleep(SETTLE_S)
-        await put(SAMPLES, PERIOD_S)
-        shown.clear()
-        busy, idle = await counter.during(put), await counter.during(rest)
-        frames = len(shown)
-        used_s, idle_s = await _cpu_s(put), await _cpu_s(rest)
+        for _ in range(SAMPLES):
+            await put(PERIOD_S)
+        calls = await counter.medians(put)
+        calls.subtract(await counter.medians(_rest))
+        used_s, idle_s = await _cpu_s(put), await _cpu_s(_rest)
     finally:
         patch.stop()
         services.cancel()
         await asyncio.wait({services})
         await bus.close()
         await wrist_bus.close()
-    if frames < SAMPLES * REGULAR:
-        raise RuntimeError(f"{frames} frames followed {SAMPLES} samples: other work keeps this machine busy")
-    calls = {place: (count - idle[place]) / SAMPLES for place, count in busy.items()}
-    regular = sorted(((count, *place) for place, count in calls.items() if count >= REGULAR), reverse=True)
-    own = [(count, file) for count, file, _ in regular if file.startswith("pointit/")]
+    if not any(file.endswith("led_driver/picture/render.py") for file, _ in +calls):
+        raise RuntimeError("most samples made no frame in time: other work keeps this machine busy")
+    own = {place: count for place, count in (+calls).items() if place[0].startswith("pointit/")}
     return {
-        "calls": round(sum(calls.values()), 1),
-        "files": len({file for _, file, _ in regular}),
-        "own_calls": round(sum(count for count, _ in own), 1),
-        "own_files": len({file for _, file in own}),
+        "calls": calls.total(),
+        "files": len({file for file, _ in +calls}),
+        "own_calls": sum(own.values()),
+        "own_files": len({file for file, _ in own}),
         "cpu_us": round((used_s - idle_s) / TIMED_SAMPLES * 1e6, 1),
-        "by_function": {f"{file}:{name}": round(count, 1) for count, file, name in regular},
+        "by_function": {f"{file}:{name}": count for (file, name), count in calls.most_common() if count},
     }
+
+
+async def _rest(period_s: float) -> None:
+    """Do nothing."""
+    await asyncio.sleep(period_s)
 
 
 async def _cpu_s(work: Work) -> float:
     """Return the CPU time of this process during `work`, of all its threads."""
     began_s = time.process_time()
-    await work(TIMED_SAMPLES, TIMED_PERIOD_S)
+    for _ in range(TIMED_SAMPLES):
+        await work(TIMED_PERIOD_S)
     return time.process_time() - began_s
 
 
@@ -115,17 +112,23 @@ class _Counter:
         self._calls: Calls = collections.Counter()
         self._is_on = False
 
-    async def during(self, work: Work) -> Calls:
-        """Return the calls during `work`."""
-        self._calls = collections.Counter()
+    async def medians(self, work: Work) -> Calls:
+        """Return the calls during `work`, each the median over `SAMPLES`."""
+        each: list[Calls] = []
         self._is_on = True
         sys.setprofile(self._on_event)
         try:
-            await work(SAMPLES, PERIOD_S)
+            for _ in range(SAMPLES):
+                self._calls = collections.Counter()
+                await work(PERIOD_S)
+                each.append(self._calls)
         finally:
             sys.setprofile(None)
             self._is_on = False
-        return self._calls
+        places = {place for calls in each for place in calls}
+        return collections.Counter(
+            {place: statistics.median_high(calls[place] for calls in each) for place in places}
+        )
 
     def callback(self, function: Callable[[zenoh.Sample], None], *, indirect: bool) -> Any:
         """Return Zenoh's callback that calls `function`; its threads begin each callback unprofiled."""

@@ -37,10 +37,10 @@ class Hit(NamedTuple):
 
 def make_hit(target: int, position_m: float, point_m: Vec3, origin_m: Vec3, direction: Vec3) -> Hit:
     """Return the hit of `point_m` with its misses by the ray from `origin_m` along the unit `direction`."""
-    reach = vector.subtract(point_m, origin_m)
-    along = vector.dot(direction, reach)
-    across = math.hypot(*vector.cross(direction, reach))
-    range_m = math.hypot(*reach)
+    (x, y, z), (dx, dy, dz) = vector.subtract(point_m, origin_m), direction
+    along = dx * x + dy * y + dz * z
+    across = math.hypot(dy * z - dz * y, dz * x - dx * z, dx * y - dy * x)
+    range_m = math.hypot(x, y, z)
     miss_m = across if along >= 0.0 else range_m
     return Hit(target, position_m, point_m, miss_m, math.atan2(across, along), range_m)
 

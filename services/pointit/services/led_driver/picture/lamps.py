@@ -62,9 +62,10 @@ class Lamps:
     def on_cursor(self, user: str, cursor: Cursor, now_ns: int) -> None:
         """Take where `user` points."""
         self._cursors[user] = (now_ns, cursor)
-        near = {lamp.id for lamp in cursor.lamps}
-        self._near |= near
-        self._gone -= near
+        if cursor.lamps:
+            near = {lamp.id for lamp in cursor.lamps}
+            self._near |= near
+            self._gone -= near
 
     def on_localization(self, user: str, localization: Localization) -> None:
         """Take how `user`'s localization goes."""

@@ -6,7 +6,7 @@ import statistics
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -69,7 +69,7 @@ def table(result: dict[str, Any]) -> Table:
 
 
 @contextmanager
-def _checked_out(commit: str) -> Iterator[Path]:
+def _checked_out(commit: str) -> Generator[Path]:
     """Have `commit` in a git worktree of its own for a while."""
     with tempfile.TemporaryDirectory() as folder:
         tree = Path(folder) / "tree"

@@ -13,13 +13,14 @@ import click
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks import bare_chain, cores, our_chain, page, ros2, startup, users
+from benchmarks import against, bare_chain, cores, our_chain, page, ros2, sample_path, startup, users
 from benchmarks.statistics import Figures, machine
 from pointit.runtime.host.state_file import VARIABLE
 from pointit.runtime.service.shutdown import SWITCH_INTERVAL_S
 
 RATE_HZ = 100.0
-PARTS = ("latency", "users", "startup", "cores", "page", "ros2")
+PARTS = ("latency", "users", "calls", "startup", "cores", "page", "ros2")
+COMPARISON_ROUNDS = 3
 ROUNDS = 3
 """Alternations of baseline and ours, so that both have the same machine load."""
 
@@ -68,13 +69,31 @@ def free_endpoint() -> str:
 )
 @click.option("--json", "path", type=click.Path(path_type=Path), help="write everything to this file")
 @click.option("--only", type=click.Choice(PARTS), multiple=True, help="just these parts")
-def main(duration: float, rate: float, path: Path | None, only: tuple[str, ...]) -> None:
-    """Measure speed as ratios to bare Zenoh in the same run; needs about four minutes."""
+@click.option(
+    "--against", "commit", metavar="COMMIT", help="compare latency and CPU time with those of COMMIT instead"
+)
+@click.option(
+    "--rounds", default=COMPARISON_ROUNDS, show_default=True, help="how often --against measures both trees"
+)
+def main(
+    *, duration: float, rate: float, path: Path | None, only: tuple[str, ...], commit: str, rounds: int
+) -> None:
+    """Measure speed as ratios to bare Zenoh in the same run; takes about four minutes.
+
+    With --against COMMIT, the latency and users parts run for this tree and for COMMIT in turns, COMMIT in a
+    temporary git worktree with this interpreter and its packages. The result is the ratio of the two and
+    its spread over the rounds; a round takes four minutes at --duration 4.
+    """
     sys.setswitchinterval(SWITCH_INTERVAL_S)
     # services must not store their state among that of this machine's user
     os.environ[VARIABLE] = click.get_current_context().with_resource(tempfile.TemporaryDirectory())
     wanted = only or PARTS
     console = Console()
+    if commit:
+        comparison = against.compare(commit, duration, rounds)
+        console.print(against.table(comparison))
+        _write(path, comparison)
+        return
     result: dict[str, Any] = {"before": machine()}
     if "latency" in wanted:
         console.print("latency: IMU sample to LED frame …")
@@ -84,6 +103,13 @@ def main(duration: float, rate: float, path: Path | None, only: tuple[str, ...])
         console.print("users: 100 Hz each, one process …")
         result["users"] = [asyncio.run(users.carried(count, duration)) for count in (1, 10, 20, 40, 60)]
         console.print(users_table(result["users"]))
+    if "calls" in wanted:
+        console.print("calls: IMU sample to LED frame, over TCP …")
+        result["calls"] = asyncio.run(sample_path.measure(free_endpoint()))
+        console.print(
+            "{calls} Python calls in {files} files, of them {own_calls} in {own_files} of PointIt, "
+            "{cpu_us} µs of CPU".format(**result["calls"])
+        )
     if "startup" in wanted:
         console.print("start-up …")
         result["startup"] = startup.start()
@@ -110,6 +136,10 @@ def main(duration: float, rate: float, path: Path | None, only: tuple[str, ...])
     console.print(
         f"machine: {result['before']['cores']} cores, load {result['before']['load_average']} before"
     )
+    _write(path, result)
+
+
+def _write(path: Path | None, result: dict[str, Any]) -> None:
     if path is not None:
         path.write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
 

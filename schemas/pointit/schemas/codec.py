@@ -30,7 +30,7 @@ def _fields(part: object) -> dict[str, Any]:
 
 def encode(part: SchemaModel) -> bytes:
     """Return `part` as a msgpack map of its fields."""
-    return msgpack.packb(part.__dict__, default=_fields)
+    return msgpack.Packer(default=_fields).pack(part.__dict__)
 
 
 def pack(value: object) -> bytes:

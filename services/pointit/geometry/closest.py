@@ -37,10 +37,10 @@ class Hit(NamedTuple):
 
 def make_hit(target: int, position_m: float, point_m: Vec3, origin_m: Vec3, direction: Vec3) -> Hit:
     """Return the hit of `point_m` with its misses by the ray from `origin_m` along the unit `direction`."""
-    reach = vector.subtract(point_m, origin_m)
-    along = vector.dot(direction, reach)
-    across = vector.norm(vector.cross(direction, reach))
-    range_m = vector.norm(reach)
+    (x, y, z), (dx, dy, dz) = vector.subtract(point_m, origin_m), direction
+    along = dx * x + dy * y + dz * z
+    across = math.hypot(dy * z - dz * y, dz * x - dx * z, dx * y - dy * x)
+    range_m = math.hypot(x, y, z)
     miss_m = across if along >= 0.0 else range_m
     return Hit(target, position_m, point_m, miss_m, math.atan2(across, along), range_m)
 
@@ -53,12 +53,14 @@ def nearest_in_angle(a: Vec3, u: Vec3, d: Vec3) -> tuple[float, float]:
     end
     is nearest. The point at the ray's own origin has no angle and is chosen last.
     """
-    p, q = vector.dot(d, a), vector.dot(d, u)
-    aa, au, uu = vector.dot(a, a), vector.dot(a, u), vector.dot(u, u)
+    (ax, ay, az), (ux, uy, uz), (dx, dy, dz) = a, u, d
+    p, q = dx * ax + dy * ay + dz * az, dx * ux + dy * uy + dz * uz
+    aa, au, uu = ax * ax + ay * ay + az * az, ax * ux + ay * uy + az * uz, ux * ux + uy * uy + uz * uz
     inner = min(max((q * aa - p * au) / max(p * uu - q * au, TINY), 0.0), 1.0)
-    best_t, best_cost = 0.0, _minus_cosine(p, aa)
-    for t in (1.0, inner):
-        cost = _minus_cosine(p + t * q, aa + t * (2.0 * au + t * uu))
+    best_t, best_cost = 0.0, math.inf
+    for t in (0.0, 1.0, inner):
+        square = aa + t * (2.0 * au + t * uu)
+        cost = -(p + t * q) / math.sqrt(square) if square > TINY else 1.0
         if cost < best_cost:
             best_t, best_cost = t, cost
     return best_t, best_cost
@@ -99,7 +101,3 @@ def clip_to_reach(p: float, q: float, reach_m: float) -> tuple[float, float] | N
         return None
     crossing = (reach_m - p) / q
     return (0.0, crossing) if q > 0.0 else (crossing, 1.0)
-
-
-def _minus_cosine(along: float, square: float) -> float:
-    return -along / math.sqrt(square) if square > TINY else 1.0

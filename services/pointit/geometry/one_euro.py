@@ -69,7 +69,7 @@ class OneEuro:
         rate, came = self._rate, self._came
         weight = _weight(self._derivative, passed_s)
         axis = vector.cross(came, direction)
-        sine = vector.norm(axis)
+        sine = math.hypot(*axis)
         angle = math.atan2(sine, vector.dot(came, direction))
         gain = weight * (angle / sine if sine > 0.0 else 0.0) / passed_s
         keep = 1.0 - weight
@@ -79,7 +79,7 @@ class OneEuro:
             keep * rate[2] + gain * axis[2],
         )
         self._rate, self._came = rate, direction
-        cutoff = self._least + self._rise * vector.norm(rate)
+        cutoff = self._least + self._rise * math.hypot(*rate)
         self._gave = _between(self._gave, direction, _weight(cutoff, passed_s))
         return self._gave
 
@@ -92,7 +92,7 @@ def _weight(cutoff_radps: float, passed_s: float) -> float:
 
 def _between(start: Vec3, end: Vec3, share: float) -> Vec3:
     """Return the unit vector at `share` of the arc, or `end` if the two are opposite."""
-    sine = vector.norm(vector.cross(start, end))
+    sine = math.hypot(*vector.cross(start, end))
     cosine = vector.dot(start, end)
     if sine < 1e-9:  # no arc, or not a unique one
         return start if cosine > 0.0 else end

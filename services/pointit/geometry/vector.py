@@ -41,10 +41,12 @@ def normalized(a: Vec3) -> Vec3:
     Raises:
         ValueError: If `a` is zero.
     """
-    length = norm(a)
+    x, y, z = a
+    length = math.hypot(x, y, z)
     if length == 0.0:
         raise ValueError("the null vector has no direction")
-    return scale(a, 1.0 / length)
+    factor = 1.0 / length
+    return (x * factor, y * factor, z * factor)
 
 
 def angle_between(a: Vec3, b: Vec3) -> float:

@@ -37,10 +37,7 @@ class WallClock:
     """The operating system's clock."""
 
     speed = 1.0
-
-    def now_ns(self) -> int:
-        """Return the time, Unix ns."""
-        return time.time_ns()
+    now_ns = staticmethod(time.time_ns)
 
     def tick(self) -> ClockTick:
         """Return the tick by which other processes and machines follow."""

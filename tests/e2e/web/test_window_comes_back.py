@@ -68,9 +68,7 @@ async def test_it_comes_back_with_the_mouse_and_says_when_its_link_is_no_longer_
     server.kill()
     await expect(lost).to_be_visible()
     await server.start("another-one-than-before")
-    await expect(lost).to_contain_text(
-        "PointIt was restarted: open the link that it prints", timeout=60_000
-    )
+    await expect(lost).to_contain_text("PointIt was restarted: open the link that it prints", timeout=60_000)
     # a browser reports automatically requests to a server that is gone, or not its own any more
     asked = ("/ws", f"failed: {site.origin}/", "net::ERR_CONNECTION_", "403")
     assert [fault for fault in window.faults if not any(each in fault for each in asked)] == []

@@ -35,10 +35,14 @@ class Declaration:
 class MemoryPublisher(Generic[M]):
     """Hands messages to the readers of this process as they are: they are frozen."""
 
-    def __init__(self, bus: Participant, topic: Topic[M], name: str) -> None:
+    def __init__(
+        self, bus: Participant, topic: Topic[M], name: str, send: Callable[[Message], None] | None = None
+    ) -> None:
+        """Write `topic.at(name)`; `send` gets each message for the readers of other processes."""
         topic.at(name)  # raises on a name that cannot stand in the key
         self._name = name
-        self._readers = bus.exchange.readers_of(topic)
+        self._mailboxes = bus.exchange.readers_of(topic).matching(name)
+        self._send = send
         self._is_state = topic.delivery is Delivery.STATE
         self._states = bus.exchange.states.setdefault(topic.key, {})
         self._message = topic.message
@@ -52,9 +56,10 @@ class MemoryPublisher(Generic[M]):
             raise BusClosedError(f"{self._message.__name__} cannot be sent: the bus is closed")
         if self._is_state:
             self._states[self._name] = self._last = message
-        for wanted, mailbox in self._readers:
-            if wanted in (ANY, self._name):
-                mailbox.offer(self._name, message)
+        for mailbox in self._mailboxes:
+            mailbox.offer(self._name, message)
+        if self._send is not None:
+            self._send(message)
 
     def close(self) -> None:
         """Undeclare; a state's last value goes with its writer."""
@@ -78,8 +83,8 @@ class MailboxSubscription:
             topic.at(name)
         self._mailbox = mailbox
         self._readers = bus.exchange.readers_of(topic)
-        self._entry = (name, mailbox)
-        self._readers.append(self._entry)
+        self._name = name
+        self._readers.add(name, mailbox)
         self._declaration = Declaration(bus, self._undeclare)
         if topic.delivery is Delivery.STATE:
             for key, state in bus.exchange.states.get(topic.key, {}).items():
@@ -99,7 +104,7 @@ class MailboxSubscription:
 
     def _undeclare(self) -> None:
         self._mailbox.close()
-        self._readers.remove(self._entry)
+        self._readers.remove(self._name, self._mailbox)
 
 
 class RetainedStateServer:

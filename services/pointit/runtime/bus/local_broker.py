@@ -1,7 +1,7 @@
 """The exchange of one process, and what every participant of it has: its declarations and tasks."""
 
 import asyncio
-from collections.abc import Coroutine
+from collections.abc import Coroutine, Iterator
 from typing import Any, Protocol, TypeVar
 
 from pointit.runtime.bus.contract import AnyTopic, Closable
@@ -43,12 +43,47 @@ class PresenceWatcher(Protocol):
         ...
 
 
+class TopicReaders:
+    """Readers of one topic, in the order in which they subscribed."""
+
+    def __init__(self) -> None:
+        self._entries: list[tuple[str, Mailbox]] = []
+        """The wanted name (or `*`) and the mailbox."""
+        self._by_name: dict[str, list[Mailbox]] = {}
+
+    def __len__(self) -> int:
+        return len(self._entries)
+
+    def __iter__(self) -> Iterator[tuple[str, Mailbox]]:
+        return iter(self._entries)
+
+    def matching(self, name: str) -> list[Mailbox]:
+        """Return the live list of the mailboxes that a message of `name` goes to, for writers to keep."""
+        if name not in self._by_name:
+            self._by_name[name] = [mailbox for wanted, mailbox in self._entries if wanted in (ANY, name)]
+        return self._by_name[name]
+
+    def add(self, wanted: str, mailbox: Mailbox) -> None:
+        """Add the reader of the name `wanted`, or of all."""
+        self._entries.append((wanted, mailbox))
+        for name, mailboxes in self._by_name.items():
+            if wanted in (ANY, name):
+                mailboxes.append(mailbox)
+
+    def remove(self, wanted: str, mailbox: Mailbox) -> None:
+        """Remove a reader that was added."""
+        self._entries.remove((wanted, mailbox))
+        for name, mailboxes in self._by_name.items():
+            if wanted in (ANY, name):
+                mailboxes.remove(mailbox)
+
+
 class LocalBroker:
     """The shared state of the participants of one process: readers, last values, servers, presence."""
 
     def __init__(self) -> None:
-        self.readers: dict[str, list[tuple[str, Mailbox]]] = {}
-        """By topic key: the wanted name (or `*`) and the mailbox."""
+        self.readers: dict[str, TopicReaders] = {}
+        """By topic key."""
         self.states: dict[str, dict[str, Message]] = {}
         """By topic key and name: the last value whose writer is still there."""
         self.desks: dict[str, list[RequestServer[Any, Any]]] = {}
@@ -59,9 +94,9 @@ class LocalBroker:
         self.keepings: list[KeptStates] = []
         """Servers of the states of writers that are gone."""
 
-    def readers_of(self, topic: AnyTopic) -> list[tuple[str, Mailbox]]:
-        """Return the live list of readers, for writers to keep."""
-        return self.readers.setdefault(topic.key, [])
+    def readers_of(self, topic: AnyTopic) -> TopicReaders:
+        """Return the readers of `topic`."""
+        return self.readers.setdefault(topic.key, TopicReaders())
 
     def handler_for(self, request: Request[Q, R], name: str) -> RequestServer[Q, R] | None:
         """Return the server of `request` for `name` in this process, or None."""

@@ -198,7 +198,10 @@ class Mailbox:
             message = item if isinstance(item, Message) else self._open(item)
             if message is None or (self._takes_kept and self._is_known(name, message)):
                 continue
-            self._handle(message, name)
+            try:
+                self._handler(message, name)
+            except Exception as error:  # noqa: BLE001 - a handler's fault must not stop the others
+                self._count_error(error)
         if self._kept:
             self._drain_kept()
 
@@ -214,15 +217,17 @@ class Mailbox:
                 return
             if name not in self._live:
                 self._recalled[name] = message
-                self._handle(message, name)
+                try:
+                    self._handler(message, name)
+                except Exception as error:  # noqa: BLE001 - as above
+                    self._count_error(error)
 
-    def _handle(self, message: Message, name: str) -> None:
-        try:
-            self._handler(message, name)
-        except Exception:  # a handler's fault must not stop the others: counted, shown in health, logged
-            self.traffic.errors += 1
-            if self._may_log(f"error {id(self)}"):
-                log.exception("handler of %s failed (%d so far)", self.topic.key, self.traffic.errors)
+    def _count_error(self, error: Exception) -> None:
+        """Count and log what a handler has raised; health shows the count."""
+        self.traffic.errors += 1
+        if self._may_log(f"error {id(self)}"):
+            count = self.traffic.errors
+            log.error("handler of %s failed (%d so far)", self.topic.key, count, exc_info=error)
 
     def count_invalid(self, reason: object) -> None:
         """Count what came and cannot be taken, and say why; from any thread."""

@@ -28,7 +28,8 @@ class InstrumentedPublisher(Generic[M]):
     def put(self, message: M) -> None:
         """Send `message`."""
         self._inner.put(message)
-        self._meter.mark(time.monotonic())
+        self._meter.count += 1
+        self._meter.newest_s = time.monotonic()
         if self._latency is not None:
             clock = self._clock
             self._latency.add((clock.now_ns() - message.stamp_ns) / NS_PER_S / clock.speed)
@@ -75,7 +76,8 @@ def instrument_handler(
             age_s = (clock.now_ns() - message.stamp_ns) / NS_PER_S / max(1.0, clock.speed)
             if not lateness.accepts(key_name, age_s, began_s):
                 return
-        meter.mark(began_s)
+        meter.count += 1
+        meter.newest_s = began_s
         handler(message, key_name)
         steps.add(time.monotonic() - began_s)
 

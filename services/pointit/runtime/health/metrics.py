@@ -1,5 +1,6 @@
 """Traffic and times between two reports of a service, counted where it meets the bus; pure."""
 
+import collections
 import math
 from collections.abc import Iterator
 
@@ -15,22 +16,18 @@ SAMPLES = 4096
 
 
 class DurationWindow:
-    """Durations between two reports, a ring of fixed size."""
+    """Durations between two reports, the newest `SAMPLES` of them."""
 
     def __init__(self) -> None:
         """Begin with none."""
-        self._values = [0.0] * SAMPLES
-        self._count = 0
-
-    def add(self, value_s: float) -> None:
-        """Take one."""
-        self._values[self._count % SAMPLES] = value_s
-        self._count += 1
+        self._values = collections.deque[float](maxlen=SAMPLES)
+        self.add = self._values.append
+        """Take one, s."""
 
     def take(self) -> Quantiles | None:
         """Return the quantiles of the values since the last call, or None without values."""
-        values = sorted(self._values[: min(self._count, SAMPLES)])
-        self._count = 0
+        values = sorted(self._values)
+        self._values.clear()
         if not values:
             return None
 
@@ -55,23 +52,20 @@ class _Complaint:
 
 
 class TopicMeter:
-    """One topic in one direction."""
+    """Messages of one topic in one direction; whoever handles one counts it."""
 
     def __init__(self, topic: AnyTopic) -> None:
         """Begin at 0."""
         self.topic = topic
         self.count = 0
+        """Messages since the last report."""
         self.newest_s: float | None = None
+        """Time of the newest message, monotonic."""
         self.traffics: list[SubscriptionStats] = []
         self.orders: list[OutOfOrderFilter] = []
         self.latenesses: list[LateMessageFilter] = []
         self._old = _Complaint()
         self._late = _Complaint()
-
-    def mark(self, now_s: float) -> None:
-        """Count a message that comes or goes at `now_s`, monotonic."""
-        self.count += 1
-        self.newest_s = now_s
 
     def total(self, counter: str) -> int:
         """Return the sum of one of the counters of `SubscriptionStats` over all readers."""

@@ -90,12 +90,7 @@ class ZenohPublisher(MemoryPublisher[M]):
         )
         self._bus = bus
         self._retires = False
-        super().__init__(bus, topic, name)
-
-    def put(self, message: M) -> None:
-        """Send `message`."""
-        super().put(message)
-        self._writer.put(message)
+        super().__init__(bus, topic, name, self._writer.put)
 
     def close_nowait(self) -> None:
         """Write no more; elsewhere the writer is gone with the bus, or a moment later."""

@@ -29,14 +29,15 @@ class _Undeclarable(Protocol):
 class EncodedMessage:
     """Bytes from another process, for all readers of them in this one; in the loop."""
 
-    __slots__ = ("_failure", "_message", "_sample")
+    __slots__ = ("_failure", "_kind", "_message", "_sample")
 
-    def __init__(self, sample: zenoh.Sample) -> None:
+    def __init__(self, kind: type[Message], sample: zenoh.Sample) -> None:
+        self._kind = kind
         self._sample = sample
         self._message: Message | None = None
         self._failure = ""
 
-    def decode(self, kind: type[Message]) -> Message:
+    def decode(self) -> Message:
         """Return the message; decoded for the first who asks, the same object for all others.
 
         Raises:
@@ -47,7 +48,7 @@ class EncodedMessage:
         message = self._message
         if message is None:
             try:
-                message = self._message = decoded(kind, self._sample.payload, self._sample.encoding)
+                message = self._message = decoded(self._kind, self._sample.payload, self._sample.encoding)
             except Exception as error:
                 is_known = isinstance(error, DecodeError)
                 self._failure = str(error) if is_known else f"{type(error).__name__}: {error}"
@@ -75,7 +76,7 @@ class _Inlet(ABC):
             for mailbox in mailboxes:
                 mailbox.count_invalid(error)
             return
-        parcel = EncodedMessage(sample)
+        parcel = EncodedMessage(self._kind, sample)
         for mailbox in mailboxes:
             mailbox.offer(name, parcel)
 

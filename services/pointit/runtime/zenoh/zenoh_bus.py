@@ -115,9 +115,6 @@ class ZenohBus(MemoryBus):
         """Call `handler(message, name)` for what arrives."""
         self._check_open()
 
-        def unpack(parcel: EncodedMessage) -> Message:
-            return parcel.decode(topic.message)
-
         def on_map(message: M, map_name: str) -> None:
             if isinstance(message, Environment):
                 self._places.keep(LAMP_COLOR.placeholder, (lamp.id for lamp in message.lamps))
@@ -125,7 +122,7 @@ class ZenohBus(MemoryBus):
 
         self._want("reads", topic.at(name))
         taken = on_map if topic is MAP else handler
-        mailbox = Mailbox(topic, taken, self.dispatcher, unpack, kept=kept)
+        mailbox = Mailbox(topic, taken, self.dispatcher, EncodedMessage.decode, kept=kept)
         subscription = ZenohSubscription(
             self, self.session, topic, mailbox, name, inlets=self._inlets, places=self._places
         )

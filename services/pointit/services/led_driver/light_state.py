@@ -118,7 +118,7 @@ class LightState:
         return StripsFrame(
             stamp_ns=now_ns if new_ns is None else new_ns,
             seq=self._seq,
-            strips=tuple(StripFrame(id=name, rgb=data[where]) for name, where in self._layout.slices.items()),
+            strips=(*[StripFrame(id=name, rgb=data[where]) for name, where in self._layout.slices.items()],),
             light_s=light_s,
         )
 

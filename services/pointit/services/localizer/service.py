@@ -149,20 +149,26 @@ class Localizer(Service[LocalizerConfig]):
         self._emit(self._locating.on_pose(pose, self.clock.now_ns()))
 
     def _on_ray(self, ray: PointingRay, _user: str) -> None:
-        if self._is_timely(RAY.key, ray.stamp_ns):
-            self._emit(self._locating.on_ray(ray, self.clock.now_ns()))
+        now_ns = self.clock.now_ns()
+        if self._is_timely(RAY.key, ray.stamp_ns, now_ns):
+            outputs = self._locating.on_ray(ray, now_ns)
+            if outputs:
+                self._emit(outputs)
 
     def _on_imu(self, sample: ImuSample, _user: str) -> None:
-        if self._is_timely(IMU.key, sample.stamp_ns):
-            self._emit(self._locating.on_imu(sample, self.clock.now_ns()))
+        now_ns = self.clock.now_ns()
+        if self._is_timely(IMU.key, sample.stamp_ns, now_ns):
+            outputs = self._locating.on_imu(sample, now_ns)
+            if outputs:
+                self._emit(outputs)
 
     def _on_objects(self, objects: TrackedObjects, tracker: str) -> None:
-        if self._is_timely(OBJECTS.key, objects.stamp_ns):
+        if self._is_timely(OBJECTS.key, objects.stamp_ns, self.clock.now_ns()):
             self._locating.on_objects(objects, tracker)
 
-    def _is_timely(self, key: str, stamp_ns: int) -> bool:
+    def _is_timely(self, key: str, stamp_ns: int, now_ns: int) -> bool:
         """Return True if `stamp_ns` is at most `AHEAD_NS` in the future; otherwise warn."""
-        ahead_ns = stamp_ns - self.clock.now_ns()
+        ahead_ns = stamp_ns - now_ns
         if ahead_ns <= AHEAD_NS * self.clock.speed:
             self.bus.clear(f"future {key}")
             return True
@@ -195,6 +201,7 @@ class Localizer(Service[LocalizerConfig]):
             RefusedError: If it is a refusal.
         """
         if isinstance(answer, Refusal):
+            self._emit(())
             raise RefusedError(answer.reason)
         self._emit(answer.outputs)
         return Done(message=answer.message)

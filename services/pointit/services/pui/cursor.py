@@ -240,7 +240,8 @@ class PersonCursor:
 
 def _is_told(point: Vec3) -> bool:
     """Return True if a message can hold `point`."""
-    return all(abs(x) <= FARTHEST for x in point)
+    x, y, z = point
+    return abs(x) <= FARTHEST and abs(y) <= FARTHEST and abs(z) <= FARTHEST
 
 
 def _lowered(direction: Vec3, bias_rad: float) -> Vec3:

@@ -159,12 +159,13 @@ class Pui(Service[PuiConfig]):
         self._judge(user, warn=False)
 
     def _on_ray(self, ray: PointingRay, user: str) -> None:
-        cursor = self._person(user).cursor(ray)
+        person = self._person(user)
+        cursor = person.cursor(ray)
         if cursor is None:
             self._judge(user)
         else:
             self._put(cursor, user)
-            cue = self._person(user).cue()
+            cue = person.cue()
             if cue is not None:
                 self._cue(cue, user)
 

@@ -134,14 +134,16 @@ class SelectionEngine:
         now_ns = cursor.stamp_ns
         self._presences.on_activity(user, now_ns)
         is_news = self._reservations.expire(now_ns)
-        view = self._scene.view_from(cursor)
-        tracked = self._positions.hit_test(cursor) if view is None or self._is_by_metres else None
+        view = None if self._is_by_metres else self._scene.view_from(cursor)
+        tracked = self._positions.hit_test(cursor) if view is None else None
         pointed = pointer.step(
             cursor,
             view,
             None if tracked is None else tracked.id,
             lambda object_id: self._action(user, object_id, now_ns)[0] != "",
         )
+        if self._is_by_metres and (pointed.object_id is not None or pointed.fired is not None):
+            view = self._scene.view_from(cursor)  # to tell how the object lies about the ray
         action, taken_by = self._standing(user, pointer, pointed, now_ns)
         if pointed.is_shown and pointed.object_id and action in ("select", "deselect"):
             is_news |= self._reservations.reserve(pointed.object_id, user, now_ns)

@@ -62,9 +62,10 @@ class Lamps:
     def on_cursor(self, user: str, cursor: Cursor, now_ns: int) -> None:
         """Set `user`'s cursor."""
         self._cursors[user] = (now_ns, cursor)
-        near = {lamp.id for lamp in cursor.lamps}
-        self._near |= near
-        self._gone -= near
+        if cursor.lamps:
+            near = {lamp.id for lamp in cursor.lamps}
+            self._near |= near
+            self._gone -= near
 
     def on_localization(self, user: str, localization: Localization) -> None:
         """Set the state of `user`'s localization."""

@@ -132,13 +132,13 @@ class Layout:
         origin_m, limit_m = self._origins_m[lines], self._ends_m[lines]
         low = origin_m + np.minimum(np.maximum(start_m, -_APART_M / 4.0), limit_m)
         high = origin_m + np.minimum(np.maximum(end_m, -_APART_M / 4.0), limit_m)
-        first = np.searchsorted(self._keys, low, side="left")
-        counts = np.searchsorted(self._keys, high, side="right") - first
-        narrow = np.flatnonzero(end_m - start_m < self._coarsest_m[lines])
+        first = self._keys.searchsorted(low, side="left")
+        counts = self._keys.searchsorted(high, side="right") - first
+        (narrow,) = (end_m - start_m < self._coarsest_m[lines]).nonzero()
         counts[narrow] = 0
-        ends = np.cumsum(counts)
-        spans = np.repeat(np.arange(len(counts)), counts)
-        entries = np.arange(len(spans)) - np.repeat(ends - counts - first, counts)
+        ends = counts.cumsum()
+        spans = np.arange(len(counts)).repeat(counts)
+        entries = np.arange(len(spans)) - (ends - counts - first).repeat(counts)
         if not len(narrow):
             return spans, entries
         whose, those = self._lit_run_by_run(lines[narrow], start_m[narrow], end_m[narrow])

@@ -7,6 +7,7 @@ form the owner's pattern. Cursors are drawn on top, alternating by pixel where s
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,8 +59,7 @@ class Segments:
     """Index into `PATTERNS`."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CursorMark:
+class CursorMark(NamedTuple):
     """A cursor to draw."""
 
     line: int
@@ -181,12 +181,11 @@ class Renderer:
 
     def _draw_cursors(self, cursors: list[CursorMark]) -> None:
         layout = self._layout
-        at_m = np.array([mark.at_m for mark in cursors])
-        half_m = np.array([mark.width_m for mark in cursors]) / 2.0
-        lines = np.array([mark.line for mark in cursors], dtype=np.intp)
+        line, place_m, width_m, color = zip(*cursors, strict=True)
+        lines, colors = np.array(line, dtype=np.intp), np.array(color, dtype=np.uint8)
+        at_m, half_m = np.array(place_m), np.array(width_m) / 2.0
         whose, entries = layout.lit(lines, at_m - half_m, at_m + half_m)
         pixels = layout.pixels[entries]
-        colors = np.array([mark.color for mark in cursors], dtype=np.uint8)
         if len(cursors) > 1 and len(pixels):
             # the k-th cursor over a pixel shows if k is the pixel's number modulo the number of cursors
             order = np.lexsort((whose, pixels))

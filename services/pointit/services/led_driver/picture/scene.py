@@ -212,10 +212,10 @@ class Scene:
             )
         looks = self._looks
         # never beyond the timeout, and a clock ahead of ours must not move them backwards
-        elapsed_s = np.clip(now_ns - placed.stamp_ns, 0, self._objects_timeout_ns) / NS_PER_S
+        elapsed_ns = np.maximum(np.minimum(now_ns - placed.stamp_ns, self._objects_timeout_ns), 0)
         return Segments(
             lines=placed.lines,
-            at_m=placed.at_m + placed.speed_mps * elapsed_s,
+            at_m=placed.at_m + placed.speed_mps * (elapsed_ns / NS_PER_S),
             half_m=placed.half_m,
             forth=placed.forth,
             tail_m=placed.tail_m,
@@ -258,7 +258,8 @@ class Scene:
 
 def _forget(heard: dict[str, tuple[int, T]], now_ns: int, timeout_ns: int) -> bool:
     """Drop expired entries. Return True if there were any."""
-    old = [name for name, (at, _) in heard.items() if not 0 <= now_ns - at < timeout_ns]
-    for name in old:
-        del heard[name]
-    return bool(old)
+    count = len(heard)
+    for name, (at, _) in list(heard.items()):
+        if not 0 <= now_ns - at < timeout_ns:
+            del heard[name]
+    return len(heard) < count

@@ -11,7 +11,7 @@ from pointit.services.localizer.estimation.rays import Mean
 from pointit.services.localizer.procedures.clock_step import BACK_NS
 from pointit.services.localizer.procedures.next_target import EYES_M
 
-RECENT_S = 0.5
+RECENT_NS = NS_PER_S // 2
 """Time over which rays are averaged."""
 
 FRESH_S = 0.3
@@ -41,7 +41,7 @@ class HeadingWindow:
         if rays and ray.stamp_ns <= rays[-1].stamp_ns:
             return
         rays.append(ray)
-        while rays[0].stamp_ns < ray.stamp_ns - round(RECENT_S * NS_PER_S):
+        while rays[0].stamp_ns < ray.stamp_ns - RECENT_NS:
             rays.popleft()
 
     @property

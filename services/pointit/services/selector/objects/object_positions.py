@@ -171,9 +171,10 @@ class ObjectPositions:
 def _closest(
     gaps_m: Array, reaches_m: Array, objects: Sequence[TrackedObject]
 ) -> tuple[float, TrackedObject] | None:
-    within_m = np.where(gaps_m <= reaches_m, gaps_m, math.inf)
-    index = int(np.argmin(within_m))
-    gap_m = float(within_m[index])
+    """Return the smallest of `gaps_m` within its reach, and its object; sets the gaps beyond to infinity."""
+    gaps_m[gaps_m > reaches_m] = math.inf
+    index = int(gaps_m.argmin())
+    gap_m = float(gaps_m[index])
     return None if gap_m == math.inf else (gap_m, objects[index])
 
 

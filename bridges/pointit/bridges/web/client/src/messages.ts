@@ -84,12 +84,12 @@ export interface Everything {
 export interface AddPackage {
   kind: string;
   /**
-   * strip or belt id; empty: the first lane
+   * strip or belt id; empty for the first lane
    */
   lane: string;
   length_m: number;
   /**
-   * share of the lane's length from its start; empty: where packages come onto it
+   * share of the lane's length from its start; None for the feed point
    */
   position: number | null;
 }
@@ -98,13 +98,13 @@ export interface AddPackage {
  */
 export interface AddPackageReply {
   /**
-   * one sentence for a person: what was done
+   * the effect, in one sentence for a person
    */
   message: string;
   object_id: string;
 }
 /**
- * One pointing at a known place without a cursor: what tells a person's offset and an IMU's drift.
+ * One pointing at a known point without a cursor, which shows a person's offset and an IMU's drift.
  *
  * `stamp_ns`: the middle of the hold.
  */
@@ -118,7 +118,7 @@ export interface Anchor {
    */
   azimuth_error_rad: number;
   /**
-   * the same with the person's offset taken out
+   * the same without the person's offset
    *
    * @minItems 3
    * @maxItems 3
@@ -150,7 +150,7 @@ export interface Anchor {
    */
   raw_direction: [number, number, number];
   /**
-   * why it was not, and what to do
+   * reason of a rejection and the remedy
    */
   reason: string;
   samples: number;
@@ -167,7 +167,7 @@ export interface Anchor {
    */
   stamp_ns: number;
   /**
-   * lamp or object; empty: a direction only
+   * lamp or object; empty for a mere direction
    */
   target_id: string;
   /**
@@ -224,19 +224,19 @@ export interface ClockTick {
   stamp_ns: number;
 }
 /**
- * What came out at a bay.
+ * Counts of the objects that came out at a bay.
  */
 export interface BayCount {
   bay: string;
   count: number;
   kind: string;
   /**
-   * of these, how many were selected
+   * number of selected ones among them
    */
   selected: number;
 }
 /**
- * How fast one belt runs.
+ * The speed of one belt.
  */
 export interface BeltSpeed {
   id: string;
@@ -247,18 +247,18 @@ export interface BeltSpeed {
  */
 export interface Departure {
   /**
-   * empty: where a belt ends
+   * empty for a belt's end
    */
   bay: string;
   object_id: string;
   stamp_ns: number;
   /**
-   * for whom it was sent there; empty: nobody
+   * person for whom it was sent there, or empty
    */
   user: string;
 }
 /**
- * What the conveyor does.
+ * The state of the conveyor.
  */
 export interface ConveyorState {
   bays: BayCount[];
@@ -275,7 +275,7 @@ export interface ConveyorState {
    */
   fed: number;
   /**
-   * false: the feeders rest until they are let again
+   * false while the feeders are stopped
    */
   feeding: boolean;
   /**
@@ -299,12 +299,12 @@ export interface ConveyorState {
    */
   stamp_ns: number;
   /**
-   * of a feeding schedule; empty: there is none
+   * of a feeding schedule, or empty without one
    */
   step: string;
 }
 /**
- * How far the ray passes a lamp.
+ * Distance at which the ray passes a lamp.
  */
 export interface LampMiss {
   id: string;
@@ -342,7 +342,7 @@ export interface Passed {
   up_rad: number;
 }
 /**
- * Where the pointing ray meets the environment, in {W}.
+ * The intersection of the pointing ray with the environment, in {W}.
  */
 export interface Cursor {
   /**
@@ -409,7 +409,7 @@ export interface ExpectedService {
   user: string;
 }
 /**
- * What `pointit run` or `pointit user` started; lets `doctor` tell what is missing.
+ * Services started by `pointit run` or `pointit user`, by which `doctor` finds missing ones.
  */
 export interface Deployment {
   /**
@@ -421,11 +421,11 @@ export interface Deployment {
    */
   name: string;
   /**
-   * that runs; empty: none that has a name
+   * name of the running one, or empty if it has none
    */
   scenario: string;
   /**
-   * that it can run instead when asked to; empty: it takes no such wish
+   * alternatives on request; empty if it accepts none
    */
   scenarios: string[];
   /**
@@ -438,7 +438,7 @@ export interface Deployment {
    */
   stamp_ns: number;
   /**
-   * kinds of objects to select; empty: none is wrong
+   * kinds of objects to select; empty if all are right
    */
   target_kinds: string[];
 }
@@ -447,12 +447,12 @@ export interface Deployment {
  */
 export interface Done {
   /**
-   * one sentence for a person: what was done
+   * the effect, in one sentence for a person
    */
   message: string;
 }
 /**
- * Where objects leave the conveyor: the end of a belt.
+ * The end of a belt, where objects leave the conveyor.
  */
 export interface Bay {
   belt: string;
@@ -472,7 +472,7 @@ export interface Belt {
 export interface BeltLink {
   source: string;
   /**
-   * arc length on `source` where they leave it; empty: its end
+   * arc length on `source` where they leave it; None for its end
    */
   source_position_m: number | null;
   target: string;
@@ -504,7 +504,7 @@ export interface Box {
   yaw_rad: number;
 }
 /**
- * A point cloud, read from a file by whoever casts; only what it is travels.
+ * A point cloud, read from a file by the process that casts rays. The points are not in the message.
  */
 export interface Cloud {
   /**
@@ -568,7 +568,7 @@ export interface Plane {
    */
   normal: [number, number, number];
   /**
-   * along u and v; empty: without end
+   * along u and v; None if unbounded
    */
   size_m: [number, number] | null;
 }
@@ -625,20 +625,20 @@ export interface Environment {
  */
 export interface Feedback {
   /**
-   * what is to be heard
+   * sound to play
    */
   chime: "" | "up" | "down" | "single" | "double" | "buzz" | "tick" | "tock";
   /**
-   * what a state lamp is to show for a moment
+   * short flash of a state lamp
    */
   color: [number, number, number] | null;
   cue: "started" | "stopped" | "target" | "localized" | "refused" | "selected" | "deselected";
   /**
-   * what is to be felt: on, off, on ..., ms; empty: nothing
+   * vibration pattern: on, off, on ..., ms; empty for none
    */
   haptic_ms: number[];
   /**
-   * the place that it is about, {W}; empty: none
+   * position that it refers to, {W}, or None
    */
   point_m: [number, number, number] | null;
   /**
@@ -650,12 +650,12 @@ export interface Feedback {
    */
   stamp_ns: number;
   /**
-   * what the person is asked to point at
+   * target that the person should point at
    */
   target_id: string;
   text: string;
   /**
-   * how far to turn, right and up, of one who points past everything; else empty
+   * rotation to the target, right and up, if the ray misses everything; else None
    */
   turn_rad: [number, number] | null;
   /**
@@ -675,7 +675,7 @@ export interface Goal {
    */
   age_s: number;
   /**
-   * on the floor from the place to the nearest person whose place is known
+   * on the floor from there to the nearest person with a known position
    */
   clearance_m: number;
   /**
@@ -704,7 +704,7 @@ export interface Goal {
    */
   stamp_ns: number;
   /**
-   * level plane of the map it is on, or `workspace/horizontal`; empty: unknown
+   * level plane of the map it is on, or `workspace/horizontal`; empty if unknown
    */
   surface_id: string;
   /**
@@ -725,7 +725,7 @@ export interface Figure {
  */
 export interface KeyHealth {
   /**
-   * since the newest; empty when there was none
+   * since the newest, or None without one
    */
   age_s: number | null;
   direction: "in" | "out";
@@ -760,7 +760,7 @@ export interface Health {
    */
   errors: number;
   /**
-   * what else it measures
+   * further metrics of the service
    */
   figures: Figure[];
   host: string;
@@ -788,7 +788,7 @@ export interface Health {
   uptime_s: number;
   user: string;
   /**
-   * what is wrong and what to do
+   * problems and their remedies
    */
   warnings: string[];
 }
@@ -797,7 +797,7 @@ export interface Health {
  */
 export interface Hover {
   /**
-   * what staying there would do
+   * effect of dwelling there
    */
   action: "" | "select" | "deselect" | "refuse";
   is_selected: boolean;
@@ -815,11 +815,11 @@ export interface Hover {
    */
   seq: number;
   /**
-   * where the cursor is drawn to, {W}; the true one is the cursor's
+   * position that attracts the cursor, {W}; the true one is the cursor's
    */
   snapped_m: [number, number, number] | null;
   /**
-   * the same along the cursor's surface; empty: not drawn to anything
+   * the same along the cursor's surface; None if nothing attracts it
    */
   snapped_position_m: number | null;
   /**
@@ -827,15 +827,15 @@ export interface Hover {
    */
   stamp_ns: number;
   /**
-   * who else has it selected, or is about to
+   * other person who has selected or reserved it
    */
   taken_by: string;
 }
 /**
  * Orientation of the arm: rotates vectors of the arm frame (x along the arm to the finger) into {H}.
  *
- * {H} is at the person's feet, z up, x forward at IMU yaw 0. The mounting of the sensor on the arm is
- * already taken out by whoever publishes.
+ * {H} is at the person's feet, z up, x forward at IMU yaw 0. The publisher has already removed the mounting
+ * of the sensor on the arm.
  */
 export interface ImuSample {
   /**
@@ -868,16 +868,16 @@ export interface ImuSample {
    */
   stamp_ns: number;
   /**
-   * counts how often the yaw origin was set anew, by a request, a new mounting or a restarted device
+   * number of resets of the yaw origin, by a request, a new mounting or a restarted device
    */
   yaw_epoch: number;
 }
 /**
- * Where the person is in the interaction's life cycle (paper, §II-D), and what they should do next.
+ * State of the person in the interaction's life cycle (paper, §II-D), and their next step.
  */
 export interface Interaction {
   /**
-   * who is to be localized first, in turn; empty: nobody, or no wish to be
+   * people to be localized before, in turn; also empty without a request
    */
   ahead: string[];
   /**
@@ -885,7 +885,7 @@ export interface Interaction {
    */
   is_unsure: boolean;
   /**
-   * one sentence for the person
+   * instruction to the person, in one sentence
    */
   next_step: string;
   /**
@@ -903,7 +903,7 @@ export interface Interaction {
   state: "idle" | "localizing" | "pointing";
 }
 /**
- * What a single lamp shows; black is off.
+ * The colour of a single lamp. Black is off.
  */
 export interface LampColor {
   /**
@@ -928,11 +928,11 @@ export interface Candidate {
   probability: number;
 }
 /**
- * Progress of one localization, as the person and a dashboard should see it.
+ * Progress of one localization, for the person and a dashboard.
  */
 export interface Localization {
   /**
-   * who uses the lamps, who is before them; then they wait, not sampling
+   * people at the lamps or ahead in the queue; the person waits, not sampling
    */
   ahead: string[];
   /**
@@ -941,7 +941,7 @@ export interface Localization {
   candidates: Candidate[];
   phase: "idle" | "sampling" | "solved" | "refused" | "cancelled";
   /**
-   * 1 sigma along the worse direction, so far; empty: unknown
+   * 1 sigma along the worse direction, so far; None if unknown
    */
   position_sigma_m: number | null;
   progress: number;
@@ -950,7 +950,7 @@ export interface Localization {
    */
   purpose: "pose" | "anchor";
   /**
-   * why it was refused and what to do
+   * reason of a refusal and the remedy
    */
   reason: string;
   residual_rad: number | null;
@@ -972,21 +972,21 @@ export interface Localization {
   stamp_ns: number;
   target_count: number;
   /**
-   * lamp or robot to point at now; empty when none
+   * lamp or robot to point at now, or empty
    */
   target_id: string;
   target_index: number;
   /**
-   * 1 sigma so far; empty: unknown
+   * 1 sigma so far, or None if unknown
    */
   yaw_sigma_rad: number | null;
 }
 /**
- * Have the person point at one lamp without a cursor, to set their pose right.
+ * Ask the person to point at one lamp without a cursor, to correct their pose.
  */
 export interface PointAnchor {
   /**
-   * its id; empty: the one that tells most
+   * its id, or empty for the most informative one
    */
   lamp: string;
 }
@@ -999,7 +999,7 @@ export interface PointingRay {
    */
   azimuth_correction_rad: number;
   /**
-   * filtered, the person's offset taken out
+   * filtered, without the person's offset
    *
    * @minItems 3
    * @maxItems 3
@@ -1010,7 +1010,7 @@ export interface PointingRay {
    */
   elevation_correction_rad: number;
   /**
-   * 1 sigma of the person's elevation error that is left; empty: not calibrated
+   * 1 sigma of the person's remaining elevation error; None if not calibrated
    */
   elevation_sigma_rad: number | null;
   /**
@@ -1032,7 +1032,7 @@ export interface PointingRay {
   stamp_ns: number;
 }
 /**
- * Ask for the last selection events that the selector told, from its journal.
+ * Read the last selection events that the selector published, from its journal.
  */
 export interface ReadHistory {
   /**
@@ -1053,7 +1053,7 @@ export interface SelectionEvent {
    */
   bay: string;
   /**
-   * what the person did; empty: nothing, or unknown
+   * action of the person; empty if none or unknown
    */
   cause: "" | "dwell" | "button" | "undo" | "clear" | "release";
   /**
@@ -1073,12 +1073,12 @@ export interface SelectionEvent {
    */
   stamp_ns: number;
   /**
-   * who did it; of `left` and `dispatched`: for whom it went there, or empty
+   * acting person; of `left` and `dispatched`: for whom it went there, or empty
    */
   user: string;
 }
 /**
- * What was told, as far as there is room: the oldest are left out.
+ * The published events, as far as there is room. The oldest are left out.
  */
 export interface ReadHistoryReply {
   /**
@@ -1086,30 +1086,30 @@ export interface ReadHistoryReply {
    */
   events: SelectionEvent[];
   /**
-   * one sentence for a person: what was done
+   * the effect, in one sentence for a person
    */
   message: string;
 }
 /**
- * Deselect one object, whoever selected it: for a supervisor, or to take it over.
+ * Deselect one object of any person: for a supervisor, or to take it over.
  */
 export interface ReleaseObject {
   object_id: string;
   /**
-   * select it for the person who asks at once
+   * select it at once for the requesting person
    */
   take_over: boolean;
 }
 /**
- * Take every object off and start the feeders again.
+ * Remove all objects and start the feeders again.
  */
 export interface ResetConveyor {}
 /**
- * End what runs and run another scenario in its place, on the same site.
+ * Replace the running scenario by another one, on the same site.
  */
 export interface RunScenario {
   /**
-   * find people by their pointing at lamps; empty: as now
+   * locate people by pointing at lamps; None to keep the setting
    */
   localizes: boolean | null;
   /**
@@ -1117,12 +1117,12 @@ export interface RunScenario {
    */
   scenario: string;
   /**
-   * how many people; empty: as now
+   * number of people, or None to keep it
    */
   users: number | null;
 }
 /**
- * An object that somebody is about to select; others see it as taken.
+ * An object that a person is about to select. To others it is not available.
  */
 export interface ReservedObject {
   id: string;
@@ -1137,7 +1137,7 @@ export interface ReservedObject {
  */
 export interface SelectedObject {
   /**
-   * that it was meant, of all that was near; empty: unknown
+   * probability that it was meant among nearby objects, or None
    */
   confidence: number | null;
   id: string;
@@ -1166,12 +1166,12 @@ export interface Selection {
 export interface SetBrightness {
   brightness: number;
   /**
-   * ids of strips; empty: all of them
+   * ids of strips, or empty for all
    */
   strips: string[];
 }
 /**
- * Let the feeders give packages, or rest; belts run on, and packages can be added, either way.
+ * Start or stop the feeders. Belts run on, and packages can be added, either way.
  */
 export interface SetFeeding {
   /**
@@ -1189,31 +1189,31 @@ export interface SetHeading {
   azimuth_rad: number;
 }
 /**
- * Choose how staying on an object selects it, and for how long; with nothing set it only asks.
+ * Choose how dwelling on an object selects it, and for how long. Without values it only reads them.
  */
 export interface SetMethod {
   /**
-   * time on an object that selects it; empty: the method's own
+   * time on an object that selects it; None for the method's default
    */
   dwell_s: number | null;
   /**
-   * empty: as it is
+   * None to keep it
    */
   method: ("hold" | "fraction" | "gauge") | null;
 }
 /**
- * What is in use now.
+ * The method in use now.
  */
 export interface SetMethodReply {
   dwell_s: number;
   /**
-   * one sentence for a person: what was done
+   * the effect, in one sentence for a person
    */
   message: string;
   method: "hold" | "fraction" | "gauge";
 }
 /**
- * Say how the sensor sits on the arm.
+ * Set the mounting of the sensor on the arm.
  */
 export interface SetMounting {
   /**
@@ -1221,16 +1221,16 @@ export interface SetMounting {
    */
   is_relative: boolean;
   /**
-   * rotates arm vectors into the sensor; empty: as configured
+   * rotates arm vectors into the sensor; None if as configured
    */
   sensor_from_arm_xyzw: [number, number, number, number] | null;
 }
 /**
- * What is in use now.
+ * The mounting in use now.
  */
 export interface SetMountingReply {
   /**
-   * one sentence for a person: what was done
+   * the effect, in one sentence for a person
    */
   message: string;
   /**
@@ -1296,12 +1296,12 @@ export interface PointingOffset {
  */
 export interface SetOffset {
   /**
-   * empty: forget it
+   * None removes it
    */
   offset: PointingOffset | null;
 }
 /**
- * Say where the person stands.
+ * Set the pose of the person.
  */
 export interface SetPose {
   /**
@@ -1313,7 +1313,7 @@ export interface SetPose {
    */
   elevation_bias_rad: number;
   /**
-   * how it was found; with a covariance it is followed as the IMU drifts
+   * how it was found; with a covariance it is tracked as the IMU drifts
    */
   method: "fixed" | "static_targets" | "moving_target";
   /**
@@ -1328,30 +1328,30 @@ export interface SetPose {
  */
 export interface SetSpeed {
   /**
-   * ids of belts; empty: all of them
+   * ids of belts, or empty for all
    */
   belts: string[];
   speed_mps: number;
 }
 /**
- * Choose how far a ray may pass things that it still points at; with nothing set it only asks.
+ * Choose how far a ray may pass its target. Without values it only reads the tolerance.
  */
 export interface SetTolerance {
   /**
-   * angle at the eyes; empty: as it is
+   * angle at the eyes; None to keep it
    */
   tolerance_rad: number | null;
 }
 /**
- * What is in use now.
+ * The tolerance in use now.
  */
 export interface SetToleranceReply {
   /**
-   * one sentence for a person: what was done
+   * the effect, in one sentence for a person
    */
   message: string;
   /**
-   * empty: metres tell what is near enough
+   * None if the tolerance is in metres
    */
   tolerance_rad: number | null;
 }
@@ -1360,7 +1360,7 @@ export interface SetToleranceReply {
  */
 export interface SetWorkspace {
   /**
-   * through what it is laid
+   * point on the plane
    */
   anchor: "pointer" | "object" | "point";
   /**
@@ -1381,7 +1381,7 @@ export interface SetYawOrigin {
  */
 export interface StartLocalization {
   /**
-   * empty: as configured
+   * None for the configured one
    */
   method: ("static_targets" | "moving_target") | null;
 }
@@ -1414,15 +1414,15 @@ export interface StripsFrame {
   strips: StripFrame[];
 }
 /**
- * A thing whose place is known: a package, a segment, a robot.
+ * An object with a known position: a package, a segment, a robot.
  */
 export interface TrackedObject {
   /**
-   * where it is on its way to; empty: not decided, or nowhere
+   * its destination; empty if undecided or none
    */
   bay: string;
   /**
-   * until then, at the present speeds, (de)selecting it changes its bay; 0: it is too late; empty: no limit is known
+   * until then, at the present speeds, (de)selecting it changes its bay; 0: it is too late; None if no limit is known
    */
   bay_until_ns: number | null;
   id: string;
@@ -1457,11 +1457,11 @@ export interface TrackedObject {
   velocity_mps: [number, number, number];
 }
 /**
- * All tracked objects of one tracker at one time; an object that is no longer listed has left.
+ * All tracked objects of one tracker at one time. An object that is no longer listed has left.
  */
 export interface TrackedObjects {
   /**
-   * 1 sigma of the time from `stamp_ns` to that of the positions; empty: unknown
+   * 1 sigma of the time from `stamp_ns` to that of the positions; None if unknown
    */
   latency_sigma_s: number | null;
   objects: TrackedObject[];
@@ -1475,7 +1475,7 @@ export interface TrackedObjects {
   stamp_ns: number;
 }
 /**
- * Take back the last selection or deselection of a person.
+ * Undo the last selection or deselection of a person.
  */
 export interface UndoSelection {}
 /**
@@ -1483,7 +1483,7 @@ export interface UndoSelection {}
  */
 export interface UserPose {
   /**
-   * when pointing at a known place last told the pose; 0: never
+   * last time at which pointing at a known point determined the pose; 0 if never
    */
   anchored_ns: number;
   /**
@@ -1521,11 +1521,11 @@ export interface UserPose {
    */
   yaw_rad: number;
   /**
-   * how fast `yaw_rad` changes because the IMU's yaw drifts
+   * rate of `yaw_rad` due to the IMU's yaw drift
    */
   yaw_rate_radps: number;
   /**
-   * its 1 sigma; empty: not estimated
+   * its 1 sigma, or None if not estimated
    */
   yaw_rate_sigma_radps: number | null;
   /**
@@ -1544,7 +1544,7 @@ export interface BodyMeasures {
   wrist_to_finger_m: number;
 }
 /**
- * Who the person is to the system: body measures, handedness, colour of the cursor.
+ * Profile of the person: body measures, handedness, colour of the cursor.
  */
 export interface UserProfile {
   body: BodyMeasures;
@@ -1554,7 +1554,7 @@ export interface UserProfile {
    */
   cursor_color: [number, number, number];
   /**
-   * of the cursor by distance, such as viridis; empty: its colour
+   * of the cursor by distance, such as viridis, or empty
    */
   cursor_colormap: string;
   /**
@@ -1563,11 +1563,11 @@ export interface UserProfile {
   cursor_width_m: number;
   hand: "left" | "right";
   /**
-   * empty: not calibrated
+   * None if not calibrated
    */
   offset: PointingOffset | null;
   /**
-   * second sign of what is this person's, beside the colour
+   * mark of this person's things, besides the colour
    */
   pattern: "solid" | "dashed" | "dotted" | "striped" | "hollow" | "tailed";
   /**
@@ -1584,9 +1584,9 @@ export interface UserProfile {
   stamp_ns: number;
 }
 /**
- * Orientation of a person's hand as a page reports it: of the arm a mouse moves, or of a phone.
+ * Orientation of a person's hand as a page reports it: of the arm that a mouse moves, or of a phone.
  *
- * Comes at least five times a second as long as the page has the person's wrist, be it moved or not.
+ * Sent at least five times a second while the page controls the person's wrist, moving or not.
  */
 export interface WristSample {
   /**

@@ -82,7 +82,7 @@ def _checked_out(commit: str) -> Generator[Path]:
 
 
 def _measured(tree: Path, duration_s: float) -> dict[str, Any]:
-    """Return what the benchmark of `tree` measures with this interpreter and its packages."""
+    """Run the benchmark of `tree` with this interpreter and its packages. Return its results."""
     roots = [str(package.parent) for package in sorted(tree.glob("*/pointit"))]
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "result.json"

@@ -1,4 +1,4 @@
-"""What holds for every test: no task, no command outlives it; no state of this machine is read or written."""
+"""Rules for every test: no task or command outlives it, and no state of this machine is read or written."""
 
 import asyncio
 import os

@@ -23,7 +23,7 @@ BASE = next(
     if line.startswith("ARG BASE=")
 )
 MADE_BASE = "localhost/pointit-base:ci"
-"""What `.ci/containers` makes in place of `BASE` where no registry is reached."""
+"""Image that `.ci/containers` builds in place of `BASE` if no registry can be reached."""
 IMAGE = "localhost/pointit-test:latest"
 PODMAN = shutil.which("podman") or ""
 COMPOSE = shutil.which("podman-compose") or ""
@@ -33,7 +33,7 @@ os.environ.setdefault("CONTAINERS_CONF", str(Path(__file__).with_name("container
 
 
 def base() -> str:
-    """Return the base image that is on this machine, the official one first; empty: none."""
+    """Return the base image on this machine, preferably the official one, or `""` if there is none."""
     known = (
         each for each in (BASE, MADE_BASE) if podman("image", "exists", each, check=False).returncode == 0
     )
@@ -41,7 +41,7 @@ def base() -> str:
 
 
 def missing() -> str:
-    """Return why no containers can be run here; empty when they can."""
+    """Return the reason why no containers can run here, or `""` if they can."""
     if not PODMAN or not COMPOSE:
         return "podman and podman-compose are not installed"
     if os.geteuid() != 0:
@@ -71,7 +71,7 @@ def until(holds: Callable[[], bool], what: Callable[[], str], patience_s: float 
 
 @dataclass(frozen=True)
 class Stack:
-    """What runs."""
+    """The running containers of a site and their ports."""
 
     site: str
     port: int
@@ -95,7 +95,7 @@ class Stack:
         return f"{self.site}-{service}"
 
     def log(self, service: str) -> str:
-        """Return what a container has logged."""
+        """Return the log of a container."""
         done = podman("logs", self.name(service), check=False)
         return done.stdout + done.stderr
 
@@ -104,12 +104,12 @@ class Stack:
         return podman("exec", self.name(service), *command, check=False)
 
     def about(self, service: str) -> dict[str, Any]:
-        """Return what podman knows of a container."""
+        """Return the output of `podman inspect` for a container."""
         (known,) = json.loads(podman("inspect", self.name(service)).stdout)
         return dict(known)
 
     def doctor(self, *arguments: str) -> dict[str, Any]:
-        """Return what `pointit doctor` says in the keeper's container."""
+        """Return the report of `pointit doctor` in the keeper's container."""
         done = self.inside("keeper", "pointit", "doctor", "--json", *arguments)
         return dict(json.loads(done.stdout)) if done.stdout.startswith("{") else {"healthy": False}
 

@@ -99,7 +99,7 @@ def _hash(lines: list[str]) -> str:
 
 
 def difference(recorded: dict[str, str], now: dict[str, str]) -> str:
-    """Return which keys of two `Record.hashes` differ, the first one with its counts; empty if none does."""
+    """Return the keys that differ in two `Record.hashes`, the first with its counts, or `""` if none does."""
     keys = list(dict.fromkeys([*recorded, *now]))
     changed = [key for key in keys if recorded.get(key) != now.get(key)]
     if not changed:
@@ -110,7 +110,7 @@ def difference(recorded: dict[str, str], now: dict[str, str]) -> str:
 
 
 def read_hashes() -> dict[str, dict[str, str]]:
-    """Return what is recorded: by session, `Record.hashes`."""
+    """Return the recorded `Record.hashes` by session."""
     recorded: dict[str, dict[str, str]] = json.loads(HASHES.read_text(encoding="utf-8"))
     return recorded
 

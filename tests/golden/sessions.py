@@ -38,7 +38,7 @@ class Session:
     scenario: str
     duration_s: float
     happens: tuple[str, ...]
-    """What must be recorded: `key`, or `key=value` for a message that has this value in a field."""
+    """Messages that must be recorded: `key`, or `key=value` for one that has this value in a field."""
     choices: Choices = field(default_factory=lambda: Choices(seed=1))
     users: tuple[str, ...] = ("anna",)
     site: Mapping[str, dict[str, Any]] = field(default_factory=dict[str, dict[str, Any]])
@@ -148,7 +148,7 @@ SESSIONS: dict[str, Session] = {
 
 
 def play(session: Session) -> Record:
-    """Return what the services of `session` publish, without stored state and `POINTIT_*` variables."""
+    """Run `session` without stored state and `POINTIT_*` variables. Return the messages of its services."""
     others = {name: value for name, value in os.environ.items() if not name.startswith("POINTIT_")}
     with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
         _write_robot(Path(ROBOT))

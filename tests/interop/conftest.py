@@ -13,7 +13,7 @@ HERE = Path(__file__).parent
 
 @pytest.fixture(scope="session")
 def say(pytestconfig: pytest.Config) -> Callable[[str], None]:
-    """Return what prints a sentence at once, though pytest keeps what tests print to itself."""
+    """Return a function that prints a sentence immediately, despite the output capture of pytest."""
     capture: Any = pytestconfig.pluginmanager.getplugin("capturemanager")
 
     def say(sentence: str) -> None:

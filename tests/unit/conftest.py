@@ -1,4 +1,4 @@
-"""What holds for every unit test: nobody waits a second for the next word of a service's health."""
+"""Fixture for every unit test: services report Health more often than once per second."""
 
 import pytest
 

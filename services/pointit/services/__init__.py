@@ -1,1 +1,1 @@
-"""What decides: one folder, one process."""
+"""Services that make the decisions. Each has its own folder and process."""

@@ -101,7 +101,7 @@ def open_with(link: Link, settings: dict[str, str]) -> zenoh.Session:
 
 
 class Ear:
-    """What a session has heard: keys, in order."""
+    """Keys that a session has received, in order."""
 
     def __init__(self) -> None:
         self.keys: list[str] = []
@@ -114,7 +114,7 @@ class Ear:
         wait(lambda: key in self.keys, f"{key} to be heard", say)
 
     def heard(self) -> set[str]:
-        """Return what was heard but for marks."""
+        """Return the received keys except marks."""
         return {key for key in self.keys if "@may" not in key}
 
 
@@ -177,7 +177,7 @@ class Member:
             token.undeclare()
 
     def sees(self, *keys: str) -> set[str]:
-        """Return who is present."""
+        """Return the keys of the present liveliness tokens that match `keys`."""
         replies = [self.session.liveliness().get(key, timeout=2.0) for key in keys]
         return {str(reply.ok.key_expr) for found in replies for reply in found if reply.ok is not None}
 
@@ -237,7 +237,7 @@ class RouterProgram:
 
     @property
     def said(self) -> str:
-        """What it has logged, and errors."""
+        """Log and error output of the process."""
         self._errors.seek(0)
         return self._errors.read()
 

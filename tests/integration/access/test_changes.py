@@ -1,4 +1,4 @@
-"""What changes while it runs: people and certificates; several sites and several routers."""
+"""Changes of people and certificates at a running router, several sites and several routers."""
 
 import json
 import shutil

@@ -1,4 +1,4 @@
-"""Who gets in, and what who does not is told."""
+"""Admission to a site, and the errors of processes that are refused."""
 
 import asyncio
 import contextlib

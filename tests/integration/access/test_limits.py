@@ -1,6 +1,6 @@
 # pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false
 # (the stubs of zenoh leave return types out)
-"""What one identity may take of a router: connections, and the patience of others."""
+"""Limits of one identity at a router: number of connections, and delays that it causes for others."""
 
 import itertools
 import threading

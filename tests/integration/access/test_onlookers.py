@@ -1,4 +1,4 @@
-"""Who only looks on, as a page elsewhere: its own process knows of it, nobody else is told or bothered."""
+"""Read-only processes, such as a page on another machine: other processes receive nothing from them."""
 
 import dataclasses
 from collections.abc import AsyncIterator

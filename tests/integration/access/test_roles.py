@@ -1,4 +1,4 @@
-"""What each role may and may not, on every row of the tables, at a real router over TLS."""
+"""Rights of each role on every row of the tables, at a real router over TLS."""
 
 from collections.abc import Iterator
 from contextlib import ExitStack
@@ -58,7 +58,7 @@ def topic_keys() -> dict[str, tuple[object, str]]:
 
 
 def may_write(me: str, topic: object, name: str) -> bool:
-    """What the issue says, said once more and differently than in the code under test."""
+    """Return True if `me` may write `topic` for `name`, computed independently of the code under test."""
     role = NAMES[me]
     writers = [row for row in PROCESSES if topic in row.writes]
     if topic is HEALTH:

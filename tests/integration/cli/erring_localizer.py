@@ -15,9 +15,9 @@ class ErringLocalizer(PlayedLocalizer):
     """As the played one, until something else is said of it."""
 
     truly_m: Vec3 | None = None
-    """Where the person stands in truth; none: where the pose says."""
+    """True position of the person in {W}, m. None if it is the announced one."""
     refuses: str = ""
-    """Why nobody may point at a lamp now."""
+    """Reason for which pointing at a lamp is refused, or `""` if it is accepted."""
     poses: list[SetPose] = field(default_factory=list[SetPose])
     """As they were said."""
 

@@ -24,7 +24,7 @@ from tests.support.pty_device import PtyDevice, pty_device
 
 ANNA = "anna"
 WORN = from_roll_pitch_yaw(math.radians(-92), math.radians(15), math.radians(4))
-"""How the sensor sits otherwise than configured: arm_from_true."""
+"""Rotation of the sensor against its configured mounting: arm_from_true."""
 AHEAD, UP = 0.0, math.pi / 2
 
 
@@ -37,7 +37,7 @@ def start_bridge(site: Site, device: PtyDevice) -> None:
 
 
 def line(elevation_rad: float) -> bytes:
-    """Return what the device sends while the arm is held so."""
+    """Return the line that the device sends while the arm is held at this elevation."""
     arm = rotation.from_azimuth_elevation(0.7, elevation_rad, 0.1 * elevation_rad)
     worn = rotation.multiply(MOUNTINGS["metamotion"], WORN)
     x, y, z, w = rotation.multiply(arm, rotation.inverse(worn))
@@ -58,7 +58,7 @@ class Arm:
 
 
 def finger_height(sample: ImuSample) -> float:
-    """Return how far up a finger of length 1 points, as imu-bridge says."""
+    """Return the z component of the unit pointing direction in a sample of imu-bridge."""
     return rotation.rotate(sample.orientation_xyzw, (1.0, 0.0, 0.0))[2]
 
 

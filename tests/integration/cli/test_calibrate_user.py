@@ -30,7 +30,7 @@ LAMPS: dict[str, Vec3] = {
     "led_2": (3.239, -0.606, 0.150),
     "led_3": (0.762, -1.031, 0.150),
 }
-"""Of the map lab."""
+"""Lamp positions of the map `lab` in {W}, m."""
 
 
 @pytest_asyncio.fixture
@@ -269,7 +269,7 @@ async def test_in_a_terminal_what_was_pointed_at_stands_on_lines_of_its_own(
 
 
 def screen_lines(text: str) -> list[str]:
-    """Return what a terminal shows of `text` in the end: what is written over or erased is gone."""
+    """Return the lines that a terminal shows after `text`, without overwritten and erased characters."""
     rows: list[list[str]] = [[]]
     row = column = 0
     for part in re.split(r"(\r|\n|\x1b\[[0-9;?]*[A-Za-z])", text):

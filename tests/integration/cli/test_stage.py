@@ -74,7 +74,7 @@ def plan_of(
 
 @dataclass
 class Seen:
-    """What somebody sees who is there, or comes later."""
+    """State of the bus as seen by an early or a late subscriber."""
 
     bus: Bus
     services: set[str] = field(default_factory=set[str])

@@ -73,7 +73,7 @@ class Found:
 
 @dataclass
 class Outcome:
-    """What happened, seen from outside."""
+    """Messages and views of a run, as seen from outside."""
 
     kinds: dict[str, str] = field(default_factory=dict[str, str])
     fed_s: dict[str, float] = field(default_factory=dict[str, float])
@@ -88,13 +88,13 @@ class Outcome:
     anchors: list[Anchor] = field(default_factory=list[Anchor])
     cues: list[Feedback] = field(default_factory=list[Feedback])
     goals: list[tuple[Goal, float]] = field(default_factory=list[tuple[Goal, float]])
-    """Where they sent a robot, and how far that is from the place that they meant, on the floor, m."""
+    """Goals of the robot, each with its distance from the intended place on the floor, m."""
     monitor: Monitor | None = None
-    """What a run's view is drawn from."""
+    """Monitor from which the view of a run is drawn."""
     view: dict[int, str] = field(default_factory=dict[int, str])
     """The words in it at the end, by the width of the terminal."""
     nearly: float = 0.0
-    """How far the gauge of an object that is no target, or is selected already, ever came."""
+    """Highest progress at an object that is not a target or is already selected, 0 to 1."""
 
     def on_hover(self, hover: Hover, target_kinds: Sequence[str]) -> None:
         """Note how near the person comes to a mistake."""
@@ -107,7 +107,7 @@ class Outcome:
         return [e.object_id for e in self.events if e.event == event and (e.kind == kind) == is_kind]
 
     def chosen(self) -> set[str]:
-        """Return what is, or was when it left, selected."""
+        """Return the objects that are selected, or were selected when they left."""
         chosen: set[str] = set()
         for event in self.events:
             if event.event == "selected":
@@ -117,7 +117,7 @@ class Outcome:
         return chosen
 
     def final(self, kind: str) -> tuple[int, int, int]:
-        """Return how many of `kind` ended selected, how many did not, and how many others ever were."""
+        """Return the numbers of selected and missed objects of `kind`, and of selections of other kinds."""
         chosen = self.chosen()
         targets = {name for name, its in self.kinds.items() if its == kind}
         return len(targets & chosen), len(targets - chosen), len(self.of("selected", kind, is_kind=False))
@@ -144,7 +144,7 @@ def play(scenario: str | Scenario, choices: Choices, duration_s: float | None = 
 
 
 def _words(monitor: Monitor, width: int) -> str:
-    """Return what the view shows, without its frame and line breaks."""
+    """Return the text of the view without its frame and line breaks."""
     return " ".join(" ".join(line[FRAME:-FRAME] for line in shown(monitor, width)).split())
 
 

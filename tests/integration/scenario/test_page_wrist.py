@@ -56,12 +56,12 @@ UNKNOWN_RAD = math.radians(30.0)
 
 @dataclass
 class Seen:
-    """What was on the bus; times are seconds since the start."""
+    """Messages on the bus. Times are seconds since the start."""
 
     samples: list[ImuSample] = field(default_factory=list[ImuSample])
     cursors: list[Cursor] = field(default_factory=list[Cursor])
     wanted_m: dict[int, Vec3] = field(default_factory=dict[int, Vec3])
-    """Where the page pointed, by the stamp of its sample."""
+    """Points at which the page pointed in {W}, m, by the stamp of its sample."""
     presses: list[ButtonEvent] = field(default_factory=list[ButtonEvent])
     events: list[SelectionEvent] = field(default_factory=list[SelectionEvent])
     states: list[str] = field(default_factory=list[str])
@@ -74,11 +74,11 @@ class Seen:
         return math.sqrt(self.pose.covariance[8])
 
     def selected(self, since: int = 0) -> list[str]:
-        """Return what was selected, from event number `since` on."""
+        """Return the objects selected from event number `since` on."""
         return [event.object_id for event in self.events[since:] if event.event == "selected"]
 
     def beside_m(self, from_s: float, till_s: float) -> list[float]:
-        """Return how far the cursors of the page's samples of that time are from where it pointed, m."""
+        """Return the distances of the page's cursors in that time from the points it pointed at, m."""
         return [
             math.inf if cursor.point_m is None else math.dist(cursor.point_m, self.wanted_m[cursor.stamp_ns])
             for cursor in self.cursors

@@ -23,8 +23,8 @@ DRIFTING = (
 STEADY = ("user-sim.aim.azimuth_error_reach_sd_deg=2", "user-sim.aim.bent_arm_share=0")
 """Somebody who points within 2 deg sideways from one time to the next; as measured, people's is 4 to 6."""
 BOUND_DEG = 6.0
-"""Of people as measured. The line through four yaws, each of one pointing that errs by 5 deg, is known to
-4.7 deg (1 sigma) 20 s after the last of them: no filter has a median below 3.2 deg, and 20 people scatter."""
+"""Limit of the median yaw error of people as measured. The line through four yaws with an error of 5 deg each
+has a sigma of 4.7 deg 20 s after the last: no filter has a median below 3.2 deg, and 20 people scatter."""
 EVERY_MINUTE = ("user-sim.anchor_every_s=60",)
 
 

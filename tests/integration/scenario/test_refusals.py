@@ -1,4 +1,4 @@
-"""What cannot be solved is refused with a sentence that says what to do: on the bus and in the view."""
+"""Refusals of unsolvable localizations. The bus and the view name the reason and the remedy."""
 
 from pathlib import Path
 

@@ -23,7 +23,7 @@ def test_the_person_selects_every_red_segment_and_no_other_in_60_s(seed: int) ->
 @pytest.mark.long
 @pytest.mark.parametrize("seed", range(4, 21))
 def test_so_do_many_people(seed: int) -> None:
-    """At most one is taken back by accident and selected anew: of seeds 1 to 30, one in 300."""
+    """At most one is deselected by accident and selected again. The rate for seeds 1 to 30 is one in 300."""
     assert_all_red_and_no_other(play("scenario_3", Choices(seed=seed)), taken_back=1)
 
 

@@ -41,7 +41,7 @@ REACTION_S = 0.6
 
 @dataclass(frozen=True)
 class How:
-    """What somebody does, s."""
+    """Times of the actions of one person, s."""
 
     press_at_s: tuple[float, ...]
     leaves_at_s: float = math.inf
@@ -110,7 +110,7 @@ class Wearer:
 
 @dataclass
 class Room:
-    """What is seen by all."""
+    """State of the room that all people see."""
 
     wearers: dict[str, Wearer] = field(default_factory=dict[str, Wearer])
     lit: set[str] = field(default_factory=set[str])

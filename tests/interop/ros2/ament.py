@@ -10,7 +10,7 @@ from pointit.bridges.ros2.types.rihs01 import BASE, NAME, SEQUENCE, Rihs01
 from pointit.bridges.ros2.types.types import GOLDEN, Types
 
 AT_LEAST = "uint8 structure_needs_at_least_one_member"
-"""What ROS 2 puts into a structure without fields; dora 1.1.0 does not know of it."""
+"""Field that ROS 2 adds to a structure without fields. dora 1.1.0 does not add it."""
 
 
 def install(prefix: Path, types: Types, names: Iterable[str]) -> None:
@@ -26,7 +26,7 @@ def install(prefix: Path, types: Types, names: Iterable[str]) -> None:
 
 
 class _Written(Rihs01):
-    """Returns what the hash is made of, instead of the hash."""
+    """Variant of `Rihs01` that returns the hashed JSON text instead of the hash."""
 
     def _hash(self, text: str, referenced: frozenset[str]) -> str:
         others = ", ".join(self._description(name)[0] for name in sorted(referenced))

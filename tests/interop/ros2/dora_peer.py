@@ -20,7 +20,7 @@ import pyarrow as pa  # type: ignore[import-not-found]  # see above
 END_S = 20.0
 LOOK_S = 0.005
 SERVICE_DEPTH = 10
-"""Of every genuine node; dora 1.1.0 takes a server for another one's when the text of its QoS differs."""
+"""Queue depth of real nodes. dora 1.1.0 finds a server only if the text of its QoS is equal."""
 ARROW = {"string": "string", "bool": "bool", "byte": "uint8", "float32": "float", "float64": "double"}
 
 
@@ -32,7 +32,7 @@ def qos(order: dict[str, Any]) -> Any:
 
 
 def plain(value: Any) -> Any:
-    """Return what JSON can carry of an Arrow value."""
+    """Return an Arrow value in types that JSON can represent."""
     if isinstance(value, bytes):
         return list(value)
     if isinstance(value, dict):
@@ -134,7 +134,7 @@ class Peer:
 def main(name: str, configuration: str) -> None:
     """Obey until the input ends."""
     peer = Peer(name, configuration)
-    print("{}", flush=True)  # noqa: T201 - whoever started this waits for it
+    print("{}", flush=True)  # noqa: T201 - the starting process waits for it
     for line in sys.stdin:
         order = json.loads(line)
         try:

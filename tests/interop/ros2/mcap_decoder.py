@@ -13,7 +13,7 @@ from mcap_ros2.decoder import DecoderFactory  # type: ignore[import-not-found]  
 
 
 def plain(value: Any) -> Any:
-    """Return what JSON can carry."""
+    """Return `value` in types that JSON can represent."""
     if isinstance(value, bytes | bytearray | memoryview):
         return list(value)
     if isinstance(value, list | tuple):

@@ -51,7 +51,7 @@ class Dora:
         }
         self._told: Told | None = None
         self._types: dict[str, str] = {}
-        """Of what it publishes."""
+        """Types of the published topics."""
 
     def start(self) -> None:
         """Start; its node is there afterwards."""

@@ -10,11 +10,11 @@ from tests.support.buses import free_port
 from tests.support.commands import Command, Commands
 
 BOTH = ("--users", "2", "--imu", "sim", "--imu", "page")
-"""user1 is simulated, user2's arm is whoever says how it is turned."""
+"""Options for two users: user1 is simulated, and user2's arm orientation comes from the peer."""
 
 
 class Site:
-    """What runs; every part can be ended and started again."""
+    """Running processes of the site. Each can be ended and started again."""
 
     def __init__(self, folder: Path, python: Path) -> None:
         self.ours = f"tcp/127.0.0.1:{free_port()}"

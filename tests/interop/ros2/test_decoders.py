@@ -37,7 +37,7 @@ FETCH_S = 300.0
 
 
 def asked(decoder: Told, name: str, cdr: bytes) -> Any:
-    """Return what `decoder` reads."""
+    """Return the value that `decoder` decodes from `cdr`."""
     return decoder.ask(type=name, definition=definition(TYPES, name), cdr=base64.b64encode(cdr).decode())
 
 
@@ -86,7 +86,7 @@ def meant(value: Any) -> Any:
 
 
 def read(value: Any, expected: Any) -> Any:
-    """Return what they read: times named as ROS does, JavaScript's numbers as the kind that is expected."""
+    """Return a decoded value with the field names of ROS times and with numbers of the expected type."""
     match value, expected:
         case list(), list():
             return [read(each, other) for each, other in itertools.zip_longest(value, expected)]

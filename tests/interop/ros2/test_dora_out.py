@@ -1,4 +1,4 @@
-"""What a site is to an independent ROS node: every route with its name, type, hash, QoS and values."""
+"""Site as seen by an independent ROS node: every route with its name, type, hash, QoS and values."""
 
 import asyncio
 import contextlib

@@ -132,7 +132,7 @@ async def main() -> None:
         order = json.loads(line)
         try:
             answer: dict[str, Any] = {"value": await getattr(side, order.pop("do"))(order)}
-        except Exception as error:  # noqa: BLE001 - whoever drives this wants to know
+        except Exception as error:  # noqa: BLE001 - the caller gets the error
             answer = {"error": f"{type(error).__name__}: {error}"}
         sys.stdout.write(json.dumps(answer) + "\n")
         sys.stdout.flush()

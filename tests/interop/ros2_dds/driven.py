@@ -49,5 +49,5 @@ def cdr(name: str, **fields: Any) -> str:
 
 
 def value(name: str, text: str) -> Any:
-    """Return what is in a message's CDR, hexadecimal."""
+    """Return the message decoded from hexadecimal CDR."""
     return TYPES.decode(name, bytes.fromhex(text))

@@ -13,7 +13,7 @@ from typing import Any
 
 
 def _of(module: str, name: str) -> Any:
-    """Return what is only in the environment of this program, so that no type checker looks for it."""
+    """Return `name` of `module`. Only this program's environment has it, so type checkers must not see it."""
     return getattr(importlib.import_module(module), name)
 
 
@@ -43,7 +43,7 @@ def qos_of(order: dict[str, Any]) -> Any:
 
 
 def plain(value: Any) -> Any:
-    """Return what JSON can carry of a message."""
+    """Return a message in types that JSON can represent."""
     if hasattr(value, "get_fields_and_field_types"):
         return {name: plain(getattr(value, name)) for name in value.get_fields_and_field_types()}
     if hasattr(value, "tolist"):
@@ -158,7 +158,7 @@ def main() -> None:
         order = json.loads(line)
         try:
             answer = {"value": getattr(peer, order.pop("do"))(order)}
-        except Exception as error:  # noqa: BLE001 - whoever drives this wants to know
+        except Exception as error:  # noqa: BLE001 - the caller gets the error
             answer = {"error": f"{type(error).__name__}: {error}"}
         sys.stdout.write(json.dumps(answer) + "\n")
         sys.stdout.flush()

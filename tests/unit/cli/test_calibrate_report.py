@@ -1,4 +1,4 @@
-"""What pointings tell of a person, a pose in people's units, and a sensor's seat in words."""
+"""Reports on a person's pointing, on a pose in degrees and metres, and on a sensor's mounting."""
 
 import math
 
@@ -27,7 +27,7 @@ LAMPS: tuple[Vec3, ...] = ((3.5, -1.0, 0.3), (4.0, 3.0, 0.2), (2.5, 5.0, 2.0), (
 
 
 def anchor(index: int, time_s: float, yaw_rad: float, true_yaw_rad: float, low_rad: float = 0.05) -> Anchor:
-    """Return what pointing at a lamp gives whose pose says `yaw_rad` where it is `true_yaw_rad`."""
+    """Return the anchor of pointing at a lamp with a yaw of `true_yaw_rad` and an estimate of `yaw_rad`."""
     lamp = LAMPS[index % len(LAMPS)]
     way = vector.subtract(lamp, vector.add(AT, EYES))
     ray = vector.direction(vector.azimuth(way) - true_yaw_rad, vector.elevation(way) - low_rad)

@@ -1,4 +1,4 @@
-"""What people type as the value of a request's field."""
+"""Typed values of the fields of a request."""
 
 import io
 

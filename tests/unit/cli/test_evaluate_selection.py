@@ -14,7 +14,7 @@ from pointit.runtime.errors import ConfigError
 
 
 def invoke(*arguments: str) -> tuple[str, str]:
-    """Return what is printed as result and beside it; raises what the command does."""
+    """Run the command. Return its standard output and standard error, or raise its exception."""
     result = CliRunner().invoke(selection, [*arguments, "--jobs", "1"], standalone_mode=False)
     if result.exception is not None:
         raise result.exception

@@ -1,4 +1,4 @@
-"""What a load test says: figures, the verdict, and the search for how many people are carried."""
+"""Results of a load test: figures, verdict, and search for the largest number of people."""
 
 from typing import Any
 

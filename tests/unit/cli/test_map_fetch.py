@@ -34,7 +34,7 @@ SUMMARY = "no findings; 1 belt, 1 bay, 1 strip with 90 pixels, 2 lamps"
 
 
 class Graph:
-    """Who is asked, and how the command would have joined."""
+    """ROS graph with one node that records the configurations with which the command joins."""
 
     def __init__(self) -> None:
         self.node = OneNode(ParameterServer(TYPES, {}))

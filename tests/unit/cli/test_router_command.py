@@ -38,7 +38,7 @@ def test_it_may_have_as_many_files_open_as_the_system_lets_it() -> None:
 
 
 class Routing:
-    """Of a router, as far as it matters here: it routes on, and fails to report how it is."""
+    """Stand-in for a router that keeps routing and fails to report its state."""
 
     listens = ("tls/127.0.0.1:7447",)
     is_open = False

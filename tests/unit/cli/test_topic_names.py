@@ -1,4 +1,4 @@
-"""What typed keys stand for."""
+"""Topics and names that typed keys resolve to."""
 
 import pytest
 from hypothesis import given

@@ -7,7 +7,7 @@ from pointit.runtime.service.service import Context, Scope, Service
 
 
 class StandIn(Service[WebConfig]):
-    """What a run sees of a page."""
+    """Page service as a run sees it."""
 
     NAME: ClassVar[str] = "web"
     SCOPE: ClassVar[Scope] = "site"

@@ -1,4 +1,4 @@
-"""What a terminal too low for everything shows."""
+"""View in a terminal with too few lines for all blocks."""
 
 import pytest
 from rich.segment import Segment

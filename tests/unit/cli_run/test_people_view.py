@@ -1,4 +1,4 @@
-"""What the view shows of people's places: where, how sure, since when, and why they were refused."""
+"""Poses of people in the view: position, uncertainty, age, and reason of a refusal."""
 
 import math
 from typing import Any

@@ -1,4 +1,4 @@
-"""What the command line says of people reaches profile, localizer and simulation alike."""
+"""Command-line options for people reach profile, localizer and simulation alike."""
 
 from typing import Any
 

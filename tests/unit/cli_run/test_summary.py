@@ -1,4 +1,4 @@
-"""Where people were found, as it was then, and how far from the truth that is."""
+"""Poses at the time of localization in the summary, and their errors."""
 
 import functools
 import math

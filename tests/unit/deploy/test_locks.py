@@ -17,7 +17,7 @@ PIN = re.compile(r"^([\w.-]+)==(\S+)(?: ; .*)? \\$", re.MULTILINE)
 
 
 def wanted(extras: set[str]) -> list[Requirement]:
-    """Return what pyproject.toml wants for `extras`, without itself."""
+    """Return the requirements of `extras` in pyproject.toml, without the package itself."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     lines = [*project["dependencies"]]
     for extra in extras:
@@ -48,7 +48,7 @@ def test_a_lock_has_a_version_that_pyproject_takes(name: str, extras: set[str]) 
 
 
 def test_the_lowest_versions_are_those_that_pyproject_names() -> None:
-    """Where the very version is not to be had, as none of mcap 1.2, it is one of that series."""
+    """If the exact version does not exist, as for mcap 1.2, another version of that series is accepted."""
     pins = PIN.findall((ROOT / "requirements" / "lowest.txt").read_text(encoding="utf-8"))
     for each in wanted(PARTS):
         (bound,) = (specifier.version for specifier in each.specifier if specifier.operator == ">=")

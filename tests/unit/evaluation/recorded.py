@@ -19,7 +19,7 @@ ORIGINAL_STATURE_M = 1.835
 
 @dataclass(frozen=True, kw_only=True)
 class Stand:
-    """Where somebody stands, and how they point."""
+    """Pose of a person and errors of their pointing."""
 
     x: float = -1.5
     y: float = -1.0

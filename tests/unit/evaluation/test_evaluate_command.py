@@ -19,7 +19,7 @@ from tests.unit.evaluation.recorded import Stand, write_acts, write_simulated, w
 
 
 def invoke(*arguments: str) -> tuple[str, str]:
-    """Return what is printed as result and beside it; raises what the command does."""
+    """Run the command. Return its standard output and standard error, or raise its exception."""
     result = CliRunner().invoke(command, ["evaluate", *arguments], standalone_mode=False)
     if result.exception is not None:
         raise result.exception

@@ -145,7 +145,7 @@ def test_rows_stand_together_and_those_over_all_first() -> None:
 
 @pytest.fixture(scope="module")
 def rows(tmp_path_factory: pytest.TempPathFactory) -> list[Row]:
-    """What all solvers make of one person with a bias, in another process."""
+    """Results of all solvers for one person with a bias, computed in other processes."""
     folder = tmp_path_factory.mktemp("recordings")
     write_track(folder, Stand(bias_deg=-14.0, noise_deg=0.5), duration_s=9.0)
     ticks: list[tuple[int, int]] = []

@@ -1,4 +1,4 @@
-"""What a run tells of itself, and takes back when it is asked to end."""
+"""Deployment that a run publishes, and withdraws when it is asked to end."""
 
 import time
 

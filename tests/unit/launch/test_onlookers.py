@@ -1,4 +1,4 @@
-"""How long somebody looks on."""
+"""Time for which a page counts as having viewers."""
 
 from pointit.diagnosis.observation import SILENT_S
 from pointit.launch.plan.page import Onlookers
@@ -15,7 +15,7 @@ def test_who_has_a_page_open_looks_on_until_it_was_not_heard_for_a_while() -> No
     assert not onlookers.are_there(0.0)
     assert onlookers.on_health(health(2.0), 10.0)
     assert onlookers.are_there(10.0 + SILENT_S - 0.1)
-    assert not onlookers.on_health(health(0.0), 11.0)  # closed, or only loaded anew
+    assert not onlookers.on_health(health(0.0), 11.0)  # closed, or only reloaded
     assert onlookers.are_there(10.0 + SILENT_S - 0.1)
     assert not onlookers.are_there(10.0 + SILENT_S)
 

@@ -1,4 +1,4 @@
-"""Which plan comes of a wish for another scenario."""
+"""Plan that results from a request for another scenario."""
 
 from pathlib import Path
 from typing import Any

@@ -1,4 +1,4 @@
-"""What a run comes to: every count, and which frame a capture is seen in."""
+"""Score of a run: every count, and the frame in which a capture is shown."""
 
 import math
 

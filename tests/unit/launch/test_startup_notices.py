@@ -1,4 +1,4 @@
-"""What is said when people's services start."""
+"""Notices at the start of people's services."""
 
 import time
 

@@ -1,4 +1,4 @@
-"""What who joins a site takes over from it."""
+"""Settings that a joining person adopts from the site."""
 
 import pytest
 

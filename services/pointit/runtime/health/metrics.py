@@ -52,7 +52,7 @@ class _Complaint:
 
 
 class TopicMeter:
-    """Messages of one topic in one direction; whoever handles one counts it."""
+    """Message counter of one topic in one direction. The handler of a message counts it."""
 
     def __init__(self, topic: AnyTopic) -> None:
         """Begin at 0."""

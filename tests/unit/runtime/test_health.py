@@ -249,7 +249,7 @@ async def test_messages_too_late_to_act_on_are_left_out_and_reported(
     def act(sample: ImuSample, _name: str) -> None:
         acts.append(sample.seq)
 
-    bench.view.subscribe(IMU, act, "anna", in_time=lambda sample: sample.seq != 20)
+    bench.view.subscribe(IMU, act, "anna", drops_late=lambda sample: sample.seq != 20)
     bench.view.subscribe(IMU, lambda sample, _name: looks.append(sample.seq), "anna")
     writer = bench.bus.publisher(IMU, "anna")
     began_ns = bench.clock.now_ns()

@@ -48,30 +48,29 @@ def instrument_handler(
     meter: TopicMeter,
     steps: DurationWindow,
     clock: Clock,
-    in_time: Callable[[M], bool] | None,
+    drops_late: Callable[[M], bool] | None,
 ) -> Handler[M]:
-    """Return `handler` for one reader, with messages counted and its calls timed.
+    """Return `handler` for one subscriber, behind filters, with messages counted and calls timed.
 
     Args:
-        handler: gets what is neither old nor late.
-        meter: counts; it is told of what is left out.
-        steps: gets how long each call of `handler` takes.
-        clock: by which messages are stamped.
-        in_time: selects messages that are left out if they come much later than others before them. None if
-            all are accepted.
+        handler: receives messages that are in order and in time.
+        meter: counts messages, also the dropped ones.
+        steps: collects the duration of each call of `handler`, s.
+        clock: the clock that stamps messages.
+        drops_late: returns True for messages that are dropped if late. None if late ones are accepted.
     """
     order = OutOfOrderFilter() if meter.topic in STREAMS else None
     if order is not None:
         meter.orders.append(order)
-    lateness = None if in_time is None else LateMessageFilter()
+    lateness = None if drops_late is None else LateMessageFilter()
     if lateness is not None:
         meter.latenesses.append(lateness)
 
-    def timed(message: M, key_name: str) -> None:
+    def filter_and_time(message: M, key_name: str) -> None:
         began_s = time.monotonic()
         if order is not None and not order.accepts(key_name, message.stamp_ns, began_s):
             return
-        if lateness is not None and in_time is not None and in_time(message):
+        if lateness is not None and drops_late is not None and drops_late(message):
             # seconds of the wall; but where time is slow its own, as such a clock is coarse
             age_s = (clock.now_ns() - message.stamp_ns) / NS_PER_S / max(1.0, clock.speed)
             if not lateness.accepts(key_name, age_s, began_s):
@@ -81,4 +80,4 @@ def instrument_handler(
         handler(message, key_name)
         steps.add(time.monotonic() - began_s)
 
-    return timed
+    return filter_and_time

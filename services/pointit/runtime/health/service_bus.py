@@ -104,7 +104,7 @@ class ServiceBus:
         name: str = ANY,
         *,
         kept: bool = True,
-        in_time: Callable[[M], bool] | None = None,
+        drops_late: Callable[[M], bool] | None = None,
     ) -> Subscription:
         """Call `handler(message, name)` for each arriving message.
 
@@ -113,11 +113,11 @@ class ServiceBus:
             handler: takes it.
             name: whose; all by default.
             kept: take what was kept of states whose writers may be gone.
-            in_time: selects messages that are left out and reported if they come much later than others
+            drops_late: selects messages that are left out and reported if they come much later than others
                 before them: a service must not act on what a bad link has delayed. None if all are accepted.
         """
         meter = self._meter(topic, "in")
-        counted = instrument_handler(handler, meter, self._steps, self._clock, in_time)
+        counted = instrument_handler(handler, meter, self._steps, self._clock, drops_late)
         subscription = self._bus.subscribe(topic, counted, name, kept=kept)
         meter.traffics.append(subscription.traffic)
         self._declared.append(subscription)

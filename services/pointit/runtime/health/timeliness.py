@@ -1,10 +1,9 @@
-"""Detection of messages that come too late to act on, because a bad link has delayed them; pure.
+"""Filters that drop late and out-of-order messages; pure.
 
-What TCP has to send again comes seconds after it was said, and all that was said meanwhile with it, in order.
-Who acts on it acts where a person pointed seconds ago. How old a message is cannot be told of two machines'
-clocks, how much later it comes than others before it can. A writer's clock that was set back, and a link
-that has become slow for good, look the same at first, but then all that comes is late by as much: that is
-believed.
+After packet loss, TCP delivers a burst of old messages in order. Acting on them would act where a person
+pointed seconds ago. The clocks of two machines are not comparable, so lateness is measured relative to the
+fastest recent message of the same writer. A delay that stays constant for `STEADY_S` is accepted: its
+clock was set back, or the link has become slow for good.
 """
 
 from dataclasses import dataclass
@@ -14,37 +13,37 @@ from pointit.schemas import NS_PER_S
 from pointit.schemas.topics import CURSOR, HOVER, IMU, OBJECTS, RAY
 
 LATE_S = 0.3
-"""Messages that come later than the quickest by more (s) are left out."""
+"""Maximum delay relative to the fastest recent message, s. Later messages are dropped."""
 
 STEADY_S = 1.5
-"""A constant delay for this long (s) is accepted: a clock was set, or there is nothing newer."""
+"""A delay that is constant for this long (s) is accepted."""
 
 SPREAD_S = 0.2
-"""By as much: all of it within this."""
+"""Maximum spread of delays that counts as constant, s."""
 
 FORGOTTEN_S = 20.0
-"""If nothing came in time for this long (s), the measurement is reset."""
+"""The reference delay is reset if every message was late for this long (s)."""
 
 FOLLOWS = 0.05
-"""The quickest of before counts less as time goes on, s per s: clocks run apart, and are slewed."""
+"""Rate at which the reference delay grows, s/s, to follow clocks that drift and are slewed."""
 
 GAP_S = 0.1
-"""Time during which nothing came does not count for that, except so much."""
+"""Maximum silence that contributes to that growth, s."""
 
 STALL_S = 0.5
-"""The first message after a silence this long (s) may have been delayed and says nothing of earlier ones."""
+"""After a silence this long (s), the measurement of a constant delay starts again."""
 
 STREAMS: frozenset[AnyTopic] = frozenset((IMU, RAY, CURSOR, HOVER, OBJECTS))
-"""Topics each of whose names has one writer at a time, who stamps with one clock."""
+"""Topics with one writer at a time per name, which stamps with one clock."""
 
 OLD_NS = NS_PER_S // 2
-"""Messages older than the newest by more are not merely late."""
+"""Messages older than the newest by more (ns) are out of order. Younger ones are merely late."""
 
 STRAY_NS = 2 * NS_PER_S
-"""A message ahead of the newest by more is a stray or of a clock that jumped: the newest stays."""
+"""A message ahead of the newest by more (ns) does not become the newest: its clock may have jumped."""
 
 SILENT_S = 1.0
-"""When nothing has gone on from the newest for so long, the clock was set, or the writer is another."""
+"""If no message has followed the newest for this long (s), the clock was set or the writer changed."""
 
 
 @dataclass(slots=True)
@@ -53,33 +52,33 @@ class _Pace:
 
     quickest_s: float
     in_time_s: float
-    """When one came in time."""
+    """Arrival of the last message in time, s (monotonic)."""
     came_s: float
-    """When the last one came."""
+    """Arrival of the last message, s (monotonic)."""
     late_since_s: float | None = None
-    """Since when all that comes is late."""
+    """Arrival of the first of the late messages in a row, s. None if the last message was in time."""
     least_s: float = 0.0
     most_s: float = 0.0
     """Largest lateness since then, s."""
 
 
 class LateMessageFilter:
-    """Follows the streams of one topic, by name."""
+    """Drops messages of one topic that are delayed by more than `LATE_S`, by name."""
 
     def __init__(self) -> None:
         self.refused = 0
-        """Messages that were left out."""
+        """Number of late messages dropped."""
         self.by_s = 0.0
-        """By how much the last of them came later than the quickest."""
+        """Delay of the last one dropped relative to the fastest, s."""
         self._paces: dict[str, _Pace] = {}
 
     def accepts(self, name: str, age_s: float, now_s: float) -> bool:
         """Return True if a message of `name` comes in time.
 
         Args:
-            name: whose.
-            age_s: its arrival less its stamp; the two clocks may be apart.
-            now_s: its arrival, monotonic.
+            name: the name in the key.
+            age_s: arrival minus stamp, s. The two clocks may differ.
+            now_s: arrival, s (monotonic).
         """
         pace = self._paces.get(name)
         if pace is None or now_s - pace.in_time_s > FORGOTTEN_S:
@@ -109,16 +108,16 @@ class LateMessageFilter:
 
 
 class OutOfOrderFilter:
-    """Follows the streams of one topic, by name."""
+    """Drops messages of one topic that are older than the newest by more than `OLD_NS`, by name."""
 
     def __init__(self) -> None:
         self.refused = 0
-        """Messages that were no news."""
+        """Number of out-of-order messages dropped."""
         self._newest: dict[str, tuple[int, float]] = {}
-        """By name: the newest stamp, and when it came."""
+        """Newest stamp (ns) and its arrival (s, monotonic), by name."""
 
     def accepts(self, name: str, stamp_ns: int, now_s: float) -> bool:
-        """Return True if a message of `name` is new. `now_s` is monotonic."""
+        """Return True if a message of `name` is in order. `now_s` is its arrival (monotonic)."""
         newest = self._newest.get(name)
         if newest is not None and now_s - newest[1] <= SILENT_S:
             ahead_ns = stamp_ns - newest[0]

@@ -88,7 +88,7 @@ class Pui(Service[PuiConfig]):
         self.bus.subscribe(OBJECTS, self._on_objects)
         self.bus.subscribe(POSE, self._on_pose)
         self.bus.subscribe(INTERACTION, self._on_interaction)
-        self.bus.subscribe(RAY, self._on_ray, in_time=lambda _ray: True)
+        self.bus.subscribe(RAY, self._on_ray, drops_late=lambda _ray: True)
         self.bus.watch(USER_ALIVE, self._on_presence)
 
     @classmethod

@@ -93,7 +93,7 @@ class Selector(Service[SelectorConfig]):
         self.bus.subscribe(CONVEYOR_STATE, self._on_conveyor)
         self.bus.subscribe(SELECTION_EVENTS, self._on_event)
         # a cursor without a point only resets the hover, which is never too late
-        self.bus.subscribe(CURSOR, self._on_cursor, in_time=lambda cursor: cursor.point_m is not None)
+        self.bus.subscribe(CURSOR, self._on_cursor, drops_late=lambda cursor: cursor.point_m is not None)
         self.bus.subscribe(BUTTON, self._on_button)
         self.bus.watch(USER_ALIVE, self._on_presence)
 

@@ -67,7 +67,7 @@ class View:
         return kept if best.angle_rad >= (1.0 - hysteresis) * before.angle_rad else best.id
 
     def near(self, object_ids: Iterable[str], snap_rad: float, leave_factor: float) -> set[str]:
-        """Return those that the ray passes within `leave_factor` times their half width plus `snap_rad`."""
+        """Return the ids whose angle from the ray is at most `leave_factor` x (half width + `snap_rad`)."""
         seen = self._seen
         return {
             object_id

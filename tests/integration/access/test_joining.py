@@ -216,7 +216,7 @@ async def test_a_router_without_certificates_is_told(site: SiteFolder) -> None:
     credentials = credentials_of(site, "anna")
     async with running_router((f"tcp/127.0.0.1:{port}",)):
         link = Link(site="lab", connect=(f"tls/127.0.0.1:{port}",), credentials=credentials)
-        assert "no router of a secured site" in await refused(link)
+        assert "is not a router of a secured site" in await refused(link)
 
 
 @pytest.mark.skipif(os.name != "posix", reason="modes are POSIX's")

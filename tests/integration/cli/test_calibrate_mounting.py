@@ -137,7 +137,7 @@ async def test_a_simulated_person_wears_no_sensor(site: Site) -> None:
     await site.arrived("user-sim.anna")
     ended = await site.pointit("calibrate", "mounting", ANNA, "--non-interactive")
     assert ended.code == 1
-    assert "imu-bridge.anna is not there" in ended.err
+    assert "imu-bridge.anna is not present" in ended.err
     assert "a simulated person wears none" in ended.err
 
 

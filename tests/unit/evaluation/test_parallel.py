@@ -50,5 +50,5 @@ def test_an_error_in_the_work_is_the_readers() -> None:
 
 
 def test_a_process_that_dies_is_told_in_a_sentence() -> None:
-    with pytest.raises(PointItError, match="came to an end by itself"):
+    with pytest.raises(PointItError, match="ended unexpectedly"):
         list(map_parallel(os._exit, [3], 1))

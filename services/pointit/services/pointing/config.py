@@ -18,7 +18,7 @@ class PointingConfig(Config):
         default=0.2,
         gt=0,
         le=10,
-        description="largest age of samples, or time in the future, that make a ray, s",
+        description="maximum age of a sample, or time in the future, for which a ray is published, s",
     )
     profile_wait_s: float = Field(
         default=1.0,

@@ -107,7 +107,7 @@ async def test_without_a_site_what_is_kept_here_is_shown(site: Site, own_state: 
     shown = await site.pointit("calibrate", "user", ANNA, "--show")
     assert "the rays are turned up by 2.9°; fitted from 2 pointings" in shown.out
     erased = await site.pointit("calibrate", "user", ANNA, "--erase")
-    assert "is forgotten" in erased.out
+    assert "was deleted" in erased.out
     path.write_text("{", encoding="utf-8")
     shown = await site.pointit("calibrate", "user", ANNA, "--show")
     assert shown.code == 2
@@ -325,7 +325,7 @@ async def test_what_is_typed_wrongly_is_said(site: Site) -> None:
         (("anna", "--yaw", "3"), "--yaw belongs to X Y"),
         (("anna", "1", "2", "--yaw", "3", "--facing", "4"), "excludes --facing"),
         (("anna", "--now"), "--now belongs to --facing"),
-        (("anna", "nan", "2"), "'nan' is no place"),
+        (("anna", "nan", "2"), "'nan' is neither a coordinate in metres"),
     ):
         ended = await site.pointit("pose", *arguments)
         assert ended.code == 2, arguments

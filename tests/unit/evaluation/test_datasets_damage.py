@@ -221,7 +221,7 @@ def test_headers_are_looked_at_before_arrays(tmp_path: Path, text: str, said: st
         ("scenario_names", np.array([1, 2]), "texts of at most 255 characters were expected"),
         ("scenario_names", np.array([b"a", b"b"]), "texts"),
         ("scenario_names", np.array(["x" * 300, "b"]), "texts of at most 255"),
-        ("scenario_names", np.array(["a", "a"]), "a name is there twice"),
+        ("scenario_names", np.array(["a", "a"]), "contains a name twice"),
         ("scenario_names", np.array(["\x1b[2J", "b"]), "printable"),
         ("scenario_names", np.array([], dtype="U1"), "a row of names was expected"),
         ("scenario_names", np.array("ab"), "a row of names was expected"),

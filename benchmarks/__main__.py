@@ -73,7 +73,11 @@ def free_endpoint() -> str:
     "--against", "commit", metavar="COMMIT", help="compare latency and CPU time with those of COMMIT instead"
 )
 @click.option(
-    "--rounds", default=COMPARISON_ROUNDS, show_default=True, help="how often --against measures both trees"
+    "--rounds",
+    type=click.IntRange(1),
+    default=COMPARISON_ROUNDS,
+    show_default=True,
+    help="how often --against measures both trees",
 )
 def main(
     *, duration: float, rate: float, path: Path | None, only: tuple[str, ...], commit: str, rounds: int

@@ -2,12 +2,10 @@
 
 At level TRACE its access control writes a line for every decision. Decisions that it caches for a new key
 (`caching permissions`, then one line for each kind of message) are not attempts. A message that is allowed
-and
-dropped right after is too long for its key. Writers with excessive rates are reported, too.
+and dropped right after is too long for its key. Writers with excessive rates are reported, too.
 
 A key may hold anything but the first bytes of colours, which Zenoh writes as text. So a line that does not
-begin
-with a colour is the rest of a key, forged to blame another identity.
+begin with a colour is the rest of a key, forged to blame another identity.
 """
 
 import re

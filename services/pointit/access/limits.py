@@ -1,8 +1,7 @@
 """Limits of one identity at a router, in connections, messages and keys, and stuck readers. Pure.
 
 Zenoh has no such limits. Its `downsampling` sets a minimum time between two messages of a key, so it would
-drop
-all but the first of what an honest sensor sends after its link stalled.
+drop all but the first of what an honest sensor sends after its link stalled.
 """
 
 from collections.abc import Collection, Mapping, Sequence
@@ -19,9 +18,9 @@ PATIENCE = 3
 reading before a connection is reported. A stalled link delivers at most a lease (3 s) of messages at once."""
 MAX_KEYS = 1024
 """Maximum keys of one identity within `KEYS_S`: a person's topics, and their lamps, several hundred in a
-large room. A subscriber accepts four times as many names of lamps (`runtime.names`)."""
+large room. A subscriber accepts four times as many names of lamps (`runtime.bus.name_limiter`)."""
 KEYS_S = 60.0
-"""Time for which subscribers keep a place for a name (`runtime.names`), s."""
+"""Time for which subscribers keep a place for a name (`runtime.bus.name_limiter`), s."""
 HOLD_S = 30.0
 """Time for which a flooding identity stays cut off, s."""
 MIN_UNREAD = 16 * 1024

@@ -1,9 +1,8 @@
 """Rejected connections, read from a router's own log, the only place where Zenoh reports them.
 
 On a site with certificates, TLS reports them. On a site with passwords, TLS accepts all clients, and Zenoh's
-own
-handshake reports: first address and claimed name, then, in the same thread, the reason. A claimed name is no
-proof, but it helps to find the machine with an old password.
+own handshake reports: first address and claimed name, then, in the same thread, the reason. A claimed name is
+no proof, but it helps to find the machine with an old password.
 """
 
 import re

@@ -1,8 +1,7 @@
 """Configuration of a router for one or several sites, for `pointit router` and zenohd.
 
 Zenoh knows an identity by the common name of its certificate (or by its user name), so every rule refers to
-one. A
-name without rules, such as that of a replaced or revoked certificate, has no rights at all.
+one. A name without rules, such as that of a replaced or revoked certificate, has no rights at all.
 """
 
 import json

@@ -1,10 +1,8 @@
 """Rights as Zenoh's access-control rules, which a router applies to connections by their certificate.
 
 `**` never covers a key below `@`. Publishers of states and events exchange data with late subscribers below
-`@adv`
-of their key, and the test of an identity's own rights (`runtime.self_test`) is below `@may`. Both are granted
-with
-the key itself, for both flows, since denied traffic disappears silently.
+`@adv` of their key, and the test of an identity's own rights (`runtime.zenoh.permission_probe`) is below
+`@may`. Both are granted with the key itself, for both flows, since denied traffic disappears silently.
 """
 
 from collections.abc import Iterable, Sequence
@@ -47,8 +45,7 @@ def rules_of(site: str, name: str, rights: Rights) -> list[Rule]:
     """Return the rules that grant exactly `rights` to the identity `name` of `site`.
 
     Declarations and queries are sent to all clients of the site. A client without a matching declaration gets
-    none of
-    the queries, and without declarations no client would write (`matching`) or answer.
+    none of the queries, and without declarations no client would write (`matching`) or answer.
     """
     root = namespace(site)
     prefix = f"{site}/{name}"

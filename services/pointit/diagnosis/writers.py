@@ -31,8 +31,7 @@ def start_command(service: str, user: str = "") -> str:
     """Return the command that starts `service`, or `""` if the process table has none of that scope.
 
     Names come from other machines. Only a name of the table and a name that is valid in a key become part of
-    a
-    command.
+    a command.
     """
     row = _ROWS.get(service)
     if row is None or (row.scope == "user") != bool(user):

@@ -48,10 +48,9 @@ def make_hit(target: int, position_m: float, point_m: Vec3, origin_m: Vec3, dire
 def nearest_in_angle(a: Vec3, u: Vec3, d: Vec3) -> tuple[float, float]:
     """Return t of the segment's point at the smallest angle from d, and minus that angle's cosine.
 
-    The cosine (p + q·t) / |a + t·u|, with p = d·a and q = d·u, has a single stationary point,
-    t = (q·a² - p·(a·u)) / (p·u² - q·(a·u)). A maximum counts, clamped to the segment. If it is a minimum, an
-    end
-    is nearest. The point at the ray's own origin has no angle and is chosen last.
+    The cosine (p + q·t) / |a + t·u|, with p = d·a and q = d·u, has a single stationary point, t = (q·a² -
+    p·(a·u)) / (p·u² - q·(a·u)). A maximum counts, clamped to the segment. If it is a minimum, an end is
+    nearest. The point at the ray's own origin has no angle and is chosen last.
     """
     (ax, ay, az), (ux, uy, uz), (dx, dy, dz) = a, u, d
     p, q = dx * ax + dy * ay + dz * az, dx * ux + dy * uy + dz * uz
@@ -70,10 +69,8 @@ def nearest_in_metres(a: Vec3, u: Vec3, d: Vec3) -> tuple[float, float]:
     """Return t of the segment's point nearest to the ray, and its squared distance, m².
 
     Two points are compared: the one nearest to the whole line (correct unless it lies behind the ray's
-    origin) and
-    the one nearest to the origin. If the segment is parallel to the ray, any of its equally near points may
-    be
-    returned.
+    origin) and the one nearest to the origin. If the segment is parallel to the ray, any of its equally near
+    points may be returned.
     """
     p, q = vector.dot(d, a), vector.dot(d, u)
     aa, au, uu = vector.dot(a, a), vector.dot(a, u), vector.dot(u, u)

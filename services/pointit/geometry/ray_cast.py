@@ -1,10 +1,8 @@
 """Exact closest point of many lines and points to a ray, in tens of microseconds.
 
 Lines are divided into short runs of segments, each in a ball around a point of the line itself. The best of
-the
-balls' centres is a real point, so every run whose ball lies wholly outside that cone (or cylinder) is
-excluded.
-The closed form then decides among the remaining few.
+the balls' centres is a real point, so every run whose ball lies wholly outside that cone (or cylinder) is
+excluded. The closed form then decides among the remaining few.
 """
 
 import math
@@ -108,8 +106,7 @@ class RayCaster:
         """Return the closest point to the ray, or None beyond `tolerance` (rad, or m).
 
         Points further along the ray than `reach_m` are ignored. The choice between points has a resolution of
-        2e-8 rad,
-        or 1e-7 m; the misses of the hit are exact.
+        2e-8 rad, or 1e-7 m; the misses of the hit are exact.
         """
         direction = vector.normalized(direction)
         if self._few:

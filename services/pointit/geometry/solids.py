@@ -1,9 +1,8 @@
 """Boxes and spheres: intersection with a ray, and the closest point to one.
 
 The closest point of a convex solid by angle is on its outline: on an edge of a box, or on the cone that
-touches a
-sphere. By metres it may also be inside a face, nearest to the ray's origin. A ray from inside intersects the
-wall from within.
+touches a sphere. By metres it may also be inside a face, nearest to the ray's origin. A ray from inside
+intersects the wall from within.
 """
 
 import math

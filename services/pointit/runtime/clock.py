@@ -38,6 +38,7 @@ class WallClock:
 
     speed = 1.0
     now_ns = staticmethod(time.time_ns)
+    """Return the wall time, ns since 1970. Without a frame of its own: it is called for every message."""
 
     def tick(self) -> ClockTick:
         """Return the tick by which other processes and machines follow."""

@@ -119,8 +119,8 @@ def test_a_service_documents_every_parameter_with_type_unit_and_default() -> Non
     assert code == 0
     told = " ".join(text.split())
     assert (
-        "--stale-after-s <float> maximum age of a sample, or time in the future, for which a ray is published, s [default: 0.2]"
-        in told
+        "--stale-after-s <float> maximum age of a sample, or time in the future, for which a ray is"
+        " published, s [default: 0.2]" in told
     )
     assert "--user" in told
 

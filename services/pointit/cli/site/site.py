@@ -72,7 +72,11 @@ def command() -> None:
     help="number of spare identities guest1, guest2, … for later use",
 )
 @click.option(
-    "--dashboards", default=1, show_default=True, type=click.IntRange(0, MOST), help="number of viewers"
+    "--dashboards",
+    default=1,
+    show_default=True,
+    type=click.IntRange(0, MOST),
+    help="number of view-only identities",
 )
 @click.option(
     "--host",

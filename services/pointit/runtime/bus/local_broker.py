@@ -1,6 +1,7 @@
 """The exchange of one process, and what every participant of it has: its declarations and tasks."""
 
 import asyncio
+import weakref
 from collections.abc import Coroutine, Iterator
 from typing import Any, Protocol, TypeVar
 
@@ -43,13 +44,18 @@ class PresenceWatcher(Protocol):
         ...
 
 
+class _Mailboxes(list[Mailbox]):
+    """A list that can be referenced weakly."""
+
+
 class TopicReaders:
     """Readers of one topic, in the order in which they subscribed."""
 
     def __init__(self) -> None:
         self._entries: list[tuple[str, Mailbox]] = []
         """The wanted name (or `*`) and the mailbox."""
-        self._by_name: dict[str, list[Mailbox]] = {}
+        self._by_name = weakref.WeakValueDictionary[str, _Mailboxes]()
+        """Mailboxes by the name of a publisher, as long as there is one."""
 
     def __len__(self) -> int:
         return len(self._entries)
@@ -58,10 +64,12 @@ class TopicReaders:
         return iter(self._entries)
 
     def matching(self, name: str) -> list[Mailbox]:
-        """Return the live list of the mailboxes that a message of `name` goes to, for writers to keep."""
-        if name not in self._by_name:
-            self._by_name[name] = [mailbox for wanted, mailbox in self._entries if wanted in (ANY, name)]
-        return self._by_name[name]
+        """Return the live list of the mailboxes that receive messages of `name`, for publishers to keep."""
+        mailboxes = self._by_name.get(name)
+        if mailboxes is None:
+            mailboxes = _Mailboxes(mailbox for wanted, mailbox in self._entries if wanted in (ANY, name))
+            self._by_name[name] = mailboxes
+        return mailboxes
 
     def add(self, wanted: str, mailbox: Mailbox) -> None:
         """Add the reader of the name `wanted`, or of all."""

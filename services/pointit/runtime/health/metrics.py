@@ -16,7 +16,7 @@ SAMPLES = 4096
 
 
 class DurationWindow:
-    """Durations between two reports, the newest `SAMPLES` of them."""
+    """Durations between two reports, the newest `SAMPLES` of them. Used in the event loop only."""
 
     def __init__(self) -> None:
         """Begin with none."""

@@ -48,7 +48,7 @@ class LocalizerConfig(Config):
         default=0,
         ge=0,
         le=64,
-        description="static_targets: number of lamps, 2 or more (in the given order "
+        description="static_targets: exact number of lamps, 2 or more (in the given order "
         "at most all); 0: all given, or as many as are needed",
     )
     enough: StopCriterionConfig = StopCriterionConfig()

@@ -15,7 +15,7 @@ class PuiConfig(Config):
     map: str = Field(
         default="lab",
         min_length=1,
-        description="a shipped map (lab, conveyor, vr_belts), or path of a YAML file",
+        description="shipped map (lab, conveyor, vr_belts), or path of a YAML file, from the current folder",
     )
     surfaces: tuple[Kind, ...] = Field(
         default=("strip", "belt"),

@@ -10,8 +10,8 @@ from pointit.runtime.config.config import Config
 class GaugeConfig(Config):
     """Parameters of filling an object's gauge (pointing.md §6).
 
-    The times and the speed were chosen with `pointit evaluate selection`, for fast packages too. They differ
-    from 0.8 s, 0.5 s and 8 degrees/s there.
+    The times and the speed were chosen with `pointit evaluate selection`, for fast packages too. That
+    section has 0.8 s, 0.5 s and 8 degrees/s instead.
     """
 
     full_s: float = Field(

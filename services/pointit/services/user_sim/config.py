@@ -198,7 +198,7 @@ class UserSimConfig(Config):
     press_pause_s: float = Field(default=5.0, gt=0, le=600, description="delay before a press is repeated, s")
     points_when_asked: bool = Field(
         default=True,
-        description="point at the lamp or robot that the localizer requests",
+        description="point at the lamp or robot that the localizer requests; false: ignore it",
     )
     anchor_every_s: float = Field(
         default=0.0,

@@ -90,8 +90,7 @@ class Person:
         """Advance to `now_ns`. Return the wristband's sample and the button event, if any.
 
         With `yields`, as another client moves their wrist, the arm rests and nothing is sent. The person
-        continues to
-        see and hear the results.
+        continues to see and hear the results.
         """
         self._sight.look(now_ns)
         if yields != self._has_yielded:

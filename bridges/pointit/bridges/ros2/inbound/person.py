@@ -2,9 +2,8 @@
 
 Arms (`WristSample`, device `arm`): the rotation turns vectors of the arm's frame, x along the arm to the
 finger, z up with the palm down, into {H}, the frame at the person's feet with z up and x forward. The
-mounting
-of the sensor on the arm has to be corrected in ROS. The yaw's origin is arbitrary but must be constant:
-localizing by pointing finds it, as does `set_yaw_origin` until samples fail to come for a second.
+mounting of the sensor on the arm has to be corrected in ROS. The yaw's origin is arbitrary but must be
+constant: localizing by pointing finds it, as does `set_yaw_origin` until samples fail to come for a second.
 """
 
 from collections.abc import Iterator

@@ -1,9 +1,8 @@
 """Filter for messages that we have sent ourselves, which rclpy delivers like any other message.
 
 Only rclpy from Kilted on names a message's publisher; every one since Iron gives the time of publication. It
-is
-taken inside `publish`, by the same clock as ours: a message with the bytes of one of ours, published while we
-published, is ours.
+is taken inside `publish`, by the same clock as ours: a message with the bytes of one of ours, published while
+we published, is ours.
 """
 
 import collections

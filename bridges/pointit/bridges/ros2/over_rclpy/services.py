@@ -26,10 +26,8 @@ class DdsServiceServer:
         """Declare.
 
         rclpy sends what a callback returns. A waiting callback would block all others, and a coroutine makes
-        the
-        executor repeat the request. So the callback returns the request, and `send_response`, which the
-        executor
-        calls with that and the header to answer to, hands both to the loop.
+        the executor repeat the request. So the callback returns the request, and `send_response`, which the
+        executor calls with that and the header to answer to, hands both to the loop.
         """
         self._seat = seat
         self._service = service

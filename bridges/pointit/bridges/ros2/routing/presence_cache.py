@@ -1,9 +1,8 @@
 """Departed people and services, and their last states; pure.
 
 Late messages about people who have left, as the end of their cursor, must not bring them back, nor a
-service's
-last report. People who return after a restart or a lost router do not repeat their states, which are kept
-here.
+service's last report. People who return after a restart or a lost router do not repeat their states, which
+are kept here.
 """
 
 import collections

@@ -2,8 +2,7 @@
 
 The codec itself checks ranges of integers, lengths of arrays and that text is text. It does not check finite
 numbers, dtypes of arrays, NUL in text, booleans, and bounds. Every function here takes a field's value first
-and
-returns an error message, or `""`.
+and returns an error message, or `""`.
 """
 
 import math

@@ -1,8 +1,7 @@
 """The page's certificate in the local network: made on demand, stored, renewed in time.
 
 Phones give a page no sensors without TLS. It is self-signed, so browsers warn. Its fingerprint is shown
-beside
-the QR code for comparison.
+beside the QR code for comparison.
 """
 
 import datetime as dt

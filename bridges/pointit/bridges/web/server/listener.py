@@ -1,8 +1,7 @@
 """One address at which an ASGI application is served, within this event loop.
 
 uvicorn's protocols without its own loop: no signal handlers, no banner, no polling, and closing does not wait
-for
-clients that have stopped reading.
+for clients that have stopped reading.
 """
 
 import asyncio

@@ -22,9 +22,8 @@ class MouseArm:
     """One person's arm in {H}, which follows a mouse's point in {W}.
 
     It is the inverse of the pointing service's model. Corrections by that service and the localizer, the
-    person's
-    offset and the pose's elevation bias, are not inverted: the user of the mouse sees the cursor and corrects
-    it.
+    person's offset and the pose's elevation bias, are not inverted: the user of the mouse sees the cursor and
+    corrects it.
     """
 
     def __init__(self, *, seed: int = 0) -> None:

@@ -6,7 +6,7 @@
   post before. A post of an empty list is answered with `Hello` and the state first.
 
 All want the phone's cookie. A phone may move the wrist of its person, be their button, and have them
-localized (`phone_line`); whatever name it asks for, its own person is meant.
+localized (`phone_connection`); whatever name it asks for, its own person is meant.
 """
 
 import asyncio

@@ -6,8 +6,7 @@ class FrameLimiter:
 
     A cursor is drawn when it arrives, unless the last frame is too recent. Then it waits, like all other
     changes, for the next cursor, for `patience_s` at most. A timer at the period's end instead would show
-    every
-    cursor of a stream faster than the cap up to one of its periods late.
+    every cursor of a stream faster than the cap up to one of its periods late.
     """
 
     def __init__(self, max_rate_hz: float, patience_s: float) -> None:

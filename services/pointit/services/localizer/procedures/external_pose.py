@@ -16,7 +16,7 @@ class ExternalPose:
         self._received_ns = 0
 
     def hear(self, pose: UserPose, now_ns: int) -> bool:
-        """Store a tracker's pose. Return True if it is the first one."""
+        """Store a tracker's pose. Return True if it is the first, also after `take_over`."""
         is_first = self.pose is None
         self.pose, self._received_ns = pose, now_ns
         return is_first

@@ -78,7 +78,7 @@ class PersonPointer:
 
         Args:
             cursor: cursor, identified by its stamp.
-            view: objects along its ray. None if it has no ray or there are no objects.
+            view: objects along its ray. None without a ray, without objects, or for methods by metres.
             under: object under it by metres, for the methods of the paper and cursors without a ray.
             acts: returns True if staying on an object has an effect.
         """

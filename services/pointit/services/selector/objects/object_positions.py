@@ -149,8 +149,8 @@ class ObjectPositions:
         """Return the object whose centre is nearest to `cursor`, within half its length and the margin.
 
         Objects are moved by their speed to where they are seen at the cursor's stamp. Those on a strip or
-        belt
-        are compared by arc length with cursors on the same one, all others by distance to the cursor's point.
+        belt are compared by arc length with cursors on the same one, all others by distance to the cursor's
+        point.
         """
         best: tuple[float, TrackedObject] | None = None
         for listing in self._trackers.values():
@@ -172,7 +172,7 @@ def _closest(
     gaps_m: Array, reaches_m: Array, objects: Sequence[TrackedObject]
 ) -> tuple[float, TrackedObject] | None:
     """Return the smallest of `gaps_m` within its reach, and its object; sets the gaps beyond to infinity."""
-    gaps_m[gaps_m > reaches_m] = math.inf
+    gaps_m[~(gaps_m <= reaches_m)] = math.inf  # NaN, too
     index = int(gaps_m.argmin())
     gap_m = float(gaps_m[index])
     return None if gap_m == math.inf else (gap_m, objects[index])

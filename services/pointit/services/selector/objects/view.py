@@ -107,8 +107,7 @@ class View:
         """Return the probability that the object is the target, among all that are near.
 
         Rays are assumed normal about the centre of the target, with the standard deviation of people's aim
-        and
-        a quarter of the object's width: softmax of -angle²/2sigma² with a uniform prior.
+        and a quarter of the object's width: softmax of -angle²/2sigma² with a uniform prior.
         """
         if object_id not in self._seen:
             return None
@@ -124,9 +123,8 @@ class View:
         """Return the snapped cursor on the object, and its arc length on its own surface.
 
         On the object's own line the cursor moves along to the object's end. If it is on no line it moves from
-        the
-        ray to the nearest point of the object. None if it is on the object already, on another line, or would
-        move by more than `snap_rad` at the eyes.
+        the ray to the nearest point of the object. None if it is on the object already, on another line, or
+        would move by more than `snap_rad` at the eyes.
         """
         one = self._seen.get(object_id)
         if one is None or cursor.origin_m is None or cursor.direction is None:

@@ -150,8 +150,7 @@ class Ledger:
         """Undo the last step of `user`. Return no record if there is none.
 
         Objects that have left since, are decided, or belong to another person by now stay as they are. If
-        nothing
-        of the step can be undone, it is refused with the reason, and the step before is next.
+        nothing of the step can be undone, it is refused with the reason, and the step before is next.
 
         Args:
             user: person whose step is undone.

@@ -19,8 +19,7 @@ def minimum_jerk_to_rest(start: State, duration_s: float, elapsed_s: float) -> S
     """Return the state `elapsed_s` after `start` on the minimum-jerk path to rest at 0.
 
     The quintic with given position, rate and acceleration at both ends (Hoff and Arbib 1993): a reach may
-    start
-    from any movement without a jerk, and a reach from rest has the classic bell-shaped speed.
+    start from any movement without a jerk, and a reach from rest has the classic bell-shaped speed.
     """
     if elapsed_s >= duration_s:
         return (0.0, 0.0, 0.0)

@@ -11,8 +11,7 @@ class Belief:
     """State derived from cues. Cues before the start of the person are unknown.
 
     `idle`: nothing happens until they press their button. `asked`: they are to point at `target`, or to wait
-    for
-    one. `pointing`: free pointing.
+    for one. `pointing`: free pointing.
     """
 
     def __init__(self) -> None:

@@ -15,8 +15,7 @@ class DecisionTimes:
 
     Visual search has a base and a slope per item (Wolfe 1998: 5 to 10 ms if a colour pops out, 20 to 30 ms if
     features are conjoined, more for moving things in a room). Choosing among n targets takes 0.15 s per bit
-    of
-    log2(n + 1) (Hick 1952).
+    of log2(n + 1) (Hick 1952).
     """
 
     def __init__(self, config: UserSimConfig, skill: float, rng: np.random.Generator) -> None:

@@ -181,7 +181,7 @@ async def test_who_lost_the_arm_to_a_mouse_can_take_it_back(browser: Browser, sh
         await phone.start()
         await phone.page.get_by_role("button", name="Skip").tap()
         await operator.ask(deed="take", name=USER)
-        await expect(phone.page.locator("#said")).to_contain_text("Somebody else moves your arm")
+        await expect(phone.page.locator("#said")).to_contain_text("Another device moves your arm")
         await phone.page.get_by_role("button", name="Take my arm").tap()
         await expect(phone.page.get_by_role("button", name="Let go")).to_be_visible()
         async with onlooker(shared_site.endpoint) as seen:

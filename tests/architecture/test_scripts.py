@@ -366,7 +366,8 @@ def test_an_image_that_ci_makes_is_not_named_as_the_official_one(
 
 
 def test_all_scripts_are_executable_and_parse() -> None:
-    for script in (*(ROOT / "scripts").iterdir(), *(ROOT / ".ci").iterdir()):
+    scripts = [*(ROOT / "scripts").iterdir(), *(ROOT / ".ci").iterdir()]
+    for script in (each for each in scripts if each.is_file()):
         text = script.read_text(encoding="utf-8")
         if "python" in text.partition("\n")[0]:
             compile(text, script, "exec")

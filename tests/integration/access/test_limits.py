@@ -87,7 +87,7 @@ def longest_gap_s(writer: Member, reader: Member, for_s: float) -> float:
     return max(after - before for before, after in itertools.pairwise(came_s))
 
 
-@pytest.mark.slow
+@pytest.mark.long  # saturates both cores: beside other jobs it measures the machine, not the router
 def test_reader_that_is_stuck_and_writers_who_insist_hold_nobody_up_and_are_named(folder: SiteFolder) -> None:
     with RouterProgram("--site-folder", str(folder.path)) as router, ExitStack() as stack:
         ally, onlooker, reader, *writers = (
@@ -122,8 +122,8 @@ def test_newest_of_too_many_connections_of_one_identity_are_cut_and_the_identity
         ben = stack.enter_context(Member(folder, "ben"))
         first = stack.enter_context(Member(folder, "anna"))
         lost = [Ends(each) for each in (*site, ben, first)]
-        others = [stack.enter_context(Member(folder, "anna")) for _ in range(MAX_CONNECTIONS + more - 1)]
-        cut = [Ends(each) for each in others]
+        # counted from the start: on a busy machine the first are cut before the last are open
+        cut = [Ends(stack.enter_context(Member(folder, "anna"))) for _ in range(MAX_CONNECTIONS + more - 1)]
         wait(lambda: f"has {MAX_CONNECTIONS + more} connections" in router.said, "the name")
         assert "lab/anna has " in router.said
         wait(lambda: sum(each.count > 0 for each in cut) >= more, "the newest to be cut")

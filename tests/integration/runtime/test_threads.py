@@ -17,7 +17,13 @@ from pointit.runtime.zenoh.session import Link
 from pointit.schemas.topics import USER_ALIVE
 
 def names():
-    return [(task / "comm").read_text() for task in Path("/proc/self/task").iterdir()]
+    found = []
+    for task in Path("/proc/self/task").iterdir():
+        try:
+            found.append((task / "comm").read_text())
+        except OSError:
+            pass  # it has ended since it was listed
+    return found
 
 async def main():
     bus = await ZenohBus.open(Link(listen=("{endpoint}",)))

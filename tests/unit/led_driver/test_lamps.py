@@ -4,7 +4,7 @@ import math
 from typing import Any, Literal
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
@@ -172,6 +172,7 @@ bytes_ = st.integers(0, 255)
 wild = st.lists(st.tuples(st.integers(1, 300), st.tuples(bytes_, bytes_, bytes_)), min_size=5, max_size=120)
 
 
+@example([(20, (255, 255, 255) if number % 2 else (0, 0, 0)) for number in range(120)])
 @given(wild)
 def test_no_lamp_flashes_more_than_three_times_a_second(changes: list[tuple[int, Color]]) -> None:
     guard, now_ns = FlashGuard(), NOW_NS

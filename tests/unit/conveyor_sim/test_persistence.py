@@ -1,21 +1,16 @@
 """Stored snapshots of a conveyor, and its restoration from them."""
 
+import contextlib
 import json
+import sqlite3
 from pathlib import Path
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pointit.runtime.host.state_file import site_folder
 from pointit.schemas import SelectionEvent
-from pointit.services.conveyor_sim.store.snapshot_store import (
-    FILE,
-    SnapshotError,
-    SnapshotStore,
-    erase,
-    fingerprint,
-)
+from pointit.services.conveyor_sim.persistence import FILE, PlantPersistence, discard, fingerprint
 from tests.unit.conveyor_sim.rooms import CHAIN, FORK, ROOMS, S, check_apart, config, plant
 
 EVENT = SelectionEvent(stamp_ns=7, seq=3, event="dispatched", object_id="a-1", kind="red", bay="1")
@@ -88,72 +83,74 @@ def test_a_schedule_goes_on_where_it_was(tmp_path: Path) -> None:
     assert again.state(0).step == "end"
 
 
-def test_stored_snapshot_is_read_with_its_unpublished_events() -> None:
-    file = SnapshotStore(site_folder("lab", "conveyor-sim"))
-    assert file.read() is None
-    file.commit(5, "mark", {"a": [1, 2.5]}, 3, [EVENT])
-    file.close()
-    file = SnapshotStore(site_folder("lab", "conveyor-sim"))
-    kept = file.read()
-    assert kept is not None
-    assert (kept.stamp_ns, kept.seq, kept.fingerprint, kept.snapshot) == (5, 3, "mark", {"a": [1, 2.5]})
-    assert kept.events == (EVENT,)
-    file.mark_published()
-    kept = file.read()
-    assert kept is not None
-    assert kept.events == ()
-    file.close()
+def test_snapshot_and_events_are_read_at_the_next_start_until_they_are_published(tmp_path: Path) -> None:
+    before = plant(FORK)
+    before.step(S)
+    persistence = PlantPersistence(config(), tmp_path)
+    assert persistence.resume(before, "mark", S) == ()
+    (told,) = persistence.save(before, "mark", S, [EVENT])
+    assert told == EVENT.model_copy(update={"seq": 1})
+    persistence.close()
+    for events in ((told,), ()):
+        after = plant(FORK)
+        assert persistence.resume(after, "mark", 2 * S) == events
+        assert after.snapshot() == before.snapshot()
+        persistence.mark_published(2 * S)
+        persistence.close()
 
 
-def test_only_one_conveyor_of_a_site_keeps_and_others_say_so() -> None:
-    file = SnapshotStore(site_folder("lab", "conveyor-sim"))
-    with pytest.raises(SnapshotError, match=r"plant\.sqlite: another conveyor of this site runs"):
-        SnapshotStore(site_folder("lab", "conveyor-sim"))
-    other = SnapshotStore(site_folder("hall", "conveyor-sim"))
-    other.close()
-    file.close()
-    SnapshotStore(site_folder("lab", "conveyor-sim")).close()
+def test_snapshot_of_another_version_is_not_restored(tmp_path: Path) -> None:
+    persistence = PlantPersistence(config(), tmp_path)
+    one = plant(FORK)
+    persistence.resume(one, "mark", S)
+    persistence.save(one, "mark", S)
+    persistence.close()
+    with contextlib.closing(sqlite3.connect(tmp_path / FILE)) as db, db:
+        db.execute("""UPDATE plant SET snapshot = '{"prefix": "x"}'""")
+    assert persistence.resume(one, "mark", S) == ()
+    assert one.size == 0
+    assert persistence.problem == ""
+    persistence.close()
 
 
-def test_corrupt_file_is_recreated() -> None:
-    path = site_folder("lab", "conveyor-sim") / FILE
-    path.parent.mkdir(parents=True)
-    path.write_bytes(b"this is no database, " * 1000)
-    file = SnapshotStore(site_folder("lab", "conveyor-sim"))
-    assert file.read() is None
-    file.commit(5, "mark", {}, 0)
-    assert file.read() is not None
-    file.close()
+@pytest.mark.parametrize(
+    "statement",
+    [
+        "UPDATE plant SET stamp_ns = 'x'",
+        "UPDATE plant SET seq = -1",
+        "UPDATE plant SET fingerprint = x'ff00'",
+        "UPDATE plant SET snapshot = '[1]'",
+        "UPDATE plant SET snapshot = '{'",
+        "INSERT INTO outbox VALUES (1, 'x')",
+    ],
+)
+def test_damaged_snapshot_is_set_aside(tmp_path: Path, statement: str) -> None:
+    persistence = PlantPersistence(config(), tmp_path)
+    one = plant(FORK)
+    persistence.resume(one, "mark", S)
+    persistence.save(one, "mark", S)
+    persistence.close()
+    with contextlib.closing(sqlite3.connect(tmp_path / FILE)) as db, db:
+        db.execute(statement)
+    assert persistence.resume(one, "mark", S) == ()
+    assert "plant.sqlite was damaged and is now plant.corrupt-" in persistence.problem
+    persistence.close()
 
 
-def test_a_disk_that_takes_nothing_is_said(own_state: Path) -> None:
-    own_state.write_text("a file where the folder should be")
-    with pytest.raises(SnapshotError, match=r"plant\.sqlite: cannot be written .*check the disk"):
-        SnapshotStore(site_folder("lab", "conveyor-sim"))
-
-
-def test_erasing_says_whether_there_was_something() -> None:
-    folder = site_folder("lab", "conveyor-sim")
-    assert not erase(folder)
-    file = SnapshotStore(folder)
-    file.commit(5, "mark", {}, 0)
-    file.close()
-    assert erase(folder)
-    assert not erase(folder)
-    file = SnapshotStore(folder)
-    assert file.read() is None
-    file.close()
-
-
-def test_snapshot_in_use_is_not_erased() -> None:
-    folder = site_folder("lab", "conveyor-sim")
-    file = SnapshotStore(folder)
-    file.commit(5, "mark", {}, 0)
-    assert not erase(folder)
-    kept = file.read()
-    assert kept is not None
-    assert kept.stamp_ns == 5
-    file.close()
+def test_saved_state_is_discarded_unless_a_conveyor_uses_it(tmp_path: Path) -> None:
+    discard(tmp_path, S)
+    assert not list(tmp_path.iterdir())
+    one = plant(FORK)
+    persistence = PlantPersistence(config(), tmp_path)
+    persistence.resume(one, "mark", S)
+    persistence.save(one, "mark", S, [EVENT])
+    discard(tmp_path, S)
+    persistence.close()
+    assert persistence.resume(one, "mark", S) != ()
+    persistence.close()
+    discard(tmp_path, S)
+    assert persistence.resume(one, "mark", S) == ()
+    persistence.close()
 
 
 def test_other_maps_and_configurations_have_other_marks(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Files of a site: read with a size limit, changed by one writer at a time."""
+"""Lock of a site's folder: it is changed by one writer at a time."""
 
 import contextlib
 import sys
@@ -8,23 +8,6 @@ from pathlib import Path
 from pointit.runtime.errors import ConfigError
 
 LOCK = ".lock"
-MAX_BYTES = 16 * 1024 * 1024
-
-
-def read(path: Path) -> bytes:
-    """Return the content of `path`.
-
-    Raises:
-        FileNotFoundError: If there is no file.
-        ConfigError: If it cannot be read. Names the file.
-    """
-    try:
-        with path.open("rb") as file:
-            return file.read(MAX_BYTES)
-    except FileNotFoundError:
-        raise
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot be read ({error.strerror or error})") from error
 
 
 @contextlib.contextmanager

@@ -21,13 +21,13 @@ from typing import TYPE_CHECKING, Literal
 from pydantic import ValidationError
 
 from pointit.access import router_configuration
-from pointit.access.files import locked, read
+from pointit.access.files import locked
 from pointit.access.rights import Role
 from pointit.access.router_configuration import RouterSite, common_name
 from pointit.access.site_state import Identity, SiteState
 from pointit.runtime.config.validation_message import describe_validation_error
 from pointit.runtime.errors import ConfigError
-from pointit.runtime.host.atomic_file import write_atomically
+from pointit.runtime.host.atomic_file import read_limited, write_atomically
 from pointit.runtime.link.credentials import CA, CERTIFICATE, KEY, LINK, PASSWORD
 from pointit.schemas.topics import check_name
 
@@ -41,6 +41,7 @@ CONFIGURATION = "router.json5"
 USERS = "users.txt"
 SECRET_BYTES = 24
 
+_read = functools.partial(read_limited, max_bytes=16 * 1024 * 1024)
 _save = functools.partial(write_atomically, durable=True)
 """Durable, as a certificate that was handed out must not be unknown after a power cut."""
 
@@ -60,7 +61,7 @@ class SiteFolder:
         """
         file = self.path / STATE
         try:
-            return SiteState.model_validate_json(read(file))
+            return SiteState.model_validate_json(_read(file))
         except FileNotFoundError as error:
             raise ConfigError(
                 f"{self.path}: is not the folder of a site ({STATE} is missing); give the right one, "
@@ -187,7 +188,7 @@ class SiteFolder:
 
     def _issue(self, state: SiteState, names: Mapping[str, Role], now: dt.datetime) -> SiteState:
         authority = _authority_module().Authority(
-            read(self.path / "authority" / CA), read(self.path / "authority" / KEY)
+            _read(self.path / "authority" / CA), _read(self.path / "authority" / KEY)
         )
         made: dict[str, tuple[Identity, IssuedCertificate]] = {}
         for name, role in names.items():
@@ -221,7 +222,7 @@ class SiteFolder:
     def _carry(self, state: SiteState, name: str, identity: Identity, issued: "IssuedCertificate") -> None:
         """Write the folder of one identity."""
         folder = self.identity_folder(name)
-        _save(folder / CA, read(self.path / "authority" / CA), mode=0o644)
+        _save(folder / CA, _read(self.path / "authority" / CA), mode=0o644)
         if identity.role == "router" or not state.password:
             _save(folder / KEY, issued.key)
             _save(folder / CERTIFICATE, issued.certificate, mode=0o644)
@@ -235,7 +236,7 @@ class SiteFolder:
         """Write the state, and the files of a router that has only its own folder."""
         if state.password:
             lines = [
-                f"{member.common_name}:{read(self.identity_folder(member.name) / PASSWORD).decode()}\n"
+                f"{member.common_name}:{_read(self.identity_folder(member.name) / PASSWORD).decode()}\n"
                 for member in state.router_site("").members
                 if member.role != "router"
             ]

@@ -9,11 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pointit.schemas import SelectionEvent
-from pointit.services.conveyor_sim.persistence import FILE, PlantPersistence, discard, fingerprint
+from pointit.services.conveyor_sim.persistence import FILE, PlantPersistence, fingerprint
 from tests.unit.conveyor_sim.rooms import CHAIN, FORK, ROOMS, S, check_apart, config, plant
-
-EVENT = SelectionEvent(stamp_ns=7, seq=3, event="dispatched", object_id="a-1", kind="red", bay="1")
 
 
 @settings(max_examples=30)
@@ -83,48 +80,21 @@ def test_a_schedule_goes_on_where_it_was(tmp_path: Path) -> None:
     assert again.state(0).step == "end"
 
 
-def test_snapshot_and_events_are_read_at_the_next_start_until_they_are_published(tmp_path: Path) -> None:
-    before = plant(FORK)
-    before.step(S)
-    persistence = PlantPersistence(config(), tmp_path)
-    assert persistence.resume(before, "mark", S) == ()
-    (told,) = persistence.save(before, "mark", S, [EVENT])
-    assert told == EVENT.model_copy(update={"seq": 1})
-    persistence.close()
-    for events in ((told,), ()):
-        after = plant(FORK)
-        assert persistence.resume(after, "mark", 2 * S) == events
-        assert after.snapshot() == before.snapshot()
-        persistence.mark_published(2 * S)
-        persistence.close()
-
-
-def test_snapshot_of_another_version_is_not_restored(tmp_path: Path) -> None:
-    persistence = PlantPersistence(config(), tmp_path)
-    one = plant(FORK)
-    persistence.resume(one, "mark", S)
-    persistence.save(one, "mark", S)
-    persistence.close()
-    with contextlib.closing(sqlite3.connect(tmp_path / FILE)) as db, db:
-        db.execute("""UPDATE plant SET snapshot = '{"prefix": "x"}'""")
-    assert persistence.resume(one, "mark", S) == ()
-    assert one.size == 0
-    assert persistence.problem == ""
-    persistence.close()
-
-
 @pytest.mark.parametrize(
-    "statement",
+    ("statement", "is_damage"),
     [
-        "UPDATE plant SET stamp_ns = 'x'",
-        "UPDATE plant SET seq = -1",
-        "UPDATE plant SET fingerprint = x'ff00'",
-        "UPDATE plant SET snapshot = '[1]'",
-        "UPDATE plant SET snapshot = '{'",
-        "INSERT INTO outbox VALUES (1, 'x')",
+        ("UPDATE plant SET stamp_ns = 'x'", True),
+        ("UPDATE plant SET seq = -1", True),
+        ("UPDATE plant SET fingerprint = x'ff00'", True),
+        ("UPDATE plant SET snapshot = '[1]'", True),
+        ("UPDATE plant SET snapshot = '{'", True),
+        ("INSERT INTO outbox VALUES (1, 'x')", True),
+        ("""UPDATE plant SET snapshot = '{"prefix": "of another version"}'""", False),
     ],
 )
-def test_damaged_snapshot_is_set_aside(tmp_path: Path, statement: str) -> None:
+def test_unusable_snapshot_is_not_restored_and_set_aside_if_damaged(
+    tmp_path: Path, statement: str, is_damage: object
+) -> None:
     persistence = PlantPersistence(config(), tmp_path)
     one = plant(FORK)
     persistence.resume(one, "mark", S)
@@ -133,23 +103,7 @@ def test_damaged_snapshot_is_set_aside(tmp_path: Path, statement: str) -> None:
     with contextlib.closing(sqlite3.connect(tmp_path / FILE)) as db, db:
         db.execute(statement)
     assert persistence.resume(one, "mark", S) == ()
-    assert "plant.sqlite was damaged and is now plant.corrupt-" in persistence.problem
-    persistence.close()
-
-
-def test_saved_state_is_discarded_unless_a_conveyor_uses_it(tmp_path: Path) -> None:
-    discard(tmp_path, S)
-    assert not list(tmp_path.iterdir())
-    one = plant(FORK)
-    persistence = PlantPersistence(config(), tmp_path)
-    persistence.resume(one, "mark", S)
-    persistence.save(one, "mark", S, [EVENT])
-    discard(tmp_path, S)
-    persistence.close()
-    assert persistence.resume(one, "mark", S) != ()
-    persistence.close()
-    discard(tmp_path, S)
-    assert persistence.resume(one, "mark", S) == ()
+    assert ("plant.sqlite was damaged and is now plant.corrupt-" in persistence.problem) == is_damage
     persistence.close()
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from pointit.runtime.host.state_file import site_folder
-from pointit.runtime.host.store import RETRY_EVERY_NS, Store
+from pointit.runtime.host.store import RETRY_EVERY_NS, Store, read_rows
 from pointit.schemas import ConveyorState, Environment, SelectionEvent, SetSpeed, TrackedObjects
 from pointit.schemas.topics import CONVEYOR_STATE, HEALTH, MAP, OBJECTS, SELECTION_EVENTS, SET_SPEED
 from pointit.services.conveyor_sim.config import ConveyorSimConfig
@@ -24,6 +24,10 @@ from tests.unit.conveyor_sim.rooms import CHAIN, FORK, S, config
 FEEDER = {"interval_s": 0.5, "length_m": 0.2}
 SITE = "memory"
 """Site name of the bench's bus."""
+
+
+def stored() -> Path:
+    return site_folder(SITE, "conveyor-sim") / FILE
 
 
 class Shift:
@@ -112,16 +116,16 @@ async def test_old_snapshot_or_one_of_another_map_is_not_restored(
 
 async def test_conveyor_with_discarded_state_starts_empty() -> None:
     clock = ManualClock()
+    ConveyorSim.discard_saved_state(SITE, clock.now_ns())
+    assert not stored().parent.exists()
     async with shift(clock, setting()) as first:
         await first.go(3.0)
+        ConveyorSim.discard_saved_state(SITE, clock.now_ns())  # it is in use, and stays
+        assert list(read_rows(stored(), "SELECT seq FROM plant", (), len)) == [1]
     ConveyorSim.discard_saved_state(SITE, clock.now_ns())
     clock.advance(1.0)
     async with shift(clock, setting()) as second:
         assert set(first.ids).isdisjoint(second.ids)
-
-
-def stored() -> Path:
-    return site_folder(SITE, "conveyor-sim") / FILE
 
 
 async def test_unpublished_event_is_published_after_a_restart() -> None:
@@ -137,6 +141,9 @@ async def test_unpublished_event_is_published_after_a_restart() -> None:
         await until(lambda: second.events == [event])
         await second.go(14.0)
         assert [e.seq for e in second.events[1:3]] == [2, 3]
+    async with shift(clock, setting()) as third:
+        await third.bench.settle()
+        assert third.events == []
 
 
 async def test_a_second_conveyor_says_that_it_keeps_nothing_and_runs() -> None:

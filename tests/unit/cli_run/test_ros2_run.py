@@ -52,7 +52,12 @@ def test_run_without_people_says_how_to_add_one(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     plans: list[Plan] = []
-    monkeypatch.setattr(run_command, "execute", lambda plan, _log_level: plans.append(plan) or 0)
+
+    def execute(plan: Plan, _log_level: str) -> int:
+        plans.append(plan)
+        return 0
+
+    monkeypatch.setattr(run_command, "execute", execute)
     result = CliRunner().invoke(run_command.run, ["--no-web", *arguments])
     assert result.exception is None, result.output
     assert any("pointit user" in note for note in plans[0].notes) == is_told

@@ -3,7 +3,6 @@
 import json
 import os
 import shutil
-import sqlite3
 from pathlib import Path
 
 import pytest
@@ -11,6 +10,7 @@ from click.testing import CliRunner
 
 from pointit.cli.inspect.audit import command as audit_command
 from pointit.runtime.host.state_file import state_directory
+from pointit.runtime.host.store import read_rows
 from pointit.schemas import ConveyorState, Departure
 from pointit.schemas.topics import CONVEYOR_STATE, HEALTH, OBJECTS, SELECTION, SELECTION_EVENTS
 from pointit.services.selector.config import SelectorConfig
@@ -144,11 +144,7 @@ async def test_a_selection_that_was_kept_but_not_published_is_published_once(
 
 def _told() -> int:
     path = state_directory() / "memory" / "selector" / FILE
-    db = sqlite3.connect(f"file:{path}?mode=ro", uri=True)
-    try:
-        return int(db.execute("SELECT told FROM life").fetchone()[0])
-    finally:
-        db.close()
+    return next(read_rows(path, "SELECT told FROM life", (), lambda row: int(row[0])))
 
 
 async def test_what_left_meanwhile_is_closed_after_a_grace_time() -> None:

@@ -138,14 +138,11 @@ class ConveyorSim(Service[ConveyorSimConfig]):
 
     def _check_initial(self, plant: Plant) -> None:
         initial = 0 if self.config.feeders or self.config.schedule else self.config.feeder.initial
-        if plant.fed < initial and plant.is_feeding:
-            self.bus.warn(
-                "initial",
-                f"feeder.initial: {initial} configured, {plant.fed} put on the lanes: "
-                "there is no room, or no kind, for more",
-            )
-        else:
-            self.bus.clear("initial")
+        problem = (
+            f"feeder.initial: {initial} configured, {plant.fed} put on the lanes: there is no room, or no "
+            "kind, for more"
+        )
+        self.bus.warn("initial", problem if plant.fed < initial and plant.is_feeding else "")
 
     def _resume(self) -> None:
         """Restore the plant of a previous conveyor if it is recent and of the same map."""

@@ -8,12 +8,14 @@
 Every change is written atomically, `site.json` last but for the router's configuration, under a lock.
 """
 
+import contextlib
 import datetime as dt
 import functools
 import json
 import secrets
 import shutil
-from collections.abc import Iterable, Mapping, Sequence
+import sqlite3
+from collections.abc import Generator, Iterable, Mapping, Sequence
 from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Literal
@@ -21,19 +23,20 @@ from typing import TYPE_CHECKING, Literal
 from pydantic import ValidationError
 
 from pointit.access import router_configuration
-from pointit.access.files import locked
 from pointit.access.rights import Role
 from pointit.access.router_configuration import RouterSite, common_name
 from pointit.access.site_state import Identity, SiteState
 from pointit.runtime.config.validation_message import describe_validation_error
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.atomic_file import read_limited, write_atomically
+from pointit.runtime.host.store import acquire_lock
 from pointit.runtime.link.credentials import CA, CERTIFICATE, KEY, LINK, PASSWORD
 from pointit.schemas.topics import check_name
 
 if TYPE_CHECKING:
     from pointit.access.authority import IssuedCertificate
 
+LOCK = ".lock"
 STATE = "site.json"
 UNTRACKED = ".gitignore"
 ROUTER = "router"
@@ -44,6 +47,25 @@ SECRET_BYTES = 24
 _read = functools.partial(read_limited, max_bytes=16 * 1024 * 1024)
 _save = functools.partial(write_atomically, durable=True)
 """Durable, as a certificate that was handed out must not be unknown after a power cut."""
+
+
+@contextlib.contextmanager
+def locked(folder: Path) -> Generator[None]:
+    """Lock the folder in the context. It is created if missing.
+
+    Raises:
+        ConfigError: If another process changes it, or it cannot be written.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+        lock = acquire_lock(folder / LOCK)
+    except (OSError, sqlite3.Error) as error:
+        reason = error.strerror if isinstance(error, OSError) and error.strerror else error
+        raise ConfigError(f"{folder}: cannot be written ({reason})") from error
+    if lock is None:
+        raise ConfigError(f"{folder}: another process is changing it; try again in a moment")
+    with contextlib.closing(lock):
+        yield
 
 
 class SiteFolder:

@@ -230,12 +230,3 @@ def test_to_drop_old_events_does_not_hold_the_loop_up(tmp_path: Path) -> None:
     journal.close()
     assert len(list(audit(journal.path))) < 20_000
     assert min(durations_s[1:]) < 0.005  # it takes about 1 ms
-
-
-def test_the_audit_is_filtered(tmp_path: Path) -> None:
-    keep(tmp_path, selected("a", 1), selected("b", 2, user="ben", stamp_ns=NOW + S), refused("a", 3))
-    path = tmp_path / "journal.sqlite"
-    assert [record.seq for record in audit(path, user="ben")] == [2, 3]
-    assert [record.seq for record in audit(path, user="anna")] == [1, 3]  # hers it was that ben was refused
-    assert [record.seq for record in audit(path, object_id="a")] == [1, 3]
-    assert [record.seq for record in audit(path, since_ns=NOW + 1)] == [2]

@@ -16,8 +16,7 @@ from pointit.schemas import NS_PER_S
 T = TypeVar("T")
 
 LOCK = "writer.lock"
-"""Name of the lock beside the file: an SQLite file in an exclusive transaction, which the system ends with
-the process. A lock on the file itself would block its readers."""
+"""Name of the lock beside the file. A lock on the file itself would block its readers."""
 
 BUSY_S = 0.05
 """Timeout of a writer for another process's lock, s."""
@@ -85,7 +84,8 @@ class Store:
         loss = self._layout.loss
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
-            if not self._acquire():
+            self._lock = acquire_lock(self.path.with_name(LOCK))
+            if self._lock is None:
                 self._notice = (
                     f"another {self._layout.writer} writes {self.path}; {loss}: end one of the two, then "
                     "restart this one"
@@ -130,19 +130,6 @@ class Store:
             if connection is not None:
                 connection.close()
         self._db = self._lock = None
-
-    def _acquire(self) -> bool:
-        """Acquire the lock. Return False if another process holds it."""
-        lock = sqlite3.connect(self.path.with_name(LOCK), timeout=0.0, isolation_level=None)
-        try:
-            lock.execute("BEGIN EXCLUSIVE")
-        except sqlite3.Error as error:
-            lock.close()
-            if error.sqlite_errorcode == sqlite3.SQLITE_BUSY:
-                return False
-            raise
-        self._lock = lock
-        return True
 
     def _open_or_replace(self, now_ns: int, read: Callable[[sqlite3.Connection], T]) -> T | None:
         try:
@@ -195,6 +182,28 @@ class Store:
                     f"{self.path} was damaged and is now {path.name}, and a new file was started: check the "
                     "disk"
                 )
+
+
+def acquire_lock(path: Path) -> sqlite3.Connection | None:
+    """Return the lock at `path`, held until it is closed or the process ends in any way.
+
+    It is an SQLite file in an exclusive transaction.
+
+    Returns:
+        The lock, or None if it is held already.
+
+    Raises:
+        sqlite3.Error: If the file cannot be opened or locked at all.
+    """
+    lock = sqlite3.connect(path, timeout=0.0, isolation_level=None)
+    try:
+        lock.execute("BEGIN EXCLUSIVE")
+    except sqlite3.Error as error:
+        lock.close()
+        if error.sqlite_errorcode == sqlite3.SQLITE_BUSY:
+            return None
+        raise
+    return lock
 
 
 def read_rows(

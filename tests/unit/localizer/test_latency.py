@@ -18,6 +18,7 @@ from pointit.services.localizer.estimation.estimator import (
 )
 from pointit.services.localizer.procedures.moving_target import MovingTarget
 from tests.support.data import data_file
+from tests.unit.localizer.lab import config
 from tests.unit.localizer.person import EYES_M, Person, pointings, yaw_difference
 from tests.unit.localizer.solving import CORNERS, position_error_m, solved
 from tests.unit.localizer.test_moving_target import PERSON, START_NS, place, poses, robots
@@ -111,7 +112,7 @@ def test_latency_does_not_matter_for_targets_that_stand_still() -> None:
 
 @pytest.mark.parametrize("stated_s", [None, 0.0, 0.5])
 def test_tracker_states_its_latency_with_every_report(stated_s: float | None) -> None:
-    procedure = MovingTarget()
+    procedure = MovingTarget(config())
     outputs = procedure.start(START_NS)
     for tick in range(750):
         now_ns = START_NS + tick * NS_PER_S // 50

@@ -344,8 +344,8 @@ def test_configuration_speaks_degrees_and_the_solver_radians() -> None:
     layers.add({"trust": {"ray_sigma_deg": 3.0}, "lamps": ["a", "b"], "hold_s": 4}, "file")
     config = layers.build(LocalizerConfig)
     assert config.lamps == ("a", "b")
-    assert config.trust.trust().ray_sigma_rad == pytest.approx(math.radians(3.0))
-    assert config.timing().hold_s == 4.0
+    assert config.believed().ray_sigma_rad == pytest.approx(math.radians(3.0))
+    assert config.hold_s == 4.0
     layers.add({"metod": "fixed"}, "file")
     with pytest.raises(ConfigError, match="metod"):
         layers.build(LocalizerConfig)

@@ -12,6 +12,7 @@ from pointit.services.localizer.estimation.rays import Mean, mean
 from pointit.services.localizer.outputs import LampSwitch, Output
 from pointit.services.localizer.procedures.anchoring import Anchoring
 from pointit.services.localizer.tracking.pose_tracking import MEASURED, PoseTracker
+from tests.unit.localizer.lab import config
 from tests.unit.localizer.person import Person, yaw_difference
 
 S = NS_PER_S
@@ -276,7 +277,7 @@ def test_metrics_and_uncertainty_follow_the_pose() -> None:
 
 
 def anchoring(tracking: PoseTracker, off_deg: float = 0.0, wander_deg: float = 0.0) -> list[Output]:
-    procedure = Anchoring(LAMP, tracking.anchor, occupies=("other",))
+    procedure = Anchoring(LAMP, tracking.anchor, config(), occupies=("other",))
     assert procedure.lamp_ids == {"led", "other"}
     outputs = procedure.start(at(30.0))
     for tick in range(50 * 12):
@@ -314,7 +315,7 @@ def test_a_bad_anchor_is_told_too_and_refused(off_deg: float, wander_deg: float,
 
 
 def test_no_rays_make_no_anchor() -> None:
-    procedure = Anchoring(LAMP, localized().anchor)
+    procedure = Anchoring(LAMP, localized().anchor, config())
     procedure.start(at(0.0))
     off, last = procedure.step(at(20.0))
     assert off == LampSwitch("led", on=False)

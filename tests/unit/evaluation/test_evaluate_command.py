@@ -111,14 +111,8 @@ def test_it_ends_at_once_with_all_its_processes(number: int, tmp_path: Path) -> 
     running = subprocess.Popen(
         [
             sys.executable,
-            "-m",
-            "pointit.cli",
-            "evaluate",
-            "localization",
-            "--data",
+            *["-m", "pointit.cli", "evaluate", "localization", "--jobs", "2", "--data"],
             str(tmp_path),
-            "--jobs",
-            "2",
         ],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,

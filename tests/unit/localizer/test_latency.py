@@ -8,7 +8,7 @@ import pytest
 from numpy.typing import NDArray
 
 from pointit.evaluation.datasets import read_trials
-from pointit.schemas import NS_PER_S, TrackedObjects
+from pointit.schemas import NS_PER_S
 from pointit.services.localizer.estimation.estimator import (
     Pointings,
     Refusal,
@@ -138,10 +138,6 @@ def test_refusal_names_the_latency_when_it_alone_makes_the_pose_uncertain() -> N
     stricter = solve(gathered, lax)
     assert isinstance(stricter, Refusal)
     assert "latency" not in stricter.reason
-
-
-def test_report_without_a_latency_is_of_an_unknown_one() -> None:
-    assert TrackedObjects(stamp_ns=1).latency_sigma_s is None
 
 
 @pytest.mark.parametrize("name", ["motion_relloc", "proximity_waypoints"])

@@ -13,9 +13,9 @@ import numpy as np
 from pointit.geometry.rotation import Quaternion
 from pointit.schemas import Lamp, PointingRay, UserPose
 from pointit.services.localizer.drift.filter import AnchorResult, DriftFilter, DriftSettings
-from pointit.services.localizer.drift.model import bounded as bounded_covariance
-from pointit.services.localizer.drift.model import nearest_psd
 from pointit.services.localizer.drift.rest_detection import RestDetector, RestYawRate
+from pointit.services.localizer.drift.state import bounded as bounded_covariance
+from pointit.services.localizer.drift.state import nearest_psd
 from pointit.services.localizer.estimation.angular_residuals import Array
 from pointit.services.localizer.estimation.rays import Mean
 from pointit.services.localizer.outputs import AnchorOutcome, anchor_message, covariance_of, followed

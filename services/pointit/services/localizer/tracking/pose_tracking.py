@@ -24,9 +24,6 @@ from pointit.services.localizer.tracking.fixes import DOUBT, is_exact, to_fix
 from pointit.services.localizer.tracking.health_metrics import figures
 from pointit.services.localizer.tracking.pose_publish_timer import PosePublishTimer
 
-HEADING_SIGMA_RAD = math.radians(3.0)
-"""Standard deviation of pointing in a known direction."""
-
 NO_POSE = "no pose is known yet; localize first, or set one"
 
 MEASURED = "a tracker provides the pose, so the anchor only measures the person's offset; nothing to do"
@@ -215,9 +212,7 @@ class PoseTracker:
         if base is None or self._is_outside:
             return AnchorResult(accepted=False, reason=NO_POSE)
         measured = self._believing(base, mean.stamp_ns)
-        result = measured.update_heading(
-            mean.stamp_ns, azimuth_rad, mean.direction, HEADING_SIGMA_RAD, now_ns=now_ns
-        )
+        result = measured.update_heading(mean.stamp_ns, azimuth_rad, mean.direction, now_ns=now_ns)
         if result.accepted:
             self._believe()
         return result

@@ -59,6 +59,10 @@ def test_lamps_that_can_tell_no_pose_are_refused_at_once(
         assert result == list(lamps)
 
 
+def test_configured_lamps_come_in_their_order() -> None:
+    assert lamps_for_pose(room(A, B, C), config(lamps=("c", "a"))) == [C, A]
+
+
 def test_the_choice_is_that_of_the_configuration() -> None:
     locating = PoseManager("anna", LocalizerConfig(method="static_targets", order="given", targets=2))
     locating.begin(START_NS)

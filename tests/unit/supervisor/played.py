@@ -5,12 +5,18 @@ from typing import Literal
 
 from pointit.geometry.rotation import IDENTITY
 from pointit.schemas import Feedback, ImuSample, Interaction
-from pointit.services.supervisor.outputs import Cancel, Output, Start, StartAnchor
+from pointit.services.supervisor.config import SupervisorConfig
+from pointit.services.supervisor.life_cycle import Cancel, LifeCycle, Output, Start
 
 S = 1_000_000_000
 
 Phase = Literal["idle", "sampling", "solved", "refused", "cancelled"]
 Gesture = Literal["press", "double", "hold"]
+
+
+def life_cycle(**fields: object) -> LifeCycle:
+    """Return a life cycle with these parameters of the supervisor."""
+    return LifeCycle(SupervisorConfig.model_validate(fields))
 
 
 def sample(now_s: float, late_s: float = 0.0) -> tuple[ImuSample, int]:
@@ -29,9 +35,7 @@ def told(outputs: Sequence[Output]) -> list[str]:
             case Feedback():
                 short.append(f"cue {output.cue}")
             case Start():
-                short.append("start")
-            case StartAnchor():
-                short.append("anchor")
+                short.append("anchor" if output.is_anchor else "start")
             case Cancel():
                 short.append("cancel")
     return short

@@ -7,7 +7,7 @@ import pytest
 from pointit.schemas import ButtonEvent, Localization, UserPose
 from pointit.services.supervisor import user_messages
 from pointit.services.supervisor.life_cycle import LifeCycle
-from tests.unit.supervisor.played import S, sample, shown, told
+from tests.unit.supervisor.played import S, life_cycle, sample, shown, told
 
 Phase = Literal["refused", "cancelled"]
 Gesture = Literal["press", "double", "hold"]
@@ -26,7 +26,7 @@ def news(now_s: float, phase: Phase) -> tuple[Localization, int]:
 
 
 def eager(*, localize: bool = False) -> LifeCycle:
-    cycle = LifeCycle(localize=localize, autostart=True, retry_s=5.0)
+    cycle = life_cycle(localize=localize, autostart=True, retry_s=5.0)
     cycle.begin(0)
     return cycle
 
@@ -41,7 +41,7 @@ def test_without_a_button_a_sample_begins_as_soon_as_the_place_is_known() -> Non
 
 
 def test_without_autostart_samples_begin_nothing() -> None:
-    cycle = LifeCycle(localize=True)
+    cycle = life_cycle(localize=True)
     cycle.begin(0)
     cycle.pose(*pose())
     assert cycle.imu(*sample(10)) == []

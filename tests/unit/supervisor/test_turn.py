@@ -8,9 +8,8 @@ from pointit.schemas import ButtonEvent, Feedback, Localization, UserPose
 from pointit.schemas.cues import SIGNS
 from pointit.services.supervisor import user_messages
 from pointit.services.supervisor.interaction_publisher import InteractionPublisher
-from pointit.services.supervisor.life_cycle import LifeCycle
-from pointit.services.supervisor.outputs import Output
-from tests.unit.supervisor.played import S, sample, shown, told
+from pointit.services.supervisor.life_cycle import LifeCycle, Output
+from tests.unit.supervisor.played import S, life_cycle, sample, shown, told
 
 
 def press(now_s: float, gesture: str = "press") -> tuple[ButtonEvent, int]:
@@ -28,7 +27,7 @@ def targets(outputs: list[Output]) -> list[str]:
 
 
 def localizing() -> LifeCycle:
-    cycle = LifeCycle(localize=True, localization_timeout_s=60.0)
+    cycle = life_cycle(localize=True, localization_timeout_s=60.0)
     cycle.begin(0)
     cycle.button(*press(10))
     cycle.on_start_accepted(cycle.run)
@@ -60,7 +59,7 @@ def test_the_queue_is_shown(ahead: tuple[str, ...], sentence: str) -> None:
 
 
 def test_cues_say_whether_to_wait_or_to_go_on() -> None:
-    cycle = LifeCycle(localize=True)
+    cycle = life_cycle(localize=True)
     cycle.begin(0)
     outputs = [*cycle.button(*press(10))]
     cycle.on_start_accepted(cycle.run)
@@ -144,7 +143,7 @@ def test_the_robot_is_named_once_whichever_seems_to_be_meant() -> None:
 
 @pytest.mark.parametrize("back", ["pointing", "idle"])
 def test_a_localization_that_others_asked_for_is_followed(back: str) -> None:
-    cycle = LifeCycle()
+    cycle = life_cycle()
     cycle.begin(0)
     cycle.pose(UserPose(stamp_ns=0, position_m=(0.0, 0.0, 0.0), yaw_rad=0.0), 0)
     if back == "pointing":
@@ -158,7 +157,7 @@ def test_a_localization_that_others_asked_for_is_followed(back: str) -> None:
 
 
 def test_what_others_asked_for_is_theirs_to_end_but_for_a_gesture() -> None:
-    cycle = LifeCycle()
+    cycle = life_cycle()
     cycle.begin(0)
     robot = {"target_id": "r1", "since_ns": 10 * S}
     cycle.localization(*news(10, "sampling", **robot))

@@ -2,7 +2,6 @@
 
 import asyncio
 import logging
-import math
 from collections.abc import Sequence
 from typing import ClassVar
 
@@ -42,9 +41,8 @@ from pointit.schemas.topics import (
     START_LOCALIZATION,
 )
 from pointit.services.supervisor.config import ProfileConfig, SupervisorConfig
-from pointit.services.supervisor.life_cycle import LifeCycle
+from pointit.services.supervisor.life_cycle import Cancel, LifeCycle, Output, Start
 from pointit.services.supervisor.offset_messages import OFFSET_PURPOSE, offset_in_use, offset_problem
-from pointit.services.supervisor.outputs import Cancel, Output, Start, StartAnchor
 from pointit.services.supervisor.pose_restore import PoseRestorer
 from pointit.services.supervisor.readiness import LAST_WORD_PURPOSE
 
@@ -63,20 +61,9 @@ class Supervisor(Service[SupervisorConfig]):
 
     def __init__(self, config: SupervisorConfig, context: Context) -> None:
         super().__init__(config, context)
-        self._cycle = LifeCycle(
-            localize=config.localize,
-            relocalize_each_time=config.relocalize_each_time,
-            follows_robot=config.localization_method == "moving_target",
-            localization_timeout_s=config.localization_timeout_s,
-            imu_timeout_s=config.imu_timeout_s,
-            autostart=config.autostart,
-            retry_s=config.retry_s,
-            resume_s=config.resume_s,
-            press_while_pointing=config.press_while_pointing,
-            unsure_rad=math.radians(config.unsure_yaw_deg),
-        )
+        self._cycle = LifeCycle(config)
         self._restorer = PoseRestorer()
-        self._requests: asyncio.Queue[Start | StartAnchor | Cancel | SetPose] = asyncio.Queue()
+        self._requests: asyncio.Queue[Start | Cancel | SetPose] = asyncio.Queue()
         self._moved = asyncio.Event()
         self._offsets = StateFile(PointingOffset, self.user, OFFSET_PURPOSE)
         self._offset = self._read_offset()
@@ -174,7 +161,7 @@ class Supervisor(Service[SupervisorConfig]):
                     self._has_last.set()
                 case Feedback():
                     self._feedback.put(output)
-                case Start() | StartAnchor() | Cancel():
+                case Start() | Cancel():
                     self._requests.put_nowait(output)
         self._moved.set()
 
@@ -188,10 +175,10 @@ class Supervisor(Service[SupervisorConfig]):
             elif request.run == self._cycle.run:  # otherwise the person has cancelled
                 await self._start(request)
 
-    async def _start(self, request: Start | StartAnchor) -> None:
+    async def _start(self, request: Start) -> None:
         query = StartLocalization(method=self.config.localization_method)
         try:
-            if isinstance(request, StartAnchor):
+            if request.is_anchor:
                 await self.bus.call(POINT_ANCHOR, PointAnchor(), self.user)
             else:
                 await self.bus.call(START_LOCALIZATION, query, self.user)

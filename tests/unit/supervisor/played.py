@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from typing import Literal
 
 from pointit.geometry.rotation import IDENTITY
-from pointit.schemas import Feedback, ImuSample, Interaction
+from pointit.schemas import ButtonEvent, Feedback, ImuSample, Interaction, Localization, UserPose
 from pointit.services.supervisor.config import SupervisorConfig
 from pointit.services.supervisor.life_cycle import Cancel, LifeCycle, Output, Start
 
@@ -23,6 +23,23 @@ def sample(now_s: float, late_s: float = 0.0) -> tuple[ImuSample, int]:
     """Return a sample of a wrist and the time at which it is heard."""
     now_ns = round(now_s * S)
     return ImuSample(stamp_ns=now_ns - round(late_s * S), orientation_xyzw=IDENTITY), now_ns
+
+
+def press(now_s: float, gesture: Gesture = "press") -> tuple[ButtonEvent, int]:
+    """Return a gesture and its time."""
+    now_ns = round(now_s * S)
+    return ButtonEvent(stamp_ns=now_ns, gesture=gesture), now_ns
+
+
+def pose(now_s: float = 0.0) -> tuple[UserPose, int]:
+    """Return a pose and its time."""
+    return UserPose(stamp_ns=round(now_s * S), position_m=(0.0, 0.0, 0.0), yaw_rad=0.0), round(now_s * S)
+
+
+def news(now_s: float, phase: Phase, **more: object) -> tuple[Localization, int]:
+    """Return the progress of a localization and its time."""
+    now_ns = round(now_s * S)
+    return Localization.model_validate({"stamp_ns": now_ns, "phase": phase, **more}), now_ns
 
 
 def told(outputs: Sequence[Output]) -> list[str]:

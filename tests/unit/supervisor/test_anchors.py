@@ -1,34 +1,27 @@
 """Pointing at one lamp sets the pose right: asked for by a double press or by others, and back again."""
 
 import math
-from typing import Literal
 
 import pytest
 
-from pointit.schemas import ButtonEvent, Feedback, Localization, UserPose
+from pointit.schemas import Feedback, Localization, UserPose
 from pointit.services.supervisor import user_messages
 from pointit.services.supervisor.life_cycle import LifeCycle
-from tests.unit.supervisor.played import S, life_cycle, sample, shown, told
+from tests.unit.supervisor import played
+from tests.unit.supervisor.played import Gesture, Phase, S, life_cycle, press, sample, shown, told
 
-Phase = Literal["idle", "sampling", "solved", "refused", "cancelled"]
-Gesture = Literal["press", "double", "hold"]
 AIM = "Point at led_1 with your arm straight and stay on it; no cursor is shown."
 
 
-def press(now_s: float, gesture: Gesture = "press") -> tuple[ButtonEvent, int]:
-    return ButtonEvent(stamp_ns=round(now_s * S), gesture=gesture), round(now_s * S)
-
-
 def news(now_s: float, phase: Phase, **more: object) -> tuple[Localization, int]:
-    fields = {"stamp_ns": round(now_s * S), "phase": phase, "purpose": "anchor", **more}
-    return Localization.model_validate(fields), round(now_s * S)
+    return played.news(now_s, phase, **{"purpose": "anchor", **more})
 
 
 def resting(*, has_pose: bool = True) -> LifeCycle:
     cycle = life_cycle()
     cycle.begin(0)
     if has_pose:
-        cycle.pose(UserPose(stamp_ns=0, position_m=(0.0, 0.0, 0.0), yaw_rad=0.0), 0)
+        cycle.pose(*played.pose())
     return cycle
 
 

@@ -1,28 +1,13 @@
 """The interaction's life cycle: its ways by example."""
 
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from pointit.geometry.rotation import IDENTITY
-from pointit.schemas import ButtonEvent, ImuSample, Localization, UserPose
+from pointit.schemas import ImuSample
 from pointit.services.supervisor import user_messages
 from pointit.services.supervisor.life_cycle import LifeCycle
-from tests.unit.supervisor.played import Gesture, Phase, S, life_cycle, sample, shown, told
-
-
-def press(now_s: float, gesture: Gesture = "press") -> tuple[ButtonEvent, int]:
-    now_ns = round(now_s * S)
-    return ButtonEvent(stamp_ns=now_ns, gesture=gesture), now_ns
-
-
-def pose(now_s: float = 0.0) -> tuple[UserPose, int]:
-    return UserPose(stamp_ns=round(now_s * S), position_m=(0.0, 0.0, 0.0), yaw_rad=0.0), round(now_s * S)
-
-
-def news(now_s: float, phase: Phase, **more: object) -> tuple[Localization, int]:
-    now_ns = round(now_s * S)
-    return Localization.model_validate({"stamp_ns": now_ns, "phase": phase, **more}), now_ns
+from tests.unit.supervisor.played import S, life_cycle, news, pose, press, sample, shown, told
 
 
 def localizing(now_s: float = 10.0) -> LifeCycle:
@@ -86,12 +71,6 @@ def test_a_start_that_comes_to_nothing_says_why() -> None:
     outputs = cycle.on_start_failed(cycle.run, "localizer does not answer", 12 * S)
     assert told(outputs) == ["idle", "cue refused"]
     assert shown(outputs).reason == "localizer does not answer"
-
-
-@pytest.mark.parametrize("gesture", ["press", "double", "hold"])
-def test_any_gesture_while_localizing_cancels(gesture: Gesture) -> None:
-    cycle = localizing()
-    assert told(cycle.button(*press(12, gesture))) == ["cancel", "idle", "cue stopped"]
 
 
 def test_a_cancelled_start_that_is_answered_later_is_called_off() -> None:

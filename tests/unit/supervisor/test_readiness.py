@@ -17,22 +17,9 @@ from pointit.services.supervisor.life_cycle import LifeCycle
 from pointit.services.supervisor.readiness import LAST_WORD_PURPOSE
 from pointit.services.supervisor.service import Supervisor
 from tests.support.bench import Bench, ManualClock, memory_bench, until
-from tests.unit.supervisor.played import S, life_cycle, sample, shown, told
+from tests.unit.supervisor.played import S, life_cycle, news, pose, press, sample, shown, told
 
 ANNA = "anna"
-
-
-def pose(now_s: float = 0.0) -> tuple[UserPose, int]:
-    return UserPose(stamp_ns=round(now_s * S), position_m=(0.0, 0.0, 0.0), yaw_rad=0.0), round(now_s * S)
-
-
-def press(now_s: float) -> tuple[ButtonEvent, int]:
-    return ButtonEvent(stamp_ns=round(now_s * S)), round(now_s * S)
-
-
-def news(now_s: float, phase: str, **more: object) -> tuple[Localization, int]:
-    fields = {"stamp_ns": round(now_s * S), "phase": phase, **more}
-    return Localization.model_validate(fields), round(now_s * S)
 
 
 def before(state: str, now_s: float) -> Interaction:

@@ -5,11 +5,11 @@ import logging
 from collections.abc import Sequence
 from typing import ClassVar
 
+from pointit.runtime.clock import wait_until
 from pointit.runtime.errors import ConfigError, RefusedError, RequestError
 from pointit.runtime.host.state_file import StateFile
 from pointit.runtime.service.service import Context, Scope, Service
 from pointit.schemas import (
-    NS_PER_S,
     ButtonEvent,
     CancelLocalization,
     Done,
@@ -47,9 +47,6 @@ from pointit.services.supervisor.pose_restore import PoseRestorer
 from pointit.services.supervisor.readiness import LAST_WORD_PURPOSE
 
 log = logging.getLogger(__name__)
-
-MAX_WAIT_S = 1.0
-"""Wall time after which a running deadline is checked again, s, since the clock's speed may change."""
 
 
 class Supervisor(Service[SupervisorConfig]):
@@ -215,15 +212,7 @@ class Supervisor(Service[SupervisorConfig]):
             self._moved.clear()
             waits = [self._cycle.deadline_ns, self._restorer.deadline_ns if is_resting else None]
             deadline_ns = min((wait for wait in waits if wait is not None), default=None)
-            if deadline_ns is None:
-                await self._moved.wait()
-                continue
-            left_s = max(0.0, (deadline_ns - self.clock.now_ns()) / NS_PER_S / self.clock.speed)
-            try:
-                async with asyncio.timeout(min(left_s, MAX_WAIT_S)):
-                    await self._moved.wait()
-            except TimeoutError:
-                pass
+            await wait_until(self.clock, deadline_ns, self._moved)
 
     async def _set_offset(self, query: SetOffset, _user: str) -> Done:
         if query.offset is not None and (wrong := offset_problem(query.offset)):

@@ -25,7 +25,7 @@ from pointit.geometry import rotation
 from pointit.runtime.clock import WallClock
 from pointit.runtime.link.link import Link
 from pointit.runtime.service.service import run_services
-from pointit.runtime.zenoh import subscribers
+from pointit.runtime.transport import declarations
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas import ImuSample, StripsFrame
 from pointit.schemas.topics import IMU, STRIPS_FRAME
@@ -50,7 +50,7 @@ async def measure(endpoint: str) -> dict[str, Any]:
     counter = _Counter()
     wrist_bus = await ZenohBus.open(Link(listen=(endpoint,)))
     bus = await ZenohBus.open(Link(connect=(endpoint,)))
-    patch = mock.patch.object(subscribers, "Callback", counter.callback)
+    patch = mock.patch.object(declarations, "Callback", counter.callback)
     patch.start()
     services = asyncio.create_task(run_services(chain(), bus, WallClock()))
     wrist = wrist_bus.publisher(IMU, "user0")

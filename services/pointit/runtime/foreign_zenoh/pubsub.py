@@ -13,10 +13,14 @@ from typing import Any
 
 import zenoh
 from zenoh import ext
-from zenoh.handlers import Callback
 
 from pointit.runtime.bus.mailbox import LOG_PERIOD_S, Dispatcher
 from pointit.runtime.errors import BusClosedError
+from pointit.runtime.transport.declarations import (
+    declare_caching_subscriber,
+    declare_publisher,
+    declare_subscriber,
+)
 
 log = logging.getLogger(__name__)
 
@@ -52,26 +56,8 @@ class RawPublisher:
     """Writes one key."""
 
     def __init__(self, session: zenoh.Session, key: str, kept: int, reliable: bool) -> None:  # noqa: FBT001
-        # BLOCK would let one stuck reader stop the loop for seconds. What is dropped of a kept topic is
-        # fetched again from the cache.
-        self._writer: Any  # of two classes with nothing in common but the methods
-        if not kept:
-            self._writer = session.declare_publisher(
-                key,
-                congestion_control=zenoh.CongestionControl.DROP,
-                allowed_destination=zenoh.Locality.REMOTE,
-            )
-        else:
-            missed = ext.MissDetectionConfig(heartbeat=None, sporadic_heartbeat=HEARTBEAT_S)
-            self._writer = ext.declare_advanced_publisher(
-                session,
-                key,
-                congestion_control=zenoh.CongestionControl.DROP,
-                allowed_destination=zenoh.Locality.REMOTE,
-                cache=ext.CacheConfig(kept),
-                sample_miss_detection=missed if reliable else None,
-                publisher_detection=True,
-            )
+        missed = ext.MissDetectionConfig(heartbeat=None, sporadic_heartbeat=HEARTBEAT_S) if reliable else None
+        self._writer = declare_publisher(session, key, cache=kept, missed=missed)
         self._closed = False
 
     @property
@@ -127,28 +113,19 @@ class RawSubscriber:
         self._queue: collections.deque[zenoh.Sample] = collections.deque(maxlen=capacity)
         self._marked = False
         self._closed = False
-        self._zid: Any = None
         self._logged_s = -math.inf
         self._undeclare: Callable[[], None] = lambda: None
 
     def declare(self, session: zenoh.Session, key: str, kept: int, reliable: bool) -> None:  # noqa: FBT001
         """Begin to read `key`."""
-        self._zid = session.info.zid()
-        take = Callback(self._on_sample, indirect=False)
-        if not kept:
-            plain = session.declare_subscriber(key, take, allowed_origin=zenoh.Locality.REMOTE)
-            self._undeclare = plain.undeclare
-            return
-        advanced = ext.declare_advanced_subscriber(
-            session,
-            key,
-            take,
-            allowed_origin=zenoh.Locality.REMOTE,
-            history=ext.HistoryConfig(detect_late_publishers=True, max_samples=kept),
-            recovery=ext.RecoveryConfig(periodic_queries=None, heartbeat=True) if reliable else None,
-            subscriber_detection=True,
+        declared = (
+            declare_caching_subscriber(
+                session, key, self._on_sample, history=kept, recovers=reliable, is_announced=True
+            )
+            if kept
+            else declare_subscriber(session, key, self._on_sample)
         )
-        self._undeclare = advanced.undeclare
+        self._undeclare = declared.undeclare
 
     def close(self) -> None:
         """Read no more; no handler runs afterwards."""
@@ -165,9 +142,6 @@ class RawSubscriber:
     def _on_sample(self, sample: zenoh.Sample) -> None:  # on Zenoh's threads
         if self._closed or sample.kind != zenoh.SampleKind.PUT:
             return
-        source = sample.source_info
-        if source is not None and source.source_id.zid == self._zid:
-            return  # our own, fetched from our own cache when a lost router is back
         attachment = sample.attachment
         attached = 0 if attachment is None else len(attachment)
         with self._lock:

@@ -9,7 +9,8 @@ import zenoh
 from zenoh.handlers import Callback
 
 from pointit.runtime.link.link import Link
-from pointit.runtime.zenoh.session import close_session, configuration, open_cancellable
+from pointit.runtime.transport.session import close_session, open_cancellable
+from pointit.runtime.zenoh.session import configuration
 from pointit.schemas.errors import KeyNameError
 from pointit.schemas.topics import ANY, SERVICE_ALIVE, check_name
 

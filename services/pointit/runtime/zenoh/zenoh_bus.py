@@ -30,13 +30,14 @@ from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.bus.name_limiter import Places
 from pointit.runtime.errors import NoAnswerError
 from pointit.runtime.link.link import Link
+from pointit.runtime.transport.session import close_session
 from pointit.runtime.zenoh.connection_monitor import LinkWatch
 from pointit.runtime.zenoh.liveliness import ZenohWatcher
 from pointit.runtime.zenoh.permission_probe import PermissionProbe
 from pointit.runtime.zenoh.publishers import ZenohPublisher
 from pointit.runtime.zenoh.requests import ZenohQueryable, send_query
 from pointit.runtime.zenoh.retained_states import RetainedStateFetcher, ZenohRetainedStateServer
-from pointit.runtime.zenoh.session import close_session, open_session
+from pointit.runtime.zenoh.session import open_session
 from pointit.runtime.zenoh.subscribers import EncodedMessage, SharedSubscriber, ZenohSubscription
 from pointit.schemas import Environment, Message, Query, Reply
 from pointit.schemas.topics import ANY, HEALTH, LAMP_COLOR, MAP, Delivery, Presence, Request, Topic

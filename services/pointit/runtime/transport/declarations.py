@@ -1,0 +1,108 @@
+# pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false, reportUnknownLambdaType=false
+# (the stubs of zenoh leave return types out)
+"""Declarations of a session, for what other sessions send and ask. Callbacks run on Zenoh's threads."""
+
+from collections.abc import Callable
+from typing import Any, Protocol
+
+import zenoh
+from zenoh import ext
+from zenoh.handlers import Callback
+
+
+class Declared(Protocol):
+    """A declaration in a session."""
+
+    def undeclare(self) -> None:
+        """Withdraw it. Callbacks that are already queued still run."""
+        ...
+
+
+def declare_publisher(
+    session: zenoh.Session,
+    key: str,
+    *,
+    cache: int = 0,
+    missed: ext.MissDetectionConfig | None = None,
+    **options: Any,
+) -> Any:
+    """Return a `zenoh.Publisher` of `key`, or with a cache a `zenoh.ext.AdvancedPublisher`.
+
+    BLOCK would let one stuck reader stop this process for seconds. What DROP loses is fetched again from the
+    cache, if there is one.
+
+    Args:
+        session: publishes.
+        key: what.
+        cache: how many messages to keep for readers that come late or were cut off.
+        missed: how readers notice that they lost the last message of the cache.
+        options: what else both kinds take.
+    """
+    options |= {
+        "congestion_control": zenoh.CongestionControl.DROP,
+        "allowed_destination": zenoh.Locality.REMOTE,
+    }
+    if not cache:
+        return session.declare_publisher(key, **options)
+    return ext.declare_advanced_publisher(
+        session,
+        key,
+        cache=ext.CacheConfig(cache),
+        sample_miss_detection=missed,
+        publisher_detection=True,
+        **options,
+    )
+
+
+def declare_subscriber(
+    session: zenoh.Session, key: str, on_sample: Callable[[zenoh.Sample], None]
+) -> Declared:
+    """Call `on_sample` for what is put to `key` and deleted from it, as long as there is a route."""
+    return session.declare_subscriber(
+        key, Callback(on_sample, indirect=False), allowed_origin=zenoh.Locality.REMOTE
+    )
+
+
+def declare_caching_subscriber(
+    session: zenoh.Session,
+    key: str,
+    on_sample: Callable[[zenoh.Sample], None],
+    *,
+    history: int,
+    recovers: bool = True,
+    is_announced: bool = False,
+) -> Declared:
+    """Call `on_sample` for what is put to `key` and deleted from it, and for what publishers have cached.
+
+    Args:
+        session: subscribes.
+        key: what.
+        on_sample: called on Zenoh's threads.
+        history: how many messages of each publisher to fetch, 0 for none.
+        recovers: fetch messages that were lost on the way.
+        is_announced: publishers can detect this subscriber.
+    """
+    zid = session.info.zid()
+
+    def on_foreign_sample(sample: zenoh.Sample) -> None:
+        source = sample.source_info
+        if source is None or source.source_id.zid != zid:
+            on_sample(sample)
+        # else our own, fetched from our own cache when a lost router is back
+
+    return ext.declare_advanced_subscriber(
+        session,
+        key,
+        Callback(on_foreign_sample, indirect=False),
+        history=ext.HistoryConfig(detect_late_publishers=True, max_samples=history) if history else None,
+        recovery=ext.RecoveryConfig(periodic_queries=None, heartbeat=True) if recovers else None,
+        subscriber_detection=is_announced,
+        allowed_origin=zenoh.Locality.REMOTE,
+    )
+
+
+def declare_queryable(session: zenoh.Session, key: str, on_query: Callable[[zenoh.Query], None]) -> Declared:
+    """Call `on_query` for each query of `key`; it or a later caller must answer or drop the query."""
+    return session.declare_queryable(
+        key, Callback(on_query, indirect=False), complete=True, allowed_origin=zenoh.Locality.REMOTE
+    )

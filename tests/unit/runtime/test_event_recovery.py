@@ -11,7 +11,8 @@ import zenoh
 from pointit.runtime.bus.contract import EVENT_CAPACITY
 from pointit.runtime.bus.local_broker import LocalBroker
 from pointit.runtime.bus.memory_bus import MemoryBus
-from pointit.runtime.zenoh import event_recovery, queries
+from pointit.runtime.transport import queries
+from pointit.runtime.zenoh import event_recovery
 from pointit.runtime.zenoh.event_recovery import MAX_WRITERS, EventRecovery
 from tests.support.bench import until
 

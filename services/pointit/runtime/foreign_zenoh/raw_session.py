@@ -14,7 +14,6 @@ import zenoh
 from pointit.runtime.bus.contract import Closable
 from pointit.runtime.bus.mailbox import Dispatcher
 from pointit.runtime.errors import BusClosedError, BusError, ConnectError, ListenError
-from pointit.runtime.foreign_zenoh.liveliness import LivelinessSubscriber, declared_token
 from pointit.runtime.foreign_zenoh.pubsub import (
     PlainTraffic,
     RawPublisher,
@@ -24,6 +23,8 @@ from pointit.runtime.foreign_zenoh.pubsub import (
 from pointit.runtime.foreign_zenoh.queries import IncomingQuery, RawQuerier, RawQueryable
 from pointit.runtime.foreign_zenoh.session_config import RawLink, plain_configuration
 from pointit.runtime.transport.connections import Connections
+from pointit.runtime.transport.declarations import Declaration
+from pointit.runtime.transport.liveliness import LivelinessSubscriber
 from pointit.runtime.transport.session import close_session, is_in_use, open_session
 
 log = logging.getLogger(__name__)
@@ -72,7 +73,7 @@ class RawSession:
         self._session = session
         self._link = link
         self._dispatcher = Dispatcher()
-        self._ends: set[RawSubscriber | LivelinessSubscriber | RawQueryable | RawQuerier] = set()
+        self._ends: set[RawSubscriber | RawQueryable | RawQuerier] = set()
         """Endpoints whose handlers must not run after closing."""
         self._connections = Connections(session, (link.endpoint,), self._on_connections)
         self._had_router = False
@@ -138,15 +139,12 @@ class RawSession:
     def token(self, key: str) -> Closable:
         """Declare the token `key` until closed, or until this process dies."""
         self._check_open()
-        return declared_token(self._session, key)
+        return Declaration(self._session.liveliness().declare_token(key))
 
     def watch_tokens(self, pattern: str, handler: Callable[[Mapping[str, bool]], None]) -> Closable:
         """Call `handler` with added (True) and removed (False) tokens of `pattern`, now and on changes."""
         self._check_open()
-        reader = LivelinessSubscriber(self._dispatcher, handler, self._ends.discard)
-        reader.declare(self._session, pattern)
-        self._ends.add(reader)
-        return reader
+        return LivelinessSubscriber(self._session, pattern, handler, self._dispatcher)
 
     def queryable(self, key: str, handler: Callable[[IncomingQuery], None], *, max_bytes: int) -> Closable:
         """Call `handler` in the loop for every question to `key`; it must answer each, once."""

@@ -9,6 +9,10 @@ import zenoh
 from zenoh import ext
 from zenoh.handlers import Callback
 
+from pointit.runtime.bus.bounded_queue import BoundedWorkQueue
+from pointit.runtime.transport.queries import refuse
+from pointit.schemas import SchemaError
+
 
 class Declared(Protocol):
     """A declaration in a session."""
@@ -16,6 +20,19 @@ class Declared(Protocol):
     def undeclare(self) -> None:
         """Withdraw it. Callbacks that are already queued still run."""
         ...
+
+
+class Declaration:
+    """What is withdrawn when it is closed, once. Tokens must be kept: unreferenced ones are withdrawn."""
+
+    def __init__(self, declared: Declared) -> None:
+        self._declared: Declared | None = declared
+
+    def close(self) -> None:
+        """Withdraw it."""
+        declared, self._declared = self._declared, None
+        if declared is not None:
+            declared.undeclare()
 
 
 def declare_publisher(
@@ -106,3 +123,33 @@ def declare_queryable(session: zenoh.Session, key: str, on_query: Callable[[zeno
     return session.declare_queryable(
         key, Callback(on_query, indirect=False), complete=True, allowed_origin=zenoh.Locality.REMOTE
     )
+
+
+def declare_queued_queryable(
+    session: zenoh.Session,
+    key: str,
+    queue: BoundedWorkQueue[zenoh.Query],
+    busy: str,
+    check: Callable[[zenoh.Query], None] = lambda _: None,
+) -> Declared:
+    """Put each query of `key` into `queue`, which must answer or drop it in the loop.
+
+    Args:
+        session: answers.
+        key: what.
+        queue: of queries.
+        busy: the refusal of queries for which there is no room.
+        check: raises `SchemaError` to refuse a query at once, on Zenoh's threads.
+    """
+
+    def on_query(query: zenoh.Query) -> None:
+        try:
+            check(query)
+            if not queue.offer(query):
+                refuse(query, busy)
+        except SchemaError as error:  # nothing of it waits for the loop
+            refuse(query, str(error))
+        except RuntimeError:  # the loop is gone
+            query.drop()
+
+    return declare_queryable(session, key, on_query)

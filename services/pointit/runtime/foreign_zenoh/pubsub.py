@@ -4,9 +4,7 @@
 
 import collections
 import logging
-import math
 import threading
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -14,9 +12,10 @@ from typing import Any
 import zenoh
 from zenoh import ext
 
-from pointit.runtime.bus.mailbox import LOG_PERIOD_S, Dispatcher
+from pointit.runtime.bus.mailbox import Dispatcher
 from pointit.runtime.errors import BusClosedError
 from pointit.runtime.transport.declarations import (
+    Declaration,
     declare_caching_subscriber,
     declare_publisher,
     declare_subscriber,
@@ -52,18 +51,30 @@ class PlainTraffic:
     """Handlers that failed."""
 
 
-class RawPublisher:
+def bytes_of(data: zenoh.ZBytes | None) -> bytes | None:
+    """Return the content of a payload or attachment."""
+    return None if data is None else data.to_bytes()
+
+
+def is_oversized(payload: zenoh.ZBytes | None, attachment: zenoh.ZBytes | None, max_bytes: int) -> bool:
+    """Return True if a message is longer than anything that is taken; its bytes are not copied."""
+    return (payload is not None and len(payload) > max_bytes) or (
+        attachment is not None and len(attachment) > MAX_ATTACHMENT_BYTES
+    )
+
+
+class RawPublisher(Declaration):
     """Writes one key."""
 
     def __init__(self, session: zenoh.Session, key: str, kept: int, reliable: bool) -> None:  # noqa: FBT001
         missed = ext.MissDetectionConfig(heartbeat=None, sporadic_heartbeat=HEARTBEAT_S) if reliable else None
         self._writer = declare_publisher(session, key, cache=kept, missed=missed)
-        self._closed = False
+        super().__init__(self._writer)
 
     @property
     def is_read(self) -> bool:
         """Return True if Zenoh knows a reader in another session; a writer that keeps messages does not."""
-        if self._closed or not isinstance(self._writer, zenoh.Publisher):
+        if self.is_closed or not isinstance(self._writer, zenoh.Publisher):
             return False
         status: Any = self._writer.matching_status  # no bool, whatever the stubs say: always true
         return bool(status.matching)
@@ -74,79 +85,53 @@ class RawPublisher:
         Raises:
             BusClosedError: this writer or its session is closed.
         """
-        if self._closed:
-            raise BusClosedError("the writer was closed")
         try:
             self._writer.put(payload, attachment=attachment)
         except zenoh.ZError as error:
-            raise BusClosedError("the session was closed") from error
-
-    def close(self) -> None:
-        """Close the publisher and its cache."""
-        if not self._closed:
-            self._closed = True
-            self._writer.undeclare()
+            raise BusClosedError("the writer or its session was closed") from error
 
 
-class RawSubscriber:
-    """Reads one key: a queue between Zenoh's threads and the loop."""
+class RawSubscriber(Declaration):
+    """Reads one key: a queue between Zenoh's threads and the loop. See `RawSession.subscriber`."""
 
     def __init__(
         self,
+        session: zenoh.Session,
+        key: str,
         dispatcher: Dispatcher,
         handler: Callable[[RawSample], None],
         *,
         on_loss: Callable[[PlainTraffic], None] | None,
         capacity: int,
         max_bytes: int,
-        on_close: Callable[["RawSubscriber"], None],
+        kept: int,
+        reliable: bool,
     ) -> None:
         self.traffic = PlainTraffic()
+        self._key = key
         self._dispatcher = dispatcher
         self._handler = handler
         self._on_loss = on_loss
         self._lost = 0
         """Number of dropped messages at the last report."""
         self._max_bytes = max_bytes
-        self._on_close = on_close
         self._lock = threading.Lock()
         self._queue: collections.deque[zenoh.Sample] = collections.deque(maxlen=capacity)
         self._marked = False
-        self._closed = False
-        self._logged_s = -math.inf
-        self._undeclare: Callable[[], None] = lambda: None
-
-    def declare(self, session: zenoh.Session, key: str, kept: int, reliable: bool) -> None:  # noqa: FBT001
-        """Begin to read `key`."""
-        declared = (
+        super().__init__(
             declare_caching_subscriber(
                 session, key, self._on_sample, history=kept, recovers=reliable, is_announced=True
             )
             if kept
             else declare_subscriber(session, key, self._on_sample)
         )
-        self._undeclare = declared.undeclare
-
-    def close(self) -> None:
-        """Read no more; no handler runs afterwards."""
-        if not self._closed:
-            self.stop()
-            self._undeclare()
-            self._on_close(self)
-
-    def stop(self) -> None:
-        """Handle nothing any more."""
-        self._closed = True
-        self._queue.clear()
 
     def _on_sample(self, sample: zenoh.Sample) -> None:  # on Zenoh's threads
-        if self._closed or sample.kind != zenoh.SampleKind.PUT:
+        if sample.kind != zenoh.SampleKind.PUT:
             return
-        attachment = sample.attachment
-        attached = 0 if attachment is None else len(attachment)
         with self._lock:
             self.traffic.received += 1
-            if len(sample.payload) > self._max_bytes or attached > MAX_ATTACHMENT_BYTES:
+            if is_oversized(sample.payload, sample.attachment, self._max_bytes):
                 self.traffic.oversized += 1
             else:
                 self.traffic.overrun += len(self._queue) == self._queue.maxlen
@@ -163,23 +148,16 @@ class RawSubscriber:
             self._queue.clear()
             self._marked = False
             lost = self.traffic.oversized + self.traffic.overrun
-        if lost != self._lost and self._on_loss is not None and not self._closed:
+        if lost != self._lost and self._on_loss is not None and not self.is_closed:
             self._lost = lost
             self._on_loss(self.traffic)
         for sample in waiting:
-            if self._closed:
+            if self.is_closed or self._dispatcher.is_closed:
                 return
-            attachment = sample.attachment
-            packet = RawSample(
-                str(sample.key_expr),
-                sample.payload.to_bytes(),
-                None if attachment is None else attachment.to_bytes(),
-            )
+            packet = RawSample(str(sample.key_expr), sample.payload.to_bytes(), bytes_of(sample.attachment))
             try:
                 self._handler(packet)
             except Exception:
                 self.traffic.errors += 1
-                now_s = time.monotonic()
-                if now_s - self._logged_s >= LOG_PERIOD_S:
-                    self._logged_s = now_s
+                if self._dispatcher.should_log(self._key, "error"):
                     log.exception("what arrived at %s could not be handled", packet.key)

@@ -73,8 +73,6 @@ class RawSession:
         self._session = session
         self._link = link
         self._dispatcher = Dispatcher()
-        self._ends: set[RawSubscriber | RawQueryable | RawQuerier] = set()
-        """Endpoints whose handlers must not run after closing."""
         self._connections = Connections(session, (link.endpoint,), self._on_connections)
         self._had_router = False
         self._was_left = False
@@ -124,17 +122,17 @@ class RawSession:
             reliable: fetch messages that were lost on the way from their caches.
         """
         self._check_open()
-        reader = RawSubscriber(
+        return RawSubscriber(
+            self._session,
+            key,
             self._dispatcher,
             handler,
             on_loss=on_loss,
             capacity=capacity,
             max_bytes=max_bytes,
-            on_close=self._ends.discard,
+            kept=kept,
+            reliable=reliable,
         )
-        reader.declare(self._session, key, kept, reliable)
-        self._ends.add(reader)
-        return reader
 
     def token(self, key: str) -> Closable:
         """Declare the token `key` until closed, or until this process dies."""
@@ -149,24 +147,17 @@ class RawSession:
     def queryable(self, key: str, handler: Callable[[IncomingQuery], None], *, max_bytes: int) -> Closable:
         """Call `handler` in the loop for every question to `key`; it must answer each, once."""
         self._check_open()
-        queryable = RawQueryable(handler, max_bytes, self._ends.discard)
-        queryable.declare(self._session, key)
-        self._ends.add(queryable)
-        return queryable
+        return RawQueryable(self._session, key, self._dispatcher, handler, max_bytes)
 
     def querier(self, key: str, *, max_bytes: int) -> RawQuerier:
         """Declare a querier at `key`. Answers longer than `max_bytes` are dropped unread."""
         self._check_open()
-        querier = RawQuerier(self._session, key, max_bytes, self._ends.discard)
-        self._ends.add(querier)
-        return querier
+        return RawQuerier(self._session, key, self._dispatcher, max_bytes)
 
     def stop(self) -> None:
         """Run no handler any more, and declare nothing: the first half of `close`."""
         self.is_closed = True
         self._dispatcher.close()
-        for end in self._ends:
-            end.stop()
 
     async def close(self) -> None:
         """Close. No handler runs afterwards, and all declarations are removed."""

@@ -28,6 +28,11 @@ class Declaration:
     def __init__(self, declared: Declared) -> None:
         self._declared: Declared | None = declared
 
+    @property
+    def is_closed(self) -> bool:
+        """Return True if it was closed; its session may be closed without."""
+        return self._declared is None
+
     def close(self) -> None:
         """Withdraw it."""
         declared, self._declared = self._declared, None

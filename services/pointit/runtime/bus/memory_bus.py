@@ -73,6 +73,10 @@ class MemoryBus(Participant):
 
     def serve(self, request: Request[Q, R], server: Server[Q, R], name: str = ANY) -> Closable:
         """Answer `request`."""
+        return self.handler(request, server, name)
+
+    def handler(self, request: Request[Q, R], server: Server[Q, R], name: str) -> RequestHandler[Q, R]:
+        """Return what answers `request` in this process."""
         self._check_open()
         request.at(name)
         return RequestHandler(self, request, server, name)

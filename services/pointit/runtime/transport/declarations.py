@@ -2,14 +2,14 @@
 # (the stubs of zenoh leave return types out)
 """Declarations of a session, for what other sessions send and ask. Callbacks run on Zenoh's threads."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any, Protocol
 
 import zenoh
 from zenoh import ext
 from zenoh.handlers import Callback
 
-from pointit.runtime.bus.bounded_queue import BoundedWorkQueue
+from pointit.runtime.bus.bounded_queue import BoundedWorkQueue, OverflowCounter
 from pointit.runtime.transport.queries import refuse
 from pointit.schemas import SchemaError
 
@@ -130,31 +130,58 @@ def declare_queryable(session: zenoh.Session, key: str, on_query: Callable[[zeno
     )
 
 
-def declare_queued_queryable(
-    session: zenoh.Session,
-    key: str,
-    queue: BoundedWorkQueue[zenoh.Query],
-    busy: str,
-    check: Callable[[zenoh.Query], None] = lambda _: None,
-) -> Declared:
-    """Put each query of `key` into `queue`, which must answer or drop it in the loop.
+class QueuedQueryable:
+    """Hands queries of a key from Zenoh's threads to the loop, a limited number of them."""
 
-    Args:
-        session: answers.
-        key: what.
-        queue: of queries.
-        busy: the refusal of queries for which there is no room.
-        check: raises `SchemaError` to refuse a query at once, on Zenoh's threads.
-    """
+    def __init__(
+        self,
+        session: zenoh.Session,
+        key: str,
+        work: Callable[[zenoh.Query], Iterable[object]],
+        overflows: OverflowCounter,
+        *,
+        about: str,
+        busy: str,
+        check: Callable[[zenoh.Query], None] = lambda _: None,
+    ) -> None:
+        """Declare; must be called in the loop.
 
-    def on_query(query: zenoh.Query) -> None:
+        Args:
+            session: answers.
+            key: what is asked for.
+            work: runs in the loop; handles a query in small steps, or drops it.
+            overflows: counts queries that found no room.
+            about: `key` for people.
+            busy: the refusal of queries that found no room.
+            check: raises `SchemaError` to refuse a query at once, on Zenoh's threads.
+        """
+        self._work = work
+        self._busy = busy
+        self._check = check
+        self._closed = False
+        self._queue = BoundedWorkQueue(about, self._steps, overflows)
+        self._declared = declare_queryable(session, key, self._on_query)
+
+    def undeclare(self) -> None:
+        """Answer no more: queries that wait are dropped."""
+        self._closed = True
+        self._declared.undeclare()
+
+    def _on_query(self, query: zenoh.Query) -> None:  # on Zenoh's threads
         try:
-            check(query)
-            if not queue.offer(query):
-                refuse(query, busy)
+            self._check(query)
+            if not self._queue.offer(query):
+                refuse(query, self._busy)
         except SchemaError as error:  # nothing of it waits for the loop
             refuse(query, str(error))
         except RuntimeError:  # the loop is gone
             query.drop()
 
-    return declare_queryable(session, key, on_query)
+    def _steps(self, query: zenoh.Query) -> Iterator[None]:
+        if self._closed:
+            query.drop()
+            return
+        for _ in self._work(query):
+            yield
+            if self._closed:
+                return

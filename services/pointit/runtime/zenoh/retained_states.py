@@ -12,13 +12,12 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import zenoh
 
-from pointit.runtime.bus.bounded_queue import BoundedWorkQueue, OverflowCounter
+from pointit.runtime.bus.bounded_queue import OverflowCounter
 from pointit.runtime.bus.contract import AnyTopic, Recall
-from pointit.runtime.bus.endpoints import RetainedStateServer
 from pointit.runtime.bus.local_broker import Participant
 from pointit.runtime.bus.mailbox import Mailbox
 from pointit.runtime.bus.name_limiter import max_names_for
-from pointit.runtime.transport.declarations import declare_queued_queryable
+from pointit.runtime.transport.declarations import Declared, QueuedQueryable
 from pointit.runtime.transport.liveliness import LivelinessSubscriber
 from pointit.runtime.transport.queries import query_samples
 from pointit.runtime.zenoh.wire_format import decoded, encoding_of, name_from_key
@@ -35,48 +34,29 @@ EMPTY_RETRY_S = (0.05, 0.2, 0.7)
 BUSY = "the keeper is busy with too many other questions; ask later"
 
 
-class ZenohRetainedStateServer(RetainedStateServer):
-    """Answers the readers of this process, and those of others."""
+def recall_for_others(
+    session: zenoh.Session, topics: Sequence[AnyTopic], recall: Recall, overflows: OverflowCounter
+) -> list[Declared]:
+    """Answer the readers of other processes with what `recall` yields."""
 
-    def __init__(
-        self,
-        bus: Participant,
-        session: zenoh.Session,
-        topics: Sequence[AnyTopic],
-        recall: Recall,
-        *,
-        turned_away: OverflowCounter,
-    ) -> None:
-        super().__init__(bus, topics, recall)
-        self._turned_away = turned_away
-        self._open = True
-        self._queryables = [
-            declare_queued_queryable(session, topic.at(ANY), self._line_of(topic), BUSY) for topic in topics
-        ]
-        # last: it says that this one answers
-        self._token = session.liveliness().declare_token(KEEPER_ALIVE.at(str(session.zid())))
-
-    def _undeclare(self) -> None:
-        self._open = False
-        super()._undeclare()
-        self._token.undeclare()
-        for queryable in self._queryables:
-            queryable.undeclare()
-
-    def _line_of(self, topic: AnyTopic) -> BoundedWorkQueue[zenoh.Query]:
-        """Return a queue of queries for `topic`. Many for one topic do not delay those for another."""
-        return BoundedWorkQueue(topic.key, functools.partial(self._answer, topic), self._turned_away)
-
-    def _answer(self, topic: AnyTopic, query: zenoh.Query) -> Iterator[None]:
+    def work(topic: AnyTopic, query: zenoh.Query) -> Iterator[None]:
         """Answer in small steps: a question may be for all names, and there may be hundreds."""
         with query:
-            for name, message in self.recall(topic):
-                if not self._open:
-                    return
+            for name, message in recall(topic):
                 key = topic.at(name)
                 if query.key_expr.intersects(zenoh.KeyExpr(key)):
                     query.reply(key, encode(message), encoding=encoding_of(topic.message))
                 yield
+
+    queryables = [  # one each: many queries for one topic do not delay those for another
+        QueuedQueryable(
+            session, topic.at(ANY), functools.partial(work, topic), overflows, about=topic.key, busy=BUSY
+        )
+        for topic in topics
+    ]
+    # last: it says that this one answers
+    token = session.liveliness().declare_token(KEEPER_ALIVE.at(str(session.zid())))
+    return [token, *queryables]
 
 
 class RetainedStateFetcher:

@@ -23,7 +23,7 @@ from zenoh.handlers import Callback
 from benchmarks.our_chain import USER, chain, running_bus
 from pointit.geometry import rotation
 from pointit.runtime.link.link import Link
-from pointit.runtime.zenoh import subscribers
+from pointit.runtime.transport import declarations
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas import ImuSample, StripsFrame
 from pointit.schemas.topics import IMU, STRIPS_FRAME
@@ -60,7 +60,7 @@ async def measure(endpoint: str) -> dict[str, Any]:
         await asyncio.sleep(period_s)
 
     try:
-        with mock.patch.object(subscribers, "Callback", counter.callback):
+        with mock.patch.object(declarations, "Callback", counter.callback):
             async with running_bus(chain(), Link(connect=(endpoint,))) as bus:
                 bus.subscribe(STRIPS_FRAME, on_frame)
                 await asyncio.sleep(SETTLE_S)

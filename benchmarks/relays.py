@@ -1,4 +1,4 @@
-"""What it costs a process to relay messages, and how long a round trip through it takes."""
+"""Cost of relaying messages in a process, and time of a round trip through it."""
 
 import asyncio
 import contextlib

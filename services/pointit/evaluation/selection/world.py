@@ -113,7 +113,7 @@ class World:
         self.entered_ns: dict[str, int] = {}
         """Time of each object's first appearance."""
         self._movers = movers
-        self._selecting = SelectionEngine(selector)
+        self._selecting = SelectionEngine(selector, lambda _record: None)
         self._lights = LightState(LedDriverConfig())
         self._selecting.on_map(environment)
         self._lights.on_map(environment)

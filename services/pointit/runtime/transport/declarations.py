@@ -23,7 +23,7 @@ class Declared(Protocol):
 
 
 class Declaration:
-    """Declarations that are withdrawn once, on close. Tokens must be kept: unreferenced ones are withdrawn."""
+    """Declarations that are withdrawn once, on close. Unreferenced tokens are withdrawn: keep them."""
 
     def __init__(self, declared: Declared) -> None:
         self._declared: Declared | None = declared

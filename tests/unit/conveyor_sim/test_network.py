@@ -273,8 +273,8 @@ def test_running_backwards_it_stops_behind_what_stands_on_the_belt_before(offset
     assert both.tracked(0).objects[1].surface_position_m == pytest.approx(0.29)
 
 
-@pytest.mark.parametrize(("gap_m", "waiting_m"), [(1.0, [2.2, 2.5, 2.8, 3.1]), (2.6, [2.2, 2.5, 2.8, 3.1])])
-def test_one_that_waits_between_belts_holds_those_behind_wherever_they_go(
+@pytest.mark.parametrize(("gap_m", "waiting_m"), [(1.0, [2.1, 2.4, 2.7, 3.0]), (2.6, [0.5, 0.8, 1.1, 1.4])])
+def test_common_stretch_of_two_links_belongs_to_the_junction_and_all_wait_before_it(
     gap_m: float, waiting_m: list[float]
 ) -> None:
     wide = cross(gap_m)

@@ -9,8 +9,8 @@ from scipy.sparse.csgraph import connected_components
 from pointit.geometry.polyline import Polyline
 from pointit.schemas import BeltLink
 from pointit.services.conveyor_sim.network.network import Network
-from pointit.services.conveyor_sim.network.rings import NO_RING, Rings
-from pointit.services.conveyor_sim.network.zones import Zones
+from pointit.services.conveyor_sim.network.piece import NONE
+from pointit.services.conveyor_sim.network.rings import Rings
 from tests.unit.conveyor_sim.rooms import RING
 
 BELTS = 6
@@ -18,7 +18,7 @@ LONG_M = 4.0
 
 
 def rings_of(network: Network) -> Rings:
-    return Rings(network, Zones(network, 0.4), 0.4)
+    return Rings(network, 0.4)
 
 
 def network_of(links: list[tuple[int, int, int]]) -> Network:
@@ -33,6 +33,7 @@ def network_of(links: list[tuple[int, int, int]]) -> Network:
             BeltLink(source=str(source), target=str(target), source_position_m=float(at_m))
             for source, at_m, target in links
         ],
+        longest_m=0.4,
     )
 
 
@@ -54,13 +55,13 @@ def test_rings_are_what_scipy_calls_strongly_connected(links: list[tuple[int, in
             expected.append(tuple(group))
     assert sorted(rings.pieces) == sorted(expected)
     for index, ring in enumerate(rings.of):
-        assert (ring == NO_RING) == all(index not in group for group in expected)
-        assert ring == NO_RING or index in rings.pieces[ring]
+        assert (ring == NONE) == all(index not in group for group in expected)
+        assert ring == NONE or index in rings.pieces[ring]
 
 
 def test_the_way_in_and_the_way_out_are_no_part_of_a_ring() -> None:
     lines = {belt.id: Polyline(belt.line_m) for belt in RING.belts}
-    network = Network(lines, RING.links)
+    network = Network(lines, RING.links, longest_m=0.4)
     rings = rings_of(network)
     (ring,) = rings.pieces
     on_it = {network.pieces[index].belt for index in ring}

@@ -97,15 +97,6 @@ def test_what_is_fed_depends_on_the_seed_alone_not_on_the_steps() -> None:
     assert sorted(kinds(0.04, 5)) != sorted(kinds(0.04, 6))
 
 
-def test_a_feeder_ends_with_its_count() -> None:
-    feeders = {
-        "f": {"belt": "0", "sequence": ["x"], "min_interval_s": 1.0, "max_interval_s": 1.0, "count": 4}
-    }
-    belts = plant(lanes(5.0), feeders=feeders)
-    belts.step(100 * S)
-    assert (belts.fed, belts.size) == (4, 0)
-
-
 @pytest.mark.parametrize(
     "feeder",
     [

@@ -191,12 +191,6 @@ def test_the_count_ends_the_feeding_and_reset_begins_it_again() -> None:
     assert {event.object_id for event in events}.isdisjoint(tracked.id for tracked in on(belts))
 
 
-def test_an_empty_sequence_feeds_nothing() -> None:
-    belts = conveyor(2.0, sequence=[], initial=3)
-    belts.step(10 * S)
-    assert belts.fed == 0
-
-
 def test_adding_says_what_is_in_the_way() -> None:
     belts = conveyor(2.0, 2.0, sequence=[], speed_mps=0.1)
     assert belts.add("box", "", 0.4) == "0-1"
@@ -237,15 +231,6 @@ def test_belts_have_speeds_of_their_own_until_all_get_one() -> None:
     assert belts.state(0).speed_mps == 0.5
     belts.set_speed(0.0)
     assert belts.state(0).belts == ()
-
-
-def test_time_that_passes_standing_still_moves_nothing() -> None:
-    belts = conveyor(10.0)
-    belts.step(S)
-    before = places(belts)
-    belts.skip_time(100 * S)
-    belts.step(100 * S)
-    assert places(belts) == before
 
 
 corners = st.sampled_from([-FARTHEST, FARTHEST])

@@ -95,16 +95,6 @@ def test_in_the_zone_of_a_turn_behind_a_bay_it_is_decided_where_the_bays_belt_en
     assert [(event.event, event.bay) for event in go(belts, 1.0)] == [("dispatched", "1")]
 
 
-def test_what_is_selected_can_be_taken_back_until_it_is_on_its_way_to_the_bay() -> None:
-    belts = plant(FORK, feeder={"sequence": []})
-    name = belts.add("red", "main", 0.3)
-    before = until_s(belts, name)
-    belts.select({name: "anna"}, 0)
-    assert until_s(belts, name) == before
-    go(belts, 7.0)
-    assert until_s(belts, name) == 0.0
-
-
 def test_way_round_prolongs_the_time_to_change_the_bay() -> None:
     belts = plant(SHIPPED, feeder={"sequence": []})
     name = belts.add("red", "part_e", 0.3)

@@ -9,8 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pointit.maps.file import load_map
-from pointit.schemas import BeltLink, TrackedObject
+from pointit.schemas import BeltLink, Environment, TrackedObject
 from pointit.services.conveyor_sim.feeding.infeed import NoRoomError
+from pointit.services.conveyor_sim.network.rings import Rings
 from pointit.services.conveyor_sim.plant import Plant
 from tests.unit.conveyor_sim.rooms import (
     CHAIN,
@@ -60,27 +61,54 @@ def check_order(before: tuple[TrackedObject, ...], after: tuple[TrackedObject, .
                 assert places[a.id].surface_position_m < places[b.id].surface_position_m, (a, b)
 
 
-@settings(max_examples=60)
-@given(
-    st.sampled_from(sorted(EVERYWHERE)),
-    st.lists(action, min_size=10, max_size=60),
-    st.sampled_from([("1", "3"), ("2", "1"), ("3", "1"), ("9", "9")]),
-    st.fixed_dictionaries(
-        {
-            "interval_s": st.floats(0.3, 3.0),
-            "length_m": st.sampled_from([0.15, 0.3, 0.4]),
-            "initial": st.integers(0, 5),
-            "count": st.just(25),
-        }
-    ),
+feeders = st.fixed_dictionaries(
+    {
+        "interval_s": st.floats(0.3, 3.0),
+        "length_m": st.sampled_from([0.15, 0.3, 0.4]),
+        "initial": st.integers(0, 5),
+        "count": st.just(25),
+    }
 )
-def test_nothing_overlaps_jumps_or_is_lost_and_all_comes_out_in_the_end(
-    name: str,
+bay_pairs = st.sampled_from([("1", "3"), ("2", "1"), ("3", "1"), ("9", "9")])
+
+
+@st.composite
+def networks(draw: st.DrawFn) -> Environment:
+    """Return parallel belts, linked from anywhere to anywhere: bridges cross belts and each other."""
+    lengths_m = draw(st.lists(st.floats(0.5, 6.0), min_size=2, max_size=5))
+    belts = [belt(str(row), (0.0, 1.5 * row), (long_m, 1.5 * row)) for row, long_m in enumerate(lengths_m)]
+    row = st.integers(0, len(belts) - 1)
+    links = [
+        BeltLink(
+            source=str(source),
+            target=str(target),
+            source_position_m=None if at is None else at * lengths_m[source],
+            target_position_m=to * lengths_m[target],
+        )
+        for source, at, target, to in draw(
+            st.lists(
+                st.tuples(row, st.none() | st.floats(0.1, 0.95), row, st.just(0.0) | st.floats(0.0, 0.9)),
+                min_size=1,
+                max_size=8,
+            )
+        )
+        if source != target
+    ]
+    ends = draw(st.lists(row, unique=True, max_size=3))
+    return room(belts, links, **{f"b{number + 1}": str(end) for number, end in enumerate(ends)})
+
+
+def check_run(
+    environment: Environment,
     actions: list[tuple[str, float]],
     bays: tuple[str, str],
     feeder: dict[str, float],
+    name: str = "",
 ) -> None:
-    environment = EVERYWHERE[name]
+    """Fail if something overlaps, jumps, is lost or stays for ever; `name` is that of a known room.
+
+    In a random room narrow junctions are too close at corners, and packages may go round in a ring.
+    """
     belts = plant(environment, feeder=feeder, bay_selected=bays[0], bay_rest=bays[1])
     ids = [line.id for line in environment.belts]
     now_ns, left = 0, 0
@@ -90,12 +118,11 @@ def test_nothing_overlaps_jumps_or_is_lost_and_all_comes_out_in_the_end(
             now_ns += round(value * S)
             gone = [event for event in belts.step(now_ns) if event.event != "refused"]
             left += len(gone)
-            assert {event.event for event in gone} <= {"left" if name == "chain" else "dispatched"}
             after = belts.tracked(now_ns).objects
             assert {event.object_id for event in gone}.isdisjoint(tracked.id for tracked in after)
             fastest_mps = max(abs(v) for v in belts.speeds.values())
             check_moved(before, after, fastest_mps * value)
-            if name != "ring":  # where one comes back to the belt that it left
+            if name not in {"", "ring"}:  # where one comes back to the belt that it left
                 check_order(before, after)
         elif what == "speed":
             belts.set_speed(value)
@@ -106,14 +133,35 @@ def test_nothing_overlaps_jumps_or_is_lost_and_all_comes_out_in_the_end(
         else:
             with contextlib.suppress(NoRoomError):
                 belts.add("extra", ids[index % len(ids)], value)
-        check_apart(environment, belts.tracked(now_ns).objects)
+        check_apart(environment, belts.tracked(now_ns).objects, corners=bool(name))
         assert belts.fed == belts.size + left == len(belts.tracked(now_ns).objects) + left
     belts.set_speed(1.0)
     for _ in range(20):
         now_ns += 20 * S
-        belts.step(now_ns)
-    assert belts.size == 0, belts.tracked(now_ns)
-    assert belts.state(now_ns).left == belts.fed
+        left += sum(event.event != "refused" for event in belts.step(now_ns))
+        if not belts.size and belts.fed >= feeder["count"]:
+            break
+    assert belts.size == 0 or (not name and Rings(belts.network, 0.4).pieces), belts.tracked(now_ns)
+    assert belts.state(now_ns).left == left == belts.fed - belts.size
+
+
+@settings(max_examples=60)
+@given(st.sampled_from(sorted(EVERYWHERE)), st.lists(action, min_size=10, max_size=60), bay_pairs, feeders)
+def test_nothing_overlaps_jumps_or_is_lost_and_all_comes_out_in_the_end(
+    name: str, actions: list[tuple[str, float]], bays: tuple[str, str], feeder: dict[str, float]
+) -> None:
+    check_run(EVERYWHERE[name], actions, bays, feeder, name)
+
+
+@settings(max_examples=25)
+@given(networks(), st.lists(action, min_size=10, max_size=40), bay_pairs, feeders)
+def test_nothing_overlaps_or_is_lost_on_any_network(
+    environment: Environment,
+    actions: list[tuple[str, float]],
+    bays: tuple[str, str],
+    feeder: dict[str, float],
+) -> None:
+    check_run(environment, actions, bays, feeder)
 
 
 def every(belt: str, interval_s: float, *, kind: str = "red") -> dict[str, object]:
@@ -273,8 +321,8 @@ def test_running_backwards_it_stops_behind_what_stands_on_the_belt_before(offset
     assert both.tracked(0).objects[1].surface_position_m == pytest.approx(0.29)
 
 
-@pytest.mark.parametrize(("gap_m", "waiting_m"), [(1.0, [2.2, 2.5, 2.8, 3.1]), (2.6, [2.2, 2.5, 2.8, 3.1])])
-def test_one_that_waits_between_belts_holds_those_behind_wherever_they_go(
+@pytest.mark.parametrize(("gap_m", "waiting_m"), [(1.0, [2.1, 2.4, 2.7, 3.0]), (2.6, [0.5, 0.8, 1.1, 1.4])])
+def test_common_stretch_of_two_links_belongs_to_the_junction_and_all_wait_before_it(
     gap_m: float, waiting_m: list[float]
 ) -> None:
     wide = cross(gap_m)
@@ -369,18 +417,19 @@ def test_package_too_long_for_the_junctions_is_refused() -> None:
         plant(FORK).add("tree", "main", 2.0)
 
 
-def test_the_same_seed_gives_the_same_packages_and_another_one_others() -> None:
-    feeders = {
-        "in": {"belt": "part_e", "probabilities": {"red": 0.5, "blue": 0.5}, "min_interval_s": 1.0},
-    }
-
-    def kinds(seed: int) -> list[tuple[str, str, float]]:
-        belts = plant(SHIPPED, seed=seed, feeders=feeders)
-        run(belts, 20.0)
-        return [(t.id, t.kind, t.surface_position_m) for t in belts.tracked(0).objects]
-
-    assert kinds(1) == kinds(1)
-    assert kinds(1) != kinds(2)
+def test_a_snapshot_of_an_older_version_is_restored_unless_a_package_now_waits_inside_a_junction() -> None:
+    belts, again = (plant(FORK, feeder={"sequence": ["red"], "interval_s": 1.0}) for _ in range(2))
+    run(belts, 5.5)
+    old = belts.snapshot()
+    junctions = [package[9] for package in old["packages"]]
+    assert {number < 0 for number in junctions} == {True, False}
+    old["packages"] = [[*package, ["belt", "main"], False] for package in old["packages"]]
+    again.restore(old)
+    assert again.tracked(0) == belts.tracked(0)
+    assert again.snapshot() == belts.snapshot()
+    old["packages"][junctions.index(max(junctions))][9] = -1
+    with pytest.raises(ValueError, match="the junctions have changed"):
+        again.restore(old)
 
 
 def test_links_of_belts_that_are_left_out_do_not_count() -> None:

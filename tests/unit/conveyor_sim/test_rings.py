@@ -9,16 +9,11 @@ from scipy.sparse.csgraph import connected_components
 from pointit.geometry.polyline import Polyline
 from pointit.schemas import BeltLink
 from pointit.services.conveyor_sim.network.network import Network
-from pointit.services.conveyor_sim.network.rings import NO_RING, Rings
-from pointit.services.conveyor_sim.network.zones import Zones
-from tests.unit.conveyor_sim.rooms import RING
+from pointit.services.conveyor_sim.network.piece import NONE
+from pointit.services.conveyor_sim.network.rings import Rings
 
 BELTS = 6
 LONG_M = 4.0
-
-
-def rings_of(network: Network) -> Rings:
-    return Rings(network, Zones(network, 0.4), 0.4)
 
 
 def network_of(links: list[tuple[int, int, int]]) -> Network:
@@ -33,6 +28,7 @@ def network_of(links: list[tuple[int, int, int]]) -> Network:
             BeltLink(source=str(source), target=str(target), source_position_m=float(at_m))
             for source, at_m, target in links
         ],
+        longest_m=0.4,
     )
 
 
@@ -42,7 +38,7 @@ belts = st.integers(0, BELTS - 1)
 @given(st.lists(st.tuples(belts, st.integers(1, round(LONG_M)), belts), max_size=10, unique=True))
 def test_rings_are_what_scipy_calls_strongly_connected(links: list[tuple[int, int, int]]) -> None:
     network = network_of(links)
-    rings = rings_of(network)
+    rings = Rings(network, 0.4)
     graph = np.zeros((len(network.pieces), len(network.pieces)))
     for piece in network.pieces:
         graph[piece.index, piece.successors] = 1.0
@@ -54,15 +50,5 @@ def test_rings_are_what_scipy_calls_strongly_connected(links: list[tuple[int, in
             expected.append(tuple(group))
     assert sorted(rings.pieces) == sorted(expected)
     for index, ring in enumerate(rings.of):
-        assert (ring == NO_RING) == all(index not in group for group in expected)
-        assert ring == NO_RING or index in rings.pieces[ring]
-
-
-def test_the_way_in_and_the_way_out_are_no_part_of_a_ring() -> None:
-    lines = {belt.id: Polyline(belt.line_m) for belt in RING.belts}
-    network = Network(lines, RING.links)
-    rings = rings_of(network)
-    (ring,) = rings.pieces
-    on_it = {network.pieces[index].belt for index in ring}
-    assert on_it == {"south", "east", "north", "west"}
-    assert rings.capacity[0] > 0
+        assert (ring == NONE) == all(index not in group for group in expected)
+        assert ring == NONE or index in rings.pieces[ring]

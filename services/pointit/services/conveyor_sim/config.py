@@ -11,6 +11,10 @@ def _text(value: object) -> object:
     return str(value) if isinstance(value, int) and not isinstance(value, bool) else value
 
 
+KindNumber = Annotated[str, BeforeValidator(_text)]
+"""Number of a kind in a schedule, which YAML reads as an integer."""
+
+
 class FeederConfig(Config):
     """Packages that are fed to the lanes in turn, and their interval."""
 
@@ -112,7 +116,7 @@ class ConveyorSimConfig(Config):
     schedule_length_m: float = Field(
         default=0.3, gt=0, le=5, description="length of the packages that a schedule feeds, m"
     )
-    kinds: dict[Annotated[str, BeforeValidator(_text)], str] = Field(
+    kinds: dict[KindNumber, str] = Field(
         default={"0": "blue", "1": "red"}, description="kind by its number in a schedule"
     )
     feeder_belts: dict[str, str] = Field(

@@ -57,7 +57,7 @@ class Dispatch:
                 package.user = user
                 continue
             wanted = self._wanted(package, is_selected=bool(user))
-            if package.bay == wanted or self._routes.reaches(_decided(package), wanted):
+            if package.bay == wanted or self._routes.reaches(package.decided, wanted):
                 package.bay, package.user, package.refused = wanted, user, ""
             elif package.refused != wanted:
                 package.refused = wanted
@@ -79,7 +79,7 @@ class Dispatch:
         wanted = self._wanted(package, is_selected=not package.user)
         if not package.bay or package.bay == wanted:
             return None
-        if not self._routes.reaches(_decided(package), wanted):
+        if not self._routes.reaches(package.decided, wanted):
             return 0
         left_s = self._last_way.time_left_s(package, wanted)
         return None if left_s == math.inf else now_ns + int(left_s * NS_PER_S)
@@ -87,7 +87,7 @@ class Dispatch:
     def _wanted(self, package: Package, *, is_selected: bool) -> str:
         """Return the bay of selected packages or of the rest, or the nearest one if the map lacks it."""
         wanted = self._bay_selected if is_selected else self._bay_rest
-        return wanted if self._routes.has(wanted) else self._routes.best(_decided(package), wanted)
+        return wanted if self._routes.has(wanted) else self._routes.best(package.decided, wanted)
 
     def leave(self, package: Package, bay: str, now_ns: int) -> SelectionEvent:
         """Count a package that left at `bay` (`""`: at the end of a belt) and return its event."""
@@ -108,11 +108,6 @@ class Dispatch:
             BayCount(bay=bay, kind=kind, count=count, selected=selected)
             for (bay, kind), (count, selected) in sorted(self.counts.items())
         )
-
-
-def _decided(package: Package) -> int:
-    """Return the last piece of the way to which `package` is committed."""
-    return package.way[-1] if package.way else package.piece
 
 
 def _event(

@@ -35,6 +35,6 @@ def network_of(environment: Environment, config: ConveyorSimConfig) -> Network:
             f"lanes: a {surface} of map {environment.name!r} is not a valid lane: {error}"
         ) from error
     if surface == "strip":
-        return Network(chosen, surface=surface)
+        return Network(chosen, longest_m=config.longest_fed_m, surface=surface)
     bays = {bay.id: bay.belt for bay in environment.bays}
-    return Network(chosen, environment.links, bays, surface=surface)
+    return Network(chosen, environment.links, bays, longest_m=config.longest_fed_m)

@@ -15,9 +15,11 @@ def ground_truth_objects(traffic: Traffic, until_ns: Callable[[Package], int | N
     `until_ns` returns the time until which the bay of a package can be changed, None without limit.
     """
     objects: list[TrackedObject] = []
-    for piece, held in zip(traffic.network.pieces, traffic.held, strict=True):
+    for parts in traffic.network.parts:
+        held = [package for part in parts for package in traffic.held[part.index]]
         if not held:
             continue
+        piece = parts[0]  # lines and positions are those of the whole section
         line = piece.line
         along_m = np.array([piece.start_m + package.offset_m for package in held])
         segments = np.clip(

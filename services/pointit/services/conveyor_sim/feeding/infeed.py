@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable, Sequence
 
 from pointit.services.conveyor_sim.feeding.feed import Feeder
-from pointit.services.conveyor_sim.network.network import NetworkEdge
+from pointit.services.conveyor_sim.network.piece import Piece
 from pointit.services.conveyor_sim.traffic.package import Package
 from pointit.services.conveyor_sim.traffic.traffic import TOLERANCE_M, Traffic
 
@@ -138,22 +138,21 @@ class Infeed:
         self.fed += 1
         return Package(f"{self.prefix}-{self.ids}", kind, length_m)
 
-    def _put(self, package: Package, piece: NetworkEdge, offset_m: float) -> None:
+    def _put(self, package: Package, piece: Piece, offset_m: float) -> None:
         package.piece = piece.index
         self._send(package)
         self._traffic.put(package, piece, offset_m)
 
-    def _entry(self, belt: str) -> tuple[NetworkEdge, float]:
+    def _entry(self, belt: str) -> tuple[Piece, float]:
         """Return the place where packages enter `belt`."""
         sections = self._network.sections[belt]
-        return (sections[-1], sections[-1].length_m) if self.is_reverse[belt] else (sections[0], 0.0)
+        return (sections[-1], sections[-1].to_m) if self.is_reverse[belt] else (sections[0], 0.0)
 
     def _wait_m(self, belt: str, length_m: float) -> float:
         """Return the distance that `belt` must move until a package fits at the entry; 0: now."""
-        is_reverse = self.is_reverse[belt]
-        if is_reverse and belt in self._network.linked:
+        if self.is_reverse[belt] and belt in self._network.linked:
             return math.inf
-        return self._traffic.wait_m(*self._entry(belt), length_m, is_reverse=is_reverse)
+        return self._traffic.wait_m(*self._entry(belt), length_m)
 
     def _room_in_s(self, belt: str, length_m: float) -> float:
         wait_m = self._wait_m(belt, length_m)

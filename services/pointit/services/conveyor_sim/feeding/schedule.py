@@ -6,20 +6,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from pointit.runtime.config.validation_message import describe_validation_error
 from pointit.runtime.config.yaml_file import read_yaml
 from pointit.runtime.errors import ConfigError
-from pointit.services.conveyor_sim.config import ConveyorSimConfig
+from pointit.services.conveyor_sim.config import ConveyorSimConfig, KindNumber
 from pointit.services.conveyor_sim.feeding.feed import Feeder, FeedSpec
 
-
-def _number_of_kind(value: object) -> object:
-    return str(value) if isinstance(value, int) and not isinstance(value, bool) else value
-
-
-_Kind = Annotated[str, BeforeValidator(_number_of_kind)]
 _Share = Annotated[float, Field(ge=0, le=1e6)]
 _Interval = Annotated[float, Field(gt=0, le=3600)]
 
@@ -32,8 +26,8 @@ class FeederEntry(_Entry):
     """One feeder in one step."""
 
     random: bool = False
-    pack_proba: dict[_Kind, _Share] = {}
-    kind_sequence: tuple[_Kind, ...] = ()
+    pack_proba: dict[KindNumber, _Share] = {}
+    kind_sequence: tuple[KindNumber, ...] = ()
     min_interval: _Interval
     max_interval: _Interval
 
@@ -50,7 +44,7 @@ class StepEntry(_Entry):
 class ScheduleFile(_Entry):
     """A schedule file; the steps run in the order of the file."""
 
-    steps: Annotated[dict[_Kind, StepEntry], Field(min_length=1)]
+    steps: Annotated[dict[KindNumber, StepEntry], Field(min_length=1)]
 
 
 def read_schedule(path: Path) -> ScheduleFile:

@@ -1,1 +1,1 @@
-"""The network of belts: geometry, routes, zones and rings."""
+"""The network of belts: geometry, junctions, routes and rings."""

@@ -1,74 +1,18 @@
-"""Belts as a directed network: sections between places where links join them, and bridges."""
+"""Belts as a directed network: cut where links join them and where junctions begin and end."""
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import replace
 from itertools import pairwise
 from typing import Literal
 
-import numpy as np
-from numpy.typing import NDArray
-
 from pointit.geometry.polyline import Polyline
-from pointit.geometry.vector import Vec3
 from pointit.schemas import BeltLink
+from pointit.services.conveyor_sim.network.junctions import Extent, Junctions
+from pointit.services.conveyor_sim.network.piece import Piece
 
-Array = NDArray[np.float64]
-
-APART = math.cos(math.radians(10.0))
-"""Ways that leave one place at a larger angle than this diverge there."""
 SNAP_M = 1e-3
 """Places on a belt closer together than this are merged; shorter gaps are closed."""
-
-
-@dataclass(slots=True)
-class NetworkEdge:
-    """A directed stretch: a section of a belt, or the bridge of a link."""
-
-    index: int
-    belt: str
-    """Belt whose speed it has; for a bridge the belt it comes from."""
-    line: Polyline
-    start_m: float
-    """Arc length on `line` where the piece starts."""
-    length_m: float
-    target: str = ""
-    """Belt that a bridge leads to, or `""` for a section."""
-    successors: list[int] = field(default_factory=list[int])
-    """Pieces that begin at its end; straight on along the belt comes first."""
-    predecessors: list[int] = field(default_factory=list[int])
-    """Pieces that end at its beginning."""
-    bay: str = ""
-    """Bay at its end."""
-    twins: list[int] = field(default_factory=list[int])
-    """Other pieces that begin at its beginning, in its direction: they are one way as far as both go."""
-    halves: tuple[float | None, float | None] = (None, None)
-    """For a bridge: arc length on its belt if it starts at the belt's end, and on its target's start, else
-    None."""
-
-    @property
-    def is_bridge(self) -> bool:
-        """Return True if it is the bridge of a link."""
-        return bool(self.target)
-
-    def point(self, offset_m: float) -> Vec3:
-        """Return the position in {W} at `offset_m` from its start."""
-        return self.line.point_at(self.start_m + offset_m)
-
-    def direction(self, offset_m: float) -> Array:
-        """Return the unit direction of travel there."""
-        return np.asarray(self.line.tangent_at(self.start_m + min(max(offset_m, 1e-6), self.length_m - 1e-6)))
-
-    def place(self, offset_m: float) -> tuple[str, float]:
-        """Return the belt to which an object there belongs, and its arc length, maybe beyond an end."""
-        if not self.target:
-            return self.belt, self.start_m + offset_m
-        from_m, to_m = self.halves
-        if from_m is not None and (to_m is None or offset_m < self.length_m / 2.0):
-            return self.belt, from_m + offset_m
-        if to_m is not None:
-            return self.target, to_m - (self.length_m - offset_m)
-        return "", 0.0
 
 
 class Network:
@@ -80,11 +24,13 @@ class Network:
         links: Sequence[BeltLink] = (),
         bays: dict[str, str] | None = None,
         *,
+        longest_m: float,
         surface: Literal["strip", "belt"] = "belt",
     ) -> None:
-        """Cut `lines` where `links` join them; `bays` by name are ends of belts.
+        """Connect `lines` by `links`, with junctions for packages up to `longest_m`.
 
-        Links and bays of other lines, and links from a belt's very start, are left out.
+        `bays` by name are ends of belts. Links and bays of other lines, and links from a belt's very start,
+        are left out.
         """
         self.surface: Literal["strip", "belt"] = surface
         self.lines = lines
@@ -94,34 +40,32 @@ class Network:
         self.bays = {bay: belt for bay, belt in (bays or {}).items() if belt in lines}
         self.linked = {name for link, _, _ in self.links for name in (link.source, link.target)}
         """Belts with links. They hold packages at the start when they run backwards."""
-        self.pieces: list[NetworkEdge] = []
-        self.sections: dict[str, list[NetworkEdge]] = {}
-        """Sections of each belt, from its start to its end."""
-        for belt in lines:
-            self._cut(belt)
-        for link, source_m, target_m in self.links:
-            self._bridge(link, source_m, target_m)
-        for bay, belt in self.bays.items():
-            self.sections[belt][-1].bay = bay
-        for piece in self.pieces:
-            for following in piece.successors:
-                self.pieces[following].predecessors.append(piece.index)
-        for piece in self.pieces:
-            for a in piece.successors:
-                self.pieces[a].twins = [b for b in piece.successors if b != a and self._are_twins(a, b)]
         self.entries = [
             belt
             for belt in lines
             if not any(link.target == belt and target_m < SNAP_M for link, _, target_m in self.links)
         ] or list(lines)
         """Belts at whose start no link ends."""
+        uncut = self._uncut()
+        extents = Junctions(uncut).extents(longest_m) if self.links else []
+        self.junctions = len(extents)
+        """Number of junctions."""
+        self.parts: list[list[Piece]] = []
+        """Pieces of each section."""
+        self.pieces: list[Piece] = []
+        for section in uncut:
+            self.parts.append(_parts(section, extents, len(self.pieces)))
+            self.pieces += self.parts[-1]
+        self.sections: dict[str, list[Piece]] = {}
+        """Pieces of each belt, from its start to its end."""
+        self._connect(uncut)
         self.front_first = self._front_first()
         """All pieces, each after the pieces ahead of it, except in rings."""
 
-    def at(self, belt: str, position_m: float) -> tuple[NetworkEdge, float]:
-        """Return the section of `belt` at arc length `position_m`, and the offset on it."""
+    def at(self, belt: str, position_m: float) -> tuple[Piece, float]:
+        """Return the piece of `belt` at arc length `position_m`, and the offset on it."""
         for piece in self.sections[belt]:
-            if position_m < piece.start_m + piece.length_m:
+            if position_m < piece.start_m + piece.to_m:
                 break
         return piece, position_m - piece.start_m  # pyright: ignore[reportPossiblyUnboundVariable] - never empty
 
@@ -133,51 +77,42 @@ class Network:
     def _target_m(self, link: BeltLink) -> float:
         return min(max(link.target_position_m, 0.0), self.lines[link.target].length_m)
 
-    def _cut(self, belt: str) -> None:
-        line = self.lines[belt]
-        cuts = {source_m for link, source_m, _ in self.links if link.source == belt}
-        cuts |= {target_m for link, _, target_m in self.links if link.target == belt}
-        ends = [0.0]
-        for cut_m in sorted(cuts):
-            if cut_m - ends[-1] >= SNAP_M and line.length_m - cut_m >= SNAP_M:
-                ends.append(cut_m)
-        ends.append(line.length_m)
-        sections: list[NetworkEdge] = []
-        for start_m, end_m in pairwise(ends):
-            piece = NetworkEdge(len(self.pieces), belt, line, start_m, end_m - start_m)
-            if sections:
-                sections[-1].successors.append(piece.index)
-            sections.append(piece)
-            self.pieces.append(piece)
-        self.sections[belt] = sections
+    def _uncut(self) -> list[Piece]:
+        """Return the sections of all belts between links, and the bridges of the links."""
+        sections: dict[str, list[Piece]] = {}
+        pieces: list[Piece] = []
+        for belt, line in self.lines.items():
+            cuts = {source_m for link, source_m, _ in self.links if link.source == belt}
+            cuts |= {target_m for link, _, target_m in self.links if link.target == belt}
+            ends = [0.0]
+            for cut_m in sorted(cuts):
+                if cut_m - ends[-1] >= SNAP_M and line.length_m - cut_m >= SNAP_M:
+                    ends.append(cut_m)
+            first = len(pieces)
+            for start_m, end_m in pairwise([*ends, line.length_m]):
+                index = len(pieces)
+                pieces.append(Piece(index, index, belt, line, start_m, 0.0, end_m - start_m))
+            sections[belt] = pieces[first:]
+            for piece, following in pairwise(sections[belt]):
+                piece.successors.append(following.index)
+        for link, source_m, target_m in self.links:
+            _bridge(link, source_m, target_m, sections, pieces)
+        for bay, belt in self.bays.items():
+            sections[belt][-1].bay = bay
+        _fill_predecessors(pieces)
+        return pieces
 
-    def _bridge(self, link: BeltLink, source_m: float, target_m: float) -> None:
-        sources, targets = self.sections[link.source], self.sections[link.target]
-        leaving = min(sources, key=lambda piece: abs(piece.start_m + piece.length_m - source_m))
-        entered = min(targets, key=lambda piece: abs(piece.start_m - target_m))
-        start, end = leaving.point(leaving.length_m), entered.point(0.0)
-        gap_m = math.dist(start, end)
-        if gap_m < SNAP_M:
-            leaving.successors.append(entered.index)
-            return
-        bridge = NetworkEdge(
-            index=len(self.pieces),
-            belt=link.source,
-            line=Polyline([start, end]),
-            start_m=0.0,
-            length_m=gap_m,
-            target=link.target,
-            successors=[entered.index],
-            halves=(
-                leaving.start_m + leaving.length_m if leaving is sources[-1] else None,
-                0.0 if entered is targets[0] else None,
-            ),
-        )
-        leaving.successors.append(bridge.index)
-        self.pieces.append(bridge)
-
-    def _are_twins(self, a: int, b: int) -> bool:
-        return float(self.pieces[a].direction(0.0) @ self.pieces[b].direction(0.0)) > APART
+    def _connect(self, uncut: Sequence[Piece]) -> None:
+        for section, parts in zip(uncut, self.parts, strict=True):
+            for piece, following in pairwise(parts):
+                piece.successors = [following.index]
+            parts[-1].successors = [self.parts[index][0].index for index in section.successors]
+            parts[-1].bay = section.bay
+        _fill_predecessors(self.pieces)
+        for belt in self.lines:
+            self.sections[belt] = [piece for piece in self.pieces if piece.belt == belt and not piece.target]
+            for piece, following in pairwise(self.sections[belt]):
+                following.before = piece.index
 
     def _front_first(self) -> list[int]:
         order: list[int] = []
@@ -193,3 +128,50 @@ class Network:
                     waiting.append((index, True))
                     waiting += [(following, False) for following in self.pieces[index].successors]
         return order
+
+
+def _bridge(
+    link: BeltLink, source_m: float, target_m: float, sections: dict[str, list[Piece]], pieces: list[Piece]
+) -> None:
+    """Connect the ends of `link`, by a bridge among `pieces` unless they are at one place."""
+    sources, targets = sections[link.source], sections[link.target]
+    leaving = min(sources, key=lambda piece: abs(piece.start_m + piece.to_m - source_m))
+    entered = min(targets, key=lambda piece: abs(piece.start_m - target_m))
+    start, end = leaving.point(leaving.to_m), entered.point(0.0)
+    gap_m = math.dist(start, end)
+    if gap_m < SNAP_M:
+        leaving.successors.append(entered.index)
+        return
+    index, line = len(pieces), Polyline([start, end])
+    bridge = Piece(index, index, link.source, line, 0.0, 0.0, gap_m, target=link.target)
+    bridge.halves = (
+        leaving.start_m + leaving.to_m if leaving is sources[-1] else None,
+        0.0 if entered is targets[0] else None,
+    )
+    bridge.successors.append(entered.index)
+    leaving.successors.append(index)
+    pieces.append(bridge)
+
+
+def _fill_predecessors(pieces: Sequence[Piece]) -> None:
+    for piece in pieces:
+        for following in piece.successors:
+            pieces[following].predecessors.append(piece.index)
+
+
+def _parts(section: Piece, extents: Sequence[Extent], first: int) -> list[Piece]:
+    """Return `section` cut where junctions begin and end, with indices from `first`, without connections."""
+    ends = {section.to_m}
+    for extent in extents:
+        ends.update(end_m for end_m in extent.get(section.index, ()) if 0.0 < end_m < section.to_m)
+    parts: list[Piece] = []
+    for from_m, to_m in pairwise([0.0, *sorted(ends)]):
+        middle_m = (from_m + to_m) / 2.0
+        part = replace(section, index=first + len(parts), from_m=from_m, to_m=to_m, bay="")
+        part.successors, part.predecessors = [], []
+        for junction, extent in enumerate(extents):
+            start_m, end_m = extent.get(section.index, (0.0, 0.0))
+            if start_m < middle_m < end_m:
+                part.junction = junction
+        parts.append(part)
+    return parts

@@ -3,20 +3,18 @@
 from collections.abc import Iterator
 
 from pointit.services.conveyor_sim.network.network import Network
-from pointit.services.conveyor_sim.network.zones import Zones
-
-NO_RING = -1
+from pointit.services.conveyor_sim.network.piece import NONE, Piece
 
 
 class Rings:
     """Rings of a network: sets of pieces that can be reached from each other.
 
     A full ring is deadlocked: each package waits for the next one. So it admits from outside one package less
-    than fit between its zones.
+    than fit between its junctions.
     """
 
-    def __init__(self, network: Network, zones: Zones, longest_m: float) -> None:
-        self.of = [NO_RING] * len(network.pieces)
+    def __init__(self, network: Network, longest_m: float) -> None:
+        self.of = [NONE] * len(network.pieces)
         """Ring by piece."""
         self.pieces: list[tuple[int, ...]] = []
         """Pieces by ring."""
@@ -28,7 +26,7 @@ class Rings:
             for index in members:
                 self.of[index] = len(self.pieces)
             self.pieces.append(members)
-            room = sum(_room(network.pieces[index].length_m, zones, index, longest_m) for index in members)
+            room = sum(_room(network, network.pieces[index], longest_m) for index in members)
             self.capacity.append(max(0, room - 2))
 
 
@@ -51,11 +49,9 @@ def _connected(network: Network) -> Iterator[tuple[int, ...]]:
             yield tuple(sorted(members))
 
 
-def _room(length_m: float, zones: Zones, piece: int, longest_m: float) -> int:
-    """Return the number of packages that fit on `piece` outside zones."""
-    room, free_from_m, is_bounded = 0, 0.0, False
-    for gate in zones.gates[piece]:
-        if gate.start_m > free_from_m:
-            room += int((gate.start_m - free_from_m) / longest_m) + is_bounded
-        free_from_m, is_bounded = gate.end_m, True
-    return room + int(max(0.0, length_m - free_from_m) / longest_m)
+def _room(network: Network, piece: Piece, longest_m: float) -> int:
+    """Return the number of packages that fit on `piece` if it is outside junctions, the last one in front."""
+    if piece.junction != NONE:
+        return 0
+    follows_junction = any(network.pieces[index].junction != NONE for index in piece.predecessors)
+    return int(piece.length_m / longest_m) + follows_junction

@@ -4,9 +4,7 @@ import heapq
 import math
 
 from pointit.services.conveyor_sim.network.network import Network
-
-END = -1
-"""Instead of a piece: the way ends here."""
+from pointit.services.conveyor_sim.network.piece import NONE
 
 
 class Routes:
@@ -16,13 +14,13 @@ class Routes:
         self._network = network
         self._next: dict[str, list[int]] = {}
         self._length_m: dict[str, list[float]] = {}
-        straight = [piece.successors[0] if piece.successors else END for piece in network.pieces]
+        straight = [piece.successors[0] if piece.successors else NONE for piece in network.pieces]
         self._next[""] = straight
         for bay in network.bays:
             self._next[bay], self._length_m[bay] = self._towards(bay)
 
     def next_of(self, piece: int, bay: str) -> int:
-        """Return the piece after `piece` on the way to `bay` (`""`: straight on), `END` at the way's end."""
+        """Return the piece after `piece` on the way to `bay` (`""`: straight on), `NONE` at the way's end."""
         return self._next[bay][piece]
 
     def reaches(self, piece: int, bay: str) -> bool:
@@ -44,7 +42,7 @@ class Routes:
     def _towards(self, bay: str) -> tuple[list[int], list[float]]:
         pieces = self._network.pieces
         lengths_m = [math.inf] * len(pieces)
-        following = [END] * len(pieces)
+        following = [NONE] * len(pieces)
         last = self._network.sections[self._network.bays[bay]][-1].index
         lengths_m[last] = pieces[last].length_m
         heap = [(lengths_m[last], last)]

@@ -1,1 +1,1 @@
-"""Packages on belts: motion, gaps and right of way."""
+"""Packages on belts: motion and right of way."""

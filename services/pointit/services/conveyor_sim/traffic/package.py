@@ -4,7 +4,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Self
 
-NO_ZONE = -1
+from pointit.services.conveyor_sim.network.network import Network
+from pointit.services.conveyor_sim.network.piece import NONE
+
+PAST_M = 1e-6
 
 
 @dataclass(slots=True, eq=False)
@@ -16,7 +19,7 @@ class Package:
     length_m: float
     piece: int = 0
     offset_m: float = 0.0
-    """Position of its centre from the start of the piece."""
+    """Position of its centre from the start of the piece's section."""
     speed_mps: float = 0.0
     """Speed along the piece; 0 while held."""
     bay: str = ""
@@ -25,34 +28,52 @@ class Package:
     """User who has it selected."""
     refused: str = ""
     """Bay for which its selection came too late; reported once."""
-    zone: int = NO_ZONE
-    """The zone that it may pass now."""
     way: tuple[int, ...] = ()
-    """Pieces after its own up to the end of the zone; later selections do not change them."""
-    lane: tuple[str | int, ...] = ()
-    """Way through the zone."""
-    is_exclusive: bool = False
-    """True if nothing else may be in the zone; else others of the same lane may follow."""
+    """In a junction: its piece and those after it up to the end, which later selections do not change."""
     turn: int = 0
     """The last step of the conveyor in which it moved."""
 
-    def leave_zone(self) -> None:
-        """Leave the zone."""
-        self.zone, self.way, self.lane, self.is_exclusive = NO_ZONE, (), (), False
+    @property
+    def decided(self) -> int:
+        """Return the last piece of the way to which it is committed."""
+        return self.way[-1] if self.way else self.piece
 
-    def to_state(self) -> list[Any]:
-        """Return the state as JSON values."""
+    def to_state(self, network: Network) -> list[Any]:
+        """Return the state as JSON values; places are sections."""
+        piece = network.pieces[self.piece]
+        sections = dict.fromkeys(network.pieces[index].section for index in self.way[1:])
         return [
-            *(self.id, self.kind, self.length_m, self.piece, self.offset_m, self.speed_mps),
+            *(self.id, self.kind, self.length_m, piece.section, self.offset_m, self.speed_mps),
             *(self.bay, self.user, self.refused),
-            *(self.zone, list(self.way), list(self.lane), self.is_exclusive),
+            *(piece.junction, list(sections)),
         ]
 
     @classmethod
-    def from_state(cls, state: Sequence[Any]) -> Self:
-        """Return the package with the state `state`."""
-        *others, zone, way, lane, is_exclusive = state
-        package = cls(*others)
-        package.zone, package.way, package.lane = zone, tuple(way), tuple(lane)
-        package.is_exclusive = is_exclusive
+    def from_state(cls, state: Sequence[Any], network: Network) -> Self:
+        """Return the package with the state `state`, maybe of an older version that stored more.
+
+        Raises:
+            ValueError: If it lies outside a junction that now includes its position, or the other way round.
+        """
+        name, kind, length_m, section, offset_m, speed_mps, bay, user, refused, junction, sections = state[
+            :11
+        ]
+        for piece in network.parts[section]:
+            is_as_stored = (piece.junction != NONE) == (junction != NONE)
+            if is_as_stored and piece.from_m - PAST_M <= offset_m <= piece.to_m + PAST_M:
+                break
+        else:
+            raise ValueError(f"the junctions have changed at {offset_m} m of section {section}")
+        offset_m = min(max(offset_m, piece.from_m), piece.to_m)
+        package = cls(name, kind, length_m, piece.index, offset_m, speed_mps, bay, user, refused)
+        if piece.junction != NONE:
+            package.way = (piece.index,)
+            while following := [
+                index
+                for index in network.pieces[package.way[-1]].successors
+                if network.pieces[index].junction == piece.junction
+                and network.pieces[index].section in {section, *sections}
+                and index not in package.way
+            ]:
+                package.way += (following[0],)
         return package

@@ -1,16 +1,15 @@
 """Packages on a network of belts: they move with their belts, in order, and never overlap."""
 
 import math
+from bisect import bisect_left
 from collections.abc import Iterable, Iterator
 
-from pointit.services.conveyor_sim.network.network import Network, NetworkEdge
-from pointit.services.conveyor_sim.network.rings import Rings
-from pointit.services.conveyor_sim.network.routes import END, Routes
-from pointit.services.conveyor_sim.network.zones import Zones
-from pointit.services.conveyor_sim.traffic.gaps import Gaps
+from pointit.services.conveyor_sim.network.network import Network
+from pointit.services.conveyor_sim.network.piece import NONE, Piece
+from pointit.services.conveyor_sim.network.routes import Routes
 from pointit.services.conveyor_sim.traffic.last_way import LastWay
-from pointit.services.conveyor_sim.traffic.package import NO_ZONE, Package
-from pointit.services.conveyor_sim.traffic.zone_interlock import ZoneInterlock
+from pointit.services.conveyor_sim.traffic.package import Package
+from pointit.services.conveyor_sim.traffic.right_of_way import RightOfWay
 
 TOLERANCE_M = 1e-9
 """Overlap of touching packages by rounding."""
@@ -23,23 +22,22 @@ STEP_S = 0.05
 class Traffic:
     """All packages by piece, and the speeds of the belts.
 
-    Packages move one after the other, those ahead first, each at most as far as the others allow. So nothing
-    overlaps at any speed, and a held package holds those behind it.
+    Packages move one after the other, those ahead first, each at most up to the next one. So nothing overlaps
+    at any speed, and a held package holds those behind it.
     """
 
     def __init__(self, network: Network, routes: Routes, *, longest_m: float) -> None:
-        """Create empty belts at rest; junctions are laid out for packages up to `longest_m`."""
+        """Create empty belts at rest; `longest_m` is that for which `network` has its junctions."""
         self.network = network
-        self.routes = routes
         self.longest_m = longest_m
         self.held: list[list[Package]] = [[] for _ in network.pieces]
         """By piece, in the order of their offsets."""
-        self.zones = Zones(network, longest_m)
         self.speeds = dict.fromkeys(network.lines, 0.0)
-        rings = Rings(network, self.zones, longest_m)
-        self.guard = ZoneInterlock(network, routes, self.zones, rings, held=self.held, speeds=self.speeds)
-        self.last_way = LastWay(network, routes, self.zones, self.guard, self.speeds)
-        self._gaps = Gaps(network, routes, self.held, longest_m)
+        self._right_of_way = RightOfWay(network, routes, longest_m, held=self.held, speeds=self.speeds)
+        self.last_way = LastWay(network, routes, self._right_of_way, self.speeds)
+        self._routes = routes
+        self._most_m = longest_m
+        """Length of the longest package so far."""
         self._order = list(network.front_first)
 
     @property
@@ -63,195 +61,162 @@ class Traffic:
     def set_speed(self, belt: str, speed_mps: float) -> None:
         """Set the speed of `belt`."""
         self.speeds[belt] = speed_mps
-        sections = {piece.index for name in self.speeds for piece in self.network.sections[name]
-                    if self.speeds[name] < 0.0}  # fmt: skip
-        ahead = [index for index in self.network.front_first if index not in sections]
-        self._order = ahead + sorted(sections)
+        back = {
+            piece.index
+            for name, pieces in self.network.sections.items()
+            if self.speeds[name] < 0.0
+            for piece in pieces
+        }
+        self._order = [index for index in self.network.front_first if index not in back] + sorted(back)
 
     def clear(self) -> None:
         """Remove all packages."""
         for held in self.held:
             held.clear()
-        self.guard.clear()
 
-    def put(self, package: Package, piece: NetworkEdge, offset_m: float) -> None:
+    def put(self, package: Package, piece: Piece, offset_m: float) -> None:
         """Put `package` at `offset_m` of `piece`, after `is_clear` returned True."""
         package.piece, package.offset_m = piece.index, offset_m
-        held = self.held[piece.index]
-        behind = sum(1 for other in held if other.offset_m < offset_m)
-        held.insert(behind, package)
-        self._gaps.register_length(package.length_m)
-        gate = self.zones.at(piece.index, offset_m)
-        if gate is not None and package.zone == NO_ZONE:
-            self.guard.occupy(package, gate)
-        package.speed_mps = max(0.0, self.speeds[piece.belt]) if piece.is_bridge else self.speeds[piece.belt]
+        package.way = self._right_of_way.way(piece.index, package.bay)
+        self._insert(package)
+        package.speed_mps = self._speed(piece)
 
     def restore(self, packages: Iterable[Package]) -> None:
         """Put `packages`, in the order of the property `packages`, at their own positions."""
         for package in packages:
-            self.held[package.piece].append(package)
-            self._gaps.register_length(package.length_m)
-            if package.zone != NO_ZONE:
-                self.guard.restore(package)
+            self._insert(package)
 
-    def wait_m(
-        self, piece: NetworkEdge, offset_m: float, length_m: float, *, is_reverse: bool = False
-    ) -> float:
+    def wait_m(self, piece: Piece, offset_m: float, length_m: float) -> float:
         """Return the distance that the belt must move until a package of `length_m` fits there; 0: now."""
-        missing_m = -self._gaps.behind_m(piece, offset_m, length_m)
-        if not is_reverse:
-            missing_m = max(missing_m, -self._gaps.ahead_m(piece, offset_m, length_m))
-            gate = self.zones.at(piece.index, offset_m)
-            is_busy = gate is not None and not self.guard.is_free(gate.zone)
-            if is_busy or not self.guard.takes(piece.index):
-                missing_m = max(missing_m, RETRY_M)
+        new = Package("", "", length_m, piece.index, offset_m)
+        missing_m = -min(self._room(new, is_ahead=is_ahead)[0] for is_ahead in (False, True))
+        if not self._right_of_way.takes(piece.index):
+            missing_m = max(missing_m, RETRY_M)
         return missing_m if missing_m > TOLERANCE_M else 0.0
 
-    def is_clear(self, piece: NetworkEdge, offset_m: float, length_m: float) -> bool:
-        """Return True if a package of `length_m` may be put there: nothing near, no zone in use."""
+    def is_clear(self, piece: Piece, offset_m: float, length_m: float) -> bool:
+        """Return True if a package of `length_m` may be put there: nothing near, no junction in use."""
         return self.wait_m(piece, offset_m, length_m) == 0.0
 
     def move(self, elapsed_s: float) -> list[Package]:
         """Advance by `elapsed_s`, at most `step_s`. Return the packages that left at an end, in order."""
-        self.guard.turn += 1
+        turn = self._right_of_way.turn = self._right_of_way.turn + 1
         passed: list[Package] = []
         for index in self._order:
-            held = self.held[index]
-            if not held:
+            if not self.held[index]:
                 continue
-            piece = self.network.pieces[index]
-            speed_mps = self.speeds[piece.belt]
-            if speed_mps < 0.0 and not piece.is_bridge:
-                for package in list(held):
-                    self._go_back(package, speed_mps * elapsed_s, passed)
-            elif speed_mps <= 0.0:
-                for package in held:
-                    package.speed_mps = 0.0
-            else:
-                for package in reversed(held.copy()):
-                    self._go_on(package, elapsed_s, passed)
+            is_ahead = self._speed(self.network.pieces[index]) > 0.0
+            for package in self.held[index][:: -1 if is_ahead else 1]:
+                if package.turn != turn:  # it may have come in this step from a piece that moved earlier
+                    package.turn = turn
+                    self._advance(package, elapsed_s, passed)
         return passed
 
-    def _go_on(self, package: Package, elapsed_s: float, passed: list[Package]) -> None:
+    def _speed(self, piece: Piece) -> float:
+        speed_mps = self.speeds[piece.belt]
+        return max(0.0, speed_mps) if piece.target else speed_mps  # bridges do not run backwards
+
+    def _insert(self, package: Package) -> None:
+        held = self.held[package.piece]
+        held.insert(bisect_left(held, package.offset_m, key=_offset_m), package)
+        self._most_m = max(self._most_m, package.length_m)
+
+    def _advance(self, package: Package, elapsed_s: float, passed: list[Package]) -> None:
         """Move `package`, the first of those of its piece that have not moved yet."""
-        if package.turn == self.guard.turn:  # in a ring it may reach a piece that moves later
-            return
-        package.turn = self.guard.turn
-        pieces = self.network.pieces
-        while True:
-            piece = pieces[package.piece]
-            speed_mps = self.speeds[piece.belt]
-            if speed_mps <= 0.0:
-                package.speed_mps = 0.0
-                return
-            wanted_m = package.offset_m + speed_mps * elapsed_s
-            limit_m, next_mps = self._gaps.limit(package, piece, wanted_m)
-            to_m = min(wanted_m, limit_m)
-            to_m, is_stopped = self._gated(package, piece, to_m)
-            if is_stopped:
-                next_mps = 0.0
-            following = self._following(package)
-            to_m = max(to_m, package.offset_m)
-            if to_m <= piece.length_m:
-                is_free = to_m >= wanted_m and limit_m > wanted_m + TOLERANCE_M
-                package.speed_mps = speed_mps if is_free else min(speed_mps, max(0.0, next_mps))
-                package.offset_m = to_m
-                self._leave_zone(package)
-                return
-            self.held[package.piece].remove(package)
-            if following == END:
-                passed.append(package)
-                self.guard.release(package)
-                return
-            elapsed_s -= (piece.length_m - package.offset_m) / speed_mps
-            package.piece, package.offset_m = following, 0.0
-            self.held[following].insert(0, package)
-            if package.zone != NO_ZONE:
-                if package.way:
-                    package.way = package.way[1:]
-                else:
-                    self.guard.release(package)
-
-    def _gated(self, package: Package, piece: NetworkEdge, to_m: float) -> tuple[float, bool]:
-        """Return the offset up to `to_m` to which zones limit `package`, and True if one stops it."""
-        for gate in self.zones.gates[piece.index]:
-            if package.offset_m - TOLERANCE_M <= gate.start_m < to_m and gate.zone != package.zone:
-                self._leave_zone(package, gate.start_m)
-                if not self.guard.may_enter(package, gate, piece.index):
-                    return gate.start_m, True
-        if to_m > piece.length_m:
-            following = self._following(package)
-            if following != END:
-                for gate in self.zones.gates[following]:
-                    if gate.start_m < 0.0 and gate.zone != package.zone:
-                        self._leave_zone(package, piece.length_m)
-                        if not self.guard.may_enter(package, gate, following):
-                            return piece.length_m, True
-        return to_m, False
-
-    def _leave_zone(self, package: Package, offset_m: float | None = None) -> None:
-        """Release the zone if `package`, or `offset_m` of its piece, is outside it."""
-        if package.zone == NO_ZONE:
-            return
-        at_m = package.offset_m if offset_m is None else offset_m
-        for gate in self.zones.gates[package.piece]:
-            if gate.zone == package.zone and gate.start_m < at_m < gate.end_m:
-                return
-        self.guard.release(package)
-
-    def _following(self, package: Package) -> int:
-        if package.zone != NO_ZONE and package.way:
-            return package.way[0]
-        return self.routes.next_of(package.piece, package.bay)
-
-    def _go_back(self, package: Package, distance_m: float, passed: list[Package]) -> None:
-        """Move `package` back by the negative `distance_m`; those behind it have moved already."""
-        if package.turn == self.guard.turn:  # it came in this step, from a belt that runs forwards
-            return
-        package.turn = self.guard.turn
         while True:
             piece = self.network.pieces[package.piece]
-            held = self.held[piece.index]
-            sections = self.network.sections[piece.belt]
-            before = sections[sections.index(piece) - 1] if piece is not sections[0] else None
-            wanted_m = package.offset_m + distance_m
-            mine = held.index(package)
-            if mine:
-                behind = held[mine - 1]
-                room_m = package.offset_m - behind.offset_m - (package.length_m + behind.length_m) / 2.0
-            else:
-                room_m = self._gaps.behind_m(piece, package.offset_m, package.length_m, package, -distance_m)
-            to_m = max(wanted_m, package.offset_m - max(0.0, room_m))
-            to_m = self._gated_back(package, piece, before, to_m)
-            if to_m >= 0.0 or (before is None and piece.belt in self.network.linked):
-                package.offset_m = max(to_m, 0.0)
-                is_free = package.offset_m <= wanted_m + TOLERANCE_M
-                package.speed_mps = self.speeds[piece.belt] if is_free else 0.0
-                self._leave_zone(package)
+            speed_mps = self._speed(piece)
+            if speed_mps == 0.0:
+                package.speed_mps = 0.0
                 return
-            held.remove(package)
-            if before is None:
+            is_ahead = speed_mps > 0.0
+            wanted_m = abs(speed_mps) * elapsed_s
+            room_m, next_mps = self._room(package, is_ahead=is_ahead, further_m=wanted_m)
+            step_m = min(wanted_m, max(room_m, 0.0))
+            end_m = piece.to_m if is_ahead else piece.from_m
+            left_m = abs(end_m - package.offset_m)
+            following = self._following(package, is_ahead=is_ahead)
+            is_leaving = following != NONE and self.network.pieces[following].junction == NONE
+            if step_m <= left_m - (TOLERANCE_M if is_leaving else 0.0):
+                package.offset_m += math.copysign(step_m, speed_mps)
+                package.speed_mps = speed_mps
+                if room_m <= wanted_m + TOLERANCE_M:  # it goes on as fast as the next one
+                    slowest, fastest = sorted((0.0, speed_mps))
+                    package.speed_mps = min(max(next_mps, slowest), fastest)
+                return
+            is_end = following == NONE and (is_ahead or piece.belt not in self.network.linked)
+            if not is_end and not self._goes_on(package, following, is_ahead=is_ahead):
+                package.offset_m, package.speed_mps = end_m, 0.0
+                return
+            self.held[piece.index].remove(package)
+            if is_end:
                 passed.append(package)
                 return
-            distance_m += package.offset_m
-            if package.zone != NO_ZONE:
-                package.way = (piece.index, *package.way)
-            package.piece, package.offset_m = before.index, before.length_m
-            self.held[before.index].append(package)
+            elapsed_s = max(0.0, elapsed_s - left_m / abs(speed_mps))
+            entered = self.network.pieces[following]
+            package.piece, package.offset_m = following, entered.from_m if is_ahead else entered.to_m
+            self.held[following].insert(0 if is_ahead else len(self.held[following]), package)
 
-    def _gated_back(
-        self, package: Package, piece: NetworkEdge, before: NetworkEdge | None, to_m: float
-    ) -> float:
-        """Return the offset down to `to_m` to which zones limit `package` on its way back."""
-        for gate in reversed(self.zones.gates[piece.index]):
-            if to_m < gate.end_m <= package.offset_m + TOLERANCE_M and gate.zone != package.zone:
-                self._leave_zone(package, gate.end_m)
-                if not self.guard.may_enter_reversed(package, gate):
-                    return gate.end_m
-        if to_m < 0.0 and before is not None:
-            for gate in self.zones.gates[before.index]:
-                if gate.end_m > before.length_m and gate.zone != package.zone:
-                    self._leave_zone(package, 0.0)
-                    if not self.guard.may_enter_reversed(package, gate):
-                        return 0.0
-        return to_m
+    def _following(self, package: Package, *, is_ahead: bool) -> int:
+        """Return the next piece of `package`, or `NONE` at its last one."""
+        if not is_ahead:
+            return self.network.pieces[package.piece].before
+        return package.way[1] if len(package.way) > 1 else self._routes.next_of(package.piece, package.bay)
+
+    def _goes_on(self, package: Package, following: int, *, is_ahead: bool) -> bool:
+        """Return True if `package` may go on to `following`, and update its way through a junction."""
+        if following == NONE:
+            return False
+        piece, junction = self.network.pieces[package.piece], self.network.pieces[following].junction
+        is_entering = junction not in {NONE, piece.junction}
+        if is_ahead:
+            way = package.way[1:] or self._right_of_way.way(following, package.bay)
+            is_admitted = not is_entering or self._right_of_way.admits(package, way)
+        else:
+            way = () if junction == NONE else (following, *package.way)
+            belt = tuple(section.index for section in self.network.sections[piece.belt])
+            is_admitted = not is_entering or self._right_of_way.admits_back(package, junction, belt)
+        if is_admitted:
+            package.way = way
+        return is_admitted
+
+    def _room(self, package: Package, *, is_ahead: bool, further_m: float = 0.0) -> tuple[float, float]:
+        """Return the room to the nearest package ahead (or behind), whichever way it went, and its speed.
+
+        Args:
+            package: on its piece, or not put on it yet.
+            is_ahead: False to look behind.
+            further_m: distance beyond the reach of the longest package in which to look.
+        """
+        pieces, held = self.network.pieces, self.held[package.piece]
+        is_there = package in held
+        here = held.index(package) if is_there else bisect_left(held, package.offset_m, key=_offset_m)
+        for other in held[here + is_there :][:1] if is_ahead else held[max(here - 1, 0) : here]:
+            apart_m = abs(other.offset_m - package.offset_m)
+            return apart_m - (package.length_m + other.length_m) / 2.0, other.speed_mps
+        piece = pieces[package.piece]
+        waiting = [(piece.to_m - package.offset_m if is_ahead else package.offset_m - piece.from_m, piece)]
+        nearest = (math.inf, 0.0)
+        seen = {package.piece}
+        while waiting:
+            far_m, piece = waiting.pop()
+            if far_m > self._most_m + further_m:
+                continue
+            for index in piece.successors if is_ahead else piece.predecessors:
+                beyond, there = pieces[index], self.held[index]
+                if there:
+                    other = there[0 if is_ahead else -1]
+                    apart_m = far_m + (
+                        other.offset_m - beyond.from_m if is_ahead else beyond.to_m - other.offset_m
+                    )
+                    if other is not package:  # in a ring it follows itself
+                        room_m = apart_m - (package.length_m + other.length_m) / 2.0
+                        nearest = min(nearest, (room_m, other.speed_mps))
+                elif index not in seen:
+                    seen.add(index)
+                    waiting.append((far_m + beyond.length_m, beyond))
+        return nearest
+
+
+def _offset_m(package: Package) -> float:
+    return package.offset_m

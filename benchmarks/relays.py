@@ -1,4 +1,4 @@
-"""What it costs a process to relay messages, and how long a round trip through it takes."""
+"""CPU cost of a process that relays messages, and times of round trips through it."""
 
 import asyncio
 import contextlib

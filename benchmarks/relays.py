@@ -1,4 +1,4 @@
-"""Cost of relaying messages in a process, and time of a round trip through it."""
+"""CPU cost of a process that relays messages, and times of round trips through it."""
 
 import asyncio
 import contextlib

@@ -1,7 +1,7 @@
 """Outputs of the selection engine: messages for people, and records for the journal."""
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
 from pointit.schemas import Feedback, Hover, Selection, SelectionEvent
 
@@ -15,8 +15,7 @@ TOLD_AGAIN = "told again after a restart of the selector"
 """Reason of an event that subscribers may have received before: same object, event, stamp and number."""
 
 
-@dataclass(frozen=True, slots=True)
-class Output:
+class Output(NamedTuple):
     """A message to publish."""
 
     user: str

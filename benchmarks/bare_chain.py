@@ -8,6 +8,7 @@ Zenoh's own thread (the minimum), `default` as in Zenoh's documentation, with a 
 
 import asyncio
 import json
+import os
 import struct
 import sys
 import time
@@ -20,6 +21,8 @@ from zenoh.handlers import Callback
 PAYLOAD_BYTES = 200
 KEY = "bare/{}"
 CallbackKind = Literal["direct", "default"]
+ENVIRONMENT = dict(os.environ)
+"""The environment before our bus chooses Zenoh's threads in it: bare processes have those of the user."""
 
 
 def opened(*, listen: str = "", connect: str = "", mode: str = "") -> zenoh.Session:
@@ -66,6 +69,7 @@ async def processes(hops: int, rate_hz: float, duration_s: float, endpoint: str)
             await asyncio.create_subprocess_exec(
                 *(sys.executable, "-m", "benchmarks.bare_chain", endpoint, str(hop)),
                 stdin=asyncio.subprocess.PIPE,
+                env=ENVIRONMENT,
             )
             for hop in range(hops - 1)
         ]

@@ -55,9 +55,13 @@ def nearest_in_angle(a: Vec3, u: Vec3, d: Vec3) -> tuple[float, float]:
     (ax, ay, az), (ux, uy, uz), (dx, dy, dz) = a, u, d
     p, q = dx * ax + dy * ay + dz * az, dx * ux + dy * uy + dz * uz
     aa, au, uu = ax * ax + ay * ay + az * az, ax * ux + ay * uy + az * uz, ux * ux + uy * uy + uz * uz
-    inner = min(max((q * aa - p * au) / max(p * uu - q * au, TINY), 0.0), 1.0)
-    best_t, best_cost = 0.0, math.inf
-    for t in (0.0, 1.0, inner):
+    best_t, best_cost = 0.0, (-p / math.sqrt(aa) if aa > TINY else 1.0)
+    square = aa + (2.0 * au + uu)
+    cost = -(p + q) / math.sqrt(square) if square > TINY else 1.0
+    if cost < best_cost:
+        best_t, best_cost = 1.0, cost
+    t = (q * aa - p * au) / max(p * uu - q * au, TINY)
+    if 0.0 < t < 1.0:  # beyond, it is an end
         square = aa + t * (2.0 * au + t * uu)
         cost = -(p + t * q) / math.sqrt(square) if square > TINY else 1.0
         if cost < best_cost:

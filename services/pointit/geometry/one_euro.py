@@ -68,15 +68,17 @@ class OneEuro:
         self._at_s = at_s
         rate, came = self._rate, self._came
         weight = _weight(self._derivative, passed_s)
-        axis = vector.cross(came, direction)
-        sine = math.hypot(*axis)
-        angle = math.atan2(sine, vector.dot(came, direction))
+        # cross and dot products are written out: this runs for every sample
+        (x, y, z), (ax, ay, az) = direction, came
+        turn_x, turn_y, turn_z = ay * z - az * y, az * x - ax * z, ax * y - ay * x
+        sine = math.hypot(turn_x, turn_y, turn_z)
+        angle = math.atan2(sine, ax * x + ay * y + az * z)
         gain = weight * (angle / sine if sine > 0.0 else 0.0) / passed_s
         keep = 1.0 - weight
         rate = (
-            keep * rate[0] + gain * axis[0],
-            keep * rate[1] + gain * axis[1],
-            keep * rate[2] + gain * axis[2],
+            keep * rate[0] + gain * turn_x,
+            keep * rate[1] + gain * turn_y,
+            keep * rate[2] + gain * turn_z,
         )
         self._rate, self._came = rate, direction
         cutoff = self._least + self._rise * math.hypot(*rate)
@@ -92,16 +94,11 @@ def _weight(cutoff_radps: float, passed_s: float) -> float:
 
 def _between(start: Vec3, end: Vec3, share: float) -> Vec3:
     """Return the unit vector at `share` of the arc, or `end` if the two are opposite."""
-    sine = math.hypot(*vector.cross(start, end))
-    cosine = vector.dot(start, end)
+    (ax, ay, az), (bx, by, bz) = start, end
+    sine = math.hypot(ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx)
+    cosine = ax * bx + ay * by + az * bz
     if sine < 1e-9:  # no arc, or not a unique one
         return start if cosine > 0.0 else end
     angle = math.atan2(sine, cosine)
     first, second = math.sin((1.0 - share) * angle) / sine, math.sin(share * angle) / sine
-    return vector.normalized(
-        (
-            first * start[0] + second * end[0],
-            first * start[1] + second * end[1],
-            first * start[2] + second * end[2],
-        )
-    )
+    return vector.normalized((first * ax + second * bx, first * ay + second * by, first * az + second * bz))

@@ -116,7 +116,8 @@ class RayCaster:
         if found is None:
             return None
         segment, t = found
-        point = vector.add(segment.start_m, vector.scale(segment.span_m, t))
+        (x, y, z), (u, v, w) = segment.start_m, segment.span_m
+        point = (x + u * t, y + v * t, z + w * t)
         position = segment.position_m + t * segment.length_m
         hit = make_hit(segment.target, position, point, origin_m, direction)
         miss = hit.miss_rad if self.measure == "angle" else hit.miss_m
@@ -126,18 +127,21 @@ class RayCaster:
         nearest = nearest_in_angle if self.measure == "angle" else nearest_in_metres
         best: tuple[_Segment, float] | None = None
         least = math.inf
+        ox, oy, oz = origin_m
         for segment in self._few:
-            a, u = vector.subtract(segment.start_m, origin_m), segment.span_m
-            span = (0.0, 1.0)
+            (x, y, z), u = segment.start_m, segment.span_m
+            a = (x - ox, y - oy, z - oz)
             if reach_m < math.inf:
                 within = clip_to_reach(vector.dot(direction, a), vector.dot(direction, u), reach_m)
                 if within is None:
                     continue
-                span = within
-                a, u = vector.add(a, vector.scale(u, span[0])), vector.scale(u, span[1] - span[0])
+                low, high = within
+                a, u = vector.add(a, vector.scale(u, low)), vector.scale(u, high - low)
+            else:
+                low, high = 0.0, 1.0
             t, cost = nearest(a, u, direction)
             if cost < least:
-                best, least = (segment, span[0] + t * (span[1] - span[0])), cost
+                best, least = (segment, low + t * (high - low)), cost
         return best
 
     def _among_many(

@@ -10,7 +10,7 @@ import logging
 import math
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any, Protocol
 
 from pointit.runtime.bus.contract import EVENT_CAPACITY, AnyTopic, SubscriptionStats
@@ -82,14 +82,15 @@ class Dispatcher:
             self._closed = True
 
     def _wake(self) -> None:
+        ready = self._ready
         try:
             for _ in range(MAX_ROUNDS):
-                if not self._ready:
+                if not ready:
                     break
-                for _ in range(len(self._ready)):
+                for _ in range(len(ready)):
                     if self._closed:
                         return
-                    self._ready.popleft().drain()
+                    ready.popleft().drain()
         finally:
             # A thread that marked between the last look and this line saw us awake: look again afterwards.
             self._awake = False
@@ -150,14 +151,16 @@ class Mailbox:
         if self._closed:
             return
         with self._lock:
-            self.traffic.received += 1
+            traffic = self.traffic
+            traffic.received += 1
             if self._keeps_newest:
-                if name in self._newest:
-                    self.traffic.dropped += 1
-                self._newest[name] = item
+                newest = self._newest
+                if name in newest:
+                    traffic.dropped += 1
+                newest[name] = item
             else:
                 if len(self._queue) == EVENT_CAPACITY:
-                    self.traffic.dropped += 1
+                    traffic.dropped += 1
                 self._queue.append((name, item))
             if self._marked:
                 return
@@ -187,13 +190,14 @@ class Mailbox:
         """Handle everything that is there; in the loop."""
         with self._lock:
             self._marked = False
-            dropped = self.traffic.dropped
+            batch: Iterable[tuple[str, Any]]
             if self._keeps_newest:
-                batch = list(self._newest.items())
-                self._newest.clear()
+                newest, self._newest = self._newest, {}
+                batch = newest.items()
             else:
                 batch = list(self._queue)
                 self._queue.clear()
+            dropped = self.traffic.dropped
         if not self._keeps_newest and dropped > self._overflowed and self._may_log("overflow"):
             self._overflowed = dropped
             log.warning("%s: reader too slow, %d events lost so far", self.topic.key, dropped)

@@ -85,9 +85,9 @@ class LateMessageFilter:
             self._paces[name] = _Pace(age_s, now_s, now_s)
             return True
         silent_s, pace.came_s = now_s - pace.came_s, now_s
-        follows_s = FOLLOWS * min(silent_s, GAP_S)
-        if age_s <= pace.quickest_s + follows_s + LATE_S:
-            pace.quickest_s = min(age_s, pace.quickest_s + follows_s)
+        usual_s = pace.quickest_s + FOLLOWS * min(silent_s, GAP_S)
+        if age_s <= usual_s + LATE_S:
+            pace.quickest_s = min(age_s, usual_s)
             pace.in_time_s, pace.late_since_s = now_s, None
             return True
         if self._is_steady(pace, age_s, now_s, silent_s):
@@ -107,24 +107,34 @@ class LateMessageFilter:
         return now_s - pace.late_since_s >= STEADY_S
 
 
+@dataclass(slots=True)
+class _Newest:
+    """The newest message of one name."""
+
+    stamp_ns: int
+    came_s: float
+    """Arrival, s (monotonic)."""
+
+
 class OutOfOrderFilter:
     """Drops messages of one topic that are older than the newest by more than `OLD_NS`, by name."""
 
     def __init__(self) -> None:
         self.refused = 0
         """Number of out-of-order messages dropped."""
-        self._newest: dict[str, tuple[int, float]] = {}
-        """Newest stamp (ns) and its arrival (s, monotonic), by name."""
+        self._newest: dict[str, _Newest] = {}
 
     def accepts(self, name: str, stamp_ns: int, now_s: float) -> bool:
         """Return True if a message of `name` is in order. `now_s` is its arrival (monotonic)."""
         newest = self._newest.get(name)
-        if newest is not None and now_s - newest[1] <= SILENT_S:
-            ahead_ns = stamp_ns - newest[0]
+        if newest is None:
+            self._newest[name] = _Newest(stamp_ns, now_s)
+            return True
+        ahead_ns = stamp_ns - newest.stamp_ns
+        if not 0 <= ahead_ns <= STRAY_NS and now_s - newest.came_s <= SILENT_S:
             if ahead_ns < -OLD_NS:
                 self.refused += 1
                 return False
-            if not 0 <= ahead_ns <= STRAY_NS:
-                return True  # its reader decides; what is true for the others stays
-        self._newest[name] = (stamp_ns, now_s)
+            return True  # its reader decides; what is true for the others stays
+        newest.stamp_ns, newest.came_s = stamp_ns, now_s
         return True

@@ -66,6 +66,8 @@ class PersonCursor:
         """True if the person chose the workspace, or the map, instead of the initial one."""
         self._interaction: Interaction | None = None
         self._pose: UserPose | None = None
+        self._turn = (1.0, 0.0)
+        """Cosine and sine of the pose's yaw."""
         self._pose_came_ns = 0
         self._newest_ns = 0
         self._cast: _Cast | None = None
@@ -99,6 +101,7 @@ class PersonCursor:
                 return
             self._pose_came_ns = now_ns
         self._pose = pose
+        self._turn = (math.cos(pose.yaw_rad), math.sin(pose.yaw_rad))
 
     def set_interaction(self, interaction: Interaction) -> Cursor | None:
         """Set the person's interaction. Return the cursor that ends the pointing, once, if this ends it."""
@@ -169,9 +172,11 @@ class PersonCursor:
         pose = self._pose
         if pose is None:
             return None
-        eyes = vector.add(pose.position_m, vector.rotate_z(ray.origin_m, pose.yaw_rad))
-        lowered = _lowered(ray.direction, pose.elevation_bias_rad)
-        direction = vector.normalized(vector.rotate_z(lowered, pose.yaw_rad))
+        (feet_x, feet_y, feet_z), (x, y, z) = pose.position_m, ray.origin_m
+        c, s = self._turn
+        eyes = (feet_x + (c * x - s * y), feet_y + (s * x + c * y), feet_z + z)
+        x, y, z = _lowered(ray.direction, pose.elevation_bias_rad)
+        direction = vector.normalized((c * x - s * y, s * x + c * y, z))
         self._cast = _Cast(eyes, direction, pose.position_m, ray.stamp_ns)
         if not self._pointing:
             return None
@@ -241,7 +246,7 @@ class PersonCursor:
 def _is_told(point: Vec3) -> bool:
     """Return True if a message can hold `point`."""
     x, y, z = point
-    return abs(x) <= FARTHEST and abs(y) <= FARTHEST and abs(z) <= FARTHEST
+    return -FARTHEST <= x <= FARTHEST and -FARTHEST <= y <= FARTHEST and -FARTHEST <= z <= FARTHEST
 
 
 def _lowered(direction: Vec3, bias_rad: float) -> Vec3:

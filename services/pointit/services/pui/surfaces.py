@@ -115,10 +115,14 @@ class Surfaces:
     def hit_test(self, origin_m: Vec3, direction: Vec3) -> tuple[Surface, Hit] | None:
         """Return the surface and hit of a ray (in {W}, unit direction), or None beyond the tolerance."""
         first_m = math.inf if self._screens is None else self._screens.first(origin_m, direction)
+        is_clear = math.isinf(first_m)
         for parties in self._groups:
             best: tuple[Surface, Hit] | None = None
             for party in parties:
-                hit = self._seen(party.caster, origin_m, direction, first_m)
+                if is_clear:
+                    hit = party.caster.cast(origin_m, direction, self._tolerance)
+                else:
+                    hit = self._seen(party.caster, origin_m, direction, first_m)
                 if hit is not None and (best is None or self._is_better(hit, best[1])):
                     best = (party.surfaces[hit.target], hit)
             if best is not None:
@@ -146,9 +150,7 @@ class Surfaces:
         """Return the closest hit, or if it is hidden, the closest that is nearer than the hiding thing."""
         hit = caster.cast(origin_m, direction, self._tolerance)
         screens = self._screens
-        if hit is None or screens is None or math.isinf(first_m):
-            return hit
-        if not screens.hides(hit, origin_m, direction, first_m):
+        if hit is None or screens is None or not screens.hides(hit, origin_m, direction, first_m):
             return hit
         return caster.cast(origin_m, direction, self._tolerance, screens.reach(first_m))
 

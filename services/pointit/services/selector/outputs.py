@@ -16,8 +16,7 @@ TOLD_AGAIN = "told again after a restart of the selector"
 """Reason of an event that subscribers may have received before: same object, event, stamp and number."""
 
 
-@dataclass(frozen=True, slots=True)
-class Output:
+class Output(NamedTuple):
     """A message to publish."""
 
     user: str

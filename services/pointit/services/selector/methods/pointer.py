@@ -3,7 +3,7 @@
 import math
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from pointit.schemas import NS_PER_S, Cursor
 from pointit.services.selector.config import SelectorConfig
@@ -19,8 +19,7 @@ HISTORY_NS = NS_PER_S
 """Time for which hovered objects are remembered, ns."""
 
 
-@dataclass(frozen=True, slots=True)
-class PointerResult:
+class PointerResult(NamedTuple):
     """Result of one cursor."""
 
     object_id: str | None

@@ -20,14 +20,19 @@ class _OnLine:
     """Objects on one strip or belt."""
 
     def __init__(self, objects: Sequence[TrackedObject], margin_m: float) -> None:
-        self.objects = objects
-        self._positions_m: Array = np.array([o.surface_position_m for o in objects])
-        self._speeds_mps: Array = np.array([o.surface_speed_mps for o in objects])
-        self._reaches_m: Array = np.array([o.length_m / 2.0 + margin_m for o in objects])
+        self._objects = [
+            (o.surface_position_m, o.surface_speed_mps, o.length_m / 2.0 + margin_m, o) for o in objects
+        ]
+        """Position, speed and reach of each; plain numbers, as a line has few objects."""
 
     def nearest(self, position_m: float, elapsed_s: float) -> tuple[float, TrackedObject] | None:
-        gaps_m = np.abs(self._positions_m + self._speeds_mps * elapsed_s - position_m)
-        return _closest(gaps_m, self._reaches_m, self.objects)
+        best: tuple[float, TrackedObject] | None = None
+        least_m = math.inf
+        for at_m, speed_mps, reach_m, tracked in self._objects:
+            gap_m = abs(at_m + speed_mps * elapsed_s - position_m)
+            if gap_m <= reach_m and gap_m < least_m:
+                best, least_m = (gap_m, tracked), gap_m
+        return best
 
 
 class _InSpace:
@@ -41,7 +46,11 @@ class _InSpace:
 
     def nearest(self, point_m: Vec3, elapsed_s: float) -> tuple[float, TrackedObject] | None:
         offsets_m = self._positions_m + self._velocities_mps * elapsed_s - np.asarray(point_m)
-        return _closest(np.linalg.norm(offsets_m, axis=1), self._reaches_m, self.objects)
+        gaps_m = np.linalg.norm(offsets_m, axis=1)
+        gaps_m[~(gaps_m <= self._reaches_m)] = math.inf  # NaN, too
+        index = int(gaps_m.argmin())
+        gap_m = float(gaps_m[index])
+        return None if gap_m == math.inf else (gap_m, self.objects[index])
 
 
 class _Listing:
@@ -166,16 +175,6 @@ class ObjectPositions:
 
     def _fits(self, listing: _Listing, stamp_ns: int) -> bool:
         return abs(stamp_ns - listing.stamp_ns) <= self._stale_ns
-
-
-def _closest(
-    gaps_m: Array, reaches_m: Array, objects: Sequence[TrackedObject]
-) -> tuple[float, TrackedObject] | None:
-    """Return the smallest of `gaps_m` within its reach, and its object; sets the gaps beyond to infinity."""
-    gaps_m[~(gaps_m <= reaches_m)] = math.inf  # NaN, too
-    index = int(gaps_m.argmin())
-    gap_m = float(gaps_m[index])
-    return None if gap_m == math.inf else (gap_m, objects[index])
 
 
 def _nearer(

@@ -38,7 +38,7 @@ class LocalizerConfig(Config):
     )
     lamps: tuple[str, ...] = Field(
         default=(),
-        description="static_targets: ids of lamps, in the given order; empty: all of the map",
+        description="static_targets: ids of lamps, in this order; all lamps of the map if empty",
     )
     order: Literal["given", "informative"] = Field(
         default="informative",
@@ -80,7 +80,7 @@ class LocalizerConfig(Config):
         default=3.0, gt=0, le=90, description="rms by which an arm may wander at an anchor, degrees"
     )
     robot_id: str = Field(
-        default="", description="moving_target: object to follow; empty: the robot that the rays fit best"
+        default="", description="moving_target: object to follow; the robot that the rays fit best if empty"
     )
     window_s: float = Field(
         default=10.0,
@@ -101,7 +101,7 @@ class LocalizerConfig(Config):
     trust: TrustConfig = TrustConfig()
     track_drift: bool | None = Field(
         default=None,
-        description="track the pose while the IMU drifts; empty: unless it is fixed",
+        description="track the pose while the IMU drifts; if empty, it is tracked unless it is fixed",
     )
     drift: DriftConfig = DriftConfig()
 

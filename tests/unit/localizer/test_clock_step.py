@@ -16,11 +16,10 @@ from pointit.services.localizer.outputs import Output
 from pointit.services.localizer.pose_manager import PoseManager, Response
 from pointit.services.localizer.procedures.clock_step import ClockStepDetector
 from pointit.services.localizer.procedures.external_pose import ExternalPose
-from pointit.services.localizer.procedures.hold import Timing
-from pointit.services.localizer.procedures.moving_target import Following, MovingTarget
+from pointit.services.localizer.procedures.moving_target import MovingTarget
 from pointit.services.localizer.procedures.static_targets import StaticTargets
 from pointit.services.localizer.tracking.pose_tracking import PoseTracker
-from tests.unit.localizer.lab import LAMPS, ROOM
+from tests.unit.localizer.lab import LAMPS, ROOM, config
 from tests.unit.localizer.person import Person, yaw_difference
 from tests.unit.localizer.test_drift_filter import LAMPS as PLACES
 from tests.unit.localizer.test_drift_filter import MINUTE_NS, PERSON, RATE_RADPS, calibrated, drifted, point
@@ -135,7 +134,7 @@ def test_a_localization_goes_on_with_the_lamps_it_has(back_s: float, after_s: fl
 
 
 def test_the_rays_of_lamps_before_stay_in_order_with_new_ones() -> None:
-    procedure = StaticTargets(LAMPS, Timing(reaction_s=0.5, hold_s=1.0))
+    procedure = StaticTargets(LAMPS, config(reaction_s=0.5, hold_s=1.0))
     procedure.start(START_NS)
     person, now_ns = Person(1.5, 1.2), START_NS
     for _ in range(100):  # the first lamp is done
@@ -164,7 +163,7 @@ def test_a_pose_that_is_not_followed_is_not_of_the_future() -> None:
 
 
 def test_without_rays_a_hold_ends_as_ever() -> None:
-    procedure = StaticTargets(LAMPS, Timing(reaction_s=0.5, hold_s=1.0, patience_s=2.0))
+    procedure = StaticTargets(LAMPS, config(reaction_s=0.5, hold_s=1.0, patience_s=2.0))
     procedure.start(START_NS)
     back_ns = START_NS - 3600 * S
     procedure.step(back_ns)
@@ -175,7 +174,7 @@ def test_without_rays_a_hold_ends_as_ever() -> None:
 
 
 def test_following_restarts_after_a_clock_step() -> None:
-    procedure = MovingTarget(Following(reaction_s=0.0))
+    procedure = MovingTarget(config(reaction_s=0.0))
     procedure.start(START_NS)
     procedure.step(START_NS + S)
     back_ns = START_NS - 3600 * S

@@ -4,14 +4,12 @@ import asyncio
 from collections.abc import Sequence
 from typing import ClassVar
 
+from pointit.runtime.clock import wait_until
 from pointit.runtime.service.service import Context, Scope, Service
-from pointit.schemas import NS_PER_S, ButtonEvent, Cursor, Environment, Goal, Interaction, UserPose
+from pointit.schemas import ButtonEvent, Cursor, Environment, Goal, Interaction, UserPose
 from pointit.schemas.topics import BUTTON, CURSOR, FEEDBACK, GOAL, INTERACTION, MAP, POSE
 from pointit.services.goal.config import GoalConfig
 from pointit.services.goal.goal_confirmation import GoalConfirmation, Output
-
-LONGEST_WAIT_S = 5.0
-"""Longest wait before the clock is read again, since it may have been set."""
 
 
 class Goals(Service[GoalConfig]):
@@ -38,16 +36,7 @@ class Goals(Service[GoalConfig]):
         while True:
             self._put(self._steps.tick(self.clock.now_ns()))
             self._moved.clear()
-            deadline_ns = self._steps.deadline_ns
-            if deadline_ns is None:
-                await self._moved.wait()
-                continue
-            left_s = max(0.0, (deadline_ns - self.clock.now_ns()) / NS_PER_S / self.clock.speed)
-            try:
-                async with asyncio.timeout(min(left_s, LONGEST_WAIT_S)):
-                    await self._moved.wait()
-            except TimeoutError:
-                pass
+            await wait_until(self.clock, self._steps.deadline_ns, self._moved)
 
     def _on_map(self, environment: Environment, _name: str) -> None:
         self._steps.on_map(environment)

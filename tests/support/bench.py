@@ -65,10 +65,19 @@ class Bench:
         self._publishers: dict[tuple[str, str], Any] = {}
         self._launches: list[asyncio.Task[None]] = []
 
-    def start(self, service: type[AnyService], config: Config | None = None, user: str = "") -> None:
-        """Run `service` in the background until the bench is taken down."""
+    def start(
+        self, service: type[AnyService], config: Config | None = None, user: str = ""
+    ) -> asyncio.Task[None]:
+        """Run `service` in the background until the bench is taken down, or `end`."""
         launch = Launch(service=service, config=config or service.CONFIG(), user=user)
         self._launches.append(asyncio.create_task(run_service(launch, self.bus, self.clock)))
+        return self._launches[-1]
+
+    async def end(self, launch: asyncio.Task[None]) -> None:
+        """End a service that `start` returned."""
+        self._launches.remove(launch)
+        launch.cancel()
+        await asyncio.wait([launch])
 
     def put(self, topic: Topic[M], message: M, name: str = "") -> None:
         key = (topic.key, name)

@@ -244,6 +244,23 @@ class LampColor(Message):
     color: Rgb
 
 
+class LampLease(SchemaModel):
+    """One person's place in the queue for lamps."""
+
+    user: str
+    since_ns: Annotated[Ns, Field(description="`since_ns` of their localization, which is their place")]
+    lamps: Many[str]
+    ahead: Annotated[
+        Many[str], Field(description="people who come first; empty: the lamps are theirs until they end")
+    ] = ()
+
+
+class LampLeases(Message):
+    """People who use lamps to localize or wait for them, in order. led-driver decides."""
+
+    leases: Many[LampLease] = ()
+
+
 class StripFrame(SchemaModel):
     """The pixels of one strip."""
 

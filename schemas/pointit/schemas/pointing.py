@@ -90,9 +90,9 @@ class Candidate(SchemaModel):
 
 
 class Localization(Message):
-    """Progress of one localization, for the person and a dashboard."""
+    """Progress of one localization, for the person and a dashboard; its lamps are lit by led-driver."""
 
-    version: ClassVar[int] = 3
+    version: ClassVar[int] = 4
 
     phase: Literal["idle", "sampling", "solved", "refused", "cancelled"]
     target_id: Annotated[str, Field(description="lamp or robot to point at now, or empty")] = ""
@@ -117,6 +117,10 @@ class Localization(Message):
     ahead: Annotated[
         Many[str],
         Field(description="people at the lamps or ahead in the queue; the person waits, not sampling"),
+    ] = ()
+    lamps: Annotated[
+        Many[str],
+        Field(description="lamps that nobody else can use meanwhile; `target_id` among them is to be lit"),
     ] = ()
 
 

@@ -61,6 +61,7 @@ __all__ = [
     "INTERACTION",
     "KEEPER_ALIVE",
     "LAMP_COLOR",
+    "LAMP_LEASES",
     "LOCALIZATION",
     "MAP",
     "OBJECTS",
@@ -246,8 +247,16 @@ LAMP_COLOR = Topic(
     message=environment.LampColor,
     delivery=_STATE,
     rate_hz=None,
-    writers=("localizer", "led-driver"),
+    writers=("led-driver",),
     about="colour of a single lamp",
+)
+LAMP_LEASES = Topic(
+    key="leds/leases",
+    message=environment.LampLeases,
+    delivery=_STATE,
+    rate_hz=None,
+    writers=("led-driver",),
+    about="people who have lamps to themselves, or wait for them",
 )
 STRIPS_FRAME = Topic(
     key="strips/frame",
@@ -309,6 +318,7 @@ TOPICS: tuple[Topic[Any], ...] = (
     SELECTION,
     SELECTION_EVENTS,
     LAMP_COLOR,
+    LAMP_LEASES,
     STRIPS_FRAME,
     CONVEYOR_STATE,
     CLOCK,

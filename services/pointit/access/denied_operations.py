@@ -89,8 +89,6 @@ class DeniedOperations:
         self._attempts: dict[str, Counter[tuple[str, str]]] = defaultdict(Counter)
         self.rates_hz: dict[str, float] = {}
         """Messages per second by identity in the last interval, a lower bound if there are many keys."""
-        self.keys: dict[str, frozenset[str]] = {}
-        """Keys written by each identity in the same interval."""
         self._strangers = RejectedConnections()
         self._written: Counter[str] = Counter()
         """Counts by the end of the line: connection and key."""
@@ -155,12 +153,8 @@ class DeniedOperations:
         if sentence := self._strangers.pop_summary():
             sentences[""] = sentence
         rates: Counter[str] = Counter()
-        keys: dict[str, set[str]] = defaultdict(set)
         for line, count in self._written.items():
-            who = self._identity_of(_connection(line))
-            rates[who] += count
-            keys[who].add(_without(line.partition(WRITES)[2]))
-        self.keys = {name: frozenset(own) for name, own in keys.items()}
+            rates[self._identity_of(_connection(line))] += count
         self.rates_hz = {name: count / elapsed_s for name, count in rates.items()}
         for counted in (self._attempts, self._written):
             counted.clear()

@@ -1,10 +1,10 @@
-"""Limits of one identity at a router, in connections, messages and keys, and stuck readers. Pure.
+"""Limits of one identity at a router, in connections and messages, and stuck readers. Pure.
 
 Zenoh has no such limits. Its `downsampling` sets a minimum time between two messages of a key, so it would
 drop all but the first of what an honest sensor sends after its link stalled.
 """
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 LIMITED = frozenset({"user", "dashboard"})
@@ -16,11 +16,6 @@ MAX_HZ = 5000.0
 PATIENCE = 3
 """Number of consecutive checks, one per second, above `MAX_HZ` before an identity is cut off, or without
 reading before a connection is reported. A stalled link delivers at most a lease (3 s) of messages at once."""
-MAX_KEYS = 1024
-"""Maximum keys of one identity within `KEYS_S`: a person's topics, and their lamps, several hundred in a
-large room. A subscriber accepts four times as many names of lamps (`runtime.bus.name_limiter`)."""
-KEYS_S = 60.0
-"""Time for which subscribers keep a place for a name (`runtime.bus.name_limiter`), s."""
 HOLD_S = 30.0
 """Time for which a flooding identity stays cut off, s."""
 MIN_UNREAD = 16 * 1024
@@ -53,10 +48,8 @@ class Limits:
         """Connections by session and address, in order of arrival. Their identity may be known later."""
         self._floods: dict[str, int] = {}
         """Number of consecutive checks at which an identity has flooded."""
-        self._held: dict[str, tuple[float, str]] = {}
-        """Identities that are cut off: end of the time, and reason."""
-        self._keys: dict[str, dict[str, float]] = {}
-        """By identity: its keys, with the time of the last write of each."""
+        self._held: dict[str, float] = {}
+        """Identities that are cut off, and the end of that time."""
         self._unread: dict[Connection, tuple[int, int]] = {}
         """Waiting bytes of a connection, and number of consecutive checks with the same value."""
 
@@ -66,7 +59,6 @@ class Limits:
         roles: Mapping[str, str],
         rates_hz: Mapping[str, float],
         now_s: float,
-        keys: Mapping[str, Collection[str]] | None = None,
     ) -> tuple[list[Connection], dict[str, str]]:
         """Return the connections to cut, and a message by identity.
 
@@ -75,7 +67,6 @@ class Limits:
             roles: roles by identity.
             rates_hz: messages per second since the last check, by identity.
             now_s: time of a monotonic clock.
-            keys: keys written since the last check, by identity.
         """
         there = {(each.session, each.address): each for each in connections}
         self._seen = {key: there[key] for key in (*self._seen, *there) if key in there}
@@ -84,17 +75,18 @@ class Limits:
             if roles.get(each.identity) in LIMITED:
                 by_identity.setdefault(each.identity, []).append(each)
         self._hold({name: rate for name, rate in rates_hz.items() if roles.get(name) in LIMITED}, now_s)
-        written = {name: own for name, own in (keys or {}).items() if roles.get(name) in LIMITED}
-        self._count_keys(written, now_s)
         cut: list[Connection] = []
         messages: dict[str, str] = {}
-        for name, (_, what) in self._held.items():
+        for name in self._held:
             own = by_identity.pop(name, [])
             cut += own
-            messages[name] = f"{name} has written {what} and " + (
-                f"is cut off for {HOLD_S:.0f} s: end the process that does"
-                if all(each.can_be_cut for each in own)
-                else _stays(name)
+            messages[name] = (
+                f"{name} has written more than {MAX_HZ:.0f} messages a second for {PATIENCE} s and "
+                + (
+                    f"is cut off for {HOLD_S:.0f} s: end the process that does"
+                    if all(each.can_be_cut for each in own)
+                    else _stays(name)
+                )
             )
         for name, own in by_identity.items():
             if len(own) > self._most:
@@ -130,24 +122,12 @@ class Limits:
         }
 
     def _hold(self, rates_hz: Mapping[str, float], now_s: float) -> None:
-        self._held = {name: held for name, held in self._held.items() if held[0] > now_s}
+        self._held = {name: held for name, held in self._held.items() if held > now_s}
         flooding = {name for name, rate in rates_hz.items() if rate > MAX_HZ}
         self._floods = {name: self._floods.get(name, 0) + 1 for name in flooding}
         for name, looks in self._floods.items():
             if looks >= PATIENCE:
-                what = f"more than {MAX_HZ:.0f} messages a second for {PATIENCE} s"
-                self._held[name] = (now_s + HOLD_S, what)
-
-    def _count_keys(self, keys: Mapping[str, Collection[str]], now_s: float) -> None:
-        for name in {*self._keys, *keys}:
-            last_s = {key: at for key, at in self._keys.get(name, {}).items() if now_s - at <= KEYS_S}
-            last_s |= dict.fromkeys(sorted(keys.get(name, ()))[: MAX_KEYS + 1], now_s)
-            if len(last_s) > MAX_KEYS:
-                what = f"more than {MAX_KEYS} keys within {KEYS_S:.0f} s, such as {min(last_s)},"
-                self._held[name] = (now_s + HOLD_S, what)
-                last_s.clear()
-            self._keys[name] = last_s
-        self._keys = {name: last_s for name, last_s in self._keys.items() if last_s}
+                self._held[name] = now_s + HOLD_S
 
 
 def _stays(identity: str) -> str:

@@ -97,21 +97,14 @@ def _numbered(key: str) -> tuple[str, ...]:
 
 
 def _user(name: str) -> Rights:
-    """Return the rights of the services of the person `name`: write and answer below the person's own keys.
-
-    Keys without a person, such as the lamps of the localizer, are written by them, too.
-    """
+    """Return the rights of the services of the person `name`: they write and answer their own keys."""
     mine = _of_scope("user")
     instances = [f"{row.name}.{name}" for row in mine]
     reads = [topic.at(name) for row in mine for topic in row.reads if _is_personal(topic)]
     return Rights(
         writes=_sorted(
             [
-                *(
-                    topic.at(name if _is_personal(topic) else _any(topic))
-                    for row in mine
-                    for topic in row.writes
-                ),
+                *(topic.at(name) for row in mine for topic in row.writes),
                 BUTTON.at(name),
                 *([] if name.startswith(RUN) else [DEPLOYMENT.at(name)]),
                 *(HEALTH.at(instance) for instance in instances),

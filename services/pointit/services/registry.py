@@ -91,11 +91,11 @@ PROCESSES: tuple[Process, ...] = (
             topics.IMU,
             topics.MAP,
             topics.OBJECTS,
-            topics.LOCALIZATION,
+            topics.LAMP_LEASES,
             topics.POSE,
             topics.INTERACTION,
         ),
-        writes=(topics.POSE, topics.LOCALIZATION, topics.ANCHOR, topics.LAMP_COLOR),
+        writes=(topics.POSE, topics.LOCALIZATION, topics.ANCHOR),
         serves=(
             topics.START_LOCALIZATION,
             topics.CANCEL_LOCALIZATION,
@@ -166,7 +166,7 @@ PROCESSES: tuple[Process, ...] = (
     Process(
         name="led-driver",
         scope="site",
-        about="cursors, objects and selections to the light of strips and lamps",
+        about="cursors, objects and selections to the light of strips and lamps; who may use which lamp",
         reads=(
             topics.MAP,
             topics.CURSOR,
@@ -177,7 +177,7 @@ PROCESSES: tuple[Process, ...] = (
             topics.LOCALIZATION,
             topics.FEEDBACK,
         ),
-        writes=(topics.STRIPS_FRAME, topics.LAMP_COLOR),
+        writes=(topics.STRIPS_FRAME, topics.LAMP_COLOR, topics.LAMP_LEASES),
         serves=(topics.SET_BRIGHTNESS,),
     ),
     Process(

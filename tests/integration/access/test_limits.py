@@ -13,9 +13,9 @@ import pytest
 import zenoh
 from zenoh.handlers import Callback
 
-from pointit.access.limits import MAX_CONNECTIONS, MAX_KEYS
+from pointit.access.limits import MAX_CONNECTIONS
 from pointit.access.site_folder import SiteFolder
-from pointit.schemas.topics import ANY, BUTTON, CURSOR, LAMP_COLOR, RAY
+from pointit.schemas.topics import BUTTON, CURSOR, RAY
 from tests.integration.access.secured import Member, RouterProgram, make_site, routed, wait
 
 pytestmark = pytest.mark.timeout(120)
@@ -142,17 +142,3 @@ class Ends:
 
     def _on_event(self, event: zenoh.TransportEvent) -> None:
         self.count += event.kind == zenoh.SampleKind.DELETE
-
-
-def test_person_who_makes_up_lamps_is_named_and_cut_off(folder: SiteFolder) -> None:
-    with (
-        RouterProgram("--site-folder", str(folder.path)) as router,
-        Member(folder, "operator") as operator,
-        Member(folder, "anna") as anna,
-        operator.listening(LAMP_COLOR.at(ANY)) as ear,
-    ):
-        ends = Ends(anna)
-        ear.hears(LAMP_COLOR.at("x"), lambda: anna.put(LAMP_COLOR.at("x")))
-        anna.put(*(LAMP_COLOR.at(f"x{number}") for number in range(2 * MAX_KEYS)))
-        wait(lambda: f"lab/anna has written more than {MAX_KEYS} keys" in router.said, "the name")
-        wait(lambda: ends.count > 0, "the end of the connection")

@@ -14,7 +14,6 @@ from pointit.schemas.topics import (
     DEPLOYMENT,
     HEALTH,
     IMU,
-    LAMP_COLOR,
     RAY,
     READ_HISTORY,
     REQUESTS,
@@ -68,8 +67,6 @@ def may_write(me: str, topic: object, name: str) -> bool:
     if role == "user":
         if topic is DEPLOYMENT:
             return name == me
-        if topic is LAMP_COLOR:  # the localizer lights them
-            return True
         return name == me and any(row.scope == "user" for row in writers)
     if role == "services":
         shared_writers = any(row.scope == "site" and row.room == "services" for row in writers)

@@ -1,4 +1,4 @@
-"""Three people are localized one after the other, virtual time: real supervisors and localizers.
+"""Three people are localized one after the other, virtual time: real supervisors, localizers and led-driver.
 
 The people are played: they hear their cues and see lamps, nothing else; their rays are exact.
 """
@@ -26,6 +26,8 @@ from pointit.schemas import (
     UserPose,
 )
 from pointit.schemas.topics import BUTTON, FEEDBACK, IMU, INTERACTION, LAMP_COLOR, MAP, POSE, RAY
+from pointit.services.led_driver.config import LedDriverConfig
+from pointit.services.led_driver.service import LedDriver
 from pointit.services.localizer.config import LocalizerConfig
 from pointit.services.localizer.service import Localizer
 from pointit.services.supervisor.config import SupervisorConfig
@@ -134,7 +136,11 @@ async def _play(duration_s: float, people: Mapping[str, How]) -> Room:
         own = MemoryBus(exchange)
         buses.append(own)
         room.wearers[user] = Wearer(user, own, clock, how)
-    lives = [asyncio.create_task(wearer.live()) for wearer in room.wearers.values()]
+    lights = Launch(service=LedDriver, config=LedDriverConfig())
+    lives = [
+        asyncio.create_task(run_services([lights], bus, clock)),
+        *(asyncio.create_task(wearer.live()) for wearer in room.wearers.values()),
+    ]
     await asyncio.sleep(duration_s)
     for life in lives:
         life.cancel()

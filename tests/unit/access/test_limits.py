@@ -8,13 +8,11 @@ from pointit.access.limits import (
     HOLD_S,
     MAX_CONNECTIONS,
     MAX_HZ,
-    MAX_KEYS,
     MIN_UNREAD,
     PATIENCE,
     Connection,
     Limits,
 )
-from pointit.runtime.bus.name_limiter import MAX_NAMES
 
 ROLES = {"lab/anna": "user", "lab/ben": "user", "lab/services": "services", "lab/operator": "operator"}
 
@@ -113,35 +111,3 @@ def test_reader_that_takes_nothing_is_named_and_a_slow_one_is_not() -> None:
     assert limits.stuck({stuck: MIN_UNREAD - 1}) == {}
     for _ in range(2 * PATIENCE):
         assert limits.stuck({stuck: MIN_UNREAD - 1}) == {}
-
-
-def test_identity_that_makes_up_names_is_cut_off_and_named_however_slowly_it_does() -> None:
-    limits, own = Limits(), connections("lab/anna", 1)
-    told: dict[str, str] = {}
-    looks = 0
-    while not told and looks < 100:
-        made_up = {f"leds/x{looks * 20 + number}/color" for number in range(20)}
-        _, told = limits.excess(own, ROLES, {}, float(looks), {"lab/anna": made_up})
-        looks += 1
-    assert (looks - 1) * 20 <= MAX_KEYS < looks * 20
-    assert f"has written more than {MAX_KEYS} keys within 60 s, such as leds/x" in told["lab/anna"]
-    assert limits.excess(own, ROLES, {}, float(looks)) == (own, told)
-
-
-def test_thousands_of_names_within_seconds_are_cut_off_before_they_fill_a_reader() -> None:
-    limits, own = Limits(), connections("lab/anna", 1)
-    written = 0
-    cut: list[Connection] = []
-    while not cut and written < MAX_NAMES:
-        made_up = {f"leds/x{written + number}/color" for number in range(960)}  # 4300 in 4.5 s
-        cut, _ = limits.excess(own, ROLES, {}, written / 960, {"lab/anna": made_up})
-        written += 960
-    assert written < MAX_NAMES / 2
-
-
-@pytest.mark.parametrize("count", [300, 1000])
-def test_person_who_is_shown_every_lamp_of_a_large_room_is_left_alone(count: int) -> None:
-    limits, own = Limits(), connections("lab/anna", 1)
-    lamps = {f"leds/{number}/color" for number in range(count)}
-    for now_s in range(200):
-        assert limits.excess(own, ROLES, {}, float(now_s), {"lab/anna": lamps}) == ([], {})

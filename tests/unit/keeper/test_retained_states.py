@@ -23,6 +23,7 @@ from pointit.schemas.topics import (
     CONVEYOR_STATE,
     DEPLOYMENT,
     LAMP_COLOR,
+    LAMP_LEASES,
     LOCALIZATION,
     MAP,
     POSE,
@@ -59,9 +60,9 @@ def held(kept: RetainedStates, topic: Topic[Any]) -> dict[str, Message]:
     return dict(kept.lookup(topic))
 
 
-def test_every_state_but_the_time_of_a_run_is_retained() -> None:
+def test_every_state_is_retained_but_the_time_of_a_run_and_the_queue_for_lamps() -> None:
     states = [topic for topic in TOPICS if topic.delivery is Delivery.STATE]
-    assert [topic for topic in states if topic not in RETAINED] == [CLOCK]
+    assert [topic for topic in states if topic not in RETAINED] == [LAMP_LEASES, CLOCK]
 
 
 def test_the_newest_is_what_came_last_whatever_its_stamp() -> None:

@@ -1,7 +1,8 @@
-"""Lamps: the angle of the ray, the state of the site, hands off while localizing, few flashes."""
+"""Lamps: the angle of the ray, the state of the site, the targets of people who localize, few flashes."""
 
 import math
-from typing import Any, Literal
+from collections.abc import Sequence
+from typing import Any
 
 import pytest
 from hypothesis import example, given, settings
@@ -13,6 +14,7 @@ from pointit.schemas import NS_PER_S, Cursor, Environment, Feedback, Lamp, LampM
 from pointit.services.led_driver.config import LampsConfig, LedDriverConfig, StateLampConfig
 from pointit.services.led_driver.light_state import LightState
 from pointit.services.led_driver.picture.flash_guard import FlashGuard
+from pointit.services.led_driver.picture.lamps import DARK, TARGET
 from tests.unit.led_driver.stage import NOW_NS, Color
 
 VIRIDIS = colormap("viridis")
@@ -20,12 +22,19 @@ IDLE, POINTING = (40, 40, 40), (0, 120, 60)
 MS = NS_PER_S // 1000
 
 
-def lights(state_lamp: str = "", **state: Any) -> LightState:
-    return LightState(
-        LedDriverConfig(
-            lamps=LampsConfig(range_deg=30.0), state_lamp=state_lamp, state=StateLampConfig(**state)
-        )
+def lights(state_lamp: str = "", lamps: str = "", **state: Any) -> LightState:
+    """Return lights of a room with a lamp for each letter of `lamps`."""
+    config = LedDriverConfig(
+        lamps=LampsConfig(range_deg=30.0), state_lamp=state_lamp, state=StateLampConfig(**state)
     )
+    shining = LightState(config)
+    shining.on_map(room(lamps))
+    return shining
+
+
+def room(lamps: str) -> Environment:
+    places = tuple(Lamp(id=lamp, position_m=(0.0, 0.0, 1.0)) for lamp in lamps)
+    return Environment(stamp_ns=0, name="room", lamps=places)
 
 
 def cursor(**misses_deg: float) -> Cursor:
@@ -33,8 +42,11 @@ def cursor(**misses_deg: float) -> Cursor:
     return Cursor(stamp_ns=NOW_NS, lamps=lamps)
 
 
-def localization(phase: Literal["sampling", "solved", "cancelled"] = "sampling", **more: Any) -> Localization:
-    return Localization(stamp_ns=NOW_NS, phase=phase, **more)
+def localization(target_id: str = "", lamps: Sequence[str] = (), **more: Any) -> Localization:
+    return Localization(stamp_ns=NOW_NS, phase="sampling", target_id=target_id, lamps=tuple(lamps), **more)
+
+
+ENDED = Localization(stamp_ns=NOW_NS, phase="solved")
 
 
 def cue(color: Color | None) -> Feedback:
@@ -43,9 +55,9 @@ def cue(color: Color | None) -> Feedback:
 
 def test_lamps_are_coloured_by_the_angle_to_the_ray() -> None:
     shining = lights()
-    assert not shining.has_lamps
+    assert not shining.lamps_follow_people
     shining.on_cursor("anna", cursor(a=0.0, b=15.0, c=99.0), NOW_NS)
-    assert shining.has_lamps
+    assert shining.lamps_follow_people
     assert shining.lamp_colors(NOW_NS) == {
         "a": VIRIDIS.rgb(1.0), "b": VIRIDIS.rgb(0.5), "c": VIRIDIS.rgb(0.0)
     }  # fmt: skip
@@ -66,7 +78,7 @@ def test_lamps_are_dark_when_nobody_points_any_more_and_say_when() -> None:
     shining.lamp_colors(NOW_NS)
     end_ns = shining.next_lamp_change_ns(NOW_NS)
     assert end_ns == NOW_NS + 500 * MS
-    assert shining.lamp_colors(end_ns) == {"a": (0, 0, 0)}
+    assert shining.lamp_colors(end_ns) == {"a": DARK}
     assert shining.next_lamp_change_ns(end_ns) is None
 
 
@@ -74,41 +86,43 @@ def test_a_new_map_leaves_no_lamp_lit() -> None:
     shining = lights()
     shining.on_cursor("anna", cursor(a=0.0, b=0.0), NOW_NS)
     assert shining.lamp_colors(NOW_NS) == {"a": VIRIDIS.rgb(1.0), "b": VIRIDIS.rgb(1.0)}
-    shining.on_map(Environment(stamp_ns=0, name="new", lamps=(Lamp(id="b", position_m=(0.0, 0.0, 1.0)),)))
-    assert shining.lamp_colors(NOW_NS) == {"a": (0, 0, 0), "b": VIRIDIS.rgb(1.0)}
+    shining.on_map(room("b"))
+    assert shining.lamp_colors(NOW_NS) == {"a": DARK, "b": VIRIDIS.rgb(1.0)}
     end_ns = shining.next_lamp_change_ns(NOW_NS)
     assert end_ns is not None
-    assert shining.lamp_colors(end_ns) == {"a": (0, 0, 0), "b": (0, 0, 0)}
+    assert shining.lamp_colors(end_ns) == {"a": DARK, "b": DARK}
     shining.on_cursor("anna", cursor(a=0.0), end_ns)
     assert shining.lamp_colors(end_ns)["a"] == VIRIDIS.rgb(1.0)  # it is there after all
 
 
-def test_while_anybody_localizes_every_lamp_is_left_alone() -> None:
-    shining = lights()
+def test_while_anybody_localizes_only_their_targets_are_lit() -> None:
+    shining = lights(lamps="abc")
+    assert set(shining.lamp_colors(NOW_NS).values()) == {DARK}  # what another instance left lit
     shining.on_cursor("anna", cursor(a=0.0), NOW_NS)
-    shining.on_localization("ben", localization(ahead=("cleo",)))  # waits for the lamps
-    assert set(shining.lamp_colors(NOW_NS)) == {"a"}
-    shining.on_localization("ben", localization(target_id="a"))
-    assert shining.lamp_colors(NOW_NS) == {}
-    shining.on_localization("cleo", localization(target_id="b"))
-    shining.on_localization("ben", localization("solved"))
-    assert shining.lamp_colors(NOW_NS) == {}
-    shining.on_localization("cleo", localization("cancelled"))
-    assert shining.lamp_colors(NOW_NS + 100 * MS) == {}  # the localizer's last word may still come
-    assert shining.next_lamp_change_ns(NOW_NS + 100 * MS) == NOW_NS + 200 * MS
-    assert shining.lamp_colors(NOW_NS + 200 * MS) == {"a": VIRIDIS.rgb(1.0)}
+    shining.on_localization("ben", localization(lamps="ab", ahead=("cleo",)), NOW_NS)  # waits
+    assert shining.lamp_colors(NOW_NS) == {"a": VIRIDIS.rgb(1.0), "b": DARK, "c": DARK}
+    shining.on_localization("ben", localization("a", "ab"), NOW_NS)
+    shining.on_localization("cleo", localization("c", "c"), NOW_NS)
+    assert shining.lamp_colors(NOW_NS) == {"a": TARGET, "b": DARK, "c": TARGET}
+    shining.on_localization("ben", localization("b", "ab"), NOW_NS)
+    shining.on_localization("cleo", ENDED, NOW_NS)
+    assert shining.lamp_colors(NOW_NS) == {"a": DARK, "b": TARGET, "c": DARK}
+    shining.on_absence("ben")
+    assert shining.lamp_colors(NOW_NS) == {"a": VIRIDIS.rgb(1.0), "b": DARK, "c": DARK}
 
 
-def test_who_crashed_while_localizing_does_not_keep_the_lamps_for_ever() -> None:
-    shining = lights()
-    shining.on_cursor("anna", cursor(a=0.0), NOW_NS)
-    shining.on_localization("ben", localization(target_id="a"))
-    assert shining.lamp_colors(NOW_NS) == {}
-    later_ns = NOW_NS + 60 * NS_PER_S
-    assert shining.lamp_colors(later_ns - MS) == {}
-    shining.lamp_colors(later_ns)
-    shining.on_cursor("anna", cursor(a=0.0), later_ns + NS_PER_S)
-    assert shining.lamp_colors(later_ns + NS_PER_S) == {"a": VIRIDIS.rgb(1.0)}
+@pytest.mark.parametrize(("by_lamps", "silence_s"), [(True, 3.0), (False, 60.0)])
+def test_who_crashed_while_localizing_does_not_keep_the_lamps_for_ever(
+    *, by_lamps: bool, silence_s: float
+) -> None:
+    """Silence: by lamps people say each second that they go on. A robot may stand still for long."""
+    shining = lights(lamps="ab")
+    shining.on_localization("ben", localization("b", "b") if by_lamps else localization("robot"), NOW_NS)
+    later_ns = NOW_NS + round(silence_s * NS_PER_S)
+    assert shining.next_lamp_change_ns(NOW_NS) == later_ns
+    shining.on_cursor("anna", cursor(a=0.0), later_ns - MS)
+    assert shining.lamp_colors(later_ns - MS)["a"] == DARK
+    assert shining.lamp_colors(later_ns) == {"a": VIRIDIS.rgb(1.0), "b": DARK}
 
 
 def test_the_state_lamp_tells_idle_pointing_and_localizing() -> None:
@@ -116,14 +130,14 @@ def test_the_state_lamp_tells_idle_pointing_and_localizing() -> None:
     assert shining.lamp_colors(NOW_NS) == {"state": IDLE}
     shining.on_cursor("anna", cursor(), NOW_NS)
     assert shining.lamp_colors(NOW_NS) == {"state": POINTING}
-    shining.on_localization("ben", localization(target_id="a"))
+    shining.on_localization("ben", localization("robot"), NOW_NS)
     blues = [shining.lamp_colors(NOW_NS + k * 50 * MS)["state"][2] for k in range(40)]
     rises = [k for k in range(1, 39) if blues[k - 1] < blues[k] >= blues[k + 1]]
     assert len(rises) == 2  # in two seconds
     assert max(blues) == 255
     assert min(blues) > 0
-    shining.on_localization("ben", localization(target_id="state"))
-    assert shining.lamp_colors(NOW_NS) == {}
+    shining.on_localization("ben", localization("state", ["state"]), NOW_NS + 3 * NS_PER_S)
+    assert shining.lamp_colors(NOW_NS + 3 * NS_PER_S) == {"state": TARGET}
 
 
 def test_cues_flash_one_after_the_other() -> None:
@@ -172,7 +186,7 @@ bytes_ = st.integers(0, 255)
 wild = st.lists(st.tuples(st.integers(1, 300), st.tuples(bytes_, bytes_, bytes_)), min_size=5, max_size=120)
 
 
-@example([(20, (255, 255, 255) if number % 2 else (0, 0, 0)) for number in range(120)])
+@example([(20, (255, 255, 255) if number % 2 else DARK) for number in range(120)])
 @given(wild)
 def test_no_lamp_flashes_more_than_three_times_a_second(changes: list[tuple[int, Color]]) -> None:
     guard, now_ns = FlashGuard(), NOW_NS
@@ -211,15 +225,15 @@ def test_whatever_happens_the_state_lamp_flashes_three_times_a_second_at_most(
             case "lost":
                 now_ns += 600 * MS
             case "start":
-                shining.on_localization("anna", localization(target_id="a"))
+                shining.on_localization("anna", localization("robot"), now_ns)
             case _:
-                shining.on_localization("anna", localization("solved"))
+                shining.on_localization("anna", ENDED, now_ns)
     for signal in range(4):
         assert flashes_in_a_second([(at_ns, signals(color)[signal]) for at_ns, color in shown]) <= 3
 
 
 def test_clock_set_back_by_an_hour_holds_a_flash_for_a_second_at_most() -> None:
-    guard, white, black = FlashGuard(), (255, 255, 255), (0, 0, 0)
+    guard, white, black = FlashGuard(), (255, 255, 255), DARK
     for index in range(5):
         guard.show(black if index % 2 else white, NOW_NS + index * MS)
     back_ns = NOW_NS - 3600 * NS_PER_S

@@ -1,5 +1,6 @@
 """Lamps chosen for information: as few as suffice, as many as are needed, refused when they do not."""
 
+import itertools
 import math
 
 import numpy as np
@@ -7,7 +8,7 @@ import pytest
 
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, Lamp, Localization, PointingRay, UserPose
-from pointit.services.localizer.outputs import LampSwitch, Output
+from pointit.services.localizer.outputs import Output
 from pointit.services.localizer.procedures.static_targets import StaticTargets
 from tests.unit.localizer.lab import UNLIMITED, config
 from tests.unit.localizer.person import Person, yaw_difference
@@ -33,13 +34,13 @@ def run(procedure: StaticTargets, person: Person = PERSON, error_deg: float = 0.
     lit, off = "", (0.0, 0.0)
     for tick in range(50 * 120):
         now_ns = START_NS + tick * NS_PER_S // 50
-        switches = [output for output in outputs if isinstance(output, LampSwitch)]
-        if switches[-1].on and switches[-1].lamp_id + str(len(switches)) != lit:
-            lit = switches[-1].lamp_id + str(len(switches))
+        last = told(outputs)[-1]
+        if last.target_id and last.target_id + str(last.target_index) != lit:
+            lit = last.target_id + str(last.target_index)
             azimuth, elevation = generator.normal(0.0, math.radians(error_deg), 2)
             off = (float(azimuth), float(elevation))
         aiming = Person(person.x, person.y, person.yaw_rad - off[0], person.bias_rad + off[1])
-        procedure.on_ray(aiming.ray(places[switches[-1].lamp_id], now_ns))
+        procedure.on_ray(aiming.ray(places[last.target_id], now_ns))
         outputs += procedure.step(now_ns)
         if not procedure.running:
             break
@@ -47,7 +48,8 @@ def run(procedure: StaticTargets, person: Person = PERSON, error_deg: float = 0.
 
 
 def order(outputs: list[Output]) -> list[str]:
-    return [output.lamp_id for output in outputs if isinstance(output, LampSwitch) and output.on]
+    holds = ((news.target_index, news.target_id) for news in told(outputs) if news.target_id)
+    return [lamp for (_, lamp), _ in itertools.groupby(holds)]
 
 
 def told(outputs: list[Output]) -> list[Localization]:
@@ -159,8 +161,8 @@ def test_a_calibrated_person_is_sure_earlier() -> None:
         outputs = procedure.start(START_NS)
         for tick in range(50 * 8):
             now_ns = START_NS + tick * NS_PER_S // 50
-            lit = next(o for o in reversed(outputs) if isinstance(o, LampSwitch))
-            place = next(lamp.position_m for lamp in lamps if lamp.id == lit.lamp_id)
+            target = [news.target_id for news in told(outputs) if news.target_id][-1]
+            place = next(lamp.position_m for lamp in lamps if lamp.id == target)
             procedure.on_ray(person.ray(place, now_ns))
             outputs += procedure.step(now_ns)
         assert told(outputs)[-1].phase == "solved", told(outputs)[-1].reason

@@ -1,6 +1,7 @@
 """The localizer on the bus: fixed pose, lamps with a person who looks at them, a robot, requests."""
 
 import asyncio
+import itertools
 import math
 from collections.abc import AsyncGenerator
 from contextlib import asynccontextmanager
@@ -15,7 +16,6 @@ from pointit.schemas import (
     CancelLocalization,
     Environment,
     Lamp,
-    LampColor,
     Localization,
     SetPose,
     StartLocalization,
@@ -25,7 +25,6 @@ from pointit.schemas import (
 from pointit.schemas.topics import (
     CANCEL_LOCALIZATION,
     HEALTH,
-    LAMP_COLOR,
     LOCALIZATION,
     MAP,
     OBJECTS,
@@ -54,20 +53,17 @@ class Room:
         self.bench = bench
         self.clock = clock
         self.person = person
-        self.lit: dict[str, bool] = {}
-        self.order: list[str] = []
         self.poses = bench.collect(POSE, USER)
         self.progress = bench.collect(LOCALIZATION, USER)
-        bench.bus.subscribe(LAMP_COLOR, self._on_lamp)
-
-    def _on_lamp(self, lamp: LampColor, name: str) -> None:
-        was_lit, self.lit[name] = self.lit.get(name), lamp.color != (0, 0, 0)
-        if self.lit[name] and not was_lit:
-            self.order.append(name)
 
     @property
-    def dark(self) -> bool:
-        return not any(self.lit.values())
+    def lit(self) -> str:
+        """The lamp that is to be lit, or `""`."""
+        return self.progress[-1].target_id if self.progress else ""
+
+    @property
+    def order(self) -> list[str]:
+        return [lamp for lamp, _ in itertools.groupby(news.target_id for news in self.progress) if lamp]
 
     @property
     def phase(self) -> str:
@@ -79,7 +75,7 @@ class Room:
 
         async def point() -> None:
             while True:
-                lit = [lamp for lamp in LAMPS if self.lit.get(lamp.id)]
+                lit = [lamp for lamp in LAMPS if lamp.id == self.lit]
                 target: Vec3 = lit[0].position_m if lit else (1.0, 0.0, 1.0)
                 self.bench.put(RAY, self.person.ray(target, self.clock.now_ns()), USER)
                 await sleep(self.clock, 0.02)
@@ -124,7 +120,7 @@ async def test_the_whole_procedure_with_lamps() -> None:
         bench.start(Localizer, STATIC, USER)
         await bench.settle()
         assert room.poses == []
-        assert room.dark
+        assert not room.lit
         await bench.bus.call(START_LOCALIZATION, StartLocalization(), USER)
         await bench.settle()
         assert room.order == ["led_0"]
@@ -133,7 +129,7 @@ async def test_the_whole_procedure_with_lamps() -> None:
         async with room.pointing():
             await room.until_phase("solved")
         assert room.order == [lamp.id for lamp in LAMPS]
-        assert room.dark
+        assert not room.lit
         pose = room.poses[0]  # then it is followed
         assert math.hypot(pose.position_m[0] - person.x, pose.position_m[1] - person.y) < 0.1
         assert abs(yaw_difference(pose.yaw_rad, person.yaw_rad)) < math.radians(2.0)
@@ -155,7 +151,7 @@ async def test_cancel_leaves_lamps_dark_and_the_last_pose() -> None:
         done = await bench.bus.call(CANCEL_LOCALIZATION, CancelLocalization(), USER)
         await bench.settle()
         assert done.message == "cancelled; the last pose stays"
-        assert room.dark
+        assert not room.lit
         assert room.phase == "cancelled"
         assert [pose.position_m for pose in room.poses] == [(3.0, 4.0, 0.0)]
         again = await bench.bus.call(CANCEL_LOCALIZATION, CancelLocalization(), USER)
@@ -174,7 +170,7 @@ async def test_start_again_begins_at_the_first_lamp() -> None:
             await room.until_phase("sampling", target_index=2)
         await bench.bus.call(START_LOCALIZATION, StartLocalization(), USER)
         await bench.settle()
-        assert [name for name, on in room.lit.items() if on] == ["led_0"]
+        assert room.lit == "led_0"
         assert room.progress[-1].target_index == 0
         assert room.progress[-1].samples == 0
         async with room.pointing():
@@ -192,7 +188,7 @@ async def test_set_pose_stops_the_running_procedure() -> None:
         await bench.bus.call(START_LOCALIZATION, StartLocalization(), USER)
         await bench.bus.call(SET_POSE, SetPose(position_m=(1.0, 0.0, 0.0), yaw_rad=0.25), USER)
         await bench.settle()
-        assert room.dark
+        assert not room.lit
         assert room.phase == "cancelled"
         assert (room.poses[-1].position_m, room.poses[-1].yaw_rad) == ((1.0, 0.0, 0.0), 0.25)
         assert room.poses[-1].method == "fixed"
@@ -207,9 +203,9 @@ async def test_lamps_are_dark_when_the_service_ends() -> None:
         await bench.settle()
         await bench.bus.call(START_LOCALIZATION, StartLocalization(), USER)
         await bench.settle()
-        assert not room.dark
+        assert room.lit
         await bench.stop()
-        await until(lambda: room.dark, what="darkness")
+        await until(lambda: not room.lit, what="darkness")
 
 
 async def test_silence_is_refused_and_shown_in_health_until_it_works() -> None:
@@ -224,7 +220,7 @@ async def test_silence_is_refused_and_shown_in_health_until_it_works() -> None:
         clock.advance(20.0)
         await until(lambda: room.phase == "refused", what="refused")
         assert "only 0 rays came while led_0 was lit" in room.progress[-1].reason
-        assert room.dark
+        assert not room.lit
         assert room.poses == []
         await until(lambda: any("only 0 rays" in text for text in health[-1].warnings), what="the warning")
         await bench.bus.call(START_LOCALIZATION, StartLocalization(), USER)

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from pointit.geometry import rotation
-from pointit.schemas import NS_PER_S, Lamp, PointingRay, UserPose
+from pointit.schemas import NS_PER_S, Lamp, Localization, PointingRay, UserPose
 from pointit.services.localizer.drift.filter import DriftSettings
 from pointit.services.localizer.estimation.rays import Mean, mean
-from pointit.services.localizer.outputs import LampSwitch, Output
+from pointit.services.localizer.outputs import Output
 from pointit.services.localizer.procedures.anchoring import Anchoring
 from pointit.services.localizer.tracking.pose_tracking import MEASURED, PoseTracker
 from tests.unit.localizer.lab import config
@@ -230,7 +230,7 @@ def test_metrics_and_uncertainty_follow_the_pose() -> None:
 
 def anchoring(tracking: PoseTracker, off_deg: float = 0.0, wander_deg: float = 0.0) -> list[Output]:
     procedure = Anchoring(LAMP, tracking.anchor, config(), occupies=("other",))
-    assert procedure.lamp_ids == {"led", "other"}
+    assert procedure.lamp_ids == ("led", "other")
     outputs = procedure.start(at(30.0))
     for tick in range(50 * 12):
         t_s = 30.0 + tick / 50.0
@@ -244,8 +244,9 @@ def anchoring(tracking: PoseTracker, off_deg: float = 0.0, wander_deg: float = 0
 
 def test_an_anchor_is_asked_for_lit_held_and_told() -> None:
     outputs = anchoring(localized())
-    switches = [output for output in outputs if isinstance(output, LampSwitch)]
-    assert switches == [LampSwitch("led", on=True), LampSwitch("led", on=False)]
+    news = [output for output in outputs if isinstance(output, Localization)]
+    assert {(each.target_id, each.lamps) for each in news[:-1]} == {("led", ("led", "other"))}
+    assert (news[-1].target_id, news[-1].lamps) == ("", ())
     kinds = [type(output).__name__ for output in outputs]
     assert kinds[-2:] == ["Anchor", "Localization"]
     last = outputs[-1]
@@ -258,7 +259,7 @@ def test_an_anchor_is_asked_for_lit_held_and_told() -> None:
 )
 def test_a_bad_anchor_is_told_too_and_refused(off_deg: float, wander_deg: float, reason: str) -> None:
     outputs = anchoring(localized(), off_deg, wander_deg)
-    anchor, progress = outputs[-3], outputs[-1]
+    anchor, progress = outputs[-2:]
     assert type(anchor).__name__ == "Anchor"
     assert reason in anchor.reason  # type: ignore[union-attr]  # checked above
     assert not anchor.accepted  # type: ignore[union-attr]  # checked above

@@ -1,4 +1,4 @@
-"""Several people, one room with lamps: real localizers take turns, and wait in a queue that all can see."""
+"""Several people, one room with lamps: real localizers take turns, as a real led-driver decides."""
 
 import asyncio
 import math
@@ -29,6 +29,8 @@ from pointit.schemas.topics import (
     START_LOCALIZATION,
     USER_ALIVE,
 )
+from pointit.services.led_driver.config import LedDriverConfig
+from pointit.services.led_driver.service import LedDriver
 from pointit.services.localizer.config import LocalizerConfig
 from pointit.services.localizer.service import Localizer
 from tests.support.bench import Bench, memory_bench, until
@@ -40,7 +42,7 @@ PEOPLE = {"anna": Person(1.5, 1.2, -2.0), "ben": Person(-0.5, 0.3, 1.0), "carl":
 
 
 class Room:
-    """A bench with a map, localizers, and people who point at what their own localizer names."""
+    """A bench with a map, led-driver, localizers, and people who point at what their own localizer names."""
 
     def __init__(self, bench: Bench, clock: SimulatedClock) -> None:
         self.bench = bench
@@ -50,6 +52,7 @@ class Room:
         self.poses = {user: bench.collect(POSE, user) for user in PEOPLE}
         bench.bus.subscribe(LAMP_COLOR, self._on_lamp)
         bench.put(MAP, ROOM)
+        self.led_driver = bench.start(LedDriver, LedDriverConfig())
 
     def _on_lamp(self, lamp: LampColor, name: str) -> None:
         self.lit[name] = any(lamp.color)
@@ -76,6 +79,13 @@ class Room:
     async def solved(self, user: str) -> None:
         await until(lambda: self.last(user).phase == "solved", what=f"{user}: {self.last(user)}")
         assert math.dist(self.poses[user][-1].position_m[:2], (PEOPLE[user].x, PEOPLE[user].y)) < 0.1
+
+
+def pointing(lamp: str, since_ns: int) -> Localization:
+    """Return what a played localizer says."""
+    return Localization(
+        stamp_ns=since_ns, phase="sampling", target_id=lamp, since_ns=since_ns, lamps=("led_1", "led_2")
+    )
 
 
 async def _point(room: Room, user: str, person: Person) -> None:
@@ -164,8 +174,7 @@ async def test_absent_user_frees_the_lamps_immediately(presence: str) -> None:
         dora = [bench.bus.announce(USER_ALIVE, "dora"), bench.bus.announce(SERVICE_ALIVE, "localizer.dora")]
         await bench.settle()
         now_ns = room.clock.now_ns()
-        news = Localization(stamp_ns=now_ns, phase="sampling", target_id="led_1", since_ns=now_ns)
-        bench.put(LOCALIZATION, news, "dora")
+        bench.put(LOCALIZATION, pointing("led_1", now_ns), "dora")
         await bench.settle()
         assert await room.start("anna") == "anna waits in turn: dora first"
         dora[0 if presence == "person" else 1].close()
@@ -177,12 +186,10 @@ async def test_who_falls_silent_frees_the_place_and_who_waits_too_long_is_refuse
     async with room_of("anna") as room:
         bench = room.bench
 
-        def says(user: str, *, lamp: str = "") -> None:
-            now_ns = room.clock.now_ns()
-            news = Localization(stamp_ns=now_ns, phase="sampling", target_id=lamp, since_ns=1)
-            bench.put(LOCALIZATION, news, user)
+        def says(user: str, lamp: str) -> None:
+            bench.put(LOCALIZATION, pointing(lamp, 1), user)
 
-        says("dora", lamp="led_1")
+        says("dora", "led_1")
         await bench.settle()
         await room.start("anna")
         asked_ns = room.clock.now_ns()
@@ -191,11 +198,11 @@ async def test_who_falls_silent_frees_the_place_and_who_waits_too_long_is_refuse
         await room.solved("anna")
         bench.start(Localizer, CONFIG.model_copy(update={"queue_timeout_s": 5.0}), "ben")
         await until(lambda: bool(room.progress["ben"]))
-        says("dora", lamp="led_1")
+        says("dora", "led_1")
         await bench.settle()
         await room.start("ben")
         while room.last("ben").phase == "sampling":
-            says("dora", lamp="led_1")
+            says("dora", "led_1")
             await sleep(room.clock, 0.5)
         assert room.last("ben").phase == "refused"
         assert room.last("ben").reason.startswith("ben has waited 5 s for the lamps; dora came first")
@@ -213,21 +220,31 @@ async def test_who_waits_is_told_when_the_lamps_are_gone() -> None:
         assert room.shining == []
 
 
-@pytest.mark.parametrize("is_busy", [False, True])
-async def test_a_restarted_localizer_darkens_what_was_left_lit_unless_somebody_points(
-    *, is_busy: bool
-) -> None:
-    clock = SimulatedClock(1.0)
-    async with memory_bench(clock) as bench:
-        bench.put(LAMP_COLOR, LampColor(stamp_ns=1, color=(255, 255, 255)), "led_1")  # left by a killed one
-        room = Room(bench, clock)
-        if is_busy:
-            now_ns = clock.now_ns()
-            carl = Localization(stamp_ns=now_ns, phase="sampling", target_id="led_1", since_ns=now_ns)
-            bench.put(LOCALIZATION, carl, "carl")
-        await bench.settle()
-        assert room.shining == ["led_1"]
-        bench.start(Localizer, CONFIG, "anna")
-        await until(lambda: bool(room.progress["anna"]))
-        await bench.settle()
-        assert room.shining == (["led_1"] if is_busy else [])
+async def test_a_restarted_led_driver_darkens_what_was_left_lit_and_keeps_the_queue() -> None:
+    async with room_of("anna", "ben") as room:
+        bench = room.bench
+        await room.start("anna")
+        await room.points("anna")
+        await room.start("ben")
+        await room.waits("ben", "anna")
+        await bench.end(room.led_driver)
+        await until(lambda: room.shining == [], what="darkness")
+        target = room.last("anna").target_id
+        for lamp in LAMPS:  # as if it had been killed
+            bench.put(LAMP_COLOR, LampColor(stamp_ns=1, color=(255, 255, 255)), lamp.id)
+        bench.start(LedDriver, LedDriverConfig())
+        await until(lambda: room.shining in ([target], [room.last("anna").target_id]), what="anna's lamp")
+        await room.solved("anna")
+        await room.solved("ben")
+        assert "refused" not in {news.phase for user in ("anna", "ben") for news in room.progress[user]}
+        began_ns = next(news.stamp_ns for news in room.progress["ben"] if news.target_id)
+        ended_ns = next(news.stamp_ns for news in room.progress["anna"] if news.phase == "solved")
+        assert began_ns >= ended_ns
+
+
+async def test_without_led_driver_people_are_localized_by_lamps_that_are_named() -> None:
+    async with room_of("anna") as room:
+        await room.bench.end(room.led_driver)
+        assert await room.start("anna") == "localizing by static targets"
+        await room.solved("anna")
+        assert room.shining == []

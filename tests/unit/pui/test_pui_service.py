@@ -320,18 +320,6 @@ async def test_the_cursor_goes_with_the_person_and_comes_back_with_them() -> Non
         assert [cursor.surface for cursor in room.cursors["anna"]] == ["strip", "none", "strip"]
 
 
-async def test_a_ray_past_everything_is_a_cursor_on_nothing_with_its_stamp() -> None:
-    clock = ManualClock()
-    async with memory_bench(clock) as bench:
-        room = await room_of(bench, clock)
-        bench.put(POSE, pose_at(), "anna")
-        await bench.settle()
-        stamp_ns = await room.point("anna", (1.0, 0.6, 30.0))
-        (cursor,) = room.cursors["anna"]
-        assert (cursor.surface, cursor.surface_id, cursor.point_m) == ("none", "", None)
-        assert cursor.stamp_ns == stamp_ns
-
-
 @pytest.mark.parametrize("method", ["exact", "kd_tree"])
 async def test_no_ray_makes_a_cursor_that_is_not_a_number(method: str) -> None:
     # cursors are strict and finite: one with a NaN would raise in the handler and count as an error
@@ -351,11 +339,6 @@ async def test_no_ray_makes_a_cursor_that_is_not_a_number(method: str) -> None:
                 await bench.settle()
                 rays += 1
         assert len(room.cursors["anna"]) == rays
-
-
-def test_a_map_without_the_wanted_kinds_says_so() -> None:
-    with pytest.raises(ValueError, match="map 'lab' has no belt to point at"):
-        Surfaces(LAB, ["belt"])
 
 
 @pytest.mark.parametrize(

@@ -81,6 +81,15 @@ async def test_the_configured_workspace_and_lamps() -> None:
         assert (await here.point_at((2.0, 1.0, 0.5))).lamps == ()
 
 
-def test_unknown_priorities_are_refused_in_a_sentence() -> None:
-    with pytest.raises(ConfigError, match=r"^priority: 'strp' is neither a kind nor the id"):
-        Pui.validate_config(PuiConfig(priority={"strp": 1}))
+@pytest.mark.parametrize(
+    ("config", "said"),
+    [
+        ({"map": "absent.yaml"}, r"absent\.yaml: cannot be read"),
+        ({"priority": {"strp": 1}}, "^priority: 'strp' is neither a kind nor the id"),
+        ({"priority": {"Lamp": 1}}, "^priority: 'Lamp' is neither a kind nor the id"),
+    ],
+)
+def test_parameters_that_do_not_fit_are_refused_before_pui_joins(config: dict[str, Any], said: str) -> None:
+    Pui.validate_config(PuiConfig())
+    with pytest.raises(ConfigError, match=said):
+        Pui.validate_config(PuiConfig(**config))

@@ -51,8 +51,8 @@ def test_what_has_lost_its_writer_goes() -> None:
 
 def test_what_another_still_writes_stays() -> None:
     known: dict[Topic[Any], list[str]] = {LAMP_COLOR: ["l1"]}
-    assert gone("localizer.anna", ["led-driver"], known) == {(HEALTH.key, "localizer.anna")}
-    assert (LAMP_COLOR.key, "l1") in gone("localizer.anna", ["pui"], known)
+    assert gone("led-driver", ["led-driver"], known) == {(HEALTH.key, "led-driver")}  # its successor
+    assert (LAMP_COLOR.key, "l1") in gone("led-driver", ["pui"], known)
 
 
 def test_one_persons_service_takes_nothing_of_others() -> None:

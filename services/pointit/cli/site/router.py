@@ -157,7 +157,7 @@ async def _tell(router: Router, refused: DeniedOperations, limits: Limits) -> No
             )
             for session, name, address in router.links()
         ]
-        excess, exceeding = limits.excess(connections, router.roles, refused.rates_hz, now_s, refused.keys)
+        excess, exceeding = limits.excess(connections, router.roles, refused.rates_hz, now_s)
         router.cut(each.address for each in excess)
         by_address = {each.address: each for each in connections}
         waiting = router.unread(by_address)

@@ -10,18 +10,18 @@ The rules, for a state whose writer is gone:
 - Everything else belongs to the site: handed out until it is replaced, and dropped after a long time without
   a service that may write it.
 - Misleading states are never retained: the simulated time of a run that ended, an external tracker's pose
-  (such a tracker has no presence, so its end is unknown), progress of a localizer that ended, an empty
-  deployment.
+  (such a tracker has no presence, so its end is unknown), progress of a localizer that ended, the queue for
+  lamps of a led-driver that ended, an empty deployment.
 """
 
 from collections.abc import Collection
 from typing import Any
 
 from pointit.schemas import Deployment, Localization, Message, UserPose
-from pointit.schemas.topics import CLOCK, DEPLOYMENT, TOPICS, Delivery, Topic
+from pointit.schemas.topics import CLOCK, DEPLOYMENT, LAMP_LEASES, TOPICS, Delivery, Topic
 
 RETAINED: tuple[Topic[Any], ...] = tuple(
-    topic for topic in TOPICS if topic.delivery is Delivery.STATE and topic is not CLOCK
+    topic for topic in TOPICS if topic.delivery is Delivery.STATE and topic not in (CLOCK, LAMP_LEASES)
 )
 """Topics of retained states."""
 

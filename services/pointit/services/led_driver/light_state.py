@@ -18,6 +18,7 @@ from pointit.schemas import (
 )
 from pointit.schemas.base import Rgb
 from pointit.services.led_driver.config import LedDriverConfig
+from pointit.services.led_driver.picture.lamp_queue import LampService
 from pointit.services.led_driver.picture.lamps import Lamps
 from pointit.services.led_driver.picture.layout import Layout
 from pointit.services.led_driver.picture.render import Bytes, Renderer
@@ -98,9 +99,13 @@ class LightState:
         """Set what is selected and reserved."""
         self._scene.set_selection(selection)
 
-    def on_localization(self, user: str, localization: Localization) -> None:
-        """Set the state of `user`'s localization, which needs the lamps."""
-        self._lamps.on_localization(user, localization)
+    def on_localization(self, user: str, localization: Localization, now_ns: int) -> None:
+        """Set the state of `user`'s localization, which may need lamps."""
+        self._lamps.queue.on_localization(user, localization, now_ns)
+
+    def on_absence(self, user: str) -> None:
+        """Free the lamps of `user`, who or whose localizer has left."""
+        self._lamps.queue.leave(user)
 
     def on_feedback(self, feedback: Feedback) -> None:
         """Flash the state lamp in the colour of any person's cue."""
@@ -137,13 +142,17 @@ class LightState:
         return self._scene.next_change_ns()
 
     @property
-    def has_lamps(self) -> bool:
-        """True if there is any lamp under its control."""
-        return self._lamps.any
+    def lamps_follow_people(self) -> bool:
+        """True if the colour of any lamp depends on cursors and cues."""
+        return self._lamps.follow_people
 
     def lamp_colors(self, now_ns: int) -> dict[str, Rgb]:
-        """Return the colours at `now_ns` of the lamps under its control. Others are left alone."""
+        """Return the colours of all lamps at `now_ns`."""
         return self._lamps.colors(now_ns)
+
+    def lamp_service(self) -> LampService:
+        """Return the people who use lamps to localize or wait for them, and the lamps lit for them."""
+        return self._lamps.queue.service()
 
     def next_lamp_change_ns(self, now_ns: int) -> int | None:
         """Return the time of the next change of lamps without new messages."""

@@ -1,4 +1,7 @@
-"""Subscribes to the map, cursors, objects and their states; publishes and outputs every strip's pixels."""
+"""Subscribes to the map, cursors, objects and their states; publishes and outputs every strip's pixels.
+
+It is the only writer of lamps, and decides which person may localize by which of them.
+"""
 
 import asyncio
 from collections import Counter
@@ -16,6 +19,7 @@ from pointit.schemas import (
     Feedback,
     Hover,
     LampColor,
+    LampLeases,
     Localization,
     Selection,
     SetBrightness,
@@ -29,22 +33,30 @@ from pointit.schemas.topics import (
     FEEDBACK,
     HOVER,
     LAMP_COLOR,
+    LAMP_LEASES,
     LOCALIZATION,
     MAP,
     OBJECTS,
     PROFILE,
     SELECTION,
+    SERVICE_ALIVE,
     SET_BRIGHTNESS,
     STRIPS_FRAME,
+    USER_ALIVE,
 )
 from pointit.services.led_driver.config import LedDriverConfig
 from pointit.services.led_driver.light_state import LightState
 from pointit.services.led_driver.output.expander import ExpanderOutput
 from pointit.services.led_driver.output.pacing import FrameLimiter
+from pointit.services.led_driver.picture.lamp_queue import LampService
 from pointit.services.led_driver.picture.lamps import DARK
 
 LAMP_PERIOD_S = 1 / 20
-"""Minimum time between changes of a lamp, s."""
+"""Minimum time between changes of a lamp's appearance, s. The lamp that a person is to point at is lit at
+once."""
+
+LOCALIZER = "localizer."
+"""First part of the instance of a person's localizer, before the user."""
 
 
 class LedDriver(Service[LedDriverConfig]):
@@ -69,13 +81,20 @@ class LedDriver(Service[LedDriverConfig]):
         self._lamps_s = -LAMP_PERIOD_S
         self._lamps: dict[str, Publisher[LampColor]] = {}
         self._lit: dict[str, Rgb] = {}
-        """Last published colours of the lamps under its control."""
+        """Last published colours of the lamps."""
         self._lamp_seqs = Counter[str]()
+        self._served = LampService()
+        """Leases and targets as last published."""
+        self._lease_seq = 0
         self._ended = False
         self._outputs = self._make_outputs()
         self._frames = self.bus.publisher(STRIPS_FRAME, timed=not self._outputs)
+        self._leases = self.bus.publisher(LAMP_LEASES)
         self.bus.set_metric("brightness", self._lights.brightness)
+        self._leases.put(LampLeases(stamp_ns=self.clock.now_ns()))  # replaces a crashed instance's
         self.bus.serve(SET_BRIGHTNESS, self._set_brightness)
+        self.bus.watch(USER_ALIVE, self._on_person)
+        self.bus.watch(SERVICE_ALIVE, self._on_service)
         self.bus.subscribe(MAP, self._on_map)
         self.bus.subscribe(PROFILE, self._on_profile)
         self.bus.subscribe(SELECTION, self._on_selection)
@@ -124,7 +143,7 @@ class LedDriver(Service[LedDriverConfig]):
         for output in self._outputs:
             output.set_strips(environment.strips)
         self._wish()
-        self._wish_lamps()
+        self._shine()
 
     def _on_profile(self, profile: UserProfile, user: str) -> None:
         try:
@@ -154,8 +173,17 @@ class LedDriver(Service[LedDriverConfig]):
         self._wish_lamps()
 
     def _on_localization(self, localization: Localization, user: str) -> None:
-        self._lights.on_localization(user, localization)
-        self._wish_lamps()
+        self._lights.on_localization(user, localization, self.clock.now_ns())
+        self._arbitrate()
+
+    def _on_person(self, user: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
+        if not present:
+            self._lights.on_absence(user)
+            self._arbitrate()
+
+    def _on_service(self, instance: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
+        if instance.startswith(LOCALIZER):
+            self._on_person(instance.removeprefix(LOCALIZER), present)
 
     def _on_feedback(self, feedback: Feedback, _user: str) -> None:
         self._lights.on_feedback(feedback)
@@ -196,9 +224,16 @@ class LedDriver(Service[LedDriverConfig]):
             output.show(frame, age_s)
         self._watch_expiry(now_ns)
 
+    def _arbitrate(self) -> None:
+        """Publish changed leases and light changed targets, at once."""
+        if self._lights.lamp_service() != self._served:
+            self._shine()
+        else:
+            self._wish_lamps()
+
     def _wish_lamps(self) -> None:
         """Schedule an update of the lamps, soon."""
-        if self._lights.has_lamps:
+        if self._lights.lamps_follow_people:
             self._look_at_lamps_in(0.0)
 
     def _look_at_lamps_in(self, wait_s: float) -> None:
@@ -217,19 +252,23 @@ class LedDriver(Service[LedDriverConfig]):
         if self._lamp_timer is not None:
             self._lamp_timer.cancel()
             self._lamp_timer = None
-        if self._ended or not self._lights.has_lamps:
+        if self._ended:
             return
         self._lamps_s = asyncio.get_running_loop().time()
         now_ns = self.clock.now_ns()
-        colors = self._lights.lamp_colors(now_ns)
-        self._light(colors)
-        self._lit = colors
+        self._light(self._lights.lamp_colors(now_ns))
+        before, self._served = self._served, self._lights.lamp_service()
+        if before.leases != self._served.leases:
+            self._lease_seq += 1
+            news = LampLeases(stamp_ns=now_ns, seq=self._lease_seq, leases=self._served.leases)
+            self._leases.put(news)
         change_ns = self._lights.next_lamp_change_ns(now_ns)
         if change_ns is not None:
             self._look_at_lamps_in((change_ns - now_ns) / NS_PER_S / self.clock.speed)
 
     def _light(self, colors: dict[str, Rgb]) -> None:
-        for lamp_id, color in colors.items():
+        """Publish the colours that changed. Lamps that go off come first, so that a target is lit alone."""
+        for lamp_id, color in sorted(colors.items(), key=lambda each: each[1] != DARK):
             if self._lit.get(lamp_id) == color:
                 continue
             if lamp_id not in self._lamps:
@@ -238,6 +277,7 @@ class LedDriver(Service[LedDriverConfig]):
             self._lamps[lamp_id].put(
                 LampColor(stamp_ns=self.clock.now_ns(), seq=self._lamp_seqs[lamp_id], color=color)
             )
+        self._lit = colors
 
     def _watch_expiry(self, now_ns: int) -> None:
         """Schedule a frame for the next expiry or blink. There is one timer, which checks again."""

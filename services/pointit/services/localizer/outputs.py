@@ -1,4 +1,4 @@
-"""Outputs of a localization: lamps to switch, progress, the pose, an anchor."""
+"""Outputs of a localization: progress, the pose, an anchor."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -11,14 +11,6 @@ from pointit.services.localizer.drift.filter import AnchorResult, DriftPose
 from pointit.services.localizer.estimation.angular_residuals import Array
 from pointit.services.localizer.estimation.estimator import Solution
 from pointit.services.localizer.estimation.rays import Mean
-
-
-@dataclass(frozen=True)
-class LampSwitch:
-    """A lamp that goes on or off."""
-
-    lamp_id: str
-    on: bool
 
 
 @dataclass(frozen=True)
@@ -39,7 +31,7 @@ class AnchorOutcome:
     """True if nothing is left to do: the anchor was accepted, or it was only to be measured."""
 
 
-Output = LampSwitch | Localization | UserPose | Anchor | WithdrawPose
+Output = Localization | UserPose | Anchor | WithdrawPose
 
 
 def pose_message(

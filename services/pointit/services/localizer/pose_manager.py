@@ -12,6 +12,7 @@ from pointit.schemas import (
     Environment,
     ImuSample,
     Interaction,
+    LampLeases,
     Localization,
     PointingRay,
     SetPose,
@@ -25,7 +26,7 @@ from pointit.services.localizer.outputs import Output, WithdrawPose
 from pointit.services.localizer.procedure_runner import ProcedureRunner
 from pointit.services.localizer.procedures.external_pose import ExternalPose, external_pose_message
 from pointit.services.localizer.procedures.facing import HeadingWindow
-from pointit.services.localizer.procedures.lamp_queue import in_turn
+from pointit.services.localizer.procedures.queued_pointing import in_turn
 from pointit.services.localizer.tracking.pose_tracking import PoseTracker
 from pointit.services.localizer.tracking.yaw_origin import YawOrigin
 
@@ -82,13 +83,13 @@ class PoseManager:
         """Update the map."""
         return self._procedures.on_map(room, now_ns)
 
-    def on_localization(self, news: Localization, user: str, now_ns: int) -> list[Output]:
-        """Update the queue from other people's localizations."""
-        return self._procedures.on_localization(news, user, now_ns)
+    def on_leases(self, leases: LampLeases, now_ns: int) -> list[Output]:
+        """Update the queue for lamps."""
+        return self._procedures.on_leases(leases, now_ns)
 
-    def on_absence(self, user: str, now_ns: int) -> list[Output]:
-        """Update the queue because `user` or their localizer has left."""
-        return self._procedures.on_absence(user, now_ns)
+    def on_leases_gone(self) -> None:
+        """Forget the queue for lamps, as led-driver has ended."""
+        self._procedures.on_leases_gone()
 
     def on_ray(self, ray: PointingRay, now_ns: int) -> list[Output]:
         """Process a ray of the person."""

@@ -4,33 +4,32 @@ Pure: messages, requests and the time go in; outputs to publish come out.
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 from pointit.schemas import (
     NS_PER_S,
     Anchor,
     Environment,
     Lamp,
-    Localization,
+    LampLease,
+    LampLeases,
     PointingRay,
     TrackedObjects,
     UserPose,
 )
 from pointit.services.localizer.config import LocalizerConfig
 from pointit.services.localizer.estimation.estimator import Refusal
-from pointit.services.localizer.outputs import LampSwitch, Output
+from pointit.services.localizer.outputs import Output
 from pointit.services.localizer.procedures import lamps as lamp_choice
 from pointit.services.localizer.procedures.anchoring import Anchoring
 from pointit.services.localizer.procedures.lamp_procedure import LampProcedure
-from pointit.services.localizer.procedures.lamp_queue import LampQueue, queue_timeout_message
 from pointit.services.localizer.procedures.moving_target import MovingTarget
 from pointit.services.localizer.procedures.next_target import ObservationModel, best_for_yaw
-from pointit.services.localizer.procedures.queued_pointing import Make, PointingRequest, QueuedPointing
+from pointit.services.localizer.procedures.queued_pointing import Make, QueuedPointing, queue_timeout_message
 from pointit.services.localizer.procedures.static_targets import StaticTargets
 from pointit.services.localizer.tracking.pose_tracking import PoseTracker
 
 REPUBLISH_NS = NS_PER_S
-"""Period at which progress or waiting is published again and the lamp is switched on again."""
+"""Period at which progress or waiting is published again, from which led-driver knows that it goes on."""
 
 
 class ProcedureRunner:
@@ -41,9 +40,10 @@ class ProcedureRunner:
         self._config = config
         self._tracking = tracking
         self._room: Environment | None = None
-        self._turns = LampQueue(user)
-        self._wish: PointingRequest | None = None
-        """The request whose lamps are pointed at."""
+        self._leases: tuple[LampLease, ...] = ()
+        """Order of the people who use lamps or wait for them, as led-driver decided."""
+        self._make: Make = self._static
+        """Creates the procedure of the last request for lamps."""
         self._running: LampProcedure | MovingTarget | QueuedPointing | None = None
         self._published_ns = 0
 
@@ -76,39 +76,41 @@ class ProcedureRunner:
         return self._running.lit if isinstance(self._running, LampProcedure) else ""
 
     def on_map(self, room: Environment, now_ns: int) -> list[Output]:
-        """Update the map. Switch off lamps that a killed localizer left lit, unless another person uses them.
+        """Update the map.
 
         Pointing at a lamp that has moved or is gone stops, since it gives no information.
         """
-        is_first, self._room = self._room is None, room
+        self._room = room
         running = self._running
         if isinstance(running, QueuedPointing):
-            made = running.wish.make(now_ns)
+            made = running.make(now_ns)
             if isinstance(made, Refusal):
                 return self._leave_queue(running, now_ns, made.reason)
             running.lamp_ids = made.lamp_ids
-            return self._wait_on(running, now_ns)
+            return self._wait_on(running, running.ahead, now_ns)
         if isinstance(running, LampProcedure):
             change = lamp_choice.map_change_reason(running.targets, room)
             reason = f"the map changed while {self._user} was pointing at its lamps: {change}; start again"
             return self.stop(now_ns, reason) if change else []
-        if not is_first or self._config.method != "static_targets" or running is not None:
-            return []
-        wanted = self._config.lamps
-        ids = [lamp.id for lamp in room.lamps if not wanted or lamp.id in wanted]
-        return [] if self._turns.pointing(ids, now_ns) else [LampSwitch(lamp_id, on=False) for lamp_id in ids]
+        return []
 
-    def on_localization(self, news: Localization, user: str, now_ns: int) -> list[Output]:
-        """Update the queue from other people's localizations: lamps go to who asked first."""
-        if user == self._user:
+    def on_leases(self, leases: LampLeases, now_ns: int) -> list[Output]:
+        """Begin to point if it is the person's turn, or wait if another request was earlier."""
+        self._leases = leases.leases
+        running = self._running
+        if running is None or isinstance(running, MovingTarget):
             return []
-        return self._on_queue_changed(now_ns, has_ended=self._turns.on_localization(user, news, now_ns))
+        ours = (self._user, running.since_ns)
+        ahead = next((lease.ahead for lease in self._leases if (lease.user, lease.since_ns) == ours), None)
+        if ahead is None:  # led-driver has not heard of the request yet
+            return []
+        if isinstance(running, QueuedPointing):
+            return self._wait_on(running, ahead, now_ns)
+        return self._queue(running, running.since_ns, ahead, now_ns) if ahead else []
 
-    def on_absence(self, user: str, now_ns: int) -> list[Output]:
-        """Remove `user`, who or whose localizer has left, from the queue."""
-        if user == self._user or not self._turns.leave(user):
-            return []
-        return self._on_queue_changed(now_ns, has_ended=True)
+    def on_leases_gone(self) -> None:
+        """Forget the order of people, as led-driver has ended. Those who wait go on waiting for it."""
+        self._leases = ()
 
     def on_ray(self, ray: PointingRay) -> None:
         """Process a ray of the person."""
@@ -136,10 +138,11 @@ class ProcedureRunner:
         if running is None:
             return []
         if isinstance(running, QueuedPointing):
-            return self._wait_on(running, now_ns)
+            return self._wait_on(running, running.ahead, now_ns)
         out = self._process_outputs(running.step(now_ns), now_ns)
         if isinstance(self._running, LampProcedure) and abs(now_ns - self._published_ns) >= REPUBLISH_NS:
-            out += self._republish(self._running, now_ns)
+            self._published_ns = now_ns
+            out += self._running.republish(now_ns)
         return out
 
     def start_moving_target(self, now_ns: int) -> list[Output]:
@@ -173,34 +176,34 @@ class ProcedureRunner:
         if isinstance(procedure, Refusal):
             return procedure
         out = self.stop(now_ns)
-        wish = PointingRequest(make, now_ns)
-        ahead = self._turns.ahead(procedure.lamp_ids, wish.since_ns, now_ns)
-        return [*out, *(self._queue(wish, procedure, ahead, now_ns) or self._begin(wish, procedure, now_ns))]
+        self._make = make
+        lamps = set(procedure.lamp_ids)
+        others = [lease for lease in self._leases if lease.user != self._user]
+        ahead = tuple(lease.user for lease in others if not lamps.isdisjoint(lease.lamps))
+        if ahead:
+            return [*out, *self._queue(procedure, now_ns, ahead, now_ns)]
+        return [*out, *self._begin(procedure, now_ns, now_ns)]
 
     def _queue(
-        self, wish: PointingRequest, procedure: LampProcedure, ahead: tuple[str, ...], now_ns: int
+        self, procedure: LampProcedure, since_ns: int, ahead: tuple[str, ...], now_ns: int
     ) -> list[Output]:
-        """Wait if there are users `ahead`, otherwise do nothing."""
-        if not ahead:
-            return []
-        waiting = QueuedPointing(wish, procedure, now_ns, self._config.queue_timeout_s)
+        """Wait for the users `ahead`, since `since_ns`, instead of `procedure`."""
+        waiting = QueuedPointing(self._make, since_ns, procedure, now_ns, self._config.queue_timeout_s)
         self._running, self._published_ns = waiting, now_ns
         return [waiting.say(ahead, now_ns)]
 
-    def _begin(self, wish: PointingRequest, procedure: LampProcedure, now_ns: int) -> list[Output]:
-        self._wish, self._running, self._published_ns = wish, procedure, now_ns
-        return procedure.start(now_ns, wish.since_ns)
+    def _begin(self, procedure: LampProcedure, since_ns: int, now_ns: int) -> list[Output]:
+        self._running, self._published_ns = procedure, now_ns
+        return procedure.start(now_ns, since_ns)
 
-    def _wait_on(self, waiting: QueuedPointing, now_ns: int) -> list[Output]:
+    def _wait_on(self, waiting: QueuedPointing, ahead: tuple[str, ...], now_ns: int) -> list[Output]:
         """Begin when it is their turn; publish the users ahead when they change, and periodically."""
         is_too_long = waiting.is_too_long(now_ns)
-        wish = waiting.wish
-        ahead = self._turns.ahead(waiting.lamp_ids, wish.since_ns, now_ns)
         if not ahead:
-            procedure = wish.make(now_ns)
+            procedure = waiting.make(now_ns)
             if isinstance(procedure, Refusal):
                 return self._leave_queue(waiting, now_ns, procedure.reason)
-            return self._begin(wish, procedure, now_ns)
+            return self._begin(procedure, waiting.since_ns, now_ns)
         if is_too_long:
             reason = queue_timeout_message(self._user, ahead, self._config.queue_timeout_s)
             return self._leave_queue(waiting, now_ns, reason)
@@ -212,19 +215,6 @@ class ProcedureRunner:
     def _leave_queue(self, waiting: QueuedPointing, now_ns: int, reason: str) -> list[Output]:
         self._running = None
         return [waiting.end("refused", now_ns, reason)]
-
-    def _on_queue_changed(self, now_ns: int, *, has_ended: bool) -> list[Output]:
-        """Begin, or yield the lamps, after a change of the queue."""
-        running, wish = self._running, self._wish
-        if isinstance(running, QueuedPointing):
-            return self._wait_on(running, now_ns)
-        if not isinstance(running, LampProcedure) or wish is None:
-            return []
-        first = self._turns.must_yield_to(running.lamp_ids, running.since_ns, running.begun_ns, now_ns)
-        if first:
-            again = replace(wish, since_ns=running.since_ns)
-            return [*running.stop_silently(), *self._queue(again, running, first, now_ns)]
-        return self._republish(running, now_ns) if has_ended else []  # our lamp may be off
 
     def _static(self, _now_ns: int) -> StaticTargets | Refusal:
         lamps = lamp_choice.lamps_for_pose(self._room, self._config)
@@ -252,10 +242,6 @@ class ProcedureRunner:
         )
         places = [lamp.position_m for lamp in lamps]
         return lamps[best_for_yaw(places, place, covariance, acuity, floor_m=self._config.floor_m)]
-
-    def _republish(self, procedure: LampProcedure, now_ns: int) -> list[Output]:
-        self._published_ns = now_ns
-        return procedure.republish(now_ns)
 
     def _process_outputs(self, outputs: Sequence[Output], now_ns: int) -> list[Output]:
         """Return a procedure's outputs, its pose as tracked; drop a procedure that has ended."""

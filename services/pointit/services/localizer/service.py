@@ -1,4 +1,4 @@
-"""Reads rays, the map, tracked objects and more; writes the person's pose, the progress and the lamps."""
+"""Reads rays, the map, tracked objects and more; writes the person's pose and the progress."""
 
 import asyncio
 from collections import Counter
@@ -17,7 +17,7 @@ from pointit.schemas import (
     Environment,
     ImuSample,
     Interaction,
-    LampColor,
+    LampLeases,
     Localization,
     PointAnchor,
     PointingRay,
@@ -32,7 +32,7 @@ from pointit.schemas.topics import (
     CANCEL_LOCALIZATION,
     IMU,
     INTERACTION,
-    LAMP_COLOR,
+    LAMP_LEASES,
     LOCALIZATION,
     MAP,
     OBJECTS,
@@ -43,11 +43,10 @@ from pointit.schemas.topics import (
     SET_HEADING,
     SET_POSE,
     START_LOCALIZATION,
-    USER_ALIVE,
 )
 from pointit.services.localizer.config import LocalizerConfig
 from pointit.services.localizer.estimation.estimator import Refusal
-from pointit.services.localizer.outputs import LampSwitch, Output, WithdrawPose
+from pointit.services.localizer.outputs import Output, WithdrawPose
 from pointit.services.localizer.pose_manager import PoseManager, Response
 
 STEP_HZ = 20.0
@@ -56,8 +55,8 @@ STEP_HZ = 20.0
 AHEAD_NS = NS_PER_S
 """Rays and objects stamped further in the future are dropped: all later ones would look late."""
 
-ON = (255, 255, 255)
-OFF = (0, 0, 0)
+ARBITER = "led-driver"
+"""Instance that decides who may use which lamps."""
 
 
 class Localizer(Service[LocalizerConfig]):
@@ -72,15 +71,13 @@ class Localizer(Service[LocalizerConfig]):
         self._locating = PoseManager(self.user, config)
         self._busy = asyncio.Event()
         self._followed = asyncio.Event()
-        self._lamps: dict[str, Publisher[LampColor]] = {}
         self._sent: Counter[str] = Counter()
         """Number of messages by topic and name."""
         self._poses: Publisher[UserPose] | None = self.bus.publisher(POSE, self.user)
         self._progress = self.bus.publisher(LOCALIZATION, self.user)
         self._anchors = self.bus.publisher(ANCHOR, self.user)
         self._emit(self._locating.begin(self.clock.now_ns()))
-        self.bus.subscribe(LOCALIZATION, self._on_localization)  # first: the map may switch lamps off
-        self.bus.watch(USER_ALIVE, self._on_person)
+        self.bus.subscribe(LAMP_LEASES, self._on_leases)
         self.bus.watch(SERVICE_ALIVE, self._on_service)
         self.bus.subscribe(MAP, self._on_map)
         self.bus.subscribe(INTERACTION, self._on_interaction, self.user)
@@ -95,7 +92,7 @@ class Localizer(Service[LocalizerConfig]):
         self.bus.serve(POINT_ANCHOR, self._point_anchor, self.user)
 
     async def run(self) -> None:
-        """Step procedures and track the pose. All lamps are off at the end."""
+        """Step procedures and track the pose. The procedure that runs is cancelled at the end."""
         try:
             async with asyncio.TaskGroup() as group:
                 group.create_task(self._step(), name=f"localizer.{self.user} procedure")
@@ -130,17 +127,12 @@ class Localizer(Service[LocalizerConfig]):
     def _on_map(self, environment: Environment, _name: str) -> None:
         self._emit(self._locating.on_map(environment, self.clock.now_ns()))
 
-    def _on_localization(self, news: Localization, user: str) -> None:
-        self._emit(self._locating.on_localization(news, user, self.clock.now_ns()))
-
-    def _on_person(self, user: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
-        if not present:
-            self._emit(self._locating.on_absence(user, self.clock.now_ns()))
+    def _on_leases(self, leases: LampLeases, _name: str) -> None:
+        self._emit(self._locating.on_leases(leases, self.clock.now_ns()))
 
     def _on_service(self, instance: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
-        name, _, user = instance.partition(".")
-        if name == self.NAME:
-            self._on_person(user, present)
+        if instance == ARBITER and not present:
+            self._locating.on_leases_gone()
 
     def _on_interaction(self, news: Interaction, _user: str) -> None:
         self._locating.on_interaction(news)
@@ -209,8 +201,6 @@ class Localizer(Service[LocalizerConfig]):
     def _emit(self, outputs: Iterable[Output]) -> None:
         for output in outputs:
             match output:
-                case LampSwitch():
-                    self._switch(output)
                 case UserPose():
                     self._publish_pose(output)
                 case Localization():
@@ -247,17 +237,6 @@ class Localizer(Service[LocalizerConfig]):
             self.bus.warn(topic, progress.reason)
         else:
             self.bus.clear(topic)
-
-    def _switch(self, lamp: LampSwitch) -> None:
-        if lamp.lamp_id not in self._lamps:
-            self._lamps[lamp.lamp_id] = self.bus.publisher(LAMP_COLOR, lamp.lamp_id)
-        self._lamps[lamp.lamp_id].put(
-            LampColor(
-                stamp_ns=self.clock.now_ns(),
-                seq=self._next(LAMP_COLOR.at(lamp.lamp_id)),
-                color=ON if lamp.on else OFF,
-            )
-        )
 
     def _next(self, key: str) -> int:
         self._sent[key] += 1

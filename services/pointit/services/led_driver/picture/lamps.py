@@ -1,36 +1,28 @@
-"""Single lamps: coloured by the angle to the ray, and one that shows the state of the site.
-
-Localizing uses the lamps itself: while a person localizes, all lamps but the state lamp are left alone,
-and that one too while it is the target.
-"""
+"""Single lamps: lit for people who localize, coloured by the angle to the ray, or the state of the site."""
 
 import math
 from collections.abc import Collection
-from dataclasses import dataclass
 
 from pointit.geometry.colormap import colormap
-from pointit.schemas import NS_PER_S, Cursor, Feedback, Localization
+from pointit.schemas import NS_PER_S, Cursor, Feedback
 from pointit.schemas.base import Rgb
 from pointit.services.led_driver.config import LedDriverConfig, StateLampConfig
 from pointit.services.led_driver.picture.flash_guard import FlashGuard
+from pointit.services.led_driver.picture.lamp_queue import LampQueue
 
 DARK: Rgb = (0, 0, 0)
-
-HANDOVER_NS = NS_PER_S // 5
-"""Time for which lamps are left alone after a localization, ns. Its last command may still be in transit."""
+TARGET: Rgb = (255, 255, 255)
+"""Colour of a lamp that a person localizes by."""
 
 PULSE_STEP_NS = NS_PER_S // 20
 """Time between two steps of a pulse, ns."""
 
 
-@dataclass(slots=True)
-class _Localizing:
-    target_id: str
-    heard_ns: int | None = None
-
-
 class Lamps:
-    """Colours of all lamps. Pure."""
+    """Colours of all lamps. Pure.
+
+    While a person localizes, only lamps that they are to point at are lit, and the state lamp.
+    """
 
     def __init__(self, config: LedDriverConfig) -> None:
         """Create without lamps except the state lamp."""
@@ -38,41 +30,30 @@ class Lamps:
         self._id = config.state_lamp
         self._state = _StateLamp(config.state)
         self._timeout_ns = int(config.cursor_timeout_s * NS_PER_S)
-        self._silence_ns = int(config.lamps.localization_timeout_s * NS_PER_S)
+        self.queue = LampQueue(int(config.lamps.localization_timeout_s * NS_PER_S))
         self._cursors: dict[str, tuple[int, Cursor]] = {}
         self._near: set[str] = set()
-        """Lamps that were ever near a ray."""
-        self._gone: set[str] = set()
-        """Those of them that are no longer in the map."""
-        self._localizing: dict[str, _Localizing] = {}
-        self._localized_ns: int | None = None
-        self._guards: dict[str, FlashGuard] = {}
-        self._held_ns: list[int] = []
-        """Times at which held-back colours may be shown, ns."""
+        """Lamps that were ever near a ray, and are in the map."""
+        self._guards: dict[str, FlashGuard] = {self._id: FlashGuard()} if self._id else {}
+        """By lamp: all that were ever in a map or near a ray. Those without another colour are dark."""
 
     @property
-    def any(self) -> bool:
-        """True if there is a lamp under its control."""
+    def follow_people(self) -> bool:
+        """True if the colour of any lamp depends on cursors."""
         return bool(self._id or self._near)
 
     def set_lamps(self, ids: Collection[str]) -> None:
-        """Set the `ids` of the lamps of a new map. Lit lamps that are gone are switched off."""
-        self._gone = self._near.difference(ids)
+        """Set the `ids` of the lamps of a new map. Those that are gone are switched off."""
+        self._near.intersection_update(ids)
+        self._guard(ids)
 
     def on_cursor(self, user: str, cursor: Cursor, now_ns: int) -> None:
         """Set `user`'s cursor."""
         self._cursors[user] = (now_ns, cursor)
         if cursor.lamps:
-            near = {lamp.id for lamp in cursor.lamps}
-            self._near |= near
-            self._gone -= near
-
-    def on_localization(self, user: str, localization: Localization) -> None:
-        """Set the state of `user`'s localization."""
-        if localization.phase == "sampling" and not localization.ahead:
-            self._localizing[user] = _Localizing(localization.target_id)
-        else:
-            self._localizing.pop(user, None)
+            new = {lamp.id for lamp in cursor.lamps} - self._near
+            self._near |= new
+            self._guard(new)
 
     def on_feedback(self, feedback: Feedback) -> None:
         """Flash the state lamp in the colour of a cue."""
@@ -80,35 +61,37 @@ class Lamps:
             self._state.flash(feedback.color)
 
     def colors(self, now_ns: int) -> dict[str, Rgb]:
-        """Return the colours at `now_ns` of the lamps under its control."""
-        self._forget(now_ns)
-        wanted: dict[str, Rgb] = {}
-        if self._localized_ns is None:
-            wanted |= {lamp_id: self._by_angle(lamp_id) for lamp_id in sorted(self._near)}
-        if self._id and all(each.target_id != self._id for each in self._localizing.values()):
-            state = "localizing" if self._localizing else "pointing" if self._cursors else "idle"
+        """Return the colours of all lamps at `now_ns`."""
+        self.queue.expire(now_ns)
+        for user, (at_ns, _) in list(self._cursors.items()):
+            if not 0 <= now_ns - at_ns < self._timeout_ns:
+                del self._cursors[user]
+        is_localizing = self.queue.is_in_use
+        wanted = dict.fromkeys(self._guards, DARK)
+        if self._cursors and not is_localizing:
+            wanted |= {lamp_id: self._by_angle(lamp_id) for lamp_id in self._near}
+        if self._id:
+            state = "localizing" if is_localizing else "pointing" if self._cursors else "idle"
             wanted[self._id] = self._state.color(state, now_ns)
-        guards = {lamp_id: self._guards.setdefault(lamp_id, FlashGuard()) for lamp_id in wanted}
-        shown = {lamp_id: guards[lamp_id].show(color, now_ns) for lamp_id, color in wanted.items()}
-        self._held_ns = [guard.free_ns for guard in guards.values() if guard.free_ns is not None]
-        return shown
+        wanted |= dict.fromkeys(self.queue.service().targets & wanted.keys(), TARGET)
+        return {lamp_id: self._guards[lamp_id].show(color, now_ns) for lamp_id, color in wanted.items()}
 
     def next_change_ns(self, now_ns: int) -> int | None:
         """Return the time at which colours change without new messages, or None."""
         times = [at + self._timeout_ns for at, _ in self._cursors.values()]
-        times += [each.heard_ns + self._silence_ns for each in self._localizing.values() if each.heard_ns]
-        times += self._held_ns
-        if self._localized_ns is not None and not self._localizing:
-            times.append(self._localized_ns + HANDOVER_NS)
+        times += [guard.free_ns for guard in self._guards.values() if guard.free_ns is not None]
+        if (expiry_ns := self.queue.next_expiry_ns()) is not None:
+            times.append(expiry_ns)
         if self._id:
-            change_ns = self._state.next_change_ns(now_ns, pulses=bool(self._localizing))
+            change_ns = self._state.next_change_ns(now_ns, pulses=self.queue.is_in_use)
             times += [] if change_ns is None else [change_ns]
         return min(times, default=None)
 
+    def _guard(self, ids: Collection[str]) -> None:
+        self._guards |= {lamp_id: FlashGuard() for lamp_id in ids if lamp_id not in self._guards}
+
     def _by_angle(self, lamp_id: str) -> Rgb:
-        """Return the colour for the nearest ray. Dark if there is none, or the map no longer has the lamp."""
-        if not self._cursors or lamp_id in self._gone:
-            return DARK
+        """Return the colour for the nearest ray."""
         misses_rad = [
             lamp.miss_rad
             for _, cursor in self._cursors.values()
@@ -117,22 +100,6 @@ class Lamps:
         ]
         share = min(misses_rad, default=math.inf) / math.radians(self._config.range_deg)
         return colormap(self._config.colormap).rgb(1.0 - min(share, 1.0))
-
-    def _forget(self, now_ns: int) -> None:
-        """Drop expired cursors, and localizations that are silent for so long that they have crashed."""
-        for user in [
-            user for user, (at, _) in self._cursors.items() if not 0 <= now_ns - at < self._timeout_ns
-        ]:
-            del self._cursors[user]
-        for user, each in list(self._localizing.items()):
-            if each.heard_ns is None:
-                each.heard_ns = now_ns
-            if not 0 <= now_ns - each.heard_ns < self._silence_ns:
-                del self._localizing[user]
-        if self._localizing:
-            self._localized_ns = now_ns
-        elif self._localized_ns is not None and not 0 <= now_ns - self._localized_ns < HANDOVER_NS:
-            self._localized_ns = None
 
 
 class _StateLamp:

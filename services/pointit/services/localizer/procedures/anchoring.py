@@ -71,11 +71,7 @@ class Anchoring(LampProcedure):
         if not judged.is_done:
             return [anchor, *self._end(now_ns, anchor.reason)]
         self._running = False
-        return [
-            self._switch(on=False),
-            anchor,
-            self._localization(now_ns, "solved", progress=1.0, reason=anchor.reason),
-        ]
+        return [anchor, self._localization(now_ns, "solved", progress=1.0, reason=anchor.reason)]
 
     def _share(self, now_ns: int) -> float:
         return self._hold.progress(now_ns)

@@ -1,6 +1,6 @@
 """Base of pointing at one or several lamps: one is lit and its hold is awaited.
 
-Pure: rays and the time go in; lamps to switch and progress come out.
+Pure: rays and the time go in; progress comes out, by which led-driver lights the lamp.
 """
 
 from abc import ABC, abstractmethod
@@ -9,7 +9,7 @@ from typing import ClassVar, Literal
 
 from pointit.schemas import Lamp, Localization, PointingRay
 from pointit.services.localizer.config import LocalizerConfig
-from pointit.services.localizer.outputs import LampSwitch, Output, Phase
+from pointit.services.localizer.outputs import Output, Phase
 from pointit.services.localizer.procedures.clock_step import ClockStepDetector
 from pointit.services.localizer.procedures.hold import Hold
 
@@ -28,7 +28,7 @@ class LampProcedure(ABC):
             min_rays: number of rays that a hold needs.
             then: advice if they did not come, as in `start again`.
         """
-        self.lamp_ids = frozenset(lamp_ids)
+        self.lamp_ids = tuple(sorted({*lamp_ids}))
         self.since_ns = 0
         """Time of the request."""
         self.begun_ns = 0
@@ -59,14 +59,13 @@ class LampProcedure(ABC):
 
     def start(self, now_ns: int, since_ns: int | None = None) -> list[Output]:
         """Light the first lamp; `since_ns` is the time of the request if that is not now."""
-        out = [self._switch(on=False)] if self._running else []
         self._running = True
         self.since_ns = now_ns if since_ns is None else since_ns
         self.begun_ns = now_ns
         self._clock.begin(now_ns)
         self._holds = []
         self._forget()
-        return [*out, *self._light(now_ns)]
+        return self._light(now_ns)
 
     def on_ray(self, ray: PointingRay) -> None:
         """Add `ray` to the hold of the lamp that is lit."""
@@ -95,23 +94,16 @@ class LampProcedure(ABC):
         if not self._running:
             return []
         self._running = False
-        return [self._switch(on=False), self._localization(now_ns, "cancelled", reason=reason)]
+        return [self._localization(now_ns, "cancelled", reason=reason)]
 
     def refuse(self, now_ns: int, reason: str) -> list[Output]:
         """Stop, lamps off, because the rays are useless."""
         return self._end(now_ns, reason) if self._running else []
 
-    def stop_silently(self) -> list[Output]:
-        """Stop, lamps off, without publishing: another person uses them, and the procedure will restart."""
-        if not self._running:
-            return []
-        self._running = False
-        return [self._switch(on=False)]
-
     def republish(self, now_ns: int) -> list[Output]:
-        """Return the lamp and the progress again, since another localizer may have switched the lamp off."""
+        """Return the progress again, since led-driver forgets who is silent."""
         self._published = None
-        return [self._switch(on=True), *self._progress(now_ns)] if self._running else []
+        return self._progress(now_ns) if self._running else []
 
     @property
     def _hold(self) -> Hold:
@@ -173,6 +165,7 @@ class LampProcedure(ABC):
             reason=reason,
             position_sigma_m=position_sigma_m,
             yaw_sigma_rad=yaw_sigma_rad,
+            lamps=self.lamp_ids if phase == "sampling" else (),
         )
 
     def _light(self, now_ns: int) -> list[Output]:
@@ -191,10 +184,7 @@ class LampProcedure(ABC):
 
     def _end(self, now_ns: int, reason: str, residual_rad: float | None = None) -> list[Output]:
         self._running = False
-        return [
-            self._switch(on=False),
-            self._localization(now_ns, "refused", residual_rad=residual_rad, reason=reason),
-        ]
+        return [self._localization(now_ns, "refused", residual_rad=residual_rad, reason=reason)]
 
     def _progress(self, now_ns: int) -> list[Output]:
         """Return the progress if it differs from the last one published."""
@@ -203,6 +193,3 @@ class LampProcedure(ABC):
             return []
         self._published = state
         return [self._localization(now_ns, "sampling", progress=self._share(now_ns))]
-
-    def _switch(self, *, on: bool) -> Output:
-        return LampSwitch(self._lamp.id, on)

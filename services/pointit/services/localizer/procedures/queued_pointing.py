@@ -1,10 +1,9 @@
-"""A request to point at lamps that waits for its turn.
+"""A request to point at lamps that waits for its turn, which led-driver decides.
 
 Pure: the users ahead and the time go in; messages come out.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Collection
 from typing import Literal
 
 from pointit.schemas import NS_PER_S, Localization
@@ -17,20 +16,15 @@ Make = Callable[[int], LampProcedure | Refusal]
 """Creates the procedure when it is its turn, from the map and the pose of that time (ns), or a refusal."""
 
 
-@dataclass(frozen=True, slots=True)
-class PointingRequest:
-    """A request to point at lamps."""
-
-    make: Make
-    since_ns: int
-    """Time of the request, which is the order of the queue."""
-
-
 class QueuedPointing:
     """A place in the queue; it lights no lamp."""
 
-    def __init__(self, wish: PointingRequest, procedure: LampProcedure, now_ns: int, limit_s: float) -> None:
-        self.wish = wish
+    def __init__(
+        self, make: Make, since_ns: int, procedure: LampProcedure, now_ns: int, limit_s: float
+    ) -> None:
+        self.make = make
+        self.since_ns = since_ns
+        """Time of the request, which is the order of the queue."""
         self.lamp_ids = procedure.lamp_ids
         self.ahead: tuple[str, ...] = ()
         """Users ahead as published last."""
@@ -43,7 +37,7 @@ class QueuedPointing:
         """Return True if the limit is reached. Call it often, to notice clock steps back."""
         if back_ns := self._clock.by_ns(now_ns):
             self._until_ns -= back_ns
-            self.wish = PointingRequest(self.wish.make, max(0, self.wish.since_ns - back_ns))
+            self.since_ns = max(0, self.since_ns - back_ns)
         return now_ns >= self._until_ns
 
     def say(self, ahead: tuple[str, ...], now_ns: int) -> Localization:
@@ -61,7 +55,22 @@ class QueuedPointing:
             stamp_ns=now_ns,
             phase=phase,
             purpose=self.purpose,
-            since_ns=self.wish.since_ns,
+            since_ns=self.since_ns,
             ahead=self.ahead,
             reason=reason,
+            lamps=self.lamp_ids if phase == "sampling" else (),
         )
+
+
+def queue_timeout_message(user: str, ahead: Collection[str], limit_s: float) -> str:
+    """Return the reason why `user` stops waiting."""
+    who = ", ".join(ahead) or "nobody"
+    return (
+        f"{user} has waited {limit_s:g} s for the lamps; {who} came first: see that they come to an end, "
+        "then start again"
+    )
+
+
+def in_turn(user: str, ahead: Collection[str]) -> str:
+    """Return a message that `user` waits for others."""
+    return f"{user} waits in turn: {', '.join(ahead)} first"

@@ -1,8 +1,8 @@
 """Localization by pointing at lamps that are lit one after the other (paper, §III-B).
 
 In the order given (two of them are the paper's case) or the most informative one first: as many as
-configured, or until the pose is certain enough. Pure: rays and the time go in; lamps to switch, progress
-and the pose come out.
+configured, or until the pose is certain enough. Pure: rays and the time go in; progress and the pose come
+out.
 """
 
 import math
@@ -92,18 +92,17 @@ class StaticTargets(LampProcedure):
 
     def _held(self, now_ns: int) -> list[Output]:
         """Light the next lamp, or end."""
-        off = self._switch(on=False)
         count = len(self._holds)
         if self._config.order == "given":
             if count < self._max_holds:
-                return [off, *self._light(now_ns)]
+                return self._light(now_ns)
             return self._finish(now_ns, self._solve(self._trust))
         result = self._solve(self._trust) if count >= MIN_LAMPS else None
         sofar = self._solve(_lax(self._trust)) if isinstance(result, Refusal) else result
         self._solution = sofar if isinstance(sofar, Solution) else None
         before, self._ratio = self._ratio, self._uncertainty_ratio()
         if result is None or (count < self._max_holds and self._goes_on(result, before)):
-            return [off, *self._light(now_ns)]
+            return self._light(now_ns)
         return self._finish(now_ns, result)
 
     def _goes_on(self, result: Solution | Refusal, before: float) -> bool:
@@ -142,7 +141,6 @@ class StaticTargets(LampProcedure):
         self._solution = result
         self._running = False
         return [
-            self._switch(on=False),
             pose_message(result, "static_targets", self._rays[-1].stamp_ns, self._config),
             self._localization(now_ns, "solved", residual_rad=result.residual_rad, progress=1.0),
         ]

@@ -39,6 +39,8 @@ export interface Everything {
   ImuSample: ImuSample;
   Interaction: Interaction;
   LampColor: LampColor;
+  LampLease: LampLease;
+  LampLeases: LampLeases;
   Candidate: Candidate;
   Localization: Localization;
   PointAnchor: PointAnchor;
@@ -921,6 +923,35 @@ export interface LampColor {
   stamp_ns: number;
 }
 /**
+ * One person's place in the queue for lamps.
+ */
+export interface LampLease {
+  /**
+   * people who come first; empty: the lamps are theirs until they end
+   */
+  ahead: string[];
+  lamps: string[];
+  /**
+   * `since_ns` of their localization, which is their place
+   */
+  since_ns: number;
+  user: string;
+}
+/**
+ * People who use lamps to localize or wait for them, in order. led-driver decides.
+ */
+export interface LampLeases {
+  leases: LampLease[];
+  /**
+   * counts this writer's messages on this key
+   */
+  seq: number;
+  /**
+   * time of capture, Unix ns; derived data keep it
+   */
+  stamp_ns: number;
+}
+/**
  * A thing that may be meant, and how probably.
  */
 export interface Candidate {
@@ -928,7 +959,7 @@ export interface Candidate {
   probability: number;
 }
 /**
- * Progress of one localization, for the person and a dashboard.
+ * Progress of one localization, for the person and a dashboard; its lamps are lit by led-driver.
  */
 export interface Localization {
   /**
@@ -939,6 +970,10 @@ export interface Localization {
    * of several robots, which may be meant; the likeliest first
    */
   candidates: Candidate[];
+  /**
+   * lamps that nobody else can use meanwhile; `target_id` among them is to be lit
+   */
+  lamps: string[];
   phase: "idle" | "sampling" | "solved" | "refused" | "cancelled";
   /**
    * 1 sigma along the worse direction, so far; None if unknown

@@ -1,7 +1,7 @@
 // Rows of the bus's tables, from schemas/catalogue. Written by `npm run types`; do not edit.
 
 import type {
-  Anchor, ButtonEvent, ClockTick, ConveyorState, Cursor, Deployment, Environment, Feedback, Goal, Health, Hover, ImuSample, Interaction, LampColor, Localization, PointingRay, Selection, SelectionEvent, StripsFrame, TrackedObjects, UserPose, UserProfile, WristSample,
+  Anchor, ButtonEvent, ClockTick, ConveyorState, Cursor, Deployment, Environment, Feedback, Goal, Health, Hover, ImuSample, Interaction, LampColor, LampLeases, Localization, PointingRay, Selection, SelectionEvent, StripsFrame, TrackedObjects, UserPose, UserProfile, WristSample,
 } from "./messages";
 
 /** The message of every topic, by the key's pattern. */
@@ -10,6 +10,7 @@ export interface Topics {
   "conveyor/state": ConveyorState;
   "deployment/{name}": Deployment;
   "health/{service}": Health;
+  "leds/leases": LampLeases;
   "leds/{led}/color": LampColor;
   "map": Environment;
   "objects/{tracker}": TrackedObjects;

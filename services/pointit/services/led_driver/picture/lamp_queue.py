@@ -1,0 +1,78 @@
+"""Queue for lamps, which serve one person at a time, in order of request.
+
+led-driver alone decides. Localizers state which lamps they use and which one is to be lit
+(`Localization.lamps`, `target_id`), again every second, so that a restarted led-driver restores the queue.
+"""
+
+from typing import NamedTuple
+
+from pointit.schemas import NS_PER_S, LampLease, Localization
+
+FRESH_NS = 3 * NS_PER_S
+"""Age after which a localization by lamps counts as ended, ns. Active ones are published once a second."""
+
+MAX_PEOPLE = 64
+"""Limit of people. Beyond it the one silent for longest is forgotten."""
+
+
+class LampService(NamedTuple):
+    """Lamps as they are shared out."""
+
+    leases: tuple[LampLease, ...] = ()
+    """Lamps of each person, and who comes first."""
+    targets: frozenset[str] | set[str] = frozenset()
+    """Ids of the lamps to light."""
+
+
+class LampQueue:
+    """Localizations of all people, and the lamps that each may use. Pure."""
+
+    def __init__(self, silence_ns: int) -> None:
+        """Create without people. `silence_ns`: age after which a localization without lamps has ended."""
+        self._silence_ns = silence_ns
+        self._active: dict[str, tuple[int, Localization]] = {}
+        """By user: time of arrival, ns, and last message. Those silent for longest come first."""
+
+    def on_localization(self, user: str, news: Localization, now_ns: int) -> None:
+        """Set the state of `user`'s localization."""
+        self._active.pop(user, None)
+        if news.phase == "sampling":
+            self._active[user] = (now_ns, news)
+        while len(self._active) > MAX_PEOPLE:
+            del self._active[next(iter(self._active))]
+
+    def leave(self, user: str) -> None:
+        """Remove `user`, who or whose localizer has left."""
+        self._active.pop(user, None)
+
+    def expire(self, now_ns: int) -> None:
+        """Remove localizations silent for so long that they have crashed."""
+        self._active = {
+            user: (at_ns, news)
+            for user, (at_ns, news) in self._active.items()
+            if 0 <= now_ns - at_ns < self._patience_ns(news)
+        }
+
+    def next_expiry_ns(self) -> int | None:
+        """Return the time of the next expiry without new messages, or None."""
+        return min((at_ns + self._patience_ns(news) for at_ns, news in self._active.values()), default=None)
+
+    @property
+    def is_in_use(self) -> bool:
+        """True if anybody localizes rather than waits."""
+        return any(not news.ahead for _, news in self._active.values())
+
+    def service(self) -> LampService:
+        """Return the order of all people, the earliest request first, and the lamps to light."""
+        wanted = ((news.since_ns, user, news) for user, (_, news) in self._active.items() if news.lamps)
+        leases: list[LampLease] = []
+        targets: set[str] = set()
+        for since_ns, user, news in sorted(wanted, key=lambda each: each[:2]):
+            ahead = tuple(lease.user for lease in leases if not set(news.lamps).isdisjoint(lease.lamps))
+            leases.append(LampLease(user=user, since_ns=since_ns, lamps=news.lamps, ahead=ahead))
+            if not ahead and not news.ahead and news.target_id in news.lamps:
+                targets.add(news.target_id)
+        return LampService(tuple(leases), targets)
+
+    def _patience_ns(self, news: Localization) -> int:
+        return FRESH_NS if news.lamps else self._silence_ns

@@ -23,9 +23,9 @@ OUTSIDERS = {"cli", "external", "every service"}
 """Writers that are no row of the process table."""
 
 DEVICES = {
-    "imu-bridge": {"replay_source.py", "serial_source.py", "simulated.py"},
+    "imu-bridge": {"replay_source.py", "serial_source.py", "simulated.py", "sources.py"},
     "keeper": {"record.py"},
-    "led-driver": {"output/expander.py"},
+    "led-driver": {"output/expander.py", "outputs.py"},
     "selector": {"store/history.py"},
     "web": {
         "pages/request_dispatcher.py",

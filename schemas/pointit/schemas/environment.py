@@ -251,7 +251,7 @@ class LampLease(SchemaModel):
     since_ns: Annotated[Ns, Field(description="`since_ns` of their localization, which is their place")]
     lamps: Many[str]
     ahead: Annotated[
-        Many[str], Field(description="people who come first; empty: the lamps are theirs until they end")
+        Many[str], Field(description="people who come first; if empty, the lamps are theirs until they end")
     ] = ()
 
 

@@ -48,11 +48,14 @@ def one_sentence(ended: Ended, *parts: str, code: int = 2) -> None:
         (("--set", "pui.map={folder}/none.yaml"), ["{folder}/none.yaml: cannot be read"]),
         (
             ("--imu", "nonsense"),
-            ["--imu 'nonsense': give sim, page, simulated, serial:PORT or replay:FILE.csv"],
+            ["--imu 'nonsense': no IMU source 'nonsense' is installed"],
         ),
         (("--imu", "replay:{folder}/none.csv"), ["{folder}/none.csv: cannot be read"]),
         (("--imu", "sim", "--imu", "sim"), ["--imu is given for 2 people", "--users"]),
-        (("--leds", "nonsense"), ["--leds 'nonsense': give expander:PORT"]),
+        (
+            ("--leds", "nonsense"),
+            ["--leds 'nonsense': no LED output 'nonsense' is installed"],
+        ),
         (("--summary", "{folder}/none/s.json"), ["--summary {folder}/none/s.json: there is no directory"]),
         (("--summary", "{folder}"), ["--summary {folder}: is a directory"]),
         (("--connect", "here"), ["'here' is no address", "tcp/127.0.0.1:7447"]),

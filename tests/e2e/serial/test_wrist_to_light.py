@@ -22,9 +22,11 @@ from pointit.runtime.service.service import Launch, run_services
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas import Health
 from pointit.schemas.topics import HEALTH
-from pointit.services.imu_bridge.config import ImuBridgeConfig, SerialConfig
+from pointit.services.imu_bridge.config import ImuBridgeConfig
+from pointit.services.imu_bridge.serial_source import SerialConfig
 from pointit.services.imu_bridge.service import ImuBridge
-from pointit.services.led_driver.config import LedDriverConfig, OutputConfig
+from pointit.services.led_driver.config import LedDriverConfig
+from pointit.services.led_driver.output.expander_config import ExpanderConfig
 from pointit.services.led_driver.service import LedDriver
 from pointit.services.localizer.config import LocalizerConfig
 from pointit.services.localizer.service import Localizer
@@ -193,7 +195,9 @@ async def whole_chain(folder: Path) -> AsyncGenerator[Bench]:
         launches = [
             Launch(
                 service=ImuBridge,
-                config=ImuBridgeConfig(source="serial", serial=SerialConfig(port=str(imu.path))),
+                config=ImuBridgeConfig.model_validate(
+                    {"source": "serial", "serial": SerialConfig(port=str(imu.path))}
+                ),
                 user="anna",
             ),
             Launch(service=Pointing, config=PointingConfig(), user="anna"),
@@ -205,7 +209,7 @@ async def whole_chain(folder: Path) -> AsyncGenerator[Bench]:
             Launch(service=Pui, config=PuiConfig(map="lab")),
             Launch(
                 service=LedDriver,
-                config=LedDriverConfig(outputs=(OutputConfig(kind="expander", port=str(leds.path)),)),
+                config=LedDriverConfig(outputs=(ExpanderConfig(port=str(leds.path)),)),
             ),
         ]
         bus = await ZenohBus.open(Link())

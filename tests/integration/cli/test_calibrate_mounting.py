@@ -13,8 +13,9 @@ from pointit.runtime.service.service import Launch, run_service
 from pointit.schemas import ImuSample, SetMounting
 from pointit.schemas.topics import IMU, SET_MOUNTING
 from pointit.services.imu_bridge.arm_frame import MOUNTINGS, from_roll_pitch_yaw
-from pointit.services.imu_bridge.config import ImuBridgeConfig, SerialConfig
+from pointit.services.imu_bridge.config import ImuBridgeConfig
 from pointit.services.imu_bridge.mounting import angle_between
+from pointit.services.imu_bridge.serial_source import SerialConfig
 from pointit.services.imu_bridge.service import ImuBridge
 from pointit.services.user_sim.service import UserSim
 from tests.support.bench import until
@@ -29,8 +30,8 @@ AHEAD, UP = 0.0, math.pi / 2
 
 
 def start_bridge(site: Site, device: PtyDevice) -> None:
-    config = ImuBridgeConfig(
-        source="serial", mounting="metamotion", serial=SerialConfig(port=str(device.path))
+    config = ImuBridgeConfig.model_validate(
+        {"source": "serial", "mounting": "metamotion", "serial": SerialConfig(port=str(device.path))}
     )
     launch = Launch(service=ImuBridge, config=config, user=ANNA)
     site._tasks.append(asyncio.create_task(run_service(launch, site.bus, WallClock())))

@@ -19,16 +19,12 @@ from pointit.runtime.health.service_bus import ServiceBus
 from pointit.runtime.service.service import Context
 from pointit.schemas import Health, ImuSample, SetYawOrigin
 from pointit.schemas.topics import BUTTON, HEALTH, IMU, SET_YAW_ORIGIN
-from pointit.services.imu_bridge.config import (
-    ImuBridgeConfig,
-    ReplayConfig,
-    SerialConfig,
-    SimulatedConfig,
-)
+from pointit.services.imu_bridge.config import ImuBridgeConfig
 from pointit.services.imu_bridge.reading import Item, Reading
-from pointit.services.imu_bridge.replay_source import ReplaySource
+from pointit.services.imu_bridge.replay_source import ReplayConfig, ReplaySource
+from pointit.services.imu_bridge.serial_source import SerialConfig
 from pointit.services.imu_bridge.service import ImuBridge
-from pointit.services.imu_bridge.simulated import SimulatedDevice
+from pointit.services.imu_bridge.simulated import SimulatedConfig, SimulatedDevice
 from tests.support.bench import PATIENCE_S, ManualClock, memory_bench, until
 from tests.support.pty_device import PtyDevice, pty_device
 
@@ -38,7 +34,9 @@ def finger(sample: ImuSample) -> vector.Vec3:
 
 
 def serial_config(path: Path, timeout_s: float = 3.0) -> ImuBridgeConfig:
-    return ImuBridgeConfig(source="serial", serial=SerialConfig(port=str(path), timeout_s=timeout_s))
+    return ImuBridgeConfig.model_validate(
+        {"source": "serial", "serial": SerialConfig(port=str(path), timeout_s=timeout_s)}
+    )
 
 
 def has_warning(reports: list[Health], text: str) -> bool:
@@ -103,7 +101,9 @@ async def test_a_request_sets_the_yaw() -> None:
     async with memory_bench(WallClock()) as bench:
         samples = bench.collect(IMU, "anna")
         still = SimulatedConfig(azimuth_amplitude_deg=0, elevation_amplitude_deg=0)
-        bench.start(ImuBridge, ImuBridgeConfig(simulated=still, yaw_origin_deg=30), user="anna")
+        bench.start(
+            ImuBridge, ImuBridgeConfig.model_validate({"simulated": still, "yaw_origin_deg": 30}), user="anna"
+        )
         await until(lambda: len(samples) > 0)
         assert math.isclose(vector.azimuth(finger(samples[0])), math.radians(-30))
         reply = await bench.bus.call(SET_YAW_ORIGIN, SetYawOrigin(yaw_rad=0.5), "anna")
@@ -138,7 +138,9 @@ async def test_a_replay_publishes_every_sample_at_its_time_repeats_included(tmp_
     async with memory_bench(clock) as bench:
         samples = bench.collect(IMU, "anna")
         replay = ReplayConfig(recording=str(recording(tmp_path, rows)), start_ns=start_ns)
-        bench.start(ImuBridge, ImuBridgeConfig(source="replay", replay=replay), user="anna")
+        bench.start(
+            ImuBridge, ImuBridgeConfig.model_validate({"source": "replay", "replay": replay}), user="anna"
+        )
         await asyncio.sleep(0.06)
         for count, step_s in enumerate((0.05, 0.1, 0.2, 0.05)):
             assert len(samples) == count  # not before its time
@@ -159,7 +161,9 @@ async def test_a_late_replay_leaves_nothing_out(tmp_path: Path) -> None:
     async with memory_bench(clock) as bench:
         samples = bench.collect(IMU)
         replay = ReplayConfig(recording=str(recording(tmp_path, rows)))
-        bench.start(ImuBridge, ImuBridgeConfig(source="replay", replay=replay), user="anna")
+        bench.start(
+            ImuBridge, ImuBridgeConfig.model_validate({"source": "replay", "replay": replay}), user="anna"
+        )
         await until(lambda: len(samples) == 1)
         clock.advance(1.0)
         await until(lambda: len(samples) == 100)
@@ -190,7 +194,12 @@ async def test_a_replay_may_loop_and_skips_what_is_past(tmp_path: Path) -> None:
     [
         (ImuBridgeConfig(source="serial"), "serial.port"),
         (ImuBridgeConfig(source="replay"), "replay.recording"),
-        (ImuBridgeConfig(source="replay", replay=ReplayConfig(recording="/absent.csv")), "/absent.csv"),
+        (
+            ImuBridgeConfig.model_validate(
+                {"source": "replay", "replay": ReplayConfig(recording="/absent.csv")}
+            ),
+            "/absent.csv",
+        ),
     ],
 )
 async def test_a_wrong_configuration_is_said_at_the_start(config: ImuBridgeConfig, words: str) -> None:

@@ -34,8 +34,10 @@ from pointit.schemas.topics import (
     WRIST,
 )
 from pointit.services.imu_bridge.arm_frame import MOUNTINGS
-from pointit.services.imu_bridge.config import ImuBridgeConfig, SerialConfig, SimulatedConfig
+from pointit.services.imu_bridge.config import ImuBridgeConfig
+from pointit.services.imu_bridge.serial_source import SerialConfig
 from pointit.services.imu_bridge.service import ImuBridge
+from pointit.services.imu_bridge.simulated import SimulatedConfig
 from pointit.services.imu_bridge.stored_mounting import PURPOSE, StoredMountings
 from tests.support.bench import Bench, memory_bench, until
 from tests.support.pty_device import pty_device

@@ -13,8 +13,9 @@ from pointit.runtime.errors import ConfigError
 from pointit.schemas import Health, ImuSample, SetMounting, SetMountingReply
 from pointit.schemas.topics import HEALTH, IMU, SET_MOUNTING
 from pointit.services.imu_bridge.arm_frame import MOUNTINGS, from_roll_pitch_yaw
-from pointit.services.imu_bridge.config import ImuBridgeConfig, SimulatedConfig
+from pointit.services.imu_bridge.config import ImuBridgeConfig
 from pointit.services.imu_bridge.service import ImuBridge
+from pointit.services.imu_bridge.simulated import SimulatedConfig
 from pointit.services.imu_bridge.stored_mounting import MountingSelection, StoredMountings
 from tests.support.bench import Bench, memory_bench, until
 
@@ -95,7 +96,7 @@ def still(error_deg: tuple[float, float, float]) -> ImuBridgeConfig:
     simulated = SimulatedConfig(
         azimuth_amplitude_deg=0, elevation_amplitude_deg=0, elevation_deg=20, mounting_error_deg=error_deg
     )
-    return ImuBridgeConfig(mounting="metamotion", simulated=simulated)
+    return ImuBridgeConfig.model_validate({"mounting": "metamotion", "simulated": simulated})
 
 
 async def finger_of(samples: list[ImuSample]) -> vector.Vec3:

@@ -8,8 +8,10 @@ from pointit.geometry import rotation
 from pointit.runtime.clock import WallClock
 from pointit.schemas import NS_PER_S, SetMounting, SetYawOrigin
 from pointit.schemas.topics import IMU, SET_MOUNTING, SET_YAW_ORIGIN
-from pointit.services.imu_bridge.config import ImuBridgeConfig, SerialConfig, SimulatedConfig
+from pointit.services.imu_bridge.config import ImuBridgeConfig
+from pointit.services.imu_bridge.serial_source import SerialConfig
 from pointit.services.imu_bridge.service import ImuBridge
+from pointit.services.imu_bridge.simulated import SimulatedConfig
 from pointit.services.imu_bridge.yaw_epoch import WRAP_NS, YawEpoch
 from tests.support.bench import memory_bench, until
 from tests.support.pty_device import pty_device
@@ -58,7 +60,7 @@ async def test_requests_that_turn_the_yaw_raise_it_and_others_do_not() -> None:
     async with memory_bench(WallClock()) as bench:
         samples = bench.collect(IMU, "anna")
         still = SimulatedConfig(azimuth_amplitude_deg=0, elevation_amplitude_deg=0)
-        bench.start(ImuBridge, ImuBridgeConfig(simulated=still), user="anna")
+        bench.start(ImuBridge, ImuBridgeConfig.model_validate({"simulated": still}), user="anna")
         await until(lambda: bool(samples), what="a sample")
         assert samples[-1].yaw_epoch == 0
         await bench.bus.call(SET_YAW_ORIGIN, SetYawOrigin(yaw_rad=0.5), "anna")
@@ -75,7 +77,9 @@ async def test_a_serial_device_that_comes_back_or_is_restarted_raises_it(tmp_pat
     async with memory_bench(WallClock()) as bench:
         samples = bench.collect(IMU)
         with pty_device(tmp_path / "imu") as device:
-            config = ImuBridgeConfig(source="serial", serial=SerialConfig(port=str(device.path)))
+            config = ImuBridgeConfig.model_validate(
+                {"source": "serial", "serial": SerialConfig(port=str(device.path))}
+            )
             bench.start(ImuBridge, config, user="anna")
             await send_until(device, b"9000000,1,0,0,0\n", lambda: bool(samples), what="a sample")
             assert samples[0].yaw_epoch == 0

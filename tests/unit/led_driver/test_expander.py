@@ -26,8 +26,9 @@ from pointit.schemas.topics import (
     HEALTH,
     MAP,
 )
-from pointit.services.led_driver.config import LedDriverConfig, OutputConfig
+from pointit.services.led_driver.config import LedDriverConfig
 from pointit.services.led_driver.output.expander import KEEP_ALIVE_S, ExpanderFrame, ExpanderOutput
+from pointit.services.led_driver.output.expander_config import ExpanderConfig
 from pointit.services.led_driver.output.wiring import wire_time_s
 from pointit.services.led_driver.service import LedDriver
 from tests.support.bench import ManualClock, memory_bench, until
@@ -38,11 +39,11 @@ from tests.unit.led_driver.driving import FAST, cursor, next_frame, started
 @pytest.mark.parametrize(
     "outputs",
     [
-        (OutputConfig(kind="expander"),),
-        (OutputConfig(kind="expander", port="x"), OutputConfig(kind="expander", port="x")),
+        (ExpanderConfig(),),
+        (ExpanderConfig(port="x"), ExpanderConfig(port="x")),
     ],
 )
-async def test_an_output_without_a_port_of_its_own_is_refused(outputs: tuple[OutputConfig, ...]) -> None:
+async def test_an_output_without_a_port_of_its_own_is_refused(outputs: tuple[ExpanderConfig, ...]) -> None:
     bus = MemoryBus(LocalBroker())
     view = ServiceBus(bus, WallClock(), "led-driver", "led-driver")
     with pytest.raises(ConfigError, match=r"outputs\.\d\.port"):
@@ -56,7 +57,7 @@ DRAW_SIZE = 10
 
 
 def expander(path: Path) -> LedDriverConfig:
-    return FAST.model_copy(update={"outputs": (OutputConfig(kind="expander", port=str(path)),)})
+    return FAST.model_copy(update={"outputs": (ExpanderConfig(port=str(path)),)})
 
 
 def colored(stream: bytes) -> list[bool]:
@@ -87,7 +88,7 @@ async def test_the_expander_gets_a_throw_away_frame_keep_alives_and_darkness_at_
 
 async def test_what_an_expander_draws_is_shown_and_said_when_it_is_too_much(tmp_path: Path) -> None:
     clock = ManualClock()
-    output = OutputConfig(kind="expander", port=str(tmp_path / "led"), max_current_a=0.05)
+    output = ExpanderConfig(port=str(tmp_path / "led"), max_current_a=0.05)
     async with memory_bench(clock) as bench:
         reports = bench.collect(HEALTH)
         frames = await started(bench, FAST.model_copy(update={"outputs": (output,)}))
@@ -217,7 +218,7 @@ def test_frame_rate_is_what_the_link_carries_however_seldom_the_picture_changes(
     clock = SimpleNamespace(sleep=sleep, monotonic=lambda: now_s)
     monkeypatch.setattr("pointit.services.led_driver.output.expander.time", clock)
     figures = Figures()
-    output = ExpanderOutput(OutputConfig(kind="expander", port="leds", baud=baud), figures)
+    output = ExpanderOutput(ExpanderConfig(port="leds", baud=baud), figures)
 
     def post(call: Callable[..., None], *arguments: object) -> None:
         call(*arguments)
@@ -238,7 +239,7 @@ async def test_a_throttled_link_is_called_slow_and_no_cable_fault(
     patient = functools.partial(PortSettings, write_timeout_s=20.0)
     monkeypatch.setattr("pointit.services.led_driver.output.expander.PortSettings", patient)
     clock = ManualClock()
-    output = OutputConfig(kind="expander", port=str(tmp_path / "led"), baud=4_000_000)
+    output = ExpanderConfig(port=str(tmp_path / "led"), baud=4_000_000)
     with pty_device(tmp_path / "led") as device, SlowReader(device, 2048, 0.01):  # half of what is expected
         async with memory_bench(clock) as bench:
             reports = bench.collect(HEALTH)
@@ -266,7 +267,7 @@ async def test_a_throttled_link_is_called_slow_and_no_cable_fault(
 
 async def test_latency_and_rate_are_those_of_the_wire(tmp_path: Path) -> None:
     clock = ManualClock()
-    output = OutputConfig(kind="expander", port=str(tmp_path / "led"), baud=460_800)
+    output = ExpanderConfig(port=str(tmp_path / "led"), baud=460_800)
     with pty_device(tmp_path / "led") as device, Listener(device, lambda _data: None):
         async with memory_bench(clock) as bench:
             reports = bench.collect(HEALTH)

@@ -4,8 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pointit.services.led_driver.config import OutputConfig
 from pointit.services.led_driver.output.power import Power
+from pointit.services.led_driver.outputs import OutputConfig
 
 
 def test_with_gamma_1_and_no_limit_bytes_are_sent_as_they_are() -> None:

@@ -8,10 +8,11 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from pointit.schemas import Strip
-from pointit.services.led_driver.config import ChannelConfig, OutputConfig
 from pointit.services.led_driver.output import upxl_protocol
 from pointit.services.led_driver.output.expander import ExpanderFrame
+from pointit.services.led_driver.output.expander_config import ExpanderConfig
 from pointit.services.led_driver.output.wiring import map_channels
+from pointit.services.led_driver.outputs import ChannelConfig
 
 
 def strip(name: str, pixels: int) -> Strip:
@@ -51,9 +52,7 @@ def test_drawing_takes_as_long_as_the_longest_channel() -> None:
 
 
 def test_without_channels_strips_go_in_the_maps_order() -> None:
-    wirings, problems = map_channels(
-        OutputConfig(kind="expander", port="x"), [strip("b", 10), strip("a", 20)]
-    )
+    wirings, problems = map_channels(ExpanderConfig(port="x"), [strip("b", 10), strip("a", 20)])
     assert [(w.strip_id, w.channel, w.order, w.pixels) for w in wirings] == [
         ("b", 0, "GRB", 10),
         ("a", 1, "GRB", 20),
@@ -66,7 +65,7 @@ def test_without_channels_strips_go_in_the_maps_order() -> None:
     [("v1", "GRB", 240), ("v1", "GRBW", 180), ("v2", "RGB", 800), ("v3", "GRB", 1600)],
 )
 def test_a_strip_beyond_the_boards_limit_is_cut_and_said(board: str, order: str, limit: int) -> None:
-    config = OutputConfig.model_validate(
+    config = ExpanderConfig.model_validate(
         {"kind": "expander", "port": "x", "board": board, "channels": {"s": {"channel": 3, "order": order}}}
     )
     wirings, problems = map_channels(config, [strip("s", limit)])
@@ -79,14 +78,14 @@ def test_a_strip_beyond_the_boards_limit_is_cut_and_said(board: str, order: str,
 
 
 def test_a_channel_for_a_strip_that_is_not_there_is_said() -> None:
-    config = OutputConfig(kind="expander", port="x", channels={"no": ChannelConfig(channel=0)})
+    config = ExpanderConfig(port="x", channels={"no": ChannelConfig(channel=0)})
     wirings, problems = map_channels(config, [strip("s", 10)])
     assert wirings == ()
     assert "no strip no" in problems[0]
 
 
 def test_too_many_strips_are_said() -> None:
-    wirings, problems = map_channels(OutputConfig(), [strip(str(k), 1) for k in range(65)])
+    wirings, problems = map_channels(ExpanderConfig(), [strip(str(k), 1) for k in range(65)])
     assert len(wirings) == 64
     assert "65 strips" in problems[0]
 
@@ -102,4 +101,4 @@ def test_too_many_strips_are_said() -> None:
 )
 def test_impossible_channels_are_refused(channels: dict[str, dict[str, object]]) -> None:
     with pytest.raises(ValidationError):
-        OutputConfig.model_validate({"channels": channels})
+        ExpanderConfig.model_validate({"channels": channels})

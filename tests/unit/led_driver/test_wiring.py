@@ -9,9 +9,10 @@ from hypothesis import strategies as st
 
 from pointit.maps.file import load_map_and_clouds
 from pointit.schemas import Strip
-from pointit.services.led_driver.config import ChannelConfig, OutputConfig
 from pointit.services.led_driver.output.expander import ExpanderFrame
+from pointit.services.led_driver.output.expander_config import ExpanderConfig
 from pointit.services.led_driver.output.wiring import frame_bytes, map_channels, too_slow, wire_time_s
+from pointit.services.led_driver.outputs import ChannelConfig
 
 
 def strips(counts: Sequence[int]) -> tuple[Strip, ...]:
@@ -22,7 +23,7 @@ def strips(counts: Sequence[int]) -> tuple[Strip, ...]:
 
 
 def shown(counts: Sequence[int], **fields: object) -> str:
-    config = OutputConfig.model_validate({"kind": "expander", "port": "x", "board": "v3", **fields})
+    config = ExpanderConfig.model_validate({"kind": "expander", "port": "x", "board": "v3", **fields})
     return too_slow(config, map_channels(config, strips(counts))[0])
 
 
@@ -33,7 +34,7 @@ def test_a_byte_takes_ten_bits_of_the_wire() -> None:
 @given(st.lists(st.integers(1, 300), min_size=1, max_size=6), st.sampled_from(["GRB", "RGBW"]))
 def test_frame_size_is_that_of_the_bytes_that_are_sent(counts: list[int], order: str) -> None:
     channels = {str(k): ChannelConfig(channel=k, order=order) for k in range(len(counts))}
-    wirings, _ = map_channels(OutputConfig(channels=channels), strips(counts))
+    wirings, _ = map_channels(ExpanderConfig(channels=channels), strips(counts))
     picture = ExpanderFrame(tuple((each.channel, each.order, bytes(3 * each.pixels)) for each in wirings))
     assert frame_bytes(wirings) == len(picture.data())
 
@@ -46,7 +47,7 @@ def test_a_channel_lights_as_many_pixels_as_its_board_drives_with_its_colours(
     board: str, order: str, limit: int
 ) -> None:
     channels = {"0": {"channel": 0, "order": order}}
-    config = OutputConfig.model_validate({"board": board, "channels": channels})
+    config = ExpanderConfig.model_validate({"board": board, "channels": channels})
     (most,), problems = map_channels(config, strips([limit]))
     assert (most.pixels, problems) == (limit, [])
     (cut,), problems = map_channels(config, strips([limit + 1]))

@@ -1,4 +1,4 @@
-"""`pointit list`: scenarios, maps and services."""
+"""`pointit list`: scenarios, maps, plug-ins and services."""
 
 from collections.abc import Callable
 from typing import Any
@@ -7,6 +7,7 @@ import click
 
 from pointit.cli.common.lazy import UnknownNameError, nearest
 from pointit.cli.common.output import Section, json_option, show
+from pointit.runtime.errors import ConfigError
 from pointit.services.registry import PROCESSES
 
 
@@ -70,7 +71,29 @@ def maps() -> Section:
     )
 
 
-SECTIONS: dict[str, Callable[[], Section]] = {"scenarios": scenarios, "maps": maps, "services": services}
+def plugins() -> Section:
+    """Return the plug-ins of all installed packages, ours among them."""
+    from pointit.services.imu_bridge.sources import SOURCES  # noqa: PLC0415 - only when asked for
+    from pointit.services.led_driver.outputs import OUTPUTS  # noqa: PLC0415
+
+    rows: list[dict[str, Any]] = []
+    for option, group in (("--imu", SOURCES), ("--leds", OUTPUTS)):
+        for name in group.names:
+            try:
+                plugin = group.get(name)
+                use, about = f"{option} {name}{plugin.value}", plugin.summary
+            except ConfigError as error:
+                use, about = f"{option} {name}", str(error)
+            rows.append({"use": use, "about": about, "package": group.package(name)})
+    return Section(name="plugins", about="devices that `pointit run` takes", rows=tuple(rows))
+
+
+SECTIONS: dict[str, Callable[[], Section]] = {
+    "scenarios": scenarios,
+    "maps": maps,
+    "plugins": plugins,
+    "services": services,
+}
 """Sections by name, in the order shown."""
 
 
@@ -78,7 +101,7 @@ SECTIONS: dict[str, Callable[[], Section]] = {"scenarios": scenarios, "maps": ma
 @click.argument("section", required=False)
 @json_option
 def command(section: str | None, *, as_json: bool) -> None:
-    """List scenarios, maps and services, or one SECTION of them."""
+    """List scenarios, maps, plug-ins and services, or one SECTION of them."""
     if section is not None and section not in SECTIONS:
         raise UnknownNameError(f"no section {section!r}; {nearest(section, SECTIONS)}")
     show([SECTIONS[name]() for name in ([section] if section else SECTIONS)], as_json=as_json)

@@ -13,6 +13,8 @@ from pointit.runtime.errors import ConfigError
 from pointit.runtime.service.service import Launch
 from pointit.schemas.system import check_user
 from pointit.services import registry
+from pointit.services.imu_bridge.sources import SOURCES
+from pointit.services.led_driver.outputs import OUTPUTS
 
 ROS2 = "ros2"
 """The process of the ROS 2 bridge: starts if the run requests it or the scenario names it."""
@@ -87,12 +89,13 @@ def site_launches(scenario: Scenario, choices: Choices) -> list[Launch]:
     """
     extra: dict[str, dict[str, Any]] = {}
     if choices.leds:
-        kind, _, port = choices.leds.partition(":")
-        if kind != "expander" or not port:
-            raise ConfigError(f"--leds {choices.leds!r}: give expander:PORT, such as expander:/dev/ttyUSB0")
+        try:
+            kind, parameters = OUTPUTS.choose(choices.leds)
+        except ConfigError as error:
+            raise ConfigError(f"--leds {choices.leds!r}: {error}") from error
         if "led-driver" not in scenario.site:
             raise ConfigError(f"--leds {choices.leds!r}: the scenario has no led-driver")
-        extra["led-driver"] = {"outputs": [{"kind": "expander", "port": port}]}
+        extra["led-driver"] = {"outputs": [{"kind": kind, **parameters}]}
     if choices.method is not None:
         if "selector" not in scenario.site:
             raise ConfigError(f"--method {choices.method}: nothing is selected in {scenario.source}")
@@ -195,14 +198,11 @@ def place_of(scenario: Scenario, choices: Choices, index: int) -> Place:
 
 
 def _device(device: str) -> dict[str, Any]:
-    kind, _, argument = device.partition(":")
-    if kind in {"simulated", "page"} and not argument:
-        return {"source": kind}
-    if kind == "serial" and argument:
-        return {"source": "serial", "serial": {"port": argument}}
-    if kind == "replay" and argument:
-        return {"source": "replay", "replay": {"recording": argument}}
-    raise ConfigError(f"--imu {device!r}: give sim, page, simulated, serial:PORT or replay:FILE.csv")
+    try:
+        source, parameters = SOURCES.choose(device)
+    except ConfigError as error:
+        raise ConfigError(f"--imu {device!r}: {error} (sim, the default, is a simulated person)") from error
+    return {"source": source, source: parameters}
 
 
 def _launch(

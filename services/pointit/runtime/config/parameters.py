@@ -10,6 +10,8 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
+from pointit.runtime.config.plugins import PluginConfig
+
 
 @dataclass(frozen=True)
 class ParameterInfo:
@@ -42,13 +44,16 @@ class ParameterInfo:
 
 
 def iter_parameters(kind: type[BaseModel], prefix: tuple[str, ...] = ()) -> Iterator[ParameterInfo]:
-    """Yield the parameters of `kind`, nested trees flattened."""
+    """Yield the parameters of `kind`, nested trees flattened, those of installed plug-ins last."""
     for name, field in kind.model_fields.items():
         annotation = field.annotation
         if isinstance(annotation, type) and issubclass(annotation, BaseModel):
             yield from iter_parameters(annotation, (*prefix, name))
         else:
             yield ParameterInfo((*prefix, name), field)
+    if issubclass(kind, PluginConfig):
+        for name, section in kind.sections().items():
+            yield from iter_parameters(section, (*prefix, name))
 
 
 def _type_name(annotation: Any) -> str:

@@ -31,23 +31,34 @@ _WANTED = {
 """Advice by pydantic's error type, or by its first word (`int_parsing`, `int_type`)."""
 
 
+DESCRIBED = "described"
+"""Error type of pydantic whose message is already written for people."""
+
+
 def describe_validation_error(error: ValidationError, kind: type[BaseModel]) -> str:
     """Return a message on the first mistake of `error` in a `kind`: field, action, value, more errors."""
+    loc, text = first_mistake(error, kind)
+    where = ".".join(str(part) for part in loc)
+    return f"{where}: {text}" if where else text
+
+
+def first_mistake(error: ValidationError, kind: type[BaseModel]) -> tuple[tuple[int | str, ...], str]:
+    """Return place and message of the first mistake of `error` in a `kind`; the message counts the others."""
     details = error.errors(include_url=False)
     first = details[0]
-    where = ".".join(str(part) for part in first["loc"])
+    loc = first["loc"]
     if first["type"] == "extra_forbidden":
-        *parents, name = (str(part) for part in first["loc"])
-        model = _model_at(kind, first["loc"][:-1])
-        where, text = (
-            ".".join(parents),
-            unknown_parameter_message(name, () if model is None else field_names(model)),
-        )
+        *parents, name = loc
+        loc = tuple(parents)
+        model = _model_at(kind, loc)
+        text = unknown_parameter_message(str(name), () if model is None else field_names(model))
     elif first["type"] == "missing":
         text = _missing(first)
+    elif first["type"] == DESCRIBED:
+        text = first["msg"]
     else:
         text = f"{_wanted(first, kind)} (got {format_value(first['input'])})"
-    return f"{where}: {text}{more_errors_suffix(len(details) - 1)}" if where else text
+    return loc, text + more_errors_suffix(len(details) - 1)
 
 
 def unknown_parameter_message(name: str, known: Sequence[str]) -> str:

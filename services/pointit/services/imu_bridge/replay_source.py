@@ -5,14 +5,30 @@ import logging
 from pathlib import Path
 
 import numpy as np
+from pydantic import Field
 
 from pointit.runtime.clock import Clock, sleep
+from pointit.runtime.config.config import Config
+from pointit.runtime.errors import ConfigError
 from pointit.schemas import NS_PER_S
-from pointit.services.imu_bridge.config import ReplayConfig
 from pointit.services.imu_bridge.reading import Deliver, Reading
+from pointit.services.imu_bridge.sources import ImuSource
 from pointit.sim.recordings import read_imu_csv
 
 log = logging.getLogger(__name__)
+
+
+class ReplayConfig(Config):
+    """A recorded device."""
+
+    recording: str = Field(default="", description="CSV file with columns t (s), qw, qx, qy, qz")
+    start_ns: int = Field(
+        default=0,
+        ge=0,
+        le=2**62,
+        description="time at which the recording's t is 0, Unix ns; 0: start of the service",
+    )
+    loop: bool = Field(default=False, description="restart at the end")
 
 
 class ReplaySource:
@@ -61,3 +77,19 @@ class ReplaySource:
         times_ns = self._times_ns
         length_ns = times_ns[-1] - times_ns[0]
         return length_ns + max(length_ns // max(len(times_ns) - 1, 1), NS_PER_S // 1000)
+
+
+def _check(config: ReplayConfig) -> None:
+    if not config.recording:
+        raise ConfigError("replay.recording: is missing; name a CSV file with columns t, qw, qx, qy, qz")
+    read_imu_csv(Path(config.recording))
+
+
+REPLAY = ImuSource(
+    summary="a recorded device",
+    config=ReplayConfig,
+    make=lambda config, around: ReplaySource(config, around.clock),
+    check=_check,
+    argument="recording",
+    example="FILE.csv",
+)

@@ -5,13 +5,23 @@ import threading
 import time
 
 import serial
+from pydantic import Field
 
 from pointit.runtime.clock import Clock
+from pointit.runtime.config.config import Config
+from pointit.runtime.errors import ConfigError
 from pointit.runtime.health.service_bus import WarningSink
 from pointit.runtime.host.serial_port import PortSettings, SerialThread
-from pointit.services.imu_bridge.config import SerialConfig
 from pointit.services.imu_bridge.reading import Deliver, Item, Press, Reading, Reconnected
-from pointit.services.imu_bridge.text_line import ButtonLine, LineError, LineParser, LineSplitter
+from pointit.services.imu_bridge.sources import ImuSource
+from pointit.services.imu_bridge.text_line import (
+    ButtonLine,
+    Fifth,
+    LineError,
+    LineParser,
+    LineSplitter,
+    Order,
+)
 
 CAPACITY = 1024
 """Readings buffered while the event loop is busy; the oldest are dropped."""
@@ -21,6 +31,27 @@ SHOWN_BYTES = 32
 
 CLEAR_BAD_AFTER_S = 10.0
 """Time without unreadable lines after which their warning is cleared."""
+
+
+class SerialConfig(Config):
+    """A device that sends lines of text."""
+
+    port: str = Field(
+        default="", description="path or name of the port; /dev/serial/by-id/... survives plugging in again"
+    )
+    baud: int = Field(default=115200, gt=0, le=4_000_000, description="bits per second")
+    order: Order = Field(default="wxyz", description="order of the quaternion's numbers in a line")
+    fifth: Fifth = Field(
+        default="auto",
+        description="meaning of a fifth number: a leading time in µs or a trailing accuracy; "
+        "auto: a time if the first number is beyond ±1.1",
+    )
+    timeout_s: float = Field(
+        default=3.0,
+        gt=0,
+        le=60,
+        description="time without a readable line after which a connected device is a warning, s",
+    )
 
 
 class SerialSource:
@@ -159,3 +190,17 @@ class _SilenceWatch:
             f"{where}: {self._bytes} bytes, the first {self._first.hex(' ')}; "
             f"check baud ({config.baud}) and that it sends lines of text"
         )
+
+
+def _check(config: SerialConfig) -> None:
+    if not config.port:
+        raise ConfigError("serial.port: is missing; name the device's port, as in serial.port=/dev/ttyUSB0")
+
+
+SERIAL = ImuSource(
+    summary="a device that sends lines of text over a serial port",
+    config=SerialConfig,
+    make=lambda config, around: SerialSource(config, around.clock, around.warnings),
+    check=_check,
+    argument="port",
+)

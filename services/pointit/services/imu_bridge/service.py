@@ -4,7 +4,6 @@ import asyncio
 import itertools
 import logging
 import math
-from pathlib import Path
 from typing import ClassVar
 
 from pointit.runtime.errors import ConfigError, RefusedError
@@ -25,13 +24,10 @@ from pointit.services.imu_bridge.arm_frame import ArmFrame
 from pointit.services.imu_bridge.config import ImuBridgeConfig
 from pointit.services.imu_bridge.page_health import DEVICE_NAMES, figures, warnings
 from pointit.services.imu_bridge.page_wrist import PageWrist
-from pointit.services.imu_bridge.reading import Deliver, Item, Press, Reading, Reconnected, Source
-from pointit.services.imu_bridge.replay_source import ReplaySource
-from pointit.services.imu_bridge.serial_source import SerialSource
-from pointit.services.imu_bridge.simulated import SimulatedSource
+from pointit.services.imu_bridge.reading import Item, Press, Reading, Reconnected, Source
+from pointit.services.imu_bridge.sources import SOURCES, Surroundings
 from pointit.services.imu_bridge.stored_mounting import PURPOSE, MountingSelection, StoredMountings
 from pointit.services.imu_bridge.yaw_epoch import YawEpoch
-from pointit.sim.recordings import read_imu_csv
 
 log = logging.getLogger(__name__)
 
@@ -53,7 +49,6 @@ class ImuBridge(Service[ImuBridgeConfig]):
             ConfigError: If the source lacks its port or recording, or the recording cannot be used.
         """
         super().__init__(config, context)
-        _check_named(config)
         self._state = StateFile(StoredMountings, self.user, PURPOSE)
         self._setting = asyncio.Lock()
         kept = self._read_state()
@@ -81,24 +76,17 @@ class ImuBridge(Service[ImuBridgeConfig]):
 
     @classmethod
     def validate_config(cls, config: ImuBridgeConfig) -> None:
-        """Check that the source has its port, or a recording that can be read."""
-        _check_named(config)
-        if config.source == "replay":
-            read_imu_csv(Path(config.replay.recording))
+        """Check the parameters of the source."""
+        SOURCES.get(config.source).check(config.section(config.source))
 
     async def run(self) -> None:
         """Publish the readings of the source."""
         await self._source.run(self._deliver)
 
     def _make_source(self) -> Source:
-        config = self.config
-        if config.source == "serial":
-            return SerialSource(config.serial, self.clock, self.bus)
-        if config.source == "replay":
-            return ReplaySource(config.replay, self.clock)
-        if config.source == "page":
-            return _NoDevice()
-        return SimulatedSource(config.simulated, config.configured_mounting, self.clock)
+        self.validate_config(self.config)
+        around = Surroundings(self.clock, self.bus, self.user, self.config.configured_mounting)
+        return SOURCES.get(self.config.source).make(self.config.section(self.config.source), around)
 
     def _deliver(self, item: Item) -> None:
         if isinstance(item, Reconnected):
@@ -255,21 +243,6 @@ class ImuBridge(Service[ImuBridgeConfig]):
             self.bus.warn(topic, warning)
         else:
             self.bus.clear(topic)
-
-
-class _NoDevice:
-    """A source without readings, used if only a page or ROS moves the wrist."""
-
-    async def run(self, deliver: Deliver) -> None:  # noqa: ARG002 - the protocol's signature
-        """Wait until cancelled."""
-        await asyncio.Event().wait()
-
-
-def _check_named(config: ImuBridgeConfig) -> None:
-    if config.source == "serial" and not config.serial.port:
-        raise ConfigError("serial.port: is missing; name the device's port, as in serial.port=/dev/ttyUSB0")
-    if config.source == "replay" and not config.replay.recording:
-        raise ConfigError("replay.recording: is missing; name a CSV file with columns t, qw, qx, qy, qz")
 
 
 SERVICE = ImuBridge

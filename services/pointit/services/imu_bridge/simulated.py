@@ -3,14 +3,37 @@
 import math
 
 import numpy as np
+from pydantic import Field
 
 from pointit.geometry import rotation
 from pointit.geometry.rotation import Quaternion
 from pointit.runtime.clock import Clock, ticks
+from pointit.runtime.config.config import Config
 from pointit.schemas import NS_PER_S
 from pointit.services.imu_bridge.arm_frame import from_roll_pitch_yaw
-from pointit.services.imu_bridge.config import SimulatedConfig
 from pointit.services.imu_bridge.reading import Deliver, Reading
+from pointit.services.imu_bridge.sources import ImuSource
+
+
+class SimulatedConfig(Config):
+    """An arm that sweeps slowly from side to side, up and down."""
+
+    rate_hz: float = Field(default=50.0, gt=0, le=1000, description="samples per second")
+    azimuth_amplitude_deg: float = Field(default=40.0, ge=0, le=180, description="sweep to either side, °")
+    azimuth_period_s: float = Field(default=8.0, gt=0, description="period of the sweep from side to side, s")
+    elevation_deg: float = Field(default=-10.0, ge=-90, le=90, description="mean elevation of the arm, °")
+    elevation_amplitude_deg: float = Field(default=10.0, ge=0, le=90, description="sweep up and down, °")
+    elevation_period_s: float = Field(default=5.0, gt=0, description="period of the sweep up and down, s")
+    noise_deg: float = Field(
+        default=0.0, ge=0, le=45, description="white noise about each axis, standard deviation, °"
+    )
+    yaw_drift_degps: float = Field(default=0.0, ge=-90, le=90, description="drift of the yaw, °/s")
+    mounting_error_deg: tuple[float, float, float] = Field(
+        default=(0.0, 0.0, 0.0),
+        description="error of the mounting, as if worn carelessly: roll, "
+        "pitch, yaw of the arm in the configured arm frame, °",
+    )
+    seed: int = Field(default=0, ge=0, description="seed of the noise")
 
 
 class SimulatedDevice:
@@ -57,3 +80,10 @@ class SimulatedSource:
         start_ns = self._clock.now_ns()
         async for now_ns in ticks(self._clock, self._rate_hz):
             deliver(Reading(now_ns, self._device.read((now_ns - start_ns) / NS_PER_S)))
+
+
+SIMULATED = ImuSource(
+    summary="a simulated sensor on an arm that sweeps to and fro, to test the path of a device",
+    config=SimulatedConfig,
+    make=lambda config, around: SimulatedSource(config, around.sensor_from_arm, around.clock),
+)

@@ -46,6 +46,10 @@ _OTHER_NAMES = frozenset(
 """Names of lines with other numbers that may look like a quaternion."""
 
 Gesture = Literal["press", "double", "hold"]
+Order = Literal["wxyz", "xyzw"]
+"""Order of a quaternion's numbers in a line."""
+Fifth = Literal["auto", "time", "accuracy"]
+"""Meaning of a fifth number in a line."""
 
 
 class LineError(ValueError):
@@ -109,11 +113,7 @@ class LineSplitter:
 class LineParser:
     """Parses lines with one order of the quaternion's numbers."""
 
-    def __init__(
-        self,
-        order: Literal["wxyz", "xyzw"] = "wxyz",
-        fifth: Literal["auto", "time", "accuracy"] = "auto",
-    ) -> None:
+    def __init__(self, order: Order = "wxyz", fifth: Fifth = "auto") -> None:
         """Set the `order` and the meaning of a `fifth` number.
 
         `auto` reads it as a time if the first number is beyond ±(1 + tolerance): such a number cannot belong

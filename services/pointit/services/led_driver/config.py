@@ -1,76 +1,16 @@
 """Parameters of led-driver."""
 
-from typing import Annotated, Literal, Self
+from typing import Annotated, Literal
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import BeforeValidator, Field, SerializeAsAny, field_validator
 
 from pointit.geometry.colormap import colormap
 from pointit.runtime.config.config import Config
 from pointit.schemas.base import Rgb
 from pointit.schemas.environment import KIND_COLORS, OTHER_COLOR
+from pointit.services.led_driver.outputs import OutputConfig, validate_output
 
-Board = Literal["v1", "v2", "v3"]
 Level = Annotated[float, Field(ge=0.0, le=1.0)]
-
-
-class ChannelConfig(Config):
-    """Connection of a strip to its controller."""
-
-    channel: int = Field(ge=0, le=63, description="board number (0-7) times 8 plus port (0-7)")
-    order: str = Field(
-        default="GRB",
-        description="order of the colours on the LEDs' wire: GRB, RGB, GRBW ...",
-    )
-
-    @field_validator("order")
-    @classmethod
-    def _each_once(cls, order: str) -> str:
-        if "".join(sorted(order)) not in ("BGR", "BGRW"):
-            raise ValueError("use each of R, G, B once, and W once if the LEDs have white")
-        return order
-
-
-class OutputConfig(Config):
-    """One controller."""
-
-    kind: Literal["none", "expander"] = Field(
-        default="none", description="none, or a serial LED expander (UPXL: ElectroMage, Pixelblaze)"
-    )
-    port: str = Field(default="", description="path or name of the controller's port")
-    baud: int = Field(default=2_000_000, gt=0, le=4_000_000, description="bits per second")
-    wanted_rate_hz: float = Field(
-        default=25.0, gt=0, le=1000, description="frames per second below which a warning says what fits"
-    )
-    board: Board = Field(
-        default="v2", description="generation of the board: v1, v2, v3 drive 240, 800, 1600 pixels a channel"
-    )
-    gamma: float = Field(
-        default=2.2,
-        ge=1,
-        le=4,
-        description="exponent of the gamma correction of LED values; 1: no correction",
-    )
-    current_per_pixel_ma: float = Field(
-        default=60.0, gt=0, le=1000, description="current of one white pixel, mA"
-    )
-    max_current_a: float | None = Field(
-        default=None, gt=0, le=1000, description="limit above which frames are dimmed, A; no limit if empty"
-    )
-    channels: dict[str, ChannelConfig] = Field(
-        default={},
-        description="connections by strip id; strips in the map's order on channels 0, 1, 2 ... if empty",
-    )
-
-    @model_validator(mode="after")
-    def _one_strip_a_channel(self) -> Self:
-        taken: dict[int, str] = {}
-        for strip_id, channel in self.channels.items():
-            other = taken.setdefault(channel.channel, strip_id)
-            if other != strip_id:
-                raise ValueError(
-                    f"channels: strips {other!r} and {strip_id!r} share channel {channel.channel}"
-                )
-        return self
 
 
 class StyleConfig(Config):
@@ -169,4 +109,6 @@ class LedDriverConfig(Config):
         default="", description="id of the lamp that shows the state of the site; no lamp if empty"
     )
     state: StateLampConfig = Field(default=StateLampConfig(), description="appearance of the state lamp")
-    outputs: tuple[OutputConfig, ...] = Field(default=(), description="the controllers")
+    outputs: tuple[SerializeAsAny[Annotated[OutputConfig, BeforeValidator(validate_output)]], ...] = Field(
+        default=(), description="the controllers"
+    )

@@ -9,7 +9,7 @@ from typing import ClassVar
 
 from pointit.geometry.colormap import UnknownColormapError
 from pointit.runtime.bus.contract import Publisher
-from pointit.runtime.errors import ConfigError, RefusedError
+from pointit.runtime.errors import RefusedError
 from pointit.runtime.service.service import Context, Scope, Service
 from pointit.schemas import (
     NS_PER_S,
@@ -46,8 +46,8 @@ from pointit.schemas.topics import (
 )
 from pointit.services.led_driver.config import LedDriverConfig
 from pointit.services.led_driver.light_state import LightState
-from pointit.services.led_driver.output.expander import ExpanderOutput
 from pointit.services.led_driver.output.pacing import FrameLimiter
+from pointit.services.led_driver.outputs import make_outputs
 from pointit.services.led_driver.picture.lamp_queue import LampService
 from pointit.services.led_driver.picture.lamps import DARK
 
@@ -87,7 +87,7 @@ class LedDriver(Service[LedDriverConfig]):
         """Leases and targets as last published."""
         self._lease_seq = 0
         self._ended = False
-        self._outputs = self._make_outputs()
+        self._outputs = make_outputs(config.outputs, self.bus)
         self._frames = self.bus.publisher(STRIPS_FRAME, timed=not self._outputs)
         self._leases = self.bus.publisher(LAMP_LEASES)
         self.bus.set_metric("brightness", self._lights.brightness)
@@ -118,18 +118,6 @@ class LedDriver(Service[LedDriverConfig]):
                 if timer is not None:
                     timer.cancel()
             self._light(dict.fromkeys(self._lit, DARK))
-
-    def _make_outputs(self) -> list[ExpanderOutput]:
-        wanted = [output for output in self.config.outputs if output.kind == "expander"]
-        ports = [output.port for output in wanted]
-        for number, output in enumerate(self.config.outputs):
-            if output.kind == "expander" and not output.port:
-                raise ConfigError(
-                    f"outputs.{number}.port: is missing; name the expander's port, as in /dev/ttyUSB0"
-                )
-            if output.kind == "expander" and ports.count(output.port) > 1:
-                raise ConfigError(f"outputs.{number}.port: {output.port} is used by two outputs: remove one")
-        return [ExpanderOutput(output, self.bus) for output in wanted]
 
     def _on_map(self, environment: Environment, _name: str) -> None:
         try:

@@ -6,17 +6,16 @@ import time
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Protocol
 
 import serial
 
-from pointit.runtime.health.service_bus import WarningSink
 from pointit.runtime.host.serial_port import PortSettings, SerialThread
 from pointit.schemas import Strip, StripsFrame
-from pointit.services.led_driver.config import OutputConfig
 from pointit.services.led_driver.output import upxl_protocol
+from pointit.services.led_driver.output.expander_config import ExpanderConfig
 from pointit.services.led_driver.output.power import Load, Power
 from pointit.services.led_driver.output.wiring import FRAME_RATE, Wiring, map_channels, too_slow, wire_time_s
+from pointit.services.led_driver.outputs import LedOutput, MetricSink
 
 log = logging.getLogger(__name__)
 
@@ -69,22 +68,10 @@ class ExpanderFrame:
         return upxl_protocol.draw_time_s(max((len(rgb) // 3 for _, _, rgb in self.channels), default=0))
 
 
-class MetricSink(WarningSink, Protocol):
-    """Receiver of an output's metrics, such as `ServiceBus`."""
-
-    def set_metric(self, name: str, value: float | None, unit: str = "") -> None:
-        """Set a metric. None removes it."""
-        ...
-
-    def reached(self, latency_s: float) -> None:
-        """Record the age of captured data at the moment at which it becomes visible."""
-        ...
-
-
 class ExpanderOutput:
     """Sends frames to one expander in a thread of its own. Newer frames replace unsent ones."""
 
-    def __init__(self, config: OutputConfig, account: MetricSink) -> None:
+    def __init__(self, config: ExpanderConfig, account: MetricSink) -> None:
         self._config = config
         self._account = account
         self._power = Power(config)
@@ -252,3 +239,12 @@ def _drain(port: serial.Serial) -> None:
             waiting, since_s = left, time.monotonic()
         elif time.monotonic() - since_s > (port.write_timeout or 0.0):
             raise serial.SerialTimeoutException("nothing leaves the port")
+
+
+EXPANDER = LedOutput(
+    summary="a serial LED expander (UPXL: ElectroMage, Pixelblaze)",
+    config=ExpanderConfig,
+    make=ExpanderOutput,
+    argument="port",
+    example="PORT",
+)

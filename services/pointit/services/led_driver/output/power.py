@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pointit.services.led_driver.config import OutputConfig
+from pointit.services.led_driver.outputs import OutputConfig
 
 FULL_PIXEL = 3 * 255
 """Sum of a white pixel's bytes."""

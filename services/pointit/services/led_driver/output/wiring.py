@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from pointit.schemas import Strip
-from pointit.services.led_driver.config import OutputConfig
 from pointit.services.led_driver.output import upxl_protocol
+from pointit.services.led_driver.output.expander_config import ExpanderConfig
 
 FRAME_RATE = "frame rate"
 """First words of the name of the metric of a port's frames per second."""
@@ -26,7 +26,7 @@ class Wiring:
     """Number of pixels sent, limited to what the board drives."""
 
 
-def map_channels(config: OutputConfig, strips: Sequence[Strip]) -> tuple[tuple[Wiring, ...], list[str]]:
+def map_channels(config: ExpanderConfig, strips: Sequence[Strip]) -> tuple[tuple[Wiring, ...], list[str]]:
     """Return the channels of strips, and messages about what does not fit the board."""
     problems: list[str] = []
     wirings: list[Wiring] = []
@@ -63,7 +63,7 @@ def frame_bytes(wirings: Sequence[Wiring]) -> int:
     return _overhead_bytes(wirings) + _pixel_bytes(wirings)
 
 
-def too_slow(config: OutputConfig, wirings: Sequence[Wiring]) -> str:
+def too_slow(config: ExpanderConfig, wirings: Sequence[Wiring]) -> str:
     """Return a message if wire or board carry fewer frames than wanted for these pixels, else `""`.
 
     The board draws a frame while the next one is sent, so the slower of the two limits.

@@ -1,0 +1,176 @@
+"""Parts of a service that installed packages add: declared as entry points, imported when they are used."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from importlib.metadata import EntryPoint, entry_points
+from typing import Any, Generic, TypeVar
+
+from pydantic import ValidationError
+from pydantic_core import InitErrorDetails, PydanticCustomError
+
+from pointit.runtime.config.config import Config
+from pointit.runtime.config.validation_message import (
+    DESCRIBED,
+    field_names,
+    first_mistake,
+    unknown_parameter_message,
+)
+from pointit.runtime.errors import ConfigError
+
+
+@dataclass(frozen=True, kw_only=True)
+class Plugin:
+    """A part that is chosen by the name of its entry point, such as a source of orientations.
+
+    A package declares it in its `pyproject.toml`, under the group of its kind:
+
+        [project.entry-points."pointit.imu_sources"]
+        mine = "my_package:MINE"
+    """
+
+    summary: str
+    """Description in one line."""
+    config: type[Config]
+    """Its parameters."""
+    argument: str = ""
+    """Parameter that `NAME:VALUE` on the command line sets, or `""` if the name stands alone."""
+    example: str = ""
+    """Example of that value."""
+
+    @property
+    def value(self) -> str:
+        """Return the text behind the name on the command line, such as `:PORT`, or `""`."""
+        return f":{self.example or self.argument.upper()}" if self.argument else ""
+
+
+P = TypeVar("P", bound=Plugin)
+
+
+class PluginGroup(Generic[P]):
+    """The installed plug-ins of one kind."""
+
+    def __init__(self, group: str, kind: type[P], noun: str) -> None:
+        """Look for entry points of `group`, each a `kind`. Errors call one a `noun`."""
+        self.group = group
+        self._kind = kind
+        self._noun = noun
+
+    @cached_property
+    def _entries(self) -> dict[str, EntryPoint]:
+        found = entry_points(group=self.group)
+        return {entry.name: entry for entry in sorted(found, key=lambda entry: entry.name)}
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Return the names of all installed ones, without importing any."""
+        return tuple(self._entries)
+
+    def get(self, name: str) -> P:
+        """Import and return the plug-in `name`.
+
+        Raises:
+            ConfigError: If none is installed under that name, or it cannot be imported.
+        """
+        entry = self._entries.get(name)
+        if entry is None:
+            raise ConfigError(f"no {self._noun} {name!r} is installed; there are {', '.join(self.names)}")
+        try:
+            plugin = entry.load()
+        except Exception as error:  # code of others, which may raise anything when it is imported
+            package = entry.dist.name if entry.dist else entry.value
+            remedy = f"install {package}[{','.join(entry.extras)}]" if entry.extras else f"mend {package}"
+            raise ConfigError(
+                f"{self._noun} {name!r} of {package} cannot be imported; {remedy} ({error})"
+            ) from error
+        if not isinstance(plugin, self._kind):
+            raise ConfigError(f"{self._noun} {name!r}: {entry.value} is no {self._kind.__name__}")
+        return plugin
+
+    def package(self, name: str) -> str:
+        """Return the package that brings the plug-in `name`, without importing it."""
+        dist = self._entries[name].dist
+        return dist.name if dist else ""
+
+    def choose(self, text: str) -> tuple[str, dict[str, Any]]:
+        """Return the name and the parameters that `NAME` or `NAME:VALUE` chooses.
+
+        Raises:
+            ConfigError: If it is not installed, or the value is missing or too much.
+        """
+        name, colon, value = text.partition(":")
+        plugin = self.get(name)
+        if bool(value) != bool(plugin.argument) or (colon and not value):
+            raise ConfigError(f"write {name}{plugin.value}")
+        return name, {plugin.argument: value} if plugin.argument else {}
+
+    def configs(self) -> dict[str, type[Config]]:
+        """Return the parameters of all that can be imported, by name."""
+        found: dict[str, type[Config]] = {}
+        for name in self.names:
+            try:
+                found[name] = self.get(name).config
+            except ConfigError:
+                continue  # reported if it is chosen
+        return found
+
+    def validate(self, name: str, values: Any, loc: tuple[int | str, ...] = ()) -> Config:
+        """Return the parameters `values` of the plug-in `name`.
+
+        Raises:
+            ValidationError: A value at `loc` and below is wrong.
+            ConfigError: If the plug-in is not installed or cannot be imported.
+        """
+        kind = self.get(name).config
+        try:
+            return kind.model_validate(values)
+        except ValidationError as error:
+            below, text = first_mistake(error, kind)
+            raise _described((*loc, *below), text, values) from error
+
+
+def _described(loc: tuple[int | str, ...], text: str, value: object) -> ValidationError:
+    return ValidationError.from_exception_data(
+        "plug-in",
+        [
+            InitErrorDetails(
+                type=PydanticCustomError(DESCRIBED, "{text}", {"text": text}), loc=loc, input=value
+            )
+        ],
+    )
+
+
+class PluginConfig(Config, extra="allow"):
+    """Parameters of a service and, under the name of each of its plug-ins, those of the plug-in."""
+
+    @classmethod
+    def plugins(cls) -> PluginGroup[Any]:
+        """Return the plug-ins of the service."""
+        raise NotImplementedError
+
+    def model_post_init(self, _context: object) -> None:
+        """Validate the parameters of plug-ins, which pydantic takes as they are."""
+        extra: dict[str, Any] = self.__pydantic_extra__ or {}
+        plugins = self.plugins()
+        for name, values in extra.items():
+            if name not in plugins.names:
+                known = (*field_names(type(self)), *plugins.names)
+                raise _described((), unknown_parameter_message(name, known), values)
+            extra[name] = plugins.validate(name, values, (name,))
+
+    @classmethod
+    def sections(cls) -> Mapping[str, type[Config]]:
+        """Return the parameters of all installed plug-ins by name."""
+        return cls.plugins().configs()
+
+    def section(self, name: str) -> Config:
+        """Return the parameters of the plug-in `name`: those configured, else its defaults.
+
+        Raises:
+            ConfigError: If it cannot be imported.
+        """
+        given: Config | None = (self.__pydantic_extra__ or {}).get(name)
+        if given is not None:
+            return given
+        defaults: Config = self.plugins().get(name).config()
+        return defaults

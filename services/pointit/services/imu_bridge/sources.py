@@ -1,0 +1,59 @@
+"""Sources of orientations by name: ours, and those of installed packages."""
+
+import asyncio
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from pointit.geometry.rotation import Quaternion
+from pointit.runtime.clock import Clock
+from pointit.runtime.config.config import Config
+from pointit.runtime.config.plugins import Plugin, PluginGroup
+from pointit.runtime.health.service_bus import WarningSink
+from pointit.services.imu_bridge.reading import Deliver, Source
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """The part of a service that its source may use."""
+
+    clock: Clock
+    """Time of the stamps of its readings."""
+    warnings: WarningSink
+    """Problems of the device, shown in `pointit doctor`."""
+    user: str
+    """The person who wears it."""
+    sensor_from_arm: Quaternion
+    """Configured mounting of the sensor."""
+
+
+def _accept(_config: Any) -> None:
+    """Accept any parameters."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ImuSource(Plugin):
+    """A kind of device that gives the arm's orientation."""
+
+    make: Callable[[Any, Surroundings], Source]
+    """Makes a source with parameters of the class `config`; raises ConfigError if they cannot work."""
+    check: Callable[[Any], None] = _accept
+    """Raises ConfigError if parameters cannot work, as far as can be said without the device."""
+
+
+SOURCES = PluginGroup("pointit.imu_sources", ImuSource, "IMU source")
+
+
+class NoDevice:
+    """A source without readings, used if only a page or ROS moves the wrist."""
+
+    async def run(self, deliver: Deliver) -> None:  # noqa: ARG002 - the protocol's signature
+        """Wait until cancelled."""
+        await asyncio.Event().wait()
+
+
+PAGE = ImuSource(
+    summary="only a page's mouse or phone, or ROS; every source accepts them too",
+    config=Config,
+    make=lambda _config, _surroundings: NoDevice(),
+)

@@ -1,0 +1,76 @@
+"""Plug-ins of packages: found by name, and reported in one sentence when they cannot be used."""
+
+import sys
+from pathlib import Path
+
+import pytest
+
+from pointit.runtime.config.plugins import Plugin, PluginGroup
+from pointit.runtime.errors import ConfigError
+
+MODULE = """
+from pointit.runtime.config.config import Config
+from pointit.runtime.config.plugins import Plugin
+
+class Mine(Config):
+    address: str = ""
+    speed: int = 3
+
+MINE = Plugin(summary="my own", config=Mine, argument="address", example="HOST")
+NUMBER = 7
+"""
+
+ENTRY_POINTS = """
+[pointit.test_parts]
+mine = strangers_parts:MINE
+number = strangers_parts:NUMBER
+raising = strangers_raising:MINE
+lacking = strangers_lacking:MINE [ble]
+"""
+
+
+@pytest.fixture
+def parts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> PluginGroup[Plugin]:
+    """Return the plug-ins of a package that is installed for this test."""
+    (tmp_path / "strangers_parts.py").write_text(MODULE)
+    (tmp_path / "strangers_raising.py").write_text("1 / 0\n")
+    (tmp_path / "strangers_lacking.py").write_text("import a_library_that_is_absent\n")
+    info = tmp_path / "strangers-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: strangers\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text(ENTRY_POINTS)
+    monkeypatch.setattr(sys, "path", [str(tmp_path), *sys.path])
+    return PluginGroup("pointit.test_parts", Plugin, "part")
+
+
+def test_plugin_of_another_package_is_chosen_and_validated(parts: PluginGroup[Plugin]) -> None:
+    assert parts.names == ("lacking", "mine", "number", "raising")
+    assert parts.package("mine") == "strangers"
+    name, chosen = parts.choose("mine:[::1]:80")
+    assert chosen == {"address": "[::1]:80"}
+    config = parts.validate(name, chosen | {"speed": 5})
+    assert config.model_dump() == {"address": "[::1]:80", "speed": 5}
+    with pytest.raises(ValueError, match="no parameter sped; did you mean speed"):
+        parts.validate(name, {"sped": 5})
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("absent", "no part 'absent' is installed; there are lacking, mine, number, raising"),
+        ("number", "part 'number': strangers_parts:NUMBER is no Plugin"),
+        ("raising", r"part 'raising' of strangers cannot be imported; mend strangers \(division by zero\)"),
+        ("lacking", r"part 'lacking' of strangers cannot be imported; install strangers\[ble\]"),
+        ("mine", "write mine:HOST"),
+        ("mine:", "write mine:HOST"),
+    ],
+)
+def test_plugin_that_cannot_be_used_is_refused_in_one_sentence(
+    parts: PluginGroup[Plugin], text: str, sentence: str
+) -> None:
+    with pytest.raises(ConfigError, match=sentence):
+        parts.choose(text)
+
+
+def test_broken_plugins_do_not_hide_the_others(parts: PluginGroup[Plugin]) -> None:
+    assert [*parts.configs()] == ["mine"]

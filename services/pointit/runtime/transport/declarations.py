@@ -23,7 +23,7 @@ class Declared(Protocol):
 
 
 class Declaration:
-    """What is withdrawn when it is closed, once. Tokens must be kept: unreferenced ones are withdrawn."""
+    """A declaration that is withdrawn when it is closed, once. Tokens must be kept: unreferenced ones are withdrawn."""
 
     def __init__(self, declared: Declared) -> None:
         self._declared: Declared | None = declared

@@ -23,7 +23,7 @@ class Declared(Protocol):
 
 
 class Declaration:
-    """A declaration that is withdrawn when it is closed, once. Tokens must be kept: unreferenced ones are withdrawn."""
+    """A declaration, withdrawn when it is closed, once. Keep tokens: unreferenced ones are withdrawn."""
 
     def __init__(self, declared: Declared) -> None:
         self._declared: Declared | None = declared

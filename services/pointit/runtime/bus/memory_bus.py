@@ -76,7 +76,7 @@ class MemoryBus(Participant):
         return self.handler(request, server, name)
 
     def handler(self, request: Request[Q, R], server: Server[Q, R], name: str) -> RequestHandler[Q, R]:
-        """Return the server of `request` in this process."""
+        """Return the handler of `request` in this process."""
         self._check_open()
         request.at(name)
         return RequestHandler(self, request, server, name)

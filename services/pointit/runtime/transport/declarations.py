@@ -23,7 +23,7 @@ class Declared(Protocol):
 
 
 class Declaration:
-    """Declarations that are withdrawn once, on close. Unreferenced tokens are withdrawn: keep them."""
+    """A declaration, withdrawn when it is closed, once. Keep tokens: unreferenced ones are withdrawn."""
 
     def __init__(self, declared: Declared) -> None:
         self._declared: Declared | None = declared

@@ -204,7 +204,7 @@ class ZenohBus(MemoryBus):
         await close_session(self.session)
 
     def _both(self, here: Closable, *elsewhere: Declared) -> Closable:
-        """Return a declaration that ends one in this process together with those in the session."""
+        """Return a declaration that ends `here`, in this process, and `elsewhere`, in the session."""
 
         def undo() -> None:
             here.close()

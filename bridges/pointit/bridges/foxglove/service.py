@@ -62,6 +62,7 @@ class Foxglove(Service[FoxgloveConfig]):
     NAME: ClassVar[str] = "foxglove"
     SCOPE: ClassVar[Scope] = "site"
     CONFIG = FoxgloveConfig
+    TIME_MAY_STEP: ClassVar[bool] = True
 
     def __init__(self, config: FoxgloveConfig, context: Context) -> None:
         """Subscribe to the site's topics; viewers are accepted by `run`."""

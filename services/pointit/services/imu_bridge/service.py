@@ -45,6 +45,7 @@ class ImuBridge(Service[ImuBridgeConfig]):
     NAME: ClassVar[str] = "imu-bridge"
     SCOPE: ClassVar[Scope] = "user"
     CONFIG = ImuBridgeConfig
+    TIME_MAY_STEP: ClassVar[bool] = True
 
     def __init__(self, config: ImuBridgeConfig, context: Context) -> None:
         """Open nothing yet but a recording.

@@ -33,6 +33,7 @@ class Keeper(Service[KeeperConfig]):
     NAME: ClassVar[str] = "keeper"
     SCOPE: ClassVar[Scope] = "site"
     CONFIG = KeeperConfig
+    TIME_MAY_STEP: ClassVar[bool] = True
 
     @classmethod
     def discard_saved_state(cls, site: str, now_ns: int) -> None:

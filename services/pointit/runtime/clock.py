@@ -20,7 +20,7 @@ SILENT_NS = 10 * NS_PER_S
 """After this long without a tick from a regular source, the site has no simulated time any more."""
 
 
-MAX_SLEW_S = 60.0
+MAX_SLEW_S = 10.0
 """If a clock was set back by more, in its own seconds, services do not wait for it: they start anew."""
 
 

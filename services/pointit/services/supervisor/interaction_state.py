@@ -46,13 +46,6 @@ class InteractionStateMachine:
         self.pose_ns = pose.stamp_ns
         self._is_unsure = pose.method != "external" and pose.covariance[8] > self._unsure_variance
 
-    def on_clock_step(self, by_ns: int) -> None:
-        """Shift all times by a clock step backwards of `by_ns`."""
-        self.heard_ns -= by_ns
-        self.over_ns = 0
-        if self.search is not None:
-            self.search.on_clock_step(by_ns)
-
     def start_attempt(
         self,
         purpose: Purpose,

@@ -70,7 +70,6 @@ class LifeCycle:
         self._button: ButtonEvent | None = None
         self._pending_cancels = 0
         """Number of requests to cancel without reply."""
-        self._now_ns = 0
 
     @property
     def state(self) -> State:
@@ -104,7 +103,6 @@ class LifeCycle:
 
     def button(self, event: ButtonEvent, now_ns: int) -> list[Output]:
         """Process a gesture as described above. After one that ends, there is no automatic start."""
-        self._check_clock(now_ns)
         if self._button is not None and _is_same(event, self._button):
             return []
         self._button = event
@@ -128,7 +126,6 @@ class LifeCycle:
 
     def imu(self, sample: ImuSample, now_ns: int) -> list[Output]:
         """Record a sample of the wrist. A timely one may start pointing, or resume it."""
-        self._check_clock(now_ns)
         self._machine.heard_ns = now_ns
         if self._machine.state != "idle":
             return []
@@ -146,7 +143,6 @@ class LifeCycle:
 
     def localization(self, news: Localization, now_ns: int) -> list[Output]:
         """Process the localizer's progress. Messages older than the current localization are ignored."""
-        self._check_clock(now_ns)
         search = self._machine.search
         if search is None:
             return self._join(news, now_ns)
@@ -187,7 +183,6 @@ class LifeCycle:
 
     def tick(self, now_ns: int) -> list[Output]:
         """Advance to `now_ns` and end what has timed out."""
-        self._check_clock(now_ns)
         deadline_ns = self.deadline_ns
         if deadline_ns is None or now_ns < deadline_ns:
             return []
@@ -207,13 +202,6 @@ class LifeCycle:
     @property
     def _is_place_known(self) -> bool:
         return self._machine.pose_ns is not None and not self._each_time
-
-    def _check_clock(self, now_ns: int) -> None:
-        """Shift all times if the clock was set back."""
-        back_ns, self._now_ns = self._now_ns - now_ns, now_ns
-        if back_ns > NS_PER_S:
-            self._readiness.on_clock_step(back_ns)
-            self._machine.on_clock_step(back_ns)
 
     def _start(self, now_ns: int) -> list[Output]:
         if self._localizes and not self._is_place_known:

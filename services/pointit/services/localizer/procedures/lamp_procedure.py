@@ -9,7 +9,6 @@ from typing import ClassVar, Literal
 
 from pointit.schemas import Lamp, Localization, PointingRay
 from pointit.services.localizer.outputs import LampSwitch, Output, Phase
-from pointit.services.localizer.procedures.clock_step import ClockStepDetector
 from pointit.services.localizer.procedures.hold import Hold, Timing
 
 
@@ -39,7 +38,6 @@ class LampProcedure(ABC):
         self._holds: list[tuple[Hold, Lamp]] = []
         """Holds since the start; the last one is running."""
         self._published: tuple[str, int] | None = None
-        self._clock = ClockStepDetector()
 
     @property
     def running(self) -> bool:
@@ -62,7 +60,6 @@ class LampProcedure(ABC):
         self._running = True
         self.since_ns = now_ns if since_ns is None else since_ns
         self.begun_ns = now_ns
-        self._clock.begin(now_ns)
         self._holds = []
         self._forget()
         return [*out, *self._light(now_ns)]
@@ -73,11 +70,9 @@ class LampProcedure(ABC):
             self._hold.add(ray)
 
     def step(self, now_ns: int) -> list[Output]:
-        """Continue when the hold is over, end when it times out, and restart it after a clock step back."""
+        """Continue when the hold is over, or end when it times out."""
         if not self._running:
             return []
-        if back_ns := self._clock.by_ns(now_ns):
-            self._set_back(back_ns, now_ns)
         hold = self._hold
         if hold.is_over(now_ns, self._min_rays):
             return self._held(now_ns)
@@ -178,15 +173,6 @@ class LampProcedure(ABC):
         """Begin a hold at the next lamp."""
         self._holds.append((Hold(now_ns, self._timing), self._next_lamp()))
         return self.republish(now_ns)
-
-    def _set_back(self, by_ns: int, now_ns: int) -> None:
-        """Restart the running hold; those before stay."""
-        self.since_ns = max(0, self.since_ns - by_ns)
-        self.begun_ns = max(0, self.begun_ns - by_ns)
-        for hold, _ in self._holds[:-1]:
-            hold.set_back(by_ns)
-        self._holds[-1] = (Hold(now_ns, self._timing), self._lamp)
-        self._published = None
 
     def _end(self, now_ns: int, reason: str, residual_rad: float | None = None) -> list[Output]:
         self._running = False

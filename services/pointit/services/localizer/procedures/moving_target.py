@@ -10,7 +10,6 @@ from pointit.schemas import NS_PER_S, Candidate, Localization, PointingRay, Trac
 from pointit.services.localizer.estimation.estimator import Refusal, Solution, SolverSettings, solve
 from pointit.services.localizer.estimation.mounting import mounting_fault
 from pointit.services.localizer.outputs import Floor, Output, Phase, finite_or_none, pose_message
-from pointit.services.localizer.procedures.clock_step import ClockStepDetector
 from pointit.services.localizer.procedures.target_disambiguation import (
     Fit,
     TargetDisambiguator,
@@ -103,7 +102,6 @@ class MovingTarget:
         self._trust = trust if trust is not None else SolverSettings()
         self._floor = floor if floor is not None else Floor()
         self._running = False
-        self._clock = ClockStepDetector()
         self._clear(0)
 
     @property
@@ -148,12 +146,8 @@ class MovingTarget:
             del self._tracks[next(iter(self._tracks))]
 
     def step(self, now_ns: int) -> list[Output]:
-        """Solve when it is time. Restart after a clock step back."""
-        if not self._running:
-            return []
-        if self._clock.by_ns(now_ns):
-            return self.start(now_ns)
-        if now_ns < self._due_ns:
+        """Solve when it is time."""
+        if not self._running or now_ns < self._due_ns:
             return []
         self._due_ns = now_ns + round(NS_PER_S / self._following.solve_hz)
         result = self._try()
@@ -183,7 +177,6 @@ class MovingTarget:
 
     def _clear(self, now_ns: int) -> None:
         self._started_ns = self._due_ns = now_ns
-        self._clock.begin(now_ns)
         self._rays = RayWindow(self._following.window_s)
         self._tracks = {}
         self._meant = TargetDisambiguator(self._following.target_id)

@@ -10,7 +10,6 @@ from typing import Literal
 from pointit.schemas import NS_PER_S, Localization
 from pointit.services.localizer.estimation.estimator import Refusal
 from pointit.services.localizer.outputs import Phase
-from pointit.services.localizer.procedures.clock_step import ClockStepDetector
 from pointit.services.localizer.procedures.lamp_procedure import LampProcedure
 
 Make = Callable[[int], LampProcedure | Refusal]
@@ -36,14 +35,9 @@ class QueuedPointing:
         """Users ahead as published last."""
         self.purpose: Literal["pose", "anchor"] = procedure.PURPOSE
         self._until_ns = now_ns + round(limit_s * NS_PER_S)
-        self._clock = ClockStepDetector()
-        self._clock.begin(now_ns)
 
     def is_too_long(self, now_ns: int) -> bool:
-        """Return True if the limit is reached. Call it often, to notice clock steps back."""
-        if back_ns := self._clock.by_ns(now_ns):
-            self._until_ns -= back_ns
-            self.wish = PointingRequest(self.wish.make, max(0, self.wish.since_ns - back_ns))
+        """Return True if the limit is reached."""
         return now_ns >= self._until_ns
 
     def say(self, ahead: tuple[str, ...], now_ns: int) -> Localization:

@@ -50,7 +50,7 @@ class PosePublishTimer:
         if last is None:
             return True
         passed_s = (now.stamp_ns - last.stamp_ns) / NS_PER_S
-        if passed_s < -AHEAD_NS / NS_PER_S or passed_s >= LONGEST_S:
+        if passed_s >= LONGEST_S:
             return True
         return passed_s >= SHORTEST_S and _has_changed(last, now)
 

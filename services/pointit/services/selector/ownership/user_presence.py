@@ -3,7 +3,7 @@
 from pointit.schemas import NS_PER_S
 
 AHEAD_NS = NS_PER_S
-"""An activity farther in the future than this was stamped before the clock was set back."""
+"""An activity farther in the future than this was stamped by another machine's clock."""
 
 
 class UserPresence:

@@ -10,6 +10,7 @@ from typing import ClassVar
 from pointit.runtime.errors import ConfigError, RefusedError
 from pointit.runtime.host.state_file import StateFile
 from pointit.runtime.service.service import Context, Scope, Service
+from pointit.runtime.timer import Timer
 from pointit.schemas import (
     WRIST_PATIENCE_S,
     ButtonEvent,
@@ -66,7 +67,7 @@ class ImuBridge(Service[ImuBridgeConfig]):
         self._page = PageWrist(self._phone.sensor_from_arm, numbers)
         self._moved_by = ""
         """Name of the page's device (or ROS) that moves the wrist, or `""` for the own source."""
-        self._release_timer: asyncio.TimerHandle | None = None
+        self._release_timer = Timer(self.bus.call_later, self._on_release)
         self._others: set[str] = set()
         """Other services that write this wrist's samples."""
         self._newest: Reading | None = None
@@ -135,8 +136,7 @@ class ImuBridge(Service[ImuBridgeConfig]):
     def _on_wrist(self, sample: WristSample, _user: str) -> None:
         turned = self._page.take(sample, self.clock.now_ns(), home=self._home(), speed=self.clock.speed)
         self._report(sample)
-        if self._release_timer is None:
-            self._release_timer = self.bus.call_later(WRIST_PATIENCE_S, self._on_release)
+        self._release_timer.start(WRIST_PATIENCE_S)
         if turned is None:
             return
         self._sample_count += 1
@@ -162,9 +162,8 @@ class ImuBridge(Service[ImuBridgeConfig]):
 
     def _on_release(self) -> None:
         """Update health after the page has released the wrist, or check again later."""
-        self._release_timer = None
         if self._has_page:
-            self._release_timer = self.bus.call_later(WRIST_PATIENCE_S, self._on_release)
+            self._release_timer.start(WRIST_PATIENCE_S)
         else:
             self._report(None)
 

@@ -156,10 +156,7 @@ class Foxglove(Service[FoxgloveConfig]):
             mirrored.channel.log(mirrored.plain.to_json(mirrored.message), log_time=self.clock.now_ns())
 
     def _update_map_warning(self) -> None:
-        if problems := self._scene.problems:
-            self.bus.warn("map", "; ".join(problems[:3]))
-        else:
-            self.bus.clear("map")
+        self.bus.warn("map", "; ".join(self._scene.problems[:3]))
 
     def _send_log(self, lines: Sequence[Line]) -> None:
         if self._server.viewers.of(LOG):

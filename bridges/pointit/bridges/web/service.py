@@ -287,10 +287,7 @@ class Web(Service[WebConfig]):
             await asyncio.sleep(TICK_S)
             now_s = self._now_s()
             self._belief.tick(now_s)
-            if late := self._link.sentence(now_s):
-                self.bus.warn("link", late)
-            else:
-                self.bus.clear("link")
+            self.bus.warn("link", self._link.sentence(now_s))
             self._pages.notify_pages()
             if now_s - self._malformed_s > QUIET_S:
                 self.bus.clear("pages")

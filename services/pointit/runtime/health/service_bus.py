@@ -42,7 +42,7 @@ class WarningSink(Protocol):
     """Shows and clears warnings of a part of a service, such as `ServiceBus`."""
 
     def warn(self, topic: str, sentence: str) -> None:
-        """Show `sentence` (what is wrong, what to do) until `clear(topic)`."""
+        """Show `sentence` (what is wrong, what to do) until `clear(topic)`. `""` clears it, too."""
         ...
 
     def clear(self, topic: str) -> None:
@@ -208,8 +208,11 @@ class ServiceBus:
             self._declared.clear()
 
     def warn(self, topic: str, sentence: str) -> None:
-        """Show `sentence` (what is wrong, what to do) in health until `clear(topic)`."""
-        self._warnings[topic] = sentence
+        """Show `sentence` (what is wrong, what to do) in health until `clear(topic)`. `""` clears it, too."""
+        if sentence:
+            self._warnings[topic] = sentence
+        else:
+            self.clear(topic)
 
     def clear(self, topic: str) -> None:
         """Take the warning about `topic` back."""

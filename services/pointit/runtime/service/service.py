@@ -185,10 +185,7 @@ async def _report(
     """Publish health until the bus is closed, or the clock is apart: then return True."""
     with contextlib.suppress(BusClosedError):  # closed beneath the service: it ends without complaint
         while not (isinstance(clock, SteadyClock) and clock.is_apart()):
-            if sentence := succession.duplicate_instance_warning():
-                view.warn("twice", sentence)
-            else:
-                view.clear("twice")
+            view.warn("twice", succession.duplicate_instance_warning())
             health.put(view.report())
             await asyncio.sleep(HEALTH_PERIOD_S)
         return True

@@ -60,7 +60,7 @@ class ImuBridge(Service[ImuBridgeConfig]):
         self._setting = asyncio.Lock()
         kept = self._read_state()
         self._mounting, self._phone = MountingSelection(config, kept), MountingSelection.of_phone(kept)
-        self._set_warning("mounting", self._mounting.warning)
+        self.bus.warn("mounting", self._mounting.warning)
         self._frame = ArmFrame(self._mounting.sensor_from_arm, math.radians(config.yaw_origin_deg))
         numbers = itertools.count(1)
         self._epoch = YawEpoch(numbers)
@@ -177,7 +177,7 @@ class ImuBridge(Service[ImuBridgeConfig]):
         for name, value, unit in figures(self._page, sample):
             self.bus.set_metric(name, value, unit)
         for topic, message in warnings(self.user, self._page, sample):
-            self._set_warning(topic, message)
+            self.bus.warn(topic, message)
 
     async def _set_yaw_origin(self, query: SetYawOrigin, _user: str) -> Done:
         try:
@@ -207,7 +207,7 @@ class ImuBridge(Service[ImuBridgeConfig]):
                 self._frame.set_mounting(selection.sensor_from_arm)
                 if is_new:
                     self._epoch.start_new_epoch()
-                self._set_warning("mounting", selection.warning)
+                self.bus.warn("mounting", selection.warning)
             problem = ""
             if kept is not None:
                 self._mounting.kept = self._phone.kept = kept
@@ -249,12 +249,6 @@ class ImuBridge(Service[ImuBridgeConfig]):
             return str(error)
         self.bus.clear("state")
         return ""
-
-    def _set_warning(self, topic: str, warning: str) -> None:
-        if warning:
-            self.bus.warn(topic, warning)
-        else:
-            self.bus.clear(topic)
 
 
 class _NoDevice:

@@ -121,11 +121,7 @@ class Localizer(Service[LocalizerConfig]):
         """Publish metrics and warnings of the pose to Health."""
         for name, value, unit in self._locating.figures(now_ns):
             self.bus.set_metric(name, value, unit)
-        problem = self._locating.problem(now_ns)
-        if problem:
-            self.bus.warn("pose", problem)
-        else:
-            self.bus.clear("pose")
+        self.bus.warn("pose", self._locating.problem(now_ns))
 
     def _on_map(self, environment: Environment, _name: str) -> None:
         self._emit(self._locating.on_map(environment, self.clock.now_ns()))
@@ -243,10 +239,7 @@ class Localizer(Service[LocalizerConfig]):
     def _publish_progress(self, progress: Localization) -> None:
         self._progress.put(progress.model_copy(update={"seq": self._next(LOCALIZATION.key)}))
         topic = "anchor" if progress.purpose == "anchor" else "localization"
-        if progress.phase == "refused":
-            self.bus.warn(topic, progress.reason)
-        else:
-            self.bus.clear(topic)
+        self.bus.warn(topic, progress.reason if progress.phase == "refused" else "")
 
     def _switch(self, lamp: LampSwitch) -> None:
         if lamp.lamp_id not in self._lamps:

@@ -253,10 +253,7 @@ class Inbox:
         return types.encode(response, answer)
 
     def _warn(self, about: str, warned: list[ConversionWarning]) -> None:
-        if warned:
-            self._site.bus.warn(about, "; ".join(each.sentence for each in warned[:3]))
-        else:
-            self._site.bus.clear(about)
+        self._site.bus.warn(about, "; ".join(each.sentence for each in warned[:3]))
 
 
 def _about(route: InboundRoute | ServiceRoute, scene: Scene, name: str) -> str:

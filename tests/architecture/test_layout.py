@@ -71,7 +71,7 @@ DEVICES = {
 HARMLESS = (
     "pointit.runtime.config",
     "pointit.runtime.errors",
-    "pointit.runtime.health.clock_skew",
+    "pointit.runtime.health.timeliness",
     "pointit.runtime.link",
 )
 """Parts of the runtime that cores may import: they know no bus, no clock and no loop."""

@@ -9,7 +9,7 @@ import pytest
 
 from pointit.runtime.bus.local_broker import LocalBroker
 from pointit.runtime.bus.memory_bus import MemoryBus
-from pointit.runtime.health.clock_skew import ClockSkewMonitor
+from pointit.runtime.health.timeliness import ClockSkewMonitor
 from pointit.runtime.service.service import Launch, run_service
 from pointit.schemas import Health, Selection, UserProfile
 from pointit.schemas.topics import HEALTH, PROFILE, SELECTION, USER_ALIVE

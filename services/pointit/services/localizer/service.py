@@ -8,6 +8,7 @@ from typing import ClassVar
 from pointit.runtime.bus.contract import Publisher
 from pointit.runtime.clock import sleep
 from pointit.runtime.errors import RefusedError
+from pointit.runtime.health.timeliness import MAX_AHEAD_NS
 from pointit.runtime.service.service import Context, Scope, Service
 from pointit.schemas import (
     NS_PER_S,
@@ -52,9 +53,6 @@ from pointit.services.localizer.pose_manager import PoseManager, Response
 
 STEP_HZ = 20.0
 """Rate of steps while a procedure runs."""
-
-AHEAD_NS = NS_PER_S
-"""Rays and objects stamped further in the future are dropped: all later ones would look late."""
 
 ON = (255, 255, 255)
 OFF = (0, 0, 0)
@@ -163,9 +161,9 @@ class Localizer(Service[LocalizerConfig]):
             self._locating.on_objects(objects, tracker)
 
     def _is_timely(self, key: str, stamp_ns: int, now_ns: int) -> bool:
-        """Return True if `stamp_ns` is at most `AHEAD_NS` in the future; otherwise warn."""
+        """Return True if `stamp_ns` is at most `MAX_AHEAD_NS` in the future; otherwise warn."""
         ahead_ns = stamp_ns - now_ns
-        if ahead_ns <= AHEAD_NS * self.clock.speed:
+        if ahead_ns <= MAX_AHEAD_NS * self.clock.speed:
             self.bus.clear(f"future {key}")
             return True
         self.bus.warn(

@@ -49,8 +49,9 @@ class Service(ABC, Generic[C]):
     """One for all (`site`) or one per person (`user`)."""
     CONFIG: ClassVar[type[Config]]
     TIME_MAY_STEP: ClassVar[bool] = False
-    """If false, the clock never goes back while the service lives (`SteadyClock`): if the site's time does,
-    the service is started anew. True for those whose cores compute with no times of their own."""
+    """If false, the clock never goes back while the service lives (`SteadyClock`). If the site's time goes
+    back too far, the service is started anew. True for bridges and for services with more to lose than a
+    restart restores: they expect steps."""
 
     def __init__(self, config: C, context: Context) -> None:
         """Keep both; subclasses declare their publishers first and their subscriptions last."""

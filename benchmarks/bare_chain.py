@@ -22,11 +22,11 @@ KEY = "bare/{}"
 CallbackKind = Literal["direct", "default"]
 
 
-def configuration(*, listen: str = "", connect: str = "") -> zenoh.Config:
-    """Return the configuration of our own sessions, without a namespace."""
+def opened(*, listen: str = "", connect: str = "", mode: str = "") -> zenoh.Session:
+    """Open a session with the settings of our own ones, without a namespace."""
     config = zenoh.Config()
     settings: dict[str, Any] = {
-        "mode": "client" if connect else "peer",
+        "mode": mode or ("client" if connect else "peer"),
         "listen/endpoints": [listen] if listen else [],
         "connect/endpoints": [connect] if connect else [],
         "scouting/multicast/enabled": False,
@@ -37,7 +37,7 @@ def configuration(*, listen: str = "", connect: str = "") -> zenoh.Config:
         settings["scouting/delay"] = 0
     for key, value in settings.items():
         config.insert_json5(key, json.dumps(value))
-    return config
+    return zenoh.open(config)
 
 
 def forward(session: zenoh.Session, hop: int, kind: CallbackKind) -> None:
@@ -55,13 +55,13 @@ def subscribe(
 
 async def one_process(hops: int, rate_hz: float, duration_s: float, kind: CallbackKind) -> list[float]:
     """Return the times through `hops` hops in one session, seconds."""
-    with zenoh.open(configuration()) as session:
+    with opened() as session:
         return await _drive(session, hops, rate_hz, duration_s, kind)
 
 
 async def processes(hops: int, rate_hz: float, duration_s: float, endpoint: str) -> list[float]:
     """Return the times when each hop is a process, all connected to this one, seconds."""
-    with zenoh.open(configuration(listen=endpoint)) as session:
+    with opened(listen=endpoint) as session:
         children = [
             await asyncio.create_subprocess_exec(
                 *(sys.executable, "-m", "benchmarks.bare_chain", endpoint, str(hop)),
@@ -111,6 +111,6 @@ async def _drive(
 
 
 if __name__ == "__main__":
-    with zenoh.open(configuration(connect=sys.argv[1])) as child_session:
+    with opened(connect=sys.argv[1]) as child_session:
         forward(child_session, int(sys.argv[2]), "direct")
         sys.stdin.read()

@@ -1,7 +1,6 @@
 """The ROS 2 bridge in a process of its own: cost compared with a bare relay, round trips, start time."""
 
 import asyncio
-import contextlib
 import subprocess
 import sys
 import tempfile
@@ -14,7 +13,8 @@ from typing import Any
 import psutil
 
 from benchmarks import bare_relay
-from benchmarks.statistics import Figures, machine
+from benchmarks.relays import RoundTrips, relay_cost
+from benchmarks.statistics import machine
 from pointit.bridges.ros2.config import BackendConfig
 from pointit.bridges.ros2.graph.backend import Backend, Graph, Qos
 from pointit.bridges.ros2.graph.backends import opened
@@ -32,7 +32,6 @@ HZ = 50.0
 ROUND_HZ = 100.0
 ROUNDS = 3
 MIN_S = 5.0
-LOST_S = 1.0
 PATIENCE_S = 60.0
 SETTLE_S = 1.0
 RAY_TYPE, ROTATION_TYPE = "geometry_msgs/msg/PoseStamped", "geometry_msgs/msg/QuaternionStamped"
@@ -188,47 +187,24 @@ async def _cost(
     ends.rays.clear()
     ends.samples.clear()
     superseded = ends.reader.traffic.dropped
-    before, began_s = ends.process.cpu_times(), time.perf_counter()
-    loop, sent = asyncio.get_running_loop(), 0
-    due_s = loop.time()
-    end_s = due_s + duration_s
-    while due_s < end_s:
-        for _ in range(at_once):
-            for put in puts:
-                put(ends.users[sent % USERS], time.time_ns())
-            sent += 1
-        # one person's messages never come in bursts, in which only the newest would be delivered
-        due_s = max(due_s + at_once / (HZ * USERS), loop.time())
-        await asyncio.sleep(due_s - loop.time())
-    after, took_s = ends.process.cpu_times(), time.perf_counter() - began_s
-    await asyncio.sleep(0.2)
-    cpu_s = after.user + after.system - before.user - before.system
-    messages = sent * len(puts)
-    arrived = len(ends.rays) + len(ends.samples)
+
+    def put_all(turn: int) -> None:
+        for put in puts:
+            put(ends.users[turn % USERS], time.time_ns())
+
+    messages, figures = await relay_cost(
+        ends.process, put_all, HZ * USERS, duration_s, at_once=at_once, per_turn=len(puts)
+    )
     superseded = ends.reader.traffic.dropped - superseded
     return {
-        "cpu_share_of_a_core": round(cpu_s / took_s, 4),
-        "messages_per_second": round(messages / took_s, 1),
-        "us_per_message": round(cpu_s / messages * 1e6, 1) if messages else None,
+        **figures,
         "superseded": superseded,  # by the same person's next one while this process was stopped
-        "lost": messages - arrived - superseded,
+        "lost": messages - len(ends.rays) - len(ends.samples) - superseded,
     }
 
 
 async def _round_trip(ends: Ends, count: int) -> dict[str, Any]:
     """Return round-trip times of ROS, bridge, our bus, bridge, ROS, one message after the other."""
-    times_s: list[float] = []
-    came = asyncio.Event()
-
-    def hear(stamp_ns: int) -> None:
-        times_s.append((time.time_ns() - stamp_ns) / 1e9)
-        came.set()
-
-    ends.on_ray, ends.echoes = hear, True
-    for _ in range(count):
-        came.clear()
-        ends.put_rotation(ends.users[0], time.time_ns())
-        with contextlib.suppress(TimeoutError):
-            await asyncio.wait_for(came.wait(), LOST_S)
-        await asyncio.sleep(1.0 / ROUND_HZ)
-    return {**Figures.of(times_s).as_dict(), "lost": count - len(times_s)}
+    trips = RoundTrips()
+    ends.on_ray, ends.echoes = trips.on_return, True
+    return await trips.measure(lambda: ends.put_rotation(ends.users[0], time.time_ns()), ROUND_HZ, count)

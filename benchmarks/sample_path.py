@@ -20,12 +20,10 @@ from unittest import mock
 import zenoh
 from zenoh.handlers import Callback
 
-from benchmarks.our_chain import chain
+from benchmarks.our_chain import USER, chain, running_bus
 from pointit.geometry import rotation
-from pointit.runtime.clock import WallClock
 from pointit.runtime.link.link import Link
-from pointit.runtime.service.service import run_services
-from pointit.runtime.zenoh import subscribers
+from pointit.runtime.transport import declarations
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas import ImuSample, StripsFrame
 from pointit.schemas.topics import IMU, STRIPS_FRAME
@@ -49,11 +47,7 @@ async def measure(endpoint: str) -> dict[str, Any]:
     """Return calls and files per sample, its CPU time, µs, and the calls by file; `endpoint` must be free."""
     counter = _Counter()
     wrist_bus = await ZenohBus.open(Link(listen=(endpoint,)))
-    bus = await ZenohBus.open(Link(connect=(endpoint,)))
-    patch = mock.patch.object(subscribers, "Callback", counter.callback)
-    patch.start()
-    services = asyncio.create_task(run_services(chain(), bus, WallClock()))
-    wrist = wrist_bus.publisher(IMU, "user0")
+    wrist = wrist_bus.publisher(IMU, USER)
     arm = [rotation.from_azimuth_elevation(0.3 * math.sin(step / 50), -0.02) for step in range(314)]
     seqs = itertools.count()
 
@@ -66,18 +60,16 @@ async def measure(endpoint: str) -> dict[str, Any]:
         await asyncio.sleep(period_s)
 
     try:
-        bus.subscribe(STRIPS_FRAME, on_frame)
-        await asyncio.sleep(SETTLE_S)
-        for _ in range(SAMPLES):
-            await put(PERIOD_S)
-        calls = await counter.medians(put)
-        calls.subtract(await counter.medians(_rest))
-        used_s, idle_s = await _cpu_s(put), await _cpu_s(_rest)
+        with mock.patch.object(declarations, "Callback", counter.callback):
+            async with running_bus(chain(), Link(connect=(endpoint,))) as bus:
+                bus.subscribe(STRIPS_FRAME, on_frame)
+                await asyncio.sleep(SETTLE_S)
+                for _ in range(SAMPLES):
+                    await put(PERIOD_S)
+                calls = await counter.medians(put)
+                calls.subtract(await counter.medians(_rest))
+                used_s, idle_s = await _cpu_s(put), await _cpu_s(_rest)
     finally:
-        patch.stop()
-        services.cancel()
-        await asyncio.wait({services})
-        await bus.close()
         await wrist_bus.close()
     if not any(file.endswith("led_driver/picture/render.py") for file, _ in +calls):
         raise RuntimeError("most samples made no frame in time: other work keeps this machine busy")

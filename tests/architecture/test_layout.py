@@ -72,6 +72,7 @@ HARMLESS = (
     "pointit.runtime.config",
     "pointit.runtime.errors",
     "pointit.runtime.health.timeliness",
+    "pointit.runtime.host.store",
     "pointit.runtime.link",
 )
 """Parts of the runtime that cores may import: they know no bus, no clock and no loop."""

@@ -8,12 +8,14 @@
 Every change is written atomically, `site.json` last but for the router's configuration, under a lock.
 """
 
+import contextlib
 import datetime as dt
 import functools
 import json
 import secrets
 import shutil
-from collections.abc import Iterable, Mapping, Sequence
+import sqlite3
+from collections.abc import Generator, Iterable, Mapping, Sequence
 from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Literal
@@ -21,19 +23,20 @@ from typing import TYPE_CHECKING, Literal
 from pydantic import ValidationError
 
 from pointit.access import router_configuration
-from pointit.access.files import locked, read
 from pointit.access.rights import Role
 from pointit.access.router_configuration import RouterSite, common_name
 from pointit.access.site_state import Identity, SiteState
 from pointit.runtime.config.validation_message import describe_validation_error
 from pointit.runtime.errors import ConfigError
-from pointit.runtime.host.atomic_file import write_atomically
+from pointit.runtime.host.atomic_file import read_limited, write_atomically
+from pointit.runtime.host.store import acquire_lock
 from pointit.runtime.link.credentials import CA, CERTIFICATE, KEY, LINK, PASSWORD
 from pointit.schemas.topics import check_name
 
 if TYPE_CHECKING:
     from pointit.access.authority import IssuedCertificate
 
+LOCK = ".lock"
 STATE = "site.json"
 UNTRACKED = ".gitignore"
 ROUTER = "router"
@@ -41,8 +44,28 @@ CONFIGURATION = "router.json5"
 USERS = "users.txt"
 SECRET_BYTES = 24
 
+_read = functools.partial(read_limited, max_bytes=16 * 1024 * 1024)
 _save = functools.partial(write_atomically, durable=True)
 """Durable, as a certificate that was handed out must not be unknown after a power cut."""
+
+
+@contextlib.contextmanager
+def locked(folder: Path) -> Generator[None]:
+    """Lock the folder in the context. It is created if missing.
+
+    Raises:
+        ConfigError: If another process changes it, or it cannot be written.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+        lock = acquire_lock(folder / LOCK)
+    except (OSError, sqlite3.Error) as error:
+        reason = error.strerror if isinstance(error, OSError) and error.strerror else error
+        raise ConfigError(f"{folder}: cannot be written ({reason})") from error
+    if lock is None:
+        raise ConfigError(f"{folder}: another process is changing it; try again in a moment")
+    with contextlib.closing(lock):
+        yield
 
 
 class SiteFolder:
@@ -60,7 +83,7 @@ class SiteFolder:
         """
         file = self.path / STATE
         try:
-            return SiteState.model_validate_json(read(file))
+            return SiteState.model_validate_json(_read(file))
         except FileNotFoundError as error:
             raise ConfigError(
                 f"{self.path}: is not the folder of a site ({STATE} is missing); give the right one, "
@@ -187,7 +210,7 @@ class SiteFolder:
 
     def _issue(self, state: SiteState, names: Mapping[str, Role], now: dt.datetime) -> SiteState:
         authority = _authority_module().Authority(
-            read(self.path / "authority" / CA), read(self.path / "authority" / KEY)
+            _read(self.path / "authority" / CA), _read(self.path / "authority" / KEY)
         )
         made: dict[str, tuple[Identity, IssuedCertificate]] = {}
         for name, role in names.items():
@@ -221,7 +244,7 @@ class SiteFolder:
     def _carry(self, state: SiteState, name: str, identity: Identity, issued: "IssuedCertificate") -> None:
         """Write the folder of one identity."""
         folder = self.identity_folder(name)
-        _save(folder / CA, read(self.path / "authority" / CA), mode=0o644)
+        _save(folder / CA, _read(self.path / "authority" / CA), mode=0o644)
         if identity.role == "router" or not state.password:
             _save(folder / KEY, issued.key)
             _save(folder / CERTIFICATE, issued.certificate, mode=0o644)
@@ -235,7 +258,7 @@ class SiteFolder:
         """Write the state, and the files of a router that has only its own folder."""
         if state.password:
             lines = [
-                f"{member.common_name}:{read(self.identity_folder(member.name) / PASSWORD).decode()}\n"
+                f"{member.common_name}:{_read(self.identity_folder(member.name) / PASSWORD).decode()}\n"
                 for member in state.router_site("").members
                 if member.role != "router"
             ]

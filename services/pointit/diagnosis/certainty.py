@@ -5,17 +5,18 @@ import math
 import numpy as np
 
 from pointit.schemas import Health, UserPose
-from pointit.services.localizer.estimation.estimator import SolverSettings
-from pointit.services.localizer.procedures.target_plan import TargetPlan
+from pointit.services.localizer.config import LocalizerConfig
 
-UNSURE_M = SolverSettings().max_position_sigma_m
-UNSURE_DEG = round(math.degrees(SolverSettings().max_yaw_sigma_rad), 6)
+_LOCALIZER = LocalizerConfig()
+
+UNSURE_M = _LOCALIZER.trust.max_position_sigma_m
+UNSURE_DEG = _LOCALIZER.trust.max_yaw_sigma_deg
 """Standard deviations above which the localizer would reject a pose."""
 
 OLD_ANCHOR_S = 180.0
 """Age of an anchor at which the yaw of a common IMU may be 45 deg off. It may still be certain."""
 
-SURE_DEG = math.degrees(TargetPlan().yaw_sigma_rad)
+SURE_DEG = _LOCALIZER.enough.yaw_deg
 """Standard deviation of the yaw at which localization ends."""
 
 ANCHOR_AGE, POSITION_SIGMA, YAW_SIGMA = "anchor age", "position σ", "yaw σ"  # noqa: RUF001 - the localizer's own

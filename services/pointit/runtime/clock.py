@@ -1,6 +1,7 @@
 """Time as services see it: the wall's, or a simulated one that runs faster or slower."""
 
 import asyncio
+import contextlib
 import math
 import time
 from collections.abc import AsyncIterator
@@ -18,6 +19,9 @@ MAX_AHEAD_S = 2.0
 
 SILENT_NS = 10 * NS_PER_S
 """After this long without a tick from a regular source, the site has no simulated time any more."""
+
+LOOK_AGAIN_S = 1.0
+"""Wall time after which a deadline is checked again, s, since the clock's speed may change."""
 
 
 MAX_SLEW_S = 10.0
@@ -201,3 +205,17 @@ async def ticks(clock: Clock, rate_hz: float) -> AsyncIterator[int]:
         late_s = loop.time() - due_s
         due_s += period_s * max(1, math.floor(late_s / period_s))  # on the grid: the last tick that is due
         await asyncio.sleep(max(0.0, due_s - loop.time()))
+
+
+async def wait_until(clock: Clock, deadline_ns: int | None, changed: asyncio.Event) -> None:
+    """Wait until `changed` is set, or `clock` shows `deadline_ns`, or `LOOK_AGAIN_S` have passed.
+
+    Args:
+        clock: the service's clock.
+        deadline_ns: time on `clock`, ns. None: wait for `changed` alone.
+        changed: set when the deadline may have changed.
+    """
+    left_s = None if deadline_ns is None else (deadline_ns - clock.now_ns()) / NS_PER_S / clock.speed
+    with contextlib.suppress(TimeoutError):
+        async with asyncio.timeout(None if left_s is None else min(max(0.0, left_s), LOOK_AGAIN_S)):
+            await changed.wait()

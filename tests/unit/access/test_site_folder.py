@@ -10,9 +10,8 @@ import pytest
 from cryptography import x509
 
 from pointit.access.authority import Authority, create_authority
-from pointit.access.files import locked
 from pointit.access.rights import Role
-from pointit.access.site_folder import SiteFolder
+from pointit.access.site_folder import SiteFolder, locked
 from pointit.access.site_state import SiteState
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.link.credentials import read_credentials

@@ -86,6 +86,7 @@ def test_json_has_everything() -> None:
     ("arguments", "seqs"),
     [
         (("--user", "ben"), [2]),
+        (("--user", "anna"), [1, 2, 3]),
         (("--object", "p-1"), [1, 2, 3]),
         (("--object", "p-2"), []),
         (("--last", "1"), [3]),

@@ -25,20 +25,20 @@ async def test_run_that_ends_before_the_browser_is_ready_leaves_no_copy_and_open
 ) -> None:
     opened: list[str] = []
     begun, ended, done = threading.Event(), threading.Event(), threading.Event()
-    opens = browser.Opening._open
+    opens = browser.PageOpener._open
 
-    def open_late(opening: browser.Opening) -> None:
+    def open_late(opening: browser.PageOpener) -> None:
         begun.set()
         assert ended.wait(PATIENCE_S)
         opens(opening)
         done.set()
 
-    monkeypatch.setattr(browser.Opening, "_open", open_late)
+    monkeypatch.setattr(browser.PageOpener, "_open", open_late)
     monkeypatch.setattr("webbrowser.open", opened.append)
     monkeypatch.setattr(Path, "home", lambda: tmp_path)
     monkeypatch.setattr(browser, "SNAPS", tmp_path)
     bus = MemoryBus(LocalBroker())
-    opening = browser.open_when_there(bus, "web", keep_link("lab", LINK))
+    opening = browser.PageOpener(bus, "web", keep_link("lab", LINK))
     bus.announce(SERVICE_ALIVE, "web")
     await until(begun.is_set, what="the thread")
     opening.close()

@@ -351,7 +351,7 @@ async def test_browser_is_given_a_file_of_its_owner_once_the_page_is_there_and_n
     monkeypatch.setattr(browser, "SNAPS", tmp_path if has_snaps else tmp_path / "none")
     file = keep_link("lab", LINK)
     bus = MemoryBus(LocalBroker())
-    opening = browser.open_when_there(bus, "web", file)
+    opening = browser.PageOpener(bus, "web", file)
     bus.announce(SERVICE_ALIVE, "pui")
     bus.announce(SERVICE_ALIVE, "pui").close()
     there = bus.announce(SERVICE_ALIVE, "web")

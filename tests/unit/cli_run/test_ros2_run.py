@@ -41,3 +41,23 @@ def test_where_a_run_listens_is_told_if_it_does(
     assert plans[0].link.connect == connect
     assert plans[0].link.listen == (() if connect else (run_options.BESIDE_ROS,))
     assert any(f"--connect {run_options.BESIDE_ROS}" in note for note in plans[0].notes) == is_told
+
+
+@pytest.mark.parametrize(
+    ("arguments", "is_told"), [(["--users", "0"], True), (["--site-only"], True), ([], False)]
+)
+def test_run_without_people_says_how_to_add_one(
+    arguments: list[str],
+    is_told: bool,  # noqa: FBT001 - a parameter
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    plans: list[Plan] = []
+
+    def execute(plan: Plan, _log_level: str) -> int:
+        plans.append(plan)
+        return 0
+
+    monkeypatch.setattr(run_command, "execute", execute)
+    result = CliRunner().invoke(run_command.run, ["--no-web", *arguments])
+    assert result.exception is None, result.output
+    assert any("pointit user" in note for note in plans[0].notes) == is_told

@@ -12,17 +12,22 @@ from pathlib import Path
 import pytest
 
 from pointit.runtime.host.state_file import site_folder
+from pointit.runtime.host.store import RETRY_EVERY_NS, Store, read_rows
 from pointit.schemas import ConveyorState, Environment, SelectionEvent, SetSpeed, TrackedObjects
 from pointit.schemas.topics import CONVEYOR_STATE, HEALTH, MAP, OBJECTS, SELECTION_EVENTS, SET_SPEED
 from pointit.services.conveyor_sim.config import ConveyorSimConfig
+from pointit.services.conveyor_sim.persistence import FILE, LAYOUT, read
 from pointit.services.conveyor_sim.service import ConveyorSim
-from pointit.services.conveyor_sim.store.snapshot_store import SnapshotStore
 from tests.support.bench import START_NS, Bench, ManualClock, memory_bench, until
-from tests.unit.conveyor_sim.rooms import CHAIN, FORK, config
+from tests.unit.conveyor_sim.rooms import CHAIN, FORK, S, config
 
 FEEDER = {"interval_s": 0.5, "length_m": 0.2}
 SITE = "memory"
 """Site name of the bench's bus."""
+
+
+def stored() -> Path:
+    return site_folder(SITE, "conveyor-sim") / FILE
 
 
 class Shift:
@@ -111,8 +116,12 @@ async def test_old_snapshot_or_one_of_another_map_is_not_restored(
 
 async def test_conveyor_with_discarded_state_starts_empty() -> None:
     clock = ManualClock()
+    ConveyorSim.discard_saved_state(SITE, clock.now_ns())
+    assert not stored().parent.exists()
     async with shift(clock, setting()) as first:
         await first.go(3.0)
+        ConveyorSim.discard_saved_state(SITE, clock.now_ns())  # it is in use, and stays
+        assert list(read_rows(stored(), "SELECT seq FROM plant", (), len)) == [1]
     ConveyorSim.discard_saved_state(SITE, clock.now_ns())
     clock.advance(1.0)
     async with shift(clock, setting()) as second:
@@ -123,46 +132,39 @@ async def test_unpublished_event_is_published_after_a_restart() -> None:
     clock = ManualClock()
     async with shift(clock, setting()) as first:
         await first.go(3.0)
-    file = SnapshotStore(site_folder(SITE, "conveyor-sim"))
-    kept = file.read()
-    assert kept is not None
-    event = SelectionEvent(stamp_ns=START_NS, seq=kept.seq + 1, event="dispatched", object_id="x", bay="3")
-    file.commit(kept.stamp_ns, kept.fingerprint, kept.snapshot, event.seq, [event])
-    file.close()
+    event = SelectionEvent(stamp_ns=START_NS, seq=1, event="dispatched", object_id="x", bay="3")
+    with contextlib.closing(sqlite3.connect(stored())) as db, db:
+        db.execute("PRAGMA user_version = 0")  # of a file without a version
+        db.execute("UPDATE plant SET seq = 1")
+        db.execute("INSERT INTO outbox VALUES (1, ?)", (event.model_dump_json(exclude_defaults=True),))
     async with shift(clock, setting()) as second:
         await until(lambda: second.events == [event])
         await second.go(14.0)
-        assert [e.seq for e in second.events[1:3]] == [event.seq + 1, event.seq + 2]
+        assert [e.seq for e in second.events[1:3]] == [2, 3]
+    async with shift(clock, setting()) as third:
+        await third.bench.settle()
+        assert third.events == []
 
 
 async def test_a_second_conveyor_says_that_it_keeps_nothing_and_runs() -> None:
     clock = ManualClock()
-    file = SnapshotStore(site_folder(SITE, "conveyor-sim"))
+    first = Store(stored(), LAYOUT)
+    first.open(clock.now_ns(), read)
     async with shift(clock, setting()) as second:
         await until(lambda: any("another conveyor" in w for h in second.health for w in h.warnings))
         await second.go(2.0)
         assert len(second.ids) > 2
-    file.close()
+    first.close()
 
 
-async def test_a_disk_that_fails_is_a_warning_until_it_works_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    clock = ManualClock()
-    is_full = False
-    write = SnapshotStore._write
-
-    def full(self: SnapshotStore, *rest: object) -> None:
-        if is_full:
-            raise sqlite3.OperationalError("database or disk is full")
-        write(self, *rest)  # type: ignore[arg-type]  # passed on as they came
-
-    monkeypatch.setattr(SnapshotStore, "_write", full)
-    async with shift(clock, setting()) as one:
+async def test_failed_write_is_a_warning_until_the_next_one_succeeds() -> None:
+    async with shift(ManualClock(), setting()) as one:
         await one.go(1.0)
-        is_full = True
-        await one.go(1.0)
-        await until(lambda: any("disk is full" in w for w in one.health[-1].warnings))
-        is_full = False
-        await one.go(1.0)
+        with contextlib.closing(sqlite3.connect(stored(), isolation_level=None)) as other:
+            other.execute("BEGIN IMMEDIATE")
+            await one.go(1.0)
+            await until(lambda: any("cannot be written" in w for w in one.health[-1].warnings))
+        await one.go(RETRY_EVERY_NS / S + 1.0)
         await until(lambda: not one.health[-1].warnings)
 
 
@@ -210,14 +212,10 @@ async def test_killed_without_a_word_it_loses_and_doubles_nothing() -> None:
             told.append(rest[1])
     life.wait(5)
     life.stdout.close()
-    file = SnapshotStore(site_folder(SITE, "conveyor-sim"))
-    kept = file.read()
-    file.close()
-    assert kept is not None
-    async with shift(ManualClock(kept.stamp_ns + 10**9), setting(rate_hz=100.0)) as second:
+    saved_ns = next(read_rows(stored(), "SELECT stamp_ns FROM plant", (), lambda row: int(row[0])))
+    async with shift(ManualClock(saved_ns + S), setting(rate_hz=100.0)) as second:
         await second.bench.settle()
         again = [event.object_id for event in second.events]
-        assert set(told) | set(again) == set(told + again)
         assert second.states[-1].left == len(set(told) | set(again))
         assert set(told).isdisjoint(second.ids), "one that came out is there again"
         assert there - set(told) - set(again) <= set(second.ids), "one that was there is lost"

@@ -163,54 +163,6 @@ def test_nothing_to_evaluate_is_an_error(tmp_path: Path) -> None:
         read_trials(tmp_path, subjects=["anna"])
 
 
-DAMAGE = {
-    "motion_relloc/circle.csv": "t,qw\n1,2\n",
-    "motion_relloc/index.json": "[{]",
-    "proximity_waypoints/track_9.csv": (
-        "t,px,py,robot_x,robot_y,robot_z,head_x,head_y,head_z\n0,1,1,x,0,0,0,0,0\n"
-    ),
-    "proximity_waypoints/index.json": '{"files": 3}',
-    "vr_arm_pointing/endpoints.csv": "subject,stature\n1,2\n",
-    "synth_two_led/trials.npz": "PK no zip",
-}
-
-
-@pytest.mark.parametrize("name", DAMAGE)
-def test_a_damaged_file_is_one_sentence_with_its_name(name: str, tmp_path: Path) -> None:
-    write_motion(tmp_path, STAND)
-    write_track(tmp_path, STAND)
-    write_acts(tmp_path, {"1": (1.7, STAND)})
-    write_simulated(tmp_path, [STAND])
-    (tmp_path / name).write_text(DAMAGE[name], encoding="utf-8")
-    with pytest.raises(ConfigError) as caught:
-        read_trials(tmp_path)
-    assert str(tmp_path / name) in str(caught.value)
-    assert "\n" not in str(caught.value)
-
-
-@pytest.mark.parametrize(
-    ("name", "value"),
-    [
-        ("scenario", np.array([7])),
-        ("led_of_sample", np.full(100, 2)),
-        ("t_s", np.zeros(3)),
-        ("truth_user_xy", np.array([[np.nan, 0.0]])),
-        ("ray_az_rad", np.zeros(100)),
-        ("scenario_names", np.array([{"a": 1}], dtype=object)),
-    ],
-)
-def test_arrays_that_do_not_fit_are_refused(name: str, value: object, tmp_path: Path) -> None:
-    path = write_simulated(tmp_path, [STAND], **{name: value})
-    with pytest.raises(ConfigError, match=str(path)):
-        read_trials(tmp_path)
-
-
-def test_an_impossible_stature_is_refused(tmp_path: Path) -> None:
-    write_acts(tmp_path, {"1": (170.0, STAND)})
-    with pytest.raises(ConfigError, match="'stature': metres were expected, got 170"):
-        read_trials(tmp_path)
-
-
 @pytest.mark.parametrize("name", SETS)
 def test_published_recordings_are_read(name: str) -> None:
     folder = data_file(f"recordings/{name}")

@@ -233,7 +233,9 @@ def test_headers_are_looked_at_before_arrays(tmp_path: Path, text: str, said: st
         ("eye_height_m", np.array(1690.0), "0.3 to 3 metres"),
         ("eye_height_m", np.array([1.69]), "the shape () was expected"),
         ("led_of_sample", np.full(100, 0.5), "that count the lamps were expected, got 0.5"),
+        ("led_of_sample", np.full(100, 2), "that count the lamps were expected, got 2"),
         ("scenario", np.array([-1]), "that count 'scenario_names'"),
+        ("scenario_names", np.array([{"a": 1}], dtype=object), "texts of at most 255"),
         ("led_xyz", np.array([[1700.0, -2600.0, 850.0], [800.0, -200.0, 100.0]]), "are they in metres"),
         ("led_xyz", np.zeros((2, 2)), "the shape (2, 3)"),
         ("led_xyz", np.zeros((0, 3)), "array 'led_of_sample'"),
@@ -277,11 +279,18 @@ def write_floor(folder: Path, rows: list[str], name: str = "user_1.csv") -> Path
         ("1,1,0,0,feedback_hold,0,2,-1,2000", "the target is 0 m from the feet"),
         ("1,1,2000,-1000,feedback_hold,0,2,-1,2000", "is it in metres?"),
         ("1,1,2,-1,feedback_hold,0,2,-1,1e8", "at most 4.32e+06, a day, got 1e+08"),
+        ("1,1,2,-1,feedback_hold,0,2,-1,0", "must be above 0"),
+        ("0,1,2,-1,sleeping,9,2,-1,2000", "line 82, column 'phase': one of open_loop_reach"),
+        ("0,1,2,-1,feedback_hold,0,2,-1,2000", "column 't' must increase"),
     ],
 )
 def test_rows_out_of_order_are_refused(tmp_path: Path, row: str, said: str) -> None:
     path = write_floor(tmp_path, [*floor_rows(), row])
     assert said in refused(lambda: read_floor_trials(tmp_path), path)
+
+
+def test_a_folder_without_files_is_refused(tmp_path: Path) -> None:
+    assert "has no files" in refused(lambda: read_floor_trials(tmp_path), tmp_path)
 
 
 def test_trials_are_in_one_piece(tmp_path: Path) -> None:

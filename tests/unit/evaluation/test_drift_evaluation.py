@@ -13,7 +13,6 @@ from pointit.evaluation.pointing.drift_simulated import ANCHORS_S, bound_rad, ou
 from pointit.evaluation.pointing.drifting_person import DriftPersonModel
 from pointit.evaluation.recordings.row import ALL, Row
 from pointit.geometry import vector
-from pointit.runtime.errors import ConfigError
 from tests.support.data import data_file
 
 HEADER = "trial,target_id,target_x,target_y,phase,t,x,y,trial_len_samples\n"
@@ -81,27 +80,6 @@ def test_trials_are_read_with_the_times_at_which_they_were(tmp_path: Path) -> No
     rest = first.holds[2].rest
     assert rest is not None
     assert math.degrees(rest.yaw_rate_radps) == pytest.approx(-0.3, abs=0.02)
-
-
-@pytest.mark.parametrize(
-    ("line", "said"),
-    [
-        ("0,1,2,-1,sleeping,0.0,1,1,2000", "line 3, column 'phase': one of open_loop_reach"),
-        ("0,1,2,-1,open_loop_reach,0.0,1,1,2000", "column 't' must increase"),
-        ("1,1,2,-1,open_loop_reach,0.0,1,1,0", "line 3, column 'trial_len_samples'"),
-        ("0,1,2,-1,open_loop_reach,soon,1,1,2000", "line 3, column 't'"),
-    ],
-)
-def test_a_damaged_file_is_named(tmp_path: Path, line: str, said: str) -> None:
-    (tmp_path / "user_1.csv").write_text(f"{HEADER}0,1,2,-1,open_loop_reach,0.0,1,1,2000\n{line}\n")
-    with pytest.raises(ConfigError, match=r"user_1\.csv") as error:
-        read_floor_trials(tmp_path)
-    assert said in str(error.value)
-
-
-def test_a_folder_without_files_is_named(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match="has no files"):
-        read_floor_trials(tmp_path)
 
 
 def test_chains_go_on_where_the_run_before_ended(tmp_path: Path) -> None:

@@ -17,6 +17,8 @@ from pointit.runtime.errors import ConfigError
 from tests.support.pace import slowness
 from tests.unit.evaluation.recorded import Stand, write_acts, write_simulated, write_track
 
+COMMAND = ("-m", "pointit.cli", "evaluate", "localization", "--jobs", "2")
+
 
 def invoke(*arguments: str) -> tuple[str, str]:
     """Run the command. Return its standard output and standard error, or raise its exception."""
@@ -109,17 +111,7 @@ def test_what_corrections_leave(tmp_path: Path) -> None:
 def test_it_ends_at_once_with_all_its_processes(number: int, tmp_path: Path) -> None:
     write_acts(tmp_path, {str(i): (1.7, Stand(noise_deg=4.0)) for i in range(40)})
     running = subprocess.Popen(
-        [
-            sys.executable,
-            "-m",
-            "pointit.cli",
-            "evaluate",
-            "localization",
-            "--data",
-            str(tmp_path),
-            "--jobs",
-            "2",
-        ],
+        [sys.executable, *COMMAND, "--data", str(tmp_path)],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,

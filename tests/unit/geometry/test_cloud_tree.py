@@ -83,34 +83,6 @@ def test_points_beyond_the_reach_are_left_out(seed: int, measure: CloudMeasure, 
         assert expected[hit.target] == pytest.approx(expected[near].min(), abs=2e-7)
 
 
-@settings(max_examples=20)
-@given(seeds)
-def test_the_paper_in_the_papers_own_way_finds_the_same(seed: int) -> None:
-    from scipy.spatial import cKDTree  # noqa: PLC0415 - a third of a second that other tests do without
-
-    rng = np.random.default_rng(seed)
-    points = some_cloud(rng)
-    tree = PointTree([], [], [points], step_m=STEP_M, reach_m=LENGTH_M)
-    on_ray = np.linspace(0.0, LENGTH_M, math.ceil(LENGTH_M / STEP_M) + 1)[:, None]
-    for _ in range(5):
-        origin, direction = some_ray(rng)
-        asked = cKDTree(points).query(np.array(origin) + on_ray * np.array(direction))
-        distances, found = np.asarray(asked[0]), np.asarray(asked[1])
-        best = int(np.argmin(distances))
-        assume(abs(distances[best] - 0.7) > 1e-6)
-        hit = tree.cast(origin, direction, 0.7)
-        assert (hit is not None) == (distances[best] <= 0.7)
-        if hit is not None:
-            here = np.linalg.norm(
-                np.array(origin) + on_ray * np.array(direction) - np.array(hit.point_m), axis=1
-            )
-            assert here.min() == pytest.approx(distances[best], abs=2e-7)
-            # the same point, where no other is as near
-            rivals = misses(points, origin, direction, "samples")
-            if np.ptp(np.sort(rivals)[:2]) > 1e-6:
-                assert hit.point_m == tuple(points[found[best]].tolist())
-
-
 def test_a_hundred_thousand_points_take_more_than_one_level() -> None:
     rng = np.random.default_rng(0)
     points = rng.uniform(-5, 5, (100_000, 3))

@@ -3,9 +3,11 @@
 import asyncio
 import functools
 import time
+from collections.abc import AsyncIterator
 from pathlib import Path
 
 import pytest
+import pytest_asyncio
 
 from pointit.runtime.bus.local_broker import LocalBroker
 from pointit.runtime.bus.memory_bus import MemoryBus
@@ -44,11 +46,25 @@ class Room:
         await until(lambda: bool(self.exchange.keepings))
 
     async def end(self) -> None:
-        assert self._keeper is not None
-        assert self._keepers_bus is not None
-        self._keeper.cancel()
-        await asyncio.wait({self._keeper})
-        await self._keepers_bus.close()
+        """End the keeper, if it runs."""
+        if self._keeper is not None and self._keepers_bus is not None:
+            self._keeper.cancel()
+            await asyncio.wait({self._keeper})
+            await self._keepers_bus.close()
+            self._keeper = None
+
+    async def write(self, profile: UserProfile) -> None:
+        """Publish Anna's profile as a writer that is gone afterwards."""
+        writing = MemoryBus(self.exchange)
+        writing.publisher(PROFILE, "anna").put(profile)
+        await asyncio.sleep(0.01)
+        await writing.close()
+
+    def health(self) -> list[Health]:
+        """Return the list to which all reports are added."""
+        reports: list[Health] = []
+        self.bus.subscribe(HEALTH, lambda message, _name: reports.append(message))
+        return reports
 
     async def read(self) -> list[UserProfile]:
         seen: list[UserProfile] = []
@@ -60,30 +76,28 @@ class Room:
         return seen
 
 
-async def test_late_subscriber_gets_the_state_of_a_killed_writer() -> None:
-    room = Room()
+@pytest_asyncio.fixture
+async def room() -> AsyncIterator[Room]:
+    made = Room()
+    yield made
+    await made.end()
+    await made.bus.close()
+
+
+async def test_late_subscriber_gets_the_state_of_a_killed_writer(room: Room) -> None:
     anna = room.bus.announce(USER_ALIVE, "anna")
     await room.start()
-    writing = MemoryBus(room.exchange)
-    writing.publisher(PROFILE, "anna").put(UserProfile(stamp_ns=1, seq=3))
-    await asyncio.sleep(0.01)
-    await writing.close()
+    await room.write(UserProfile(stamp_ns=1, seq=3))
     assert [profile.seq for profile in await room.read()] == [3]
     anna.close()
     await asyncio.sleep(0.01)
     assert await room.read() == [], "gone with the person"
-    await room.end()
-    await room.bus.close()
 
 
-async def test_its_restart_loses_nothing_and_a_new_run_begins_without() -> None:
-    room = Room()
+async def test_its_restart_loses_nothing_and_a_new_run_begins_without(room: Room) -> None:
     room.bus.announce(USER_ALIVE, "anna")
     await room.start()
-    writing = MemoryBus(room.exchange)
-    writing.publisher(PROFILE, "anna").put(UserProfile(stamp_ns=1, seq=3))
-    await asyncio.sleep(0.01)
-    await writing.close()
+    await room.write(UserProfile(stamp_ns=1, seq=3))
     await room.end()
     assert await room.read() == []
     await room.start()
@@ -98,54 +112,41 @@ async def test_its_restart_loses_nothing_and_a_new_run_begins_without() -> None:
     Keeper.discard_saved_state("memory", room.clock.now_ns())
     await room.start()
     assert await room.read() == []
-    await room.end()
-    await room.bus.close()
 
 
-async def test_it_writes_while_it_runs(tmp_path: Path) -> None:
-    room = Room()
+async def test_it_writes_while_it_runs(room: Room, tmp_path: Path) -> None:
     await room.start()
     path = tmp_path / "memory" / "keeper" / "states.msgpack"
     room.bus.publisher(SELECTION).put(Selection(stamp_ns=1, seq=7))
     await until(lambda: path.exists() and b"Selection" in path.read_bytes())
-    await room.end()
-    await room.bus.close()
 
 
 @pytest.mark.parametrize("content", [b"", b"\xc1", b"\x80", b"\xff" * 1000])
-async def test_damaged_file_is_a_warning_and_is_overwritten(tmp_path: Path, content: bytes) -> None:
+async def test_damaged_file_is_a_warning_and_is_overwritten(
+    room: Room, tmp_path: Path, content: bytes
+) -> None:
     path = tmp_path / "memory" / "keeper" / "states.msgpack"
     path.parent.mkdir(parents=True)
     path.write_bytes(content)
-    room = Room()
-    health: list[Health] = []
-    room.bus.subscribe(HEALTH, lambda message, _name: health.append(message))
+    health = room.health()
     await room.start()
     await until(lambda: bool(health))
     assert any(str(path) in warning for warning in health[0].warnings)
     room.bus.publisher(SELECTION).put(Selection(stamp_ns=1, seq=7))
     await until(lambda: b"Selection" in path.read_bytes())
-    await room.end()
-    await room.bus.close()
 
 
-async def test_disk_error_does_not_stop_the_keeper(tmp_path: Path) -> None:
+async def test_disk_error_does_not_stop_the_keeper(room: Room, tmp_path: Path) -> None:
     (tmp_path / "memory").write_text("a file where a folder should be", encoding="utf-8")
-    room = Room()
-    health: list[Health] = []
     await room.start()
     room.bus.publisher(SELECTION).put(Selection(stamp_ns=1, seq=7))
     await asyncio.sleep(0.05)
-    room.bus.subscribe(HEALTH, lambda message, _name: health.append(message))
+    health = room.health()
     await until(lambda: any("restart of the keeper" in warning for h in health for warning in h.warnings))
-    await room.end()
-    await room.bus.close()
 
 
-async def test_full_keeper_warns() -> None:
-    room = Room()
-    health: list[Health] = []
-    room.bus.subscribe(HEALTH, lambda message, _name: health.append(message))
+async def test_full_keeper_warns(room: Room) -> None:
+    health = room.health()
     await room.start(KeeperConfig(max_values=1, file=FileConfig(enabled=False)))
     for name in ("anna", "ben"):
         room.bus.announce(USER_ALIVE, name)
@@ -154,16 +155,14 @@ async def test_full_keeper_warns() -> None:
         room.bus.publisher(PROFILE, name).put(UserProfile(stamp_ns=1))
     await until(lambda: any("no room" in warning for h in health for warning in h.warnings))
     assert SETTLE_S > 0
-    await room.end()
-    await room.bus.close()
 
 
 async def test_skewed_clock_of_a_machine_is_a_warning_until_it_is_right(
+    room: Room,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     quick = functools.partial(ClockSkewMonitor, window_s=0.3)
     monkeypatch.setattr("pointit.services.keeper.service.ClockSkewMonitor", quick)
-    room = Room()
     health: dict[str, Health] = {}
     room.bus.subscribe(HEALTH, lambda message, instance: health.update({instance: message}))
     await room.start()
@@ -182,5 +181,3 @@ async def test_skewed_clock_of_a_machine_is_a_warning_until_it_is_right(
     assert "refused" in health["keeper"].warnings[0]
     report(0.0)
     await until(lambda: not health["keeper"].warnings)
-    await room.end()
-    await room.bus.close()

@@ -1,6 +1,7 @@
 """Score of a run: every count, and the frame in which a capture is shown."""
 
 import math
+from collections.abc import Sequence
 
 import pytest
 from hypothesis import given
@@ -47,66 +48,64 @@ NONE = {"selected": 0, "missed": 0, "pending": 0, "wrong": 0, "corrected": 0}
 TWO = things(("a", "red"), ("b", "blue"))
 
 
-def test_nothing_is_nothing() -> None:
-    assert of_reds() == NONE
-    assert of_reds(things()) == NONE
+def dispatched(object_id: str, kind: str, bay: str, user: str = "") -> SelectionEvent:
+    return event("dispatched", object_id, kind, user).model_copy(update={"bay": bay})
 
 
-def test_a_target_is_pending_until_it_is_selected() -> None:
-    assert of_reds(TWO) == {**NONE, "pending": 1}
-    assert of_reds(TWO, event("selected", "a")) == {**NONE, "selected": 1}
-    assert of_reds(TWO, event("selected", "a"), event("deselected", "a")) == {**NONE, "pending": 1}
+SELECTED, DESELECTED, LEFT = (event(what, "a") for what in ("selected", "deselected", "left"))
+WRONG, CORRECTED = event("selected", "b"), event("deselected", "b")
+TO_ANNA, TO_NOBODY = dispatched("b", "blue", "1", "anna"), dispatched("b", "blue", "3")
+PENDING = {"pending": 1}
 
 
-def test_a_target_that_left_is_missed_unless_selected() -> None:
-    assert of_reds(TWO, event("left", "a")) == {**NONE, "missed": 1}
-    assert of_reds(TWO, event("selected", "a"), event("left", "a")) == {**NONE, "selected": 1}
-    assert of_reds(TWO, event("left", "b")) == {**NONE, "pending": 1}  # no target, no loss
-
-
-def test_another_kind_is_wrong_until_it_is_taken_back() -> None:
-    assert of_reds(TWO, event("selected", "b")) == {**NONE, "pending": 1, "wrong": 1}
-    back = of_reds(TWO, event("selected", "b"), event("deselected", "b"))
-    assert back == {**NONE, "pending": 1, "corrected": 1}
-    assert of_reds(TWO, event("selected", "b"), event("left", "b"))["wrong"] == 1
+@pytest.mark.parametrize(
+    ("messages", "counts"),
+    [
+        pytest.param((), {}, id="nothing is nothing"),
+        pytest.param((things(),), {}, id="an empty list is nothing"),
+        pytest.param((TWO,), PENDING, id="a target is pending"),
+        pytest.param((TWO, SELECTED), {"selected": 1}, id="until it is selected"),
+        pytest.param((TWO, SELECTED, DESELECTED), PENDING, id="and deselected"),
+        pytest.param((TWO, LEFT), {"missed": 1}, id="one that left is missed"),
+        pytest.param((TWO, SELECTED, LEFT), {"selected": 1}, id="unless it was selected"),
+        pytest.param((TWO, event("left", "b")), PENDING, id="no target, no loss"),
+        pytest.param((TWO, WRONG), {**PENDING, "wrong": 1}, id="another kind is wrong"),
+        pytest.param((TWO, WRONG, CORRECTED), {**PENDING, "corrected": 1}, id="until it is taken back"),
+        pytest.param((TWO, WRONG, event("left", "b")), {**PENDING, "wrong": 1}, id="before it leaves"),
+        pytest.param((TWO, event("refused", "b")), PENDING, id="a refusal selects nothing"),
+        pytest.param((TWO, event("dispatched", "a")), {"missed": 1}, id="dispatched for nobody"),
+        pytest.param((TWO, event("dispatched", "a", user="anna")), {"selected": 1}, id="dispatched for anna"),
+        pytest.param((TWO, SELECTED, dispatched("a", "red", "3")), {"missed": 1}, id="selected too late"),
+        pytest.param((TWO, WRONG, CORRECTED, TO_ANNA), {**PENDING, "wrong": 1}, id="corrected too late"),
+        pytest.param((TWO, WRONG, CORRECTED, TO_NOBODY), {**PENDING, "corrected": 1}, id="corrected in time"),
+        pytest.param((TWO, *(WRONG, CORRECTED) * 2, TO_NOBODY), {**PENDING, "corrected": 2}, id="twice"),
+        pytest.param((event("selected", "a", "red"), TWO), {"selected": 1}, id="an event before the list"),
+        pytest.param((event("selected", "b", "blue"),), {"wrong": 1}, id="wrong without a list"),
+        pytest.param((event("selected", "?"),), {"wrong": 1}, id="of no known kind"),
+        pytest.param((TWO, things(("c", "red"))), PENDING, id="what vanished is not missed"),
+        pytest.param((TWO, things()), {}, id="nor pending"),
+    ],
+)
+def test_counts_of_red_targets(
+    messages: Sequence[TrackedObjects | SelectionEvent], counts: dict[str, int]
+) -> None:
+    assert of_reds(*messages) == {**NONE, **counts}
 
 
 def test_refusals_count_as_such_alone() -> None:
-    assert of_reds(TWO, event("refused", "b")) == {**NONE, "pending": 1}
     score = Score(("red",))
     for reason in ("it is too late", "anna has it"):
         score.on_event(event("refused", "a").model_copy(update={"reason": reason}))
     assert (score.refused, score.refusal) == (2, "anna has it")
 
 
-def test_what_is_dispatched_has_left_whoever_had_it() -> None:
-    assert of_reds(TWO, event("dispatched", "a")) == {**NONE, "missed": 1}
-    assert of_reds(TWO, event("dispatched", "a", user="anna")) == {**NONE, "selected": 1}
-
-
-def dispatched(object_id: str, kind: str, bay: str, user: str = "") -> SelectionEvent:
-    return event("dispatched", object_id, kind, user).model_copy(update={"bay": bay})
-
-
 def test_what_came_out_counts_by_for_whom_it_went_there_whatever_was_selected() -> None:
-    late = (TWO, event("selected", "a"), dispatched("a", "red", "3"))
-    assert of_reds(*late) == {**NONE, "missed": 1}
     score = Score(("red",))
-    for message in (*late[1:], event("selected", "a")):  # the selector's may come later than the conveyor's
+    for message in (SELECTED, dispatched("a", "red", "3"), SELECTED):  # the selector's may come later
         score.on_event(message)
     score.on_selection(selection("a"))
     assert score.counts() == {**NONE, "missed": 1}
     assert score.dispatched() == {"3": {"red": 1}}
-
-
-def test_a_wrong_one_is_corrected_only_if_it_was_taken_back_before_it_was_too_late() -> None:
-    tried = (TWO, event("selected", "b"), event("deselected", "b"))
-    too_late = of_reds(*tried, dispatched("b", "blue", "1", "anna"))
-    assert too_late == {**NONE, "pending": 1, "wrong": 1}
-    in_time = of_reds(*tried, dispatched("b", "blue", "3"))
-    assert in_time == {**NONE, "pending": 1, "corrected": 1}
-    twice = of_reds(*tried, *tried[1:], dispatched("b", "blue", "3"))
-    assert twice["corrected"] == 2
 
 
 def test_what_left_while_the_selector_was_down_counts_as_the_conveyor_sent_it() -> None:
@@ -153,15 +152,7 @@ def test_bays_keep_counting_what_is_forgotten() -> None:
     assert len(score.bays) == MAX_OBJECTS
 
 
-def test_an_event_may_come_before_the_object_is_listed() -> None:
-    assert of_reds(event("selected", "a", "red"), TWO) == {**NONE, "selected": 1}
-    assert of_reds(event("selected", "b", "blue")) == {**NONE, "wrong": 1}
-    assert of_reds(event("selected", "?")) == {**NONE, "wrong": 1}  # of no known kind
-
-
-def test_what_vanished_with_its_tracker_is_neither_missed_nor_pending() -> None:
-    assert of_reds(TWO, things(("c", "red"))) == {**NONE, "pending": 1}
-    assert of_reds(TWO, things()) == NONE
+def test_targets_of_several_trackers_are_pending() -> None:
     score = Score(("red",))
     score.on_objects("conveyor", TWO)
     score.on_objects("robot", things(("c", "red")))

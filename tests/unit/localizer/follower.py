@@ -21,9 +21,9 @@ from pointit.schemas import (
 from pointit.services.localizer.config import LocalizerConfig
 from pointit.services.localizer.outputs import Output as LocalizerOutput
 from pointit.services.localizer.pose_manager import PoseManager, Response
-from pointit.services.supervisor.life_cycle import LifeCycle
-from pointit.services.supervisor.outputs import Cancel, Start
-from pointit.services.supervisor.outputs import Output as SupervisorOutput
+from pointit.services.supervisor.config import SupervisorConfig
+from pointit.services.supervisor.life_cycle import Cancel, LifeCycle, Start
+from pointit.services.supervisor.life_cycle import Output as SupervisorOutput
 from tests.unit.localizer.person import EYES_M
 
 Array = NDArray[np.float64]
@@ -91,7 +91,7 @@ class _Pair:
     def __init__(self, config: LocalizerConfig, course: Course) -> None:
         self._course = course
         self._locating = PoseManager(USER, config)
-        self._cycle = LifeCycle(localize=True, follows_robot=True)
+        self._cycle = LifeCycle(SupervisorConfig(localize=True, localization_method="moving_target"))
         self._now_ns = self._step_ns = START_NS
         self._supervised(self._cycle.begin(START_NS))
         self._located(self._locating.begin(START_NS))

@@ -15,12 +15,11 @@ from pointit.schemas import (
     TrackedObjects,
 )
 from pointit.services.localizer.config import LocalizerConfig
-from pointit.services.localizer.estimation.estimator import SolverSettings
+from pointit.services.localizer.estimation_config import TrustConfig
 from pointit.services.localizer.pose_manager import PoseManager
-from pointit.services.localizer.procedures.hold import Timing
-from pointit.services.localizer.procedures.moving_target import Following, MovingTarget
+from pointit.services.localizer.procedures.moving_target import MovingTarget
 from pointit.services.localizer.procedures.static_targets import StaticTargets
-from tests.unit.localizer.solving import LOOSE
+from tests.unit.localizer.lab import UNLIMITED, config
 
 S = 1_000_000_000
 START_NS = 1_700_000_000 * S
@@ -28,6 +27,8 @@ START_NS = 1_700_000_000 * S
 far = st.one_of(st.floats(-5.0, 5.0), st.floats(-FARTHEST, FARTHEST), st.sampled_from([-FARTHEST, FARTHEST]))
 places = st.tuples(far, far, far)
 angles = st.floats(-math.pi, math.pi)
+
+LOOSE = UNLIMITED.model_copy(update={"bias_sigma_deg": 30.0, "max_act_residual_deg": 500.0})
 
 
 def ray(origin: tuple[float, float, float], azimuth: float, elevation: float, stamp_ns: int) -> PointingRay:
@@ -46,7 +47,7 @@ def test_any_lamps_and_rays_give_a_refusal_or_a_valid_pose(
 ) -> None:
     procedure = StaticTargets(
         [Lamp(id=f"led_{index}", position_m=place) for index, place in enumerate(lamps)],
-        Timing(reaction_s=0.0, hold_s=0.4),
+        config(reaction_s=0.0, hold_s=0.4),
     )
     procedure.start(START_NS)
     for tick in range(200):
@@ -72,7 +73,7 @@ AT_THE_EDGE = ((FARTHEST, 2.0), (FARTHEST, -2.0), (FARTHEST - 2.0, 0.0))
     st.lists(st.tuples(places, places), min_size=1, max_size=5),
     st.lists(st.tuples(places, angles, angles), min_size=1, max_size=4),
     st.sampled_from([0, 2**62, -START_NS]),
-    st.sampled_from([SolverSettings(), LOOSE]),
+    st.sampled_from([TrustConfig(), LOOSE]),
 )
 @example(  # a pose that is accepted, further away than can be told
     [((x, y, 0.0), (x, y, 0.0)) for x, y in AT_THE_EDGE for _ in range(3)],
@@ -84,9 +85,9 @@ def test_any_robots_and_rays_give_a_refusal_or_a_valid_pose(
     robots: list[tuple[tuple[float, float, float], tuple[float, float, float]]],
     rays: list[tuple[tuple[float, float, float], float, float]],
     off_ns: int,
-    trust: SolverSettings,
+    trust: TrustConfig,
 ) -> None:
-    procedure = MovingTarget(Following(continuous=True), trust)
+    procedure = MovingTarget(config(autostart=True).model_copy(update={"trust": trust}))
     procedure.start(max(0, START_NS + off_ns))
     for tick in range(200):
         now_ns = START_NS + off_ns + (tick + 1) * S // 50

@@ -7,17 +7,18 @@ import numpy as np
 import pytest
 
 from pointit.schemas import NS_PER_S, Localization, UserPose
+from pointit.services.localizer.config import LocalizerConfig
 from pointit.services.localizer.outputs import Output
 from pointit.services.localizer.procedures.moving_target import (
     CONTRADICTED,
     MIN_LATENCY_SIGMA_S,
-    Following,
     MovingTarget,
 )
+from tests.unit.localizer.lab import config
 from tests.unit.localizer.person import Person
 from tests.unit.localizer.test_moving_target import PERSON, START_NS, error_m, place, poses, robots, told
 
-ON = Following(window_s=4.0, continuous=True)
+ON = config(window_s=4.0, autostart=True, drift={"rate_sigma_degps": 0.5})
 RUN_UP_S = ON.reaction_s + ON.window_s
 
 
@@ -45,8 +46,8 @@ def live(
     return outputs
 
 
-def started(following: Following) -> MovingTarget:
-    procedure = MovingTarget(following)
+def started(parameters: LocalizerConfig) -> MovingTarget:
+    procedure = MovingTarget(parameters)
     procedure.start(START_NS)
     return procedure
 
@@ -62,7 +63,7 @@ def stated(pose: UserPose) -> float:
 
 def test_newest_half_that_has_too_few_rays_of_its_own_contradicts_nothing() -> None:
     """Rays at 3 Hz: enough for a pose in 10 s, too few in 5 s."""
-    outputs = live(started(Following()), 0.0, 12.0, rays_hz=3.0)
+    outputs = live(started(config()), 0.0, 12.0, rays_hz=3.0)
     (found,) = poses(outputs)
     assert found.samples < 40
     assert error_m(found) < 0.05
@@ -71,7 +72,7 @@ def test_newest_half_that_has_too_few_rays_of_its_own_contradicts_nothing() -> N
 
 def test_tracker_that_says_it_is_never_late_is_believed_up_to_the_jitter_of_the_radio() -> None:
     sigmas_m = [
-        stated(poses(live(started(Following()), 0.0, 12.0, latency_sigma_s=latency_sigma_s))[-1])
+        stated(poses(live(started(config()), 0.0, 12.0, latency_sigma_s=latency_sigma_s))[-1])
         for latency_sigma_s in (0.0, MIN_LATENCY_SIGMA_S, 5.0 * MIN_LATENCY_SIGMA_S)
     ]
     assert sigmas_m[0] == sigmas_m[1] < sigmas_m[2]
@@ -104,7 +105,7 @@ def test_heading_may_have_drifted_while_nothing_came(
 
 
 def test_rays_of_before_the_start_make_no_pose_however_late_they_come() -> None:
-    procedure = MovingTarget()
+    procedure = MovingTarget(config())
     start_ns = START_NS + 12 * NS_PER_S
     procedure.start(start_ns)
     for tick in range(120):
@@ -119,7 +120,7 @@ def test_rays_of_before_the_start_make_no_pose_however_late_they_come() -> None:
 
 
 def test_progress_falls_while_the_robot_is_lost() -> None:
-    procedure = started(Following())
+    procedure = started(config())
     seen = last_told(live(procedure, 0.0, 7.0)).progress
     assert seen > 0.5
     lost = [message.progress for message in told(live(procedure, 7.0, 20.0, is_tracked=False))]

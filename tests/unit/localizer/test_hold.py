@@ -9,10 +9,11 @@ from pointit.schemas import NS_PER_S, PointingRay
 from pointit.services.localizer.estimation.estimator import SolverSettings
 from pointit.services.localizer.estimation.rays import Mean, believed, mean, unfiltered
 from pointit.services.localizer.procedures.facing import HeadingWindow
-from pointit.services.localizer.procedures.hold import Hold, Timing
+from pointit.services.localizer.procedures.hold import Hold
+from tests.unit.localizer.lab import config
 
 START_NS = 1_700_000_000 * NS_PER_S
-STEADY = Timing(reaction_s=1.0, hold_s=2.0, patience_s=3.0, steady_radps=math.radians(8.0))
+STEADY = config(reaction_s=1.0, patience_s=3.0, steady_degps=8.0)
 
 
 def ns(t_s: float) -> int:
@@ -34,7 +35,7 @@ def reaching(hold: Hold, settles_s: float, until_s: float, jitter_deg: float = 0
 
 
 def test_without_a_gate_the_hold_begins_when_the_reaction_is_over() -> None:
-    hold = Hold(START_NS, Timing(reaction_s=1.0, hold_s=2.0))
+    hold = Hold(START_NS, config(reaction_s=1.0))
     reaching(hold, 1.6, 3.1)
     assert hold.rays[0].stamp_ns == ns(1.02)
     assert not hold.is_over(ns(2.99), 10)

@@ -1,18 +1,15 @@
 """Lamps chosen for information: as few as suffice, as many as are needed, refused when they do not."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, Lamp, Localization, PointingRay, UserPose
-from pointit.services.localizer.estimation.estimator import SolverSettings
-from pointit.services.localizer.outputs import Floor, LampSwitch, Output
-from pointit.services.localizer.procedures.hold import Timing
+from pointit.services.localizer.outputs import LampSwitch, Output
 from pointit.services.localizer.procedures.static_targets import StaticTargets
-from pointit.services.localizer.procedures.target_plan import TargetPlan
+from tests.unit.localizer.lab import UNLIMITED, config
 from tests.unit.localizer.person import Person, yaw_difference
 
 GOOD = (
@@ -25,7 +22,7 @@ GOOD = (
 EYE_HIGH = (Lamp(id="a", position_m=(2.0, 3.0, 1.64)), Lamp(id="b", position_m=(2.5, 3.0, 1.64)))
 START_NS = 1_700_000_000 * NS_PER_S
 PERSON = Person(0.6, -0.4, 2.2, math.radians(3.0))
-SURE = TargetPlan(order="informative", position_sigma_m=0.45, yaw_sigma_rad=math.radians(3.0))
+SURE = config(order="informative", enough={"yaw_deg": 3.0})
 
 
 def run(procedure: StaticTargets, person: Person = PERSON, error_deg: float = 0.0) -> list[Output]:
@@ -58,7 +55,7 @@ def told(outputs: list[Output]) -> list[Localization]:
 
 
 def test_it_stops_when_it_is_sure_enough() -> None:
-    outputs = run(StaticTargets(GOOD, choice=SURE))
+    outputs = run(StaticTargets(GOOD, SURE))
     (pose,) = [output for output in outputs if isinstance(output, UserPose)]
     assert math.hypot(pose.position_m[0] - PERSON.x, pose.position_m[1] - PERSON.y) < 0.1
     assert abs(yaw_difference(pose.yaw_rad, PERSON.yaw_rad)) < 0.03
@@ -67,18 +64,18 @@ def test_it_stops_when_it_is_sure_enough() -> None:
     assert last.phase == "solved"
     assert last.position_sigma_m is not None
     assert last.yaw_sigma_rad is not None
-    assert last.position_sigma_m <= SURE.position_sigma_m
-    assert last.yaw_sigma_rad <= SURE.yaw_sigma_rad
+    assert last.position_sigma_m <= SURE.enough.position_m
+    assert last.yaw_sigma_rad <= math.radians(SURE.enough.yaw_deg)
 
 
 def test_lamps_in_one_direction_at_eye_height_are_not_the_first_choice() -> None:
-    chosen = order(run(StaticTargets(GOOD, choice=SURE)))
+    chosen = order(run(StaticTargets(GOOD, SURE)))
     assert not {"high", "near_high"} >= set(chosen[:2])
 
 
 def test_it_is_told_on_the_way_how_sure_it_is() -> None:
-    strict = TargetPlan(order="informative", position_sigma_m=0.101, yaw_sigma_rad=math.radians(0.2))
-    outputs = run(StaticTargets(GOOD, choice=strict))
+    strict = config(order="informative", enough={"position_m": 0.101, "yaw_deg": 0.2})
+    outputs = run(StaticTargets(GOOD, strict))
     by_hold = {news.target_index: news.position_sigma_m for news in told(outputs) if news.phase == "sampling"}
     assert by_hold[0] is None
     assert by_hold[1] is None
@@ -92,28 +89,26 @@ def test_it_is_told_on_the_way_how_sure_it_is() -> None:
 
 
 def test_no_more_than_were_asked_for() -> None:
-    strict = TargetPlan(order="informative", targets=3, yaw_sigma_rad=math.radians(0.2))
-    outputs = run(StaticTargets(GOOD, choice=strict))
+    strict = config(order="informative", targets=3, enough={"yaw_deg": 0.2})
+    outputs = run(StaticTargets(GOOD, strict))
     assert len(order(outputs)) == 3
     assert {news.target_count for news in told(outputs)} == {3}
-    more = run(StaticTargets(EYE_HIGH, choice=TargetPlan(order="informative", targets=4)))
+    more = run(StaticTargets(EYE_HIGH, config(order="informative", targets=4)))
     assert sorted(order(more)) == ["a", "a", "b", "b"]
 
 
 @pytest.mark.parametrize("targets", [3, 4, 5])
 def test_no_fewer_than_were_asked_for_however_sure_it_is(targets: int) -> None:
-    sure_at_once = TargetPlan(
-        order="informative", targets=targets, position_sigma_m=9.0, yaw_sigma_rad=math.radians(90.0)
-    )
-    outputs = run(StaticTargets(GOOD, choice=sure_at_once))
+    sure_at_once = config(order="informative", targets=targets, enough={"position_m": 9.0, "yaw_deg": 90.0})
+    outputs = run(StaticTargets(GOOD, sure_at_once))
     assert len(order(outputs)) == targets
     assert told(outputs)[-1].phase == "solved"
-    assert len(order(run(StaticTargets(GOOD, choice=replace(sure_at_once, targets=0))))) < targets + 1
+    assert len(order(run(StaticTargets(GOOD, sure_at_once.model_copy(update={"targets": 0}))))) < targets + 1
 
 
 def test_by_default_it_ends_when_a_person_has_done_enough() -> None:
     """At what is believed of one pointing, five lamps all around are plenty."""
-    outputs = run(StaticTargets(GOOD, choice=TargetPlan(order="informative")))
+    outputs = run(StaticTargets(GOOD, config(order="informative")))
     assert told(outputs)[-1].phase == "solved"
     assert len(order(outputs)) <= len(GOOD)
 
@@ -124,12 +119,7 @@ def test_people_stand_on_the_floor_unless_its_height_is_asked_for(*, is_free: bo
     up_m = 0.5 if is_free else 0.05
     x_y_z = ((lamp.id, lamp.position_m) for lamp in GOOD)
     raised = [Lamp(id=name, position_m=(x, y, z + up_m)) for name, (x, y, z) in x_y_z]
-    procedure = StaticTargets(
-        raised,
-        trust=SolverSettings(height_sigma_m=10.0 if is_free else SolverSettings().height_sigma_m),
-        choice=TargetPlan(order="informative", targets=5),
-        floor=Floor(height_m=0.0, is_free=is_free),
-    )
+    procedure = StaticTargets(raised, config(order="informative", targets=5, free_height=is_free))
     (pose,) = [output for output in run(procedure) if isinstance(output, UserPose)]
     if is_free:
         assert pose.position_m[2] == pytest.approx(0.5, abs=0.1)
@@ -140,7 +130,7 @@ def test_people_stand_on_the_floor_unless_its_height_is_asked_for(*, is_free: bo
 
 
 def test_unsolvable_lamps_are_refused_with_a_reason() -> None:
-    outputs = run(StaticTargets(EYE_HIGH, choice=SURE), error_deg=1.0)
+    outputs = run(StaticTargets(EYE_HIGH, SURE), error_deg=1.0)
     last = told(outputs)[-1]
     assert last.phase == "refused"
     assert last.reason.startswith("after pointing 4 times ")
@@ -150,9 +140,7 @@ def test_unsolvable_lamps_are_refused_with_a_reason() -> None:
 
 @pytest.mark.parametrize("targets", [0, 2])
 def test_in_the_given_order_nothing_is_chosen(targets: int) -> None:
-    outputs = run(
-        StaticTargets(GOOD, choice=TargetPlan(targets=targets), trust=SolverSettings(max_yaw_sigma_rad=9.0))
-    )
+    outputs = run(StaticTargets(GOOD, config(targets=targets).model_copy(update={"trust": UNLIMITED})))
     assert order(outputs) == [lamp.id for lamp in GOOD][: targets or None]
 
 
@@ -167,12 +155,7 @@ def test_a_calibrated_person_is_sure_earlier() -> None:
     lamps = (Lamp(id="0", position_m=(0.15, 0.05, 1.55)), Lamp(id="1", position_m=(-2.4, -0.025, 1.25)))
     sigmas: list[float] = []
     for person in (Person(1.5, 1.1, 2.2), Calibrated(1.5, 1.1, 2.2)):
-        procedure = StaticTargets(
-            lamps,
-            Timing(),
-            SolverSettings(max_position_sigma_m=99.0, max_yaw_sigma_rad=9.0),
-            TargetPlan(targets=2),
-        )
+        procedure = StaticTargets(lamps, config(targets=2).model_copy(update={"trust": UNLIMITED}))
         outputs = procedure.start(START_NS)
         for tick in range(50 * 8):
             now_ns = START_NS + tick * NS_PER_S // 50

@@ -10,7 +10,7 @@ from pointit.services.localizer.estimation.estimator import Refusal
 from pointit.services.localizer.outputs import LampSwitch
 from pointit.services.localizer.pose_manager import PoseManager, Response
 from pointit.services.localizer.procedures.lamps import lamps_for_pose, map_change_reason
-from pointit.services.localizer.procedures.target_plan import TargetPlan
+from tests.unit.localizer.lab import config
 
 START_NS = 1_700_000_000 * NS_PER_S
 A, B, C = (
@@ -35,28 +35,32 @@ NEEDS = "needs two at different places"
 @pytest.mark.parametrize(
     ("lamps", "choice", "sentence"),
     [
-        ((A, B), TargetPlan(), ""),
-        ((A,), TargetPlan(), NEEDS),
-        (tuple(at(A, 1e-6 * n, name=f"led_{n}") for n in range(5)), TargetPlan(order="informative"), NEEDS),
-        ((A, at(A, 0.04)), TargetPlan(order="informative"), NEEDS),
-        ((A, at(A, 0.06)), TargetPlan(order="informative"), ""),
-        ((A, at(A), B), TargetPlan(targets=2), NEEDS),
-        ((A, at(A), B), TargetPlan(), ""),
-        ((A, at(A), B), TargetPlan(order="informative", targets=2), ""),
-        ((A, at(A, 0.04, 1.0)), TargetPlan(order="informative"), "above one another"),
-        ((A, at(A, 0.0, 1.0), B), TargetPlan(targets=2), "above one another"),
+        ((A, B), config(), ""),
+        ((A,), config(), NEEDS),
+        (tuple(at(A, 1e-6 * n, name=f"led_{n}") for n in range(5)), config(order="informative"), NEEDS),
+        ((A, at(A, 0.04)), config(order="informative"), NEEDS),
+        ((A, at(A, 0.06)), config(order="informative"), ""),
+        ((A, at(A), B), config(targets=2), NEEDS),
+        ((A, at(A), B), config(), ""),
+        ((A, at(A), B), config(order="informative", targets=2), ""),
+        ((A, at(A, 0.04, 1.0)), config(order="informative"), "above one another"),
+        ((A, at(A, 0.0, 1.0), B), config(targets=2), "above one another"),
     ],
 )
 def test_lamps_that_can_tell_no_pose_are_refused_at_once(
-    lamps: tuple[Lamp, ...], choice: TargetPlan, sentence: str
+    lamps: tuple[Lamp, ...], choice: LocalizerConfig, sentence: str
 ) -> None:
-    result = lamps_for_pose(room(*lamps), (), choice)
+    result = lamps_for_pose(room(*lamps), choice)
     if sentence:
         assert isinstance(result, Refusal)
         assert sentence in result.reason
         assert "; " not in result.reason or result.reason.count(";") == 1
     else:
         assert result == list(lamps)
+
+
+def test_configured_lamps_come_in_their_order() -> None:
+    assert lamps_for_pose(room(A, B, C), config(lamps=("c", "a"))) == [C, A]
 
 
 def test_the_choice_is_that_of_the_configuration() -> None:

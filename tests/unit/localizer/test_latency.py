@@ -8,7 +8,7 @@ import pytest
 from numpy.typing import NDArray
 
 from pointit.evaluation.datasets import read_trials
-from pointit.schemas import NS_PER_S, TrackedObjects
+from pointit.schemas import NS_PER_S
 from pointit.services.localizer.estimation.estimator import (
     Pointings,
     Refusal,
@@ -18,6 +18,7 @@ from pointit.services.localizer.estimation.estimator import (
 )
 from pointit.services.localizer.procedures.moving_target import MovingTarget
 from tests.support.data import data_file
+from tests.unit.localizer.lab import config
 from tests.unit.localizer.person import EYES_M, Person, pointings, yaw_difference
 from tests.unit.localizer.solving import CORNERS, position_error_m, solved
 from tests.unit.localizer.test_moving_target import PERSON, START_NS, place, poses, robots
@@ -111,7 +112,7 @@ def test_latency_does_not_matter_for_targets_that_stand_still() -> None:
 
 @pytest.mark.parametrize("stated_s", [None, 0.0, 0.5])
 def test_tracker_states_its_latency_with_every_report(stated_s: float | None) -> None:
-    procedure = MovingTarget()
+    procedure = MovingTarget(config())
     outputs = procedure.start(START_NS)
     for tick in range(750):
         now_ns = START_NS + tick * NS_PER_S // 50
@@ -137,10 +138,6 @@ def test_refusal_names_the_latency_when_it_alone_makes_the_pose_uncertain() -> N
     stricter = solve(gathered, lax)
     assert isinstance(stricter, Refusal)
     assert "latency" not in stricter.reason
-
-
-def test_report_without_a_latency_is_of_an_unknown_one() -> None:
-    assert TrackedObjects(stamp_ns=1).latency_sigma_s is None
 
 
 @pytest.mark.parametrize("name", ["motion_relloc", "proximity_waypoints"])

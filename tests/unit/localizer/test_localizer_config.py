@@ -10,7 +10,6 @@ from pointit.services.localizer.config import LocalizerConfig
 from pointit.services.localizer.drift.filter import DriftSettings
 from pointit.services.localizer.estimation.estimator import SolverSettings
 from pointit.services.localizer.estimation_config import DriftConfig, TrustConfig
-from pointit.services.localizer.procedures.target_plan import TargetPlan
 
 
 def test_defaults_of_configuration_and_cores_are_equal() -> None:
@@ -21,10 +20,6 @@ def test_defaults_of_configuration_and_cores_are_equal() -> None:
     drift, settings = config.drift.settings(), DriftSettings()
     assert drift.anchor_sigma_rad == pytest.approx(settings.anchor_sigma_rad)
     assert drift.rate_sigma_radps == pytest.approx(settings.rate_sigma_radps)
-    choice = config.choice()
-    assert choice.position_sigma_m == TargetPlan().position_sigma_m == 0.45
-    assert math.degrees(choice.yaw_sigma_rad) == pytest.approx(7.0)
-    assert math.degrees(DriftSettings().anchor_sigma_rad) == pytest.approx(3.5)
     assert want.max_position_sigma_m == UNSURE_M
     assert config.trust.max_yaw_sigma_deg == UNSURE_DEG
 
@@ -36,7 +31,7 @@ def test_lamps_and_robots_have_limits_of_their_own() -> None:
         act_sigma_deg=1.0,
         ray_sigma_deg=4.0,
         model_sigma_deg=0.0,
-    ).trust()
+    ).settings()
     assert math.degrees(trust.max_residual_rad) == pytest.approx(20.0)
     assert math.degrees(trust.residual_limit_rad(is_still=True)) == pytest.approx(3.0)
     assert math.degrees(trust.noise_model(is_still=True).sigma_rad[0]) == pytest.approx(1.0)

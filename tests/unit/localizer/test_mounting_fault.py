@@ -21,9 +21,10 @@ from pointit.services.localizer.estimation.estimator import (
     solve,
 )
 from pointit.services.localizer.estimation.mounting import mounting_fault, mounting_slope
-from pointit.services.localizer.procedures.moving_target import Following, MovingTarget
+from pointit.services.localizer.procedures.moving_target import MovingTarget
 from pointit.sim.recordings import OPERATOR, read_imu_csv
 from tests.support.data import data_file
+from tests.unit.localizer.lab import config
 from tests.unit.localizer.test_moving_target import START_NS, poses, robots, told
 
 BODY = BodyMeasures()
@@ -124,7 +125,7 @@ def test_procedure_refuses_a_wrong_mounting_and_says_what_to_do(
     turn: str, how: str, ahead_s: tuple[float, ...]
 ) -> None:
     gathered = following(1, TURNS[turn])
-    procedure = MovingTarget(Following(give_up_s=9.5))
+    procedure = MovingTarget(config(give_up_s=9.5))
     outputs = procedure.start(START_NS)
     rows = zip(gathered.stamps_s, gathered.origins_m, gathered.directions, gathered.targets_m, strict=True)
     for t_s, origin, direction, target in rows:

@@ -9,8 +9,9 @@ import pytest
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, Localization, TrackedObject, TrackedObjects, UserPose
 from pointit.services.localizer.outputs import Output
-from pointit.services.localizer.procedures.moving_target import Following, MovingTarget
+from pointit.services.localizer.procedures.moving_target import MovingTarget
 from pointit.services.localizer.procedures.time_sync import RayWindow, Track
+from tests.unit.localizer.lab import config
 from tests.unit.localizer.person import Person, yaw_difference
 
 START_NS = 1_700_000_000 * NS_PER_S
@@ -75,7 +76,7 @@ def error_m(pose: UserPose, person: Person = PERSON) -> float:
 
 
 def test_following_ends_with_one_pose_of_a_whole_window() -> None:
-    procedure = MovingTarget()
+    procedure = MovingTarget(config())
     outputs = fly(procedure, 12.0)
     found = poses(outputs)
     assert len(found) == 1
@@ -92,13 +93,13 @@ def test_following_ends_with_one_pose_of_a_whole_window() -> None:
 
 def test_the_pairing_is_by_stamp_not_by_arrival() -> None:
     """A tracker that is 0.4 s late costs 18° of the circle when paired by arrival."""
-    found = poses(fly(MovingTarget(), 12.0, robot_late_s=0.4))
+    found = poses(fly(MovingTarget(config()), 12.0, robot_late_s=0.4))
     assert error_m(found[-1]) < 0.05
     assert found[-1].residual_rad < math.radians(0.5)
 
 
 def test_continuous_goes_on_and_keeps_to_its_window() -> None:
-    procedure = MovingTarget(Following(window_s=4.0, continuous=True))
+    procedure = MovingTarget(config(window_s=4.0, autostart=True))
     outputs = fly(procedure, 30.0)
     found = poses(outputs)
     assert procedure.running
@@ -112,33 +113,33 @@ def test_continuous_goes_on_and_keeps_to_its_window() -> None:
 
 
 def test_of_two_robots_the_one_that_is_followed_is_meant() -> None:
-    outputs = fly(MovingTarget(), 12.0, decoy=True)
+    outputs = fly(MovingTarget(config()), 12.0, decoy=True)
     assert told(outputs)[-1].target_id == "drone"
     assert error_m(poses(outputs)[-1]) < 0.05
-    named = fly(MovingTarget(Following(target_id="decoy", give_up_s=11.0)), 12.0, decoy=True)
+    named = fly(MovingTarget(config(robot_id="decoy", give_up_s=11.0)), 12.0, decoy=True)
     assert all(message.target_id == "decoy" for message in told(named))
 
 
 @pytest.mark.parametrize("noise_rad", [0.0, math.radians(1.0)])
 def test_two_robots_that_move_alike_are_refused_by_name(noise_rad: float) -> None:
-    outputs = fly(MovingTarget(Following(give_up_s=11.0)), 12.0, beside_m=0.8, noise_rad=noise_rad)
+    outputs = fly(MovingTarget(config(give_up_s=11.0)), 12.0, beside_m=0.8, noise_rad=noise_rad)
     assert poses(outputs) == []
     last = told(outputs)[-1]
     assert last.phase == "refused"
     assert "two robots move alike" in last.reason
     assert "drone" in last.reason
     assert "twin" in last.reason
-    named = fly(MovingTarget(Following(target_id="drone")), 12.0, beside_m=0.8, noise_rad=noise_rad)
+    named = fly(MovingTarget(config(robot_id="drone")), 12.0, beside_m=0.8, noise_rad=noise_rad)
     assert error_m(poses(named)[-1]) < 0.2
 
 
 def test_a_robot_that_is_tracked_twice_is_one() -> None:
-    assert error_m(poses(fly(MovingTarget(), 12.0, beside_m=0.05))[-1]) < 0.1
+    assert error_m(poses(fly(MovingTarget(config()), 12.0, beside_m=0.05))[-1]) < 0.1
 
 
 @pytest.mark.parametrize("trackers", [("ahead", "room"), ("room", "ahead")])
 def test_second_tracker_with_a_wrong_clock_does_not_spoil_the_pose(trackers: tuple[str, str]) -> None:
-    procedure = MovingTarget()
+    procedure = MovingTarget(config())
     outputs = procedure.start(START_NS)
     for tick in range(600):
         t_s = tick / 50.0
@@ -153,7 +154,7 @@ def test_second_tracker_with_a_wrong_clock_does_not_spoil_the_pose(trackers: tup
 
 
 def test_following_without_a_fit_is_refused_at_the_timeout() -> None:
-    outputs = fly(MovingTarget(Following(give_up_s=8.0)), 10.0, follow=False)
+    outputs = fly(MovingTarget(config(give_up_s=8.0)), 10.0, follow=False)
     assert poses(outputs) == []
     last = told(outputs)[-1]
     assert last.phase == "refused"
@@ -162,7 +163,7 @@ def test_following_without_a_fit_is_refused_at_the_timeout() -> None:
 
 
 def test_missing_robot_and_missing_rays_are_the_reason() -> None:
-    procedure = MovingTarget(Following(give_up_s=3.0))
+    procedure = MovingTarget(config(give_up_s=3.0))
     procedure.start(START_NS)
     (first,) = told(procedure.step(START_NS))
     assert first.phase == "sampling"
@@ -177,7 +178,7 @@ def test_missing_robot_and_missing_rays_are_the_reason() -> None:
 
 def follow_a_tracker(hz: float, ahead_s: float, duration_s: float = 9.0) -> list[Output]:
     """The person follows a robot whose tracker reports at `hz`, with its clock `ahead_s` ahead."""
-    procedure = MovingTarget(Following(give_up_s=duration_s - 1.0))
+    procedure = MovingTarget(config(give_up_s=duration_s - 1.0))
     outputs = procedure.start(START_NS)
     reported = -1
     for tick in range(round(duration_s * 50)):
@@ -214,7 +215,7 @@ def test_tracker_whose_clock_is_apart_is_named_with_the_difference(ahead_s: floa
 
 
 def test_tracker_that_ends_is_not_said_to_have_another_clock() -> None:
-    procedure = MovingTarget()
+    procedure = MovingTarget(config())
     fly(procedure, 3.0)
     reasons: list[str] = []
     for tick in range(150, 900):
@@ -226,7 +227,7 @@ def test_tracker_that_ends_is_not_said_to_have_another_clock() -> None:
 
 
 def test_no_pose_is_repeated_when_the_rays_stop() -> None:
-    procedure = MovingTarget(Following(continuous=True))
+    procedure = MovingTarget(config(autostart=True))
     fly(procedure, 12.0)
     for second in range(13, 20):
         outputs = procedure.step(START_NS + second * NS_PER_S)
@@ -237,7 +238,7 @@ def test_no_pose_is_repeated_when_the_rays_stop() -> None:
 
 
 def test_cancel_stops_following_and_keeps_the_pose() -> None:
-    procedure = MovingTarget()
+    procedure = MovingTarget(config())
     fly(procedure, 4.0)
     (message,) = told(procedure.cancel(START_NS + 4 * NS_PER_S))
     assert message.phase == "cancelled"

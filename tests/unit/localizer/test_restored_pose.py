@@ -9,9 +9,9 @@ from pointit.schemas import NS_PER_S, SetPose, TrackedObject, TrackedObjects, Us
 from pointit.schemas.base import Vec3
 from pointit.services.localizer.config import LocalizerConfig
 from pointit.services.localizer.pose_manager import PoseManager, Response
-from pointit.services.localizer.procedures.moving_target import MAX_TRACKS, Following, MovingTarget
+from pointit.services.localizer.procedures.moving_target import MAX_TRACKS, MovingTarget
 from pointit.services.localizer.tracking.pose_tracking import PoseTracker
-from tests.unit.localizer.lab import ROOM
+from tests.unit.localizer.lab import ROOM, config
 
 S = NS_PER_S
 START_NS = 1_700_000_000 * S
@@ -19,8 +19,8 @@ Covariance = tuple[float, float, float, float, float, float, float, float, float
 FOUND: Covariance = (0.04, 0.0, 0.0, 0.0, 0.04, 0.0, 0.0, 0.0, 0.01)
 
 
-def started(**config: object) -> PoseManager:
-    locating = PoseManager("anna", LocalizerConfig.model_validate({"yaw_deg": 20.0, **config}))
+def started(**fields: object) -> PoseManager:
+    locating = PoseManager("anna", LocalizerConfig.model_validate({"yaw_deg": 20.0, **fields}))
     locating.begin(START_NS)
     locating.on_map(ROOM, START_NS)
     return locating
@@ -115,7 +115,7 @@ def count(procedure: MovingTarget, now_ns: int) -> int:
 
 
 def test_robots_that_left_are_forgotten_without_any_ray() -> None:
-    procedure = MovingTarget(Following(window_s=10.0, continuous=True))
+    procedure = MovingTarget(config(window_s=10.0, autostart=True))
     procedure.start(START_NS)
     for second in range(300):
         procedure.on_objects("room", robots(START_NS + second * S, f"robot_{second}"))
@@ -123,7 +123,7 @@ def test_robots_that_left_are_forgotten_without_any_ray() -> None:
 
 
 def test_robots_are_bounded_and_the_newest_stay() -> None:
-    procedure = MovingTarget(Following(continuous=True))
+    procedure = MovingTarget(config(autostart=True))
     procedure.start(START_NS)
     for number in range(2 * MAX_TRACKS):
         procedure.on_objects(f"tracker_{number}", robots(START_NS + number, "drone"))

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from pointit.runtime.errors import ConfigError
-from pointit.runtime.host.atomic_file import write_atomically
+from pointit.runtime.host.atomic_file import read_limited, write_atomically
 
 
 def names(folder: Path) -> list[str]:
@@ -42,13 +42,16 @@ def test_a_path_from_here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
     assert (tmp_path / "a/x").read_bytes() == b"below"
 
 
-def test_a_failed_write_names_the_file_and_leaves_nothing(tmp_path: Path) -> None:
+def test_error_names_the_file_and_leaves_it_as_it_was(tmp_path: Path) -> None:
     (tmp_path / "folder").mkdir()
     with pytest.raises(ConfigError, match=r"folder: cannot be written \(.+\)"):
         write_atomically(tmp_path / "folder", b"new")
     write_atomically(tmp_path / "file", b"old")
     with pytest.raises(ConfigError, match=r"file/x: cannot be written"):
         write_atomically(tmp_path / "file" / "x", b"new")
+    with pytest.raises(ConfigError, match=r"folder: cannot be read \(.+\)"):
+        read_limited(tmp_path / "folder", 10)
+    assert read_limited(tmp_path / "file", 2) == b"ol"
     assert (tmp_path / "file").read_bytes() == b"old"
     assert names(tmp_path) == ["file", "folder"]
 

@@ -25,7 +25,7 @@ class Arm(Config):
 
 
 class Limits(Config):
-    rate_hz: float | None = Field(default=None, description="highest rate, Hz; none: as it comes")
+    rate_hz: float | None = Field(default=None, description="highest rate, Hz; as it comes if empty")
 
 
 class Part(Config):

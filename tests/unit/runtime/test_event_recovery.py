@@ -11,7 +11,7 @@ import zenoh
 from pointit.runtime.bus.contract import EVENT_CAPACITY
 from pointit.runtime.bus.local_broker import LocalBroker
 from pointit.runtime.bus.memory_bus import MemoryBus
-from pointit.runtime.zenoh import event_recovery, queries
+from pointit.runtime.zenoh import event_recovery
 from pointit.runtime.zenoh.event_recovery import MAX_WRITERS, EventRecovery
 from tests.support.bench import until
 
@@ -63,15 +63,8 @@ class Writer:
             self.cut -= 1
             answers = answers[: self.after]
         for each in answers:
-            callback.call(Heard(Source(each)))
+            callback(Heard(Source(each)))
         callback.drop()
-
-
-@dataclass
-class Called:
-    call: Any
-    drop: Any
-    indirect: bool
 
 
 @dataclass
@@ -91,7 +84,6 @@ class Reader:
 @pytest.fixture
 async def reader(monkeypatch: pytest.MonkeyPatch) -> AsyncIterator[Reader]:
     monkeypatch.setattr(event_recovery, "WAITS_S", (0.0, *[0.001] * 5))
-    monkeypatch.setattr(queries, "Callback", Called)
     bus, writer, got, lost = MemoryBus(LocalBroker()), Writer(), list[int](), list[int]()
 
     def hand_on(sample: Any) -> None:

@@ -56,7 +56,7 @@ async def test_a_session_that_opens_after_cancellation_is_closed(
         assert release.wait(PATIENCE_S)
         return session
 
-    monkeypatch.setattr(router, "_opened", opened)
+    monkeypatch.setattr("zenoh.open", opened)
     routing = Router(lambda: "{}", Path(), [])
     opening = asyncio.create_task(routing.open())
     await until(begun.is_set)

@@ -3,7 +3,6 @@
 import json
 import os
 import shutil
-import sqlite3
 from pathlib import Path
 
 import pytest
@@ -11,13 +10,15 @@ from click.testing import CliRunner
 
 from pointit.cli.inspect.audit import command as audit_command
 from pointit.runtime.host.state_file import state_directory
+from pointit.runtime.host.store import read_rows
 from pointit.schemas import ConveyorState, Departure
 from pointit.schemas.topics import CONVEYOR_STATE, HEALTH, OBJECTS, SELECTION, SELECTION_EVENTS
 from pointit.services.selector.config import SelectorConfig
 from pointit.services.selector.outputs import TOLD_AGAIN
 from pointit.services.selector.service import Selector
 from pointit.services.selector.store.journal import Journal
-from tests.support.bench import ManualClock, memory_bench, until
+from pointit.services.selector.store.journal_table import FILE
+from tests.support.bench import START_NS, ManualClock, memory_bench, until
 from tests.unit.selector.test_selector_service import objects, stay
 
 
@@ -69,6 +70,17 @@ async def test_a_new_run_begins_with_nothing_selected_and_the_audit_stays() -> N
         assert after[0].objects == ()
     rows = json.loads(CliRunner().invoke(audit_command, ["--site", site, "--json"]).output)["events"]
     assert [(row["event"], row["user"]) for row in rows] == [("selected", "anna"), ("left", "anna")]
+
+
+def test_damaged_journal_is_logged_when_the_saved_state_is_discarded(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    path = state_directory() / "lab" / "selector" / FILE
+    path.parent.mkdir(parents=True)
+    path.write_bytes(b"damaged while it ran" * 100)
+    Selector.discard_saved_state("lab", START_NS)
+    [aside] = path.parent.glob("journal.corrupt-*")
+    assert f"was damaged and is now {aside.name}" in caplog.text
 
 
 async def test_the_audit_says_when_and_where_left_what_left_while_no_selector_ran(
@@ -131,12 +143,8 @@ async def test_a_selection_that_was_kept_but_not_published_is_published_once(
 
 
 def _told() -> int:
-    path = state_directory() / "memory" / "selector" / "journal.sqlite"
-    db = sqlite3.connect(f"file:{path}?mode=ro", uri=True)
-    try:
-        return int(db.execute("SELECT told FROM life").fetchone()[0])
-    finally:
-        db.close()
+    path = state_directory() / "memory" / "selector" / FILE
+    return next(read_rows(path, "SELECT told FROM life", (), lambda row: int(row[0])))
 
 
 async def test_what_left_meanwhile_is_closed_after_a_grace_time() -> None:

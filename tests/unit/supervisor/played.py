@@ -4,8 +4,9 @@ from collections.abc import Sequence
 from typing import Literal
 
 from pointit.geometry.rotation import IDENTITY
-from pointit.schemas import Feedback, ImuSample, Interaction
-from pointit.services.supervisor.outputs import Cancel, Output, Start, StartAnchor
+from pointit.schemas import ButtonEvent, Feedback, ImuSample, Interaction, Localization, UserPose
+from pointit.services.supervisor.config import SupervisorConfig
+from pointit.services.supervisor.life_cycle import Cancel, LifeCycle, Output, Start
 
 S = 1_000_000_000
 
@@ -13,10 +14,32 @@ Phase = Literal["idle", "sampling", "solved", "refused", "cancelled"]
 Gesture = Literal["press", "double", "hold"]
 
 
+def life_cycle(**fields: object) -> LifeCycle:
+    """Return a life cycle with these parameters of the supervisor."""
+    return LifeCycle(SupervisorConfig.model_validate(fields))
+
+
 def sample(now_s: float, late_s: float = 0.0) -> tuple[ImuSample, int]:
     """Return a sample of a wrist and the time at which it is heard."""
     now_ns = round(now_s * S)
     return ImuSample(stamp_ns=now_ns - round(late_s * S), orientation_xyzw=IDENTITY), now_ns
+
+
+def press(now_s: float, gesture: Gesture = "press") -> tuple[ButtonEvent, int]:
+    """Return a gesture and its time."""
+    now_ns = round(now_s * S)
+    return ButtonEvent(stamp_ns=now_ns, gesture=gesture), now_ns
+
+
+def pose(now_s: float = 0.0) -> tuple[UserPose, int]:
+    """Return a pose and its time."""
+    return UserPose(stamp_ns=round(now_s * S), position_m=(0.0, 0.0, 0.0), yaw_rad=0.0), round(now_s * S)
+
+
+def news(now_s: float, phase: Phase, **more: object) -> tuple[Localization, int]:
+    """Return the progress of a localization and its time."""
+    now_ns = round(now_s * S)
+    return Localization.model_validate({"stamp_ns": now_ns, "phase": phase, **more}), now_ns
 
 
 def told(outputs: Sequence[Output]) -> list[str]:
@@ -29,9 +52,7 @@ def told(outputs: Sequence[Output]) -> list[str]:
             case Feedback():
                 short.append(f"cue {output.cue}")
             case Start():
-                short.append("start")
-            case StartAnchor():
-                short.append("anchor")
+                short.append("anchor" if output.is_anchor else "start")
             case Cancel():
                 short.append("cancel")
     return short

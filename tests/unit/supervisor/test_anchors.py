@@ -1,33 +1,27 @@
 """Pointing at one lamp sets the pose right: asked for by a double press or by others, and back again."""
 
-from typing import Literal
+import math
 
 import pytest
 
-from pointit.schemas import ButtonEvent, Feedback, Localization, UserPose
+from pointit.schemas import Feedback, Localization, UserPose
 from pointit.services.supervisor import user_messages
 from pointit.services.supervisor.life_cycle import LifeCycle
-from tests.unit.supervisor.played import S, sample, shown, told
+from tests.unit.supervisor import played
+from tests.unit.supervisor.played import Gesture, Phase, S, life_cycle, press, sample, shown, told
 
-Phase = Literal["idle", "sampling", "solved", "refused", "cancelled"]
-Gesture = Literal["press", "double", "hold"]
 AIM = "Point at led_1 with your arm straight and stay on it; no cursor is shown."
 
 
-def press(now_s: float, gesture: Gesture = "press") -> tuple[ButtonEvent, int]:
-    return ButtonEvent(stamp_ns=round(now_s * S), gesture=gesture), round(now_s * S)
-
-
 def news(now_s: float, phase: Phase, **more: object) -> tuple[Localization, int]:
-    fields = {"stamp_ns": round(now_s * S), "phase": phase, "purpose": "anchor", **more}
-    return Localization.model_validate(fields), round(now_s * S)
+    return played.news(now_s, phase, **{"purpose": "anchor", **more})
 
 
 def resting(*, has_pose: bool = True) -> LifeCycle:
-    cycle = LifeCycle()
+    cycle = life_cycle()
     cycle.begin(0)
     if has_pose:
-        cycle.pose(UserPose(stamp_ns=0, position_m=(0.0, 0.0, 0.0), yaw_rad=0.0), 0)
+        cycle.pose(*played.pose())
     return cycle
 
 
@@ -133,7 +127,7 @@ def test_a_localizer_that_does_something_else_by_now_ends_it(phase: Phase) -> No
 
 
 def test_it_does_not_disturb_a_localization() -> None:
-    cycle = LifeCycle(localize=True)
+    cycle = life_cycle(localize=True)
     cycle.begin(0)
     cycle.button(*press(10))
     cycle.on_start_accepted(cycle.run)
@@ -174,7 +168,7 @@ def test_while_the_yaw_is_uncertain_the_next_thing_to_do_is_an_anchor() -> None:
         }
         return UserPose.model_validate(fields), round(now_s * S)
 
-    cycle = LifeCycle(unsure_rad=0.2)
+    cycle = life_cycle(unsure_yaw_deg=math.degrees(0.2))
     cycle.begin(0)
     cycle.pose(*known(1, 0.1))
     assert shown(cycle.button(*press(2))).next_step == user_messages.POINT

@@ -6,9 +6,8 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 
 from pointit.schemas import ButtonEvent, Feedback, Interaction, Localization, UserPose
-from pointit.services.supervisor.life_cycle import LifeCycle
-from pointit.services.supervisor.outputs import Cancel, Output, Start, StartAnchor
-from tests.unit.supervisor.played import Gesture, Phase, S, sample
+from pointit.services.supervisor.life_cycle import Cancel, Output, Start
+from tests.unit.supervisor.played import Gesture, Phase, S, life_cycle, sample
 
 Purpose = Literal["pose", "anchor"]
 Doing = str
@@ -31,7 +30,7 @@ class AnyLife(RuleBasedStateMachine):
 
     @initialize(localize=st.booleans(), each_time=st.booleans(), autostart=st.booleans())
     def start(self, *, localize: bool, each_time: bool, autostart: bool) -> None:
-        self.cycle = LifeCycle(localize=localize, relocalize_each_time=each_time, autostart=autostart)
+        self.cycle = life_cycle(localize=localize, relocalize_each_time=each_time, autostart=autostart)
         self.localize = localize
         self.now_ns = 1000 * S
         self.asked: list[int] = []
@@ -48,7 +47,7 @@ class AnyLife(RuleBasedStateMachine):
 
     def take(self, outputs: list[Output]) -> None:
         for output in outputs:
-            if isinstance(output, Start | StartAnchor):
+            if isinstance(output, Start):
                 self.asked.append(output.run)
             elif isinstance(output, Cancel):
                 self.cancels += 1

@@ -1,32 +1,14 @@
 """A person whose device has no button: samples begin, unless a press ended it."""
 
-from typing import Literal
-
 import pytest
 
-from pointit.schemas import ButtonEvent, Localization, UserPose
 from pointit.services.supervisor import user_messages
 from pointit.services.supervisor.life_cycle import LifeCycle
-from tests.unit.supervisor.played import S, sample, shown, told
-
-Phase = Literal["refused", "cancelled"]
-Gesture = Literal["press", "double", "hold"]
-
-
-def press(now_s: float, gesture: Gesture = "press") -> tuple[ButtonEvent, int]:
-    return ButtonEvent(stamp_ns=round(now_s * S), gesture=gesture), round(now_s * S)
-
-
-def pose(now_s: float = 0.0) -> tuple[UserPose, int]:
-    return UserPose(stamp_ns=round(now_s * S), position_m=(0.0, 0.0, 0.0), yaw_rad=0.0), round(now_s * S)
-
-
-def news(now_s: float, phase: Phase) -> tuple[Localization, int]:
-    return Localization(stamp_ns=round(now_s * S), phase=phase), round(now_s * S)
+from tests.unit.supervisor.played import Gesture, S, life_cycle, news, pose, press, sample, shown, told
 
 
 def eager(*, localize: bool = False) -> LifeCycle:
-    cycle = LifeCycle(localize=localize, autostart=True, retry_s=5.0)
+    cycle = life_cycle(localize=localize, autostart=True, retry_s=5.0)
     cycle.begin(0)
     return cycle
 
@@ -41,7 +23,7 @@ def test_without_a_button_a_sample_begins_as_soon_as_the_place_is_known() -> Non
 
 
 def test_without_autostart_samples_begin_nothing() -> None:
-    cycle = LifeCycle(localize=True)
+    cycle = life_cycle(localize=True)
     cycle.begin(0)
     cycle.pose(*pose())
     assert cycle.imu(*sample(10)) == []

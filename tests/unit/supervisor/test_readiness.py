@@ -17,22 +17,9 @@ from pointit.services.supervisor.life_cycle import LifeCycle
 from pointit.services.supervisor.readiness import LAST_WORD_PURPOSE
 from pointit.services.supervisor.service import Supervisor
 from tests.support.bench import Bench, ManualClock, memory_bench, until
-from tests.unit.supervisor.played import S, sample, shown, told
+from tests.unit.supervisor.played import S, life_cycle, news, pose, press, sample, shown, told
 
 ANNA = "anna"
-
-
-def pose(now_s: float = 0.0) -> tuple[UserPose, int]:
-    return UserPose(stamp_ns=round(now_s * S), position_m=(0.0, 0.0, 0.0), yaw_rad=0.0), round(now_s * S)
-
-
-def press(now_s: float) -> tuple[ButtonEvent, int]:
-    return ButtonEvent(stamp_ns=round(now_s * S)), round(now_s * S)
-
-
-def news(now_s: float, phase: str, **more: object) -> tuple[Localization, int]:
-    fields = {"stamp_ns": round(now_s * S), "phase": phase, **more}
-    return Localization.model_validate(fields), round(now_s * S)
 
 
 def before(state: str, now_s: float) -> Interaction:
@@ -41,7 +28,7 @@ def before(state: str, now_s: float) -> Interaction:
 
 def broken_off(resume_s: float = 30.0) -> LifeCycle:
     """Return a life cycle that pointed from 10 s on until the wrist was silent at 13 s."""
-    cycle = LifeCycle(resume_s=resume_s)
+    cycle = life_cycle(resume_s=resume_s)
     cycle.begin(0)
     cycle.pose(*pose())
     cycle.button(*press(10))
@@ -66,7 +53,7 @@ def test_a_wrist_that_comes_back_late_or_says_old_things_waits_for_a_press() -> 
 
 @pytest.mark.parametrize("goes_on", [True, False])
 def test_pointing_is_taken_up_where_the_localizer_is_the_same(*, goes_on: bool) -> None:
-    cycle = LifeCycle()
+    cycle = life_cycle()
     cycle.resume_from(before("pointing", 50), 100 * S)
     cycle.begin(100 * S)
     cycle.localization(news(20 if goes_on else 99, "idle")[0], 100 * S)
@@ -76,7 +63,7 @@ def test_pointing_is_taken_up_where_the_localizer_is_the_same(*, goes_on: bool) 
 
 
 def test_localizing_is_taken_up_and_leads_to_pointing() -> None:
-    cycle = LifeCycle(localize=True)
+    cycle = life_cycle(localize=True)
     cycle.resume_from(before("localizing", 50), 51 * S)
     cycle.begin(51 * S)
     since = {"since_ns": 50 * S}
@@ -87,7 +74,7 @@ def test_localizing_is_taken_up_and_leads_to_pointing() -> None:
         "pointing",
         "cue started",
     ]
-    unseen = LifeCycle(localize=True)
+    unseen = life_cycle(localize=True)
     unseen.resume_from(before("localizing", 50), 60 * S)
     unseen.localization(news(55, "solved", **since)[0], 60 * S)
     unseen.pose(*pose(55))
@@ -96,7 +83,7 @@ def test_localizing_is_taken_up_and_leads_to_pointing() -> None:
 
 @pytest.mark.parametrize("kept", [before("idle", 50), before("pointing", 200)])
 def test_what_was_at_rest_or_of_another_time_is_not(kept: Interaction) -> None:
-    cycle = LifeCycle()
+    cycle = life_cycle()
     cycle.resume_from(kept, 100 * S)
     cycle.pose(*pose(1))
     cycle.localization(news(2, "idle")[0], 100 * S)
@@ -104,7 +91,7 @@ def test_what_was_at_rest_or_of_another_time_is_not(kept: Interaction) -> None:
 
 
 def test_who_presses_first_decides() -> None:
-    cycle = LifeCycle()
+    cycle = life_cycle()
     cycle.resume_from(before("pointing", 50), 100 * S)
     cycle.pose(*pose(1))
     assert told(cycle.button(*press(100))) == ["pointing", "cue started"]

@@ -4,23 +4,12 @@ import itertools
 
 import pytest
 
-from pointit.schemas import ButtonEvent, Feedback, Localization, UserPose
+from pointit.schemas import Feedback
 from pointit.schemas.cues import SIGNS
 from pointit.services.supervisor import user_messages
 from pointit.services.supervisor.interaction_publisher import InteractionPublisher
-from pointit.services.supervisor.life_cycle import LifeCycle
-from pointit.services.supervisor.outputs import Output
-from tests.unit.supervisor.played import S, sample, shown, told
-
-
-def press(now_s: float, gesture: str = "press") -> tuple[ButtonEvent, int]:
-    event = {"stamp_ns": round(now_s * S), "gesture": gesture}
-    return ButtonEvent.model_validate(event), round(now_s * S)
-
-
-def news(now_s: float, phase: str, **more: object) -> tuple[Localization, int]:
-    fields = {"stamp_ns": round(now_s * S), "phase": phase, **more}
-    return Localization.model_validate(fields), round(now_s * S)
+from pointit.services.supervisor.life_cycle import LifeCycle, Output
+from tests.unit.supervisor.played import Gesture, S, life_cycle, news, pose, press, sample, shown, told
 
 
 def targets(outputs: list[Output]) -> list[str]:
@@ -28,7 +17,7 @@ def targets(outputs: list[Output]) -> list[str]:
 
 
 def localizing() -> LifeCycle:
-    cycle = LifeCycle(localize=True, localization_timeout_s=60.0)
+    cycle = life_cycle(localize=True, localization_timeout_s=60.0)
     cycle.begin(0)
     cycle.button(*press(10))
     cycle.on_start_accepted(cycle.run)
@@ -60,14 +49,14 @@ def test_the_queue_is_shown(ahead: tuple[str, ...], sentence: str) -> None:
 
 
 def test_cues_say_whether_to_wait_or_to_go_on() -> None:
-    cycle = LifeCycle(localize=True)
+    cycle = life_cycle(localize=True)
     cycle.begin(0)
     outputs = [*cycle.button(*press(10))]
     cycle.on_start_accepted(cycle.run)
     outputs += cycle.localization(*news(11, "sampling", target_id="led_0"))
     outputs += cycle.localization(*news(12, "sampling", ahead=("anna",)))  # the lamp is left to her
     outputs += cycle.localization(*news(13, "sampling", target_id="led_0"))
-    cycle.pose(UserPose(stamp_ns=14 * S, position_m=(0.0, 0.0, 0.0), yaw_rad=0.0), 14 * S)
+    cycle.pose(*pose(14))
     outputs += cycle.localization(*news(14, "solved"))
     cues = [output for output in outputs if isinstance(output, Feedback)]
     assert [(cue.cue, cue.target_id, cue.waits) for cue in cues] == [
@@ -99,7 +88,7 @@ def test_the_time_out_counts_from_the_end_of_the_waiting() -> None:
 
 
 @pytest.mark.parametrize("gesture", ["press", "double", "hold"])
-def test_who_waits_can_cancel(gesture: str) -> None:
+def test_who_waits_can_cancel(gesture: Gesture) -> None:
     cycle = localizing()
     cycle.localization(*news(11, "sampling", ahead=("anna",)))
     outputs = cycle.button(*press(12, gesture))
@@ -144,9 +133,9 @@ def test_the_robot_is_named_once_whichever_seems_to_be_meant() -> None:
 
 @pytest.mark.parametrize("back", ["pointing", "idle"])
 def test_a_localization_that_others_asked_for_is_followed(back: str) -> None:
-    cycle = LifeCycle()
+    cycle = life_cycle()
     cycle.begin(0)
-    cycle.pose(UserPose(stamp_ns=0, position_m=(0.0, 0.0, 0.0), yaw_rad=0.0), 0)
+    cycle.pose(*pose())
     if back == "pointing":
         cycle.button(*press(5))
     assert cycle.localization(*news(10, "sampling", ahead=("anna",), since_ns=10 * S)) == []  # not yet
@@ -158,7 +147,7 @@ def test_a_localization_that_others_asked_for_is_followed(back: str) -> None:
 
 
 def test_what_others_asked_for_is_theirs_to_end_but_for_a_gesture() -> None:
-    cycle = LifeCycle()
+    cycle = life_cycle()
     cycle.begin(0)
     robot = {"target_id": "r1", "since_ns": 10 * S}
     cycle.localization(*news(10, "sampling", **robot))

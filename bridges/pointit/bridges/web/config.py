@@ -24,14 +24,16 @@ class WebConfig(Config):
         description="port of 127.0.0.1 at which the page is opened, where a container's engine or ssh passes "
         "it on (a container may have host: 0.0.0.0 then); 0: as port",
     )
-    operator_token: str = Field(default="", description="token for control; empty: random, written to a file")
-    viewer_token: str = Field(default="", description="token for viewing only; empty: random")
+    operator_token: str = Field(
+        default="", description="token for control; if empty, a random one, written to a file"
+    )
+    viewer_token: str = Field(default="", description="token for viewing only; if empty, a random one")
     lan: bool = Field(
         default=False, description="open to the local network from the start, by HTTPS; phones need it"
     )
     lan_port: int = Field(default=8443, ge=0, le=65535, description="port for HTTPS; 0: any free port")
     lan_address: str = Field(
-        default="", description="this machine's address in the local network; empty: detected"
+        default="", description="this machine's address in the local network; detected if empty"
     )
     rate_hz: float = Field(default=60.0, gt=0, le=240, description="maximum rate of batches to a page, Hz")
     wrist_rate_hz: float = Field(

@@ -1,25 +1,22 @@
 """`pointit evaluate`: accuracy of the estimates, measured on recordings of people."""
 
-import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import click
 
 from pointit.cli.evaluate.file import check_writable, interruptible, write_json
+from pointit.cli.evaluate.options import DATA, JOBS, JSON
 from pointit.cli.evaluate.progress import progress
 from pointit.cli.evaluate.selection import selection
 from pointit.cli.evaluate.table import evaluation_console, print_rows
 from pointit.evaluation.datasets.proximity_feedback import NAME as FEEDBACK
 from pointit.evaluation.pointing.drift import CHAINED, CHAINS_REMARK
-from pointit.evaluation.recordings.data_folder import VARIABLE, recordings_folder
+from pointit.evaluation.recordings.data_folder import recordings_folder
 from pointit.evaluation.recordings.row import ALL, Row, document
 from pointit.runtime.errors import ConfigError
 
 OURS = "pointit"
-
-MAX_JOBS = 8
-"""Limit of processes: more need memory and gain little speed."""
 
 BASELINES_REMARK = "Baselines solve at most {trials} trials of a set and condition, evenly taken."
 ACTS_REMARK = (
@@ -52,11 +49,7 @@ def _options(command: Callable[..., None]) -> Callable[..., None]:
     for option in reversed(
         (
             click.option(
-                "--data",
-                type=click.Path(path_type=Path),
-                envvar=VARIABLE,
-                show_envvar=True,
-                help="folder with the recordings, or the one that has it as `recordings`",
+                "--data", help="folder with the recordings, or the one that has it as `recordings`", **DATA
             ),
             click.option(
                 "--set", "sets", multiple=True, metavar="NAME", help="only this set; may be repeated"
@@ -64,13 +57,7 @@ def _options(command: Callable[..., None]) -> Callable[..., None]:
             click.option(
                 "--subject", "subjects", multiple=True, metavar="S", help="only this person; may be repeated"
             ),
-            click.option(
-                "--json",
-                "json_file",
-                type=click.Path(path_type=Path, allow_dash=True),
-                metavar="FILE",
-                help="write the rows as JSON; `-`: to standard output, instead of the table",
-            ),
+            JSON,
             click.option("--brief", is_flag=True, help="a table without the rows of single people"),
         )
     ):
@@ -101,9 +88,7 @@ command.add_command(selection)
     show_default=True,
     help="also run the baselines on the same trials, which needs most of the time",
 )
-@click.option(
-    "--jobs", type=click.IntRange(1, 64), metavar="N", help="processes to use  [default: one a core, up to 8]"
-)
+@JOBS
 def localization(
     *,
     data: Path | None,
@@ -112,7 +97,7 @@ def localization(
     json_file: Path | None,
     brief: bool,
     baselines: bool,
-    jobs: int | None,
+    jobs: int,
 ) -> None:
     """Evaluate poses of people: errors, stated sigma and time of our solver and of two baselines.
 
@@ -136,7 +121,7 @@ def localization(
             rows = localization_rows(
                 reading.trials,
                 baselines=baselines,
-                jobs=jobs if jobs is not None else min(MAX_JOBS, len(os.sched_getaffinity(0))),
+                jobs=jobs,
                 tick=lambda done, _: tell_progress("localizations", done),
             )
         tell(rows, json_file, _localization_remarks(rows, BASELINE_TRIALS), brief=brief)

@@ -1,14 +1,14 @@
 """`pointit evaluate selection`: simulated people select packages, compared with real people."""
 
-import os
 from collections.abc import Sequence
 from pathlib import Path
 
 import click
 
 from pointit.cli.evaluate.file import check_writable, interruptible, write_json
+from pointit.cli.evaluate.options import DATA, JOBS, JSON
 from pointit.cli.evaluate.progress import progress
-from pointit.evaluation.recordings.data_folder import VARIABLE, recordings_folder
+from pointit.evaluation.recordings.data_folder import recordings_folder
 from pointit.evaluation.selection.condition import Condition
 from pointit.runtime.errors import ConfigError
 
@@ -18,9 +18,6 @@ METHODS = ("original", "hold", "fraction", "gauge")
 
 UNSEEN_SEED = 2000
 """First seed for claims; parameters of methods and people were chosen with smaller seeds."""
-
-MAX_JOBS = 8
-"""Limit of processes: more need memory and gain little speed."""
 
 
 @click.command("selection", short_help="simulated people select: time, wrong, missed, by method")
@@ -63,23 +60,9 @@ MAX_JOBS = 8
     help="seed of the first trial, incremented for each; parameters were chosen with seeds below "
     f"{UNSEEN_SEED} only",
 )
-@click.option(
-    "--jobs", type=click.IntRange(1, 64), metavar="N", help="processes to use  [default: one a core, up to 8]"
-)
-@click.option(
-    "--data",
-    type=click.Path(path_type=Path),
-    envvar=VARIABLE,
-    show_envvar=True,
-    help="folder with recordings of people to compare with; optional",
-)
-@click.option(
-    "--json",
-    "json_file",
-    type=click.Path(path_type=Path, allow_dash=True),
-    metavar="FILE",
-    help="write the rows as JSON; `-`: to standard output, instead of the table",
-)
+@JOBS
+@click.option("--data", help="folder with recordings of people to compare with; optional", **DATA)
+@JSON
 @click.option(
     "--plot",
     "plot_file",
@@ -94,7 +77,7 @@ def selection(
     methods: tuple[str, ...],
     trials: int,
     seed: int,
-    jobs: int | None,
+    jobs: int,
     data: Path | None,
     json_file: Path | None,
     plot_file: Path | None,
@@ -137,7 +120,7 @@ def selection(
                 chosen,
                 trials=trials,
                 seed=seed,
-                jobs=jobs if jobs is not None else min(MAX_JOBS, len(os.sched_getaffinity(0))),
+                jobs=jobs,
                 humans=people,
                 tick=lambda done, _: tell_progress("trials", done),
             )

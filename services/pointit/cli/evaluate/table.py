@@ -2,7 +2,7 @@
 
 import os
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 
@@ -57,20 +57,24 @@ def _share(value: float | None) -> str | None:
     return None if value is None else f"{100.0 * value:.0f} %"
 
 
-def _count(value: int | None) -> str | None:
-    return None if value is None else str(value)
+def _spread(
+    name: str, of: Callable[[Row], Spread | None], digits: int, ranks: Sequence[int], note: str = ""
+) -> Iterator[_Column]:
+    """Yield the columns of median, p90 and rms, as many as there are `ranks`."""
+    for part, rank in zip(("median", "p90", "rms"), ranks, strict=False):
+        is_first = part == "median"
 
+        def cell(row: Row, part: str = part) -> str | None:
+            spread = of(row)
+            return None if spread is None else _number(getattr(spread, part), digits)
 
-def _median(spread: Spread | None, digits: int) -> str | None:
-    return None if spread is None else _number(spread.median, digits)
-
-
-def _p90(spread: Spread | None, digits: int) -> str | None:
-    return None if spread is None else _number(spread.p90, digits)
-
-
-def _rms(spread: Spread | None, digits: int) -> str | None:
-    return None if spread is None else _number(spread.rms, digits)
+        yield _Column(
+            name=name if is_first else f"{part} of {name.removesuffix(' °')}",
+            cell=cell,
+            rank=rank,
+            title="" if is_first else part,
+            note=note if is_first else "",
+        )
 
 
 _SIGMA_NOTE = "`2 sigma`: share of errors within twice the stated sigma."
@@ -80,30 +84,24 @@ _COLUMNS = (
     _Column(
         name="refused",
         rank=3,
-        cell=lambda row: _count(row.refused),
+        cell=lambda row: _number(row.refused, 0),
         note="`refused`: of the n trials, those without a pose.",
     ),
     _Column(
         name="unsure",
         rank=14,
-        cell=lambda row: _count(row.unsure),
+        cell=lambda row: _number(row.unsure, 0),
         note="`unsure`: poses with a larger stated sigma than the localizer accepts; it requests another "
         "target then.",
     ),
-    _Column(
-        name="m",
-        rank=1,
-        cell=lambda row: _median(row.position_m, 3),
-        note="`m`: error of the poses that were stated, median.",
+    *_spread("m", lambda row: row.position_m, 3, (1, 2), "`m`: error of the poses that were stated, median."),
+    *_spread(
+        "all m",
+        lambda row: row.every_m,
+        3,
+        (15, 20),
+        "`all m`: error of all trials, of the refused ones with the pose that fits best.",
     ),
-    _Column(name="p90 of m", title="p90", rank=2, cell=lambda row: _p90(row.position_m, 3)),
-    _Column(
-        name="all m",
-        rank=15,
-        cell=lambda row: _median(row.every_m, 3),
-        note="`all m`: error of all trials, of the refused ones with the pose that fits best.",
-    ),
-    _Column(name="p90 of all m", title="p90", rank=20, cell=lambda row: _p90(row.every_m, 3)),
     _Column(
         name="linear",
         rank=16,
@@ -120,9 +118,7 @@ _COLUMNS = (
         note="`misled`: share of poses off by more than 1 m with a stated sigma below 0.5 m.",
     ),
     _Column(name="2 sigma", rank=4, cell=lambda row: _share(row.within_2_sigma), note=_SIGMA_NOTE),
-    _Column(name="yaw °", rank=10, cell=lambda row: _median(row.yaw_deg, 1)),
-    _Column(name="p90 of yaw", title="p90", rank=11, cell=lambda row: _p90(row.yaw_deg, 1)),
-    _Column(name="rms of yaw", title="rms", rank=19, cell=lambda row: _rms(row.yaw_deg, 1)),
+    *_spread("yaw °", lambda row: row.yaw_deg, 1, (10, 11, 19)),
     _Column(
         name="2 sigma of yaw",
         title="2 sigma",
@@ -130,23 +126,9 @@ _COLUMNS = (
         cell=lambda row: _share(row.yaw_within_2_sigma),
         note=_SIGMA_NOTE,
     ),
-    _Column(name="pitch °", rank=6, cell=lambda row: _median(row.pitch_deg, 2)),
-    _Column(name="p90 of pitch", title="p90", rank=7, cell=lambda row: _p90(row.pitch_deg, 2)),
-    _Column(name="rms of pitch", title="rms", rank=18, cell=lambda row: _rms(row.pitch_deg, 2)),
-    _Column(
-        name="angle °",
-        rank=8,
-        cell=lambda row: _median(row.angle_deg, 2),
-        note="`angle °`: between ray and target.",
-    ),
-    _Column(name="p90 of angle", title="p90", rank=9, cell=lambda row: _p90(row.angle_deg, 2)),
-    _Column(
-        name="ms",
-        rank=5,
-        cell=lambda row: _median(row.solve_ms, 2),
-        note="`ms`: processor time of a solve.",
-    ),
-    _Column(name="p90 of ms", title="p90", rank=21, cell=lambda row: _p90(row.solve_ms, 2)),
+    *_spread("pitch °", lambda row: row.pitch_deg, 2, (6, 7, 18)),
+    *_spread("angle °", lambda row: row.angle_deg, 2, (8, 9), "`angle °`: between ray and target."),
+    *_spread("ms", lambda row: row.solve_ms, 2, (5, 21), "`ms`: processor time of a solve."),
 )
 _SPREADS = "Errors are sizes: the median, and beside it p90 and rms."
 

@@ -106,17 +106,4 @@ def _row(record: Record) -> dict[str, Any]:
 
 
 def _plain(record: Record) -> dict[str, Any]:
-    return {
-        "stamp_ns": record.stamp_ns,
-        "event": record.event,
-        "object_id": record.object_id,
-        "kind": record.kind,
-        "user": record.user,
-        "owner": record.owner,
-        "since_ns": record.since_ns or None,
-        "cause": record.cause,
-        "method": record.method,
-        "confidence": record.confidence,
-        "reason": record.reason,
-        "seq": record.seq,
-    }
+    return {**record._asdict(), "since_ns": record.since_ns or None}

@@ -11,6 +11,7 @@ from pointit.runtime.service.service import Launch
 Layout = Literal["one", "users", "services"]
 
 SCENARIO = "scenario_3"
+DEFAULTS = Choices()
 WITHOUT = ("user-sim", "supervisor", "imu-bridge")
 """Services left out: the load test drives the wrists, and no button is needed."""
 
@@ -43,20 +44,27 @@ class Load:
         return words[self.layout] + through
 
 
-def groups(load: Load, count: int) -> tuple[Group, list[Group]]:
-    """Return the group of this process and those of others, for `count` people."""
-    scenario = read_scenario(SCENARIO)
-    choices = Choices()
-    site = [] if load.connect else site_launches(scenario, choices)
-    names = [f"load{index}" for index in range(count)]
-    people: list[list[Launch]] = [
-        [
+def load_launches(
+    count: int, scenario_name: str = SCENARIO, choices: Choices = DEFAULTS
+) -> tuple[list[Launch], dict[str, list[Launch]]]:
+    """Return the services of the site, and by name those of `count` people without wrists and buttons."""
+    scenario = read_scenario(scenario_name)
+    people = {
+        name: [
             launch
             for launch in user_launches(scenario, choices, name, index)
             if launch.service.NAME not in WITHOUT
         ]
-        for index, name in enumerate(names)
-    ]
+        for index, name in enumerate(f"load{index}" for index in range(count))
+    }
+    return site_launches(scenario, choices), people
+
+
+def groups(load: Load, count: int) -> tuple[Group, list[Group]]:
+    """Return the group of this process and those of others, for `count` people."""
+    site, by_name = load_launches(count)
+    site = [] if load.connect else site
+    names, people = list(by_name), list(by_name.values())
     if load.layout == "one":
         own = [launch for person in people for launch in person]
         return Group(name="all", launches=[*site, *own], wrists=names), []

@@ -226,10 +226,7 @@ async def start_load_test(
         ConfigError: If a process ended, or they were not ready in time.
     """
     async with contextlib.AsyncExitStack() as stack:
-        services: asyncio.Task[None] | None = None
-        if here.launches:
-            services = asyncio.create_task(run_services(here.launches, bus, WallClock()))
-            stack.push_async_callback(_ended, services)
+        services = await stack.enter_async_context(running(here.launches, bus)) if here.launches else None
         workers: list[Worker] = []
         stack.push_async_callback(_end_all, workers)
         for group in elsewhere:
@@ -240,9 +237,15 @@ async def start_load_test(
         yield rig
 
 
-async def _ended(services: "asyncio.Task[None]") -> None:
-    services.cancel()
-    await asyncio.wait({services})
+@contextlib.asynccontextmanager
+async def running(launches: Sequence[Launch], bus: ZenohBus) -> AsyncGenerator[asyncio.Task[None]]:
+    """Run services on `bus`. Yield their task."""
+    services = asyncio.create_task(run_services(launches, bus, WallClock()))
+    try:
+        yield services
+    finally:
+        services.cancel()
+        await asyncio.wait({services})
 
 
 async def _end_all(workers: Sequence[Worker]) -> None:

@@ -22,14 +22,17 @@ class Wrist:
         self._publisher = publisher
         self._phase_rad = phase_rad
         self.sent = 0
+        self.stamp_ns = 0
+        """Stamp of the newest sample."""
 
     def put(self) -> None:
         """Publish one sample, captured now."""
         self.sent += 1
+        self.stamp_ns = time.time_ns()
         azimuth_rad = SWEEP_RAD * math.sin(self.sent / 50 + self._phase_rad)
         self._publisher.put(
             ImuSample(
-                stamp_ns=time.time_ns(),
+                stamp_ns=self.stamp_ns,
                 seq=self.sent,
                 orientation_xyzw=rotation.from_azimuth_elevation(azimuth_rad, ELEVATION_RAD),
             )

@@ -8,7 +8,7 @@ import webbrowser
 from collections.abc import Mapping
 from pathlib import Path
 
-from pointit.runtime.bus.contract import Bus, Closable
+from pointit.runtime.bus.contract import Bus
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.atomic_file import write_atomically
 from pointit.schemas.topics import SERVICE_ALIVE
@@ -31,8 +31,8 @@ def is_wanted() -> bool:
     return sys.stderr.isatty() and has_desktop()
 
 
-class Opening:
-    """Opens `file` once, as soon as `instance` is present, in a daemon thread.
+class PageOpener:
+    """Opens `file`, which redirects to the page, once, as soon as `instance` is present, in a daemon thread.
 
     Not the link itself: every user of the machine can read the arguments of a browser's process.
     """
@@ -72,8 +72,3 @@ class Opening:
             is_open = False
         if not is_open:
             log.warning("no browser could be opened: open the address of the page yourself")
-
-
-def open_when_there(bus: Bus, instance: str, file: Path) -> Closable:
-    """Open `file`, which redirects to the page, as soon as `instance` is present; see `Opening`."""
-    return Opening(bus, instance, file)

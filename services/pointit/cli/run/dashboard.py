@@ -129,7 +129,7 @@ async def _serve(page: Page, link: Link, *, is_open: bool, view_only: bool) -> i
             if lan_url:
                 click.echo(f"for the local network: {where(lan_url, file, sys.stdout)}")
             if file is not None and is_open and browser.is_wanted():
-                stack.callback(browser.open_when_there(bus, launch.instance, file).close)
+                stack.callback(browser.PageOpener(bus, launch.instance, file).close)
             await run_service(launch, bus, clock)
     finally:
         await bus.close()

@@ -148,7 +148,7 @@ class _Run:
             if page is not None:
                 self._link = stack.enter_context(kept_link(self._bus.site, page.url, page.lan_url))
                 if self._link is not None and self._plan.browser and browser.is_wanted():
-                    opening = browser.open_when_there(self._bus, page.instance, self._link)
+                    opening = browser.PageOpener(self._bus, page.instance, self._link)
                     stack.callback(opening.close)
             yield stack
 

@@ -34,6 +34,9 @@ from pointit.runtime.service.logs import setup_logging
 from pointit.runtime.service.process import log_option
 from pointit.runtime.service.shutdown import run_until_shutdown
 
+NOBODY = "there are no people in this run: `pointit user anna`, from another terminal, adds one"
+"""Notice at the start of a run with `--users 0` or `--site-only`."""
+
 
 def _check_people(choices: Choices, people: int) -> None:
     """Check that no option is given for more people than there are.
@@ -68,7 +71,13 @@ def _explain(context: click.Context, _parameter: click.Parameter, wanted: bool) 
     "--list", is_flag=True, is_eager=True, expose_value=False, callback=_explain, help="explain the scenarios"
 )
 @shared_options
-@click.option("--users", default=1, show_default=True, type=click.IntRange(0, 64), help="number of people")
+@click.option(
+    "--users",
+    default=1,
+    show_default=True,
+    type=click.IntRange(0, 64),
+    help="number of people; with 0, add them later with `pointit user`",
+)
 @click.option(
     "--method",
     type=click.Choice(["hold", "fraction", "gauge"]),
@@ -175,7 +184,12 @@ def run(
         is_limited=options["duration"] is not None,
         speed=speed,
         processes=options["processes"],
-        notes=(*notes, *_ros2_notes(options), *assumed_places(launches, choices)),
+        notes=(
+            *notes,
+            *([] if people else [NOBODY]),
+            *_ros2_notes(options),
+            *assumed_places(launches, choices),
+        ),
         afterword=f"There was no page: {REMEDY}." if page is None and notes else "",
         may_move=not options["listen"] and not options["connect"],
         scored=not site_only,

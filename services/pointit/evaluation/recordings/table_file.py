@@ -177,8 +177,11 @@ def read_table(
     for name in numbers:
         table.numbers[name] = _numbers(table, name, cells[name], may_be_empty=name in gaps)
     for name, values in table.texts.items():
-        for text in dict.fromkeys(values):
-            check_text(f"{path}, line {lines[values.index(text)]}, column {name!r}", text)
+        first_lines: dict[str, int] = {}
+        for line, text in zip(lines, values, strict=True):
+            first_lines.setdefault(text, line)
+        for text, line in first_lines.items():
+            check_text(f"{path}, line {line}, column {name!r}", text)
     return table
 
 

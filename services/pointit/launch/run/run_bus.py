@@ -5,13 +5,14 @@ import dataclasses
 import logging
 
 from pointit.launch.plan.plan import Plan
-from pointit.launch.run.running_scenario import PRESENCE_PATIENCE_S, refuse_names_in_use
+from pointit.launch.run.running_scenario import PRESENCE_PATIENCE_S
 from pointit.runtime.bus.contract import list_present
 from pointit.runtime.clock import Clock, SimulatedClock, SiteClock, WallClock
 from pointit.runtime.errors import ListenError
 from pointit.runtime.link.link import Link
+from pointit.runtime.service.instance_takeover import claim_names
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
-from pointit.schemas.topics import SERVICE_ALIVE
+from pointit.schemas.topics import SERVICE_ALIVE, USER_ALIVE
 
 log = logging.getLogger(__name__)
 
@@ -65,7 +66,7 @@ async def adapt_to_site(plan: Plan, bus: ZenohBus) -> Plan:
     if not bus.link.connect:
         return plan
     there, _ = await asyncio.gather(
-        list_present(bus, SERVICE_ALIVE, PRESENCE_PATIENCE_S), refuse_names_in_use(bus, set(plan.users))
+        list_present(bus, SERVICE_ALIVE, PRESENCE_PATIENCE_S), claim_names(bus, USER_ALIVE, plan.users)
     )
     if plan.page is None or plan.page.instance not in there:
         return plan

@@ -113,7 +113,7 @@ class RunningScenario:
             ConfigError: If it cannot start, with the reason.
         """
         before = self.plan
-        await refuse_names_in_use(self.bus, set(plan.users) - set(before.users))
+        await claim_names(self.bus, USER_ALIVE, set(plan.users) - set(before.users))
         await self._strike()
         try:
             await self._set(plan)
@@ -196,15 +196,6 @@ class RunningScenario:
     def _post(self) -> None:
         """Publish the deployment."""
         self._notice.post(self.plan, [*_lines(self._cast), *_lines(self._page)])
-
-
-async def refuse_names_in_use(bus: ZenohBus, users: set[str]) -> None:
-    """Check that no other process runs services under these people's names. Silent instances do not count.
-
-    Raises:
-        ConfigError: If a healthy process does.
-    """
-    await claim_names(bus, USER_ALIVE, users)
 
 
 def _lines(cast: ServiceGroup | None) -> list[Line]:

@@ -6,7 +6,7 @@ from collections.abc import Coroutine, Iterator
 from typing import Any, Protocol, TypeVar
 
 from pointit.runtime.bus.contract import AnyTopic, Closable
-from pointit.runtime.bus.mailbox import Mailbox
+from pointit.runtime.bus.mailbox import Dispatcher, Mailbox
 from pointit.schemas import Message, Query, Reply
 from pointit.schemas.topics import ANY, Request
 
@@ -118,9 +118,10 @@ class Participant:
     """The part of a bus that its endpoints need: the exchange, its declarations, tasks that end with it."""
 
     def __init__(self, exchange: LocalBroker | None = None) -> None:
-        """Join `exchange`, or a new one; must be called in the event loop that will run the tasks."""
+        """Join `exchange`, or a new one; must be called in the loop that will run handlers and tasks."""
         self.exchange = exchange if exchange is not None else LocalBroker()
         self.declarations: set[Closable] = set()
+        self.dispatcher = Dispatcher()
         self._loop = asyncio.get_running_loop()
         self._closed = self._loop.create_future()
         self._tasks: set[asyncio.Task[Any]] = set()

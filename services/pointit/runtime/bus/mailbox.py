@@ -46,6 +46,11 @@ class Dispatcher:
         self._log_lock = threading.Lock()
         self._logged_s: dict[tuple[str, str], float] = {}
 
+    @property
+    def is_closed(self) -> bool:
+        """Return True if nothing is drained any more."""
+        return self._closed
+
     def should_log(self, key: str, what: str) -> bool:
         """Return True if a log line on `what` about the topic `key` is due. Any thread."""
         now_s = time.monotonic()

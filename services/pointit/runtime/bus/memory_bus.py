@@ -24,8 +24,8 @@ from pointit.runtime.bus.endpoints import (
     PresenceWatcher,
     RetainedStateServer,
 )
-from pointit.runtime.bus.local_broker import LocalBroker, Participant
-from pointit.runtime.bus.mailbox import Dispatcher, Mailbox
+from pointit.runtime.bus.local_broker import Participant
+from pointit.runtime.bus.mailbox import Mailbox
 from pointit.runtime.bus.request_handler import RequestHandler, no_answer, shutting_down
 from pointit.runtime.errors import BusClosedError, RefusedError
 from pointit.schemas import Message, Query, Reply
@@ -43,11 +43,6 @@ log = logging.getLogger(__name__)
 
 class MemoryBus(Participant):
     """A participant of an exchange; see `pointit.runtime.bus.contract.Bus` for the contract."""
-
-    def __init__(self, exchange: LocalBroker | None = None) -> None:
-        """Join `exchange`, or a new one; must be called in the event loop that will run the handlers."""
-        super().__init__(exchange)
-        self.dispatcher = Dispatcher()
 
     @property
     def site(self) -> str:
@@ -78,6 +73,10 @@ class MemoryBus(Participant):
 
     def serve(self, request: Request[Q, R], server: Server[Q, R], name: str = ANY) -> Closable:
         """Answer `request`."""
+        return self.handler(request, server, name)
+
+    def handler(self, request: Request[Q, R], server: Server[Q, R], name: str) -> RequestHandler[Q, R]:
+        """Return what answers `request` in this process."""
         self._check_open()
         request.at(name)
         return RequestHandler(self, request, server, name)

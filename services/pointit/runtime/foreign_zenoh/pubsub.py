@@ -4,19 +4,22 @@
 
 import collections
 import logging
-import math
 import threading
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 import zenoh
 from zenoh import ext
-from zenoh.handlers import Callback
 
-from pointit.runtime.bus.mailbox import LOG_PERIOD_S, Dispatcher
+from pointit.runtime.bus.mailbox import Dispatcher
 from pointit.runtime.errors import BusClosedError
+from pointit.runtime.transport.declarations import (
+    Declaration,
+    declare_caching_subscriber,
+    declare_publisher,
+    declare_subscriber,
+)
 
 log = logging.getLogger(__name__)
 
@@ -48,36 +51,30 @@ class PlainTraffic:
     """Handlers that failed."""
 
 
-class RawPublisher:
+def bytes_of(data: zenoh.ZBytes | None) -> bytes | None:
+    """Return the content of a payload or attachment."""
+    return None if data is None else data.to_bytes()
+
+
+def is_oversized(payload: zenoh.ZBytes | None, attachment: zenoh.ZBytes | None, max_bytes: int) -> bool:
+    """Return True if a message is longer than anything that is taken; its bytes are not copied."""
+    return (payload is not None and len(payload) > max_bytes) or (
+        attachment is not None and len(attachment) > MAX_ATTACHMENT_BYTES
+    )
+
+
+class RawPublisher(Declaration):
     """Writes one key."""
 
     def __init__(self, session: zenoh.Session, key: str, kept: int, reliable: bool) -> None:  # noqa: FBT001
-        # BLOCK would let one stuck reader stop the loop for seconds. What is dropped of a kept topic is
-        # fetched again from the cache.
-        self._writer: Any  # of two classes with nothing in common but the methods
-        if not kept:
-            self._writer = session.declare_publisher(
-                key,
-                congestion_control=zenoh.CongestionControl.DROP,
-                allowed_destination=zenoh.Locality.REMOTE,
-            )
-        else:
-            missed = ext.MissDetectionConfig(heartbeat=None, sporadic_heartbeat=HEARTBEAT_S)
-            self._writer = ext.declare_advanced_publisher(
-                session,
-                key,
-                congestion_control=zenoh.CongestionControl.DROP,
-                allowed_destination=zenoh.Locality.REMOTE,
-                cache=ext.CacheConfig(kept),
-                sample_miss_detection=missed if reliable else None,
-                publisher_detection=True,
-            )
-        self._closed = False
+        missed = ext.MissDetectionConfig(heartbeat=None, sporadic_heartbeat=HEARTBEAT_S) if reliable else None
+        self._writer = declare_publisher(session, key, cache=kept, missed=missed)
+        super().__init__(self._writer)
 
     @property
     def is_read(self) -> bool:
         """Return True if Zenoh knows a reader in another session; a writer that keeps messages does not."""
-        if self._closed or not isinstance(self._writer, zenoh.Publisher):
+        if self.is_closed or not isinstance(self._writer, zenoh.Publisher):
             return False
         status: Any = self._writer.matching_status  # no bool, whatever the stubs say: always true
         return bool(status.matching)
@@ -88,91 +85,53 @@ class RawPublisher:
         Raises:
             BusClosedError: this writer or its session is closed.
         """
-        if self._closed:
-            raise BusClosedError("the writer was closed")
         try:
             self._writer.put(payload, attachment=attachment)
         except zenoh.ZError as error:
-            raise BusClosedError("the session was closed") from error
-
-    def close(self) -> None:
-        """Close the publisher and its cache."""
-        if not self._closed:
-            self._closed = True
-            self._writer.undeclare()
+            raise BusClosedError("the writer or its session was closed") from error
 
 
-class RawSubscriber:
-    """Reads one key: a queue between Zenoh's threads and the loop."""
+class RawSubscriber(Declaration):
+    """Reads one key: a queue between Zenoh's threads and the loop. See `RawSession.subscriber`."""
 
     def __init__(
         self,
+        session: zenoh.Session,
+        key: str,
         dispatcher: Dispatcher,
         handler: Callable[[RawSample], None],
         *,
         on_loss: Callable[[PlainTraffic], None] | None,
         capacity: int,
         max_bytes: int,
-        on_close: Callable[["RawSubscriber"], None],
+        kept: int,
+        reliable: bool,
     ) -> None:
         self.traffic = PlainTraffic()
+        self._key = key
         self._dispatcher = dispatcher
         self._handler = handler
         self._on_loss = on_loss
         self._lost = 0
         """Number of dropped messages at the last report."""
         self._max_bytes = max_bytes
-        self._on_close = on_close
         self._lock = threading.Lock()
         self._queue: collections.deque[zenoh.Sample] = collections.deque(maxlen=capacity)
         self._marked = False
-        self._closed = False
-        self._zid: Any = None
-        self._logged_s = -math.inf
-        self._undeclare: Callable[[], None] = lambda: None
-
-    def declare(self, session: zenoh.Session, key: str, kept: int, reliable: bool) -> None:  # noqa: FBT001
-        """Begin to read `key`."""
-        self._zid = session.info.zid()
-        take = Callback(self._on_sample, indirect=False)
-        if not kept:
-            plain = session.declare_subscriber(key, take, allowed_origin=zenoh.Locality.REMOTE)
-            self._undeclare = plain.undeclare
-            return
-        advanced = ext.declare_advanced_subscriber(
-            session,
-            key,
-            take,
-            allowed_origin=zenoh.Locality.REMOTE,
-            history=ext.HistoryConfig(detect_late_publishers=True, max_samples=kept),
-            recovery=ext.RecoveryConfig(periodic_queries=None, heartbeat=True) if reliable else None,
-            subscriber_detection=True,
+        super().__init__(
+            declare_caching_subscriber(
+                session, key, self._on_sample, history=kept, recovers=reliable, is_announced=True
+            )
+            if kept
+            else declare_subscriber(session, key, self._on_sample)
         )
-        self._undeclare = advanced.undeclare
-
-    def close(self) -> None:
-        """Read no more; no handler runs afterwards."""
-        if not self._closed:
-            self.stop()
-            self._undeclare()
-            self._on_close(self)
-
-    def stop(self) -> None:
-        """Handle nothing any more."""
-        self._closed = True
-        self._queue.clear()
 
     def _on_sample(self, sample: zenoh.Sample) -> None:  # on Zenoh's threads
-        if self._closed or sample.kind != zenoh.SampleKind.PUT:
+        if sample.kind != zenoh.SampleKind.PUT:
             return
-        source = sample.source_info
-        if source is not None and source.source_id.zid == self._zid:
-            return  # our own, fetched from our own cache when a lost router is back
-        attachment = sample.attachment
-        attached = 0 if attachment is None else len(attachment)
         with self._lock:
             self.traffic.received += 1
-            if len(sample.payload) > self._max_bytes or attached > MAX_ATTACHMENT_BYTES:
+            if is_oversized(sample.payload, sample.attachment, self._max_bytes):
                 self.traffic.oversized += 1
             else:
                 self.traffic.overrun += len(self._queue) == self._queue.maxlen
@@ -189,23 +148,16 @@ class RawSubscriber:
             self._queue.clear()
             self._marked = False
             lost = self.traffic.oversized + self.traffic.overrun
-        if lost != self._lost and self._on_loss is not None and not self._closed:
+        if lost != self._lost and self._on_loss is not None and not self.is_closed:
             self._lost = lost
             self._on_loss(self.traffic)
         for sample in waiting:
-            if self._closed:
+            if self.is_closed or self._dispatcher.is_closed:
                 return
-            attachment = sample.attachment
-            packet = RawSample(
-                str(sample.key_expr),
-                sample.payload.to_bytes(),
-                None if attachment is None else attachment.to_bytes(),
-            )
+            packet = RawSample(str(sample.key_expr), sample.payload.to_bytes(), bytes_of(sample.attachment))
             try:
                 self._handler(packet)
             except Exception:
                 self.traffic.errors += 1
-                now_s = time.monotonic()
-                if now_s - self._logged_s >= LOG_PERIOD_S:
-                    self._logged_s = now_s
+                if self._dispatcher.should_log(self._key, "error"):
                     log.exception("what arrived at %s could not be handled", packet.key)

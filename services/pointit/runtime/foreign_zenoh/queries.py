@@ -12,14 +12,17 @@ from typing import Any
 import zenoh
 from zenoh.handlers import Callback
 
-from pointit.runtime.foreign_zenoh.pubsub import MAX_ATTACHMENT_BYTES
+from pointit.runtime.bus.mailbox import Dispatcher
+from pointit.runtime.foreign_zenoh.pubsub import bytes_of, is_oversized
 from pointit.runtime.host.threads import in_daemon_thread
+from pointit.runtime.transport.declarations import Declaration, declare_queryable
+from pointit.runtime.transport.queries import refuse
 
 MAX_OPEN = 64
 """Limit of queries that a queryable has accepted and not answered. Further ones are refused."""
 QUERY_TIMEOUT_S = 600.0
 """Time for which Zenoh keeps a query alive. The querier has a deadline of its own, and cancels."""
-MAX_REASON_BYTES = 500
+MAX_REASON_CHARACTERS = 500
 MAX_ANSWERS = 16
 """Limit of answers to one query that wait for the loop. Further ones are dropped."""
 
@@ -28,29 +31,34 @@ class IncomingQuery:
     """A query that must be answered once, since otherwise the querier waits for a time-out."""
 
     def __init__(self, query: zenoh.Query, done: Callable[[], None]) -> None:
-        self.payload = b"" if query.payload is None else query.payload.to_bytes()
-        self.attachment = None if query.attachment is None else query.attachment.to_bytes()
-        self._key = str(query.key_expr)
+        self.payload = bytes_of(query.payload) or b""
+        self.attachment = bytes_of(query.attachment)
         self._query: zenoh.Query | None = query
         self._done = done
 
     async def answer(self, payload: bytes, attachment: bytes | None) -> None:
         """Answer; in a thread of its own, as Zenoh waits for a link that is busy: others are not held up."""
-        query = self._take()
-        if query is not None:
-            await in_daemon_thread(lambda: _answer(query, self._key, payload, attachment), "zenoh-reply")
+
+        def reply(query: zenoh.Query) -> None:
+            with query, contextlib.suppress(zenoh.ZError):  # the querier is gone, or our session is
+                query.reply(str(query.key_expr), payload, attachment=attachment)
+
+        await self._end(reply)
 
     async def refuse(self, reason: str) -> None:
         """Send an error reply."""
-        query = self._take()
-        if query is not None:
-            await in_daemon_thread(lambda: _refuse(query, reason), "zenoh-reply")
+        await self._end(lambda query: refuse(query, reason[:MAX_REASON_CHARACTERS]))
 
     def drop(self) -> None:
         """Drop the query without an answer, because the queryable was closed."""
         query = self._take()
         if query is not None:
             query.drop()
+
+    async def _end(self, reply: Callable[[zenoh.Query], None]) -> None:
+        query = self._take()
+        if query is not None:
+            await in_daemon_thread(lambda: reply(query), "zenoh-reply")
 
     def _take(self) -> zenoh.Query | None:
         query, self._query = self._query, None
@@ -59,56 +67,28 @@ class IncomingQuery:
         return query
 
 
-def _answer(query: zenoh.Query, key: str, payload: bytes, attachment: bytes | None) -> None:
-    with query, contextlib.suppress(zenoh.ZError):  # the querier is gone, or our session is
-        query.reply(key, payload, attachment=attachment)
-
-
-def _refuse(query: zenoh.Query, reason: str) -> None:
-    with query, contextlib.suppress(zenoh.ZError):
-        query.reply_err(reason.encode()[:MAX_REASON_BYTES])
-
-
-class RawQueryable:
-    """The queue of incoming queries."""
+class RawQueryable(Declaration):
+    """Accepts a limited number of queries at a time; see `RawSession.queryable`."""
 
     def __init__(
         self,
+        session: zenoh.Session,
+        key: str,
+        dispatcher: Dispatcher,
         handler: Callable[[IncomingQuery], None],
         max_bytes: int,
-        on_close: Callable[["RawQueryable"], None],
     ) -> None:
+        self._dispatcher = dispatcher
         self._handler = handler
         self._max_bytes = max_bytes
-        self._on_close = on_close
         self._loop = asyncio.get_running_loop()
         self._lock = threading.Lock()
         self._open = 0
-        self._closed = False
-        self._undeclare: Callable[[], None] = lambda: None
-
-    def declare(self, session: zenoh.Session, key: str) -> None:
-        """Begin to answer `key`."""
-        queryable = session.declare_queryable(
-            key, Callback(self._on_query, indirect=False), complete=True, allowed_origin=zenoh.Locality.REMOTE
-        )
-        self._undeclare = queryable.undeclare
-
-    def close(self) -> None:
-        """Undeclare the queryable."""
-        if not self._closed:
-            self.stop()
-            self._undeclare()
-            self._on_close(self)
-
-    def stop(self) -> None:
-        """Handle nothing any more."""
-        self._closed = True
+        super().__init__(declare_queryable(session, key, self._on_query))
 
     def _on_query(self, query: zenoh.Query) -> None:  # on Zenoh's threads
-        reason = self._objection(query)
-        if reason:
-            _refuse(query, reason)
+        if reason := self._objection(query):
+            refuse(query, reason)
             return
         ask = IncomingQuery(query, self._release)
         try:
@@ -117,10 +97,7 @@ class RawQueryable:
             ask.drop()
 
     def _objection(self, query: zenoh.Query) -> str:
-        payload, attachment = query.payload, query.attachment
-        if (payload is not None and len(payload) > self._max_bytes) or (
-            attachment is not None and len(attachment) > MAX_ATTACHMENT_BYTES
-        ):
+        if is_oversized(query.payload, query.attachment, self._max_bytes):
             return f"too long, at most {self._max_bytes} bytes are taken"
         with self._lock:
             if self._open >= MAX_OPEN:
@@ -133,7 +110,7 @@ class RawQueryable:
             self._open -= 1
 
     def _receive(self, ask: IncomingQuery) -> None:
-        if self._closed:
+        if self.is_closed or self._dispatcher.is_closed:
             ask.drop()
         else:
             self._handler(ask)
@@ -148,20 +125,13 @@ class QueryReply:
     refusal: str = ""
 
 
-class RawQuerier:
+class RawQuerier(Declaration):
     """Asks at one key."""
 
-    def __init__(
-        self,
-        session: zenoh.Session,
-        key: str,
-        max_bytes: int,
-        on_close: Callable[["RawQuerier"], None],
-    ) -> None:
+    def __init__(self, session: zenoh.Session, key: str, dispatcher: Dispatcher, max_bytes: int) -> None:
+        self._dispatcher = dispatcher
         self._max_bytes = max_bytes
-        self._on_close = on_close
         self._loop = asyncio.get_running_loop()
-        self._closed = False
         # A question that finds a busy link is dropped, and ends with its deadline: the loop does not wait.
         self._querier = session.declare_querier(
             key,
@@ -171,6 +141,7 @@ class RawQuerier:
             congestion_control=zenoh.CongestionControl.DROP,
             allowed_destination=zenoh.Locality.REMOTE,
         )
+        super().__init__(self._querier)
 
     async def wait_for_server(self) -> None:
         """Return when a queryable exists at this key."""
@@ -188,7 +159,7 @@ class RawQuerier:
             if not self._has_server():
                 await found.wait()
         finally:
-            if not self._closed:
+            if not self._is_over():
                 listener.undeclare()
 
     async def ask(self, payload: bytes, attachment: bytes | None) -> AsyncGenerator[QueryReply]:
@@ -216,32 +187,21 @@ class RawQuerier:
                 yield answer
             done = True
         finally:
-            if not done and not self._closed:
+            if not done and not self._is_over():
                 self._loop.run_in_executor(None, token.cancel)
 
-    def close(self) -> None:
-        """Ask no more."""
-        if not self._closed:
-            self.stop()
-            self._querier.undeclare()
-            self._on_close(self)
-
-    def stop(self) -> None:
-        """Handle nothing any more."""
-        self._closed = True
+    def _is_over(self) -> bool:
+        return self.is_closed or self._dispatcher.is_closed
 
     def _has_server(self) -> bool:
         status: Any = self._querier.matching_status  # no bool, whatever the stubs say: always true
         return bool(status.matching)
 
     def _read(self, reply: zenoh.Reply) -> QueryReply:
-        if reply.ok is None:
-            reason = b"" if reply.err is None else reply.err.payload.to_bytes()[:MAX_REASON_BYTES]
-            return QueryReply(b"", None, reason.decode(errors="replace") or "refused")
         sample = reply.ok
-        attachment = sample.attachment
-        if len(sample.payload) > self._max_bytes or (
-            attachment is not None and len(attachment) > MAX_ATTACHMENT_BYTES
-        ):
+        if sample is None:
+            reason = b"" if reply.err is None else reply.err.payload.to_bytes()[:MAX_REASON_CHARACTERS]
+            return QueryReply(b"", None, reason.decode(errors="replace") or "refused")
+        if is_oversized(sample.payload, sample.attachment, self._max_bytes):
             return QueryReply(b"", None, f"its answer is longer than {self._max_bytes} bytes")
-        return QueryReply(sample.payload.to_bytes(), None if attachment is None else attachment.to_bytes())
+        return QueryReply(sample.payload.to_bytes(), bytes_of(sample.attachment))

@@ -6,18 +6,14 @@ All input passes from Zenoh's threads through bounded queues to the loop that op
 in the loop waits for a reader elsewhere.
 """
 
-import asyncio
-import contextlib
 import logging
 from collections.abc import Callable, Mapping
 
 import zenoh
-from zenoh.handlers import Callback
 
 from pointit.runtime.bus.contract import Closable
 from pointit.runtime.bus.mailbox import Dispatcher
-from pointit.runtime.errors import BusClosedError, ConnectError, ListenError
-from pointit.runtime.foreign_zenoh.liveliness import LivelinessSubscriber, declared_token
+from pointit.runtime.errors import BusClosedError, BusError, ConnectError, ListenError
 from pointit.runtime.foreign_zenoh.pubsub import (
     PlainTraffic,
     RawPublisher,
@@ -26,9 +22,10 @@ from pointit.runtime.foreign_zenoh.pubsub import (
 )
 from pointit.runtime.foreign_zenoh.queries import IncomingQuery, RawQuerier, RawQueryable
 from pointit.runtime.foreign_zenoh.session_config import RawLink, plain_configuration
-from pointit.runtime.host.tcp_timeouts import set_user_timeout
-from pointit.runtime.link.link import LEASE_MS, ports_of
-from pointit.runtime.zenoh.session import IN_USE, OPEN_RETRY_S, close_session, open_cancellable
+from pointit.runtime.transport.connections import Connections
+from pointit.runtime.transport.declarations import Declaration
+from pointit.runtime.transport.liveliness import LivelinessSubscriber
+from pointit.runtime.transport.session import close_session, is_in_use, open_session
 
 log = logging.getLogger(__name__)
 
@@ -46,29 +43,22 @@ async def open_raw_session(
         ListenError: If the router's address is in use.
         ConnectError: If nothing answered the client within `patience_s`.
     """
-    loop = asyncio.get_running_loop()
-    began_s = loop.time()
-    has_warned = False
-    config = plain_configuration(link)
-    while True:
-        try:
-            session = await open_cancellable(config)
-        except zenoh.ZError as error:
-            if link.mode != "client":
-                is_taken = IN_USE.search(str(error)) is not None
-                taken = "a router is running there already: join it as a peer, or " if is_taken else ""
-                raise ListenError(
-                    f"cannot listen on {link.endpoint}; {taken}choose another address"
-                ) from error
-            sentence = f"nobody answers at {link.endpoint}{link.remedy and f': {link.remedy}'}"
-            if patience_s is not None and loop.time() - began_s >= patience_s:
-                raise ConnectError(sentence) from error
-            if not has_warned:
-                has_warned = True
-                on_wait(f"{sentence}; trying again until somebody does")
-            await asyncio.sleep(OPEN_RETRY_S)
-        else:
-            return RawSession(session, link)
+    sentence = f"nobody answers at {link.endpoint}{link.remedy and f': {link.remedy}'}"
+
+    async def problem_of(error: zenoh.ZError) -> BusError:
+        if link.mode == "client":
+            return ConnectError(sentence)
+        taken = "a router is running there already: join it as a peer, or " if is_in_use(error) else ""
+        return ListenError(f"cannot listen on {link.endpoint}; {taken}choose another address")
+
+    session = await open_session(
+        [plain_configuration(link)],
+        (link.endpoint,),
+        problem_of,
+        patience_s=patience_s,
+        on_wait=lambda: on_wait(f"{sentence}; trying again until somebody does"),
+    )
+    return RawSession(session, link)
 
 
 class RawSession:
@@ -82,30 +72,22 @@ class RawSession:
         """Called when `problem` has changed."""
         self._session = session
         self._link = link
-        self._loop = asyncio.get_running_loop()
         self._dispatcher = Dispatcher()
-        self._ends: set[RawSubscriber | LivelinessSubscriber | RawQueryable | RawQuerier] = set()
-        """Endpoints whose handlers must not run after closing."""
-        self._others: dict[str, bool] = {}
-        """Connected sessions by id: True for a router."""
-        self._ports = ports_of((link.endpoint,))
-        set_user_timeout(self._ports, LEASE_MS)  # of a router: all that it will accept
+        self._connections = Connections(session, (link.endpoint,), self._on_connections)
         self._had_router = False
         self._was_left = False
-        self._listener = session.info.declare_transport_events_listener(
-            Callback(self._on_event, indirect=False), history=True
-        )
+        self._problem = self.problem
 
     @property
     def problem(self) -> str:
         """Return a message if a required connection is missing, else `""`."""
         link = self._link
-        if link.mode == "router" or any(self._others.values()):
+        if link.mode == "router" or any(self._connections.routers.values()):
             return ""
         remedy = link.remedy and f": {link.remedy}"
         if self._had_router:
             return f"the router at {link.endpoint} is lost, trying again until it is back{remedy}"
-        if self._others:
+        if self._connections:
             return (
                 f"who answers at {link.endpoint} is no router and passes nothing on; if it is a "
                 f"`pointit run`, let that --listen elsewhere{remedy}"
@@ -140,52 +122,42 @@ class RawSession:
             reliable: fetch messages that were lost on the way from their caches.
         """
         self._check_open()
-        reader = RawSubscriber(
+        return RawSubscriber(
+            self._session,
+            key,
             self._dispatcher,
             handler,
             on_loss=on_loss,
             capacity=capacity,
             max_bytes=max_bytes,
-            on_close=self._ends.discard,
+            kept=kept,
+            reliable=reliable,
         )
-        reader.declare(self._session, key, kept, reliable)
-        self._ends.add(reader)
-        return reader
 
     def token(self, key: str) -> Closable:
         """Declare the token `key` until closed, or until this process dies."""
         self._check_open()
-        return declared_token(self._session, key)
+        return Declaration(self._session.liveliness().declare_token(key))
 
     def watch_tokens(self, pattern: str, handler: Callable[[Mapping[str, bool]], None]) -> Closable:
         """Call `handler` with added (True) and removed (False) tokens of `pattern`, now and on changes."""
         self._check_open()
-        reader = LivelinessSubscriber(self._dispatcher, handler, self._ends.discard)
-        reader.declare(self._session, pattern)
-        self._ends.add(reader)
-        return reader
+        return LivelinessSubscriber(self._session, pattern, handler, self._dispatcher)
 
     def queryable(self, key: str, handler: Callable[[IncomingQuery], None], *, max_bytes: int) -> Closable:
         """Call `handler` in the loop for every question to `key`; it must answer each, once."""
         self._check_open()
-        queryable = RawQueryable(handler, max_bytes, self._ends.discard)
-        queryable.declare(self._session, key)
-        self._ends.add(queryable)
-        return queryable
+        return RawQueryable(self._session, key, self._dispatcher, handler, max_bytes)
 
     def querier(self, key: str, *, max_bytes: int) -> RawQuerier:
         """Declare a querier at `key`. Answers longer than `max_bytes` are dropped unread."""
         self._check_open()
-        querier = RawQuerier(self._session, key, max_bytes, self._ends.discard)
-        self._ends.add(querier)
-        return querier
+        return RawQuerier(self._session, key, self._dispatcher, max_bytes)
 
     def stop(self) -> None:
         """Run no handler any more, and declare nothing: the first half of `close`."""
         self.is_closed = True
         self._dispatcher.close()
-        for end in self._ends:
-            end.stop()
 
     async def close(self) -> None:
         """Close. No handler runs afterwards, and all declarations are removed."""
@@ -198,21 +170,10 @@ class RawSession:
         if self.is_closed:
             raise BusClosedError("the session was closed")
 
-    def _on_event(self, event: zenoh.TransportEvent) -> None:  # on Zenoh's thread
-        is_router = event.transport.whatami == zenoh.WhatAmI.ROUTER
-        up = event.kind == zenoh.SampleKind.PUT
-        with contextlib.suppress(RuntimeError):  # the loop is gone
-            self._loop.call_soon_threadsafe(self._count, str(event.transport.zid), is_router, up)
-
-    def _count(self, zid: str, is_router: bool, up: bool) -> None:  # noqa: FBT001
+    def _on_connections(self) -> None:
         if self.is_closed:
             return
-        before = self.problem
-        if up:
-            set_user_timeout(self._ports, LEASE_MS)
-            self._others[zid] = is_router
-            self._had_router |= is_router
-        else:
-            self._others.pop(zid, None)
-        if self.problem != before and self.on_change is not None:
+        self._had_router |= any(self._connections.routers.values())
+        before, self._problem = self._problem, self.problem
+        if self._problem != before and self.on_change is not None:
             self.on_change()

@@ -1,8 +1,5 @@
-# pyright: reportUnknownMemberType=false
-# (the stubs of zenoh leave types out)
 """Zenoh configuration of a plain session that joins a foreign network."""
 
-import json
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -10,6 +7,7 @@ import zenoh
 
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.link.link import ENDPOINT
+from pointit.runtime.transport.session import config_of
 
 Mode = Literal["peer", "client", "router"]
 
@@ -79,10 +77,4 @@ def plain_configuration(link: RawLink) -> zenoh.Config:
         }
     elif link.mode == "client":
         settings |= {"connect/timeout_ms": CONNECT_TIMEOUT_MS, "listen/endpoints": []}
-    config = zenoh.Config()
-    for key, value in settings.items():
-        try:
-            config.insert_json5(key, json.dumps(value))
-        except zenoh.ZError as error:
-            raise ConfigError(f"Zenoh does not take {key} = {json.dumps(value)}") from error
-    return config
+    return config_of(settings)

@@ -1,4 +1,4 @@
-"""Files that are replaced as a whole: readers find the old or the new content, never a part."""
+"""Files that are read with a limit, and replaced as a whole: readers find the old or the new content."""
 
 import os
 import sys
@@ -6,6 +6,22 @@ import tempfile
 from pathlib import Path
 
 from pointit.runtime.errors import ConfigError
+
+
+def read_limited(path: Path, max_bytes: int) -> bytes:
+    """Return the first `max_bytes` bytes of the file at `path`.
+
+    Raises:
+        FileNotFoundError: If there is no file.
+        ConfigError: If it cannot be read. Names the file.
+    """
+    try:
+        with path.open("rb") as file:
+            return file.read(max_bytes)
+    except FileNotFoundError:
+        raise
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read ({error.strerror or error})") from error
 
 
 def write_atomically(path: Path, content: bytes, *, mode: int = 0o600, durable: bool = False) -> None:

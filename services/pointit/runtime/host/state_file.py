@@ -8,7 +8,7 @@ import platformdirs
 from pydantic import BaseModel, ValidationError
 
 from pointit.runtime.errors import ConfigError
-from pointit.runtime.host.atomic_file import write_atomically
+from pointit.runtime.host.atomic_file import read_limited, write_atomically
 from pointit.schemas import summarize_validation_error
 from pointit.schemas.topics import check_name
 
@@ -56,16 +56,12 @@ class StateFile(Generic[T]):
             ConfigError: If a value is stored, but cannot be read or used. Names the file.
         """
         try:
-            with self.path.open("rb") as file:
-                data = file.read(MAX_BYTES + 1)
-        except FileNotFoundError:
-            return None
-        except OSError as error:
-            raise ConfigError(f"{self.path}: cannot be read ({error.strerror or error})") from error
-        try:
+            data = read_limited(self.path, MAX_BYTES + 1)
             if len(data) > MAX_BYTES:
                 raise ConfigError(f"{self.path}: is too long to be ours; move it away and calibrate again")
             return self._model.model_validate_json(data)
+        except FileNotFoundError:
+            return None
         except ValidationError as error:
             raise ConfigError(
                 f"{self.path}: cannot be used; move it away and calibrate again; "

@@ -18,6 +18,7 @@ from pydantic import ValidationError
 from pointit.runtime.config.config import Config
 from pointit.runtime.config.validation_message import describe_validation_error
 from pointit.runtime.errors import ConfigError
+from pointit.runtime.host.atomic_file import read_limited
 
 VARIABLE = "POINTIT_CREDENTIALS"
 
@@ -242,14 +243,11 @@ def _distrust(error: ssl.SSLCertVerificationError, endpoint: str, credentials: C
 
 def _read(path: Path) -> bytes:
     try:
-        with path.open("rb") as file:
-            return file.read(MAX_BYTES)
+        return read_limited(path, MAX_BYTES)
     except FileNotFoundError as error:
         raise ConfigError(
             f"{path}: is missing; credentials are a folder made by `pointit site`, with all its files"
         ) from error
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot be read ({error.strerror or error})") from error
 
 
 def _password(folder: Path) -> str:

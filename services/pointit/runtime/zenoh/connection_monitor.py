@@ -1,18 +1,14 @@
-# pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false, reportUnknownLambdaType=false
-# (the stubs of zenoh leave return types out)
 """Whether a client has its router, and why not."""
 
 import asyncio
-import contextlib
 import logging
 from collections.abc import Callable
 
 import zenoh
-from zenoh.handlers import Callback
 
-from pointit.runtime.host.tcp_timeouts import set_user_timeout
 from pointit.runtime.host.threads import in_daemon_thread
-from pointit.runtime.link.link import LEASE_MS, Link, ports_of
+from pointit.runtime.link.link import Link
+from pointit.runtime.transport.connections import Connections
 from pointit.runtime.zenoh.session import refusals
 
 log = logging.getLogger(__name__)
@@ -25,20 +21,15 @@ class LinkWatch:
     """Knows whether a client has its router; says once that it is lost and once that it is back."""
 
     def __init__(self, session: zenoh.Session, link: Link, on_back: Callable[[], None]) -> None:
-        """Watch the transports of `session`, which is connected now; call `on_back` when it is so again."""
+        """Watch the connections of `session`, which has one now; call `on_back` when it is so again."""
         self._link = link
         self._on_back = on_back
         self._why = ""
         self._doubt: asyncio.Task[None] | None = None
         self._loop = asyncio.get_running_loop()
         self._where = " or ".join(link.connect)
-        self._ports = ports_of(link.connect)
-        self._zids = {str(transport.zid) for transport in session.info.transports()}
         self._lost_s: float | None = None
-        self._open = True
-        self._listener = session.info.declare_transport_events_listener(
-            Callback(self._on_event, indirect=False), history=True
-        )
+        self._connections = Connections(session, link.connect, self._on_change)
 
     @property
     def up(self) -> bool:
@@ -55,25 +46,13 @@ class LinkWatch:
 
     def close(self) -> None:
         """Say nothing any more."""
-        if self._open:
-            self._open = False
-            self._listener.undeclare()
-            self._end_doubt()
+        self._connections.close()
+        self._end_doubt()
 
-    def _on_event(self, event: zenoh.TransportEvent) -> None:  # on Zenoh's thread
-        up = event.kind == zenoh.SampleKind.PUT
-        with contextlib.suppress(RuntimeError):  # the loop is gone
-            self._loop.call_soon_threadsafe(self._count, str(event.transport.zid), up)
-
-    def _count(self, zid: str, up: bool) -> None:  # noqa: FBT001
-        if not self._open:
+    def _on_change(self) -> None:
+        if bool(self._connections) == self.up:
             return
-        (self._zids.add if up else self._zids.discard)(zid)
-        if up:
-            set_user_timeout(self._ports, LEASE_MS)
-        if bool(self._zids) == self.up:
-            return
-        if self._zids:
+        if self._connections:
             self._lost_s = None
             self._end_doubt()
             log.info("router at %s is back", self._where)

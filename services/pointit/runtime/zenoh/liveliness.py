@@ -1,16 +1,13 @@
-# pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false, reportUnknownLambdaType=false
-# (the stubs of zenoh leave return types out)
 """Presence on Zenoh."""
 
-import asyncio
 import contextlib
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 import zenoh
-from zenoh.handlers import Callback
 
 from pointit.runtime.bus.endpoints import PresenceWatcher
 from pointit.runtime.bus.local_broker import Participant
+from pointit.runtime.transport.liveliness import LivelinessSubscriber
 from pointit.runtime.zenoh.wire_format import name_from_key
 from pointit.schemas import SchemaError
 from pointit.schemas.topics import ANY, Presence
@@ -27,13 +24,10 @@ class ZenohWatcher(PresenceWatcher):
         handler: Callable[[str, bool], None],
     ) -> None:
         super().__init__(bus, presence, handler)
-        self._loop = asyncio.get_running_loop()
         self._here = bus.exchange.present.setdefault(presence.key, {})
         self._withheld: set[str] = set()
         """Names of which Zenoh has said that they are gone, while this process still announces them."""
-        self._subscriber = session.liveliness().declare_subscriber(
-            presence.at(ANY), Callback(self._on_change, indirect=False), history=True
-        )
+        self._tokens = LivelinessSubscriber(session, presence.at(ANY), self._on_tokens, bus.dispatcher)
 
     def notify_departure(self, name: str) -> None:
         """Say that `name` is gone if only this process still announced it."""
@@ -42,12 +36,12 @@ class ZenohWatcher(PresenceWatcher):
 
     def _undeclare(self) -> None:
         super()._undeclare()
-        self._subscriber.undeclare()
+        self._tokens.close()
 
-    def _on_change(self, sample: zenoh.Sample) -> None:  # on Zenoh's thread
-        with contextlib.suppress(SchemaError, RuntimeError):  # not a name of ours; the loop is gone
-            name = name_from_key(self.presence, str(sample.key_expr))
-            self._loop.call_soon_threadsafe(self._change, name, sample.kind == zenoh.SampleKind.PUT)
+    def _on_tokens(self, changes: Mapping[str, bool]) -> None:
+        for token, present in changes.items():
+            with contextlib.suppress(SchemaError):  # not a name of ours
+                self._change(name_from_key(self.presence, token), present)
 
     def _change(self, name: str, present: bool) -> None:  # noqa: FBT001
         if not present and name in self._here:

@@ -68,12 +68,10 @@ class PermissionProbe:
         self._untested: set[Right] = set()
         self._denied: set[Right] = set()
         self._is_nobody = False
-        self._task: asyncio.Task[None] | None = None
-        self._timer: asyncio.TimerHandle | None = None
-        self._retry: asyncio.TimerHandle | None = None
         self._denials = 0
         """Tests in a row in which something was denied."""
-        self._closed = False
+        self._is_due = asyncio.Event()
+        self._task = self._loop.create_task(self._run(), name="self-test")
 
     @property
     def problem(self) -> str:
@@ -83,16 +81,16 @@ class PermissionProbe:
     def add(self, verb: str, key: str) -> None:
         """Have a right tested soon, unless it was."""
         right = (verb, key)
-        if right not in self._wanted and not self._closed:
+        if right not in self._wanted:
             self._wanted.add(right)
             self._untested.add(right)
-            self._soon()
+            self._is_due.set()
 
     def retest(self) -> None:
         """Schedule a new test of all rights: the router is back, perhaps with other rules."""
         self._denials = 0
         self._untested |= self._wanted
-        self._soon()
+        self._is_due.set()
 
     async def denial_reason(self, verb: str, key: str) -> str:
         """Return the reason if this right is denied, or `""` if it is not, or if that is unknown."""
@@ -103,55 +101,38 @@ class PermissionProbe:
 
     async def close(self) -> None:
         """Test nothing any more."""
-        self._closed = True
-        for timer in (self._timer, self._retry):
-            if timer is not None:
-                timer.cancel()
-        if self._task is not None:
-            self._task.cancel()
-            await asyncio.gather(self._task, return_exceptions=True)
+        self._task.cancel()
+        await asyncio.gather(self._task, return_exceptions=True)
 
-    def _soon(self) -> None:
-        if self._timer is None and self._task is None and not self._closed:
-            self._timer = self._loop.call_later(SETTLE_S, self._begin)
-
-    def _begin(self) -> None:
-        self._timer = None
-        if self._untested and self._is_up():
-            self._task = self._loop.create_task(self._test(), name="self-test")
-
-    def _later(self) -> None:
-        if self._retry is None and not self._closed:
-            wait_s = RETRY_S[min(max(self._denials, 1), len(RETRY_S)) - 1]
-            self._retry = self._loop.call_later(wait_s, self._test_denied)
-
-    def _test_denied(self) -> None:
-        self._retry = None
-        self._untested |= self._denied
-        self._soon()
+    async def _run(self) -> None:
+        while True:
+            wait_s = RETRY_S[min(max(self._denials, 1), len(RETRY_S)) - 1] if self._denied else None
+            try:
+                await asyncio.wait_for(self._is_due.wait(), wait_s)
+            except TimeoutError:
+                self._untested |= self._denied
+            await asyncio.sleep(SETTLE_S)
+            self._is_due.clear()
+            if self._untested and self._is_up():
+                await self._test()
 
     async def _test(self) -> None:
-        try:
-            rights, self._untested = self._untested, set[Right]()
-            arrived = await self._arrived(rights)
-            if arrived is None:  # the router is lost; `retest` follows when it is back
-                self._untested |= rights
-                return
-            before = self.problem
-            self._is_nobody = not arrived
-            self._denied = (self._denied - rights) | (rights - arrived)
-            self._denials = self._denials + 1 if self._denied else 0
-            for sentence in self._sentences():
-                if sentence not in before:
-                    log.warning("%s", sentence)
-            if before and not self.problem:
-                log.info("%s may do now what it needs", self._credentials.description)
-        finally:
-            self._task = None
-            if self._untested and self._is_up():
-                self._soon()
-            elif self._denied:
-                self._later()
+        rights, self._untested = self._untested, set[Right]()
+        arrived = await self._arrived(rights)
+        if arrived is None:
+            self._untested |= rights
+            if self._is_up():  # otherwise `retest` follows when it is back
+                self._is_due.set()
+            return
+        before = self.problem
+        self._is_nobody = not arrived
+        self._denied = (self._denied - rights) | (rights - arrived)
+        self._denials = self._denials + 1 if self._denied else 0
+        for sentence in self._sentences():
+            if sentence not in before:
+                log.warning("%s", sentence)
+        if before and not self.problem:
+            log.info("%s may do now what it needs", self._credentials.description)
 
     async def _arrived(self, rights: Iterable[Right]) -> set[Right] | None:
         """Return which of `rights` hold, and the right to join; nothing when there is no router to ask."""

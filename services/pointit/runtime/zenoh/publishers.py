@@ -12,6 +12,7 @@ from zenoh.handlers import RingChannel
 from pointit.runtime.bus.contract import UNDECLARE_S, AnyTopic
 from pointit.runtime.bus.endpoints import MemoryPublisher
 from pointit.runtime.bus.local_broker import Participant
+from pointit.runtime.transport.declarations import declare_publisher
 from pointit.runtime.zenoh.wire_format import PRIORITY, encoding_of
 from pointit.schemas import Message, encode
 from pointit.schemas.topics import Delivery, Topic
@@ -29,12 +30,8 @@ class _LatestWriter:
     """Sends the newest, and nothing at all while nobody elsewhere reads it."""
 
     def __init__(self, session: zenoh.Session, topic: AnyTopic, key: str) -> None:
-        self._publisher = session.declare_publisher(
-            key,
-            encoding=encoding_of(topic.message),
-            congestion_control=zenoh.CongestionControl.DROP,
-            priority=zenoh.Priority.INTERACTIVE_HIGH,
-            allowed_destination=zenoh.Locality.REMOTE,
+        self._publisher = declare_publisher(
+            session, key, encoding=encoding_of(topic.message), priority=zenoh.Priority.INTERACTIVE_HIGH
         )
         self._wanted = False  # the listener tells at once if there is somebody
         # No callback of ours here: it would wait for Python's lock on the thread that ends the heartbeats of
@@ -57,18 +54,14 @@ class _KeptWriter:
     """Sends states and events, and keeps the last of them for readers that come late or were cut off."""
 
     def __init__(self, session: zenoh.Session, topic: AnyTopic, key: str) -> None:
-        # BLOCK would let one stuck reader stop this process for seconds; what DROP loses is fetched again
-        # from this cache, and what cannot be fetched is counted by the reader.
-        self._publisher = ext.declare_advanced_publisher(
+        # What cannot be fetched from this cache is counted by the reader.
+        self._publisher = declare_publisher(
             session,
             key,
+            cache=1 if topic.delivery is Delivery.STATE else EVENT_CACHE,
+            missed=ext.MissDetectionConfig(heartbeat=HEARTBEAT_S, sporadic_heartbeat=None),
             encoding=encoding_of(topic.message),
-            congestion_control=zenoh.CongestionControl.DROP,
             priority=PRIORITY,
-            allowed_destination=zenoh.Locality.REMOTE,
-            cache=ext.CacheConfig(1 if topic.delivery is Delivery.STATE else EVENT_CACHE),
-            sample_miss_detection=ext.MissDetectionConfig(heartbeat=HEARTBEAT_S, sporadic_heartbeat=None),
-            publisher_detection=True,
         )
 
     def put(self, message: Message) -> None:

@@ -8,14 +8,12 @@ from collections.abc import Iterable
 from typing import TypeVar
 
 import zenoh
-from zenoh.handlers import Callback
 
-from pointit.runtime.bus.bounded_queue import MAX_WAITING, BoundedWorkQueue, OverflowCounter
-from pointit.runtime.bus.contract import Server
-from pointit.runtime.bus.local_broker import Participant
+from pointit.runtime.bus.bounded_queue import MAX_WAITING, OverflowCounter
 from pointit.runtime.bus.request_handler import RequestHandler, no_answer, shutting_down
 from pointit.runtime.errors import RefusedError, RequestError
-from pointit.runtime.zenoh.queries import query_replies
+from pointit.runtime.transport.declarations import QueuedQueryable
+from pointit.runtime.transport.queries import query_replies, refuse
 from pointit.runtime.zenoh.wire_format import check_size, decoded, encoding_of, name_from_key
 from pointit.schemas import DecodeError, Query, Reply, SchemaError, encode
 from pointit.schemas.text import one_line
@@ -28,74 +26,42 @@ EMPTY_RETRY_S = (0.01, 0.03, 0.1, 0.3)
 """Waits between tries when nobody answered: a server that was just declared may not be known yet."""
 
 
-class ZenohQueryable(RequestHandler[Q, R]):
-    """Answers this process's callers, and those of others."""
+def answer_others(
+    session: zenoh.Session, handler: RequestHandler[Q, R], key: str, overflows: OverflowCounter
+) -> QueuedQueryable:
+    """Have `handler` answer the callers of other processes that ask for `key`."""
+    request = handler.request
 
-    def __init__(
-        self,
-        bus: Participant,
-        session: zenoh.Session,
-        request: Request[Q, R],
-        server: Server[Q, R],
-        name: str,
-        *,
-        turned_away: OverflowCounter,
-    ) -> None:
-        super().__init__(bus, request, server, name)
-        self._line = BoundedWorkQueue(request.key, self._receive, turned_away)
-        self._busy = (
-            f"{request.server} is busy with {MAX_WAITING} other requests for {request.key}; ask later"
-        )
-        self._open = True
-        self._queryable = session.declare_queryable(
-            request.at(name),
-            Callback(self._on_query, indirect=False),
-            complete=True,
-            allowed_origin=zenoh.Locality.REMOTE,
-        )
-
-    def _undeclare(self) -> None:
-        self._open = False
-        super()._undeclare()
-        self._queryable.undeclare()
-
-    def _on_query(self, query: zenoh.Query) -> None:  # on Zenoh's thread
+    def work(query: zenoh.Query) -> Iterable[None]:
         try:
-            check_size(self.request.query, query.payload)
-            if not self._line.offer(query):
-                with query:
-                    query.reply_err(self._busy.encode())
-        except DecodeError as error:  # nothing of it waits for the loop
-            with query:
-                query.reply_err(str(error).encode())
-        except RuntimeError:  # the loop is gone
-            query.drop()
-
-    def _receive(self, query: zenoh.Query) -> Iterable[None]:
-        if not self._open:
-            query.drop()
-            return ()
-        try:
-            name = name_from_key(self.request, str(query.key_expr))
-            asked = decoded(self.request.query, query.payload, query.encoding)
+            name = name_from_key(request, str(query.key_expr))
+            asked = decoded(request.query, query.payload, query.encoding)
         except SchemaError as error:
-            with query:
-                query.reply_err(str(error).encode())
+            refuse(query, str(error))
         else:
-            self.handle(asked, name).add_done_callback(functools.partial(self._reply, query))
+            handler.handle(asked, name).add_done_callback(functools.partial(_reply, request, query))
         return ()
 
-    def _reply(self, query: zenoh.Query, answer: asyncio.Task[R]) -> None:
-        with query:  # dropped in every case: otherwise the caller waits for its time-out
-            if answer.cancelled():
-                query.reply_err(shutting_down(self.request).encode())
-                return
-            error = answer.exception()
-            if error is None:
-                payload = encode(answer.result())
-                query.reply(str(query.key_expr), payload, encoding=encoding_of(self.request.reply))
-            else:
-                query.reply_err(str(error).encode())
+    return QueuedQueryable(
+        session,
+        key,
+        work,
+        overflows,
+        about=request.key,
+        busy=f"{request.server} is busy with {MAX_WAITING} other requests for {request.key}; ask later",
+        check=lambda query: check_size(request.query, query.payload),
+    )
+
+
+def _reply(request: Request[Q, R], query: zenoh.Query, answer: asyncio.Task[R]) -> None:
+    if answer.cancelled():
+        refuse(query, shutting_down(request))
+    elif error := answer.exception():
+        refuse(query, str(error))
+    else:
+        with query:
+            payload = encode(answer.result())
+            query.reply(str(query.key_expr), payload, encoding=encoding_of(request.reply))
 
 
 async def send_query(

@@ -7,20 +7,19 @@ access rules for a state's key hold for what is kept of it, too.
 """
 
 import asyncio
-import contextlib
 import functools
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import zenoh
-from zenoh.handlers import Callback
 
-from pointit.runtime.bus.bounded_queue import BoundedWorkQueue, OverflowCounter
+from pointit.runtime.bus.bounded_queue import OverflowCounter
 from pointit.runtime.bus.contract import AnyTopic, Recall
-from pointit.runtime.bus.endpoints import RetainedStateServer
 from pointit.runtime.bus.local_broker import Participant
 from pointit.runtime.bus.mailbox import Mailbox
 from pointit.runtime.bus.name_limiter import max_names_for
-from pointit.runtime.zenoh.queries import query_samples
+from pointit.runtime.transport.declarations import Declared, QueuedQueryable
+from pointit.runtime.transport.liveliness import LivelinessSubscriber
+from pointit.runtime.transport.queries import query_samples
 from pointit.runtime.zenoh.wire_format import decoded, encoding_of, name_from_key
 from pointit.schemas import SchemaError, encode
 from pointit.schemas.topics import ANY, KEEPER_ALIVE
@@ -35,64 +34,29 @@ EMPTY_RETRY_S = (0.05, 0.2, 0.7)
 BUSY = "the keeper is busy with too many other questions; ask later"
 
 
-class ZenohRetainedStateServer(RetainedStateServer):
-    """Answers the readers of this process, and those of others."""
+def recall_for_others(
+    session: zenoh.Session, topics: Sequence[AnyTopic], recall: Recall, overflows: OverflowCounter
+) -> list[Declared]:
+    """Answer the readers of other processes with what `recall` yields."""
 
-    def __init__(
-        self,
-        bus: Participant,
-        session: zenoh.Session,
-        topics: Sequence[AnyTopic],
-        recall: Recall,
-        *,
-        turned_away: OverflowCounter,
-    ) -> None:
-        super().__init__(bus, topics, recall)
-        self._turned_away = turned_away
-        self._open = True
-        self._queryables = [
-            session.declare_queryable(
-                topic.at(ANY),
-                Callback(self._asked_for(topic), indirect=False),
-                complete=True,
-                allowed_origin=zenoh.Locality.REMOTE,
-            )
-            for topic in topics
-        ]
-        # last: it says that this one answers
-        self._token = session.liveliness().declare_token(KEEPER_ALIVE.at(str(session.zid())))
-
-    def _undeclare(self) -> None:
-        self._open = False
-        super()._undeclare()
-        self._token.undeclare()
-        for queryable in self._queryables:
-            queryable.undeclare()
-
-    def _asked_for(self, topic: AnyTopic) -> Callable[[zenoh.Query], None]:
-        """Return a handler of queries for `topic`. Many for one topic do not delay those for another."""
-        line = BoundedWorkQueue(topic.key, functools.partial(self._answer, topic), self._turned_away)
-
-        def on_query(query: zenoh.Query) -> None:  # on Zenoh's thread
-            try:
-                if not line.offer(query):
-                    with query:
-                        query.reply_err(BUSY.encode())
-            except RuntimeError:  # the loop is gone
-                query.drop()
-
-        return on_query
-
-    def _answer(self, topic: AnyTopic, query: zenoh.Query) -> Iterator[None]:
+    def work(topic: AnyTopic, query: zenoh.Query) -> Iterator[None]:
         """Answer in small steps: a question may be for all names, and there may be hundreds."""
         with query:
-            for name, message in self.recall(topic):
-                if not self._open:
-                    return
+            for name, message in recall(topic):
                 key = topic.at(name)
                 if query.key_expr.intersects(zenoh.KeyExpr(key)):
                     query.reply(key, encode(message), encoding=encoding_of(topic.message))
                 yield
+
+    queryables = [  # one each: many queries for one topic do not delay those for another
+        QueuedQueryable(
+            session, topic.at(ANY), functools.partial(work, topic), overflows, about=topic.key, busy=BUSY
+        )
+        for topic in topics
+    ]
+    # last: it says that this one answers
+    token = session.liveliness().declare_token(KEEPER_ALIVE.at(str(session.zid())))
+    return [token, *queryables]
 
 
 class RetainedStateFetcher:
@@ -102,16 +66,13 @@ class RetainedStateFetcher:
         """Watch for who keeps states; must be called in the loop."""
         self._bus = bus
         self._session = session
-        self._loop = asyncio.get_running_loop()
         self._here = KEEPER_ALIVE.at(str(session.zid()))
         self._readers: list[tuple[AnyTopic, str, Mailbox]] = []
         self._due: dict[str, AnyTopic] = {}
         """By key: what is to be asked for."""
         self._keepers: set[str] = set()
         self._asking: asyncio.Task[None] | None = None
-        self._subscriber = session.liveliness().declare_subscriber(
-            KEEPER_ALIVE.at(ANY), Callback(self._on_change, indirect=False), history=True
-        )
+        self._tokens = LivelinessSubscriber(session, KEEPER_ALIVE.at(ANY), self._on_keepers, bus.dispatcher)
 
     def fetch(self, topic: AnyTopic, name: str, mailbox: Mailbox) -> None:
         """Fill `mailbox` with what is kept of `topic` under `name`."""
@@ -122,18 +83,12 @@ class RetainedStateFetcher:
 
     def close(self) -> None:
         """Watch no longer; what is on its way ends with the bus."""
-        self._subscriber.undeclare()
+        self._tokens.close()
 
-    def _on_change(self, sample: zenoh.Sample) -> None:  # on Zenoh's thread
-        with contextlib.suppress(RuntimeError):  # the loop is gone
-            present = sample.kind == zenoh.SampleKind.PUT
-            self._loop.call_soon_threadsafe(self._change, str(sample.key_expr), present)
-
-    def _change(self, keeper: str, present: bool) -> None:  # noqa: FBT001
-        if not present:
-            self._keepers.discard(keeper)
-        elif keeper != self._here and keeper not in self._keepers:
-            self._keepers.add(keeper)
+    def _on_keepers(self, changes: Mapping[str, bool]) -> None:
+        come = {keeper for keeper, is_present in changes.items() if is_present} - {self._here}
+        self._keepers = (self._keepers - changes.keys()) | come
+        if come:
             self._ask_for(self._readers)
 
     def _ask_for(self, readers: Sequence[tuple[AnyTopic, str, Mailbox]]) -> None:

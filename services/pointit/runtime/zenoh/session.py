@@ -1,43 +1,24 @@
-# pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false, reportUnknownLambdaType=false
-# (the stubs of zenoh leave return types out)
-"""Opening and watching the one Zenoh session of a process."""
+"""The Zenoh session of a process of a site."""
 
-import asyncio
-import contextlib
 import dataclasses
-import json
 import logging
-import os
-import re
-from collections.abc import Sequence
 from typing import Any
 
 import zenoh
 
-from pointit.runtime.errors import ConfigError, ConnectError, ListenError
-from pointit.runtime.host.tcp_timeouts import set_user_timeout
+from pointit.runtime.errors import BusError, ConnectError, ListenError
 from pointit.runtime.host.threads import in_daemon_thread
 from pointit.runtime.link.credentials import connection_refusal
-from pointit.runtime.link.link import LEASE_MS, Link, check_addresses, ports_of
+from pointit.runtime.link.link import LEASE_MS, Link, check_addresses
+from pointit.runtime.transport import session as transport
 from pointit.schemas.topics import check_name
 
 log = logging.getLogger(__name__)
 
-SYSTEM_REASON = re.compile(r"([^:\[\]\s][^:\[\]]*) \(os error \d+\)")
-IN_USE = re.compile(r"\(os error (48|98|10048)\)")
-"""Numbers by which macOS, Linux and Windows report that an address is in use."""
-
-OPEN_RETRY_S = 0.5
 CONNECT_TIMEOUT_MS = 1000
 """Duration limit of an attempt to open. Later attempts to reach a lost router take up to 10 s: with less, the
 attempts that clients have given up would keep a router that stood still busy for good, which turns away ten a
 second (github.com/eclipse-zenoh/zenoh/issues/2685)."""
-CLOSE_PATIENCE_S = 1.0
-"""Time to wait for the closing of a session. It takes some ms, but with a lost router as long as the current
-attempt to reach it."""
-
-RUNTIME = "(rx: (worker_threads: 1))"
-"""One thread receives, not two: each message would wake both, and both need Python's lock."""
 
 
 def configuration(link: Link) -> zenoh.Config:
@@ -51,7 +32,6 @@ def configuration(link: Link) -> zenoh.Config:
     """
     check_name(link.site, "site")
     check_addresses(link)
-    config = zenoh.Config()
     if link.router:
         mode = "router"
     elif link.connect:
@@ -77,81 +57,57 @@ def configuration(link: Link) -> zenoh.Config:
         settings |= link.credentials.settings()
     if not link.router:
         settings["namespace"] = f"pointit/{link.site}"
-    for key, value in settings.items():
-        try:
-            config.insert_json5(key, json.dumps(value))
-        except zenoh.ZError as error:
-            shown = "…" if key.startswith("transport/auth") else json.dumps(value)
-            raise ConfigError(f"Zenoh does not take {key} = {shown}: {_short(error)}") from error
-    return config
+    return transport.config_of(settings)
 
 
 async def open_session(link: Link, *, patience_s: float | None = None) -> zenoh.Session:
-    """Return an open session.
-
-    `zenoh.open` ignores signals while it blocks, so it runs in a thread of its own with a short time-out,
-    and is tried again: for `patience_s`, or for ever (said once).
+    """Return an open session, tried for `patience_s`, or for ever (said once).
 
     Raises:
+        ConfigError: as `configuration`.
         ListenError: the address to listen on is taken.
         ConnectError: nobody answered within `patience_s`, or the router refuses the credentials.
     """
-    loop = asyncio.get_running_loop()
-    began = loop.time()
-    told = False
-    turns = [configuration(turn) for turn in _turns(link)]
-    while True:
-        try:
-            session = await _open_by_turns(turns)
-        except zenoh.ZError as error:
-            if not link.connect:
-                where = ", ".join(link.listen)
-                taken = "another PointIt may be running there: join it with --connect, or "
-                hint = taken if IN_USE.search(str(error)) else ""
-                raise ListenError(
-                    f"cannot listen on {where}: {_short(error)}; {hint}choose another address with --listen"
-                ) from error
-            where = ", ".join(link.connect)
-            why = await in_daemon_thread(lambda: refusals(link), "refusal")
-            if patience_s is not None and why:
-                raise ConnectError(why) from error
-            if patience_s is not None and loop.time() - began >= patience_s:
-                raise ConnectError(
-                    f"nobody answers at {where}; is `pointit run` or `pointit router` running there?"
-                ) from error
-            if not told:
-                told = True
-                if why:
-                    log.warning("%s; trying again until it does not", why)
-                else:
-                    log.warning("nobody answers at %s yet; trying again until somebody does", where)
-            await asyncio.sleep(OPEN_RETRY_S)
+    where = ", ".join(link.connect or link.listen)
+    refusal, has_waited = "", False
+
+    async def problem_of(error: zenoh.ZError) -> BusError:
+        nonlocal refusal
+        if not link.connect:
+            taken = "another PointIt may be running there: join it with --connect, or "
+            hint = taken if transport.is_in_use(error) else ""
+            reason = transport.short_reason(error)
+            return ListenError(
+                f"cannot listen on {where}: {reason}; {hint}choose another address with --listen"
+            )
+        refusal = await in_daemon_thread(lambda: refusals(link), "refusal")
+        if refusal and patience_s is not None:
+            raise ConnectError(refusal) from error
+        return ConnectError(f"nobody answers at {where}; is `pointit run` or `pointit router` running there?")
+
+    def on_wait() -> None:
+        nonlocal has_waited
+        has_waited = True
+        if refusal:
+            log.warning("%s; trying again until it does not", refusal)
         else:
-            if told:
-                log.info("connected to %s", ", ".join(link.connect))
-            set_user_timeout(ports_of((*link.listen, *link.connect)), LEASE_MS)
-            return session
+            log.warning("nobody answers at %s yet; trying again until somebody does", where)
 
-
-def _turns(link: Link) -> list[Link]:
-    """Return `link` with each of its addresses first: when it opens a session, Zenoh tries no other."""
-    return [
+    # Each address first in turn: when it opens a session, Zenoh tries no other.
+    turns = [
         dataclasses.replace(link, connect=(*link.connect[first:], *link.connect[:first]))
         for first in range(max(1, len(link.connect)))
     ]
-
-
-async def _open_by_turns(turns: Sequence[zenoh.Config]) -> zenoh.Session:
-    """Return the session that the first of `turns` opens that can.
-
-    Raises:
-        ZError: none can; says why the last one cannot.
-    """
-    *others, last = turns
-    for turn in others:
-        with contextlib.suppress(zenoh.ZError):
-            return await open_cancellable(turn)
-    return await open_cancellable(last)
+    session = await transport.open_session(
+        [configuration(turn) for turn in turns],
+        (*link.listen, *link.connect),
+        problem_of,
+        patience_s=patience_s,
+        on_wait=on_wait,
+    )
+    if has_waited:
+        log.info("connected to %s", where)
+    return session
 
 
 def refusals(link: Link) -> str:
@@ -163,30 +119,3 @@ def refusals(link: Link) -> str:
         return ""
     reasons = [connection_refusal(link.credentials, endpoint) for endpoint in link.connect]
     return reasons[0] if reasons and all(reasons) else ""
-
-
-async def close_session(session: zenoh.Session, *, patience_s: float = CLOSE_PATIENCE_S) -> None:
-    """Close `session`, in a thread, since that waits for callbacks that run; go on after `patience_s`."""
-    with contextlib.suppress(TimeoutError):
-        await asyncio.wait_for(in_daemon_thread(session.close, "zenoh-close"), patience_s)
-
-
-def _short(error: Exception) -> str:
-    """Return the innermost reason of a Zenoh error."""
-    system = SYSTEM_REASON.search(str(error))
-    return system[1] if system else str(error).split(" at ")[0].rstrip(".")
-
-
-async def open_cancellable(config: zenoh.Config) -> zenoh.Session:
-    """Return an open session; may be cancelled at any time: one that opens all the same is closed again.
-
-    `ZENOH_RUNTIME` in the environment goes before our choice of threads; Zenoh reads it when it first opens
-    a session in a process.
-
-    Raises:
-        zenoh.ZError: it cannot be opened.
-    """
-    os.environ.setdefault("ZENOH_RUNTIME", RUNTIME)
-    return await in_daemon_thread(
-        lambda: zenoh.open(config), "zenoh-open", discard=lambda session: session.close()
-    )

@@ -2,14 +2,12 @@
 # (the stubs of zenoh leave types out)
 """Sites that run at an address. A member sees only its own."""
 
-import asyncio
-import contextlib
-
 import zenoh
-from zenoh.handlers import Callback
 
 from pointit.runtime.link.link import Link
-from pointit.runtime.zenoh.session import close_session, configuration, open_cancellable
+from pointit.runtime.transport.queries import query_replies
+from pointit.runtime.transport.session import close_session, open_cancellable
+from pointit.runtime.zenoh.session import configuration
 from pointit.schemas.errors import KeyNameError
 from pointit.schemas.topics import ANY, SERVICE_ALIVE, check_name
 
@@ -29,23 +27,12 @@ async def sites_at(link: Link) -> tuple[str, ...]:
         session = await open_cancellable(config)
     except zenoh.ZError:
         return ()
-    loop, done = asyncio.get_running_loop(), asyncio.Event()
-    found: set[str] = set()
-
-    def take(reply: zenoh.Reply) -> None:  # on Zenoh's thread
-        if reply.ok is not None:
-            found.add(str(reply.ok.key_expr).split("/")[1])
-
-    def finish() -> None:  # on Zenoh's thread
-        with contextlib.suppress(RuntimeError):  # the loop is gone
-            loop.call_soon_threadsafe(done.set)
-
     try:
         selector = f"pointit/*/{SERVICE_ALIVE.at(ANY)}"
-        session.liveliness().get(selector, Callback(take, finish, indirect=False), timeout=ASK_S)
-        await done.wait()
+        replies = await query_replies(session.liveliness(), selector, timeout=ASK_S)
     finally:
         await close_session(session)
+    found = {str(reply.ok.key_expr).split("/")[1] for reply in replies if reply.ok is not None}
     return tuple(sorted(name for name in found if _is_name(name)))[:MOST]
 
 

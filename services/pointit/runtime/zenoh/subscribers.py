@@ -5,25 +5,19 @@
 import functools
 import time
 from abc import ABC, abstractmethod
-from typing import Protocol
 
 import zenoh
-from zenoh import ext
-from zenoh.handlers import Callback
 
 from pointit.runtime.bus.contract import AnyTopic
 from pointit.runtime.bus.endpoints import MailboxSubscription
 from pointit.runtime.bus.local_broker import Participant
 from pointit.runtime.bus.mailbox import Mailbox
 from pointit.runtime.bus.name_limiter import NameLimiter, Places
+from pointit.runtime.transport.declarations import declare_caching_subscriber, declare_subscriber
 from pointit.runtime.zenoh.event_recovery import EventRecovery
 from pointit.runtime.zenoh.wire_format import PRIORITY, check_size, decoded, name_from_key
 from pointit.schemas import DecodeError, Message, SchemaError
 from pointit.schemas.topics import Delivery
-
-
-class _Undeclarable(Protocol):
-    def undeclare(self) -> None: ...
 
 
 class EncodedMessage:
@@ -89,9 +83,7 @@ class SharedSubscriber(_Inlet):
 
     def __init__(self, session: zenoh.Session, topic: AnyTopic, key: str, places: Places) -> None:
         super().__init__(topic, places)
-        self._subscriber = session.declare_subscriber(
-            key, Callback(self.on_sample, indirect=False), allowed_origin=zenoh.Locality.REMOTE
-        )
+        self._subscriber = declare_subscriber(session, key, self.on_sample)
 
     def undeclare(self) -> None:
         """Hear nothing any more."""
@@ -113,37 +105,23 @@ class _KeptInlet(_Inlet):
     ) -> None:
         super().__init__(topic, places)
         self.mailboxes = (mailbox,)
-        self._zid = session.info.zid()
         self._began = session.new_timestamp()
         is_event = topic.delivery is Delivery.EVENT
         self._arrears = EventRecovery(bus, session, self._on_event, mailbox.count_lost) if is_event else None
-        self._subscriber: _Undeclarable = ext.declare_advanced_subscriber(
-            session,
-            key,
-            Callback(self._on_state if self._arrears is None else self._arrears.on_sample, indirect=False),
-            history=None if is_event else ext.HistoryConfig(detect_late_publishers=True, max_samples=1),
-            recovery=ext.RecoveryConfig(periodic_queries=None, heartbeat=True),
-            allowed_origin=zenoh.Locality.REMOTE,
-        )
+        on_sample = self.on_sample if self._arrears is None else self._arrears.on_sample
+        self._subscriber = declare_caching_subscriber(session, key, on_sample, history=0 if is_event else 1)
 
     def undeclare(self) -> None:
         self._subscriber.undeclare()
         if self._arrears is not None:
             self._arrears.close()
 
-    def _on_state(self, sample: zenoh.Sample) -> None:
-        source = sample.source_info
-        if source is not None and source.source_id.zid == self._zid:
-            return  # our own, fetched from our own cache when a lost router is back
-        self.on_sample(sample)
-
     def _on_event(self, sample: zenoh.Sample) -> None:
         # A writer that is heard for the first time makes Zenoh fetch everything it has kept: a button that
         # was pressed a minute ago must not be pressed now. What comes live is taken whatever its clock says.
         stamp = sample.timestamp
-        if sample.priority != PRIORITY and stamp is not None and not stamp >= self._began:
-            return
-        self._on_state(sample)
+        if sample.priority == PRIORITY or stamp is None or stamp >= self._began:
+            self.on_sample(sample)
 
 
 class ZenohSubscription(MailboxSubscription):

@@ -30,13 +30,15 @@ from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.bus.name_limiter import Places
 from pointit.runtime.errors import NoAnswerError
 from pointit.runtime.link.link import Link
+from pointit.runtime.transport.declarations import Declared
+from pointit.runtime.transport.session import close_session
 from pointit.runtime.zenoh.connection_monitor import LinkWatch
 from pointit.runtime.zenoh.liveliness import ZenohWatcher
 from pointit.runtime.zenoh.permission_probe import PermissionProbe
 from pointit.runtime.zenoh.publishers import ZenohPublisher
-from pointit.runtime.zenoh.requests import ZenohQueryable, send_query
-from pointit.runtime.zenoh.retained_states import RetainedStateFetcher, ZenohRetainedStateServer
-from pointit.runtime.zenoh.session import close_session, open_session
+from pointit.runtime.zenoh.requests import answer_others, send_query
+from pointit.runtime.zenoh.retained_states import RetainedStateFetcher, recall_for_others
+from pointit.runtime.zenoh.session import open_session
 from pointit.runtime.zenoh.subscribers import EncodedMessage, SharedSubscriber, ZenohSubscription
 from pointit.schemas import Environment, Message, Query, Reply
 from pointit.schemas.topics import ANY, HEALTH, LAMP_COLOR, MAP, Delivery, Presence, Request, Topic
@@ -134,14 +136,14 @@ class ZenohBus(MemoryBus):
 
     def serve_retained(self, topics: Sequence[AnyTopic], recall: Recall) -> Closable:
         """Answer for the writers of `topics` that are gone, here and to other processes."""
-        self._check_open()
-        return ZenohRetainedStateServer(self, self.session, topics, recall, turned_away=self._turned_away)
+        here = super().serve_retained(topics, recall)
+        return self._both(here, *recall_for_others(self.session, topics, recall, self._turned_away))
 
     def serve(self, request: Request[Q, R], server: Server[Q, R], name: str = ANY) -> Closable:
         """Answer `request`, here and from other processes."""
-        self._check_open()
+        here = self.handler(request, server, name)
         self._want("serves", request.at(name))
-        return ZenohQueryable(self, self.session, request, server, name, turned_away=self._turned_away)
+        return self._both(here, answer_others(self.session, here, request.at(name), self._turned_away))
 
     async def call(
         self, request: Request[Q, R], query: Q, name: str = "", *, timeout_s: float = REQUEST_TIMEOUT_S
@@ -169,13 +171,7 @@ class ZenohBus(MemoryBus):
         here = super().announce(presence, name)
         if self._is_onlooker:
             return here
-        token = self.session.liveliness().declare_token(presence.at(name))
-
-        def undo() -> None:
-            here.close()
-            token.undeclare()
-
-        return Declaration(self, undo)
+        return self._both(here, self.session.liveliness().declare_token(presence.at(name)))
 
     def watch(self, presence: Presence, handler: Callable[[str, bool], None]) -> Closable:
         """Call `handler(name, present)` now and on every change."""
@@ -206,6 +202,16 @@ class ZenohBus(MemoryBus):
             await self._self_test.close()
         await super().close()
         await close_session(self.session)
+
+    def _both(self, here: Closable, *elsewhere: Declared) -> Closable:
+        """Return what ends a declaration in this process together with those in the session."""
+
+        def undo() -> None:
+            here.close()
+            for each in elsewhere:
+                each.undeclare()
+
+        return Declaration(self, undo)
 
     def _want(self, verb: str, key: str) -> None:
         if self._self_test is not None:

@@ -16,7 +16,7 @@ class FeederConfig(Config):
 
     sequence: tuple[str, ...] = Field(
         default=("red", "green", "blue"),
-        description="kinds of the objects fed, repeated in this order; empty: nothing is fed",
+        description="kinds of the objects fed, repeated in this order; if empty, nothing is fed",
     )
     interval_s: float = Field(default=2.0, gt=0, le=3600, description="from one object to the next, s")
     length_m: float = Field(default=0.3, gt=0, le=5, description="length of the objects fed, m")
@@ -85,7 +85,7 @@ class ConveyorSimConfig(Config):
         default="belt", description="belt: the map's belts; strip: its LED strips, used as belts"
     )
     lanes: tuple[str, ...] = Field(
-        default=(), description="ids of the belts or strips of the map that move; empty: all of them"
+        default=(), description="ids of the belts or strips of the map that move; all of them if empty"
     )
     speed_mps: float = Field(
         default=0.5, ge=-10, le=10, description="speed at the start, m/s; negative: towards the lines' starts"

@@ -34,9 +34,8 @@ from pointit.services.conveyor_sim.config import ConveyorSimConfig
 from pointit.services.conveyor_sim.feeding.infeed import NoRoomError, UnknownLaneError
 from pointit.services.conveyor_sim.feeding.schedule import check_schedule
 from pointit.services.conveyor_sim.from_map import UnusableMapError
+from pointit.services.conveyor_sim.persistence import PlantPersistence, discard, fingerprint
 from pointit.services.conveyor_sim.plant import Plant
-from pointit.services.conveyor_sim.store.persistence import PlantPersistence
-from pointit.services.conveyor_sim.store.snapshot_store import erase, fingerprint
 from pointit.services.conveyor_sim.tracking import Tracker
 
 TRACKER = "conveyor"
@@ -58,9 +57,9 @@ class ConveyorSim(Service[ConveyorSimConfig]):
     TIME_MAY_STEP: ClassVar[bool] = True
 
     @classmethod
-    def discard_saved_state(cls, site: str, now_ns: int) -> None:  # noqa: ARG003 - independent of the time
+    def discard_saved_state(cls, site: str, now_ns: int) -> None:
         """Delete the saved state, so that the next conveyor of `site` starts empty."""
-        erase(site_folder(site, cls.NAME))
+        discard(site_folder(site, cls.NAME), now_ns)
 
     def __init__(self, config: ConveyorSimConfig, context: Context) -> None:
         super().__init__(config, context)
@@ -140,14 +139,11 @@ class ConveyorSim(Service[ConveyorSimConfig]):
 
     def _check_initial(self, plant: Plant) -> None:
         initial = 0 if self.config.feeders or self.config.schedule else self.config.feeder.initial
-        if plant.fed < initial and plant.is_feeding:
-            self.bus.warn(
-                "initial",
-                f"feeder.initial: {initial} configured, {plant.fed} put on the lanes: "
-                "there is no room, or no kind, for more",
-            )
-        else:
-            self.bus.clear("initial")
+        problem = (
+            f"feeder.initial: {initial} configured, {plant.fed} put on the lanes: there is no room, or no "
+            "kind, for more"
+        )
+        self.bus.warn("initial", problem if plant.fed < initial and plant.is_feeding else "")
 
     def _resume(self) -> None:
         """Restore the plant of a previous conveyor if it is recent and of the same map."""
@@ -215,11 +211,8 @@ class ConveyorSim(Service[ConveyorSimConfig]):
         for event in events:
             self._events.put(event)
         if events:
-            self._persistence.mark_published()
-        if self._persistence.problem:
-            self.bus.warn("kept", self._persistence.problem)
-        else:
-            self.bus.clear("kept")
+            self._persistence.mark_published(now_ns)
+        self.bus.warn("kept", self._persistence.problem)
 
     def _report(self, plant: Plant, now_ns: int) -> None:
         self._advance(plant, now_ns)

@@ -1,17 +1,15 @@
 """Reads a person's cursor, button and interaction, the map and all people's poses; writes goals and cues."""
 
+import asyncio
 from collections.abc import Sequence
 from typing import ClassVar
 
+from pointit.runtime.clock import wait_until
 from pointit.runtime.service.service import Context, Scope, Service
-from pointit.runtime.timer import Timer
-from pointit.schemas import NS_PER_S, ButtonEvent, Cursor, Environment, Goal, Interaction, UserPose
+from pointit.schemas import ButtonEvent, Cursor, Environment, Goal, Interaction, UserPose
 from pointit.schemas.topics import BUTTON, CURSOR, FEEDBACK, GOAL, INTERACTION, MAP, POSE
 from pointit.services.goal.config import GoalConfig
 from pointit.services.goal.goal_confirmation import GoalConfirmation, Output
-
-MAX_WAIT_S = 1.0
-"""Wall time after which a running deadline is checked again, s, since the clock's speed may change."""
 
 
 class Goals(Service[GoalConfig]):
@@ -24,7 +22,7 @@ class Goals(Service[GoalConfig]):
     def __init__(self, config: GoalConfig, context: Context) -> None:
         super().__init__(config, context)
         self._steps = GoalConfirmation(config, self.user)
-        self._timer = Timer(self.bus.call_later, self._withdraw)
+        self._moved = asyncio.Event()
         self._goals = self.bus.publisher(GOAL, self.user)
         self._feedback = self.bus.publisher(FEEDBACK, self.user)
         self.bus.subscribe(MAP, self._on_map)
@@ -32,6 +30,13 @@ class Goals(Service[GoalConfig]):
         self.bus.subscribe(INTERACTION, self._on_interaction, self.user)
         self.bus.subscribe(CURSOR, self._on_cursor, self.user)
         self.bus.subscribe(BUTTON, self._on_button, self.user)
+
+    async def run(self) -> None:
+        """Withdraw proposals that are not confirmed in time."""
+        while True:
+            self._put(self._steps.tick(self.clock.now_ns()))
+            self._moved.clear()
+            await wait_until(self.clock, self._steps.deadline_ns, self._moved)
 
     def _on_map(self, environment: Environment, _name: str) -> None:
         self._steps.on_map(environment)
@@ -55,14 +60,8 @@ class Goals(Service[GoalConfig]):
                 self.bus.set_metric("goals", output.seq)
             else:
                 self._feedback.put(output)
-        deadline_ns = self._steps.deadline_ns
-        if deadline_ns is not None:
-            left_s = (deadline_ns - self.clock.now_ns()) / NS_PER_S / self.clock.speed
-            self._timer.start(min(max(left_s, 0.0), MAX_WAIT_S))
-
-    def _withdraw(self) -> None:
-        """Withdraw a proposal that is not confirmed in time."""
-        self._put(self._steps.tick(self.clock.now_ns()))
+        if outputs:
+            self._moved.set()
 
 
 SERVICE = Goals

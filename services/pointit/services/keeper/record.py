@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import ClassVar
 
 from pointit.runtime.errors import ConfigError
-from pointit.runtime.host.atomic_file import write_atomically
+from pointit.runtime.host.atomic_file import read_limited, write_atomically
 from pointit.schemas import DecodeError, SchemaModel, decode, encode
 from pointit.schemas.base import Many, Ns
 
@@ -38,12 +38,9 @@ def read(path: Path) -> Record | None:
         ConfigError: If there is a file but it cannot be read or used; names the file.
     """
     try:
-        with path.open("rb") as file:
-            return decode(Record, file.read(Record.max_bytes + 1))
+        return decode(Record, read_limited(path, Record.max_bytes + 1))
     except FileNotFoundError:
         return None
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot be read ({error.strerror or error})") from error
     except DecodeError as error:
         raise ConfigError(f"{path}: cannot be used and will be overwritten ({error})") from error
 

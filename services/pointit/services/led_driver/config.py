@@ -54,11 +54,11 @@ class OutputConfig(Config):
         default=60.0, gt=0, le=1000, description="current of one white pixel, mA"
     )
     max_current_a: float | None = Field(
-        default=None, gt=0, le=1000, description="limit above which frames are dimmed, A; empty: no limit"
+        default=None, gt=0, le=1000, description="limit above which frames are dimmed, A; no limit if empty"
     )
     channels: dict[str, ChannelConfig] = Field(
         default={},
-        description="connections by strip id; empty: strips in the map's order on channels 0, 1, 2 ...",
+        description="connections by strip id; strips in the map's order on channels 0, 1, 2 ... if empty",
     )
 
     @model_validator(mode="after")
@@ -166,7 +166,7 @@ class LedDriverConfig(Config):
     cursors: CursorsConfig = Field(default=CursorsConfig(), description="appearance of cursors")
     lamps: LampsConfig = Field(default=LampsConfig(), description="lamps coloured by the angle of the ray")
     state_lamp: Annotated[str, Field(pattern=r"^([A-Za-z0-9_][A-Za-z0-9_.\-]{0,63})?$")] = Field(
-        default="", description="id of the lamp that shows the state of the site; empty: no lamp"
+        default="", description="id of the lamp that shows the state of the site; no lamp if empty"
     )
     state: StateLampConfig = Field(default=StateLampConfig(), description="appearance of the state lamp")
     outputs: tuple[OutputConfig, ...] = Field(default=(), description="the controllers")

@@ -10,11 +10,6 @@ from pointit.schemas import UserPose
 from pointit.schemas.base import Real, Vec3
 from pointit.services.localizer.estimation.estimator import SolverSettings
 from pointit.services.localizer.estimation_config import DriftConfig, StopCriterionConfig, TrustConfig
-from pointit.services.localizer.outputs import Floor
-from pointit.services.localizer.procedures.anchoring import SteadinessLimits
-from pointit.services.localizer.procedures.hold import Timing
-from pointit.services.localizer.procedures.moving_target import Following
-from pointit.services.localizer.procedures.target_plan import TargetPlan
 
 
 def _enough_lamps(count: int) -> int:
@@ -38,7 +33,7 @@ class LocalizerConfig(Config):
     )
     lamps: tuple[str, ...] = Field(
         default=(),
-        description="static_targets: ids of lamps, in the given order; empty: all of the map",
+        description="static_targets: ids of lamps, in this order; all lamps of the map if empty",
     )
     order: Literal["given", "informative"] = Field(
         default="informative",
@@ -80,7 +75,7 @@ class LocalizerConfig(Config):
         default=3.0, gt=0, le=90, description="rms by which an arm may wander at an anchor, degrees"
     )
     robot_id: str = Field(
-        default="", description="moving_target: object to follow; empty: the robot that the rays fit best"
+        default="", description="moving_target: object to follow; the robot that the rays fit best if empty"
     )
     window_s: float = Field(
         default=10.0,
@@ -101,7 +96,7 @@ class LocalizerConfig(Config):
     trust: TrustConfig = TrustConfig()
     track_drift: bool | None = Field(
         default=None,
-        description="track the pose while the IMU drifts; empty: unless it is fixed",
+        description="track the pose while the IMU drifts; if empty, it is tracked unless it is fixed",
     )
     drift: DriftConfig = DriftConfig()
 
@@ -122,41 +117,4 @@ class LocalizerConfig(Config):
 
     def believed(self) -> SolverSettings:
         """Return weights and limits of the solver."""
-        return self.trust.trust(free_height=self.free_height)
-
-    def floor(self) -> Floor:
-        """Return the floor on which people stand."""
-        return Floor(height_m=self.floor_m, is_free=self.free_height)
-
-    def timing(self) -> Timing:
-        """Return the times of each hold."""
-        return Timing(
-            reaction_s=self.reaction_s,
-            hold_s=self.hold_s,
-            patience_s=self.patience_s,
-            steady_radps=math.radians(self.steady_degps) if self.steady_degps else math.inf,
-        )
-
-    def choice(self) -> TargetPlan:
-        """Return order and number of the lamps, and the stop criterion."""
-        return TargetPlan(
-            order=self.order,
-            targets=self.targets,
-            position_sigma_m=self.enough.position_m,
-            yaw_sigma_rad=math.radians(self.enough.yaw_deg),
-        )
-
-    def steadiness(self) -> SteadinessLimits:
-        """Return the limits within which a hold is an anchor."""
-        return SteadinessLimits(max_spread_rad=math.radians(self.max_spread_deg))
-
-    def following(self) -> Following:
-        """Return the target to follow and the times of following."""
-        return Following(
-            target_id=self.robot_id,
-            reaction_s=self.reaction_s,
-            window_s=self.window_s,
-            give_up_s=self.give_up_s,
-            continuous=self.autostart,
-            yaw_rate_sigma_radps=math.radians(self.drift.rate_sigma_degps),
-        )
+        return self.trust.settings(free_height=self.free_height)

@@ -1,24 +1,33 @@
 """Parameters of noise, of drift and of the stop criterion."""
 
 import math
+from dataclasses import replace
+from typing import Any
 
 from pydantic import Field
 
 from pointit.runtime.config.config import Config
 from pointit.services.localizer.drift.filter import DriftSettings
 from pointit.services.localizer.estimation.estimator import SolverSettings
-from pointit.services.localizer.procedures.target_plan import TargetPlan
 
 FREE_HEIGHT_M = 10.0
 """Standard deviation of an unknown height."""
 
 _TRUST = SolverSettings()
-_CHOICE = TargetPlan()
 _DRIFT = DriftSettings()
 
 
 def _degrees(angle_rad: float) -> float:
     return round(math.degrees(angle_rad), 6)
+
+
+def _in_radians(config: Config, *but: str) -> dict[str, Any]:
+    """Return the fields of `config` except `but`; those in degrees are converted and named `…_rad…`."""
+    return {
+        name.replace("_deg", "_rad"): math.radians(value) if "_deg" in name else value
+        for name, value in config
+        if name not in but
+    }
 
 
 class TrustConfig(Config):
@@ -103,40 +112,23 @@ class TrustConfig(Config):
         description="poses less certain than this are refused, degrees",
     )
 
-    def trust(self, *, free_height: bool = False) -> SolverSettings:
-        """Return the settings of the solver, in radians."""
-        return SolverSettings(
-            ray_sigma_rad=math.radians(self.ray_sigma_deg),
-            elevation_sigma_rad=math.radians(self.elevation_sigma_deg),
-            act_sigma_rad=math.radians(self.act_sigma_deg),
-            bias_sigma_rad=math.radians(self.bias_sigma_deg),
-            body_sigma_m=self.body_sigma_m,
-            height_sigma_m=FREE_HEIGHT_M if free_height else self.height_sigma_m,
-            independent_hz=self.independent_hz,
-            latency_sigma_s=self.latency_sigma_s,
-            min_samples=self.min_samples,
-            model_sigma_rad=math.radians(self.model_sigma_deg),
-            max_residual_rad=math.radians(self.max_residual_deg),
-            max_act_residual_rad=math.radians(self.max_act_residual_deg),
-            bias_sigma_limit=self.bias_sigma_limit,
-            max_position_sigma_m=self.max_position_sigma_m,
-            max_yaw_sigma_rad=math.radians(self.max_yaw_sigma_deg),
-        )
+    def settings(self, *, free_height: bool = False) -> SolverSettings:
+        """Return the settings of the solver."""
+        settings = SolverSettings(**_in_radians(self))
+        return replace(settings, height_sigma_m=FREE_HEIGHT_M) if free_height else settings
 
 
 class StopCriterionConfig(Config):
     """Certainty at which localization by informative lamps ends: both values, or all lamps were used."""
 
     position_m: float = Field(
-        default=_CHOICE.position_sigma_m,
+        default=0.45,
         gt=0,
         le=10,
         description="1 sigma of the position along its worse direction, m: two times of three the person "
         "stands nearer to what is stated; a pointing errs by 5 degrees, so that 3 to 5 lamps reach 0.45",
     )
-    yaw_deg: float = Field(
-        default=_degrees(_CHOICE.yaw_sigma_rad), gt=0, le=90, description="1 sigma of the yaw, degrees"
-    )
+    yaw_deg: float = Field(default=7.0, gt=0, le=90, description="1 sigma of the yaw, degrees")
 
 
 class DriftConfig(Config):
@@ -163,8 +155,5 @@ class DriftConfig(Config):
     )
 
     def settings(self) -> DriftSettings:
-        """Return the settings of the filter, in radians."""
-        return DriftSettings(
-            rate_sigma_radps=math.radians(self.rate_sigma_degps),
-            anchor_sigma_rad=math.radians(self.anchor_sigma_deg),
-        )
+        """Return the settings of the filter."""
+        return DriftSettings(**_in_radians(self, "max_yaw_sigma_deg"))

@@ -6,6 +6,7 @@ from typing import Literal
 import numpy as np
 
 from pointit.schemas import FARTHEST, Anchor, Lamp, Localization, UserPose
+from pointit.services.localizer.config import LocalizerConfig
 from pointit.services.localizer.drift.filter import AnchorResult, DriftPose
 from pointit.services.localizer.estimation.angular_residuals import Array
 from pointit.services.localizer.estimation.estimator import Solution
@@ -18,15 +19,6 @@ class LampSwitch:
 
     lamp_id: str
     on: bool
-
-
-@dataclass(frozen=True, kw_only=True)
-class Floor:
-    """Floor on which the person stands, {W}."""
-
-    height_m: float = 0.0
-    is_free: bool = False
-    """True if `height_m` is only the start value of an estimate."""
 
 
 @dataclass(frozen=True)
@@ -51,17 +43,21 @@ Output = LampSwitch | Localization | UserPose | Anchor | WithdrawPose
 
 
 def pose_message(
-    solution: Solution, method: Literal["static_targets", "moving_target"], stamp_ns: int, floor: Floor
+    solution: Solution,
+    method: Literal["static_targets", "moving_target"],
+    stamp_ns: int,
+    config: LocalizerConfig,
 ) -> UserPose:
     """Return `solution` as a message; `stamp_ns` is that of its newest ray.
 
-    The feet are on the floor: an error of the eye height is not a height of the feet.
+    The feet are on the floor unless its height was estimated: an error of the eye height is not a height of
+    the feet.
     """
     c = [float(value) for value in solution.covariance.ravel()]
-    z_m, z_sigma_m = (solution.z_m, solution.z_sigma_m) if floor.is_free else (0.0, 0.0)
+    z_m, z_sigma_m = (solution.z_m, solution.z_sigma_m) if config.free_height else (0.0, 0.0)
     return UserPose(
         stamp_ns=stamp_ns,
-        position_m=(bounded(solution.x_m), bounded(solution.y_m), bounded(floor.height_m + z_m)),
+        position_m=(bounded(solution.x_m), bounded(solution.y_m), bounded(config.floor_m + z_m)),
         yaw_rad=solution.yaw_rad,
         covariance=(c[0], c[1], c[2], c[3], c[4], c[5], c[6], c[7], c[8]),
         method=method,

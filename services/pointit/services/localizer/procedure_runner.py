@@ -144,9 +144,8 @@ class ProcedureRunner:
 
     def start_moving_target(self, now_ns: int) -> list[Output]:
         """Start following a robot; stop the procedure that runs."""
-        config = self._config
         out = self.stop(now_ns)
-        self._running = MovingTarget(config.following(), config.believed(), floor=config.floor())
+        self._running = MovingTarget(self._config)
         self._tracking.end_rest()
         return [*out, *self._running.start(now_ns)]
 
@@ -228,11 +227,8 @@ class ProcedureRunner:
         return self._republish(running, now_ns) if has_ended else []  # our lamp may be off
 
     def _static(self, _now_ns: int) -> StaticTargets | Refusal:
-        config = self._config
-        lamps = lamp_choice.lamps_for_pose(self._room, config.lamps, config.choice())
-        if isinstance(lamps, Refusal):
-            return lamps
-        return StaticTargets(lamps, config.timing(), config.believed(), config.choice(), floor=config.floor())
+        lamps = lamp_choice.lamps_for_pose(self._room, self._config)
+        return lamps if isinstance(lamps, Refusal) else StaticTargets(lamps, self._config)
 
     def _anchoring(self, lamp_id: str, eyes_m: float, now_ns: int) -> Anchoring | Refusal:
         config = self._config
@@ -243,7 +239,7 @@ class ProcedureRunner:
         if not occupied and self._room is not None:  # all: another lit lamp would mislead
             occupied = {lamp.id for lamp in self._room.lamps}
         lamp = self._most_informative(lamps, eyes_m, now_ns)
-        return Anchoring(lamp, self._tracking.anchor, config.timing(), config.steadiness(), occupies=occupied)
+        return Anchoring(lamp, self._tracking.anchor, config, occupies=occupied)
 
     def _most_informative(self, lamps: Sequence[Lamp], eyes_m: float, now_ns: int) -> Lamp:
         """Return the lamp that is most informative about the yaw."""

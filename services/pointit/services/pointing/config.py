@@ -34,7 +34,7 @@ class PointingConfig(Config):
         ge=0.01,
         le=100,
         description="the filter's cut-off at rest, Hz; lower is steadier and slower; "
-        "empty: that of the filter, 0.7 normal, 0.3 steady",
+        "if empty, that of the filter: 0.7 normal, 0.3 steady",
     )
     beta_hz_per_degps: float = Field(
         default=0.05, ge=0, le=10, description="increase of that cut-off with the speed, Hz per deg/s"

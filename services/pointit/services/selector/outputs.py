@@ -1,9 +1,10 @@
 """Outputs of the selection engine: messages for people, and records for the journal."""
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
 from pointit.schemas import Feedback, Hover, Selection, SelectionEvent
+from pointit.schemas.base import Count, Fraction, Ns
 
 Cause = Literal["", "dwell", "button", "undo", "clear", "release"]
 """Cause of a change: the person's action."""
@@ -34,11 +35,10 @@ class Owned:
     confidence: float | None = None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Record:
+class Record(NamedTuple):
     """An event of an object, for the audit. The events of one object determine if it is selected."""
 
-    stamp_ns: int
+    stamp_ns: Ns
     event: Literal["selected", "deselected", "refused", "left"]
     object_id: str
     kind: str = ""
@@ -46,13 +46,13 @@ class Record:
     """Person who caused it. For `left`: the owner."""
     owner: str = ""
     """Owner after `selected`, owner before any other event. `""` if there is none."""
-    since_ns: int = 0
+    since_ns: Ns = 0
     """Time since which `owner` has or had it, ns. 0 if there is no owner."""
     cause: Cause = ""
     method: str = ""
-    confidence: float | None = None
+    confidence: Fraction | None = None
     reason: str = ""
-    seq: int | None = None
+    seq: Count | None = None
     """Number of its `SelectionEvent`. None if it was not published by us."""
 
 

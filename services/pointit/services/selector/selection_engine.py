@@ -32,7 +32,7 @@ class SelectionEngine:
     back resets the person's state. Every event is passed to `record` before it is returned, for a journal.
     """
 
-    def __init__(self, config: SelectorConfig, record: Callable[[Record], None] | None = None) -> None:
+    def __init__(self, config: SelectorConfig, record: Callable[[Record], None]) -> None:
         """Create with nothing selected, no people and an empty scene."""
         self._config = config
         self._is_by_metres = config.method != "gauge"

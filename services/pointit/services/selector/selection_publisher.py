@@ -1,6 +1,5 @@
 """Numbered messages for hovers, selections and events, and records for the journal."""
 
-import dataclasses
 from collections import Counter
 from collections.abc import Callable, Iterable
 
@@ -14,7 +13,7 @@ from pointit.services.selector.outputs import Action, Output, Record, event_of
 class SelectionPublisher:
     """Numbers messages by kind and person. Decides nothing."""
 
-    def __init__(self, record: Callable[[Record], None] | None, *, method: str, snap_rad: float) -> None:
+    def __init__(self, record: Callable[[Record], None], *, method: str, snap_rad: float) -> None:
         """Create with no message sent.
 
         Args:
@@ -88,8 +87,7 @@ class SelectionPublisher:
 
     def write(self, record: Record, seq: int | None = None) -> None:
         """Record an event. `seq`: number of its message, or None if it has none."""
-        if self._record is not None:
-            self._record(dataclasses.replace(record, seq=seq, method=self.method))
+        self._record(record._replace(seq=seq, method=self.method))
 
     def cues(self, user: str, records: Iterable[Record], now_ns: int) -> list[Output]:
         """Return a cue for `user` for each thing that they did or tried to do."""

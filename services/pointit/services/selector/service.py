@@ -77,9 +77,14 @@ class Selector(Service[SelectorConfig]):
 
     def __init__(self, config: SelectorConfig, context: Context) -> None:
         super().__init__(config, context)
-        self._journal = self._open_journal(config)
+        kept = config.journal
+        self._journal = Journal(
+            site_folder(self.bus.site, self.NAME),
+            keep_days=kept.keep_days,
+            restore_within_s=kept.restore_within_s,
+        )
         self._in_use = config
-        self._engine = SelectionEngine(config, self._journal.add if self._journal else None)
+        self._engine = SelectionEngine(config, self._journal.add)
         self._people: dict[str, tuple[Publisher[Hover], Publisher[Feedback]]] = {}
         self._selections = self.bus.publisher(SELECTION)
         self._events = self.bus.publisher(SELECTION_EVENTS)
@@ -88,7 +93,7 @@ class Selector(Service[SelectorConfig]):
         self.bus.serve(UNDO_SELECTION, self._undo)
         self.bus.serve(RELEASE_OBJECT, self._release)
         self.bus.serve(SET_METHOD, self._set_method)
-        self.bus.serve(READ_HISTORY, History(self._journal.path if self._journal else None).answer)
+        self.bus.serve(READ_HISTORY, History(self._journal.path if kept.enabled else None).answer)
         self.bus.subscribe(MAP, self._on_map)
         self.bus.subscribe(OBJECTS, self._on_objects)
         self.bus.subscribe(CONVEYOR_STATE, self._on_conveyor)
@@ -111,21 +116,13 @@ class Selector(Service[SelectorConfig]):
                 self._check_trackers(now_ns)
                 self._maintain_journal(now_ns)
         finally:
-            if self._journal is not None:
-                self._maintain_journal(self.clock.now_ns())
-                self._journal.close()
-
-    def _open_journal(self, config: SelectorConfig) -> Journal | None:
-        kept = config.journal
-        if not kept.enabled:
-            return None
-        folder = site_folder(self.bus.site, self.NAME)
-        return Journal(folder, keep_days=kept.keep_days, restore_within_s=kept.restore_within_s)
+            self._maintain_journal(self.clock.now_ns())
+            self._journal.close()
 
     def _begin(self, now_ns: int) -> None:
         """Restore what was selected before a restart, and republish possibly unpublished events."""
-        kept = JournalContents() if self._journal is None else self._journal.begin(now_ns)
-        if self._journal is not None and self._journal.problem:
+        kept = self._journal.begin(now_ns) if self.config.journal.enabled else JournalContents()
+        if self._journal.problem:
             log.error("%s", self._journal.problem)
         self._engine.restore(kept.entries, kept.events, now_ns)
         self._selections.put(self._engine.selection(now_ns))
@@ -136,13 +133,8 @@ class Selector(Service[SelectorConfig]):
         self._maintain_journal(now_ns)
 
     def _maintain_journal(self, now_ns: int) -> None:
-        if self._journal is None:
-            return
         self._journal.maintain(now_ns, is_selected=self._engine.has_selected)
-        if self._journal.problem:
-            self.bus.warn("journal", self._journal.problem)
-        else:
-            self.bus.clear("journal")
+        self.bus.warn("journal", self._journal.problem)
 
     def _on_map(self, environment: Environment, _name: str) -> None:
         self._put(self._engine.on_map(environment))
@@ -195,9 +187,7 @@ class Selector(Service[SelectorConfig]):
 
     def _put(self, outputs: list[Output]) -> list[Output]:
         """Publish `outputs`, after the journal has committed them, and return them."""
-        journal = self._journal
-        if journal is not None:
-            journal.commit(self.clock.now_ns())
+        self._journal.commit(self.clock.now_ns())
         for output in outputs:
             message = output.message
             if isinstance(message, Hover):
@@ -208,8 +198,7 @@ class Selector(Service[SelectorConfig]):
                 self._selections.put(message)
             else:
                 self._events.put(message)
-                if journal is not None:
-                    journal.mark_published(message.seq)
+                self._journal.mark_published(message.seq)
         return outputs
 
     def _person(self, user: str) -> tuple[Publisher[Hover], Publisher[Feedback]]:
@@ -222,16 +211,11 @@ class Selector(Service[SelectorConfig]):
         return person
 
     def _check_trackers(self, now_ns: int) -> None:
-        silent = self._engine.stale_trackers(now_ns)
-        if silent:
-            names = ", ".join(sorted(silent))
-            self.bus.warn(
-                "objects",
-                f"no objects from {names}, so theirs cannot be hovered: is it running, "
-                "and is its clock right?",
-            )
-        else:
-            self.bus.clear("objects")
+        silent = ", ".join(sorted(self._engine.stale_trackers(now_ns)))
+        problem = (
+            f"no objects from {silent}, so theirs cannot be hovered: is it running, and is its clock right?"
+        )
+        self.bus.warn("objects", problem if silent else "")
 
 
 def _events(outputs: Sequence[Output]) -> list[SelectionEvent]:

@@ -14,19 +14,19 @@ class BodyConfig(Config):
     """Lengths of the person's body. Empty ones are scaled from the stature."""
 
     footprint_to_neck_m: float | None = Field(
-        default=None, gt=0, lt=3, description="from the floor to the neck, standing, m; empty: by stature"
+        default=None, gt=0, lt=3, description="from the floor to the neck, standing, m; by stature if empty"
     )
     neck_to_eyes_m: float | None = Field(
-        default=None, ge=0, lt=1, description="from the neck up to the eyes, m; empty: by stature"
+        default=None, ge=0, lt=1, description="from the neck up to the eyes, m; by stature if empty"
     )
     neck_to_shoulder_m: float | None = Field(
-        default=None, ge=0, lt=1, description="from the neck sideways to the shoulder, m; empty: 0"
+        default=None, ge=0, lt=1, description="from the neck sideways to the shoulder, m; 0 if empty"
     )
     shoulder_to_wrist_m: float | None = Field(
-        default=None, gt=0, lt=2, description="length of the arm, m; empty: by stature"
+        default=None, gt=0, lt=2, description="length of the arm, m; by stature if empty"
     )
     wrist_to_finger_m: float | None = Field(
-        default=None, ge=0, lt=1, description="from the wrist to the fingertip, m; empty: by stature"
+        default=None, ge=0, lt=1, description="from the wrist to the fingertip, m; by stature if empty"
     )
 
 
@@ -44,7 +44,7 @@ class ProfileConfig(Config):
         default=None,
         ge=0.1,
         le=1.2,
-        description="height of the seat above the floor, m; empty: a chair that fits the person",
+        description="height of the seat above the floor, m; a chair that fits the person if empty",
     )
     body: BodyConfig = Field(default=BodyConfig(), description="lengths of the person's body")
     hand: Literal["left", "right"] = Field(default="right", description="the hand that points")
@@ -59,7 +59,7 @@ class ProfileConfig(Config):
     cursor_colormap: str = Field(
         default="",
         max_length=32,
-        description="colormap of the cursor by its distance, such as viridis; empty: `cursor_color`",
+        description="colormap of the cursor by its distance, such as viridis; `cursor_color` if empty",
     )
     cursor_width_m: float = Field(default=0.1, gt=0, le=1, description="length of the cursor on a strip, m")
     pattern: Literal["solid", "dashed", "dotted", "striped", "hollow", "tailed"] = Field(
@@ -97,7 +97,7 @@ class SupervisorConfig(Config):
         default=False, description="localize at every start, even if the pose is known"
     )
     localization_method: Literal["static_targets", "moving_target"] | None = Field(
-        default=None, description="kind of targets for localization; empty: the localizer's default"
+        default=None, description="kind of targets for localization; the localizer's default if empty"
     )
     localization_timeout_s: float = Field(
         default=60.0,

@@ -1,291 +1,291 @@
-"""The life cycle of a pointing-based interaction (paper, §II-D), for one person.
-
-idle --press--> localizing --solved--> pointing --press--> idle
-idle --press--> pointing                         if the person's pose is known
-localizing --any gesture, refusal, timeout, silent wrist--> idle
-pointing --silent wrist--> idle                  and back if it sends again soon
-pointing, idle --double press, or a request of another client--> localizing --in any case--> previous state,
-    or idle if the wrist is silent: pointing at one lamp corrects the pose (an anchor), or the person is
-    localized for the other client. No cursor is shown in the meantime
-any state --hold--> idle, and from idle it localizes again, if the person localizes at all
-
-With `autostart` a sample of the wrist acts like a press in idle, unless a gesture led there.
-
-The cues alone are sufficient instructions: while a cue `waits`, wait; `started`: continue; `target`: point at
-what it names; `stopped` and `refused`: rest. `localized`, and a `refused` or `stopped` anchor, are followed
-by
-`started` if pointing continues.
-"""
+"""Runs the table of transitions for one person: processes events, and returns messages and requests."""
 
 import math
+from dataclasses import dataclass
 from typing import Literal
 
-from pointit.schemas import NS_PER_S, ButtonEvent, ImuSample, Interaction, Localization, UserPose
+from pointit.schemas import NS_PER_S, ButtonEvent, Feedback, ImuSample, Interaction, Localization, UserPose
 from pointit.schemas.cues import Cue
 from pointit.services.supervisor import user_messages
-from pointit.services.supervisor.interaction_publisher import State
-from pointit.services.supervisor.interaction_state import InteractionStateMachine
+from pointit.services.supervisor.config import SupervisorConfig
+from pointit.services.supervisor.interaction_publisher import InteractionPublisher, State
 from pointit.services.supervisor.localization_attempt import LocalizationAttempt
-from pointit.services.supervisor.outputs import Cancel, Output, Start, StartAnchor
 from pointit.services.supervisor.readiness import InteractionResume, Readiness
+from pointit.services.supervisor.transitions import TABLE, Condition, Effect, Event, Stage
 
 SETTLE_NS = NS_PER_S
 """Time after the start for a known pose to arrive before autostart localizes the person, ns."""
 
 
-class LifeCycle:
-    """Processes events with their time, and returns messages and requests.
+@dataclass(frozen=True, slots=True)
+class Start:
+    """Request to localize the person, or to have them point at one lamp."""
 
-    Repeated events have no effect. Every state but idle has a deadline, at which `tick` must be called.
+    run: int
+    """Number of the person's request. Replies to earlier ones are ignored."""
+    is_anchor: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Cancel:
+    """Request to cancel, to be followed by `LifeCycle.on_cancel_reply`."""
+
+
+Output = Interaction | Feedback | Start | Cancel
+
+
+class LifeCycle:
+    """Processes events with their time. Repeated events have no effect.
+
+    Every state but idle has a deadline, at which `tick` must be called.
     """
 
-    def __init__(
-        self,
-        *,
-        localize: bool = False,
-        relocalize_each_time: bool = False,
-        follows_robot: bool = False,
-        localization_timeout_s: float = 60.0,
-        imu_timeout_s: float = 3.0,
-        autostart: bool = False,
-        retry_s: float = 5.0,
-        resume_s: float = 30.0,
-        press_while_pointing: Literal["ends", "confirms"] = "ends",
-        unsure_rad: float = math.radians(15.0),
-    ) -> None:
-        self._localizes = localize
-        self._each_time = localize and relocalize_each_time
-        self._timeout_s = localization_timeout_s
-        self._silence_s = imu_timeout_s
-        self._readiness = Readiness(autostart=autostart, retry_s=retry_s, resume_s=resume_s)
-        self._press_ends = press_while_pointing == "ends"
-        self._machine = InteractionStateMachine(
-            self._readiness,
-            localizes=localize,
-            follows_robot=follows_robot,
-            press_ends=self._press_ends,
-            unsure_variance=unsure_rad**2,
-        )
+    def __init__(self, config: SupervisorConfig) -> None:
+        self._config = config
+        self._stage: Stage = "idle"
+        self._attempt: LocalizationAttempt | None = None
+        """None in the stages `idle` and `pointing`."""
+        self._reason = ""
+        self._readiness = Readiness(config)
         self._before = InteractionResume()
+        self._publisher = InteractionPublisher()
         self._button: ButtonEvent | None = None
+        self._pose_ns: int | None = None
+        """Stamp of the newest pose, ns. None: no pose is known."""
+        self._is_unsure = False
+        """True if the yaw of the pose is so uncertain that an anchor is needed."""
+        self._heard_ns = 0
+        """Time of the wrist's last sample, or of the start of listening, ns."""
+        self._over_ns = 0
+        """Time at which the last attempt ended, ns. Anything that began earlier is over."""
+        self._runs = 0
         self._pending_cancels = 0
         """Number of requests to cancel without reply."""
 
     @property
     def state(self) -> State:
         """Return the state of the interaction."""
-        return self._machine.state
+        return self._stage if self._stage in ("idle", "pointing") else "localizing"
 
     @property
     def run(self) -> int:
-        """Return the number of the current localization, or 0 if there is none."""
-        return self._machine.search.run if self._machine.search is not None else 0
+        """Return the number of the current request, or 0 if there is none."""
+        return 0 if self._attempt is None else self._attempt.run
 
     @property
     def deadline_ns(self) -> int | None:
         """Return the latest time of the next `tick`, ns. None while idle."""
-        if self._machine.state == "idle":
+        if self._stage == "idle":
             return None
-        silent_ns = self._machine.heard_ns + round(self._silence_s * NS_PER_S)
-        if self._machine.search is None:
-            return silent_ns
-        return min(silent_ns, self._machine.search.counted_ns + round(self._timeout_s * NS_PER_S))
+        if self._attempt is None:
+            return self._silent_ns
+        timeout_ns = round(self._config.localization_timeout_s * NS_PER_S)
+        return min(self._silent_ns, self._attempt.counted_ns + timeout_ns)
 
     def begin(self, now_ns: int) -> list[Output]:
         """Return the first state."""
-        self._readiness.wait(now_ns + SETTLE_NS if self._localizes else now_ns)
-        return [*self._machine.show(now_ns)]
+        self._readiness.wait(now_ns + SETTLE_NS if self._config.localize else now_ns)
+        return [*self._show(now_ns)]
 
     def resume_from(self, before: Interaction, now_ns: int) -> None:
         """Set the last state of an earlier supervisor. It may continue if the localizer is the same."""
-        if self._machine.state == "idle" and self._button is None:
+        if self._stage == "idle" and self._button is None:
             self._before.take(before, now_ns)
 
     def button(self, event: ButtonEvent, now_ns: int) -> list[Output]:
-        """Process a gesture as described above. After one that ends, there is no automatic start."""
+        """Process a gesture."""
         if self._button is not None and _is_same(event, self._button):
             return []
         self._button = event
-        gesture = event.gesture
         self._before.forget()
-        if self._machine.search is not None:
-            return self._abort(self._machine.search, now_ns, is_for_good=gesture == "hold")
-        if gesture == "double":
-            return self._ask_anchor(now_ns)
-        if self._machine.state == "pointing":
-            if gesture == "press" and not self._press_ends:
-                return []
-            self._readiness.gesture(ends=True)
-            return self._machine.rest(now_ns, "stopped", user_messages.STOPPED)
-        self._readiness.gesture(ends=False)
-        if gesture == "hold" and self._localizes:
-            return self._localize(now_ns)
-        if self._machine.pose_ns is None and not self._localizes:
-            return self._machine.rest(now_ns, "refused", user_messages.NO_POSE)
-        return self._start(now_ns)
+        return self._on(event.gesture, now_ns)
 
     def imu(self, sample: ImuSample, now_ns: int) -> list[Output]:
         """Record a sample of the wrist. A timely one may start pointing, or resume it."""
-        self._machine.heard_ns = now_ns
-        if self._machine.state != "idle":
+        self._heard_ns = now_ns
+        if self._stage != "idle":
             return []
-        resumes = self._readiness.may_resume(now_ns) and self._is_place_known
-        begins = self._readiness.may_begin(now_ns) and (self._machine.pose_ns is not None or self._localizes)
-        is_timely = abs(now_ns - sample.stamp_ns) <= self._silence_s * NS_PER_S
-        if not is_timely or not (resumes or begins):
-            return []
-        return self._machine.point(now_ns, user_messages.RESUMED) if resumes else self._start(now_ns)
+        is_timely = abs(now_ns - sample.stamp_ns) <= self._config.imu_timeout_s * NS_PER_S
+        return self._on("sample", now_ns) if is_timely else []
 
     def pose(self, pose: UserPose, now_ns: int) -> list[Output]:
         """Set the person's pose."""
-        self._machine.on_pose(pose)
-        return [*self._machine.show(now_ns)]
+        self._pose_ns = pose.stamp_ns
+        unsure_rad = math.radians(self._config.unsure_yaw_deg)
+        self._is_unsure = pose.method != "external" and pose.covariance[8] > unsure_rad**2
+        return [*self._show(now_ns)]
 
     def localization(self, news: Localization, now_ns: int) -> list[Output]:
         """Process the localizer's progress. Messages older than the current localization are ignored."""
-        search = self._machine.search
-        if search is None:
-            return self._join(news, now_ns)
-        match search.classify(news, self._machine.pose_ns):
-            case "nothing":
-                return []
-            case "aim":
-                return self._aim(search, news, now_ns)
-            case "found":
-                return self._over(news, self._found(search, now_ns))
-            case "refused" | "cancelled" | "lost" as end:
-                cue: Cue = "stopped" if end == "cancelled" else "refused"
-                return self._over(
-                    news, self._fail(search, now_ns, cue, search.failure_reason(end, news.reason))
-                )
-            case "restarted":
-                self._machine.restart_attempt(search, user_messages.AGAIN)
-                return [Start(search.run), *self._machine.show(now_ns)]
+        if self._attempt is not None:
+            event = self._attempt.classify(news, self._pose_ns)
+        else:
+            event = self._classify_unexpected(news, now_ns)
+        if event is None:
+            return []
+        reason = news.reason if event in ("refused", "cancelled") else ""
+        return self._on(event, now_ns, reason=reason, news=news)
 
     def on_start_accepted(self, run: int) -> list[Output]:
         """Process the reply to a `Start`. It is cancelled if the person rests again."""
-        if self._machine.state == "idle":
-            return [self._cancel()]
-        if self._machine.search is not None and run == self._machine.search.run:
-            self._machine.search.is_answered = True
+        if self._stage == "idle":
+            return self._apply("cancel", "idle", 0)
+        if self._attempt is not None and run == self._attempt.run:
+            self._attempt.is_answered = True
         return []
+
+    def on_start_failed(self, run: int, reason: str, now_ns: int) -> list[Output]:
+        """Process the failure of a `Start`."""
+        is_current = self._attempt is not None and run == self._attempt.run
+        return self._on("rejected", now_ns, reason=reason) if is_current else []
 
     def on_cancel_reply(self, now_ns: int) -> None:
         """Process the reply to a `Cancel`, successful or not."""
         self._pending_cancels = max(0, self._pending_cancels - 1)
-        if self._machine.search is None:
-            self._machine.over_ns = max(self._machine.over_ns, now_ns)
-
-    def on_start_failed(self, run: int, reason: str, now_ns: int) -> list[Output]:
-        """Process the failure of a `Start`."""
-        search = self._machine.search
-        return [] if search is None or run != search.run else self._fail(search, now_ns, "refused", reason)
+        if self._attempt is None:
+            self._over_ns = max(self._over_ns, now_ns)
 
     def tick(self, now_ns: int) -> list[Output]:
         """Advance to `now_ns` and end what has timed out."""
         deadline_ns = self.deadline_ns
         if deadline_ns is None or now_ns < deadline_ns:
             return []
-        search = self._machine.search
-        cancel: list[Output] = [] if search is None or search.is_owned_by_requester else [self._cancel()]
-        if now_ns >= self._machine.heard_ns + round(self._silence_s * NS_PER_S):
-            if self._machine.state == "pointing" or (
-                search is not None and search.state_on_failure == "pointing"
-            ):
-                self._readiness.on_interrupted(now_ns)
-            cue: Cue = "stopped" if search is None else "refused"
-            return [*cancel, *self._machine.rest(now_ns, cue, user_messages.silent(self._silence_s))]
-        if search is None:
-            return []
-        return [*cancel, *self._fail(search, now_ns, "refused", user_messages.too_long(self._timeout_s))]
+        if now_ns >= self._silent_ns:
+            return self._on("silent", now_ns, reason=user_messages.silent(self._config.imu_timeout_s))
+        return self._on("timeout", now_ns, reason=user_messages.too_long(self._config.localization_timeout_s))
 
     @property
-    def _is_place_known(self) -> bool:
-        return self._machine.pose_ns is not None and not self._each_time
+    def _silent_ns(self) -> int:
+        return self._heard_ns + round(self._config.imu_timeout_s * NS_PER_S)
 
-    def _start(self, now_ns: int) -> list[Output]:
-        if self._localizes and not self._is_place_known:
-            return self._localize(now_ns)
-        return self._machine.point(now_ns, user_messages.PLACE_KNOWN)
-
-    def _localize(self, now_ns: int) -> list[Output]:
-        stage = self._machine
-        search = stage.start_attempt("pose", user_messages.ASKED, now_ns, then="pointing", otherwise="idle")
-        return [Start(search.run), *stage.show(now_ns), stage.wait_cue(now_ns)]
-
-    def _ask_anchor(self, now_ns: int) -> list[Output]:
-        stage = self._machine
-        if stage.pose_ns is None:
-            return stage.rest(now_ns, "refused", user_messages.NO_POSE_TO_ANCHOR)
-        search = stage.start_attempt("anchor", user_messages.ANCHOR_ASKED, now_ns)
-        return [StartAnchor(search.run), *stage.show(now_ns), stage.wait_cue(now_ns)]
-
-    def _join(self, news: Localization, now_ns: int) -> list[Output]:
-        """Follow an attempt requested by another client, once it has a target."""
-        stage = self._machine
-        before = self._before.resumable_activity(news) if stage.state == "idle" else ""
-        if before == "pointing":
+    def _classify_unexpected(self, news: Localization, now_ns: int) -> Event | None:
+        """Return the event that `news` is without an attempt. Other clients' attempts count with a target."""
+        activity = self._before.resumable_activity(news) if self._stage == "idle" else ""
+        if activity == "pointing":
             self._readiness.on_interrupted(now_ns)
-            return []
-        since_ns = min(news.stamp_ns, now_ns)
-        if before == "localizing":  # the person's own attempt
-            search = stage.start_attempt(
-                "pose", user_messages.RESUMED, now_ns, since_ns=since_ns, then="pointing", otherwise="idle"
-            )
-            search.is_answered = True
-            return self._aim(search, news, now_ns)
+            return None
+        if activity == "localizing":
+            return "recovered"
         began_ns = news.since_ns or news.stamp_ns
-        is_new = news.phase == "sampling" and began_ns >= stage.over_ns and not self._pending_cancels
+        is_new = news.phase == "sampling" and began_ns >= self._over_ns and not self._pending_cancels
         if not is_new or not news.target_id:
+            return None
+        return "anchor requested" if news.purpose == "anchor" else "pose requested"
+
+    def _holds(self, condition: Condition, now_ns: int) -> bool:
+        is_known = self._pose_ns is not None
+        must_ask = self._config.localize and (not is_known or self._config.relocalize_each_time)
+        match condition:
+            case "localizes":
+                return self._config.localize
+            case "must localize":
+                return must_ask
+            case "no pose":
+                return not is_known
+            case "has pose":
+                return is_known
+            case "press ends":
+                return self._config.press_while_pointing == "ends"
+            case "may start":
+                return self._readiness.may_begin(now_ns)
+            case "may resume":
+                return self._readiness.may_resume(now_ns) and is_known and not must_ask
+
+    def _on(
+        self, event: Event, now_ns: int, *, reason: str = "", news: Localization | None = None
+    ) -> list[Output]:
+        """Make the transition of `event`, if there is one. `reason` replaces that of the table."""
+        rows = (row for row in TABLE[self._stage] if event in row.events)
+        row = next((row for row in rows if all(self._holds(each, now_ns) for each in row.conditions)), None)
+        if row is None:
             return []
-        is_anchor = news.purpose == "anchor"
-        reason = user_messages.ANCHOR_ASKED_FOR if is_anchor else user_messages.POSE_ASKED_FOR
-        search = stage.start_attempt(news.purpose, reason, now_ns, since_ns=since_ns, is_joined=True)
-        return self._aim(search, news, now_ns)
+        before = self._before_attempt
+        self._reason = reason or row.reason or self._reason
+        self._enter(before if row.then == "before" else row.then, now_ns, news)
+        requests = [request for effect in row.effects for request in self._apply(effect, before, now_ns)]
+        return [*requests, *self._tell(row.cue, now_ns, news)]
 
-    def _aim(self, search: LocalizationAttempt, news: Localization, now_ns: int) -> list[Output]:
-        is_news = search.follow(news, now_ns)
-        shown = self._machine.show(now_ns)
-        if not is_news:
-            return [*shown]
-        target = search.target_id
-        return [*shown, self._machine.cue(now_ns, "target", search.next_step, target, waits=not target)]
+    @property
+    def _before_attempt(self) -> Literal["idle", "pointing"]:
+        """Return `pointing` if the person points, or did before the attempt."""
+        stage = self._stage if self._attempt is None else self._attempt.before
+        return "pointing" if stage == "pointing" else "idle"
 
-    def _found(self, search: LocalizationAttempt, now_ns: int) -> list[Output]:
-        stage = self._machine
-        reason = user_messages.ANCHORED if search.purpose == "anchor" else user_messages.LOCALIZED
-        cue = stage.cue(now_ns, "localized", reason)
-        if search.state_on_success == "pointing":
-            return [cue, *stage.point(now_ns, reason, was_heard=search.state_on_failure == "pointing")]
-        return [cue, *stage.rest(now_ns, "stopped", reason)]
+    def _enter(self, then: Stage, now_ns: int, news: Localization | None) -> None:
+        before = self._before_attempt
+        since_ns = now_ns if news is None else min(now_ns, news.stamp_ns)
+        if then not in ("idle", self._stage) and before == "idle":
+            self._heard_ns = now_ns  # the silence counts from here, as there was no listening before
+        if then in ("idle", "pointing"):
+            if self._attempt is not None:
+                self._over_ns = since_ns  # of the localizer, as the next attempt may have begun right then
+            self._attempt = None
+        elif self._attempt is None:
+            self._attempt = LocalizationAttempt(
+                stage=then, before=before, since_ns=since_ns, counted_ns=now_ns
+            )
+        self._stage = then
 
-    def _fail(self, search: LocalizationAttempt, now_ns: int, cue: Cue, reason: str) -> list[Output]:
-        """End a failed attempt."""
-        if search.state_on_failure == "pointing":
-            return [
-                self._machine.cue(now_ns, cue, reason),
-                *self._machine.point(now_ns, reason, was_heard=True),
-            ]
-        if search.purpose == "pose" and not search.is_joined:
-            self._readiness.fail(now_ns)
-        return self._machine.rest(now_ns, cue, reason)
+    def _apply(self, effect: Effect, before: Stage, now_ns: int) -> list[Output]:
+        """Change what samples may start. Return the request of `effect`, if it is one."""
+        match effect:
+            case "request pose" | "request anchor":
+                self._runs += 1
+                if self._attempt is not None:
+                    self._attempt.on_request(self._runs)
+                return [Start(self._runs, is_anchor=effect == "request anchor")]
+            case "cancel":
+                self._pending_cancels += 1
+                return [Cancel()]
+            case "allow autostart" | "forbid autostart":
+                self._readiness.gesture(ends=effect == "forbid autostart")
+            case "retry later":
+                self._readiness.fail(now_ns)
+            case "resume soon":
+                if before == "pointing":
+                    self._readiness.on_interrupted(now_ns)
+        return []
 
-    def _abort(self, search: LocalizationAttempt, now_ns: int, *, is_for_good: bool) -> list[Output]:
-        """End an attempt on request of the person."""
-        reason = search.failure_reason("cancelled")
-        if is_for_good or (search.purpose == "pose" and not search.is_joined):
-            self._readiness.gesture(ends=True)
-            return [self._cancel(), *self._machine.rest(now_ns, "stopped", reason)]
-        return [self._cancel(), *self._fail(search, now_ns, "stopped", reason)]
+    def _tell(self, outcome: Cue | Literal[""], now_ns: int, news: Localization | None) -> list[Output]:
+        """Return the state, if changed, and the cues."""
+        attempt, cue = self._attempt, self._publisher.cue
+        if attempt is None:
+            rest: Cue = "refused" if outcome == "refused" else "stopped"
+            last: Cue = "started" if self._stage == "pointing" else rest
+            text = self._pointing if last == "started" else self._reason
+            first = [cue(now_ns, outcome, self._reason)] if outcome and outcome != last else []
+            return [*first, *self._show(now_ns), cue(now_ns, last, text)]
+        is_target_due = news is not None and attempt.follow(news, now_ns)
+        shown, target = self._show(now_ns), attempt.target_id
+        named = outcome or ("target" if is_target_due else "")
+        cues = [cue(now_ns, named, attempt.next_step, target, waits=not target)] if named else []
+        return [*shown, *cues]
 
-    def _over(self, news: Localization, outputs: list[Output]) -> list[Output]:
-        """Use the localizer's time of the end, as the next one may have begun right then."""
-        self._machine.over_ns = min(self._machine.over_ns, news.stamp_ns)
-        return outputs
+    def _show(self, now_ns: int) -> list[Interaction]:
+        """Return the state and the next step of the person, if changed."""
+        ahead = () if self._attempt is None else self._attempt.ahead
+        is_unsure = self._stage == "pointing" and self._is_unsure
+        return self._publisher.show(
+            now_ns, self.state, self._reason, self._next_step, ahead, is_unsure=is_unsure
+        )
 
-    def _cancel(self) -> Cancel:
-        self._pending_cancels += 1
-        return Cancel()
+    @property
+    def _next_step(self) -> str:
+        if self._attempt is not None:
+            return self._attempt.next_step
+        if self._stage == "pointing":
+            return user_messages.POINT_AT_LAMP if self._is_unsure else self._pointing
+        return user_messages.rest(
+            localizes=self._config.localize,
+            is_place_known=self._pose_ns is not None,
+            follows_robot=self._config.localization_method == "moving_target",
+            is_eager=self._readiness.is_eager,
+        )
+
+    @property
+    def _pointing(self) -> str:
+        is_end = self._config.press_while_pointing == "ends"
+        return user_messages.POINT if is_end else user_messages.POINT_AND_CONFIRM
 
 
 def _is_same(a: ButtonEvent, b: ButtonEvent) -> bool:

@@ -3,6 +3,7 @@
 from typing import Literal
 
 from pointit.schemas import NS_PER_S, Interaction, Localization
+from pointit.services.supervisor.config import SupervisorConfig
 
 LAST_WORD_PURPOSE = "interaction"
 """Name of the file of a person's last interaction."""
@@ -14,11 +15,11 @@ GRACE_NS = 2 * NS_PER_S
 class Readiness:
     """Decides if a sample may start or resume pointing."""
 
-    def __init__(self, *, autostart: bool, retry_s: float, resume_s: float) -> None:
-        self._autostarts = autostart
-        self._retry_ns = round(retry_s * NS_PER_S)
-        self._resume_ns = round(resume_s * NS_PER_S)
-        self.is_eager = autostart
+    def __init__(self, config: SupervisorConfig) -> None:
+        self._autostarts = config.autostart
+        self._retry_ns = round(config.retry_s * NS_PER_S)
+        self._resume_ns = round(config.resume_s * NS_PER_S)
+        self.is_eager = config.autostart
         """True if a sample may start pointing. False after the person stopped."""
         self._not_before_ns = 0
         self._resume_until_ns: int | None = None

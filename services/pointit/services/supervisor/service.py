@@ -2,15 +2,14 @@
 
 import asyncio
 import logging
-import math
 from collections.abc import Sequence
 from typing import ClassVar
 
+from pointit.runtime.clock import wait_until
 from pointit.runtime.errors import ConfigError, RefusedError, RequestError
 from pointit.runtime.host.state_file import StateFile
 from pointit.runtime.service.service import Context, Scope, Service
 from pointit.schemas import (
-    NS_PER_S,
     ButtonEvent,
     CancelLocalization,
     Done,
@@ -42,16 +41,12 @@ from pointit.schemas.topics import (
     START_LOCALIZATION,
 )
 from pointit.services.supervisor.config import ProfileConfig, SupervisorConfig
-from pointit.services.supervisor.life_cycle import LifeCycle
+from pointit.services.supervisor.life_cycle import Cancel, LifeCycle, Output, Start
 from pointit.services.supervisor.offset_messages import OFFSET_PURPOSE, offset_in_use, offset_problem
-from pointit.services.supervisor.outputs import Cancel, Output, Start, StartAnchor
 from pointit.services.supervisor.pose_restore import PoseRestorer
 from pointit.services.supervisor.readiness import LAST_WORD_PURPOSE
 
 log = logging.getLogger(__name__)
-
-MAX_WAIT_S = 1.0
-"""Wall time after which a running deadline is checked again, s, since the clock's speed may change."""
 
 
 class Supervisor(Service[SupervisorConfig]):
@@ -63,20 +58,9 @@ class Supervisor(Service[SupervisorConfig]):
 
     def __init__(self, config: SupervisorConfig, context: Context) -> None:
         super().__init__(config, context)
-        self._cycle = LifeCycle(
-            localize=config.localize,
-            relocalize_each_time=config.relocalize_each_time,
-            follows_robot=config.localization_method == "moving_target",
-            localization_timeout_s=config.localization_timeout_s,
-            imu_timeout_s=config.imu_timeout_s,
-            autostart=config.autostart,
-            retry_s=config.retry_s,
-            resume_s=config.resume_s,
-            press_while_pointing=config.press_while_pointing,
-            unsure_rad=math.radians(config.unsure_yaw_deg),
-        )
+        self._cycle = LifeCycle(config)
         self._restorer = PoseRestorer()
-        self._requests: asyncio.Queue[Start | StartAnchor | Cancel | SetPose] = asyncio.Queue()
+        self._requests: asyncio.Queue[Start | Cancel | SetPose] = asyncio.Queue()
         self._moved = asyncio.Event()
         self._offsets = StateFile(PointingOffset, self.user, OFFSET_PURPOSE)
         self._offset = self._read_offset()
@@ -174,7 +158,7 @@ class Supervisor(Service[SupervisorConfig]):
                     self._has_last.set()
                 case Feedback():
                     self._feedback.put(output)
-                case Start() | StartAnchor() | Cancel():
+                case Start() | Cancel():
                     self._requests.put_nowait(output)
         self._moved.set()
 
@@ -188,10 +172,10 @@ class Supervisor(Service[SupervisorConfig]):
             elif request.run == self._cycle.run:  # otherwise the person has cancelled
                 await self._start(request)
 
-    async def _start(self, request: Start | StartAnchor) -> None:
+    async def _start(self, request: Start) -> None:
         query = StartLocalization(method=self.config.localization_method)
         try:
-            if isinstance(request, StartAnchor):
+            if request.is_anchor:
                 await self.bus.call(POINT_ANCHOR, PointAnchor(), self.user)
             else:
                 await self.bus.call(START_LOCALIZATION, query, self.user)
@@ -228,15 +212,7 @@ class Supervisor(Service[SupervisorConfig]):
             self._moved.clear()
             waits = [self._cycle.deadline_ns, self._restorer.deadline_ns if is_resting else None]
             deadline_ns = min((wait for wait in waits if wait is not None), default=None)
-            if deadline_ns is None:
-                await self._moved.wait()
-                continue
-            left_s = max(0.0, (deadline_ns - self.clock.now_ns()) / NS_PER_S / self.clock.speed)
-            try:
-                async with asyncio.timeout(min(left_s, MAX_WAIT_S)):
-                    await self._moved.wait()
-            except TimeoutError:
-                pass
+            await wait_until(self.clock, deadline_ns, self._moved)
 
     async def _set_offset(self, query: SetOffset, _user: str) -> Done:
         if query.offset is not None and (wrong := offset_problem(query.offset)):

@@ -77,7 +77,7 @@ class AimConfig(Config):
         ge=0,
         le=1,
         description="0: untrained people's errors without feedback; 1: no errors, a third faster to find "
-        "things, half the noise and no lapses; empty: random for each person",
+        "things, half the noise and no lapses; random for each person if empty",
     )
     elevation_error_mean_deg: float = Field(
         default=-2.8, ge=-30, le=30, description="elevation error without feedback, mean, negative: low, deg"
@@ -89,7 +89,7 @@ class AimConfig(Config):
         default=None,
         ge=-45,
         le=45,
-        description="this person's elevation error at any skill, positive: too high, deg; empty: random",
+        description="this person's elevation error at any skill, positive: too high, deg; random if empty",
     )
     elevation_error_reach_sd_deg: float = Field(
         default=1.0, ge=0, le=30, description="elevation error without feedback from reach to reach, sd, deg"
@@ -155,7 +155,7 @@ class WristbandConfig(Config):
         default=None,
         ge=-300,
         le=300,
-        description="yaw drift of this band, positive: to the left, deg/min; empty: random",
+        description="yaw drift of this band, positive: to the left, deg/min; random if empty",
     )
     yaw_rate_walk_sd_degps: float = Field(
         default=0.002, ge=0, le=1, description="random walk of the drift, sd after 1 s, deg/s"
@@ -173,7 +173,7 @@ class WristbandConfig(Config):
 class UserSimConfig(Config):
     """A person: position, behaviour, errors."""
 
-    seed: int | None = Field(default=0, ge=0, description="seed of all random numbers; empty: random")
+    seed: int | None = Field(default=0, ge=0, description="seed of all random numbers; random if empty")
     behaviour: Behaviour = Field(
         default="select",
         description="rest: nothing; lamps: one lamp after another; strips: along the strips, there and back; "
@@ -185,7 +185,7 @@ class UserSimConfig(Config):
         default=0.0,
         ge=-360,
         le=360,
-        description="azimuth of the IMU's yaw origin in the room, deg; empty: unknown, random",
+        description="azimuth of the IMU's yaw origin in the room, deg; unknown, random if empty",
     )
     stance_shift_sd_m: float = Field(
         default=0.0, ge=0, le=2, description="distance of steps from that position per axis, sd, m"
@@ -226,7 +226,7 @@ class UserSimConfig(Config):
     )
     deadline: dict[str, float] = Field(
         default={},
-        description="by belt: arc length, m, from which it is too late to select a package; empty: where "
+        description="by belt: arc length, m, from which it is too late to select a package; if empty, where "
         "it passes the first bay of the map, or else where the belt ends",
     )
     strip_speed_mps: float = Field(

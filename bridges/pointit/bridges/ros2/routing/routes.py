@@ -45,11 +45,17 @@ _FRAME = re.compile(r"(?!/)([^\s{}]|\{user\})+\Z")
 class RouteChange(Config):
     """Changes of one route."""
 
-    ros: Annotated[str | None, Field(max_length=MAX_NAME, description="name in ROS; empty: as it is")] = None
-    rate_hz: Annotated[float | None, Field(gt=0, le=1000, description="at most; empty: as it is")] = None
-    enabled: Annotated[bool | None, Field(description="whether it is there; empty: as it is")] = None
+    ros: Annotated[
+        str | None, Field(max_length=MAX_NAME, description="name in ROS; as in the table if empty")
+    ] = None
+    rate_hz: Annotated[
+        float | None, Field(gt=0, le=1000, description="highest rate, Hz; as in the table if empty")
+    ] = None
+    enabled: Annotated[
+        bool | None, Field(description="whether the route is there; as in the table if empty")
+    ] = None
     frame: Annotated[
-        str | None, Field(max_length=MAX_NAME, description="name of its frame; empty: as it is")
+        str | None, Field(max_length=MAX_NAME, description="name of its frame; as in the table if empty")
     ] = None
 
     @field_validator("ros")

@@ -21,10 +21,10 @@ import zenoh
 
 from pointit.runtime.errors import ConfigError, ListenError
 from pointit.runtime.host.tcp_timeouts import cut, disable_linger, set_user_timeout, unread
-from pointit.runtime.host.threads import in_daemon_thread
 from pointit.runtime.link.link import LEASE_MS, Link, ports_of
+from pointit.runtime.transport.session import CLOSE_PATIENCE_S, close_session, open_cancellable
 from pointit.runtime.zenoh.router.router_health import RouterHealthPublisher
-from pointit.runtime.zenoh.session import CLOSE_PATIENCE_S, close_session, open_session
+from pointit.runtime.zenoh.session import open_session
 from pointit.schemas.table_types import NAME
 
 log = logging.getLogger(__name__)
@@ -231,23 +231,13 @@ def _endpoints(config: zenoh.Config, key: str) -> list[str]:
 
 async def _open(config: zenoh.Config) -> zenoh.Session:
     """Return a session; when this is cancelled, one that opens all the same is closed again."""
-    return await in_daemon_thread(
-        lambda: _opened(config), "router-open", discard=lambda session: session.close()
-    )
-
-
-def _opened(config: zenoh.Config) -> zenoh.Session:
     try:
-        session = zenoh.open(config)
+        session = await open_cancellable(config, runtime="")
     except zenoh.ZError as error:
-        raise ListenError(f"the router cannot be opened: {_reason(error)}") from error
+        reason = str(error).partition(" at /")[0].rstrip(".")  # without the place in Zenoh's source
+        raise ListenError(f"the router cannot be opened: {reason}") from error
     set_user_timeout(ports_of(_endpoints(config, "listen/endpoints")), LEASE_MS)
     return session
-
-
-def _reason(error: Exception) -> str:
-    """Return the error message, without the place in Zenoh's source."""
-    return str(error).partition(" at /")[0].rstrip(".")
 
 
 def _where(error: Exception) -> str:

@@ -15,22 +15,18 @@ from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S
 from pointit.services.localizer.drift import innovation_gate
-from pointit.services.localizer.drift.anchor_measurement import (
-    AnchorMeasurement,
-    innovation_terms,
-    rejection_reason,
-)
 from pointit.services.localizer.drift.innovation_gate import AGREED, DRIFTED, Rejected
 from pointit.services.localizer.drift.model import (
     RATE,
     YAW,
+    AnchorMeasurement,
     AnchorResult,
     Array,
     DriftPose,
     DriftSettings,
     Fix,
 )
-from pointit.services.localizer.drift.state import DriftState
+from pointit.services.localizer.drift.state import DriftState, Innovation, predicted_bearing
 
 __all__ = ["AnchorResult", "DriftFilter", "DriftPose", "DriftSettings", "Fix"]
 
@@ -39,6 +35,9 @@ RATE_FORGOTTEN = "the yaw does not change at the estimated rate, which is discar
 
 LEAST_SIGMA = 1e-6
 """Lower bound of measurement noise (rad, rad/s)."""
+
+NEAREST_M = 0.2
+"""Smallest horizontal distance from the eyes to a target."""
 
 
 class DriftFilter:
@@ -58,11 +57,6 @@ class DriftFilter:
         """State, `_agreed` and `_agreed_ns` in case the anchor against the rate is an outlier."""
         self._rejected: list[Rejected] = []
         self._took(fix, fits=False)
-
-    @property
-    def settings(self) -> DriftSettings:
-        """Return the settings of the filter."""
-        return self._settings
 
     def set_time(self, now_ns: int | None) -> None:
         """Set the time. A clock step back beyond the age limit of measurements moves the state back, too.
@@ -166,19 +160,17 @@ class DriftFilter:
             elevation_rad=vector.elevation(direction_h) - elevation_bias_rad,
             spread_rad=spread_rad,
         )
-        rejection = self._untimely(stamp_ns) or rejection_reason(
-            self._state.mean, sight, direction_h, samples, self._settings
-        )
+        rejection = self._untimely(stamp_ns) or self._unusable(sight, direction_h, samples)
         if rejection:
             return AnchorResult(accepted=False, reason=rejection)
         self._state.advance(stamp_ns)
         self._decide(sight)
-        innovation, slope, noise = self._sighted(sight)
-        azimuth, elevation = -float(innovation[0]), -float(innovation[1])
-        allowed = self._settings.gate * np.sqrt(np.diag(slope @ self._state.covariance @ slope.T) + noise)
-        if np.all(np.abs(innovation) <= allowed):
+        seen = self._state.innovation(sight)
+        azimuth, elevation = -float(seen.value[0]), -float(seen.value[1])
+        allowed = self._settings.gate * np.sqrt(seen.variances)
+        if np.all(np.abs(seen.value) <= allowed):
             self._rejected.clear()
-            self._state.update(innovation, slope, np.diag(noise))
+            self._state.apply(seen)
             self._anchored_ns = max(self._anchored_ns, stamp_ns)
             self._agree(stamp_ns)
             return AnchorResult(accepted=True, azimuth_error_rad=azimuth, elevation_error_rad=elevation)
@@ -189,6 +181,7 @@ class DriftFilter:
             return AnchorResult(
                 accepted=True, azimuth_error_rad=azimuth, elevation_error_rad=elevation, note=RATE_FORGOTTEN
             )
+        noise = seen.noise
         return self._on_outlier(
             Rejected(sight, azimuth, elevation, float(noise[0]), float(noise[1])), allowed
         )
@@ -308,13 +301,10 @@ class DriftFilter:
     def _fits_without_rate(self, sight: AnchorMeasurement) -> bool:
         """Update the state with `sight` but without the rate if it fits. Return True if it does."""
         state = self._state.without_rate(self._agreed_ns)
-        innovation, slope, noise = innovation_terms(
-            state.mean, sight, state.late_s(sight.stamp_ns), self._settings
-        )
-        variances = np.diag(slope @ state.covariance @ slope.T) + noise
-        if np.any(innovation**2 > self._settings.gate**2 * variances):
+        seen = state.innovation(sight)
+        if np.any(seen.value**2 > self._settings.gate**2 * seen.variances):
             return False
-        state.update(innovation, slope, np.diag(noise))
+        state.apply(seen)
         self._other = (self._state, self._agreed, self._agreed_ns)
         self._state = state
         return True
@@ -326,7 +316,7 @@ class DriftFilter:
         state, agreed, agreed_ns = self._other
         self._other = None
         state.advance(self._state.stamp_ns)
-        if _deviance(state, sight, self._settings) < _deviance(self._state, sight, self._settings):
+        if _deviance(state.innovation(sight)) < _deviance(self._state.innovation(sight)):
             self._state, self._agreed, self._agreed_ns = state, agreed, agreed_ns
 
     def _took(self, fix: Fix, *, fits: bool) -> None:
@@ -344,9 +334,16 @@ class DriftFilter:
             return ""
         return f"the pointing is {late_s:.0f} s old; check the IMU's radio and the clocks, and point again"
 
-    def _sighted(self, sight: AnchorMeasurement) -> tuple[Array, Array, Array]:
-        """Return innovation (2), slope (2 x 4) and variances (2) of azimuth and elevation."""
-        return innovation_terms(self._state.mean, sight, self._state.late_s(sight.stamp_ns), self._settings)
+    def _unusable(self, sight: AnchorMeasurement, direction_h: Vec3, samples: int) -> str:
+        """Return the reason why a pointing cannot be used, or `""` if it can."""
+        values = (*sight.target_m, *sight.origin_m, *direction_h, sight.elevation_rad, sight.spread_rad)
+        if samples < 1 or not all(map(math.isfinite, values)) or vector.norm(direction_h) == 0.0:
+            return "no usable ray came while the person pointed; see the IMU"
+        if abs(sight.elevation_rad) > self._settings.max_elevation_rad:
+            return "the target is too steeply above or below; choose one farther away"
+        if predicted_bearing(self._state.mean, sight)[2] < NEAREST_M:
+            return "the person would stand on the target; choose one farther away"
+        return ""
 
     def _on_outlier(self, outlier: Rejected, allowed: Array) -> AnchorResult:
         """Return the result for an anchor beyond the gate: accepted if it agrees with the ones before."""
@@ -375,8 +372,7 @@ class DriftFilter:
             else:
                 self._state.inflate_rate_variance(settings.max_rate_radps)
             for accepted in believed:
-                innovation, slope, noise = self._sighted(accepted.sight)
-                self._state.update(innovation, slope, np.diag(noise))
+                self._state.apply(self._state.innovation(accepted.sight))
             self._anchored_ns = max(self._anchored_ns, outlier.sight.stamp_ns)
             return replace(result, accepted=True, reason="", note=result.reason)
         if verdict:
@@ -385,8 +381,6 @@ class DriftFilter:
         return result
 
 
-def _deviance(state: DriftState, sight: AnchorMeasurement, settings: DriftSettings) -> float:
-    """Return minus twice the logarithm of the likelihood of `sight`, but for a constant."""
-    innovation, slope, noise = innovation_terms(state.mean, sight, state.late_s(sight.stamp_ns), settings)
-    variances = np.diag(slope @ state.covariance @ slope.T) + noise
-    return float(np.sum(innovation**2 / variances + np.log(variances)))
+def _deviance(seen: Innovation) -> float:
+    """Return minus twice the logarithm of the likelihood of a pointing, but for a constant."""
+    return float(np.sum(seen.value**2 / seen.variances + np.log(seen.variances)))

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from pointit.schemas import NS_PER_S
-from pointit.services.localizer.drift.anchor_measurement import AnchorMeasurement
-from pointit.services.localizer.drift.model import Array
+from pointit.services.localizer.drift.model import AnchorMeasurement, Array
 
 AGREED: Literal["agreed"] = "agreed"
 """All errors are the same: the pose is wrong."""

@@ -1,10 +1,12 @@
-"""Settings, inputs and results of the drift filter, and the prediction of its state."""
+"""Settings, inputs and results of the drift filter."""
 
 import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+
+from pointit.geometry.vector import Vec3
 
 Array = NDArray[np.float64]
 
@@ -102,6 +104,22 @@ class DriftPose:
 
 
 @dataclass(frozen=True, kw_only=True)
+class AnchorMeasurement:
+    """One pointing at a known place."""
+
+    stamp_ns: int
+    target_m: Vec3
+    """In {W}, above the floor."""
+    origin_m: Vec3
+    """Origin of the ray, {H}."""
+    azimuth_rad: float
+    """Azimuth of the ray, {H}."""
+    elevation_rad: float
+    """Elevation of the ray without the person's bias, {H}."""
+    spread_rad: float
+
+
+@dataclass(frozen=True, kw_only=True)
 class AnchorResult:
     """Result of a measurement."""
 
@@ -114,57 +132,3 @@ class AnchorResult:
     """Reason for rejection and what to do, or `""` if accepted."""
     note: str = ""
     """Remark on an accepted measurement for technicians, mostly `""`."""
-
-
-def predicted(
-    mean: Array, covariance: Array, passed_s: float, settings: DriftSettings
-) -> tuple[Array, Array]:
-    """Return copies of mean (4) and covariance (4 x 4) advanced by `passed_s`, bounded."""
-    mean, covariance = propagate_unbounded(mean, covariance, passed_s, settings)
-    return mean, bounded(covariance, settings) if passed_s > 0.0 else covariance
-
-
-def propagate_unbounded(
-    mean: Array, covariance: Array, passed_s: float, settings: DriftSettings
-) -> tuple[Array, Array]:
-    """Return copies of mean (4) and covariance (4 x 4) advanced by `passed_s`, not bounded."""
-    mean = mean.copy()
-    if passed_s <= 0.0:
-        return mean, covariance.copy()
-    mean[YAW] = math.remainder(float(mean[YAW] + mean[RATE] * passed_s), math.tau)
-    step = np.eye(4)
-    step[YAW, RATE] = passed_s
-    covariance = step @ covariance @ step.T
-    walk = settings.rate_walk_radps**2 * passed_s
-    covariance[[X, Y], [X, Y]] += settings.position_walk_m**2 * passed_s
-    covariance[YAW, YAW] += settings.yaw_walk_rad**2 * passed_s + walk * passed_s**2 / 3.0
-    covariance[YAW, RATE] += walk * passed_s / 2.0
-    covariance[RATE, YAW] += walk * passed_s / 2.0
-    covariance[RATE, RATE] += walk
-    return mean, covariance
-
-
-def bounded(covariance: Array, settings: DriftSettings) -> Array:
-    """Return `covariance` (3 x 3 of x, y, yaw, or 4 x 4 with the rate) symmetric and within the bounds.
-
-    Correlations stay.
-    """
-    away = settings.max_position_sigma_m
-    largest = np.array([away, away, settings.max_yaw_sigma_rad, settings.max_rate_radps])
-    largest = largest[: len(covariance)]
-    sigmas = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
-    shrink = np.minimum(1.0, largest / sigmas)
-    return np.asarray(0.5 * (covariance + covariance.T) * np.outer(shrink, shrink))
-
-
-def nearest_psd(covariance: Array) -> Array:
-    """Return the nearest symmetric positive semidefinite 3 x 3 matrix.
-
-    Raises:
-        ValueError: If it is not 3 x 3 or not finite.
-    """
-    square = np.asarray(covariance, dtype=np.float64)
-    if square.shape != (3, 3) or not np.all(np.isfinite(square)):
-        raise ValueError("the covariance of a pose must be 3 x 3 and finite")
-    values, axes = np.linalg.eigh(0.5 * (square + square.T))
-    return np.asarray((axes * np.maximum(values, 0.0)) @ axes.T)

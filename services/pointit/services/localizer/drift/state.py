@@ -2,6 +2,7 @@
 
 import copy
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -9,17 +10,27 @@ from pointit.schemas import NS_PER_S
 from pointit.services.localizer.drift.model import (
     RATE,
     YAW,
+    AnchorMeasurement,
     Array,
     DriftPose,
     DriftSettings,
     Fix,
     X,
     Y,
-    bounded,
-    nearest_psd,
-    predicted,
-    propagate_unbounded,
 )
+
+
+class Innovation(NamedTuple):
+    """A pointing compared with what the state predicts: azimuth and elevation, rad."""
+
+    value: Array
+    """2: measured minus expected."""
+    slope: Array
+    """2 x 4, derivatives of the measurement by the state."""
+    noise: Array
+    """2: variances of pointing."""
+    variances: Array
+    """2: variances of `value`."""
 
 
 class DriftState:
@@ -68,6 +79,32 @@ class DriftState:
         if stamp_ns > self.stamp_ns:
             self.mean, self.covariance = self._predicted((stamp_ns - self.stamp_ns) / NS_PER_S)
             self.stamp_ns = stamp_ns
+
+    def innovation(self, sight: AnchorMeasurement) -> Innovation:
+        """Return the comparison of `sight`, which may be older than the state, with the state."""
+        settings, late_s = self._settings, self.late_s(sight.stamp_ns)
+        mean = self.mean.copy()
+        mean[YAW] -= late_s * mean[RATE]
+        expected, slope, _ = predicted_bearing(mean, sight)
+        slope[:, RATE] = -late_s * slope[:, YAW]
+        value = np.array(
+            [
+                math.remainder(sight.azimuth_rad - float(expected[0]), math.tau),
+                sight.elevation_rad - float(expected[1]),
+            ]
+        )
+        level = math.cos(sight.elevation_rad)
+        noise = np.array(
+            [
+                (settings.anchor_sigma_rad**2 + sight.spread_rad**2) / level**2,
+                settings.elevation_sigma_rad**2 + sight.spread_rad**2,
+            ]
+        )
+        return Innovation(value, slope, noise, np.diag(slope @ self.covariance @ slope.T) + noise)
+
+    def apply(self, seen: Innovation) -> None:
+        """Apply a pointing."""
+        self.update(seen.value, seen.slope, np.diag(seen.noise))
 
     def update(self, innovation: Array, slope: Array, noise: Array) -> None:
         """Apply a measurement (Joseph form: stays symmetric and positive).
@@ -177,13 +214,90 @@ class DriftState:
         covariance = np.zeros((4, 4))
         covariance[:3, :3] = bounded(nearest_psd(fix.covariance), self._settings)
         covariance[RATE, RATE] = rate_variance
-        return propagate_unbounded(mean, covariance, late_s, self._settings)
+        return _propagated(mean, covariance, late_s, self._settings)
 
     def _predicted(self, passed_s: float) -> tuple[Array, Array]:
-        return predicted(self.mean, self.covariance, passed_s, self._settings)
+        mean, covariance = _propagated(self.mean, self.covariance, passed_s, self._settings)
+        return mean, bounded(covariance, self._settings) if passed_s > 0.0 else covariance
 
     def _bound(self) -> None:
         limit = self._settings.max_rate_radps
         self.mean[YAW] = math.remainder(float(self.mean[YAW]), math.tau)
         self.mean[RATE] = min(max(float(self.mean[RATE]), -limit), limit)
         self.covariance = bounded(self.covariance, self._settings)
+
+
+def predicted_bearing(mean: Array, sight: AnchorMeasurement) -> tuple[Array, Array, float]:
+    """Return the bearing of the target from the person's eyes.
+
+    Args:
+        mean: 4: x, y (m), yaw (rad) of {H} in {W}; the rest is ignored.
+        sight: target and origin of the ray.
+
+    Returns:
+        azimuth and elevation in {H} (2), their derivatives by the state (2 x 4), horizontal distance (m).
+    """
+    cos_yaw, sin_yaw = math.cos(mean[2]), math.sin(mean[2])
+    eye_x = cos_yaw * sight.origin_m[0] - sin_yaw * sight.origin_m[1]
+    eye_y = sin_yaw * sight.origin_m[0] + cos_yaw * sight.origin_m[1]
+    east = sight.target_m[0] - float(mean[0]) - eye_x
+    north = sight.target_m[1] - float(mean[1]) - eye_y
+    up = sight.target_m[2] - sight.origin_m[2]
+    away = max(math.hypot(east, north), 1e-9)
+    square = away * away
+    azimuth = math.remainder(math.atan2(north, east) - float(mean[2]), math.tau)
+    lower = -up / (square + up * up)
+    slope = np.zeros((2, 4))
+    slope[0, :3] = north / square, -east / square, -1.0 - (east * eye_x + north * eye_y) / square
+    slope[1, :3] = (
+        -lower * east / away,
+        -lower * north / away,
+        lower * (east * eye_y - north * eye_x) / away,
+    )
+    return np.array([azimuth, math.atan2(up, away)]), slope, away
+
+
+def _propagated(
+    mean: Array, covariance: Array, passed_s: float, settings: DriftSettings
+) -> tuple[Array, Array]:
+    """Return copies of mean (4) and covariance (4 x 4) advanced by `passed_s`, not bounded."""
+    mean = mean.copy()
+    if passed_s <= 0.0:
+        return mean, covariance.copy()
+    mean[YAW] = math.remainder(float(mean[YAW] + mean[RATE] * passed_s), math.tau)
+    step = np.eye(4)
+    step[YAW, RATE] = passed_s
+    covariance = step @ covariance @ step.T
+    walk = settings.rate_walk_radps**2 * passed_s
+    covariance[[X, Y], [X, Y]] += settings.position_walk_m**2 * passed_s
+    covariance[YAW, YAW] += settings.yaw_walk_rad**2 * passed_s + walk * passed_s**2 / 3.0
+    covariance[YAW, RATE] += walk * passed_s / 2.0
+    covariance[RATE, YAW] += walk * passed_s / 2.0
+    covariance[RATE, RATE] += walk
+    return mean, covariance
+
+
+def bounded(covariance: Array, settings: DriftSettings) -> Array:
+    """Return `covariance` (3 x 3 of x, y, yaw, or 4 x 4 with the rate) symmetric and within the bounds.
+
+    Correlations stay.
+    """
+    away = settings.max_position_sigma_m
+    largest = np.array([away, away, settings.max_yaw_sigma_rad, settings.max_rate_radps])
+    largest = largest[: len(covariance)]
+    sigmas = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+    shrink = np.minimum(1.0, largest / sigmas)
+    return np.asarray(0.5 * (covariance + covariance.T) * np.outer(shrink, shrink))
+
+
+def nearest_psd(covariance: Array) -> Array:
+    """Return the nearest symmetric positive semidefinite 3 x 3 matrix.
+
+    Raises:
+        ValueError: If it is not 3 x 3 or not finite.
+    """
+    square = np.asarray(covariance, dtype=np.float64)
+    if square.shape != (3, 3) or not np.all(np.isfinite(square)):
+        raise ValueError("the covariance of a pose must be 3 x 3 and finite")
+    values, axes = np.linalg.eigh(0.5 * (square + square.T))
+    return np.asarray((axes * np.maximum(values, 0.0)) @ axes.T)

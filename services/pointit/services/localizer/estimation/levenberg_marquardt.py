@@ -112,7 +112,7 @@ def initial_poses(rays: Rays, weights: Weights) -> Array:
     return np.asarray(poses[best[chosen], chosen], dtype=np.float64)
 
 
-def minimize(rays: Rays, poses: Array, weights: Weights, iterations: int = ITERATIONS) -> Minima:
+def minimize(rays: Rays, poses: Array, weights: Weights) -> Minima:
     """Return the relevant minima below `poses` (k x 5), the lowest first.
 
     Descents that after a few steps are far above the lowest, or coincide with another one, are dropped. Of
@@ -120,7 +120,7 @@ def minimize(rays: Rays, poses: Array, weights: Weights, iterations: int = ITERA
     """
     damping = np.full(len(poses), _DAMPING)
     costs, slopes, hessians = _linearized(rays, poses, weights)
-    for number in range(iterations):
+    for number in range(ITERATIONS):
         if number == SETTLED:
             kept = _apart(poses, costs)
             poses, costs, slopes = poses[kept], costs[kept], slopes[kept]

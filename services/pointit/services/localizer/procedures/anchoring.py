@@ -5,24 +5,17 @@ Pure: rays and the time go in; the lamp, progress and the anchor come out.
 
 import math
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
 from typing import ClassVar, Literal
 
 from pointit.schemas import Lamp
+from pointit.services.localizer.config import LocalizerConfig
 from pointit.services.localizer.estimation import rays as ray_math
 from pointit.services.localizer.estimation.rays import Mean
 from pointit.services.localizer.outputs import AnchorOutcome, Output
-from pointit.services.localizer.procedures.hold import Timing
 from pointit.services.localizer.procedures.lamp_procedure import LampProcedure
 
-
-@dataclass(frozen=True, kw_only=True)
-class SteadinessLimits:
-    """Limits of a hold that is an anchor."""
-
-    max_spread_rad: float = math.radians(3.0)
-    """Largest rms of the rays about their mean."""
-    min_samples: int = 10
+MIN_RAYS = 10
+"""Rays that an anchor needs."""
 
 
 class Anchoring(LampProcedure):
@@ -34,8 +27,7 @@ class Anchoring(LampProcedure):
         self,
         lamp: Lamp,
         judge: Callable[[Lamp, Mean, str, int], AnchorOutcome],
-        timing: Timing | None = None,
-        steadiness: SteadinessLimits | None = None,
+        config: LocalizerConfig,
         *,
         occupies: Iterable[str] = (),
     ) -> None:
@@ -45,12 +37,10 @@ class Anchoring(LampProcedure):
             lamp: to point at.
             judge: applies the anchor of a lamp and a mean ray, and returns the outcome. The text is the
                 reason to reject it or `""`, the number is the time, ns.
-            timing: times of the hold.
-            steadiness: limits of the hold.
+            config: times and limits of the hold.
             occupies: ids of lamps that other people cannot use meanwhile, besides `lamp`.
         """
-        self._steadiness = steadiness if steadiness is not None else SteadinessLimits()
-        super().__init__((lamp.id, *occupies), timing, self._steadiness.min_samples, "ask again")
+        super().__init__((lamp.id, *occupies), config, MIN_RAYS, "ask again")
         self._target = lamp
         self._judge = judge
 
@@ -69,7 +59,7 @@ class Anchoring(LampProcedure):
         mean = ray_math.mean(self._hold.rays)
         if mean is None:
             return self._end(now_ns, "the rays point in all directions; hold the arm still and try again")
-        limit_rad = self._steadiness.max_spread_rad
+        limit_rad = math.radians(self._config.max_spread_deg)
         problem = ""
         if mean.spread_rad > limit_rad:
             problem = (

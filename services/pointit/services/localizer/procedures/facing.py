@@ -21,6 +21,9 @@ MIN_RAYS = 5
 MAX_RAYS = 1024
 """Largest number of rays, whatever their rate."""
 
+MAX_SPREAD_RAD = math.radians(2.0)
+"""Largest rms by which an arm that is held still may wander."""
+
 MAX_ELEVATION_RAD = math.radians(60.0)
 """Largest elevation at which an arm has a direction."""
 
@@ -28,8 +31,7 @@ MAX_ELEVATION_RAD = math.radians(60.0)
 class HeadingWindow:
     """Keeps the newest rays."""
 
-    def __init__(self, max_spread_rad: float = math.radians(2.0)) -> None:
-        self._max_spread_rad = max_spread_rad
+    def __init__(self) -> None:
         self._rays: deque[PointingRay] = deque(maxlen=MAX_RAYS)
 
     def add(self, ray: PointingRay) -> None:
@@ -52,10 +54,10 @@ class HeadingWindow:
         if len(rays) < MIN_RAYS or rays[-1].stamp_ns < now_ns - round(FRESH_S * NS_PER_S):
             return Refusal("no rays come; check that the IMU is on and sends, then point and ask again")
         mean = ray_math.mean(list(rays))
-        if mean is None or mean.spread_rad > self._max_spread_rad:
+        if mean is None or mean.spread_rad > MAX_SPREAD_RAD:
             wandered = "" if mean is None else f" by {math.degrees(mean.spread_rad):.1f}°"
             return Refusal(
-                f"the arm moves{wandered} and at most {math.degrees(self._max_spread_rad):.1f}° is accepted; "
+                f"the arm moves{wandered} and at most {math.degrees(MAX_SPREAD_RAD):.1f}° is accepted; "
                 "point at the wall, hold still and ask again"
             )
         elevation_rad = vector.elevation(mean.direction)

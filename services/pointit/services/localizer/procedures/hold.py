@@ -6,11 +6,11 @@ The first second or so is reaction, and an open-loop reach settles about two sec
 
 import math
 from collections import deque
-from dataclasses import dataclass
 
 import numpy as np
 
 from pointit.schemas import NS_PER_S, PointingRay
+from pointit.services.localizer.config import LocalizerConfig
 from pointit.services.localizer.estimation import rays as ray_math
 
 STEADY_S = 0.4
@@ -23,33 +23,19 @@ MAX_RAYS = 8192
 """Largest number of rays in one hold, whatever their rate."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Timing:
-    """Times of one hold."""
-
-    reaction_s: float = 1.5
-    """From the lamp's lighting until the person points at it; rays of that time do not count."""
-    hold_s: float = 2.0
-    """Time after that in which rays count."""
-    patience_s: float = 5.0
-    """Additional time in which a lamp stays lit if too few rays came, or none is steady."""
-    steady_radps: float = math.inf
-    """Largest turn rate of a settled ray: the hold begins when it turns no faster. Infinite: immediately."""
-
-
 class Hold:
     """Rays of one hold; those captured before it only determine its beginning."""
 
-    def __init__(self, lit_ns: int, timing: Timing) -> None:
+    def __init__(self, lit_ns: int, config: LocalizerConfig) -> None:
         """Create the hold of a lamp that lights at `lit_ns`."""
-        self._timing = timing
-        self._from_ns = lit_ns + round(timing.reaction_s * NS_PER_S)
-        self._latest_ns = self._from_ns + round(timing.patience_s * NS_PER_S)
+        self._config = config
+        self._from_ns = lit_ns + round(config.reaction_s * NS_PER_S)
+        self._latest_ns = self._from_ns + round(config.patience_s * NS_PER_S)
         """Time at which the hold begins even if the ray is not steady."""
         self._newest_ns = -1
         self._recent: deque[PointingRay] = deque()
         """Rays of the last `STEADY_S`, while the ray is not steady."""
-        self._waits = math.isfinite(timing.steady_radps)
+        self._waits = config.steady_degps > 0.0
         self.rays: list[PointingRay] = []
         """Rays that count."""
 
@@ -79,18 +65,18 @@ class Hold:
 
     def has_timed_out(self, now_ns: int) -> bool:
         """Return True if waiting for more rays is useless."""
-        return now_ns >= self._end_ns + round(self._timing.patience_s * NS_PER_S)
+        return now_ns >= self._end_ns + round(self._config.patience_s * NS_PER_S)
 
     def progress(self, now_ns: int) -> float:
         """Return the progress, 0 to 1."""
         if not self.is_settled:
             return 0.0
         held_s = max(0, now_ns - self._from_ns) / NS_PER_S
-        return min(1.0, held_s / self._timing.hold_s)
+        return min(1.0, held_s / self._config.hold_s)
 
     @property
     def _end_ns(self) -> int:
-        return self._from_ns + round(self._timing.hold_s * NS_PER_S)
+        return self._from_ns + round(self._config.hold_s * NS_PER_S)
 
     def _settle(self) -> None:
         self._waits = False
@@ -111,4 +97,4 @@ class Hold:
         half = len(recent) // 2
         before, after = directions[:half].sum(axis=0), directions[-half:].sum(axis=0)
         angle_rad = math.atan2(float(np.linalg.norm(np.cross(before, after))), float(before @ after))
-        return angle_rad <= self._timing.steady_radps * span_s / 2.0
+        return angle_rad <= math.radians(self._config.steady_degps) * span_s / 2.0

@@ -8,8 +8,9 @@ from collections.abc import Iterable, Sequence
 from typing import ClassVar, Literal
 
 from pointit.schemas import Lamp, Localization, PointingRay
+from pointit.services.localizer.config import LocalizerConfig
 from pointit.services.localizer.outputs import LampSwitch, Output, Phase
-from pointit.services.localizer.procedures.hold import Hold, Timing
+from pointit.services.localizer.procedures.hold import Hold
 
 
 class LampProcedure(ABC):
@@ -17,12 +18,12 @@ class LampProcedure(ABC):
 
     PURPOSE: ClassVar[Literal["pose", "anchor"]] = "pose"
 
-    def __init__(self, lamp_ids: Iterable[str], timing: Timing | None, min_rays: int, then: str) -> None:
+    def __init__(self, lamp_ids: Iterable[str], config: LocalizerConfig, min_rays: int, then: str) -> None:
         """Create the procedure.
 
         Args:
             lamp_ids: all lamps that other people cannot use meanwhile.
-            timing: times of each hold.
+            config: times of each hold.
             min_rays: number of rays that a hold needs.
             then: advice if they did not come, as in `start again`.
         """
@@ -31,7 +32,7 @@ class LampProcedure(ABC):
         """Time of the request."""
         self.begun_ns = 0
         """Time of the start."""
-        self._timing = timing if timing is not None else Timing()
+        self._config = config
         self._min_rays = min_rays
         self._then = then
         self._running = False
@@ -171,7 +172,7 @@ class LampProcedure(ABC):
 
     def _light(self, now_ns: int) -> list[Output]:
         """Begin a hold at the next lamp."""
-        self._holds.append((Hold(now_ns, self._timing), self._next_lamp()))
+        self._holds.append((Hold(now_ns, self._config), self._next_lamp()))
         return self.republish(now_ns)
 
     def _end(self, now_ns: int, reason: str, residual_rad: float | None = None) -> list[Output]:

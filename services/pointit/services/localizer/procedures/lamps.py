@@ -6,8 +6,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from pointit.schemas import Environment, Lamp
+from pointit.services.localizer.config import LocalizerConfig
 from pointit.services.localizer.estimation.estimator import SAME_PLACE_M, Refusal
-from pointit.services.localizer.procedures.target_plan import TargetPlan
+
+ROUNDS = 2
+"""Largest number of holds at each lamp without a configured number."""
 
 MAX_NAMED = 4
 """Largest number of lamps that a message names."""
@@ -27,20 +30,24 @@ def select_lamps(room: Environment | None, wanted: tuple[str, ...]) -> list[Lamp
     return [known[lamp_id] for lamp_id in wanted] if wanted else list(known.values())
 
 
-def lamps_for_pose(
-    room: Environment | None, wanted: tuple[str, ...], choice: TargetPlan | None = None
-) -> list[Lamp] | Refusal:
-    """Return lamps that determine a pose, or a refusal.
+def max_holds(config: LocalizerConfig, lamps: int) -> int:
+    """Return the largest number of holds of a localization with `lamps` lamps."""
+    if config.order == "given":
+        return min(config.targets, lamps) if config.targets else lamps
+    return config.targets or ROUNDS * lamps
 
-    Args:
-        room: the map. None if there is none yet.
-        wanted: ids, or () for all of the map.
-        choice: which of them are lit. None for all.
-    """
-    lamps = select_lamps(room, wanted)
+
+def usable(config: LocalizerConfig, lamps: Sequence[Lamp]) -> Sequence[Lamp]:
+    """Return those of `lamps` that may be lit."""
+    return lamps[: max_holds(config, len(lamps))] if config.order == "given" else lamps
+
+
+def lamps_for_pose(room: Environment | None, config: LocalizerConfig) -> list[Lamp] | Refusal:
+    """Return the configured lamps of `room` (None: no map yet), or a refusal if they determine no pose."""
+    lamps = select_lamps(room, config.lamps)
     if isinstance(lamps, Refusal):
         return lamps
-    used = choice.usable(lamps) if choice is not None else lamps
+    used = usable(config, lamps)
     needs = "pointing at lamps needs two at different places"
     if len(used) < 2:
         name = "" if room is None else room.name

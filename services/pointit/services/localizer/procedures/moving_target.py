@@ -4,12 +4,13 @@ Pure: rays, tracked objects and the time go in; progress and poses come out.
 """
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from pointit.schemas import NS_PER_S, Candidate, Localization, PointingRay, TrackedObjects
+from pointit.services.localizer.config import LocalizerConfig
 from pointit.services.localizer.estimation.estimator import Refusal, Solution, SolverSettings, solve
 from pointit.services.localizer.estimation.mounting import mounting_fault
-from pointit.services.localizer.outputs import Floor, Output, Phase, finite_or_none, pose_message
+from pointit.services.localizer.outputs import Output, Phase, finite_or_none, pose_message
 from pointit.services.localizer.procedures.target_disambiguation import (
     Fit,
     TargetDisambiguator,
@@ -41,31 +42,18 @@ MAX_TRACKS = 256
 """Largest number of robots; those reported last are kept."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Following:
-    """Target and times of following."""
+MIN_SPAN_S = 2.0
+"""Time of pointing before the first solution."""
 
-    target_id: str = ""
-    """Empty: of all robots the one that the rays fit best."""
-    reaction_s: float = 1.5
-    """Time after a robot is known and a ray came, before rays count: the arm is still on its way."""
-    window_s: float = 10.0
-    """Older rays are discarded because the IMU's heading drifts. The procedure ends when nine tenths of a
-    window are accepted: in a shorter one an arm that came late makes poses that are wrong and look certain.
-    """
-    min_span_s: float = 2.0
-    """Time of pointing before the first solution."""
-    solve_hz: float = 2.0
-    give_up_s: float = 30.0
-    """Time after which it is refused, or ends with the current solution, without a whole window."""
-    continuous: bool = False
-    """Continue for ever instead of ending; poses of shorter windows are published while it samples."""
-    yaw_rate_sigma_radps: float = math.radians(0.5)
-    """Standard deviation of the IMU's yaw drift, by which the pose may change while following continues."""
+SOLVE_HZ = 2.0
 
 
 class MovingTarget:
-    """One run of the procedure; `start` restarts it."""
+    """One run of the procedure; `start` restarts it.
+
+    It ends when nine tenths of a window are accepted: in a shorter one an arm that came late makes poses that
+    are wrong and look certain. With `autostart` it continues, and publishes poses of shorter windows before.
+    """
 
     _started_ns: int
     _due_ns: int
@@ -91,16 +79,9 @@ class MovingTarget:
     _span_s: float
     """Time of pointing in the window at the last solution."""
 
-    def __init__(
-        self,
-        following: Following | None = None,
-        trust: SolverSettings | None = None,
-        *,
-        floor: Floor | None = None,
-    ) -> None:
-        self._following = following if following is not None else Following()
-        self._trust = trust if trust is not None else SolverSettings()
-        self._floor = floor if floor is not None else Floor()
+    def __init__(self, config: LocalizerConfig) -> None:
+        self._config = config
+        self._trust = config.believed()
         self._running = False
         self._clear(0)
 
@@ -126,7 +107,7 @@ class MovingTarget:
             return
         self._newest_ray_ns = ray.stamp_ns
         if self._counts_from_ns is None and self._tracks:
-            self._counts_from_ns = ray.stamp_ns + round(self._following.reaction_s * NS_PER_S)
+            self._counts_from_ns = ray.stamp_ns + round(self._config.reaction_s * NS_PER_S)
         if self._counts_from_ns is not None and ray.stamp_ns >= self._counts_from_ns:
             self._rays.add(ray)
 
@@ -134,11 +115,11 @@ class MovingTarget:
         """Store the positions of the robots of `tracker`."""
         if not self._running:
             return
-        wanted = self._following.target_id
+        wanted = self._config.robot_id
         for item in message.objects:
             if item.id == wanted or (not wanted and item.kind == ROBOT):
                 key = (tracker, item.id)
-                track = self._tracks.pop(key, None) or Track(self._following.window_s)
+                track = self._tracks.pop(key, None) or Track(self._config.window_s)
                 track.add(message.stamp_ns, item.position_m, message.latency_sigma_s)
                 self._tracks[key] = track
         self._forget_left(message.stamp_ns, tracker)
@@ -149,20 +130,20 @@ class MovingTarget:
         """Solve when it is time."""
         if not self._running or now_ns < self._due_ns:
             return []
-        self._due_ns = now_ns + round(NS_PER_S / self._following.solve_hz)
+        self._due_ns = now_ns + round(NS_PER_S / SOLVE_HZ)
         result = self._try()
         if isinstance(result, Refusal):
             return self._missed(now_ns, result)
         if self._surest is not None and self._contradicts(result, *self._surest):
             return self._missed(now_ns, Refusal(CONTRADICTED, result.residual_rad))
         self._solution = result
-        pose = pose_message(result, "moving_target", self._rays.newest_ns, self._floor)
+        pose = pose_message(result, "moving_target", self._rays.newest_ns, self._config)
         if self._surest is None and not (self._is_whole(self._span_s) or self._is_late(now_ns)):
-            shown = [pose] if self._following.continuous else []
+            shown = [pose] if self._config.autostart else []
             return [*shown, self._localization(now_ns, "sampling", residual_rad=result.residual_rad)]
         if self._surest is None or result.position_sigma_m <= self._surest[0].position_sigma_m:
             self._surest = (result, self._rays.newest_ns)
-        self._running = self._following.continuous
+        self._running = self._config.autostart
         return [
             pose,
             self._localization(now_ns, "solved", residual_rad=result.residual_rad, progress=1.0),
@@ -177,9 +158,9 @@ class MovingTarget:
 
     def _clear(self, now_ns: int) -> None:
         self._started_ns = self._due_ns = now_ns
-        self._rays = RayWindow(self._following.window_s)
+        self._rays = RayWindow(self._config.window_s)
         self._tracks = {}
-        self._meant = TargetDisambiguator(self._following.target_id)
+        self._meant = TargetDisambiguator(self._config.robot_id)
         self._fits = []
         self._solution = None
         self._newest_ray_ns = self._tried_ns = -1
@@ -190,7 +171,7 @@ class MovingTarget:
     def _try(self) -> Solution | Refusal:
         """Return the solution for the robot that fits best."""
         if not self._tracks:
-            which = self._following.target_id or "a robot"
+            which = self._config.robot_id or "a robot"
             return Refusal(f"no tracker reports {which}; start its tracker")
         before_ns, self._tried_ns = self._tried_ns, self._newest_ray_ns
         if self._tried_ns == before_ns:
@@ -210,12 +191,12 @@ class MovingTarget:
         meant = next((track for _, track, each in solved if each is result), None)
         if meant is None:  # refused because two robots move in the same way, not because of one robot's rays
             return result
-        wrong = mounting_fault(self._rays.pointings(meant), result, trust, self._floor.height_m)
+        wrong = mounting_fault(self._rays.pointings(meant), result, trust, self._config.floor_m)
         return Refusal(wrong, result.residual_rad) if wrong else result
 
     def _forget_left(self, now_ns: int, tracker: str | None = None) -> None:
         """Drop targets not reported for a window, of `tracker` or of all; their clocks may differ."""
-        oldest_ns = now_ns - self._following.window_s * NS_PER_S
+        oldest_ns = now_ns - self._config.window_s * NS_PER_S
         for key, track in list(self._tracks.items()):
             is_left = not track.is_reported if tracker is None else tracker == key[0]
             if is_left and track.newest_ns < oldest_ns:
@@ -229,33 +210,34 @@ class MovingTarget:
             return Refusal(fault)
         pointings = self._rays.pointings(track)
         self._span_s = max(self._span_s, pointings.span_s)
-        if pointings.span_s < self._following.min_span_s:
+        if pointings.span_s < MIN_SPAN_S:
             return Refusal("keep following the robot with the arm straight")
         if track.latency_sigma_s is not None:
             trust = replace(trust, latency_sigma_s=max(track.latency_sigma_s, MIN_LATENCY_SIGMA_S))
-        floor_m = self._floor.height_m
+        floor_m = self._config.floor_m
         result = solve(pointings, trust, floor_m=floor_m, start=self._solution)
         if isinstance(result, Refusal) or not self._is_whole(pointings.span_s):
             return result
         unlimited = replace(trust, max_position_sigma_m=math.inf, max_yaw_sigma_rad=math.inf)
-        middle_s = pointings.stamps_s[-1] - 0.5 * self._following.window_s
+        middle_s = pointings.stamps_s[-1] - 0.5 * self._config.window_s
         half = solve(pointings.only(pointings.stamps_s >= middle_s), unlimited, floor_m=floor_m, start=result)
         is_steady = isinstance(half, Refusal) or half.differs(result) <= AGREEING
         return result if is_steady else Refusal(CHANGED, result.residual_rad)
 
     def _is_whole(self, span_s: float) -> bool:
-        return span_s >= WHOLE * self._following.window_s
+        return span_s >= WHOLE * self._config.window_s
 
     def _is_late(self, now_ns: int) -> bool:
-        return now_ns - self._started_ns >= self._following.give_up_s * NS_PER_S
+        return now_ns - self._started_ns >= self._config.give_up_s * NS_PER_S
 
     def _contradicts(self, solution: Solution, surest: Solution, surest_ns: int) -> bool:
-        drift_rad = self._following.yaw_rate_sigma_radps * (self._rays.newest_ns - surest_ns) / NS_PER_S
+        rate_radps = math.radians(self._config.drift.rate_sigma_degps)
+        drift_rad = rate_radps * (self._rays.newest_ns - surest_ns) / NS_PER_S
         return surest.differs(solution, drift_rad) > AGREEING
 
     def _missed(self, now_ns: int, refusal: Refusal) -> list[Output]:
         phase: Phase = "sampling" if self._surest is None else "solved"
-        if self._is_late(now_ns) and not self._following.continuous:
+        if self._is_late(now_ns) and not self._config.autostart:
             self._running = False
             phase = "refused"
         return [self._localization(now_ns, phase, residual_rad=refusal.residual_rad, reason=refusal.reason)]
@@ -269,7 +251,7 @@ class MovingTarget:
         residual_rad: float | None = None,
         reason: str = "",
     ) -> Localization:
-        share = min(1.0, self._span_s / self._following.window_s)
+        share = min(1.0, self._span_s / self._config.window_s)
         solution = self._solution
         several = [fit for fit in self._fits if fit.probability > 0.0] if len(self._fits) > 1 else []
         return Localization(

@@ -39,7 +39,7 @@ _TRUST = SolverSettings()
 
 @dataclass(frozen=True, kw_only=True)
 class ObservationModel:
-    """Noise of a hold."""
+    """Noise of a hold, which is one pointing, however long: a reach errs until the next one."""
 
     ray_sigma_rad: float = _TRUST.act_sigma_rad
     """Standard deviation of one pointing sideways."""
@@ -47,8 +47,6 @@ class ObservationModel:
     """The same upwards."""
     bias_sigma_rad: float = _TRUST.bias_sigma_rad
     """Standard deviation of the person's elevation bias."""
-    independent: float = 1.0
-    """Independent pointings of one hold: a reach errs until the next one, however long the hold."""
     body_sigma_m: float = _TRUST.body_sigma_m
     """Standard deviation of the eyes' position, which makes near targets less informative."""
     eyes_m: float = EYES_M
@@ -79,7 +77,7 @@ def fisher_information(targets_m: Array, eyes_m: Array, acuity: ObservationModel
     slopes[..., 1, 1] = sin_el * north / distance
     slopes[..., 1, 3] = 1.0
     sigmas = np.array([acuity.ray_sigma_rad, acuity.elevation_sigma_rad])
-    variance = sigmas**2 / acuity.independent + (acuity.body_sigma_m / distance[..., None]) ** 2
+    variance = sigmas**2 + (acuity.body_sigma_m / distance[..., None]) ** 2
     gained: Array = np.einsum("pnij,pnik,pni->pnjk", slopes, slopes, 1.0 / variance)
     return gained
 

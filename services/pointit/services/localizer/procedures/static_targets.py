@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from pointit.schemas import NS_PER_S, Lamp, PointingRay
+from pointit.services.localizer.config import LocalizerConfig
 from pointit.services.localizer.estimation import rays as ray_math
 from pointit.services.localizer.estimation.estimator import (
     Pointings,
@@ -20,11 +21,10 @@ from pointit.services.localizer.estimation.estimator import (
     SolverSettings,
     solve,
 )
-from pointit.services.localizer.outputs import Floor, Output, finite_or_none, pose_message
-from pointit.services.localizer.procedures.hold import Timing
+from pointit.services.localizer.outputs import Output, finite_or_none, pose_message
 from pointit.services.localizer.procedures.lamp_procedure import LampProcedure
+from pointit.services.localizer.procedures.lamps import max_holds, usable
 from pointit.services.localizer.procedures.next_target import EYES_M, ObservationModel, next_target
-from pointit.services.localizer.procedures.target_plan import TargetPlan
 
 MIN_LAMPS = 2
 """Number of lamps before a pose can be solved."""
@@ -36,31 +36,21 @@ WORTHWHILE = 0.9
 class StaticTargets(LampProcedure):
     """One run of the procedure; `start` restarts it."""
 
-    def __init__(
-        self,
-        lamps: Sequence[Lamp],
-        timing: Timing | None = None,
-        trust: SolverSettings | None = None,
-        choice: TargetPlan | None = None,
-        *,
-        floor: Floor | None = None,
-    ) -> None:
+    def __init__(self, lamps: Sequence[Lamp], config: LocalizerConfig) -> None:
         """Create the procedure for at least one lamp, in the order of lighting."""
         self._lamps = tuple(lamps)
-        self._trust = trust if trust is not None else SolverSettings()
-        self._choice = choice if choice is not None else TargetPlan()
-        self._floor = floor if floor is not None else Floor()
-        self._max_holds = self._choice.max_holds(len(self._lamps))
-        shared = self._max_holds if self._choice.order == "given" or self._choice.targets else MIN_LAMPS
+        self._trust = config.believed()
+        self._max_holds = max_holds(config, len(self._lamps))
+        shared = self._max_holds if config.order == "given" or config.targets else MIN_LAMPS
         super().__init__(
-            (lamp.id for lamp in lamps), timing, -(-self._trust.min_samples // shared), "start again"
+            (lamp.id for lamp in lamps), config, -(-self._trust.min_samples // shared), "start again"
         )
         self._forget()
 
     @property
     def targets(self) -> Sequence[Lamp]:
         """Return the lamps that are, were or may be pointed at."""
-        return self._choice.usable(self._lamps)
+        return usable(self._config, self._lamps)
 
     @property
     def times_ns(self) -> tuple[int, int]:
@@ -80,7 +70,7 @@ class StaticTargets(LampProcedure):
 
     def _next_lamp(self) -> Lamp:
         """Return the lamp to light now."""
-        if self._choice.order == "given":
+        if self._config.order == "given":
             return self._lamps[len(self._holds)]
         trust, rays, solution = self._trust, self._rays, self._solution
         acuity = ObservationModel(
@@ -95,7 +85,7 @@ class StaticTargets(LampProcedure):
             [lamp.position_m for lamp in self._lamps],
             [chosen.count(lamp.id) for lamp in self._lamps],
             acuity,
-            floor_m=self._floor.height_m,
+            floor_m=self._config.floor_m,
             place_m=None if solution is None else (solution.x_m, solution.y_m),
         )
         return self._lamps[best]
@@ -104,14 +94,14 @@ class StaticTargets(LampProcedure):
         """Light the next lamp, or end."""
         off = self._switch(on=False)
         count = len(self._holds)
-        if self._choice.order == "given":
+        if self._config.order == "given":
             if count < self._max_holds:
                 return [off, *self._light(now_ns)]
             return self._finish(now_ns, self._solve(self._trust))
         result = self._solve(self._trust) if count >= MIN_LAMPS else None
         sofar = self._solve(_lax(self._trust)) if isinstance(result, Refusal) else result
         self._solution = sofar if isinstance(sofar, Solution) else None
-        before, self._ratio = self._ratio, self._choice.uncertainty_ratio(self._solution)
+        before, self._ratio = self._ratio, self._uncertainty_ratio()
         if result is None or (count < self._max_holds and self._goes_on(result, before)):
             return [off, *self._light(now_ns)]
         return self._finish(now_ns, result)
@@ -122,10 +112,18 @@ class StaticTargets(LampProcedure):
         With a configured number of lamps, always. Otherwise until the pose is certain enough; once all lamps
         were used and the pose is accepted, only as long as it still improves.
         """
-        if isinstance(result, Refusal) or self._choice.targets:
+        if isinstance(result, Refusal) or self._config.targets:
             return True
         is_new = len({lamp.id for _, lamp in self._holds}) < len(self._lamps)
         return self._ratio > 1.0 and (is_new or self._ratio < WORTHWHILE * before)
+
+    def _uncertainty_ratio(self) -> float:
+        """Return the ratio of the pose's uncertainty to the one that is needed, infinite without a pose."""
+        solution, enough = self._solution, self._config.enough
+        if solution is None:
+            return math.inf
+        yaw_sigma_rad = math.radians(enough.yaw_deg)
+        return max(solution.position_sigma_m / enough.position_m, solution.yaw_sigma_rad / yaw_sigma_rad)
 
     def _solve(self, trust: SolverSettings) -> Solution | Refusal:
         rays = self._rays
@@ -133,19 +131,19 @@ class StaticTargets(LampProcedure):
         stamps = np.array([ray.stamp_ns - rays[0].stamp_ns for ray in rays]) / NS_PER_S
         positions = np.array(targets, dtype=np.float64).reshape(-1, 3)
         pointings = Pointings(stamps, ray_math.origins(rays), ray_math.directions(rays), positions)
-        return solve(pointings, ray_math.believed(trust, rays), floor_m=self._floor.height_m)
+        return solve(pointings, ray_math.believed(trust, rays), floor_m=self._config.floor_m)
 
     def _finish(self, now_ns: int, result: Solution | Refusal) -> list[Output]:
         if isinstance(result, Refusal):
             reason, tried = result.reason, len(self._holds)
-            if self._choice.order == "informative" and tried > MIN_LAMPS:
+            if self._config.order == "informative" and tried > MIN_LAMPS:
                 reason = f"after pointing {tried} times {reason}"
             return self._end(now_ns, reason, result.residual_rad)
         self._solution = result
         self._running = False
         return [
             self._switch(on=False),
-            pose_message(result, "static_targets", self._rays[-1].stamp_ns, self._floor),
+            pose_message(result, "static_targets", self._rays[-1].stamp_ns, self._config),
             self._localization(now_ns, "solved", residual_rad=result.residual_rad, progress=1.0),
         ]
 
@@ -154,7 +152,9 @@ class StaticTargets(LampProcedure):
 
     @property
     def _count(self) -> int:
-        return max(len(self._holds), self._choice.expected_holds(len(self._lamps)))
+        config = self._config
+        expected = (config.targets or len(self._lamps)) if config.order == "informative" else self._max_holds
+        return max(len(self._holds), expected)
 
     @property
     def _sigmas(self) -> tuple[float | None, float | None]:

@@ -13,9 +13,9 @@ import numpy as np
 from pointit.geometry.rotation import Quaternion
 from pointit.schemas import Lamp, PointingRay, UserPose
 from pointit.services.localizer.drift.filter import AnchorResult, DriftFilter, DriftSettings
-from pointit.services.localizer.drift.model import bounded as bounded_covariance
-from pointit.services.localizer.drift.model import nearest_psd
 from pointit.services.localizer.drift.rest_detection import RestDetector, RestYawRate
+from pointit.services.localizer.drift.state import bounded as bounded_covariance
+from pointit.services.localizer.drift.state import nearest_psd
 from pointit.services.localizer.estimation.angular_residuals import Array
 from pointit.services.localizer.estimation.rays import Mean
 from pointit.services.localizer.outputs import AnchorOutcome, anchor_message, covariance_of, followed
@@ -23,9 +23,6 @@ from pointit.services.localizer.tracking.bias import Bias
 from pointit.services.localizer.tracking.fixes import DOUBT, is_exact, to_fix
 from pointit.services.localizer.tracking.health_metrics import figures
 from pointit.services.localizer.tracking.pose_publish_timer import PosePublishTimer
-
-HEADING_SIGMA_RAD = math.radians(3.0)
-"""Standard deviation of pointing in a known direction."""
 
 NO_POSE = "no pose is known yet; localize first, or set one"
 
@@ -215,9 +212,7 @@ class PoseTracker:
         if base is None or self._is_outside:
             return AnchorResult(accepted=False, reason=NO_POSE)
         measured = self._believing(base, mean.stamp_ns)
-        result = measured.update_heading(
-            mean.stamp_ns, azimuth_rad, mean.direction, HEADING_SIGMA_RAD, now_ns=now_ns
-        )
+        result = measured.update_heading(mean.stamp_ns, azimuth_rad, mean.direction, now_ns=now_ns)
         if result.accepted:
             self._believe()
         return result

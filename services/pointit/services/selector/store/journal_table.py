@@ -1,44 +1,38 @@
 """The journal's table of events: its statements, its rows as records, and reading it beside its writer."""
 
-import sqlite3
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, get_args
 
-from pointit.runtime.config.validation_message import format_value
-from pointit.services.selector.outputs import Cause, Record
+from pydantic import ConfigDict, TypeAdapter
+
+from pointit.runtime.host.store import Layout, read_rows
+from pointit.services.selector.outputs import Record
 
 FILE = "journal.sqlite"
-
-LAYOUT = 1
-"""Version of the tables. A file with a higher number was written by a newer version."""
-
-BUSY_S = 0.05
-"""Timeout of a writer for another process's lock, s."""
-READ_BUSY_S = 2.0
-"""Timeout of a reader, s."""
-
-EVENTS = ("selected", "deselected", "refused", "left")
-CAUSES = get_args(Cause)
 
 MAX_COUNT = 2**63 - 1
 """Upper limit of times and numbers, in messages and in SQLite."""
 
-TABLES = """
-CREATE TABLE IF NOT EXISTS events (
-    id INTEGER PRIMARY KEY,
-    stamp_ns INTEGER NOT NULL, event TEXT NOT NULL, object_id TEXT NOT NULL, kind TEXT NOT NULL,
-    user TEXT NOT NULL, owner TEXT NOT NULL, since_ns INTEGER NOT NULL, cause TEXT NOT NULL,
-    method TEXT NOT NULL, confidence REAL, reason TEXT NOT NULL, seq INTEGER
-);
-CREATE INDEX IF NOT EXISTS events_of_object ON events (object_id, id);
-CREATE INDEX IF NOT EXISTS events_told ON events (seq);
-CREATE TABLE IF NOT EXISTS life (told INTEGER NOT NULL, alive_ns INTEGER NOT NULL);
-"""
+LAYOUT = Layout(
+    tables="""
+        CREATE TABLE IF NOT EXISTS events (
+            id INTEGER PRIMARY KEY,
+            stamp_ns INTEGER NOT NULL, event TEXT NOT NULL, object_id TEXT NOT NULL, kind TEXT NOT NULL,
+            user TEXT NOT NULL, owner TEXT NOT NULL, since_ns INTEGER NOT NULL, cause TEXT NOT NULL,
+            method TEXT NOT NULL, confidence REAL, reason TEXT NOT NULL, seq INTEGER
+        );
+        CREATE INDEX IF NOT EXISTS events_of_object ON events (object_id, id);
+        CREATE INDEX IF NOT EXISTS events_told ON events (seq);
+        CREATE TABLE IF NOT EXISTS life (told INTEGER NOT NULL, alive_ns INTEGER NOT NULL);
+        INSERT INTO life SELECT 0, 0 WHERE NOT EXISTS (SELECT 1 FROM life);
+    """,
+    writer="selector",
+    loss="selections are kept in memory only",
+)
 
-COLUMNS = "stamp_ns, event, object_id, kind, user, owner, since_ns, cause, method, confidence, reason, seq"
+COLUMNS = ", ".join(Record._fields)
 # All parts of these statements are constants of this file; what varies are their parameters.
-INSERT = f"INSERT INTO events ({COLUMNS}) VALUES ({', '.join('?' * 12)})"  # noqa: S608 - see above
+INSERT = f"INSERT INTO events ({COLUMNS}) VALUES ({', '.join('?' * len(Record._fields))})"  # noqa: S608
 UNPUBLISHED = f"SELECT {COLUMNS} FROM events WHERE seq > ? ORDER BY id"  # noqa: S608 - see above
 OPEN_IDS = (
     "SELECT id FROM events WHERE event = 'selected' AND id IN "
@@ -56,52 +50,14 @@ AUDIT = (
     f"SELECT {COLUMNS} FROM events WHERE stamp_ns >= ? AND (? = '' OR user = ? OR owner = ?) "  # noqa: S608 - see above
     "AND (? = '' OR object_id = ?) ORDER BY id"
 )
-
 RECENT = (
     f"SELECT {COLUMNS} FROM events WHERE stamp_ns >= ? AND seq IS NOT NULL AND event <> 'left' "  # noqa: S608 - see above
     "ORDER BY id DESC LIMIT ?"
 )
 
-
-def row_of(record: Record) -> tuple[object, ...]:
-    """Return `record` as a row of `COLUMNS`."""
-    return (
-        record.stamp_ns,
-        record.event,
-        record.object_id,
-        record.kind,
-        record.user,
-        record.owner,
-        record.since_ns,
-        record.cause,
-        record.method,
-        record.confidence,
-        record.reason,
-        record.seq,
-    )
-
-
-def record_of(row: tuple[Any, ...]) -> Record:
-    """Return a row of `COLUMNS` as a record.
-
-    Raises:
-        sqlite3.DatabaseError: If it is not valid, e.g. by a bit error, since SQLite has no checksums.
-    """
-    stamp_ns, event, object_id, kind, user, owner, since_ns, cause, method, confidence, reason, seq = row
-    if (
-        event not in EVENTS
-        or cause not in CAUSES
-        or not all(isinstance(text, str) for text in (object_id, kind, user, owner, method, reason))
-        or not all(is_count(count) for count in (stamp_ns, since_ns, 0 if seq is None else seq))
-        or not (confidence is None or (isinstance(confidence, float) and 0.0 <= confidence <= 1.0))
-    ):
-        raise sqlite3.DatabaseError(f"a row is damaged, {format_value(row)}")
-    return Record(**dict(zip(COLUMNS.split(", "), row, strict=True)))
-
-
-def is_count(value: object) -> bool:
-    """Return True if `value` is valid as a time or number of a message."""
-    return isinstance(value, int) and 0 <= value <= MAX_COUNT
+record_of = TypeAdapter(Record, config=ConfigDict(strict=True)).validate_python
+"""Return a row of `COLUMNS` as a record. Raises ValueError for an invalid one, e.g. by a bit error, since
+SQLite has no checksums."""
 
 
 def audit(path: Path, *, user: str = "", since_ns: int = 0, object_id: str = "") -> Iterator[Record]:
@@ -116,7 +72,8 @@ def audit(path: Path, *, user: str = "", since_ns: int = 0, object_id: str = "")
     Raises:
         sqlite3.Error: If the file cannot be read.
     """
-    return _read(path, AUDIT, (min(since_ns, MAX_COUNT), user, user, user, object_id, object_id))
+    parameters = (min(since_ns, MAX_COUNT), user, user, user, object_id, object_id)
+    return read_rows(path, AUDIT, parameters, record_of)
 
 
 def recent(path: Path, last: int, *, since_ns: int = 0) -> list[Record]:
@@ -125,15 +82,4 @@ def recent(path: Path, last: int, *, since_ns: int = 0) -> list[Record]:
     Raises:
         sqlite3.Error: If the file cannot be read.
     """
-    return list(_read(path, RECENT, (since_ns, last)))[::-1]
-
-
-def _read(path: Path, statement: str, parameters: tuple[object, ...]) -> Iterator[Record]:
-    db = sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True, timeout=READ_BUSY_S)
-    try:
-        for row in db.execute(statement, parameters):
-            yield record_of(row)
-    except UnicodeDecodeError as error:  # text in the file that is not UTF-8
-        raise sqlite3.DatabaseError(str(error)) from error
-    finally:
-        db.close()
+    return list(read_rows(path, RECENT, (since_ns, last), record_of))[::-1]

@@ -1,24 +1,16 @@
 """Stored snapshots of a conveyor, and its restoration from them."""
 
+import contextlib
 import json
+import sqlite3
 from pathlib import Path
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pointit.runtime.host.state_file import site_folder
-from pointit.schemas import SelectionEvent
-from pointit.services.conveyor_sim.store.snapshot_store import (
-    FILE,
-    SnapshotError,
-    SnapshotStore,
-    erase,
-    fingerprint,
-)
+from pointit.services.conveyor_sim.persistence import FILE, PlantPersistence, fingerprint
 from tests.unit.conveyor_sim.rooms import CHAIN, FORK, ROOMS, S, check_apart, config, plant
-
-EVENT = SelectionEvent(stamp_ns=7, seq=3, event="dispatched", object_id="a-1", kind="red", bay="1")
 
 
 @settings(max_examples=30)
@@ -88,72 +80,31 @@ def test_a_schedule_goes_on_where_it_was(tmp_path: Path) -> None:
     assert again.state(0).step == "end"
 
 
-def test_stored_snapshot_is_read_with_its_unpublished_events() -> None:
-    file = SnapshotStore(site_folder("lab", "conveyor-sim"))
-    assert file.read() is None
-    file.commit(5, "mark", {"a": [1, 2.5]}, 3, [EVENT])
-    file.close()
-    file = SnapshotStore(site_folder("lab", "conveyor-sim"))
-    kept = file.read()
-    assert kept is not None
-    assert (kept.stamp_ns, kept.seq, kept.fingerprint, kept.snapshot) == (5, 3, "mark", {"a": [1, 2.5]})
-    assert kept.events == (EVENT,)
-    file.mark_published()
-    kept = file.read()
-    assert kept is not None
-    assert kept.events == ()
-    file.close()
-
-
-def test_only_one_conveyor_of_a_site_keeps_and_others_say_so() -> None:
-    file = SnapshotStore(site_folder("lab", "conveyor-sim"))
-    with pytest.raises(SnapshotError, match=r"plant\.sqlite: another conveyor of this site runs"):
-        SnapshotStore(site_folder("lab", "conveyor-sim"))
-    other = SnapshotStore(site_folder("hall", "conveyor-sim"))
-    other.close()
-    file.close()
-    SnapshotStore(site_folder("lab", "conveyor-sim")).close()
-
-
-def test_corrupt_file_is_recreated() -> None:
-    path = site_folder("lab", "conveyor-sim") / FILE
-    path.parent.mkdir(parents=True)
-    path.write_bytes(b"this is no database, " * 1000)
-    file = SnapshotStore(site_folder("lab", "conveyor-sim"))
-    assert file.read() is None
-    file.commit(5, "mark", {}, 0)
-    assert file.read() is not None
-    file.close()
-
-
-def test_a_disk_that_takes_nothing_is_said(own_state: Path) -> None:
-    own_state.write_text("a file where the folder should be")
-    with pytest.raises(SnapshotError, match=r"plant\.sqlite: cannot be written .*check the disk"):
-        SnapshotStore(site_folder("lab", "conveyor-sim"))
-
-
-def test_erasing_says_whether_there_was_something() -> None:
-    folder = site_folder("lab", "conveyor-sim")
-    assert not erase(folder)
-    file = SnapshotStore(folder)
-    file.commit(5, "mark", {}, 0)
-    file.close()
-    assert erase(folder)
-    assert not erase(folder)
-    file = SnapshotStore(folder)
-    assert file.read() is None
-    file.close()
-
-
-def test_snapshot_in_use_is_not_erased() -> None:
-    folder = site_folder("lab", "conveyor-sim")
-    file = SnapshotStore(folder)
-    file.commit(5, "mark", {}, 0)
-    assert not erase(folder)
-    kept = file.read()
-    assert kept is not None
-    assert kept.stamp_ns == 5
-    file.close()
+@pytest.mark.parametrize(
+    ("statement", "is_damage"),
+    [
+        ("UPDATE plant SET stamp_ns = 'x'", True),
+        ("UPDATE plant SET seq = -1", True),
+        ("UPDATE plant SET fingerprint = x'ff00'", True),
+        ("UPDATE plant SET snapshot = '[1]'", True),
+        ("UPDATE plant SET snapshot = '{'", True),
+        ("INSERT INTO outbox VALUES (1, 'x')", True),
+        ("""UPDATE plant SET snapshot = '{"prefix": "of another version"}'""", False),
+    ],
+)
+def test_unusable_snapshot_is_not_restored_and_set_aside_if_damaged(
+    tmp_path: Path, statement: str, is_damage: object
+) -> None:
+    persistence = PlantPersistence(config(), tmp_path)
+    one = plant(FORK)
+    persistence.resume(one, "mark", S)
+    persistence.save(one, "mark", S)
+    persistence.close()
+    with contextlib.closing(sqlite3.connect(tmp_path / FILE)) as db, db:
+        db.execute(statement)
+    assert persistence.resume(one, "mark", S) == ()
+    assert ("plant.sqlite was damaged and is now plant.corrupt-" in persistence.problem) == is_damage
+    persistence.close()
 
 
 def test_other_maps_and_configurations_have_other_marks(tmp_path: Path) -> None:

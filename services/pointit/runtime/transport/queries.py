@@ -1,6 +1,6 @@
 # pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false, reportUnknownLambdaType=false
 # (the stubs of zenoh leave return types out)
-"""Asking other processes, and waiting for what they answer without holding anything up."""
+"""Queries to other sessions, and refusals of theirs. Nothing waits on Zenoh's threads or in the loop."""
 
 import asyncio
 import contextlib
@@ -10,13 +10,15 @@ import zenoh
 from zenoh.handlers import Callback
 
 
-async def query_replies(session: zenoh.Session, selector: str, **asked: Any) -> list[zenoh.Reply]:
+async def query_replies(
+    session: zenoh.Session | zenoh.Liveliness, selector: str, **asked: Any
+) -> list[zenoh.Reply]:
     """Return all that others answer, as it comes; a task that is cancelled waits for nothing more.
 
     Args:
-        session: asks.
+        session: asks; its `liveliness()` for tokens.
         selector: what for.
-        asked: what else `zenoh.Session.get` takes.
+        asked: what else its `get` takes.
     """
     loop = asyncio.get_running_loop()
     done = asyncio.Event()
@@ -57,3 +59,9 @@ async def query_samples(
         accept_replies=zenoh.ReplyKeyExpr.ANY if under_any_key else None,
     )
     return [each.ok for each in replies if each.ok is not None and each.ok.kind == zenoh.SampleKind.PUT]
+
+
+def refuse(query: zenoh.Query, reason: str) -> None:
+    """Answer `query` with an error: without an answer the caller would wait for its time-out."""
+    with query, contextlib.suppress(zenoh.ZError):  # the caller is gone, or our session is
+        query.reply_err(reason.encode())

@@ -1,0 +1,229 @@
+"""Store: an SQLite file with one writer, for events and state that must outlive the process.
+
+One process writes a file, and others may read it meanwhile (WAL mode). Errors of the disk do not raise: they
+are reported in `Store.problem`, and the writer continues in memory.
+"""
+
+import contextlib
+import sqlite3
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+from pointit.schemas import NS_PER_S
+
+T = TypeVar("T")
+
+LOCK = "writer.lock"
+"""Name of the lock beside the file. A lock on the file itself would block its readers."""
+
+BUSY_S = 0.05
+"""Timeout of a writer for another process's lock, s."""
+READ_BUSY_S = 2.0
+"""Timeout of a reader, and of a writer at the start, s."""
+RETRY_EVERY_NS = 5 * NS_PER_S
+"""Time without another attempt after a failed write, ns."""
+SHOWN_NS = 86_400 * NS_PER_S
+"""Time for which a set-aside file is reported, ns. Another process may have set it aside, such as `pointit
+run` before it starts services."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Layout:
+    """Tables of a file, and words for messages about it."""
+
+    tables: str
+    """SQL script that creates what is missing."""
+    version: int = 1
+    """Version of the tables. A file with a higher number was written by a newer version."""
+    writer: str
+    """Kind of process that writes it: "selector"."""
+    loss: str
+    """Consequence when nothing is stored: "selections are kept in memory only"."""
+    is_synced: bool = True
+    """False: the writer never waits for the disk. A crash of the machine may damage the file."""
+
+
+class Store:
+    """The file at `path`, alone in its folder with its lock and files that were set aside."""
+
+    def __init__(self, path: Path, layout: Layout) -> None:
+        """Create without opening any file."""
+        self.path = path
+        self._layout = layout
+        self._lock: sqlite3.Connection | None = None
+        self._db: sqlite3.Connection | None = None
+        self._notice = ""
+        """Problem found at the start. It stays until the end."""
+        self._failure = ""
+        """Problem of the last write."""
+        self._retry_ns = 0
+
+    @property
+    def is_open(self) -> bool:
+        """Return True if the file can be written unless the disk fails."""
+        return self._db is not None
+
+    @property
+    def problem(self) -> str:
+        """Return the problem and its remedy in one sentence, or `""`."""
+        return self._failure or self._notice
+
+    def open(self, now_ns: int, read: Callable[[sqlite3.Connection], T]) -> T | None:
+        """Open or create the file, and return the result of `read`. A damaged file is set aside.
+
+        Args:
+            now_ns: time, Unix ns.
+            read: reads what is stored. A `ValueError` or a `sqlite3.DatabaseError` means damage, and it is
+                called again on an empty file.
+
+        Returns:
+            The result of `read`, or None if the file cannot be used, which `problem` then reports.
+        """
+        loss = self._layout.loss
+        try:
+            self.path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+            self._lock = acquire_lock(self.path.with_name(LOCK))
+            if self._lock is None:
+                self._notice = (
+                    f"another {self._layout.writer} writes {self.path}; {loss}: end one of the two, then "
+                    "restart this one"
+                )
+                return None
+            stored = self._open_or_replace(now_ns, read)
+            self._note_set_aside(now_ns)
+        except (OSError, sqlite3.Error) as error:
+            path = self.path.with_name(LOCK) if self._lock is None else self.path
+            self._notice = (
+                f"{path} cannot be used ({error}); {loss}: make room there, or make it writable, then "
+                "restart this one"
+            )
+            self.close()
+            return None
+        return stored
+
+    def write(self, now_ns: int, write: Callable[[sqlite3.Connection], object]) -> bool:
+        """Run `write` in a transaction. Return True if it is committed.
+
+        After an error it is not tried again for a while, since waiting for the disk blocks the caller.
+        """
+        if self._db is None or (self._failure and 0 <= self._retry_ns - now_ns <= RETRY_EVERY_NS):
+            return False
+        try:
+            with self._db:
+                self._db.execute("BEGIN IMMEDIATE")
+                write(self._db)
+        except sqlite3.Error as error:
+            self._retry_ns = now_ns + RETRY_EVERY_NS
+            self._failure = (
+                f"{self.path} cannot be written ({error}); {self._layout.loss}: make room there, or make it "
+                "writable"
+            )
+            return False
+        self._failure = ""
+        return True
+
+    def close(self) -> None:
+        """Close the file and release the lock."""
+        for connection in (self._db, self._lock):
+            if connection is not None:
+                connection.close()
+        self._db = self._lock = None
+
+    def _open_or_replace(self, now_ns: int, read: Callable[[sqlite3.Connection], T]) -> T | None:
+        try:
+            return self._open(read)
+        except (sqlite3.DatabaseError, ValueError) as error:
+            if _is_disk_error(error):
+                raise
+            if self._db is not None:
+                self._db.close()
+        for suffix in ("", "-wal", "-shm"):
+            part = self.path.with_name(self.path.name + suffix)
+            if part.exists():
+                part.replace(self.path.with_name(f"{self._aside}{now_ns}{self.path.suffix}{suffix}"))
+        return self._open(read)
+
+    def _open(self, read: Callable[[sqlite3.Connection], T]) -> T | None:
+        # a short wait suffices for later writes only: what is not read now is not restored
+        db = self._db = sqlite3.connect(self.path, timeout=READ_BUSY_S, isolation_level=None)
+        version = int(db.execute("PRAGMA user_version").fetchone()[0])
+        if version > self._layout.version:
+            db.close()
+            self._db = None
+            self._notice = (
+                f"{self.path} was written by a newer version; {self._layout.loss}: update, or move the file "
+                "away"
+            )
+            return None
+        if db.execute("PRAGMA quick_check(1)").fetchone()[0] != "ok":
+            raise sqlite3.DatabaseError("damaged")
+        db.execute("PRAGMA journal_mode = WAL")
+        db.execute(f"PRAGMA synchronous = {'NORMAL' if self._layout.is_synced else 'OFF'}")
+        db.executescript(self._layout.tables)
+        if version != self._layout.version:
+            db.execute(f"PRAGMA user_version = {self._layout.version}")
+        stored = read(db)
+        db.execute(f"PRAGMA busy_timeout = {round(BUSY_S * 1000)}")
+        return stored
+
+    @property
+    def _aside(self) -> str:
+        """Return the first characters of a set-aside file's name. The Unix time, ns, follows."""
+        return f"{self.path.stem}.corrupt-"
+
+    def _note_set_aside(self, now_ns: int) -> None:
+        """Report a damaged file that was set aside lately, by this process or an earlier one."""
+        for path in sorted(self.path.parent.glob(f"{self._aside}*{self.path.suffix}")):
+            when = path.stem.removeprefix(self._aside)
+            if when.isdecimal() and 0 <= now_ns - int(when) <= SHOWN_NS and not self._notice:
+                self._notice = (
+                    f"{self.path} was damaged and is now {path.name}, and a new file was started: check the "
+                    "disk"
+                )
+
+
+def acquire_lock(path: Path) -> sqlite3.Connection | None:
+    """Return the lock at `path`, held until it is closed or the process ends in any way.
+
+    It is an SQLite file in an exclusive transaction.
+
+    Returns:
+        The lock, or None if it is held already.
+
+    Raises:
+        sqlite3.Error: If the file cannot be opened or locked at all.
+    """
+    lock = sqlite3.connect(path, timeout=0.0, isolation_level=None)
+    try:
+        lock.execute("BEGIN EXCLUSIVE")
+    except sqlite3.Error as error:
+        lock.close()
+        if error.sqlite_errorcode == sqlite3.SQLITE_BUSY:
+            return None
+        raise
+    return lock
+
+
+def read_rows(
+    path: Path, statement: str, parameters: Sequence[object], parse: Callable[[Sequence[Any]], T]
+) -> Iterator[T]:
+    """Yield the result of `parse` for each row of `statement`, also while another process writes the file.
+
+    Raises:
+        sqlite3.Error: If the file cannot be read, or `parse` raises a `ValueError`.
+    """
+    uri = f"{path.absolute().as_uri()}?mode=ro"
+    with contextlib.closing(sqlite3.connect(uri, uri=True, timeout=READ_BUSY_S)) as db:
+        try:
+            for row in db.execute(statement, parameters):
+                yield parse(row)
+        except ValueError as error:
+            raise sqlite3.DatabaseError(f"a row is damaged, {error}") from error
+
+
+def _is_disk_error(error: Exception) -> bool:
+    """Return True if `error` is due to the disk or a lock, not to the file's content."""
+    code = getattr(error, "sqlite_errorcode", sqlite3.SQLITE_ERROR)
+    return isinstance(error, sqlite3.OperationalError) and code & 0xFF != sqlite3.SQLITE_ERROR

@@ -1,0 +1,187 @@
+# pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false, reportUnknownLambdaType=false
+# (the stubs of zenoh leave return types out)
+"""Declarations of a session, for what other sessions send and ask. Callbacks run on Zenoh's threads."""
+
+from collections.abc import Callable, Iterable, Iterator
+from typing import Any, Protocol
+
+import zenoh
+from zenoh import ext
+from zenoh.handlers import Callback
+
+from pointit.runtime.bus.bounded_queue import BoundedWorkQueue, OverflowCounter
+from pointit.runtime.transport.queries import refuse
+from pointit.schemas import SchemaError
+
+
+class Declared(Protocol):
+    """A declaration in a session."""
+
+    def undeclare(self) -> None:
+        """Withdraw it. Callbacks that are already queued still run."""
+        ...
+
+
+class Declaration:
+    """What is withdrawn when it is closed, once. Tokens must be kept: unreferenced ones are withdrawn."""
+
+    def __init__(self, declared: Declared) -> None:
+        self._declared: Declared | None = declared
+
+    @property
+    def is_closed(self) -> bool:
+        """Return True if it was closed; its session may be closed without."""
+        return self._declared is None
+
+    def close(self) -> None:
+        """Withdraw it."""
+        declared, self._declared = self._declared, None
+        if declared is not None:
+            declared.undeclare()
+
+
+def declare_publisher(
+    session: zenoh.Session,
+    key: str,
+    *,
+    cache: int = 0,
+    missed: ext.MissDetectionConfig | None = None,
+    **options: Any,
+) -> Any:
+    """Return a `zenoh.Publisher` of `key`, or with a cache a `zenoh.ext.AdvancedPublisher`.
+
+    BLOCK would let one stuck reader stop this process for seconds. What DROP loses is fetched again from the
+    cache, if there is one.
+
+    Args:
+        session: publishes.
+        key: what.
+        cache: how many messages to keep for readers that come late or were cut off.
+        missed: how readers notice that they lost the last message of the cache.
+        options: what else both kinds take.
+    """
+    options |= {
+        "congestion_control": zenoh.CongestionControl.DROP,
+        "allowed_destination": zenoh.Locality.REMOTE,
+    }
+    if not cache:
+        return session.declare_publisher(key, **options)
+    return ext.declare_advanced_publisher(
+        session,
+        key,
+        cache=ext.CacheConfig(cache),
+        sample_miss_detection=missed,
+        publisher_detection=True,
+        **options,
+    )
+
+
+def declare_subscriber(
+    session: zenoh.Session, key: str, on_sample: Callable[[zenoh.Sample], None]
+) -> Declared:
+    """Call `on_sample` for what is put to `key` and deleted from it, as long as there is a route."""
+    return session.declare_subscriber(
+        key, Callback(on_sample, indirect=False), allowed_origin=zenoh.Locality.REMOTE
+    )
+
+
+def declare_caching_subscriber(
+    session: zenoh.Session,
+    key: str,
+    on_sample: Callable[[zenoh.Sample], None],
+    *,
+    history: int,
+    recovers: bool = True,
+    is_announced: bool = False,
+) -> Declared:
+    """Call `on_sample` for what is put to `key` and deleted from it, and for what publishers have cached.
+
+    Args:
+        session: subscribes.
+        key: what.
+        on_sample: called on Zenoh's threads.
+        history: how many messages of each publisher to fetch, 0 for none.
+        recovers: fetch messages that were lost on the way.
+        is_announced: publishers can detect this subscriber.
+    """
+    zid = session.info.zid()
+
+    def on_foreign_sample(sample: zenoh.Sample) -> None:
+        source = sample.source_info
+        if source is None or source.source_id.zid != zid:
+            on_sample(sample)
+        # else our own, fetched from our own cache when a lost router is back
+
+    return ext.declare_advanced_subscriber(
+        session,
+        key,
+        Callback(on_foreign_sample, indirect=False),
+        history=ext.HistoryConfig(detect_late_publishers=True, max_samples=history) if history else None,
+        recovery=ext.RecoveryConfig(periodic_queries=None, heartbeat=True) if recovers else None,
+        subscriber_detection=is_announced,
+        allowed_origin=zenoh.Locality.REMOTE,
+    )
+
+
+def declare_queryable(session: zenoh.Session, key: str, on_query: Callable[[zenoh.Query], None]) -> Declared:
+    """Call `on_query` for each query of `key`; it or a later caller must answer or drop the query."""
+    return session.declare_queryable(
+        key, Callback(on_query, indirect=False), complete=True, allowed_origin=zenoh.Locality.REMOTE
+    )
+
+
+class QueuedQueryable:
+    """Hands queries of a key from Zenoh's threads to the loop, a limited number of them."""
+
+    def __init__(
+        self,
+        session: zenoh.Session,
+        key: str,
+        work: Callable[[zenoh.Query], Iterable[object]],
+        overflows: OverflowCounter,
+        *,
+        about: str,
+        busy: str,
+        check: Callable[[zenoh.Query], None] = lambda _: None,
+    ) -> None:
+        """Declare; must be called in the loop.
+
+        Args:
+            session: answers.
+            key: what is asked for.
+            work: runs in the loop; handles a query in small steps, or drops it.
+            overflows: counts queries that found no room.
+            about: `key` for people.
+            busy: the refusal of queries that found no room.
+            check: raises `SchemaError` to refuse a query at once, on Zenoh's threads.
+        """
+        self._work = work
+        self._busy = busy
+        self._check = check
+        self._closed = False
+        self._queue = BoundedWorkQueue(about, self._steps, overflows)
+        self._declared = declare_queryable(session, key, self._on_query)
+
+    def undeclare(self) -> None:
+        """Answer no more: queries that wait are dropped."""
+        self._closed = True
+        self._declared.undeclare()
+
+    def _on_query(self, query: zenoh.Query) -> None:  # on Zenoh's threads
+        try:
+            self._check(query)
+            if not self._queue.offer(query):
+                refuse(query, self._busy)
+        except SchemaError as error:  # nothing of it waits for the loop
+            refuse(query, str(error))
+        except RuntimeError:  # the loop is gone
+            query.drop()
+
+    def _steps(self, query: zenoh.Query) -> Iterator[None]:
+        if self._closed:
+            query.drop()
+            return
+        for _ in self._work(query):
+            yield
+            if self._closed:
+                return

@@ -1,1 +1,0 @@
-"""The conveyor's state on disk."""

@@ -25,7 +25,7 @@ LOOK_AGAIN_S = 1.0
 
 
 MAX_SLEW_S = 10.0
-"""If a clock was set back by more, in its own seconds, services do not wait for it: they start anew."""
+"""If a clock was set back by more, in its own seconds, services do not wait for it: they restart."""
 
 
 class Clock(Protocol):

@@ -165,7 +165,7 @@ async def test_a_user_whose_name_cannot_stand_in_a_key_is_refused(bench: Bench) 
     ("kind", "back_s", "count"),
     [(Worker, MAX_SLEW_S - 1.0, 1), (Worker, MAX_SLEW_S + 1.0, 2), (SteppingWorker, 3600.0, 1)],
 )
-async def test_a_clock_set_back_too_far_to_be_slewed_starts_a_service_anew(
+async def test_a_clock_set_back_too_far_to_be_slewed_restarts_a_service(
     bench: Bench, kind: type[Worker], back_s: float, count: int
 ) -> None:
     clock = ManualClock()

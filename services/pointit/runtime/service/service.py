@@ -50,7 +50,7 @@ class Service(ABC, Generic[C]):
     CONFIG: ClassVar[type[Config]]
     TIME_MAY_STEP: ClassVar[bool] = False
     """If false, the clock never goes back while the service lives (`SteadyClock`). If the site's time goes
-    back too far, the service is started anew. True for bridges and for services with more to lose than a
+    back too far, the service is restarted. True for bridges and for services with more to lose than a
     restart restores: they expect steps."""
 
     def __init__(self, config: C, context: Context) -> None:
@@ -131,7 +131,7 @@ async def run_service(launch: Launch, bus: Bus, clock: Clock) -> None:
     """Run one service until it ends, is cancelled or `bus` is closed, or a person's name is taken over.
 
     Whatever it raises ends it and is raised here, in a group. Its presence means that it is ready, and its
-    absence that nothing of it is left. It is started anew when `clock` was set back too far to be slewed.
+    absence that nothing of it is left. It is restarted when `clock` was set back too far to be slewed.
     """
     if launch.user:
         check_user(launch.user)
@@ -139,7 +139,7 @@ async def run_service(launch: Launch, bus: Bus, clock: Clock) -> None:
         await _run_once(launch, bus, clock)
         return
     while await _run_once(launch, bus, SteadyClock(clock)):
-        log.warning("%s starts anew: the clock was set back by more than %.0f s", launch.instance, MAX_SLEW_S)
+        log.warning("%s restarts: the clock was set back by more than %.0f s", launch.instance, MAX_SLEW_S)
 
 
 async def _run_once(launch: Launch, bus: Bus, clock: Clock) -> bool:

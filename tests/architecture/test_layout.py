@@ -71,7 +71,7 @@ DEVICES = {
 HARMLESS = (
     "pointit.runtime.config",
     "pointit.runtime.errors",
-    "pointit.runtime.health.clock_skew",
+    "pointit.runtime.health.timeliness",
     "pointit.runtime.host.store",
     "pointit.runtime.link",
 )

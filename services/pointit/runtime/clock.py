@@ -24,6 +24,10 @@ LOOK_AGAIN_S = 1.0
 """Wall time after which a deadline is checked again, s, since the clock's speed may change."""
 
 
+MAX_SLEW_S = 10.0
+"""If a clock was set back by more, in its own seconds, services do not wait for it: they restart."""
+
+
 class Clock(Protocol):
     """Source of time for services, which never ask the operating system."""
 
@@ -151,6 +155,39 @@ class SiteClock:
         self._count = self._count + 1 if goes_on else 1
         self._tick, self._arrived_ns, self._base_ns = tick, here_ns, base_ns
         self._ticked.set()
+
+
+class SteadyClock:
+    """Follows another clock and never goes back, so that what computes with its times need not expect it.
+
+    After the other one was set back, it runs at half speed until both agree again. A step forward passes: to
+    a service it looks like a suspension of the machine.
+    """
+
+    def __init__(self, clock: Clock) -> None:
+        """Follow `clock` from now on."""
+        self._clock = clock
+        self._read_ns = self._now_ns = clock.now_ns()
+
+    @property
+    def speed(self) -> float:
+        """Return the seconds of this clock per wall-clock second."""
+        return self._clock.speed
+
+    def now_ns(self) -> int:
+        """Return the time, at least that of the call before, Unix ns."""
+        read_ns = self._clock.now_ns()
+        if self._now_ns == self._read_ns <= read_ns:
+            self._now_ns = self._read_ns = read_ns
+            return read_ns
+        slowed_ns = self._now_ns + max(0, read_ns - self._read_ns) // 2
+        self._read_ns = read_ns
+        self._now_ns = max(read_ns, slowed_ns)
+        return self._now_ns
+
+    def is_apart(self) -> bool:
+        """Return True if the other clock was set back by more than `MAX_SLEW_S`."""
+        return self.now_ns() - self._read_ns > MAX_SLEW_S * NS_PER_S
 
 
 async def sleep(clock: Clock, duration_s: float) -> None:

@@ -230,13 +230,3 @@ def test_whatever_happens_the_state_lamp_flashes_three_times_a_second_at_most(
                 shining.on_localization("anna", ENDED, now_ns)
     for signal in range(4):
         assert flashes_in_a_second([(at_ns, signals(color)[signal]) for at_ns, color in shown]) <= 3
-
-
-def test_clock_set_back_by_an_hour_holds_a_flash_for_a_second_at_most() -> None:
-    guard, white, black = FlashGuard(), (255, 255, 255), DARK
-    for index in range(5):
-        guard.show(black if index % 2 else white, NOW_NS + index * MS)
-    back_ns = NOW_NS - 3600 * NS_PER_S
-    assert guard.show(black, back_ns) == white  # held
-    assert guard.free_ns is not None
-    assert guard.free_ns - back_ns <= NS_PER_S

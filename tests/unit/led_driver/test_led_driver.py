@@ -297,19 +297,6 @@ async def test_numbers_nobody_can_calculate_with_blind_nobody(value: float) -> N
         assert not any(each.errors for each in health)
 
 
-def test_a_clock_that_is_set_back_leaves_nothing_lit() -> None:
-    clock = ManualClock()
-    scene = Scene(FAST)
-    scene.set_layout(Layout(MAP_MESSAGE.strips))
-    scene.set_cursor("anna", cursor(clock, 0.5), clock.now_ns())
-    scene.set_objects("conveyor", package(clock), clock.now_ns())
-    clock.advance(-3600.0)
-    scene.forget(clock.now_ns())
-    assert scene.cursors(clock.now_ns()) == []
-    assert not len(scene.segments(clock.now_ns()).lines)
-    assert scene.next_change_ns() is None
-
-
 def test_a_clock_that_is_ahead_does_not_move_objects_backwards() -> None:
     clock = ManualClock()
     scene = Scene(FAST)

@@ -133,5 +133,3 @@ def test_facing_takes_the_last_half_second_when_it_is_steady() -> None:
     for tick in range(50):
         facing.add(ray(5.0 + tick / 50.0, 0.0, -75.0))
     assert "too steeply" in str(facing.mean(ns(6.0)))
-    facing.add(ray(0.0))  # the clock was set back
-    assert "no rays come" in str(facing.mean(ns(0.0)))

@@ -270,7 +270,7 @@ def test_disjoint_sets_of_lamps_are_used_side_by_side(delays_s: list[float], gap
 def test_of_sets_that_overlap_no_lamp_is_pointed_at_by_two(
     lamps: list[tuple[str, ...]], delays_s: list[float], gaps_s: list[float]
 ) -> None:
-    """Of two who ask at once, the later one yields."""
+    """The later of two people who ask at once yields."""
     world = World(lamps, delays_s)
     for player, gap_s in zip(world.people.values(), gaps_s, strict=False):
         world.ask(player)

@@ -119,15 +119,3 @@ def test_cancel_puts_the_lamp_off_and_only_once() -> None:
     assert told(outputs)[-1].phase == "cancelled"
     assert procedure.cancel(START_NS + 6 * NS_PER_S) == []
     assert procedure.step(START_NS + 60 * NS_PER_S) == []
-
-
-def test_restart_discards_everything() -> None:
-    procedure = StaticTargets(LAMPS, config())
-    outputs = run(procedure, Person(1.0, 1.0, 1.0), 5.0)
-    again_ns = START_NS + 5 * NS_PER_S
-    outputs += procedure.start(again_ns)
-    assert lamps_lit(outputs) == {"a"}
-    person = Person(-0.5, 0.5, -1.0)
-    outputs = run(procedure, person, 12.0, start_ns=again_ns, outputs=outputs)
-    (pose,) = [o for o in outputs if isinstance(o, UserPose)]
-    assert math.hypot(pose.position_m[0] - person.x, pose.position_m[1] - person.y) < 0.1

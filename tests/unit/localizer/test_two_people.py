@@ -82,7 +82,7 @@ class Room:
 
 
 def pointing(lamp: str, since_ns: int) -> Localization:
-    """Return what a played localizer says."""
+    """Return the outputs of a played localizer."""
     return Localization(
         stamp_ns=since_ns, phase="sampling", target_id=lamp, since_ns=since_ns, lamps=("led_1", "led_2")
     )

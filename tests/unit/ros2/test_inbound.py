@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from pointit.bridges.ros2.inbound.checks import AHEAD_NS, LATE_NS
+from pointit.bridges.ros2.inbound.checks import LATE_NS
 from pointit.bridges.ros2.inbound.person import HEARD_NS, MAX_TRANSFORMS, SOONEST_NS
 from pointit.bridges.ros2.routing.route_types import (
     BusOutput,
@@ -15,6 +15,7 @@ from pointit.bridges.ros2.routing.route_types import (
 )
 from pointit.bridges.ros2.routing.scene import Scene
 from pointit.geometry import rotation
+from pointit.runtime.health.timeliness import MAX_AHEAD_NS
 from pointit.schemas import (
     NS_PER_S,
     AddPackage,
@@ -139,8 +140,8 @@ def test_an_imu_without_orientation_is_refused() -> None:
 @pytest.mark.parametrize(
     ("stamp_ns", "is_kept"),
     [
-        (NOW_NS + AHEAD_NS, True),
-        (NOW_NS + AHEAD_NS + 1, False),
+        (NOW_NS + MAX_AHEAD_NS, True),
+        (NOW_NS + MAX_AHEAD_NS + 1, False),
         (NOW_NS - LATE_NS, True),
         (NOW_NS - LATE_NS - 1, False),
         (12 * NS_PER_S, False),

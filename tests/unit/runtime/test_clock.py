@@ -7,11 +7,22 @@ from collections.abc import AsyncIterator
 
 import pytest
 import pytest_asyncio
+from hypothesis import given
+from hypothesis import strategies as st
 
 from pointit.runtime import clock as clock_module
 from pointit.runtime.bus.local_broker import LocalBroker
 from pointit.runtime.bus.memory_bus import MemoryBus
-from pointit.runtime.clock import SimulatedClock, SiteClock, WallClock, publish_time, sleep, ticks
+from pointit.runtime.clock import (
+    MAX_SLEW_S,
+    SimulatedClock,
+    SiteClock,
+    SteadyClock,
+    WallClock,
+    publish_time,
+    sleep,
+    ticks,
+)
 from pointit.schemas import NS_PER_S, ClockTick
 from pointit.schemas.topics import CLOCK
 from tests.support.bench import ManualClock, until
@@ -197,6 +208,43 @@ async def test_time_is_published_at_once_and_periodically(
     with pytest.raises(asyncio.CancelledError):
         await keeping
     assert not bus.exchange.states[CLOCK.key]
+
+
+steps = st.floats(min_value=-7200.0, max_value=7200.0) | st.floats(min_value=0.0, max_value=0.1)
+
+
+@given(st.lists(steps, max_size=50))
+def test_a_steady_clock_never_goes_back_nor_faster_than_what_it_follows(moves_s: list[float]) -> None:
+    clock = ManualClock()
+    steady = SteadyClock(clock)
+    time_ns = steady.now_ns()
+    for move_s in moves_s:
+        clock.advance(move_s)
+        before_ns, time_ns = time_ns, steady.now_ns()
+        passed_ns = max(0, round(move_s * 1e9))
+        assert passed_ns // 2 <= time_ns - before_ns <= passed_ns
+        assert time_ns >= clock.now_ns()
+        assert steady.is_apart() is (time_ns - clock.now_ns() > MAX_SLEW_S * NS_PER_S)
+
+
+def test_a_steady_clock_runs_at_half_speed_until_both_agree() -> None:
+    clock = ManualClock()
+    steady = SteadyClock(clock)
+    clock.advance(-2.0)
+    passed_s: list[float] = []
+    for _ in range(50):
+        before_ns = steady.now_ns()
+        clock.advance(0.1)
+        passed_s.append((steady.now_ns() - before_ns) / 1e9)
+    assert passed_s == [0.05] * 40 + [0.1] * 10
+    assert steady.now_ns() == clock.now_ns()
+
+
+def test_a_step_forward_passes_a_steady_clock() -> None:
+    clock = ManualClock()
+    steady = SteadyClock(clock)
+    clock.advance(3600.0)
+    assert steady.now_ns() == clock.now_ns()
 
 
 class FastClock(ManualClock):

@@ -9,6 +9,7 @@ import pytest_asyncio
 
 from pointit.runtime.bus.local_broker import LocalBroker
 from pointit.runtime.bus.memory_bus import MemoryBus
+from pointit.runtime.clock import MAX_SLEW_S
 from pointit.runtime.config.config import Config
 from pointit.runtime.errors import BusClosedError, ConfigError
 from pointit.runtime.service import service as service_module
@@ -56,6 +57,10 @@ class Worker(Service[Config]):
         finally:
             self.profiles.put(UserProfile(stamp_ns=2, seq=2))  # the bus is still there
             self.cleaned_up = True
+
+
+class SteppingWorker(Worker):
+    TIME_MAY_STEP: ClassVar[bool] = True
 
 
 class Bench:
@@ -154,6 +159,33 @@ async def test_a_constructor_that_raises_leaves_nothing_behind(bench: Bench) -> 
 async def test_a_user_whose_name_cannot_stand_in_a_key_is_refused(bench: Bench) -> None:
     with pytest.raises(KeyNameError, match="user"):
         await run_service(bench.launch("a/b"), bench.bus, ManualClock())
+
+
+@pytest.mark.parametrize(
+    ("kind", "back_s", "count"),
+    [(Worker, MAX_SLEW_S - 1.0, 1), (Worker, MAX_SLEW_S + 1.0, 2), (SteppingWorker, 3600.0, 1)],
+)
+async def test_a_clock_set_back_too_far_to_be_slewed_restarts_a_service(
+    bench: Bench, kind: type[Worker], back_s: float, count: int
+) -> None:
+    clock = ManualClock()
+    launch = Launch(service=kind, config=Config(), user="anna")
+    task = asyncio.create_task(run_service(launch, bench.bus, clock))
+    await until(lambda: bool(bench.health))
+    (first,) = Worker.running
+    before_ns = first.clock.now_ns()
+    clock.advance(-back_s)
+    assert (first.clock.now_ns() >= before_ns) is (kind is Worker)
+    reports = len(bench.health)
+    await until(lambda: len(bench.health) > reports + 3)
+    assert len(Worker.running) == count
+    assert first.cleaned_up is (count > 1)
+    if count > 1:
+        assert Worker.running[-1].clock.now_ns() == clock.now_ns()
+        assert bench.alive == {"worker.anna": True, "anna": True}
+    task.cancel()
+    await asyncio.gather(task, return_exceptions=True)
+    assert not bench.bus.declarations
 
 
 async def test_a_bus_closed_beneath_a_service_ends_it_without_complaint(bench: Bench) -> None:

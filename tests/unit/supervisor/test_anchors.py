@@ -190,14 +190,3 @@ def test_an_anchor_that_takes_the_place_of_another_is_joined() -> None:
     assert "pointing" in told(cycle.localization(*news(15, "solved", since_ns=11 * S)))
     late = news(14, "sampling", since_ns=11 * S, target_id="led_1")[0]
     assert cycle.localization(late, round(15.01 * S)) == []  # of the one that is over
-
-
-def test_after_the_clock_was_set_back_all_goes_on() -> None:
-    cycle = pointing(4000.0)
-    cycle.localization(*news(4010, "sampling", since_ns=4010 * S, target_id="led_0"))
-    cycle.imu(*sample(400))
-    outputs = cycle.localization(*news(402, "refused", since_ns=4010 * S, reason="why"))
-    assert "pointing" in told(outputs)
-    assert shown(outputs).reason == "why"
-    outputs = cycle.localization(*news(410, "sampling", since_ns=410 * S, target_id="led_0"))
-    assert "localizing" in told(outputs)

@@ -45,7 +45,7 @@ def thing(
     return TrackedObjects(stamp_ns=stamp_ns, objects=(item,))
 
 
-async def test_a_person_lives_on_in_a_room_of_nonsense_and_when_the_clock_jumps() -> None:
+async def test_a_person_lives_on_in_a_room_of_nonsense_and_when_the_clock_is_set() -> None:
     clock = ManualClock()
     point = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
     rooms = (

@@ -19,6 +19,7 @@ from pointit.bridges.foxglove.server import LOG, Server, picture_topic
 from pointit.runtime.bus.contract import Subscription
 from pointit.runtime.link.addresses import own_address
 from pointit.runtime.service.service import Context, Scope, Service
+from pointit.runtime.timer import Timer
 from pointit.schemas import Environment, Message
 from pointit.schemas.catalogue.json_channel import JsonChannel, channel_name
 from pointit.schemas.topics import HEALTH, SERVICE_ALIVE, USER_ALIVE, Delivery, Topic
@@ -62,6 +63,7 @@ class Foxglove(Service[FoxgloveConfig]):
     NAME: ClassVar[str] = "foxglove"
     SCOPE: ClassVar[Scope] = "site"
     CONFIG = FoxgloveConfig
+    TIME_MAY_STEP: ClassVar[bool] = True
 
     def __init__(self, config: FoxgloveConfig, context: Context) -> None:
         """Subscribe to the site's topics; viewers are accepted by `run`."""
@@ -72,11 +74,11 @@ class Foxglove(Service[FoxgloveConfig]):
         self._plains = {topic.key: JsonChannel(topic.message) for topic in SHOWN}
         self._mirrored: dict[str, _Mirrored] = {}
         self._server = Server(self._hand_over, self._on_viewer)
-        self._timer: asyncio.TimerHandle | None = None
-        self._fading: asyncio.TimerHandle | None = None
+        self._frame_timer = Timer(self.bus.call_later, self._send_frame)
+        self._fade_timer = Timer(self.bus.call_later, self._schedule_frame)
         self._sent_s = 0.0
         self._fast: list[Subscription] = []
-        self._rest_timer: asyncio.TimerHandle | None = None
+        self._rest_timer = Timer(self.bus.call_later, self._rest)
         for topic in SHOWN:
             if topic not in FAST:
                 self._subscribe(topic)
@@ -111,9 +113,8 @@ class Foxglove(Service[FoxgloveConfig]):
         """Subscribe to the fast topics while viewers are connected, or long enough to learn the keys."""
         if not self._fast:
             self._fast = [self._subscribe(topic) for topic in FAST]
-        if self._rest_timer is not None:
-            self._rest_timer.cancel()
-        self._rest_timer = self.bus.call_later(LOOK_S, self._rest)
+        self._rest_timer.cancel()
+        self._rest_timer.start(LOOK_S)
 
     def _rest(self) -> None:
         if self._server.viewers.any:
@@ -155,10 +156,7 @@ class Foxglove(Service[FoxgloveConfig]):
             mirrored.channel.log(mirrored.plain.to_json(mirrored.message), log_time=self.clock.now_ns())
 
     def _update_map_warning(self) -> None:
-        if problems := self._scene.problems:
-            self.bus.warn("map", "; ".join(problems[:3]))
-        else:
-            self.bus.clear("map")
+        self.bus.warn("map", "; ".join(self._scene.problems[:3]))
 
     def _send_log(self, lines: Sequence[Line]) -> None:
         if self._server.viewers.of(LOG):
@@ -207,12 +205,11 @@ class Foxglove(Service[FoxgloveConfig]):
 
     def _schedule_frame(self) -> None:
         """Schedule the next frame as soon as the rate allows, if a viewer is connected."""
-        if self._timer is None and self._server.viewers.any:
+        if not self._frame_timer.is_running and self._server.viewers.any:
             since_s = self._loop.time() - self._sent_s
-            self._timer = self.bus.call_later(max(0.0, 1.0 / self.config.rate_hz - since_s), self._send_frame)
+            self._frame_timer.start(max(0.0, 1.0 / self.config.rate_hz - since_s))
 
     def _send_frame(self) -> None:
-        self._timer = None
         now_s, now_ns = self._loop.time(), self.clock.now_ns()
         self._sent_s = now_s
         self._scene.forget(now_s)
@@ -222,13 +219,8 @@ class Foxglove(Service[FoxgloveConfig]):
         for mirrored in self._mirrored.values():
             if mirrored.is_new:
                 self._send(mirrored)
-        if self._scene.is_moving and self._fading is None:
-            # without further messages, moving objects have to expire
-            self._fading = self.bus.call_later(self.config.forget_s, self._fade)
-
-    def _fade(self) -> None:
-        self._fading = None
-        self._schedule_frame()
+        if self._scene.is_moving:  # without further messages, moving objects have to expire
+            self._fade_timer.start(self.config.forget_s)
 
 
 SERVICE = Foxglove

@@ -37,6 +37,7 @@ class Ros2(Service[Ros2Config]):
     NAME: ClassVar[str] = "ros2"
     SCOPE: ClassVar[Scope] = "site"
     CONFIG = Ros2Config
+    TIME_MAY_STEP: ClassVar[bool] = True
 
     def __init__(self, config: Ros2Config, context: Context) -> None:
         """Make types and routes; subscribes when the ROS graph is joined."""

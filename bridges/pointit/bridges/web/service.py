@@ -66,6 +66,7 @@ class Web(Service[WebConfig]):
     NAME: ClassVar[str] = "web"
     SCOPE: ClassVar[Scope] = "site"
     CONFIG = WebConfig
+    TIME_MAY_STEP: ClassVar[bool] = True
 
     @classmethod
     def validate_config(cls, config: WebConfig) -> None:

@@ -1,16 +1,44 @@
-"""Filters that drop late and out-of-order messages; pure.
+"""Timing of messages: time in the future, order, lateness and the skew of clocks; pure.
 
-After packet loss, TCP delivers a burst of old messages in order. Acting on them would act where a person
-pointed seconds ago. The clocks of two machines are not comparable, so lateness is measured relative to the
-fastest recent message of the same writer. A delay that stays constant for `STEADY_S` is accepted: its
-clock was set back, or the link has become slow for good.
+The clocks of two machines are not comparable, but a message arrives after it was stamped. After packet loss,
+TCP delivers a burst of old messages in order. Acting on them would act where a person pointed seconds ago. So
+lateness is measured relative to the fastest recent message of the same writer. A delay that stays constant
+for `STEADY_S` is accepted: its clock was set back, or the link has become slow for good.
+
+A stamp in the future proves that the writer's clock is ahead. One in the past means that it is behind or that
+the message took long. Delays vary, so the fastest of many reports counts, less what reports of this machine
+to itself take. A link that delays everything by `APART_S` and more looks like a clock that is behind.
 """
 
+import collections
+from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
-from pointit.runtime.bus.contract import AnyTopic
 from pointit.schemas import NS_PER_S
-from pointit.schemas.topics import CURSOR, HOVER, IMU, OBJECTS, RAY
+from pointit.schemas.text import one_line
+from pointit.schemas.topics import CURSOR, HOVER, IMU, OBJECTS, RAY, Topic
+
+STREAMS: frozenset[Topic[Any]] = frozenset((IMU, RAY, CURSOR, HOVER, OBJECTS))
+"""Topics with one writer at a time per name, which stamps with one clock."""
+
+# Future
+
+MAX_AHEAD_NS = NS_PER_S
+"""A stamp further in the future (ns) is of another clock. Stored, it would make all later ones look late."""
+
+# Order
+
+OLD_NS = NS_PER_S // 2
+"""Messages older than the newest by more (ns) are out of order. Younger ones are merely late."""
+
+STRAY_NS = 2 * NS_PER_S
+"""A message ahead of the newest by more (ns) does not become the newest: its clock may have jumped."""
+
+SILENT_S = 1.0
+"""If no message has followed the newest for this long (s), the clock was set or the writer changed."""
+
+# Lateness
 
 LATE_S = 0.3
 """Maximum delay relative to the fastest recent message, s. Later messages are dropped."""
@@ -33,17 +61,38 @@ GAP_S = 0.1
 STALL_S = 0.5
 """After a silence this long (s), the measurement of a constant delay starts again."""
 
-STREAMS: frozenset[AnyTopic] = frozenset((IMU, RAY, CURSOR, HOVER, OBJECTS))
-"""Topics with one writer at a time per name, which stamps with one clock."""
+# Clock skew
 
-OLD_NS = NS_PER_S // 2
-"""Messages older than the newest by more (ns) are out of order. Younger ones are merely late."""
+APART_S = 0.05
+"""Skew from which latencies between machines mean little, s."""
 
-STRAY_NS = 2 * NS_PER_S
-"""A message ahead of the newest by more (ns) does not become the newest: its clock may have jumped."""
+REFUSED_S = 1.0
+"""Skew from which samples are refused as too old or from the future, s."""
 
-SILENT_S = 1.0
-"""If no message has followed the newest for this long (s), the clock was set or the writer changed."""
+WINDOW_S = 20.0
+"""Time for which the fastest report counts, s. After it a clock that was set right is believed."""
+
+LEAST_AHEAD = 2
+"""Number of reports needed to call a clock ahead."""
+
+LEAST_BEHIND = 8
+"""Number of reports needed to call a clock behind, unless they are steady."""
+
+LEAST_STEADY = 3
+LEAST_REFUSED = 2
+"""Number of steady reports needed to call a clock behind, and if they say more than `REFUSED_S`."""
+
+STEADY = 0.25
+"""Reports are steady if half of them differ from the fastest by less than this share of its delay. Delays
+under load are not."""
+
+MAX_HOSTS = 256
+"""Maximum number of machines, which bounds memory."""
+
+LONGEST_HOST = 64
+"""Maximum characters of a machine's name that are compared and shown, since strangers may write it."""
+
+REMEDY = "synchronize both by NTP: `timedatectl set-ntp true`, or chrony on a site without internet"
 
 
 @dataclass(slots=True)
@@ -138,3 +187,77 @@ class OutOfOrderFilter:
             return True  # its reader decides; what is true for the others stays
         newest.stamp_ns, newest.came_s = stamp_ns, now_s
         return True
+
+
+@dataclass(frozen=True, kw_only=True)
+class ClockSkew:
+    """Difference between a machine's clock and this one's."""
+
+    host: str
+    ahead_s: float
+    """Lower bound if positive. If negative, the clock is behind by at most this."""
+
+    @property
+    def exceeds_limit(self) -> bool:
+        """Return True if samples are refused because of it."""
+        return abs(self.ahead_s) >= REFUSED_S
+
+    def sentence(self, here: str) -> str:
+        """Return a description of the difference, as seen from the machine `here`."""
+        by = f"{abs(self.ahead_s) * 1e3:.0f} ms" if abs(self.ahead_s) < 1 else f"{abs(self.ahead_s):.1f} s"
+        way = "ahead of" if self.ahead_s > 0 else "behind"
+        unless = "" if self.ahead_s > 0 else ", unless its link alone takes so long"
+        what = (
+            "samples that cross the two are refused as too old or of the future"
+            if self.exceeds_limit
+            else "latency figures of what crosses the two are wrong by as much"
+        )
+        return f"the clock of machine {self.host} is {by} {way} the clock of {here}{unless}: {what}"
+
+
+class ClockSkewMonitor:
+    """Compares stamps with the times of arrival, by the writer's host."""
+
+    def __init__(self, here: str, window_s: float = WINDOW_S) -> None:
+        """Set the name of this machine, and for how long a report counts."""
+        self.here = here
+        self._window_s = window_s
+        self._late: dict[str, collections.deque[tuple[float, float]]] = {}
+        """Arrivals of reports (s, monotonic) with their delays since their stamps (s), by host."""
+
+    def on_report(self, host: str, stamp_ns: int, arrived_ns: int, now_s: float) -> None:
+        """Add a report with its stamp and arrival (wall time, Unix ns). `now_s` is the monotonic time."""
+        host = one_line(host, LONGEST_HOST)
+        late = self._late.get(host)
+        if late is None:
+            if len(self._late) >= MAX_HOSTS:
+                self._late.pop(min(self._late, key=lambda name: self._late[name][-1][0]))
+            late = self._late[host] = collections.deque(maxlen=4096)
+        late.append((now_s, (arrived_ns - stamp_ns) / 1e9))
+
+    def skews(self, now_s: float) -> Iterator[ClockSkew]:
+        """Yield the machines whose clocks differ from this one's by `APART_S` and more."""
+        for host, late in list(self._late.items()):
+            while late and now_s - late[0][0] > self._window_s:
+                late.popleft()
+            if not late:
+                del self._late[host]
+        own = min((value for _, value in self._late.get(self.here, ())), default=0.0)
+        for host, late in sorted(self._late.items()):
+            if host == self.here:
+                continue
+            values = sorted(value for _, value in late)
+            behind_s = values[0] - max(0.0, own)
+            if values[0] <= -APART_S and len(values) >= LEAST_AHEAD:
+                yield ClockSkew(host=host, ahead_s=-values[0])
+            elif behind_s >= APART_S and _is_sure(values):
+                yield ClockSkew(host=host, ahead_s=-behind_s)
+
+
+def _is_sure(values: list[float]) -> bool:
+    """Return True if delays alone do not explain `values` (sorted, s)."""
+    if len(values) >= LEAST_BEHIND:
+        return True
+    if len(values) < (LEAST_REFUSED if values[0] >= REFUSED_S else LEAST_STEADY):
+        return False
+    return values[len(values) // 2] - values[0] <= STEADY * values[0]

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Generic, Literal, TypeVar
 
 from pointit.runtime.bus.contract import Bus, Publisher
-from pointit.runtime.clock import Clock
+from pointit.runtime.clock import MAX_SLEW_S, Clock, SteadyClock
 from pointit.runtime.config.config import Config
 from pointit.runtime.errors import BusClosedError, ConfigError
 from pointit.runtime.health.service_bus import ServiceBus
@@ -48,6 +48,10 @@ class Service(ABC, Generic[C]):
     SCOPE: ClassVar[Scope]
     """One for all (`site`) or one per person (`user`)."""
     CONFIG: ClassVar[type[Config]]
+    TIME_MAY_STEP: ClassVar[bool] = False
+    """If false, the clock never goes back while the service lives (`SteadyClock`). If the site's time goes
+    back too far, the service is restarted. True for bridges and for services with more to lose than a
+    restart restores: they expect steps."""
 
     def __init__(self, config: C, context: Context) -> None:
         """Keep both; subclasses declare their publishers first and their subscriptions last."""
@@ -127,11 +131,20 @@ async def run_service(launch: Launch, bus: Bus, clock: Clock) -> None:
     """Run one service until it ends, is cancelled or `bus` is closed, or a person's name is taken over.
 
     Whatever it raises ends it and is raised here, in a group. Its presence means that it is ready, and its
-    absence that nothing of it is left.
+    absence that nothing of it is left. It is restarted when `clock` was set back too far to be slewed.
     """
-    kind = launch.service
     if launch.user:
         check_user(launch.user)
+    if launch.service.TIME_MAY_STEP:
+        await _run_once(launch, bus, clock)
+        return
+    while await _run_once(launch, bus, SteadyClock(clock)):
+        log.warning("%s restarts: the clock was set back by more than %.0f s", launch.instance, MAX_SLEW_S)
+
+
+async def _run_once(launch: Launch, bus: Bus, clock: Clock) -> bool:
+    """Run one service. Return True if it ended because `clock` is apart from the one that it follows."""
+    kind = launch.service
     view = ServiceBus(bus, clock, kind.NAME, launch.instance, launch.user)
     succession = TakeoverMonitor(bus, launch.instance)
     try:
@@ -143,13 +156,15 @@ async def run_service(launch: Launch, bus: Bus, clock: Clock) -> None:
         log.debug("%s started", launch.instance)
         async with asyncio.TaskGroup() as group:
             work = group.create_task(service.run(), name=launch.instance)
-            report = group.create_task(_report(view, health, succession), name=f"{launch.instance} health")
+            reporting = _report(view, health, succession, clock)
+            report = group.create_task(reporting, name=f"{launch.instance} health")
             tasks = {work, report}
             if launch.user:  # duplicates of a shared service both go on, with a warning
                 tasks.add(group.create_task(_until_lost(succession, launch), name=f"{launch.instance} name"))
             await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
             for task in tasks:
                 task.cancel()
+        return not report.cancelled() and report.result()
     finally:
         succession.close()
         await view.close()
@@ -165,15 +180,17 @@ async def _until_lost(succession: TakeoverMonitor, launch: Launch) -> None:
     )
 
 
-async def _report(view: ServiceBus, health: Publisher[Health], succession: TakeoverMonitor) -> None:
+async def _report(
+    view: ServiceBus, health: Publisher[Health], succession: TakeoverMonitor, clock: Clock
+) -> bool:
+    """Publish health until the bus is closed, or the clock is apart: then return True."""
     with contextlib.suppress(BusClosedError):  # closed beneath the service: it ends without complaint
-        while True:
-            if sentence := succession.duplicate_instance_warning():
-                view.warn("twice", sentence)
-            else:
-                view.clear("twice")
+        while not (isinstance(clock, SteadyClock) and clock.is_apart()):
+            view.warn("twice", succession.duplicate_instance_warning())
             health.put(view.report())
             await asyncio.sleep(HEALTH_PERIOD_S)
+        return True
+    return False
 
 
 async def run_services(launches: Sequence[Launch], bus: Bus, clock: Clock) -> None:

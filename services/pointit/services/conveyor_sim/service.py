@@ -54,6 +54,7 @@ class ConveyorSim(Service[ConveyorSimConfig]):
     NAME: ClassVar[str] = "conveyor-sim"
     SCOPE: ClassVar[Scope] = "site"
     CONFIG = ConveyorSimConfig
+    TIME_MAY_STEP: ClassVar[bool] = True
 
     @classmethod
     def discard_saved_state(cls, site: str, now_ns: int) -> None:

@@ -24,7 +24,7 @@ LEFT, THERE = 2.0, 1.5
 """In radii: distance at which a place is left, and at which a second stay is still there. People return
 without seeing the cursor, and two reaches differ by some degrees (pointing.md §7)."""
 BACK_NS = NS_PER_S
-"""Clock steps back beyond this are detected."""
+"""A cursor older than the one before by at most this is late. One older still is of a clock that was set."""
 
 
 class _Proposal(NamedTuple):
@@ -126,9 +126,7 @@ class GoalConfirmation:
     def tick(self, now_ns: int) -> list[Output]:
         """Advance to `now_ns`; an unconfirmed proposal is withdrawn in time."""
         deadline_ns = self.deadline_ns
-        if self._proposal is None or deadline_ns is None:
-            return []
-        if self._proposal.since_ns - BACK_NS <= now_ns < deadline_ns:
+        if deadline_ns is None or now_ns < deadline_ns:
             return []
         return self._withdraw(f"not confirmed within {self._config.confirm_s:g} s", now_ns)
 

@@ -9,11 +9,9 @@ from typing import Literal, NamedTuple
 
 from pointit.geometry import rotation
 from pointit.geometry.rotation import Quaternion
+from pointit.runtime.health.timeliness import MAX_AHEAD_NS
 from pointit.schemas import NS_PER_S, WRIST_PATIENCE_S, WristSample
 from pointit.services.imu_bridge.arm_frame import ArmFrame
-
-AHEAD_NS = NS_PER_S
-"""Samples stamped further in the future are dropped: all later ones would look late."""
 
 Device = Literal["arm", "phone"]
 
@@ -73,7 +71,7 @@ class PageWrist:
         """
         goes_on = self.is_active(now_ns, speed)
         self._received_ns = now_ns
-        latest_ns = now_ns + round(AHEAD_NS * speed)
+        latest_ns = now_ns + round(MAX_AHEAD_NS * speed)
         if sample.stamp_ns > latest_ns:
             self.ahead_ns = sample.stamp_ns - now_ns
             return None

@@ -79,11 +79,9 @@ class SerialSource:
         await self._thread.run()
 
     def _on_change(self, problem: str) -> None:
+        self._warnings.warn("port", problem)
         if problem:
-            self._warnings.warn("port", problem)
             self._warnings.clear("silent")
-        else:
-            self._warnings.clear("port")
 
     def _read(self, port: serial.Serial, stopping: threading.Event) -> None:
         """Read until asked to stop; runs in the port's thread."""
@@ -134,10 +132,7 @@ class SerialSource:
             self._deliver(self._ready.popleft())
 
     def _on_silence(self, message: str) -> None:
-        if message:
-            self._warnings.warn("silent", message)
-        else:
-            self._warnings.clear("silent")
+        self._warnings.warn("silent", message)
 
     def _count_bad(self, count: int, reason: str, now_s: float) -> None:
         self.bad_lines += count

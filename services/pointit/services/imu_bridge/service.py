@@ -9,6 +9,7 @@ from typing import ClassVar
 from pointit.runtime.errors import ConfigError, RefusedError
 from pointit.runtime.host.state_file import StateFile
 from pointit.runtime.service.service import Context, Scope, Service
+from pointit.runtime.timer import Timer
 from pointit.schemas import (
     WRIST_PATIENCE_S,
     ButtonEvent,
@@ -41,6 +42,7 @@ class ImuBridge(Service[ImuBridgeConfig]):
     NAME: ClassVar[str] = "imu-bridge"
     SCOPE: ClassVar[Scope] = "user"
     CONFIG = ImuBridgeConfig
+    TIME_MAY_STEP: ClassVar[bool] = True
 
     def __init__(self, config: ImuBridgeConfig, context: Context) -> None:
         """Open nothing yet but a recording.
@@ -53,14 +55,14 @@ class ImuBridge(Service[ImuBridgeConfig]):
         self._setting = asyncio.Lock()
         kept = self._read_state()
         self._mounting, self._phone = MountingSelection(config, kept), MountingSelection.of_phone(kept)
-        self._set_warning("mounting", self._mounting.warning)
+        self.bus.warn("mounting", self._mounting.warning)
         self._frame = ArmFrame(self._mounting.sensor_from_arm, math.radians(config.yaw_origin_deg))
         numbers = itertools.count(1)
         self._epoch = YawEpoch(numbers)
         self._page = PageWrist(self._phone.sensor_from_arm, numbers)
         self._moved_by = ""
         """Name of the page's device (or ROS) that moves the wrist, or `""` for the own source."""
-        self._release_timer: asyncio.TimerHandle | None = None
+        self._release_timer = Timer(self.bus.call_later, self._on_release)
         self._others: set[str] = set()
         """Other services that write this wrist's samples."""
         self._newest: Reading | None = None
@@ -122,8 +124,7 @@ class ImuBridge(Service[ImuBridgeConfig]):
     def _on_wrist(self, sample: WristSample, _user: str) -> None:
         turned = self._page.take(sample, self.clock.now_ns(), home=self._home(), speed=self.clock.speed)
         self._report(sample)
-        if self._release_timer is None:
-            self._release_timer = self.bus.call_later(WRIST_PATIENCE_S, self._on_release)
+        self._release_timer.start(WRIST_PATIENCE_S)
         if turned is None:
             return
         self._sample_count += 1
@@ -149,9 +150,8 @@ class ImuBridge(Service[ImuBridgeConfig]):
 
     def _on_release(self) -> None:
         """Update health after the page has released the wrist, or check again later."""
-        self._release_timer = None
         if self._has_page:
-            self._release_timer = self.bus.call_later(WRIST_PATIENCE_S, self._on_release)
+            self._release_timer.start(WRIST_PATIENCE_S)
         else:
             self._report(None)
 
@@ -165,7 +165,7 @@ class ImuBridge(Service[ImuBridgeConfig]):
         for name, value, unit in figures(self._page, sample):
             self.bus.set_metric(name, value, unit)
         for topic, message in warnings(self.user, self._page, sample):
-            self._set_warning(topic, message)
+            self.bus.warn(topic, message)
 
     async def _set_yaw_origin(self, query: SetYawOrigin, _user: str) -> Done:
         try:
@@ -195,7 +195,7 @@ class ImuBridge(Service[ImuBridgeConfig]):
                 self._frame.set_mounting(selection.sensor_from_arm)
                 if is_new:
                     self._epoch.start_new_epoch()
-                self._set_warning("mounting", selection.warning)
+                self.bus.warn("mounting", selection.warning)
             problem = ""
             if kept is not None:
                 self._mounting.kept = self._phone.kept = kept
@@ -237,12 +237,6 @@ class ImuBridge(Service[ImuBridgeConfig]):
             return str(error)
         self.bus.clear("state")
         return ""
-
-    def _set_warning(self, topic: str, warning: str) -> None:
-        if warning:
-            self.bus.warn(topic, warning)
-        else:
-            self.bus.clear(topic)
 
 
 SERVICE = ImuBridge

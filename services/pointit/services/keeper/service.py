@@ -10,7 +10,7 @@ from typing import ClassVar
 from pointit.runtime.bus.contract import AnyTopic
 from pointit.runtime.clock import WallClock, sleep
 from pointit.runtime.errors import ConfigError
-from pointit.runtime.health.clock_skew import REMEDY, ClockSkewMonitor
+from pointit.runtime.health.timeliness import REMEDY, ClockSkewMonitor
 from pointit.runtime.host.state_file import site_folder
 from pointit.runtime.service.service import Context, Scope, Service
 from pointit.schemas import NS_PER_S, Health, Message
@@ -33,6 +33,7 @@ class Keeper(Service[KeeperConfig]):
     NAME: ClassVar[str] = "keeper"
     SCOPE: ClassVar[Scope] = "site"
     CONFIG = KeeperConfig
+    TIME_MAY_STEP: ClassVar[bool] = True
 
     @classmethod
     def discard_saved_state(cls, site: str, now_ns: int) -> None:

@@ -24,6 +24,7 @@ from pointit.services.localizer.procedures.anchoring import Anchoring
 from pointit.services.localizer.procedures.lamp_procedure import LampProcedure
 from pointit.services.localizer.procedures.moving_target import MovingTarget
 from pointit.services.localizer.procedures.next_target import ObservationModel, best_for_yaw
+from pointit.services.localizer.procedures.procedure import Procedure
 from pointit.services.localizer.procedures.queued_pointing import Make, QueuedPointing, queue_timeout_message
 from pointit.services.localizer.procedures.static_targets import StaticTargets
 from pointit.services.localizer.tracking.pose_tracking import PoseTracker
@@ -44,7 +45,7 @@ class ProcedureRunner:
         """Order of the people who use lamps or wait for them, as led-driver decided."""
         self._make: Make = self._static
         """Creates the procedure of the last request for lamps."""
-        self._running: LampProcedure | MovingTarget | QueuedPointing | None = None
+        self._running: Procedure | None = None
         self._published_ns = 0
 
     @property
@@ -55,10 +56,7 @@ class ProcedureRunner:
     @property
     def is_localizing(self) -> bool:
         """Return True if a procedure for a pose, rather than an anchor, runs or waits."""
-        running = self._running
-        if isinstance(running, QueuedPointing):
-            return running.purpose == "pose"
-        return running is not None and not isinstance(running, Anchoring)
+        return self._running is not None and self._running.purpose == "pose"
 
     @property
     def is_following(self) -> bool:
@@ -85,7 +83,7 @@ class ProcedureRunner:
         if isinstance(running, QueuedPointing):
             made = running.make(now_ns)
             if isinstance(made, Refusal):
-                return self._leave_queue(running, now_ns, made.reason)
+                return self._process_outputs(running.refuse(now_ns, made.reason), now_ns)
             running.lamp_ids = made.lamp_ids
             return self._wait_on(running, running.ahead, now_ns)
         if isinstance(running, LampProcedure):
@@ -98,7 +96,7 @@ class ProcedureRunner:
         """Begin to point if it is the person's turn, or wait if another request was earlier."""
         self._leases = leases.leases
         running = self._running
-        if running is None or isinstance(running, MovingTarget):
+        if not isinstance(running, QueuedPointing | LampProcedure):
             return []
         ours = (self._user, running.since_ns)
         ahead = next((lease.ahead for lease in self._leases if (lease.user, lease.since_ns) == ours), None)
@@ -114,23 +112,21 @@ class ProcedureRunner:
 
     def on_ray(self, ray: PointingRay) -> None:
         """Process a ray of the person."""
-        if self._running is not None and not isinstance(self._running, QueuedPointing):
+        if self._running is not None:
             self._running.on_ray(ray)
 
     def on_objects(self, objects: TrackedObjects, tracker: str) -> None:
         """Process positions of tracked objects."""
-        if isinstance(self._running, MovingTarget):
+        if self._running is not None:
             self._running.on_objects(tracker, objects)
 
     def on_yaw_origin_changed(self, now_ns: int) -> list[Output]:
         """Restart or refuse, because rays of two yaw origins cannot be combined."""
-        running = self._running
-        if running is None or isinstance(running, QueuedPointing):
-            return []
-        if isinstance(running, MovingTarget):
-            return running.start(now_ns)
         reason = f"the IMU of {self._user} was restarted or turned meanwhile; start again"
-        return self._process_outputs(running.refuse(now_ns, reason), now_ns)
+        running = self._running
+        if running is None:
+            return []
+        return self._process_outputs(running.on_yaw_origin_changed(now_ns, reason), now_ns)
 
     def step(self, now_ns: int) -> list[Output]:
         """Advance the running or waiting procedure, if there is one."""
@@ -166,9 +162,6 @@ class ProcedureRunner:
     def stop(self, now_ns: int, reason: str = "") -> list[Output]:
         """Stop the running procedure, lamps off."""
         running = self._running
-        if isinstance(running, QueuedPointing):
-            self._running = None
-            return [running.end("cancelled", now_ns, reason)]
         return [] if running is None else self._process_outputs(running.cancel(now_ns, reason), now_ns)
 
     def _ask(self, make: Make, now_ns: int) -> list[Output] | Refusal:
@@ -188,11 +181,11 @@ class ProcedureRunner:
         self, procedure: LampProcedure, since_ns: int, ahead: tuple[str, ...], now_ns: int
     ) -> list[Output]:
         """Wait for the users `ahead`, since `since_ns`, instead of `procedure`."""
-        waiting = QueuedPointing(self._make, since_ns, procedure, now_ns, self._config.queue_timeout_s)
-        self._running, self._published_ns = waiting, now_ns
-        return [waiting.say(ahead, now_ns)]
+        waiting = QueuedPointing(self._make, procedure, self._config)
+        waiting.ahead = ahead
+        return self._begin(waiting, since_ns, now_ns)
 
-    def _begin(self, procedure: LampProcedure, since_ns: int, now_ns: int) -> list[Output]:
+    def _begin(self, procedure: Procedure, since_ns: int, now_ns: int) -> list[Output]:
         self._running, self._published_ns = procedure, now_ns
         return procedure.start(now_ns, since_ns)
 
@@ -202,19 +195,15 @@ class ProcedureRunner:
         if not ahead:
             procedure = waiting.make(now_ns)
             if isinstance(procedure, Refusal):
-                return self._leave_queue(waiting, now_ns, procedure.reason)
+                return self._process_outputs(waiting.refuse(now_ns, procedure.reason), now_ns)
             return self._begin(procedure, waiting.since_ns, now_ns)
         if is_too_long:
             reason = queue_timeout_message(self._user, ahead, self._config.queue_timeout_s)
-            return self._leave_queue(waiting, now_ns, reason)
+            return self._process_outputs(waiting.refuse(now_ns, reason), now_ns)
         if ahead == waiting.ahead and abs(now_ns - self._published_ns) < REPUBLISH_NS:
             return []
         self._published_ns = now_ns
-        return [waiting.say(ahead, now_ns)]
-
-    def _leave_queue(self, waiting: QueuedPointing, now_ns: int, reason: str) -> list[Output]:
-        self._running = None
-        return [waiting.end("refused", now_ns, reason)]
+        return waiting.say(ahead, now_ns)
 
     def _static(self, _now_ns: int) -> StaticTargets | Refusal:
         lamps = lamp_choice.lamps_for_pose(self._room, self._config)
@@ -247,13 +236,13 @@ class ProcedureRunner:
         """Return a procedure's outputs, its pose as tracked; drop a procedure that has ended."""
         running, out = self._running, list[Output]()
         for output in outputs:
-            if isinstance(output, UserPose) and isinstance(running, StaticTargets | MovingTarget):
+            if isinstance(output, UserPose) and running is not None:
                 out.append(self._tracking.set_localized(output, *running.times_ns, now_ns))
                 continue
             out.append(output)
             if isinstance(output, Anchor) and output.accepted:
                 pose = self._tracking.pose(now_ns)
                 out += [] if pose is None else [pose]
-        if isinstance(running, LampProcedure | MovingTarget) and not running.running:
+        if running is not None and not running.running:
             self._running = None
         return out

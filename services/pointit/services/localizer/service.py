@@ -8,6 +8,7 @@ from typing import ClassVar
 from pointit.runtime.bus.contract import Publisher
 from pointit.runtime.clock import sleep
 from pointit.runtime.errors import RefusedError
+from pointit.runtime.health.timeliness import MAX_AHEAD_NS
 from pointit.runtime.service.service import Context, Scope, Service
 from pointit.schemas import (
     NS_PER_S,
@@ -51,9 +52,6 @@ from pointit.services.localizer.pose_manager import PoseManager, Response
 
 STEP_HZ = 20.0
 """Rate of steps while a procedure runs."""
-
-AHEAD_NS = NS_PER_S
-"""Rays and objects stamped further in the future are dropped: all later ones would look late."""
 
 ARBITER = "led-driver"
 """Instance that decides who may use which lamps."""
@@ -118,11 +116,7 @@ class Localizer(Service[LocalizerConfig]):
         """Publish metrics and warnings of the pose to Health."""
         for name, value, unit in self._locating.figures(now_ns):
             self.bus.set_metric(name, value, unit)
-        problem = self._locating.problem(now_ns)
-        if problem:
-            self.bus.warn("pose", problem)
-        else:
-            self.bus.clear("pose")
+        self.bus.warn("pose", self._locating.problem(now_ns))
 
     def _on_map(self, environment: Environment, _name: str) -> None:
         self._emit(self._locating.on_map(environment, self.clock.now_ns()))
@@ -159,9 +153,9 @@ class Localizer(Service[LocalizerConfig]):
             self._locating.on_objects(objects, tracker)
 
     def _is_timely(self, key: str, stamp_ns: int, now_ns: int) -> bool:
-        """Return True if `stamp_ns` is at most `AHEAD_NS` in the future; otherwise warn."""
+        """Return True if `stamp_ns` is at most `MAX_AHEAD_NS` in the future; otherwise warn."""
         ahead_ns = stamp_ns - now_ns
-        if ahead_ns <= AHEAD_NS * self.clock.speed:
+        if ahead_ns <= MAX_AHEAD_NS * self.clock.speed:
             self.bus.clear(f"future {key}")
             return True
         self.bus.warn(
@@ -233,10 +227,7 @@ class Localizer(Service[LocalizerConfig]):
     def _publish_progress(self, progress: Localization) -> None:
         self._progress.put(progress.model_copy(update={"seq": self._next(LOCALIZATION.key)}))
         topic = "anchor" if progress.purpose == "anchor" else "localization"
-        if progress.phase == "refused":
-            self.bus.warn(topic, progress.reason)
-        else:
-            self.bus.clear(topic)
+        self.bus.warn(topic, progress.reason if progress.phase == "refused" else "")
 
     def _next(self, key: str) -> int:
         self._sent[key] += 1

@@ -32,12 +32,10 @@ class Freshness:
     def classify(self, sample: ImuSample, now_ns: int) -> Verdict:
         """Return the class of `sample`, and store it if it is fresh.
 
-        A step back of the host's or the device's clock is followed. Device times that go back by at most
-        `stale_after_s` are samples out of order.
+        A step back of the device's clock is followed. Device times that go back by at most `stale_after_s`
+        are samples out of order.
         """
         self.count += 1
-        if self._newest_ns > now_ns + self._stale_ns:
-            self._newest_ns = -1
         if abs(now_ns - sample.stamp_ns) > self._stale_ns or sample.stamp_ns < self._newest_ns:
             self.stale += 1
             return "stale"

@@ -50,6 +50,7 @@ class Pui(Service[PuiConfig]):
     NAME: ClassVar[str] = "pui"
     SCOPE: ClassVar[Scope] = "site"
     CONFIG = PuiConfig
+    TIME_MAY_STEP: ClassVar[bool] = True
 
     def __init__(self, config: PuiConfig, context: Context) -> None:
         super().__init__(config, context)

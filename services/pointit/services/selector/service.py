@@ -62,6 +62,7 @@ class Selector(Service[SelectorConfig]):
     NAME: ClassVar[str] = "selector"
     SCOPE: ClassVar[Scope] = "site"
     CONFIG = SelectorConfig
+    TIME_MAY_STEP: ClassVar[bool] = True
 
     @classmethod
     def discard_saved_state(cls, site: str, now_ns: int) -> None:

@@ -61,7 +61,6 @@ class LifeCycle:
         self._runs = 0
         self._pending_cancels = 0
         """Number of requests to cancel without reply."""
-        self._now_ns = 0
 
     @property
     def state(self) -> State:
@@ -95,7 +94,6 @@ class LifeCycle:
 
     def button(self, event: ButtonEvent, now_ns: int) -> list[Output]:
         """Process a gesture."""
-        self._check_clock(now_ns)
         if self._button is not None and _is_same(event, self._button):
             return []
         self._button = event
@@ -104,7 +102,6 @@ class LifeCycle:
 
     def imu(self, sample: ImuSample, now_ns: int) -> list[Output]:
         """Record a sample of the wrist. A timely one may start pointing, or resume it."""
-        self._check_clock(now_ns)
         self._heard_ns = now_ns
         if self._stage != "idle":
             return []
@@ -120,7 +117,6 @@ class LifeCycle:
 
     def localization(self, news: Localization, now_ns: int) -> list[Output]:
         """Process the localizer's progress. Messages older than the current localization are ignored."""
-        self._check_clock(now_ns)
         if self._attempt is not None:
             event = self._attempt.classify(news, self._pose_ns)
         else:
@@ -151,7 +147,6 @@ class LifeCycle:
 
     def tick(self, now_ns: int) -> list[Output]:
         """Advance to `now_ns` and end what has timed out."""
-        self._check_clock(now_ns)
         deadline_ns = self.deadline_ns
         if deadline_ns is None or now_ns < deadline_ns:
             return []
@@ -162,16 +157,6 @@ class LifeCycle:
     @property
     def _silent_ns(self) -> int:
         return self._heard_ns + round(self._config.imu_timeout_s * NS_PER_S)
-
-    def _check_clock(self, now_ns: int) -> None:
-        """Shift all times if the clock was set back."""
-        back_ns, self._now_ns = self._now_ns - now_ns, now_ns
-        if back_ns > NS_PER_S:
-            self._readiness.on_clock_step(back_ns)
-            self._heard_ns -= back_ns
-            self._over_ns = 0
-            if self._attempt is not None:
-                self._attempt.on_clock_step(back_ns)
 
     def _classify_unexpected(self, news: Localization, now_ns: int) -> Event | None:
         """Return the event that `news` is without an attempt. Other clients' attempts count with a target."""
@@ -187,7 +172,7 @@ class LifeCycle:
             return None
         return "anchor requested" if news.purpose == "anchor" else "pose requested"
 
-    def _holds(self, condition: Condition) -> bool:
+    def _holds(self, condition: Condition, now_ns: int) -> bool:
         is_known = self._pose_ns is not None
         must_ask = self._config.localize and (not is_known or self._config.relocalize_each_time)
         match condition:
@@ -202,16 +187,16 @@ class LifeCycle:
             case "press ends":
                 return self._config.press_while_pointing == "ends"
             case "may start":
-                return self._readiness.may_begin(self._now_ns)
+                return self._readiness.may_begin(now_ns)
             case "may resume":
-                return self._readiness.may_resume(self._now_ns) and is_known and not must_ask
+                return self._readiness.may_resume(now_ns) and is_known and not must_ask
 
     def _on(
         self, event: Event, now_ns: int, *, reason: str = "", news: Localization | None = None
     ) -> list[Output]:
         """Make the transition of `event`, if there is one. `reason` replaces that of the table."""
         rows = (row for row in TABLE[self._stage] if event in row.events)
-        row = next((row for row in rows if all(self._holds(each) for each in row.conditions)), None)
+        row = next((row for row in rows if all(self._holds(each, now_ns) for each in row.conditions)), None)
         if row is None:
             return []
         before = self._before_attempt

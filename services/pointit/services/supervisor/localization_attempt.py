@@ -43,11 +43,6 @@ class LocalizationAttempt:
         self.next_step = user_messages.WAIT
         self.ahead, self.target_id, self._aimed = (), "", None
 
-    def on_clock_step(self, by_ns: int) -> None:
-        """Shift all times by a clock step backwards of `by_ns`."""
-        self.since_ns -= by_ns
-        self.counted_ns -= by_ns
-
     def classify(self, news: Localization, pose_ns: int | None) -> Event | None:
         """Return the event that `news` is for this attempt, or None.
 

@@ -49,12 +49,6 @@ class Readiness:
         """Return True if a sample may resume pointing."""
         return self._resume_until_ns is not None and now_ns < self._resume_until_ns
 
-    def on_clock_step(self, by_ns: int) -> None:
-        """Shift all times by a clock step backwards of `by_ns`."""
-        self._not_before_ns -= by_ns
-        if self._resume_until_ns is not None:
-            self._resume_until_ns -= by_ns
-
 
 class InteractionResume:
     """Keeps the last interaction of an earlier supervisor until the localizer's first message."""

@@ -7,13 +7,12 @@ from pointit.bridges.ros2.routing.route_types import ConversionContext
 from pointit.geometry import rotation, vector
 from pointit.geometry.rotation import Quaternion
 from pointit.geometry.vector import Vec3
+from pointit.runtime.health.timeliness import MAX_AHEAD_NS
 from pointit.schemas import FARTHEST, NS_PER_S
 from pointit.schemas.base import UNIT_TOLERANCE
 
-AHEAD_NS = NS_PER_S
-"""Stamps further in the future belong to another clock."""
 LATE_NS = 10 * NS_PER_S
-"""Stamps further in the past likewise."""
+"""Stamps further in the past belong to another clock."""
 
 STEEPEST_RAD = math.radians(70.0)
 """Maximum elevation of an x axis that defines a heading."""
@@ -57,7 +56,7 @@ def stamp(value: Any, about: ConversionContext, what: str) -> tuple[int, str]:
     if stamp_ns == 0:
         return about.stamp_ns, ""
     apart_ns = stamp_ns - about.stamp_ns
-    if -LATE_NS <= apart_ns <= AHEAD_NS:
+    if -LATE_NS <= apart_ns <= MAX_AHEAD_NS:
         return max(stamp_ns, 0), ""
     side = "ahead of" if apart_ns > 0 else "behind"
     return about.stamp_ns, (

@@ -23,6 +23,7 @@ from pointit.bridges.ros2.over_rclpy.topics import DdsReader, DdsWriter
 from pointit.bridges.ros2.routing.calls import Calls
 from pointit.runtime.health.service_bus import WarningSink
 from pointit.runtime.host.threads import in_daemon_thread
+from pointit.runtime.timer import Timer
 
 log = logging.getLogger(__name__)
 
@@ -77,9 +78,9 @@ class RclpyBackend:
         self._is_left = threading.Event()
         self._spinning = threading.Thread(target=self._spin, name="rclpy-spin", daemon=True)
         self._spinning.start()
-        self._look_timer: asyncio.TimerHandle | None = None
+        self._look_timer = Timer(self._loop.call_later, self._look)
         self._warn_of_environment()
-        self._schedule_look(0.0)
+        self._look_timer.start(0.0)
 
     @property
     def node(self) -> str:
@@ -110,7 +111,7 @@ class RclpyBackend:
         if self._seat.is_other(kind, topic, self._joined.node.get_publishers_info_by_topic):
             writer.close()
             return NullEndpoint()
-        self._schedule_look(SETTLE_S)
+        self._look_timer.start(SETTLE_S)
         return writer
 
     def subscribe(self, topic: str, kind: RosType, qos: Qos, handler: Callable[[bytes], None]) -> Closable:
@@ -125,7 +126,7 @@ class RclpyBackend:
         if self._seat.is_other(kind, topic, self._joined.node.get_subscriptions_info_by_topic):
             reader.close()
             return NullEndpoint()
-        self._schedule_look(SETTLE_S)
+        self._look_timer.start(SETTLE_S)
         return reader
 
     def serve(self, service: str, kind: RosType, server: Server) -> Closable:
@@ -134,7 +135,7 @@ class RclpyBackend:
         types = self._seat.class_of(kind)
         if types is None:
             return NullEndpoint()
-        self._schedule_look(SETTLE_S)
+        self._look_timer.start(SETTLE_S)
         return (
             self._seat.declared(kind, service, lambda: DdsServiceServer(self._seat, service, types, server))
             or NullEndpoint()
@@ -166,8 +167,7 @@ class RclpyBackend:
             return
         self._seat.is_closed = True
         self._seat.dispatcher.close()
-        if self._look_timer is not None:
-            self._look_timer.cancel()
+        self._look_timer.cancel()
         self._outlook.close()
         self._calls.close()
         for end in tuple(self._seat.ends):
@@ -204,17 +204,7 @@ class RclpyBackend:
         except RuntimeError:  # the loop is closed
             self._is_left.set()
 
-    def _schedule_look(self, wait_s: float) -> None:
-        """Read the graph in `wait_s`, or sooner if already scheduled."""
-        due_s = self._loop.time() + wait_s
-        if self._look_timer is not None:
-            if self._look_timer.when() <= due_s:
-                return
-            self._look_timer.cancel()
-        self._look_timer = self._loop.call_at(due_s, self._look)
-
     def _look(self) -> None:
-        self._look_timer = None
         self._joined.executor.create_task(self._read)
 
     def _read(self) -> None:  # on the executor's thread
@@ -227,7 +217,7 @@ class RclpyBackend:
         self._in_loop(functools.partial(self._show, graph))
 
     def _show(self, graph: Graph | None) -> None:
-        self._schedule_look(LOOK_S)
+        self._look_timer.start(LOOK_S)
         if graph is None:
             return
         wrong: dict[str, str] = {}

@@ -7,6 +7,7 @@ from pointit.bridges.ros2.graph.backend_warnings import BackendWarnings
 from pointit.bridges.ros2.routing.rate_limit import RateLimiter
 from pointit.bridges.ros2.routing.route_types import InboundRoute
 from pointit.bridges.ros2.routing.site import Site
+from pointit.runtime.timer import Timer
 
 BURST_S = 0.03
 """Burst of a route with a limit of bytes, in seconds of its rate."""
@@ -33,7 +34,7 @@ class InputSubscription:
         self._bytes = RateLimiter(route.bytes_hz, early_s=BURST_S)
         self._waiting: dict[str, bytes] = {}
         """Newest message by person, or by `""` if messages name no people; as received."""
-        self._timer: asyncio.TimerHandle | None = None
+        self._timer = Timer(site.bus.call_later, self._due)
         self._ros = route.ros_name(site.scene, name)
         kind = site.scene.types.kind(route.type)
         self._end = site.backend.subscribe(self._ros, kind, route.qos, self._hear)
@@ -41,8 +42,7 @@ class InputSubscription:
     def close(self) -> None:
         """Unsubscribe."""
         self._end.close()
-        if self._timer is not None:
-            self._timer.cancel()
+        self._timer.cancel()
         self._warnings.close()
 
     def _hear(self, cdr: bytes) -> None:
@@ -54,7 +54,7 @@ class InputSubscription:
         if not people:
             return
         wait_s = self._wait_s()
-        if self._timer is None and wait_s <= 0.0:
+        if not self._timer.is_running and wait_s <= 0.0:
             self._pass(cdr)
             return
         for each in people:
@@ -66,17 +66,15 @@ class InputSubscription:
                 f"{self._ros} brings more of people than the {route.bytes_hz / 1e6:g} MB a second that are "
                 "read: of each the newest counts; publish their frames less often, or apart from all others",
             )
-        if self._timer is None:
-            self._timer = self._site.bus.call_later(wait_s, self._due)
+        self._timer.start(wait_s)
 
     def _due(self) -> None:
-        self._timer = None
         while self._waiting and self._wait_s() <= 0.0:
             oldest = next(iter(self._waiting.values()))
             self._waiting = {name: cdr for name, cdr in self._waiting.items() if cdr is not oldest}
             self._pass(oldest)
         if self._waiting:
-            self._timer = self._site.bus.call_later(self._wait_s(), self._due)
+            self._timer.start(self._wait_s())
 
     def _wait_s(self) -> float:
         now_s = self._loop.time()

@@ -8,6 +8,7 @@ from pointit.bridges.ros2.graph.backend import Graph, Writer
 from pointit.bridges.ros2.routing.rate_limit import RateLimiter, reclaim_delay_s
 from pointit.bridges.ros2.routing.route_types import OutboundRoute
 from pointit.bridges.ros2.routing.site import Site
+from pointit.runtime.timer import Timer
 from pointit.schemas import Message
 from pointit.schemas.topics import Topic
 
@@ -33,9 +34,9 @@ class _Line:
         self._writer: Writer | None = None
         self._waiting: dict[str, tuple[Message, str]] = {}
         """Messages delayed by the rate limit, by name if each has a message of its own."""
-        self._timer: asyncio.TimerHandle | None = None
-        self._repeating: asyncio.TimerHandle | None = None
-        self._back: asyncio.TimerHandle | None = None
+        self._due_timer = Timer(site.bus.call_later, self._due)
+        self._repeat_timer = Timer(site.bus.call_later, self._repeat)
+        self._reclaim_timer = Timer(site.bus.call_later, self._open)
         self._later: list[asyncio.TimerHandle] = []
         self._last: dict[str, tuple[Message, float]] = {}
         """Messages to repeat with their arrival times, by placeholder of our key."""
@@ -47,12 +48,10 @@ class _Line:
     def make_room(self, *, is_given: bool) -> None:
         """Yield to other publishers of this name until shortly after they end."""
         if is_given:
-            if self._back is not None:
-                self._back.cancel()
-                self._back = None
+            self._reclaim_timer.cancel()
             self._hide()
-        elif self._writer is None and self._back is None:
-            self._back = self._site.bus.call_later(reclaim_delay_s(), self._open)
+        elif self._writer is None and not self._reclaim_timer.is_running:
+            self._reclaim_timer.start(reclaim_delay_s())
 
     def look(self) -> None:
         """Notify the route when the first subscriber appears."""
@@ -63,15 +62,15 @@ class _Line:
 
     def close(self) -> None:
         """Remove it from the graph."""
-        for timer in (self._timer, self._repeating, self._back, *self._later):
-            if timer is not None:
-                timer.cancel()
+        for timer in (self._due_timer, self._repeat_timer, self._reclaim_timer):
+            timer.cancel()
+        for later in self._later:
+            later.cancel()
         self._hide()
         self._site.bus.clear(self.ros)
 
     def _open(self) -> None:
         """Appear in the graph."""
-        self._back = None
         kind = self._site.scene.types.kind(self.route.type)
         self._writer = self._site.backend.advertise(self.ros, kind, self.route.qos)
         self._sent = {}
@@ -84,13 +83,12 @@ class _Line:
     def take(self, message: Message, name: str) -> None:
         """Send `message` as soon as the route's rate allows; of delayed ones, the newest."""
         wait_s = self._pace.wait_s(self._loop.time())
-        if self._timer is None and wait_s <= 0.0:
+        if not self._due_timer.is_running and wait_s <= 0.0:
             self._pace.sent(self._loop.time())
             self._send(message, name)
             return
         self._waiting[self._whose(name)] = message, name
-        if self._timer is None:
-            self._timer = self._site.bus.call_later(wait_s, self._due)
+        self._due_timer.start(wait_s)
 
     def forget(self, name: str) -> None:
         """Forget what was sent about `name`."""
@@ -102,7 +100,6 @@ class _Line:
             self._sent.pop(name, None)
 
     def _due(self) -> None:
-        self._timer = None
         waiting, self._waiting = self._waiting, {}
         self._pace.sent(self._loop.time())
         for message, name in waiting.values():
@@ -164,11 +161,10 @@ class _Line:
             self._writer.put(cdr)
 
     def _repeat_later(self) -> None:
-        if self._repeating is None and self.route.repeat_hz is not None and self._last:
-            self._repeating = self._site.bus.call_later(1.0 / self.route.repeat_hz, self._repeat)
+        if self.route.repeat_hz is not None and self._last:
+            self._repeat_timer.start(1.0 / self.route.repeat_hz)
 
     def _repeat(self) -> None:
-        self._repeating = None
         oldest_s = self._loop.time() - self.route.repeat_for_s
         self._last = {name: last for name, last in self._last.items() if last[1] > oldest_s}
         for name, (message, _) in self._last.items():

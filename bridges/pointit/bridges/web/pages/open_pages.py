@@ -12,6 +12,7 @@ from pointit.bridges.web.pages.page_requests import greeting
 from pointit.bridges.web.pages.session import Host, Session
 from pointit.bridges.web.wire import IN_FLIGHT, Ack, Role, Status
 from pointit.runtime.health.service_bus import ServiceBus
+from pointit.runtime.timer import Timer
 
 GATHER_S = 0.004
 """Time (s) to gather related messages, so that a movement of the hand is one batch, not four."""
@@ -54,8 +55,8 @@ class Pages:
         self._version = version
         self._sessions: set[Session] = set()
         self._count = 0
-        self._flush_timer: asyncio.TimerHandle | None = None
-        self._status_timer: asyncio.TimerHandle | None = None
+        self._flush_timer = Timer(bus.call_later, self._flush)
+        self._status_timer = Timer(bus.call_later, self.tell_status)
         self._latencies = Latencies()
         self._before = (0, 0, 0)
         """Batches, bytes and dropped events of pages that have left."""
@@ -98,19 +99,16 @@ class Pages:
             return
         if now:
             self._flush()
-        elif self._flush_timer is None:
-            self._flush_timer = self._bus.call_later(GATHER_S, self._flush)
+        else:
+            self._flush_timer.start(GATHER_S)
 
     def status_changed(self) -> None:
         """Send the status soon, together with other changes."""
-        if self._status_timer is None:
-            self._status_timer = self._bus.call_later(STATUS_S, self.tell_status)
+        self._status_timer.start(STATUS_S)
 
     def tell_status(self) -> None:
         """Send every page the status."""
-        if self._status_timer is not None:
-            self._status_timer.cancel()
-            self._status_timer = None
+        self._status_timer.cancel()
         for session in self._sessions:
             session.tell_status(self._status(session.page).model_dump_json())
 
@@ -150,8 +148,6 @@ class Pages:
         self.status_changed()
 
     def _flush(self) -> None:
-        if self._flush_timer is not None:
-            self._flush_timer.cancel()
-            self._flush_timer = None
+        self._flush_timer.cancel()
         for session in self._sessions:
             session.wake()

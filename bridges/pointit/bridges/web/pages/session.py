@@ -13,6 +13,7 @@ from pointit.bridges.web.pages.latest_values import PageFeed
 from pointit.bridges.web.pages.rate_limit import TokenBucket
 from pointit.bridges.web.wire import OWN_FAULT, Ack, AimAt, Answer, Ask, Received, Role, Turn
 from pointit.runtime.errors import PointItError
+from pointit.runtime.timer import Timer
 from pointit.schemas import SchemaError, summarize_validation_error
 
 log = logging.getLogger(__name__)
@@ -87,7 +88,7 @@ class Session:
         self._host = host
         self._loop = asyncio.get_running_loop()
         self._news = asyncio.Event()
-        self._timer: asyncio.TimerHandle | None = None
+        self._wake_timer = Timer(self._loop.call_later, self._news.set)
         self._texts: list[str] = []
         self._status = ""
         self._slots = asyncio.Semaphore(MAX_ANSWERS)
@@ -96,7 +97,7 @@ class Session:
         self._asks = TokenBucket(ASKS_HZ, ASKS_BURST)
         self._aims = TokenBucket(AIMS_HZ, AIMS_BURST)
         self._aim: AimAt | None = None
-        self._aim_timer: asyncio.TimerHandle | None = None
+        self._aim_timer = Timer(self._loop.call_later, self._forward_aim)
         self._malformed = 0
         self._is_shut = False
         """Closed by this side."""
@@ -119,9 +120,8 @@ class Session:
         try:
             await asyncio.wait({sending, receiving}, return_when=asyncio.FIRST_COMPLETED)
         finally:
-            for timer in (self._timer, self._aim_timer):
-                if timer is not None:
-                    timer.cancel()
+            self._wake_timer.cancel()
+            self._aim_timer.cancel()
             tasks = {sending, receiving, *self._answering}
             for task in tasks:
                 task.cancel()
@@ -155,11 +155,8 @@ class Session:
     def _wake_later(self) -> None:
         """Wake when the page may be sent what it may not be sent yet."""
         wait_s = self.feed.wait_s(self._loop.time())
-        if wait_s is None:
-            return
-        if self._timer is not None:
-            self._timer.cancel()
-        self._timer = self._loop.call_later(wait_s, self._news.set)
+        if wait_s is not None:
+            self._wake_timer.start(wait_s)
 
     async def _receive(self) -> None:
         while True:
@@ -207,12 +204,11 @@ class Session:
 
     def _on_aim(self, aim: AimAt) -> None:
         self._aim = aim
-        if self._aim_timer is None:
+        if not self._aim_timer.is_running:
             self._forward_aim()
 
     def _forward_aim(self) -> None:
         """Forward the newest aim, now or as soon as the rate allows."""
-        self._aim_timer = None
         aim, now_s = self._aim, self._loop.time()
         if aim is None:
             return
@@ -220,7 +216,7 @@ class Session:
             self._aim = None
             self._host.aim(aim, self)
         else:
-            self._aim_timer = self._loop.call_later(self._aims.wait_s(now_s), self._forward_aim)
+            self._aim_timer.start(self._aims.wait_s(now_s))
 
     async def _begin_answer(self, ask: Ask) -> None:
         await self._slots.acquire()

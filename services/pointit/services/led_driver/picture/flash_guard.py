@@ -58,8 +58,7 @@ class _Signal:
         """Return the time until `value` may be shown, ns."""
         if not self._turns(value) or len(self._turns_ns) < (self._turns_ns.maxlen or 0):
             return 0
-        # a clock that was set back must not hold the lamp for longer than a second
-        return min(max(self._turns_ns[0] + NS_PER_S - now_ns, 0), NS_PER_S)
+        return max(self._turns_ns[0] + NS_PER_S - now_ns, 0)
 
     def take(self, value: float, now_ns: int) -> None:
         """Record a `value` that is shown."""

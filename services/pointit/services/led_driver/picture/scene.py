@@ -118,7 +118,7 @@ class Scene:
             self._profiles[user] = profile
 
     def forget(self, now_ns: int) -> None:
-        """Drop what has expired, or is stamped in the future because the clock was set back."""
+        """Drop what has expired."""
         _forget(self._cursors, now_ns, self._cursor_timeout_ns)
         if _forget(self._hovers, now_ns, self._cursor_timeout_ns):
             self._looks = None
@@ -260,6 +260,6 @@ def _forget(heard: dict[str, tuple[int, T]], now_ns: int, timeout_ns: int) -> bo
     """Drop expired entries. Return True if there were any."""
     count = len(heard)
     for name, (at, _) in list(heard.items()):
-        if not 0 <= now_ns - at < timeout_ns:
+        if now_ns - at >= timeout_ns:
             del heard[name]
     return len(heard) < count

@@ -5,7 +5,6 @@ Pure: rays and the time go in; the lamp, progress and the anchor come out.
 
 import math
 from collections.abc import Callable, Iterable, Sequence
-from typing import ClassVar, Literal
 
 from pointit.schemas import Lamp
 from pointit.services.localizer.config import LocalizerConfig
@@ -19,9 +18,9 @@ MIN_RAYS = 10
 
 
 class Anchoring(LampProcedure):
-    """One pointing at one lamp; `start` restarts it."""
+    """One pointing at one lamp."""
 
-    PURPOSE: ClassVar[Literal["pose", "anchor"]] = "anchor"
+    purpose = "anchor"
 
     def __init__(
         self,
@@ -49,16 +48,15 @@ class Anchoring(LampProcedure):
         """Return the one lamp."""
         return (self._target,)
 
-    def _forget(self) -> None:
-        """Do nothing: each hold is new."""
-
     def _next_lamp(self) -> Lamp:
         return self._target
 
     def _held(self, now_ns: int) -> list[Output]:
         mean = ray_math.mean(self._hold.rays)
         if mean is None:
-            return self._end(now_ns, "the rays point in all directions; hold the arm still and try again")
+            return self._end(
+                now_ns, "refused", "the rays point in all directions; hold the arm still and try again"
+            )
         limit_rad = math.radians(self._config.max_spread_deg)
         problem = ""
         if mean.spread_rad > limit_rad:
@@ -69,9 +67,6 @@ class Anchoring(LampProcedure):
         judged = self._judge(self._lamp, mean, problem, now_ns)
         anchor = judged.anchor
         if not judged.is_done:
-            return [anchor, *self._end(now_ns, anchor.reason)]
+            return [anchor, *self._end(now_ns, "refused", anchor.reason)]
         self._running = False
         return [anchor, self._localization(now_ns, "solved", progress=1.0, reason=anchor.reason)]
-
-    def _share(self, now_ns: int) -> float:
-        return self._hold.progress(now_ns)

@@ -1,7 +1,6 @@
 """Poses of an external tracker, which have priority over the localizer."""
 
 from pointit.schemas import NS_PER_S, UserPose
-from pointit.services.localizer.procedures.clock_step import BACK_NS
 
 FRESH_S = 2.0
 """Age up to which the tracker's last pose is valid."""
@@ -26,13 +25,8 @@ class ExternalPose:
         self.pose = None
 
     def age_s(self, now_ns: int) -> float:
-        """Return the age of the tracker's pose, s, by its arrival on this machine's clock.
-
-        After this clock is set back the age is unknown: from then on it counts from just above `FRESH_S`.
-        """
-        if now_ns < self._received_ns - BACK_NS:
-            self._received_ns = now_ns - round(FRESH_S * NS_PER_S) - 1
-        return max(0, now_ns - self._received_ns) / NS_PER_S
+        """Return the age of the tracker's pose, s, by its arrival on this machine's clock."""
+        return (now_ns - self._received_ns) / NS_PER_S
 
     def is_fresh(self, now_ns: int) -> bool:
         """Return True if the tracker currently provides the pose."""

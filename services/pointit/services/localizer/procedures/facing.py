@@ -8,7 +8,6 @@ from pointit.schemas import NS_PER_S, PointingRay
 from pointit.services.localizer.estimation import rays as ray_math
 from pointit.services.localizer.estimation.estimator import Refusal
 from pointit.services.localizer.estimation.rays import Mean
-from pointit.services.localizer.procedures.clock_step import BACK_NS
 from pointit.services.localizer.procedures.next_target import EYES_M
 
 RECENT_NS = NS_PER_S // 2
@@ -36,10 +35,8 @@ class HeadingWindow:
         self._rays: deque[PointingRay] = deque(maxlen=MAX_RAYS)
 
     def add(self, ray: PointingRay) -> None:
-        """Add `ray` unless it is not newer than the last one. A clock step back clears the window."""
+        """Add `ray` unless it is not newer than the last one."""
         rays = self._rays
-        if rays and ray.stamp_ns < rays[-1].stamp_ns - BACK_NS:
-            rays.clear()
         if rays and ray.stamp_ns <= rays[-1].stamp_ns:
             return
         rays.append(ray)

@@ -59,10 +59,6 @@ class Hold:
         if ray.stamp_ns > self._from_ns and (self._is_steady() or ray.stamp_ns >= self._latest_ns):
             self._settle()
 
-    def set_back(self, by_ns: int) -> None:
-        """Shift the rays of a finished hold after a clock step back, so that new ones stay in order."""
-        self.rays = [ray.model_copy(update={"stamp_ns": max(0, ray.stamp_ns - by_ns)}) for ray in self.rays]
-
     def is_over(self, now_ns: int, enough: int) -> bool:
         """Return True if the hold has lasted long enough and `enough` rays came."""
         return self.is_settled and now_ns >= self._end_ns and len(self.rays) >= enough

@@ -3,21 +3,19 @@
 Pure: rays and the time go in; progress comes out, by which led-driver lights the lamp.
 """
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Iterable, Sequence
-from typing import ClassVar, Literal
+from typing import Any
 
-from pointit.schemas import Lamp, Localization, PointingRay
+from pointit.schemas import Lamp, PointingRay
 from pointit.services.localizer.config import LocalizerConfig
 from pointit.services.localizer.outputs import Output, Phase
-from pointit.services.localizer.procedures.clock_step import ClockStepDetector
 from pointit.services.localizer.procedures.hold import Hold
+from pointit.services.localizer.procedures.procedure import Procedure
 
 
-class LampProcedure(ABC):
-    """Keeps one lamp lit while it runs; `start` restarts it."""
-
-    PURPOSE: ClassVar[Literal["pose", "anchor"]] = "pose"
+class LampProcedure(Procedure):
+    """Keeps one lamp lit while it runs."""
 
     def __init__(self, lamp_ids: Iterable[str], config: LocalizerConfig, min_rays: int, then: str) -> None:
         """Create the procedure.
@@ -28,24 +26,13 @@ class LampProcedure(ABC):
             min_rays: number of rays that a hold needs.
             then: advice if they did not come, as in `start again`.
         """
+        super().__init__(config)
         self.lamp_ids = tuple(sorted({*lamp_ids}))
-        self.since_ns = 0
-        """Time of the request."""
-        self.begun_ns = 0
-        """Time of the start."""
-        self._config = config
         self._min_rays = min_rays
         self._then = then
-        self._running = False
         self._holds: list[tuple[Hold, Lamp]] = []
         """Holds since the start; the last one is running."""
         self._published: tuple[str, int] | None = None
-        self._clock = ClockStepDetector()
-
-    @property
-    def running(self) -> bool:
-        """Return True if a lamp is lit and rays are needed."""
-        return self._running
 
     @property
     def lit(self) -> str:
@@ -57,27 +44,17 @@ class LampProcedure(ABC):
     def targets(self) -> Sequence[Lamp]:
         """Return the lamps that are, were or may be pointed at."""
 
-    def start(self, now_ns: int, since_ns: int | None = None) -> list[Output]:
-        """Light the first lamp; `since_ns` is the time of the request if that is not now."""
-        self._running = True
-        self.since_ns = now_ns if since_ns is None else since_ns
-        self.begun_ns = now_ns
-        self._clock.begin(now_ns)
-        self._holds = []
-        self._forget()
-        return self._light(now_ns)
-
     def on_ray(self, ray: PointingRay) -> None:
         """Add `ray` to the hold of the lamp that is lit."""
         if self._running:
             self._hold.add(ray)
 
-    def step(self, now_ns: int) -> list[Output]:
-        """Continue when the hold is over, end when it times out, and restart it after a clock step back."""
-        if not self._running:
-            return []
-        if back_ns := self._clock.by_ns(now_ns):
-            self._set_back(back_ns, now_ns)
+    def _begin(self, now_ns: int) -> list[Output]:
+        """Light the first lamp."""
+        return self._light(now_ns)
+
+    def _continue(self, now_ns: int) -> list[Output]:
+        """Continue when the hold is over, or end when it times out."""
         hold = self._hold
         if hold.is_over(now_ns, self._min_rays):
             return self._held(now_ns)
@@ -85,20 +62,10 @@ class LampProcedure(ABC):
             return self._progress(now_ns)
         return self._end(
             now_ns,
+            "refused",
             f"only {len(hold.rays)} rays came while {self._lamp.id} was lit and {self._min_rays} are needed; "
             f"check that the IMU is on and sends, then {self._then}",
         )
-
-    def cancel(self, now_ns: int, reason: str = "") -> list[Output]:
-        """Stop, lamps off; the pose stays."""
-        if not self._running:
-            return []
-        self._running = False
-        return [self._localization(now_ns, "cancelled", reason=reason)]
-
-    def refuse(self, now_ns: int, reason: str) -> list[Output]:
-        """Stop, lamps off, because the rays are useless."""
-        return self._end(now_ns, reason) if self._running else []
 
     def republish(self, now_ns: int) -> list[Output]:
         """Return the progress again, since led-driver forgets who is silent."""
@@ -115,10 +82,6 @@ class LampProcedure(ABC):
         return self._holds[-1][1]
 
     @abstractmethod
-    def _forget(self) -> None:
-        """Discard the results of earlier holds."""
-
-    @abstractmethod
     def _next_lamp(self) -> Lamp:
         """Return the lamp to light now."""
 
@@ -126,65 +89,29 @@ class LampProcedure(ABC):
     def _held(self, now_ns: int) -> list[Output]:
         """Continue after a hold."""
 
-    @abstractmethod
-    def _share(self, now_ns: int) -> float:
-        """Return the overall progress, 0 to 1."""
-
     @property
     def _count(self) -> int:
         """Return the expected number of holds."""
         return 1
 
-    @property
-    def _sigmas(self) -> tuple[float | None, float | None]:
-        """Return the standard deviations of position (m) and yaw (rad) so far, None while unknown."""
-        return None, None
+    def _details(self, phase: Phase) -> dict[str, Any]:
+        is_on = phase == "sampling"
+        return {
+            "target_id": self._lamp.id if is_on else "",
+            "target_index": len(self._holds) - 1,
+            "target_count": self._count,
+            "samples": sum(len(hold.rays) for hold, _ in self._holds),
+            "lamps": self.lamp_ids if is_on else (),
+        }
 
-    def _localization(
-        self,
-        now_ns: int,
-        phase: Phase,
-        *,
-        progress: float = 0.0,
-        residual_rad: float | None = None,
-        reason: str = "",
-    ) -> Localization:
-        """Return a progress message."""
-        position_sigma_m, yaw_sigma_rad = self._sigmas
-        return Localization(
-            stamp_ns=now_ns,
-            phase=phase,
-            purpose=self.PURPOSE,
-            target_id=self._lamp.id if phase == "sampling" else "",
-            target_index=len(self._holds) - 1,
-            target_count=self._count,
-            samples=sum(len(hold.rays) for hold, _ in self._holds),
-            since_ns=self.since_ns,
-            progress=progress,
-            residual_rad=residual_rad,
-            reason=reason,
-            position_sigma_m=position_sigma_m,
-            yaw_sigma_rad=yaw_sigma_rad,
-            lamps=self.lamp_ids if phase == "sampling" else (),
-        )
+    def _share(self, now_ns: int, phase: Phase) -> float:
+        done = len(self._holds) - 1 + self._hold.progress(now_ns)
+        return done / self._count if phase == "sampling" else 0.0
 
     def _light(self, now_ns: int) -> list[Output]:
         """Begin a hold at the next lamp."""
         self._holds.append((Hold(now_ns, self._config), self._next_lamp()))
         return self.republish(now_ns)
-
-    def _set_back(self, by_ns: int, now_ns: int) -> None:
-        """Restart the running hold; those before stay."""
-        self.since_ns = max(0, self.since_ns - by_ns)
-        self.begun_ns = max(0, self.begun_ns - by_ns)
-        for hold, _ in self._holds[:-1]:
-            hold.set_back(by_ns)
-        self._holds[-1] = (Hold(now_ns, self._config), self._lamp)
-        self._published = None
-
-    def _end(self, now_ns: int, reason: str, residual_rad: float | None = None) -> list[Output]:
-        self._running = False
-        return [self._localization(now_ns, "refused", residual_rad=residual_rad, reason=reason)]
 
     def _progress(self, now_ns: int) -> list[Output]:
         """Return the progress if it differs from the last one published."""
@@ -192,4 +119,4 @@ class LampProcedure(ABC):
         if state == self._published:
             return []
         self._published = state
-        return [self._localization(now_ns, "sampling", progress=self._share(now_ns))]
+        return [self._localization(now_ns, "sampling")]

@@ -5,13 +5,14 @@ Pure: rays, tracked objects and the time go in; progress and poses come out.
 
 import math
 from dataclasses import replace
+from typing import Any
 
-from pointit.schemas import NS_PER_S, Candidate, Localization, PointingRay, TrackedObjects
+from pointit.schemas import NS_PER_S, Candidate, PointingRay, TrackedObjects
 from pointit.services.localizer.config import LocalizerConfig
 from pointit.services.localizer.estimation.estimator import Refusal, Solution, SolverSettings, solve
 from pointit.services.localizer.estimation.mounting import mounting_fault
-from pointit.services.localizer.outputs import Output, Phase, finite_or_none, pose_message
-from pointit.services.localizer.procedures.clock_step import ClockStepDetector
+from pointit.services.localizer.outputs import Output, Phase, pose_message
+from pointit.services.localizer.procedures.procedure import Procedure
 from pointit.services.localizer.procedures.target_disambiguation import (
     Fit,
     TargetDisambiguator,
@@ -49,14 +50,13 @@ MIN_SPAN_S = 2.0
 SOLVE_HZ = 2.0
 
 
-class MovingTarget:
-    """One run of the procedure; `start` restarts it.
+class MovingTarget(Procedure):
+    """One run of the procedure.
 
     It ends when nine tenths of a window are accepted: in a shorter one an arm that came late makes poses that
     are wrong and look certain. With `autostart` it continues, and publishes poses of shorter windows before.
     """
 
-    _started_ns: int
     _due_ns: int
     _rays: RayWindow
     _tracks: dict[tuple[str, str], Track]
@@ -64,8 +64,6 @@ class MovingTarget:
     _meant: TargetDisambiguator
     _fits: list[Fit]
     """Result of the last solution, the best first."""
-    _solution: Solution | None
-    """The last accepted one."""
     _surest: tuple[Solution, int] | None
     """The most certain pose of a whole window and the stamp of its newest ray, None before the first.
 
@@ -81,31 +79,23 @@ class MovingTarget:
     """Time of pointing in the window at the last solution."""
 
     def __init__(self, config: LocalizerConfig) -> None:
-        self._config = config
+        super().__init__(config)
         self._trust = config.believed()
-        self._running = False
-        self._clock = ClockStepDetector()
         self._clear(0)
-
-    @property
-    def running(self) -> bool:
-        """Return True if rays and objects are needed."""
-        return self._running
 
     @property
     def times_ns(self) -> tuple[int, int]:
         """Return the stamps of the first and the middle ray of the last solution, -1 if there are none."""
         return self._rays.times_ns
 
-    def start(self, now_ns: int) -> list[Output]:
-        """Discard everything and start sampling."""
-        self._clear(now_ns)
-        self._running = True
-        return [self._localization(now_ns, "sampling")]
+    def on_yaw_origin_changed(self, now_ns: int, reason: str) -> list[Output]:
+        """Start again, since rays of two yaw origins cannot be combined."""
+        del reason
+        return self.start(now_ns)
 
     def on_ray(self, ray: PointingRay) -> None:
         """Add `ray` if it counts."""
-        if not self._running or ray.stamp_ns < self._started_ns:
+        if not self._running or ray.stamp_ns < self.since_ns:
             return
         self._newest_ray_ns = ray.stamp_ns
         if self._counts_from_ns is None and self._tracks:
@@ -128,12 +118,12 @@ class MovingTarget:
         while len(self._tracks) > MAX_TRACKS:
             del self._tracks[next(iter(self._tracks))]
 
-    def step(self, now_ns: int) -> list[Output]:
-        """Solve when it is time. Restart after a clock step back."""
-        if not self._running:
-            return []
-        if self._clock.by_ns(now_ns):
-            return self.start(now_ns)
+    def _begin(self, now_ns: int) -> list[Output]:
+        self._clear(now_ns)
+        return [self._localization(now_ns, "sampling")]
+
+    def _continue(self, now_ns: int) -> list[Output]:
+        """Solve when it is time."""
         if now_ns < self._due_ns:
             return []
         self._due_ns = now_ns + round(NS_PER_S / SOLVE_HZ)
@@ -155,16 +145,8 @@ class MovingTarget:
             self._localization(now_ns, "solved", residual_rad=result.residual_rad, progress=1.0),
         ]
 
-    def cancel(self, now_ns: int, reason: str = "") -> list[Output]:
-        """Stop; the last pose stays."""
-        if not self._running:
-            return []
-        self._running = False
-        return [self._localization(now_ns, "cancelled", reason=reason)]
-
     def _clear(self, now_ns: int) -> None:
-        self._started_ns = self._due_ns = now_ns
-        self._clock.begin(now_ns)
+        self._due_ns = now_ns
         self._rays = RayWindow(self._config.window_s)
         self._tracks = {}
         self._meant = TargetDisambiguator(self._config.robot_id)
@@ -235,7 +217,7 @@ class MovingTarget:
         return span_s >= WHOLE * self._config.window_s
 
     def _is_late(self, now_ns: int) -> bool:
-        return now_ns - self._started_ns >= self._config.give_up_s * NS_PER_S
+        return now_ns - self.since_ns >= self._config.give_up_s * NS_PER_S
 
     def _contradicts(self, solution: Solution, surest: Solution, surest_ns: int) -> bool:
         rate_radps = math.radians(self._config.drift.rate_sigma_degps)
@@ -249,32 +231,19 @@ class MovingTarget:
             phase = "refused"
         return [self._localization(now_ns, phase, residual_rad=refusal.residual_rad, reason=refusal.reason)]
 
-    def _localization(
-        self,
-        now_ns: int,
-        phase: Phase,
-        *,
-        progress: float | None = None,
-        residual_rad: float | None = None,
-        reason: str = "",
-    ) -> Localization:
-        share = min(1.0, self._span_s / self._config.window_s)
-        solution = self._solution
+    def _share(self, now_ns: int, phase: Phase) -> float:
+        del now_ns, phase
+        return min(1.0, self._span_s / self._config.window_s)
+
+    def _details(self, phase: Phase) -> dict[str, Any]:
+        del phase
         several = [fit for fit in self._fits if fit.probability > 0.0] if len(self._fits) > 1 else []
-        return Localization(
-            stamp_ns=now_ns,
-            phase=phase,
-            target_id=self._meant.object_id,
-            target_count=len(self._tracks),
-            samples=len(self._rays),
-            since_ns=self._started_ns,
-            progress=share if progress is None else progress,
-            residual_rad=residual_rad,
-            reason=reason,
-            position_sigma_m=None if solution is None else finite_or_none(solution.position_sigma_m),
-            yaw_sigma_rad=None if solution is None else finite_or_none(solution.yaw_sigma_rad),
-            candidates=tuple(
+        return {
+            "target_id": self._meant.object_id,
+            "target_count": len(self._tracks),
+            "samples": len(self._rays),
+            "candidates": tuple(
                 Candidate(object_id=fit.object_id, probability=fit.probability)
                 for fit in sorted(several, key=lambda fit: -fit.probability)
             ),
-        )
+        }

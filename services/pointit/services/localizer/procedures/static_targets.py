@@ -21,7 +21,7 @@ from pointit.services.localizer.estimation.estimator import (
     SolverSettings,
     solve,
 )
-from pointit.services.localizer.outputs import Output, finite_or_none, pose_message
+from pointit.services.localizer.outputs import Output, pose_message
 from pointit.services.localizer.procedures.lamp_procedure import LampProcedure
 from pointit.services.localizer.procedures.lamps import max_holds, usable
 from pointit.services.localizer.procedures.next_target import EYES_M, ObservationModel, next_target
@@ -34,7 +34,7 @@ WORTHWHILE = 0.9
 
 
 class StaticTargets(LampProcedure):
-    """One run of the procedure; `start` restarts it."""
+    """One run of the procedure."""
 
     def __init__(self, lamps: Sequence[Lamp], config: LocalizerConfig) -> None:
         """Create the procedure for at least one lamp, in the order of lighting."""
@@ -45,7 +45,8 @@ class StaticTargets(LampProcedure):
         super().__init__(
             (lamp.id for lamp in lamps), config, -(-self._trust.min_samples // shared), "start again"
         )
-        self._forget()
+        self._ratio = math.inf
+        """Ratio of the uncertainty to the one that is needed."""
 
     @property
     def targets(self) -> Sequence[Lamp]:
@@ -61,12 +62,6 @@ class StaticTargets(LampProcedure):
     @property
     def _rays(self) -> list[PointingRay]:
         return [ray for hold, _ in self._holds for ray in hold.rays]
-
-    def _forget(self) -> None:
-        self._solution: Solution | None = None
-        """Solution of the rays so far, however uncertain."""
-        self._ratio = math.inf
-        """Ratio of the uncertainty to the one that is needed."""
 
     def _next_lamp(self) -> Lamp:
         """Return the lamp to light now."""
@@ -137,7 +132,7 @@ class StaticTargets(LampProcedure):
             reason, tried = result.reason, len(self._holds)
             if self._config.order == "informative" and tried > MIN_LAMPS:
                 reason = f"after pointing {tried} times {reason}"
-            return self._end(now_ns, reason, result.residual_rad)
+            return self._end(now_ns, "refused", reason, result.residual_rad)
         self._solution = result
         self._running = False
         return [
@@ -145,21 +140,11 @@ class StaticTargets(LampProcedure):
             self._localization(now_ns, "solved", residual_rad=result.residual_rad, progress=1.0),
         ]
 
-    def _share(self, now_ns: int) -> float:
-        return (len(self._holds) - 1 + self._hold.progress(now_ns)) / self._count
-
     @property
     def _count(self) -> int:
         config = self._config
         expected = (config.targets or len(self._lamps)) if config.order == "informative" else self._max_holds
         return max(len(self._holds), expected)
-
-    @property
-    def _sigmas(self) -> tuple[float | None, float | None]:
-        solution = self._solution
-        if solution is None:
-            return None, None
-        return finite_or_none(solution.position_sigma_m), finite_or_none(solution.yaw_sigma_rad)
 
 
 def _lax(trust: SolverSettings) -> SolverSettings:

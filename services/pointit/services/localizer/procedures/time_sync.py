@@ -45,12 +45,7 @@ class RayWindow:
         return self._rays[-1].stamp_ns if self._rays else -1
 
     def add(self, ray: PointingRay) -> None:
-        """Add `ray` unless it is not newer than the last one; drop rays that have left the window.
-
-        A step back by more than a window is a clock step and clears the window.
-        """
-        if ray.stamp_ns < self.newest_ns - self._window_ns:
-            self._rays.clear()
+        """Add `ray` unless it is not newer than the last one; drop rays that have left the window."""
         if ray.stamp_ns <= self.newest_ns:
             return
         self._rays.append(ray)
@@ -106,7 +101,10 @@ class Track:
         return self._places[-1][0] if self._places else -1
 
     def add(self, stamp_ns: int, position_m: Vec3, latency_sigma_s: float | None = None) -> None:
-        """Add the position at `stamp_ns` unless it is not newer than the last one; see `RayWindow.add`."""
+        """Add the position at `stamp_ns` unless it is not newer than the last one.
+
+        A step back by more than a window clears the track: the tracker's clock was set.
+        """
         if stamp_ns < self.newest_ns - self._window_ns:
             self._places.clear()
         if stamp_ns <= self.newest_ns:

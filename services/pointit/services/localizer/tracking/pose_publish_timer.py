@@ -5,6 +5,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from pointit.runtime.health.timeliness import MAX_AHEAD_NS
 from pointit.schemas import NS_PER_S, UserPose
 from pointit.services.localizer.drift.filter import DriftPose
 
@@ -17,9 +18,6 @@ LONGEST_S = 2.0
 NOTICEABLE_RAD = math.radians(0.1)
 NOTICEABLE_SHARE = 0.05
 """Smallest changes of the yaw, and of a sigma as a share of it, that are published."""
-
-AHEAD_NS = NS_PER_S
-"""Poses stamped further in the future were published before the clock was set back."""
 
 
 class PosePublishTimer:
@@ -36,7 +34,7 @@ class PosePublishTimer:
 
     def stamped(self, pose: UserPose, now_ns: int) -> UserPose:
         """Return `pose` stamped newer than all before, because subscribers use the newest."""
-        if self._newest_ns > now_ns + AHEAD_NS:
+        if self._newest_ns > now_ns + MAX_AHEAD_NS:
             self._newest_ns = 0
         self._newest_ns = max(pose.stamp_ns, self._newest_ns + 1)
         if pose.stamp_ns != self._newest_ns:
@@ -50,7 +48,7 @@ class PosePublishTimer:
         if last is None:
             return True
         passed_s = (now.stamp_ns - last.stamp_ns) / NS_PER_S
-        if passed_s < -AHEAD_NS / NS_PER_S or passed_s >= LONGEST_S:
+        if passed_s >= LONGEST_S:
             return True
         return passed_s >= SHORTEST_S and _has_changed(last, now)
 

@@ -13,7 +13,7 @@ from pointit.services.selector.methods.ray_speed import RaySpeedEstimator
 from pointit.services.selector.objects.view import View
 
 CLOCK_STEP_NS = 2 * NS_PER_S
-"""A stamp earlier by more than this means that the clock was set back. An earlier one by less is late."""
+"""A stamp earlier by more than this means that the wrist's clock was set back. One by less is late."""
 
 HISTORY_NS = NS_PER_S
 """Time for which hovered objects are remembered, ns."""
@@ -62,7 +62,7 @@ class PersonPointer:
             self.latch(object_id)
 
     def is_timely(self, stamp_ns: int) -> bool:
-        """Return True if a cursor of `stamp_ns` is new. If the clock was set back, reset all state first."""
+        """Return True if a cursor of `stamp_ns` is new. A step back of the wrist's clock resets all state."""
         if self._stamp_ns is None or stamp_ns > self._stamp_ns:
             return True
         if self._stamp_ns - stamp_ns <= CLOCK_STEP_NS:

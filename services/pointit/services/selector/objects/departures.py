@@ -38,7 +38,7 @@ class Departures:
                 continue
             wait_ns, since_ns = self._missed.setdefault(object_id, (self._left_ns, {}))
             began_ns = since_ns.setdefault(clock, now_ns)
-            if began_ns > now_ns + NS_PER_S:  # the clock was set back
+            if began_ns > now_ns + NS_PER_S:  # the tracker's clock was set back
                 since_ns[clock] = now_ns
             elif now_ns - began_ns >= wait_ns:
                 del self._missed[object_id]

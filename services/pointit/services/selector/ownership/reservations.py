@@ -34,7 +34,7 @@ class Reservations:
     def expire(self, now_ns: int) -> bool:
         """Free expired reservations. Return True if there were any.
 
-        A reservation that ends later than possible was made before the clock was set back.
+        A reservation that ends later than possible was made by another machine's clock.
         """
         if not self._held:
             return False

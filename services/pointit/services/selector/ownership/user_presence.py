@@ -1,9 +1,7 @@
 """Presence of people: announced, or recently active."""
 
+from pointit.runtime.health.timeliness import MAX_AHEAD_NS
 from pointit.schemas import NS_PER_S
-
-AHEAD_NS = NS_PER_S
-"""An activity farther in the future than this was stamped before the clock was set back."""
 
 
 class UserPresence:
@@ -28,6 +26,6 @@ class UserPresence:
         if user in self._present:
             return False
         heard_ns = self._heard_ns.setdefault(user, now_ns)
-        if heard_ns > now_ns + AHEAD_NS:
+        if heard_ns > now_ns + MAX_AHEAD_NS:
             self._heard_ns[user] = heard_ns = now_ns
         return now_ns - heard_ns >= self._after_ns

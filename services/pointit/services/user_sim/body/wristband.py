@@ -38,9 +38,9 @@ class Wristband:
 
     def sample(self, now_ns: int, world_from_arm: Quaternion) -> ImuSample | None:
         """Return the sample at `now_ns`, or None if the radio loses it."""
-        passed_s = 0.0 if self._at_ns is None else max(0, now_ns - self._at_ns) / NS_PER_S
+        passed_s = 0.0 if self._at_ns is None else (now_ns - self._at_ns) / NS_PER_S
         self._at_ns = now_ns
-        # the band's clock is never set back, and is clamped before it exceeds the message's range
+        # clamped before it exceeds the message's range
         self._running_s = min(self._running_s + passed_s * self._pace, MAX_RUNNING_S)
         self._drift(passed_s)
         half_rad = 0.5 * math.radians(self._config.noise_sd_deg)

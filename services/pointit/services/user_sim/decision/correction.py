@@ -97,8 +97,6 @@ class Correction:
     def remember(self, now_ns: int, deviation_rad: Pair) -> None:
         """Record the deliberate offset from the goal."""
         turned = (deviation_rad[0] + self.now_rad[0], deviation_rad[1] + self.now_rad[1])
-        while self._done and self._done[-1][0] > now_ns:  # a clock was set back
-            self._done.pop()
         self._done.append((now_ns, turned))
         while self._done[0][0] < now_ns - MEMORY_S * NS_PER_S:
             self._done.popleft()

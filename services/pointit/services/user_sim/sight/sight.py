@@ -24,7 +24,7 @@ from pointit.services.user_sim.sight.pixels import Key, Kind, drawable
 FRESH_S = 1.0
 """Maximum age, or lead, of a tracker's list of which the objects are visible, s."""
 MAX_DELAYED = 4096
-"""Limit of delayed messages, which would accumulate if the clock was set back."""
+"""Limit of delayed messages, which bounds memory."""
 END_M = 0.001
 """Distance to its end at which a belt hands over objects, m."""
 MAX_LINKS = 64
@@ -83,8 +83,6 @@ class Sight:
 
     def show(self, now_ns: int, message: Message, name: str = "") -> None:
         """Show `message`, which is perceived after the delay."""
-        if self._delayed and self._delayed[-1][0] > now_ns + self._delay_ns:  # a clock was set back
-            self._delayed = deque((min(due, now_ns), late, of) for due, late, of in self._delayed)
         if len(self._delayed) < MAX_DELAYED:
             self._delayed.append((now_ns + self._delay_ns, message, name))
 

@@ -1,4 +1,4 @@
-# pyright: reportUnknownMemberType=false
+# pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false, reportUnknownLambdaType=false
 # (the stubs of zenoh leave types out)
 """Opening and closing a session without holding up the loop."""
 

@@ -55,9 +55,8 @@ class Package:
         Raises:
             ValueError: If it lies outside a junction that now includes its position, or the other way round.
         """
-        name, kind, length_m, section, offset_m, speed_mps, bay, user, refused, junction, sections = state[
-            :11
-        ]
+        name, kind, length_m, stored, offset_m, speed_mps, bay, user, refused, junction, sections = state[:11]
+        section = int(stored)
         for piece in network.parts[section]:
             is_as_stored = (piece.junction != NONE) == (junction != NONE)
             if is_as_stored and piece.from_m - PAST_M <= offset_m <= piece.to_m + PAST_M:

@@ -927,7 +927,7 @@ export interface LampColor {
  */
 export interface LampLease {
   /**
-   * people who come first; empty: the lamps are theirs until they end
+   * people who come first; if empty, the lamps are theirs until they end
    */
   ahead: string[];
   lamps: string[];

@@ -10,7 +10,8 @@ import { eventLine } from "../words";
 
 /** Topics that pages are not shown; the others are `registry.SHOWN`. */
 type Unseen =
-  | "clock" | "users/{user}/imu" | "users/{user}/wrist" | "users/{user}/button" | "users/{user}/ray" | "users/{user}/anchor";
+  | "clock" | "leds/leases" | "users/{user}/imu" | "users/{user}/wrist" | "users/{user}/button" | "users/{user}/ray"
+  | "users/{user}/anchor";
 type Shown = Omit<Topics, Unseen>;
 
 type Taker<M> = (keeper: Keeper, message: M, name: string, at: number) => void;

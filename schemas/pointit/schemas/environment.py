@@ -258,6 +258,9 @@ class LampLease(SchemaModel):
 class LampLeases(Message):
     """People who use lamps to localize or wait for them, in order. led-driver decides."""
 
+    max_bytes: ClassVar[int] = 1024 * 1024
+    """Room for 64 people who wait for the 500 lamps of a large room."""
+
     leases: Many[LampLease] = ()
 
 

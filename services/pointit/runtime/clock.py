@@ -25,7 +25,7 @@ LOOK_AGAIN_S = 1.0
 
 
 MAX_SLEW_S = 10.0
-"""If a clock was set back by more, in its own seconds, services do not wait for it: they restart."""
+"""Largest step back that is slewed, s of the clock. After a larger one, services step with it, or restart."""
 
 
 class Clock(Protocol):
@@ -158,15 +158,16 @@ class SiteClock:
 
 
 class SteadyClock:
-    """Follows another clock and never goes back, so that what computes with its times need not expect it.
+    """Follows another clock and does not go back, so that what computes with its times need not expect it.
 
     After the other one was set back, it runs at half speed until both agree again. A step forward passes: to
     a service it looks like a suspension of the machine.
     """
 
-    def __init__(self, clock: Clock) -> None:
-        """Follow `clock` from now on."""
+    def __init__(self, clock: Clock, *, may_step: bool = False) -> None:
+        """Follow `clock` from now on; `may_step`: also back, by more than `MAX_SLEW_S`."""
         self._clock = clock
+        self._may_step = may_step
         self._read_ns = self._now_ns = clock.now_ns()
 
     @property
@@ -183,10 +184,12 @@ class SteadyClock:
         slowed_ns = self._now_ns + max(0, read_ns - self._read_ns) // 2
         self._read_ns = read_ns
         self._now_ns = max(read_ns, slowed_ns)
+        if self._may_step and self._now_ns - read_ns > MAX_SLEW_S * NS_PER_S:
+            self._now_ns = read_ns
         return self._now_ns
 
-    def is_apart(self) -> bool:
-        """Return True if the other clock was set back by more than `MAX_SLEW_S`."""
+    def needs_restart(self) -> bool:
+        """Return True if the other clock was set back too far to be slewed."""
         return self.now_ns() - self._read_ns > MAX_SLEW_S * NS_PER_S
 
 

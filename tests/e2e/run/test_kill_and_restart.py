@@ -98,7 +98,7 @@ async def test_a_child_that_cannot_begin_is_named_with_its_reason(commands: Comm
     )
     await run.says("start it again with")
     (sentence,) = (line for line in run.logged() if "start it again with" in line)
-    assert sentence.startswith("led-driver ended with exit code 2: outputs.0.port: /nowhere is used by two")
+    assert sentence.startswith("led-driver ended with exit code 2: outputs.1.port: /nowhere is used by two")
     async with onlooker(endpoint) as seen:
         await until(lambda: set(SERVICES) - {"led-driver"} <= set(seen.health), 30, "the others to go on")
         ended = await commands.pointit("doctor", "--json", "--connect", endpoint)

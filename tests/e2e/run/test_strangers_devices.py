@@ -44,7 +44,6 @@ async def test_package_of_a_stranger_adds_a_wrist_and_a_light(
     assert ended.code == 0, ended.err
     strips, *frames, dark = shown.read_text().splitlines()
     assert (strips, dark) == ("2 strips", "dark")
-    assert len(frames) > 20
     assert any(frame.startswith("255 ") for frame in frames), frames  # the cursor is white
 
 

@@ -2,7 +2,8 @@
 
 import pytest
 
-from pointit.schemas import NS_PER_S, Localization
+from pointit.schemas import NS_PER_S, LampLeases, Localization
+from pointit.schemas.codec import decode, encode
 from pointit.services.led_driver.picture.lamp_queue import MAX_PEOPLE, LampQueue
 
 S = NS_PER_S
@@ -36,11 +37,28 @@ def test_the_earliest_request_is_served_and_all_others_of_its_lamps_wait_in_orde
     assert order(queue) == {"ben": (), "anna": ("ben",), "zoe": ("ben", "anna")}
     assert queue.service().targets == {"led_0"}
     queue.on_localization("ben", news(10, phase="solved"), S)
-    queue.on_localization("anna", news(20, ahead=("ben",)), S)  # has not heard yet that it is their turn
+    for user in ("anna", "zoe"):  # have not heard yet that ben has ended
+        queue.on_localization(user, news(20, ahead=("ben",)), S)
     assert order(queue) == {"anna": (), "zoe": ("anna",)}
     assert queue.service().targets == set()
     queue.on_localization("anna", news(20), S)
     assert queue.service().targets == {"led_0"}
+
+
+def test_person_who_points_is_not_interrupted_by_a_machine_whose_clock_is_behind() -> None:
+    queue = LampQueue(60 * S)
+    queue.on_localization("anna", news(20), S)
+    queue.on_localization("ben", news(5, ahead=("anna",)), S)
+    assert order(queue) == {"anna": (), "ben": ("anna",)}
+    assert queue.service().targets == {"led_0"}
+
+
+def test_leases_of_a_large_room_can_be_read() -> None:
+    queue, lamps = LampQueue(60 * S), tuple(f"lamp_{index:04}" for index in range(500))
+    for index in range(MAX_PEOPLE):
+        queue.on_localization(f"person_{index:02}", news(index, lamps), S)
+    leases = LampLeases(stamp_ns=1, leases=queue.service().leases)
+    assert decode(LampLeases, encode(leases)) == leases
 
 
 def test_people_with_different_lamps_are_served_side_by_side() -> None:

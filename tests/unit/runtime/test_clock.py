@@ -224,7 +224,7 @@ def test_a_steady_clock_never_goes_back_nor_faster_than_what_it_follows(moves_s:
         passed_ns = max(0, round(move_s * 1e9))
         assert passed_ns // 2 <= time_ns - before_ns <= passed_ns
         assert time_ns >= clock.now_ns()
-        assert steady.is_apart() is (time_ns - clock.now_ns() > MAX_SLEW_S * NS_PER_S)
+        assert steady.needs_restart() is (time_ns - clock.now_ns() > MAX_SLEW_S * NS_PER_S)
 
 
 def test_a_steady_clock_runs_at_half_speed_until_both_agree() -> None:
@@ -238,6 +238,19 @@ def test_a_steady_clock_runs_at_half_speed_until_both_agree() -> None:
         passed_s.append((steady.now_ns() - before_ns) / 1e9)
     assert passed_s == [0.05] * 40 + [0.1] * 10
     assert steady.now_ns() == clock.now_ns()
+
+
+@pytest.mark.parametrize("back_s", [0.5, MAX_SLEW_S, MAX_SLEW_S + 1.0, 3600.0])
+def test_a_clock_that_may_step_slews_as_the_others_and_steps_where_they_restart(back_s: float) -> None:
+    clock = ManualClock()
+    stepping, steady = SteadyClock(clock, may_step=True), SteadyClock(clock)
+    clock.advance(-back_s)
+    if back_s > MAX_SLEW_S:
+        assert (stepping.now_ns(), steady.needs_restart()) == (clock.now_ns(), True)
+        return
+    for _ in range(3):
+        clock.advance(0.1)
+        assert stepping.now_ns() == steady.now_ns() > clock.now_ns()
 
 
 def test_a_step_forward_passes_a_steady_clock() -> None:

@@ -72,6 +72,13 @@ def test_a_localizer_that_begins_after_the_pose_gets_it_back_once() -> None:
     assert place.due(21 * S) is not None
 
 
+def test_localizer_that_restarts_because_the_clock_was_set_back_gets_its_pose_back() -> None:
+    place = PoseRestorer()
+    place.pose(pose(3600))
+    place.localization(*idle(10))
+    assert place.due(11 * S) == BACK
+
+
 def test_a_pose_that_was_fixed_is_given_back_as_such() -> None:
     place = PoseRestorer()
     place.pose(UserPose(stamp_ns=2 * S, position_m=(1.0, 2.0, 0.0), yaw_rad=0.5))

@@ -85,7 +85,7 @@ def plugins() -> Section:
             except ConfigError as error:
                 use, about = f"{option} {name}", str(error)
             rows.append({"use": use, "about": about, "package": group.package(name)})
-    return Section(name="plugins", about="devices that `pointit run` takes", rows=tuple(rows))
+    return Section(name="plugins", about="devices for `pointit run` and `pointit user`", rows=tuple(rows))
 
 
 SECTIONS: dict[str, Callable[[], Section]] = {

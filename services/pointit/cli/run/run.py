@@ -85,7 +85,12 @@ def _explain(context: click.Context, _parameter: click.Parameter, wanted: bool) 
     "most of them; gauge: a gauge fills during steady pointing, and drains otherwise  "
     "[default: the scenario's]",
 )
-@click.option("--leds", default="", metavar="OUTPUT", help="expander:PORT drives real strips")
+@click.option(
+    "--leds",
+    default="",
+    metavar="OUTPUT",
+    help="expander:PORT drives strips; `pointit list plugins` lists others",
+)
 @click.option(
     "--ros2",
     is_flag=True,

@@ -50,7 +50,8 @@ def shared_options(function: Any) -> Any:
                 "objects, points at them and presses the button. page: only a page's mouse or phone, or ROS. "
                 "simulated: only a simulated sensor, on an "
                 "arm that sweeps to and fro, to test the path of a device. serial:PORT or "
-                "replay:FILE.csv: a device, or its recording. Once for each person",
+                "replay:FILE.csv: a device, or its recording; `pointit list plugins` lists others. "
+                "Once for each person",
             ),
             click.option(
                 "--config",

@@ -201,7 +201,7 @@ def _device(device: str) -> dict[str, Any]:
     try:
         source, parameters = SOURCES.choose(device)
     except ConfigError as error:
-        raise ConfigError(f"--imu {device!r}: {error} (sim, the default, is a simulated person)") from error
+        raise ConfigError(f"--imu {device!r}: {error}") from error
     return {"source": source, source: parameters}
 
 

@@ -58,8 +58,20 @@ class PluginGroup(Generic[P]):
 
     @cached_property
     def _entries(self) -> dict[str, EntryPoint]:
-        found = entry_points(group=self.group)
-        return {entry.name: entry for entry in sorted(found, key=lambda entry: entry.name)}
+        found: dict[str, EntryPoint] = {}
+        for entry in sorted(entry_points(group=self.group), key=lambda entry: entry.name):
+            other = found.setdefault(entry.name, entry)
+            if other.value != entry.value:
+                raise ConfigError(
+                    f"{self._noun} {entry.name!r} is in two packages: uninstall {_package(other)} or "
+                    f"{_package(entry)}"
+                )
+        if not found:
+            raise ConfigError(
+                f"no {self._noun} is installed, not even those of pointit: install it again (in a checkout: "
+                "scripts/setup)"
+            )
+        return found
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -78,10 +90,12 @@ class PluginGroup(Generic[P]):
         try:
             plugin = entry.load()
         except Exception as error:  # code of others, which may raise anything when it is imported
-            package = entry.dist.name if entry.dist else entry.value
-            remedy = f"install {package}[{','.join(entry.extras)}]" if entry.extras else f"mend {package}"
+            package = _package(entry)
+            extras = ",".join(entry.extras)
+            remedy = f"install {package}[{extras}]" if extras else f"update or uninstall {package}"
+            reason = f"{type(error).__name__}: {error}"
             raise ConfigError(
-                f"{self._noun} {name!r} of {package} cannot be imported; {remedy} ({error})"
+                f"{self._noun} {name!r} of {package} cannot be imported ({reason}); {remedy}"
             ) from error
         if not isinstance(plugin, self._kind):
             raise ConfigError(f"{self._noun} {name!r}: {entry.value} is no {self._kind.__name__}")
@@ -89,8 +103,7 @@ class PluginGroup(Generic[P]):
 
     def package(self, name: str) -> str:
         """Return the package that brings the plug-in `name`, without importing it."""
-        dist = self._entries[name].dist
-        return dist.name if dist else ""
+        return _package(self._entries[name])
 
     def choose(self, text: str) -> tuple[str, dict[str, Any]]:
         """Return the name and the parameters that `NAME` or `NAME:VALUE` chooses.
@@ -129,6 +142,10 @@ class PluginGroup(Generic[P]):
             raise _described((*loc, *below), text, values) from error
 
 
+def _package(entry: EntryPoint) -> str:
+    return entry.dist.name if entry.dist else entry.value
+
+
 def _described(loc: tuple[int | str, ...], text: str, value: object) -> ValidationError:
     return ValidationError.from_exception_data(
         "plug-in",
@@ -152,7 +169,10 @@ class PluginConfig(Config, extra="allow"):
         """Validate the parameters of plug-ins, which pydantic takes as they are."""
         extra: dict[str, Any] = self.__pydantic_extra__ or {}
         plugins = self.plugins()
-        for name, values in extra.items():
+        for (
+            name,
+            values,
+        ) in extra.items():
             if name not in plugins.names:
                 known = (*field_names(type(self)), *plugins.names)
                 raise _described((), unknown_parameter_message(name, known), values)

@@ -135,15 +135,13 @@ async def run_service(launch: Launch, bus: Bus, clock: Clock) -> None:
     """
     if launch.user:
         check_user(launch.user)
-    if launch.service.TIME_MAY_STEP:
-        await _run_once(launch, bus, clock)
-        return
-    while await _run_once(launch, bus, SteadyClock(clock)):
+    may_step = launch.service.TIME_MAY_STEP
+    while await _run_once(launch, bus, SteadyClock(clock, may_step=may_step)):
         log.warning("%s restarts: the clock was set back by more than %.0f s", launch.instance, MAX_SLEW_S)
 
 
-async def _run_once(launch: Launch, bus: Bus, clock: Clock) -> bool:
-    """Run one service. Return True if it ended because `clock` is apart from the one that it follows."""
+async def _run_once(launch: Launch, bus: Bus, clock: SteadyClock) -> bool:
+    """Run one service. Return True if it must be restarted, since its clock was set back too far."""
     kind = launch.service
     view = ServiceBus(bus, clock, kind.NAME, launch.instance, launch.user)
     succession = TakeoverMonitor(bus, launch.instance)
@@ -181,11 +179,11 @@ async def _until_lost(succession: TakeoverMonitor, launch: Launch) -> None:
 
 
 async def _report(
-    view: ServiceBus, health: Publisher[Health], succession: TakeoverMonitor, clock: Clock
+    view: ServiceBus, health: Publisher[Health], succession: TakeoverMonitor, clock: SteadyClock
 ) -> bool:
-    """Publish health until the bus is closed, or the clock is apart: then return True."""
+    """Publish health until the bus is closed, or the service must be restarted: then return True."""
     with contextlib.suppress(BusClosedError):  # closed beneath the service: it ends without complaint
-        while not (isinstance(clock, SteadyClock) and clock.is_apart()):
+        while not clock.needs_restart():
             view.warn("twice", succession.duplicate_instance_warning())
             health.put(view.report())
             await asyncio.sleep(HEALTH_PERIOD_S)

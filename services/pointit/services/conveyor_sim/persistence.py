@@ -79,7 +79,13 @@ class PlantPersistence:
             return ()
         try:
             plant.restore(saved.snapshot)
-        except (LookupError, TypeError, ValueError):  # written by another version
+        except (
+            ArithmeticError,
+            AttributeError,
+            LookupError,
+            TypeError,
+            ValueError,
+        ):  # written by another version
             plant.reset()
             return ()
         self._seq = saved.seq

@@ -36,7 +36,7 @@ class ChannelConfig(Config):
 class OutputConfig(Config):
     """Parameters of every kind of controller."""
 
-    kind: str = Field(default=NONE, description="kind of controller, or none; `pointit list` shows the kinds")
+    kind: str = Field(default=NONE, description="kind of controller (`pointit list plugins`), or none")
     gamma: float = Field(
         default=2.2,
         ge=1,

@@ -87,9 +87,9 @@ class PoseManager:
         """Update the queue for lamps."""
         return self._procedures.on_leases(leases, now_ns)
 
-    def on_leases_gone(self) -> None:
+    def on_leases_gone(self, now_ns: int) -> None:
         """Forget the queue for lamps, as led-driver has ended."""
-        self._procedures.on_leases_gone()
+        self._procedures.on_leases_gone(now_ns)
 
     def on_ray(self, ray: PointingRay, now_ns: int) -> list[Output]:
         """Process a ray of the person."""

@@ -33,6 +33,10 @@ REPUBLISH_NS = NS_PER_S
 """Period at which progress or waiting is published again, from which led-driver knows that it goes on."""
 
 
+ARBITER_PATIENCE_NS = 10 * NS_PER_S
+"""Time for led-driver to come back, before people who wait begin as if alone, ns."""
+
+
 class ProcedureRunner:
     """Creates procedures, runs one at a time, and passes their poses to the tracker."""
 
@@ -43,6 +47,8 @@ class ProcedureRunner:
         self._room: Environment | None = None
         self._leases: tuple[LampLease, ...] = ()
         """Order of the people who use lamps or wait for them, as led-driver decided."""
+        self._gone_ns: int | None = None
+        """Time since which led-driver, which orders people, is gone, ns."""
         self._make: Make = self._static
         """Creates the procedure of the last request for lamps."""
         self._running: Procedure | None = None
@@ -95,6 +101,7 @@ class ProcedureRunner:
     def on_leases(self, leases: LampLeases, now_ns: int) -> list[Output]:
         """Begin to point if it is the person's turn, or wait if another request was earlier."""
         self._leases = leases.leases
+        self._gone_ns = None
         running = self._running
         if not isinstance(running, QueuedPointing | LampProcedure):
             return []
@@ -106,9 +113,10 @@ class ProcedureRunner:
             return self._wait_on(running, ahead, now_ns)
         return self._queue(running, running.since_ns, ahead, now_ns) if ahead else []
 
-    def on_leases_gone(self) -> None:
-        """Forget the order of people, as led-driver has ended. Those who wait go on waiting for it."""
+    def on_leases_gone(self, now_ns: int) -> None:
+        """Forget the order of people, as led-driver has ended. Those who wait give it time to come back."""
         self._leases = ()
+        self._gone_ns = now_ns
 
     def on_ray(self, ray: PointingRay) -> None:
         """Process a ray of the person."""
@@ -134,7 +142,8 @@ class ProcedureRunner:
         if running is None:
             return []
         if isinstance(running, QueuedPointing):
-            return self._wait_on(running, running.ahead, now_ns)
+            is_alone = self._gone_ns is not None and now_ns - self._gone_ns > ARBITER_PATIENCE_NS
+            return self._wait_on(running, () if is_alone else running.ahead, now_ns)
         out = self._process_outputs(running.step(now_ns), now_ns)
         if isinstance(self._running, LampProcedure) and abs(now_ns - self._published_ns) >= REPUBLISH_NS:
             self._published_ns = now_ns

@@ -126,7 +126,7 @@ class Localizer(Service[LocalizerConfig]):
 
     def _on_service(self, instance: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
         if instance == ARBITER and not present:
-            self._locating.on_leases_gone()
+            self._locating.on_leases_gone(self.clock.now_ns())
 
     def _on_interaction(self, news: Interaction, _user: str) -> None:
         self._locating.on_interaction(news)

@@ -1,5 +1,6 @@
 """Restores the pose after a restart of the localizer, since a retained pose is lost with its publisher."""
 
+from pointit.runtime.health.timeliness import MAX_AHEAD_NS
 from pointit.schemas import Localization, SetPose, UserPose
 
 OWN_NS = 1_000_000_000
@@ -43,7 +44,11 @@ class PoseRestorer:
     def localization(self, news: Localization, now_ns: int) -> None:
         """Process the localizer's progress."""
         self._is_sampling = news.phase == "sampling"
-        if news.phase == "idle" and self._pose is not None and news.stamp_ns > self._pose.stamp_ns:
+        pose = self._pose
+        if pose is None or news.phase != "idle":
+            return
+        was_set_back = pose.stamp_ns > now_ns + MAX_AHEAD_NS  # the clock, so that stamps do not compare
+        if news.stamp_ns > pose.stamp_ns or was_set_back:
             self._renew(now_ns)
 
     def localizer(self, now_ns: int, *, is_present: bool) -> None:

@@ -63,11 +63,16 @@ class LampQueue:
         return any(not news.ahead for _, news in self._active.values())
 
     def service(self) -> LampService:
-        """Return the order of all people, the earliest request first, and the lamps to light."""
-        wanted = ((news.since_ns, user, news) for user, (_, news) in self._active.items() if news.lamps)
+        """Return the order of people, those who point before those who wait, and the lamps to light."""
+        # those who point come first: clocks differ, so a later request may state an earlier time
+        wanted = (
+            (bool(news.ahead), news.since_ns, user, news)
+            for user, (_, news) in self._active.items()
+            if news.lamps
+        )
         leases: list[LampLease] = []
         targets: set[str] = set()
-        for since_ns, user, news in sorted(wanted, key=lambda each: each[:2]):
+        for _, since_ns, user, news in sorted(wanted, key=lambda each: each[:3]):
             ahead = tuple(lease.user for lease in leases if not set(news.lamps).isdisjoint(lease.lamps))
             leases.append(LampLease(user=user, since_ns=since_ns, lamps=news.lamps, ahead=ahead))
             if not ahead and not news.ahead and news.target_id in news.lamps:

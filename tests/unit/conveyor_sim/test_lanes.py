@@ -191,6 +191,12 @@ def test_the_count_ends_the_feeding_and_reset_begins_it_again() -> None:
     assert {event.object_id for event in events}.isdisjoint(tracked.id for tracked in on(belts))
 
 
+def test_an_empty_sequence_feeds_nothing() -> None:
+    belts = conveyor(2.0, sequence=[], initial=3)
+    belts.step(10 * S)
+    assert belts.fed == 0
+
+
 def test_adding_says_what_is_in_the_way() -> None:
     belts = conveyor(2.0, 2.0, sequence=[], speed_mps=0.1)
     assert belts.add("box", "", 0.4) == "0-1"

@@ -94,6 +94,10 @@ class Processes:
                 failed.append(instance)
                 child.kill()
         await asyncio.gather(*waits)
+        pipes = [child.stdin for child in self._children.values() if child.stdin is not None]
+        for pipe in pipes:
+            pipe.close()  # a pipe that is left to the garbage collector may outlive the loop, which it needs
+        await asyncio.gather(*(pipe.wait_closed() for pipe in pipes), return_exceptions=True)
         for watch in self._watches:
             watch.cancel()
         await asyncio.gather(*self._watches, return_exceptions=True)

@@ -1,7 +1,7 @@
 """Rings of a network, compared with SciPy's components."""
 
 import numpy as np
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
@@ -35,6 +35,7 @@ def network_of(links: list[tuple[int, int, int]]) -> Network:
 belts = st.integers(0, BELTS - 1)
 
 
+@settings(max_examples=40)
 @given(st.lists(st.tuples(belts, st.integers(1, round(LONG_M)), belts), max_size=10, unique=True))
 def test_rings_are_what_scipy_calls_strongly_connected(links: list[tuple[int, int, int]]) -> None:
     network = network_of(links)

@@ -53,8 +53,10 @@ class PluginGroup(Generic[P]):
     def __init__(self, group: str, kind: type[P], noun: str) -> None:
         """Look for entry points of `group`, each a `kind`. Errors call one a `noun`."""
         self.group = group
-        self._kind = kind
-        self._noun = noun
+        self.kind = group.rpartition(".")[2]
+        """Last part of the group's name, such as `imu_sources`."""
+        self.noun = noun
+        self._type = kind
 
     @cached_property
     def _entries(self) -> dict[str, EntryPoint]:
@@ -63,12 +65,12 @@ class PluginGroup(Generic[P]):
             other = found.setdefault(entry.name, entry)
             if other.value != entry.value:
                 raise ConfigError(
-                    f"{self._noun} {entry.name!r} is in two packages: uninstall {_package(other)} or "
+                    f"{self.noun} {entry.name!r} is in two packages: uninstall {_package(other)} or "
                     f"{_package(entry)}"
                 )
         if not found:
             raise ConfigError(
-                f"no {self._noun} is installed, not even those of pointit: install it again (in a checkout: "
+                f"no {self.noun} is installed, not even those of pointit: install it again (in a checkout: "
                 "scripts/setup)"
             )
         return found
@@ -86,7 +88,7 @@ class PluginGroup(Generic[P]):
         """
         entry = self._entries.get(name)
         if entry is None:
-            raise ConfigError(f"no {self._noun} {name!r} is installed; there are {', '.join(self.names)}")
+            raise ConfigError(f"no {self.noun} {name!r} is installed; there are {', '.join(self.names)}")
         try:
             plugin = entry.load()
         except Exception as error:  # code of others, which may raise anything when it is imported
@@ -95,10 +97,10 @@ class PluginGroup(Generic[P]):
             remedy = f"install {package}[{extras}]" if extras else f"update or uninstall {package}"
             reason = f"{type(error).__name__}: {error}"
             raise ConfigError(
-                f"{self._noun} {name!r} of {package} cannot be imported ({reason}); {remedy}"
+                f"{self.noun} {name!r} of {package} cannot be imported ({reason}); {remedy}"
             ) from error
-        if not isinstance(plugin, self._kind):
-            raise ConfigError(f"{self._noun} {name!r}: {entry.value} is no {self._kind.__name__}")
+        if not isinstance(plugin, self._type):
+            raise ConfigError(f"{self.noun} {name!r}: {entry.value} is no {self._type.__name__}")
         return plugin
 
     def package(self, name: str) -> str:

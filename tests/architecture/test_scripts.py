@@ -286,7 +286,7 @@ def test_check_goes_on_after_a_failure_and_names_what_failed(machine: Machine) -
     ]
     assert "mypy complains" in done.stdout
     assert "ruff complains" not in done.stdout
-    assert machine.calls == ["pointit schema --check", "python scripts/prose"]
+    assert machine.calls == ["pointit topic schema --check", "python scripts/prose"]
 
 
 @pytest.mark.parametrize("there", [False, True])

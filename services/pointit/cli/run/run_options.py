@@ -50,7 +50,7 @@ def shared_options(function: Any) -> Any:
                 "objects, points at them and presses the button. page: only a page's mouse or phone, or ROS. "
                 "simulated: only a simulated sensor, on an "
                 "arm that sweeps to and fro, to test the path of a device. serial:PORT or "
-                "replay:FILE.csv: a device, or its recording; `pointit list plugins` lists others. "
+                "replay:FILE.csv: a device, or its recording; `pointit plugin list` lists others. "
                 "Once for each person",
             ),
             click.option(
@@ -65,7 +65,7 @@ def shared_options(function: Any) -> Any:
                 "settings",
                 multiple=True,
                 metavar="SERVICE.PARAMETER=VALUE",
-                help="change one parameter; `pointit service NAME --help` shows them",
+                help="change one parameter; `pointit service run NAME --help` shows them",
             ),
             click.option(
                 "--duration",

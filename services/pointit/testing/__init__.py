@@ -1,4 +1,4 @@
-"""Checks of plug-ins: what every IMU source, LED output, selection method and service promises.
+r"""Checks of plug-ins: what every IMU source, LED output, selection method and service promises.
 
 The author of a plug-in says once how its device can be faked, and gets one test for each promise:
 
@@ -6,7 +6,7 @@ The author of a plug-in says once how its device can be faked, and gets one test
         plugin=SOURCE,
         device=TcpDevice,
         parameters=lambda device: {"host": device.host, "port": device.port},
-        encode=lambda xyzw: b"%f,%f,%f,%f\\n" % xyzw,
+        encode=lambda xyzw: b"%f,%f,%f,%f\n" % xyzw,
     )
 
     @pytest.mark.parametrize("check", checks(DEVICE), ids=str)
@@ -17,7 +17,7 @@ Declared as an entry point of the group `pointit.fake_devices`, under the name o
 found by `pointit plugin check NAME`, too.
 """
 
-from pointit.testing.check import Check, CheckFailedError
+from pointit.testing.check import Check, CheckFailedError, run_checks
 from pointit.testing.devices.device import FakeDevice
 from pointit.testing.devices.pty import PtyDevice
 from pointit.testing.devices.tcp import TcpDevice
@@ -35,6 +35,7 @@ __all__ = [
     "TcpDevice",
     "UdpDevice",
     "checks",
+    "run_checks",
 ]
 
 PATIENCES = 6.0
@@ -44,7 +45,7 @@ Harness = ImuHarness | LedHarness
 
 
 def checks(harness: Harness) -> list[Check]:
-    """Return the checks of the plug-in of `harness` that can be made with it, for `pytest.mark.parametrize`."""
+    """Return the checks that can be made with `harness`, for `pytest.mark.parametrize`."""
     limit_s = PATIENCES * harness.patience_s
     if isinstance(harness, ImuHarness):
         return IMU_SUITE.checks(harness, limit_s=limit_s, virtual_time=harness.virtual_time)

@@ -1,12 +1,17 @@
 """Checks: what must hold, what to do if it does not, and the trial that finds out."""
 
-from collections.abc import Callable, Coroutine
+from collections.abc import Callable, Coroutine, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Generic, TypeVar
 
 from pointit.testing.own_loop import run_in_own_loop
 
 H = TypeVar("H")
+
+AT_ONCE = 16
+"""Checks that run at the same time: most of them wait."""
 
 Trial = Callable[[H], Coroutine[Any, Any, None]]
 
@@ -20,6 +25,8 @@ class Check:
     """What must hold, as one clause without a subject: `ends within 1 s of being cancelled`."""
     remedy: str
     """What to change if it does not hold, one sentence."""
+    alone: bool
+    """True if it measures the whole process, so that no other check may run meanwhile."""
     function: Callable[[], None]
 
     def __str__(self) -> str:
@@ -42,12 +49,32 @@ class CheckFailedError(AssertionError):
     """A plug-in does not keep a promise; the message says which, what happened, and what to do."""
 
 
+def run_checks(checks: Sequence[Check]) -> Iterator[tuple[Check, str]]:
+    """Run `checks`, most of them at the same time. Yield each with what is wrong, or `""`, in their order."""
+    with ThreadPoolExecutor(max_workers=AT_ONCE) as pool:
+        found = {check.name: pool.submit(problem, check) for check in checks if not check.alone}
+    for check in checks:
+        yield check, found[check.name].result() if check.name in found else problem(check)
+
+
+def problem(check: Check) -> str:
+    """Return what is wrong according to `check`, or `""`."""
+    try:
+        check.run()
+    except CheckFailedError as error:
+        return str(error)
+    except Exception as error:  # noqa: BLE001 - of a harness, which is code of others, too
+        return f"{check.name}: the harness raised {type(error).__name__}: {error}. Correct it"
+    return ""
+
+
 @dataclass(frozen=True)
 class _Kind(Generic[H]):
     name: str
     promise: str
     remedy: str
     applies: Callable[[H], bool]
+    alone: bool
     trial: Trial[H]
 
 
@@ -58,7 +85,12 @@ class Suite(Generic[H]):
         self._kinds: list[_Kind[H]] = []
 
     def add(
-        self, promise: str, remedy: str, applies: Callable[[H], bool] = lambda _harness: True
+        self,
+        promise: str,
+        remedy: str,
+        applies: Callable[[H], bool] = lambda _harness: True,
+        *,
+        alone: bool = False,
     ) -> Callable[[Trial[H]], Trial[H]]:
         """Add the decorated function as a check of its name.
 
@@ -66,10 +98,11 @@ class Suite(Generic[H]):
             promise: what must hold.
             remedy: what to do otherwise.
             applies: returns False for a harness with which it cannot be found out.
+            alone: True if it measures the whole process.
         """
 
         def added(trial: Trial[H]) -> Trial[H]:
-            self._kinds.append(_Kind(trial.__name__, promise, remedy, applies, trial))
+            self._kinds.append(_Kind(trial.__name__, promise, remedy, applies, alone, trial))
             return trial
 
         return added
@@ -81,7 +114,8 @@ class Suite(Generic[H]):
                 name=kind.name,
                 promise=kind.promise,
                 remedy=kind.remedy,
-                function=lambda kind=kind: _run(kind.trial, harness, limit_s, virtual_time=virtual_time),
+                alone=kind.alone,
+                function=partial(_run, kind.trial, harness, limit_s, virtual_time=virtual_time),
             )
             for kind in self._kinds
             if kind.applies(harness)

@@ -1,8 +1,7 @@
-"""Parts of checks that all kinds of plug-ins share: parameters, memory, what is left behind, a blocked loop."""
+"""Parts of checks that all kinds of plug-ins share: parameters, memory, leaks, a blocked loop."""
 
 import asyncio
 import gc
-import os
 import threading
 import time
 import tracemalloc
@@ -135,6 +134,4 @@ async def require_responsive(act: Callable[[], Awaitable[None]]) -> None:
     await act()
     watch.stop()
     if watch.longest_s > BLOCKED_S:
-        raise CheckFailedError(
-            f"the event loop stood still for {watch.longest_s:.1f} s in {watch.where}"
-        )
+        raise CheckFailedError(f"the event loop stood still for {watch.longest_s:.1f} s in {watch.where}")

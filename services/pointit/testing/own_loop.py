@@ -1,4 +1,4 @@
-"""An event loop in a thread of its own, watched from outside: what blocks or hangs it is named, not waited for."""
+"""An event loop in a thread of its own, watched from outside, so that what blocks or hangs it is named."""
 
 import asyncio
 import contextlib

@@ -43,7 +43,7 @@ def _line(orientation: Quaternion) -> bytes:
 
 
 def frames(received: bytes) -> list[bytes]:
-    """Return the frames that an expander has drawn: what its channels were set to before each draw command."""
+    """Return the frames that an expander has drawn: its channels at each draw command."""
     drawn: list[bytes] = []
     channels: dict[int, bytes] = {}
     for part in received.split(MAGIC)[1:]:

@@ -110,8 +110,7 @@ class TrustsTheMap(Output):
 class NeverWarns(Output):
     def __init__(self, config: OutputParameters, surroundings: Surroundings) -> None:
         super().__init__(config, surroundings)
-        self._health: Any = Silently()
-        self._health.reached = surroundings.health.reached
+        self._health: Any = Silently(surroundings.health, "reached")
 
 
 class SleepsInTheLoop(Output):

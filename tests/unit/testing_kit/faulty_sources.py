@@ -9,8 +9,7 @@ from typing import Any
 
 from pydantic import Field
 
-from pointit.plugins import Config, Deliver, Quaternion, Reading, Reconnected, Surroundings
-from pointit.testing import ImuHarness
+from pointit.plugins import Config, Deliver, HealthSink, Quaternion, Reading, Reconnected, Surroundings
 from pointit.testing.templates.imu_source import SOURCE, Source, SourceConfig, parse
 from pointit.testing.templates.imu_source.fake import DEVICE
 
@@ -33,24 +32,26 @@ class ConcealsRestarts(Source):
 
 
 class Silently:
-    def warn(self, topic: str, sentence: str) -> None:
-        """Say nothing."""
+    """Health of which only what is named is told."""
 
-    def clear(self, topic: str) -> None:
-        """Say nothing."""
+    def __init__(self, health: HealthSink, *told: str) -> None:
+        self._health = health
+        self._told = told
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._health, name) if name in self._told else lambda *_: None
 
 
 class NeverWarns(Source):
     def __init__(self, config: SourceConfig, surroundings: Surroundings) -> None:
         super().__init__(config, surroundings)
-        self._health: Any = Silently()
+        self._health: Any = Silently(surroundings.health)
 
 
 class NeverStopsWarning(Source):
     def __init__(self, config: SourceConfig, surroundings: Surroundings) -> None:
         super().__init__(config, surroundings)
-        self._health: Any = Silently()
-        self._health.warn = surroundings.health.warn
+        self._health: Any = Silently(surroundings.health, "warn")
 
 
 class CannotBeCancelled(Source):
@@ -270,9 +271,13 @@ class Fault:
     harness: Any
 
 
-def fault(check: str, words: str, make: Any, *, config: type[Config] | None = None, wait_s: float = 2.0) -> Fault:
-    """Return the template with another source."""
-    plugin = replace(SOURCE, make=make, **({"config": config, "check": lambda _config: None} if config else {}))
+def fault(
+    check: str, words: str, make: Any, *, config: type[Config] | None = None, wait_s: float = 2.0
+) -> Fault:
+    """Return the template with another source, and without its check if there is another `config`."""
+    plugin = replace(SOURCE, make=make)
+    if config is not None:
+        plugin = replace(plugin, config=config, check=lambda _config: None)
     return Fault(check, words, replace(DEVICE, plugin=plugin, patience_s=wait_s))
 
 
@@ -303,7 +308,9 @@ FAULTS: dict[str, Fault] = {
     "leaves_a_socket": fault("leaves_nothing", "open file", LeavesASocket),
     "leaves_a_thread": fault("leaves_nothing", "thread 'reader", LeavesAThread),
     "leaves_a_task": fault("leaves_nothing", "task", LeavesATask),
-    "undescribed_parameter": fault("parameters", "without a description: gain", Source, config=UndescribedConfig),
+    "undescribed_parameter": fault(
+        "parameters", "without a description: gain", Source, config=UndescribedConfig
+    ),
     "raises_key_error": fault("config_errors", "raised KeyError", _key_error, config=StrictConfig),
     "accepts_no_address": fault("config_errors", "were accepted", Source, config=SourceConfig),
 }

@@ -63,7 +63,9 @@ async def tells_reconnection(harness: ImuHarness) -> None:
         await trial.device.plug()
         await trial.hear("the device came back and no reading was delivered")
         if trial.reconnections == before:
-            raise CheckFailedError("the device came back and no `Reconnected` was delivered before its reading")
+            raise CheckFailedError(
+                "the device came back and no `Reconnected` was delivered before its reading"
+            )
 
 
 @IMU_SUITE.add(
@@ -88,6 +90,7 @@ async def warns(harness: ImuHarness) -> None:
 @IMU_SUITE.add(
     "waits through silence, without using the processor",
     "Await the next bytes instead of asking for them in a loop, and take silence for no error",
+    alone=True,
 )
 async def silence(harness: ImuHarness) -> None:
     """See the promise."""
@@ -126,6 +129,7 @@ async def cancels(harness: ImuHarness) -> None:
     "does not hold up the event loop",
     "Call nothing that waits, such as `time.sleep` or a blocking read: use asyncio's streams, or "
     "`asyncio.to_thread` and a thread of its own",
+    alone=True,
 )
 async def does_not_block(harness: ImuHarness) -> None:
     """See the promise."""
@@ -146,6 +150,7 @@ async def does_not_block(harness: ImuHarness) -> None:
 @IMU_SUITE.add(
     "leaves no task, thread, file or socket when it has ended",
     "Close in `finally` or `async with` what `run` opens, and cancel and await its tasks",
+    alone=True,
 )
 async def leaves_nothing(harness: ImuHarness) -> None:
     """See the promise."""

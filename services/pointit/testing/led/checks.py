@@ -96,6 +96,7 @@ async def shows(harness: LedHarness) -> None:
 @LED_SUITE.add(
     "returns at once from `show`, also while the device is away or stuck",
     "Keep the frame in `show` and send it from `run`",
+    alone=True,
 )
 async def show_returns_at_once(harness: LedHarness) -> None:
     """See the promise."""
@@ -143,7 +144,7 @@ async def newest_wins(harness: LedHarness) -> None:
 )
 async def odd_frames(harness: LedHarness) -> None:
     """See the promise."""
-    odd = (
+    odd: tuple[list[StripFrame], ...] = (
         [],
         [StripFrame(id="unknown", rgb=b"\xff" * 30)],
         [StripFrame(id="a", rgb=b"\xff" * 3)],
@@ -271,12 +272,15 @@ async def light_s(harness: LedHarness) -> None:
         if not (math.isfinite(measured_s) and 0.0 <= measured_s <= passed_s):
             raise CheckFailedError(f"{passed_s:.2f} s after the first `show` it was {measured_s!r}")
         if notices_loss(harness) and 0.0 < measured_s < late_s - 0.1:
-            raise CheckFailedError(f"a frame left {late_s:.2f} s after its `show`, and it was {measured_s:.3f}")
+            raise CheckFailedError(
+                f"a frame left {late_s:.2f} s after its `show`, and it was {measured_s:.3f}"
+            )
 
 
 @LED_SUITE.add(
     "needs no more memory the longer it runs",
     "Keep the newest frame alone; a queue without limit grows while the device is away or slow",
+    alone=True,
 )
 async def bounded_memory(harness: LedHarness) -> None:
     """See the promise."""
@@ -298,6 +302,7 @@ async def bounded_memory(harness: LedHarness) -> None:
 @LED_SUITE.add(
     "does not hold up the event loop",
     "Call nothing that waits, such as `time.sleep` or a blocking write: use asyncio's streams, or a thread",
+    alone=True,
 )
 async def does_not_block(harness: LedHarness) -> None:
     """See the promise."""
@@ -319,6 +324,7 @@ async def does_not_block(harness: LedHarness) -> None:
 @LED_SUITE.add(
     "leaves no task, thread, file or socket when it has ended",
     "Close in `finally` or `async with` what `run` opens, and cancel and await its tasks",
+    alone=True,
 )
 async def leaves_nothing(harness: LedHarness) -> None:
     """See the promise."""

@@ -29,8 +29,8 @@ class LedHarness:
     parameters: Callable[[Any], Mapping[str, object]]
     """Parameters of the output that lead it to the device given."""
     decode: Callable[[bytes], Sequence[bytes]]
-    """Returns the complete frames in what the device has received since it was connected, in their order, each
-    as the pixels of all strips: 3 bytes a pixel, red, green, blue. The checks use only 0 and 255."""
+    """Returns the complete frames in what the device has received since it was connected, in their order.
+    Each is the pixels of all strips: 3 bytes a pixel, red, green, blue. The checks use only 0 and 255."""
     wrong_parameters: tuple[Mapping[str, object], ...] = ()
     """Parameters that the output must refuse."""
     patience_s: float = 10.0

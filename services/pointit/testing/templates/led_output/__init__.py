@@ -1,4 +1,4 @@
-"""A controller in the network that shows the last line sent: all pixels of all strips, in hexadecimal digits."""
+"""A controller in the network that takes lines of hexadecimal digits: the pixels of all strips."""
 
 import asyncio
 import contextlib

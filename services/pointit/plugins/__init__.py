@@ -26,6 +26,7 @@ Then `pointit run --imu waving` uses it, `--set imu-bridge.waving.rate_hz=100` s
 
 - `ImuSource` (`pointit.imu_sources`): a device that gives the orientation of a person's arm.
 - `LedOutput` (`pointit.led_outputs`): a controller that shows frames on strips.
+- `SelectionMethod` (`pointit.selection_methods`): decides when pointing at an object selects it.
 
 A plug-in has no bus. It gets the values of its parameters, already validated, and its `Surroundings`: the
 clock of all stamps, health, in which it reports problems and metrics, and a place for what it stores.
@@ -45,10 +46,19 @@ from pointit.runtime.config.plugins import Plugin, PluginGroup
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.health.surroundings import HealthSink, Surroundings
 from pointit.runtime.host.state_file import StateFile
-from pointit.schemas import NS_PER_S, Strip, StripFrame, StripsFrame
+from pointit.schemas import NS_PER_S, Cursor, Strip, StripFrame, StripsFrame
 from pointit.services.imu_bridge.reading import Deliver, Item, Press, Reading, Reconnected, Source
 from pointit.services.imu_bridge.sources import SOURCES, ImuSource
 from pointit.services.led_driver.outputs import OUTPUTS, LedOutput, Output, OutputConfig
+from pointit.services.selector.objects.view import View
+from pointit.services.selector.selection_methods import (
+    METHODS,
+    MethodConfig,
+    PersonMethod,
+    Pointing,
+    Progress,
+    SelectionMethod,
+)
 
 __all__ = [
     "GROUPS",
@@ -56,29 +66,40 @@ __all__ = [
     "Clock",
     "Config",
     "ConfigError",
+    "Cursor",
     "Deliver",
     "HealthSink",
     "ImuSource",
     "Item",
     "LedOutput",
+    "MethodConfig",
     "Output",
     "OutputConfig",
+    "PersonMethod",
     "Plugin",
     "PluginGroup",
+    "Pointing",
     "Press",
+    "Progress",
     "Quaternion",
     "Reading",
     "Reconnected",
+    "SelectionMethod",
     "Source",
     "StateFile",
     "Strip",
     "StripFrame",
     "StripsFrame",
     "Surroundings",
+    "View",
     "rotation",
     "sleep",
     "ticks",
 ]
 
-GROUPS: dict[str, PluginGroup[Any]] = {"imu-source": SOURCES, "led-output": OUTPUTS}
+GROUPS: dict[str, PluginGroup[Any]] = {
+    "imu-source": SOURCES,
+    "led-output": OUTPUTS,
+    "selection-method": METHODS,
+}
 """Installed plug-ins by kind."""

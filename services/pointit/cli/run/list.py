@@ -72,7 +72,7 @@ def maps() -> Section:
     )
 
 
-OPTIONS = {"imu-source": "--imu", "led-output": "--leds"}
+OPTIONS = {"imu-source": "--imu", "led-output": "--leds", "selection-method": "--method"}
 """Options of `pointit run` that choose a plug-in, by its kind."""
 
 

@@ -96,12 +96,14 @@ class PluginGroup(Generic[P]):
             extras = ",".join(entry.extras)
             remedy = f"install {package}[{extras}]" if extras else f"update or uninstall {package}"
             reason = f"{type(error).__name__}: {error}"
-            raise ConfigError(
-                f"{self.noun} {name!r} of {package} cannot be imported ({reason}); {remedy}"
-            ) from error
+            raise ConfigError(f"{self.label(name)} cannot be imported ({reason}); {remedy}") from error
         if not isinstance(plugin, self._type):
             raise ConfigError(f"{self.noun} {name!r}: {entry.value} is no {self._type.__name__}")
         return plugin
+
+    def label(self, name: str) -> str:
+        """Return the name of a plug-in in messages, with its package, without importing it."""
+        return f"{self.noun} {name!r} of {self.package(name)}"
 
     def package(self, name: str) -> str:
         """Return the package that brings the plug-in `name`, without importing it."""
@@ -175,15 +177,15 @@ class PluginConfig(Config, extra="allow"):
             name,
             values,
         ) in extra.items():
-            if name not in plugins.names:
+            if name not in plugins.names or plugins.get(name).config is type(self):
                 known = (*field_names(type(self)), *plugins.names)
                 raise _described((), unknown_parameter_message(name, known), values)
             extra[name] = plugins.validate(name, values, (name,))
 
     @classmethod
     def sections(cls) -> Mapping[str, type[Config]]:
-        """Return the parameters of all installed plug-ins by name."""
-        return cls.plugins().configs()
+        """Return the parameters of all installed plug-ins by name, but for those that read the service's."""
+        return {name: config for name, config in cls.plugins().configs().items() if config is not cls}
 
     def section(self, name: str) -> Config:
         """Return the parameters of the plug-in `name`: those configured, else its defaults.
@@ -194,5 +196,5 @@ class PluginConfig(Config, extra="allow"):
         given: Config | None = (self.__pydantic_extra__ or {}).get(name)
         if given is not None:
             return given
-        defaults: Config = self.plugins().get(name).config()
-        return defaults
+        kind: type[Config] = self.plugins().get(name).config
+        return self if kind is type(self) else kind()

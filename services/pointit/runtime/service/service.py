@@ -89,10 +89,11 @@ class Service(ABC, Generic[C]):
         The state of a service that is running stays.
         """
 
-    def surroundings(self, kind: str, name: str) -> Surroundings:
-        """Return what its plug-in `name` of a `kind`, such as `imu_sources`, may use."""
-        folder = plugin_folder(self.bus.site, self.user, kind, name)
-        return Surroundings(clock=self.clock, health=self.bus, folder=folder, user=self.user)
+    def surroundings(self, kind: str, name: str, user: str = "") -> Surroundings:
+        """Return what its plug-in `name` of a `kind`, such as `imu_sources`, may use for `user`."""
+        user = user or self.user
+        folder = plugin_folder(self.bus.site, user, kind, name)
+        return Surroundings(clock=self.clock, health=self.bus, folder=folder, user=user)
 
     async def run(self) -> None:
         """Run until cancelled. Services that only react need not override it."""

@@ -71,13 +71,17 @@ def maps() -> Section:
     )
 
 
+OPTIONS = {"imu-source": "--imu", "led-output": "--leds", "selection-method": "--method"}
+"""Options of `pointit run` that choose a plug-in, by its kind."""
+
+
 def plugins() -> Section:
     """Return the plug-ins of all installed packages, ours among them."""
-    from pointit.services.imu_bridge.sources import SOURCES  # noqa: PLC0415 - only when asked for
-    from pointit.services.led_driver.outputs import OUTPUTS  # noqa: PLC0415
+    from pointit.plugins import GROUPS  # noqa: PLC0415 - only when asked for
 
     rows: list[dict[str, Any]] = []
-    for option, group in (("--imu", SOURCES), ("--leds", OUTPUTS)):
+    for kind, group in GROUPS.items():
+        option = OPTIONS[kind]
         for name in group.names:
             try:
                 plugin = group.get(name)

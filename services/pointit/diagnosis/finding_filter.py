@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from pointit.diagnosis.observation import Finding, Observation
-from pointit.diagnosis.writers import split_instance
+from pointit.schemas.system import split_instance
 
 
 def is_about(instance: str, name: str) -> bool:

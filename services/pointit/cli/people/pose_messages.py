@@ -2,10 +2,11 @@
 
 from collections.abc import Collection
 
-from pointit.diagnosis.writers import silence_reason, split_instance
+from pointit.diagnosis.writers import silence_reason
 from pointit.runtime.bus.contract import AnyTopic
 from pointit.schemas import Environment, Localization
 from pointit.schemas.base import Vec3
+from pointit.schemas.system import split_instance
 
 FAR_M = 5.0
 """Distance outside the map's contents beyond which a position is likely a mistake."""

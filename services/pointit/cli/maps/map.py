@@ -26,7 +26,7 @@ def command(ctx: click.Context) -> None:
     """Check, draw, fetch and list maps: positions of lamps, LED strips, belts and objects.
 
     A map is a YAML file, also that of the ROS toolkit. MAP is the name of a shipped one (conveyor) or the
-    path of a file (./site.yaml); docs/maps.md describes the format.
+    path of a file (./site.yaml). The format: docs/reference/maps.md in PointIt's repository.
 
     Example: pointit map check ./site.yaml && pointit map plot ./site.yaml -o site.svg
     """

@@ -92,7 +92,7 @@ def command() -> None:
     "--password",
     is_flag=True,
     help="use passwords, which do not expire, instead of certificates for all but the router; "
-    "less secure (deploy/README.md)",
+    "less secure: copies stay valid, and strangers get as far as Zenoh's handshake",
 )
 @click.option(
     "--dashboard-rate",

@@ -172,7 +172,10 @@ async def shell(folder: Path) -> AsyncGenerator[Shell]:
         assert bash.stdin is not None
         bash.stdin.write(f"set -m; ip link set lo up; ip address add {ADDRESS}/32 dev lo\n".encode())
         yield Shell(bash, notes)
+        bash.stdin.close()
+        async with asyncio.timeout(PATIENCE_S):
+            await bash.wait()
     finally:
         if bash.returncode is None:
             bash.kill()
-        await bash.wait()
+            await bash.wait()

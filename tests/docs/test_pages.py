@@ -26,7 +26,7 @@ UNRUN = {
     "deploy/README.md": 5,
     "docs/how-to/contribute.md": 1,
     "docs/how-to/conveyor.md": 1,
-    "docs/how-to/measure.md": 2,
+    "docs/how-to/measure.md": 3,
     "docs/how-to/page.md": 1,
     "docs/how-to/ros2.md": 4,
     "docs/how-to/strips.md": 1,

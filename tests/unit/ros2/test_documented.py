@@ -1,10 +1,10 @@
-"""docs/ros2.md names every route as the table has it."""
+"""docs/how-to/ros2.md names every route as the table has it."""
 
 from pathlib import Path
 
 from pointit.bridges.ros2.routing.routes import routes
 
-TEXT = (Path(__file__).parents[3] / "docs/ros2.md").read_text(encoding="utf-8")
+TEXT = (Path(__file__).parents[3] / "docs/how-to/ros2.md").read_text(encoding="utf-8")
 
 
 def test_every_route_is_documented_and_no_other() -> None:

@@ -1,18 +1,18 @@
-"""Draws the life cycle of an interaction in docs/life_cycle.md: `python docs/picture_life_cycle.py`."""
+"""Draws the life cycle, docs/explanation/life_cycle.md: `python docs/pictures/life_cycle.py`."""
 
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from pointit.services.supervisor.transitions import CONDITIONS, EFFECTS, EVENTS, STAGES, TABLE, Transition
 
-FILE = Path(__file__).with_name("life_cycle.md")
+FILE = Path(__file__).parents[1] / "explanation" / "life_cycle.md"
 HEAD = """# Life cycle of an interaction
 
-`python docs/picture_life_cycle.py` makes this page from the table in
-[`supervisor/transitions.py`](../services/pointit/services/supervisor/transitions.py).
-[`supervisor/life_cycle.py`](../services/pointit/services/supervisor/life_cycle.py) runs it for each person.
-An arrow shows its events, with conditions in brackets. `before` is the stage that preceded
-the attempt.
+`python docs/pictures/life_cycle.py` makes this page from the table in
+[`supervisor/transitions.py`](../../services/pointit/services/supervisor/transitions.py).
+[`supervisor/life_cycle.py`](../../services/pointit/services/supervisor/life_cycle.py)
+runs it for each person. An arrow shows its events, with conditions in brackets.
+`before` is the stage that preceded the attempt.
 """
 
 

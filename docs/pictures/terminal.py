@@ -1,4 +1,4 @@
-"""Makes the README's picture of a running system: `python docs/picture.py`, after `scripts/demo` once."""
+"""Makes the picture of a run in a terminal, view.svg: `python docs/pictures/terminal.py`."""
 
 import asyncio
 import io

@@ -1,4 +1,4 @@
-"""Makes the README's pictures of the page, `docs/window-*.webp`, from a run: `python -m docs.picture_page`.
+"""Makes the pictures of the page, `docs/pictures/window-*.webp`, from a run: `python -m docs.pictures.page`.
 
 It needs the tests' dependencies (`scripts/test` once) and Chromium. Without a graphics processor it is slow,
 but the quality is the same.

@@ -1,4 +1,4 @@
-"""Makes the picture of the rooms in docs/architecture.md from the imports: `python docs/picture_rooms.py`.
+"""Draws the rooms and their imports, docs/explanation/rooms.svg: `python docs/pictures/rooms.py`.
 
 An arrow is drawn where no longer way leads to the same room. All other imports are listed in the room's box.
 """
@@ -11,7 +11,7 @@ import grimp
 
 import pointit  # noqa: F401 - with it loaded, all its three folders are seen
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 WIDTH, HEIGHT = 960, 800
 BOX_HEIGHT = 66
 ROOMS = {
@@ -111,4 +111,4 @@ def picture() -> str:
 
 
 if __name__ == "__main__":
-    Path(__file__).with_name("rooms.svg").write_text(picture(), encoding="utf-8")
+    (ROOT / "docs/explanation/rooms.svg").write_text(picture(), encoding="utf-8")

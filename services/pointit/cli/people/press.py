@@ -8,6 +8,7 @@ import click
 
 from pointit.cli.common.output import json_option, print_json, say
 from pointit.cli.common.site_link import PATIENCE_S, join_site, quiet, site_options
+from pointit.cli.people.pose_messages import add_or_meant
 from pointit.diagnosis.writers import instance_of, split_instance
 from pointit.runtime.bus.contract import Bus
 from pointit.runtime.clock import SiteClock
@@ -124,7 +125,7 @@ class _Person:
         if self.supervisor in self._present:
             return f"{self.supervisor} is present but says nothing, see `pointit doctor`"
         there = f"there is {', '.join(people)}" if people else "there are no other people either"
-        return f"{there}; add them with `pointit person add {self._user}`"
+        return f"{there}; {add_or_meant(self._user, people)}"
 
     def _on_presence(self, instance: str, here: bool) -> None:  # noqa: FBT001 - the bus's signature
         (self._present.add if here else self._present.discard)(instance)

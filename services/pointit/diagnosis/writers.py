@@ -3,6 +3,7 @@
 from collections.abc import Collection, Iterable
 
 from pointit.runtime.bus.contract import AnyTopic
+from pointit.runtime.config.similar_names import did_you_mean
 from pointit.schemas.system import split_instance
 from pointit.schemas.table_types import NAME
 from pointit.schemas.topics import ANY, HEALTH
@@ -55,4 +56,6 @@ def silence_reason(topic: AnyTopic, name: str, present: Collection[str]) -> str:
     user = name if topic.placeholder == "user" and name not in (ANY, "") else ""
     row = _ROWS[services[0]]
     command = f"pointit service run {row.name}" + (f" --user {user or 'NAME'}" if row.scope == "user" else "")
-    return f"no writer is present ({' or '.join(topic.writers)}); start it with `{command}`"
+    near = did_you_mean(user, {other for _, other in map(split_instance, present) if other} - {user})
+    advice = f"{near[:-1]}, or start it with `{command}`?" if near else f"start it with `{command}`"
+    return f"no writer is present ({' or '.join(topic.writers)}); {advice}"

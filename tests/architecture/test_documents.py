@@ -1,15 +1,15 @@
-"""Files, scripts and commands that the documents name exist."""
+"""Files and scripts that the documents name exist. Commands: `test_command_spellings.py`."""
 
 import re
 from pathlib import Path
 
 import pytest
 
-from pointit.cli.main import COMMANDS
 from tests.architecture.sources import ROOT, all_modules
 
 DOCUMENTS = (
     *(ROOT / name for name in ("README.md", "CHANGELOG.md", "deploy/README.md", "bridges/README.md")),
+    ROOT / "examples/README.md",
     *sorted((ROOT / "docs").glob("*.md")),
 )
 TOP = (
@@ -19,6 +19,7 @@ TOP = (
     "tests/",
     "benchmarks/",
     "docs/",
+    "examples/",
     "scripts/",
     "deploy/",
     "requirements/",
@@ -68,29 +69,22 @@ def missing_paths(text: str) -> list[str]:
     return missing
 
 
-def unknown_commands(text: str) -> set[str]:
-    """Return the scripts and commands in code that do not exist."""
-    code = "\n".join(
-        [*re.findall(r"^```.*?^```", text, re.MULTILINE | re.DOTALL), *re.findall(r"`([^`\n]+)`", text)]
-    )
-    commands = set(re.findall(r"(?:^|[\s(])pointit ([a-z][\w-]*)", code, re.MULTILINE))
+def unknown_scripts(text: str) -> set[str]:
+    """Return the scripts that do not exist."""
     scripts = {f"scripts/{name}" for name in re.findall(r"scripts/(\w+)", text)}
-    known = {name for name, _, _ in COMMANDS}
-    return (commands - known) | {script for script in scripts if not (ROOT / script).is_file()}
+    return {script for script in scripts if not (ROOT / script).is_file()}
 
 
 @documents
-def test_links_paths_and_commands_exist(path: Path) -> None:
+def test_links_paths_and_scripts_exist(path: Path) -> None:
     text = path.read_text(encoding="utf-8")
     assert missing_links(text, path) == []
     assert missing_paths(text) == []
-    assert unknown_commands(text) == set()
+    assert unknown_scripts(text) == set()
 
 
-def test_missing_files_and_commands_are_found() -> None:
-    text = (
-        "[a](docs/none.md) `services/none.py` `nothing/service.py`\n```sh\npointit fly\nscripts/land\n```\n"
-    )
+def test_missing_files_and_scripts_are_found() -> None:
+    text = "[a](docs/none.md) `services/none.py` `nothing/service.py`\n```sh\nscripts/land\n```\n"
     assert missing_links(text, ROOT / "README.md") == ["docs/none.md"]
     assert missing_paths(text) == ["services/none.py", "nothing/service.py"]
-    assert unknown_commands(text) == {"fly", "scripts/land"}
+    assert unknown_scripts(text) == {"scripts/land"}

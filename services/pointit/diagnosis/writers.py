@@ -38,7 +38,7 @@ def start_command(service: str, user: str = "") -> str:
         return ""
     if user and (not NAME.match(user) or user.startswith(".")):
         return ""
-    return f"pointit service {service}" + (f" --user {user}" if user else "")
+    return f"pointit service run {service}" + (f" --user {user}" if user else "")
 
 
 def present_writers(topic: AnyTopic, name: str, present: Iterable[str]) -> list[str]:
@@ -64,5 +64,5 @@ def silence_reason(topic: AnyTopic, name: str, present: Collection[str]) -> str:
         return f"it is written by {' or '.join(topic.writers)}"
     user = name if topic.placeholder == "user" and name not in (ANY, "") else ""
     row = _ROWS[services[0]]
-    command = f"pointit service {row.name}" + (f" --user {user or 'NAME'}" if row.scope == "user" else "")
+    command = f"pointit service run {row.name}" + (f" --user {user or 'NAME'}" if row.scope == "user" else "")
     return f"no writer is present ({' or '.join(topic.writers)}); start it with `{command}`"

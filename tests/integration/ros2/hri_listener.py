@@ -35,7 +35,7 @@ class Listener:
         """Messages that Zenoh's threads have received: topic, type, CDR."""
         self._ends: dict[tuple[str, str], list[Any]] = {}
         """Subscriptions by list and ID."""
-        self.ids: dict[str, frozenset[str]] = {}
+        self.ids: dict[str, set[str]] = {}
         """IDs by list."""
         self.values: dict[str, Any] = {}
         """Last values by topic."""
@@ -52,16 +52,16 @@ class Listener:
             topic, kind, cdr = self._arrived.popleft()
             value = jazzy().decode(kind, cdr)
             if kind == "hri_msgs/msg/IdsList":
-                self._on_ids(topic, frozenset(value.ids))
+                self._on_ids(topic, set(value.ids))
             elif topic == "/tf":
                 self.frames |= {each.child_frame_id: each for each in value.transforms}
             else:
                 self.values[topic] = value.data
 
-    def people(self, which: str = "tracked") -> frozenset[str]:
+    def people(self, which: str = "tracked") -> set[str]:
         """Return the IDs of people, `tracked` or `known`."""
         self.spin()
-        return self.ids.get(f"/humans/persons/{which}", frozenset())
+        return self.ids.get(f"/humans/persons/{which}", set())
 
     def of(self, person: str, what: str) -> Any:
         """Return the last value of a person's topic, or None."""
@@ -82,8 +82,8 @@ class Listener:
             for end in ends:
                 end.undeclare()
 
-    def _on_ids(self, topic: str, ids: frozenset[str]) -> None:
-        before, self.ids[topic] = self.ids.get(topic, frozenset()), ids
+    def _on_ids(self, topic: str, ids: set[str]) -> None:
+        before, self.ids[topic] = self.ids.get(topic, set()), ids
         for gone in before - ids:
             for end in self._ends.pop((topic, gone), ()):
                 end.undeclare()

@@ -203,7 +203,7 @@ def test_who_is_here_without_a_position_or_has_one_and_is_not_here_is_not_listed
 
 def test_known_people_are_bounded_and_those_who_are_here_stay(table: Routes) -> None:
     known, scene = out(table, "known_people"), here("anna")
-    sent(known, PLACE, scene, "anna")
+    (people,) = sent(known, PLACE, scene, "anna")
     for count in range(MAX_KNOWN):
         scene.person(f"user{count}").is_here = True
         (people,) = sent(known, PLACE, scene, f"user{count}")

@@ -81,8 +81,8 @@ class Ros2Config(Config):
     people: tuple[str, ...] = Field(
         default=(),
         max_length=MAX_GUESTS,
-        description="people without `pointit user`, as [anna, ben], all of whose nodes are ROS nodes: their "
-        "pointing_ray, tf and PUI_subscription are read",
+        description="people without `pointit person add`, as [anna, ben], all of whose nodes are ROS nodes: "
+        "their pointing_ray, tf and PUI_subscription are read",
     )
 
     @field_validator("people", mode="before")

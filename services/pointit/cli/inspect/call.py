@@ -1,4 +1,4 @@
-"""`pointit call KEY FIELD=VALUE…`: any request of the topic table."""
+"""`pointit service call KEY FIELD=VALUE…`: any request of the topic table."""
 
 import difflib
 from collections.abc import Iterable, Sequence
@@ -55,6 +55,8 @@ def command(
     VALUE is YAML: conveyor/set_speed speed_mps=0.5, or localizer/anna/set_pose 'position_m=[1, 2, 0]'; a list
     needs no brackets: conveyor/set_speed speed_mps=0.2 belts=part_e,part_f. The exit code is 1 if the
     service refuses or does not reply.
+
+    Example: pointit service call conveyor/set_speed speed_mps=0.3
     """
     if key is None:
         show([requests()], as_json=as_json)
@@ -109,11 +111,11 @@ def resolve(typed: str) -> tuple[AnyRequest, str]:
     topic = topic_of(typed)
     if topic is not None:
         raise UnknownNameError(
-            f"{typed} is a topic ({topic.about}), not a request; see `pointit echo {typed}`"
+            f"{typed} is a topic ({topic.about}), not a request; see `pointit topic echo {typed}`"
         )
     known = [filled(request.key, typed.split("/")) for request in REQUESTS]
     near = difflib.get_close_matches(typed, known, n=3, cutoff=0.5)
-    advice = f"did you mean {' or '.join(near)}?" if near else "`pointit call` lists all requests"
+    advice = f"did you mean {' or '.join(near)}?" if near else "`pointit service call` lists all requests"
     raise UnknownNameError(f"no request has the key {typed!r}; {advice}")
 
 
@@ -156,7 +158,7 @@ def requests() -> Section:
     """Return every request with its fields."""
     return Section(
         name="requests",
-        about="ask with `pointit call KEY FIELD=VALUE...`",
+        about="ask with `pointit service call KEY FIELD=VALUE...`",
         rows=tuple(row for request in REQUESTS for row in _rows(request)),
         roomy=frozenset({"type", "unit", "range", "default"}),
         whole=frozenset({"key", "field"}),

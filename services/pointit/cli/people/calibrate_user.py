@@ -1,4 +1,4 @@
-"""`pointit calibrate user USER`: a person's pointing offset from pointing at lamps without a cursor."""
+"""`pointit person calibrate user USER`: pointing offset from lamps pointed at without a cursor."""
 
 import asyncio
 import itertools
@@ -90,12 +90,13 @@ def command(
     """Measure and store the pointing offset of the person USER.
 
     Lamp after lamp lights up, and USER points at each with a straight arm, as if there were no cursor, until
-    it goes dark. USER must have a known pose (`pointit pose USER`). The elevation error of most pointings is
-    corrected from then on, with enough of them also its change with the direction. A common azimuth error is
-    the heading of the pose, which the pointings correct as well. The supervisor stores the offset for the
-    next start. Nothing is stored if the pose looks wrong because the pointings do not fit each other.
+    it goes dark. USER must have a known pose (`pointit person pose USER`). The elevation error of most
+    pointings is corrected from then on, with enough of them also its change with the direction. A common
+    azimuth error is the heading of the pose, which the pointings correct as well. The supervisor stores the
+    offset for the next start. Nothing is stored if the pose looks wrong because the pointings do not fit each
+    other.
 
-    Example: pointit calibrate user anna --lamps led_0,led_2 --anchors 8
+    Example: pointit person calibrate user anna --lamps led_0,led_2 --anchors 8
     """
     check_name(user, "user")
     if show and erase:
@@ -131,7 +132,7 @@ async def _measure(
         problem = rejection_reason(rows)
         if problem:
             problem = (
-                f"the pose looks wrong, {problem}: localize first, or `pointit pose {user} X Y`, then "
+                f"the pose looks wrong, {problem}: localize first, or `pointit person pose {user} X Y`, then "
                 "calibrate again"
             )
         if not wanted.keeps and not as_json:

@@ -22,7 +22,7 @@ def missing_reason(topic: AnyTopic, user: str, present: Collection[str]) -> str:
     if user in there:
         return silence_reason(topic, user, present)
     who = f"there {'is' if len(there) == 1 else 'are'} {', '.join(there)}" if there else "there are no people"
-    return f"no {user} is on this site, {who}; add them with `pointit user {user}`"
+    return f"no {user} is on this site, {who}; add them with `pointit person add {user}`"
 
 
 def localizing(user: str, news: Localization | None) -> str:

@@ -1,4 +1,4 @@
-"""`pointit press USER`: a person's button, for devices without one."""
+"""`pointit person press USER`: a person's button, for devices without one."""
 
 import asyncio
 import contextlib
@@ -36,6 +36,8 @@ def command(user: str, *, gesture: str, as_json: bool, site: str, connect: tuple
     """Press the button of the person USER, and print the resulting state and the next step.
 
     The exit code is 1 if that person has no supervisor.
+
+    Example: pointit person press anna --gesture double
     """
     check_name(user, "user")
     quiet()
@@ -122,7 +124,7 @@ class _Person:
         if self.supervisor in self._present:
             return f"{self.supervisor} is present but says nothing, see `pointit doctor`"
         there = f"there is {', '.join(people)}" if people else "there are no other people either"
-        return f"{there}; add them with `pointit user {self._user}`"
+        return f"{there}; add them with `pointit person add {self._user}`"
 
     def _on_presence(self, instance: str, here: bool) -> None:  # noqa: FBT001 - the bus's signature
         (self._present.add if here else self._present.discard)(instance)

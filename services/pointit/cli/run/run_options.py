@@ -50,7 +50,7 @@ def shared_options(function: Any) -> Any:
                 "objects, points at them and presses the button. page: only a page's mouse or phone, or ROS. "
                 "simulated: only a simulated sensor, on an "
                 "arm that sweeps to and fro, to test the path of a device. serial:PORT or "
-                "replay:FILE.csv: a device, or its recording; `pointit list plugins` lists others. "
+                "replay:FILE.csv: a device, or its recording; `pointit plugin list` lists others. "
                 "Once for each person",
             ),
             click.option(
@@ -65,7 +65,7 @@ def shared_options(function: Any) -> Any:
                 "settings",
                 multiple=True,
                 metavar="SERVICE.PARAMETER=VALUE",
-                help="change one parameter; `pointit service NAME --help` shows them",
+                help="change one parameter; `pointit service run NAME --help` shows them",
             ),
             click.option(
                 "--duration",
@@ -117,7 +117,7 @@ def choices_of(options: dict[str, Any], leds: str = "") -> Choices:
         localize=options["localize"],
         targets=options["targets"],
         poses=options["poses"],
-        method=options.get("method"),
+        method=options.get("method", ""),
         hand=options["hand"] or "",
         stature_m=options["stature_m"],
         imu=options["imu"],

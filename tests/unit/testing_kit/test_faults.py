@@ -5,12 +5,13 @@ import re
 import pytest
 
 from pointit.testing import CheckFailedError, checks
-from tests.unit.testing_kit import faulty_outputs, faulty_sources
+from tests.unit.testing_kit import faulty_methods, faulty_outputs, faulty_sources
 from tests.unit.testing_kit.faulty_sources import Fault
 
 FAULTS = {
     **{f"source_{name}": fault for name, fault in faulty_sources.FAULTS.items()},
     **{f"output_{name}": fault for name, fault in faulty_outputs.FAULTS.items()},
+    **{f"method_{name}": fault for name, fault in faulty_methods.FAULTS.items()},
 }
 
 

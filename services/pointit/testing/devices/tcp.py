@@ -45,7 +45,7 @@ class TcpDevice(FakeDevice):
         await asyncio.sleep(0)  # transports close in the next turn of the loop
 
     async def send(self, data: bytes) -> None:
-        """Send to whoever is connected."""
+        """Send to the connected program."""
         with contextlib.suppress(TimeoutError):
             await asyncio.wait_for(self._may_write.wait(), LOST_AFTER_S)
         for transport in self._transports:

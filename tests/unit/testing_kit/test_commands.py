@@ -9,7 +9,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from pointit.cli.plugins import check, new
-from pointit.plugins import GROUPS
+from pointit.plugins import GROUPS, PluginGroup
 from pointit.runtime.errors import ConfigError
 
 
@@ -36,7 +36,7 @@ def install(package: Path, patch: pytest.MonkeyPatch) -> None:
         assert group.names  # found without the package, to which the end of the test returns
     patch.setattr(sys, "path", [str(source), *sys.path])
     for group in GROUPS.values():
-        patch.setattr(group, "_entries", type(group)._entries.func(group))
+        patch.setattr(group, "_entries", vars(PluginGroup)["_entries"].func(group))
 
 
 def checked(*arguments: str) -> Result:

@@ -92,7 +92,7 @@ class _Connection(asyncio.Protocol):
         self._device.connected(transport)
 
     def data_received(self, data: bytes) -> None:
-        self._device.received += data
+        self._device.received.extend(data)
 
     def pause_writing(self) -> None:
         self._device.set_writable(writable=False)

@@ -122,7 +122,7 @@ class Person:
         view = _view(direction, prefix) if self._by_angle and has_ray else None
         under = None if target == BESIDE or view is not None else f"{prefix}{number:g}"
         try:
-            result = self.method.step(Pointing(cursor, under, view, lambda _object_id: True))
+            result = self.method.step(Pointing(cursor, under, view, _acts))
         except Exception as error:
             raise CheckFailedError(f"`step` raised {type(error).__name__}: {error}") from error
         self.results.append(result)
@@ -131,6 +131,10 @@ class Person:
         if fired is not None and abs(self.now_ns - self._pointed_ns.get(fired, 0)) > RECENT_NS:
             self.unprovoked = self.unprovoked or fired
         return result
+
+
+def _acts(_object_id: str) -> bool:
+    return True
 
 
 def _direction(azimuth_rad: float) -> Vec3:

@@ -9,6 +9,7 @@ from tests.architecture.sources import ROOT, all_modules
 
 DOCUMENTS = (
     *(ROOT / name for name in ("README.md", "CHANGELOG.md", "deploy/README.md", "bridges/README.md")),
+    ROOT / "examples/README.md",
     *sorted((ROOT / "docs").glob("*.md")),
 )
 TOP = (
@@ -18,6 +19,7 @@ TOP = (
     "tests/",
     "benchmarks/",
     "docs/",
+    "examples/",
     "scripts/",
     "deploy/",
     "requirements/",

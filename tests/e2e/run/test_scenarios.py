@@ -39,7 +39,7 @@ async def test_the_simulated_person_selects_every_red_segment_and_no_other(
 ) -> None:
     """Other seeds, and without processes: tests/integration/scenario, in virtual time."""
     path = tmp_path / "summary.json"
-    run = commands.start(
+    run = commands.start_program(
         *("run", "scenario_3", "--duration", "60", "--speed", "2", "--seed", "1", "--no-view"),
         *("--set", "user-sim.mind.lapse_share=0"),  # a wrong intention selects a wrong one
         *("--summary", str(path)),

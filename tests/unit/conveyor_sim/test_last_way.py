@@ -153,7 +153,7 @@ def test_a_change_is_in_time_until_the_very_moment_that_was_told_and_too_late_fr
             assert outcome(until_ns - 1) == in_time
             assert outcome(until_ns + STEP_NS) == ([] if comes_round else too_late)
         seen.add(until_ns == 0)
-        belts.step(belts.now_ns + 25 * STEP_NS)
+        belts.step(belts.now_ns + 50 * STEP_NS)
     assert seen == (
         {False} if (where, is_selected) == ("ring", False) else {True, False}
     )  # it comes round again

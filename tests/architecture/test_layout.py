@@ -27,7 +27,7 @@ DEVICES = {
     "imu-bridge": {"replay_source.py", "serial_source.py", "simulated.py", "sources.py"},
     "keeper": {"record.py"},
     "led-driver": {"output/expander.py", "outputs.py"},
-    "selector": {"store/history.py"},
+    "selector": {"selection_methods.py", "store/history.py"},
     "web": {
         "pages/request_dispatcher.py",
         "server/app.py",

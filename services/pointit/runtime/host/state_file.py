@@ -5,7 +5,7 @@ import os
 from collections.abc import Generator
 from contextvars import ContextVar
 from pathlib import Path
-from typing import Generic, TypeVar
+from typing import Generic, Self, TypeVar
 
 import platformdirs
 from pydantic import BaseModel, ValidationError
@@ -54,8 +54,20 @@ def site_folder(site: str, service: str) -> Path:
     return state_directory() / site / service
 
 
+def plugin_folder(site: str, user: str, kind: str, name: str) -> Path:
+    """Return the folder of the plug-in `name` of a `kind`, for `user`, or for all of `site` if that is `""`.
+
+    Raises:
+        KeyNameError: If `site` or `user` cannot be a name.
+    """
+    owner = state_directory() / "users" / check_name(user, "user") if user else site_folder(site, "")
+    return owner / "plugins" / kind / name
+
+
 class StateFile(Generic[T]):
     """One person's `purpose`, such as `offset`, as a `model` in JSON."""
+
+    _remedy = "move it away and calibrate again"
 
     def __init__(self, model: type[T], user: str, purpose: str) -> None:
         """Touch nothing yet.
@@ -67,6 +79,13 @@ class StateFile(Generic[T]):
         self._model = model
         self.path = state_directory() / "users" / user / f"{purpose}.json"
 
+    @classmethod
+    def at(cls, path: Path, model: type[T]) -> Self:
+        """Return the file at `path` as a `model`, as a plug-in stores its value. Touches nothing yet."""
+        file = cls.__new__(cls)
+        file.path, file._model, file._remedy = path, model, "move it away"  # noqa: SLF001 - its own
+        return file
+
     def read(self) -> T | None:
         """Return the stored value, or None.
 
@@ -76,14 +95,13 @@ class StateFile(Generic[T]):
         try:
             data = read_limited(self.path, MAX_BYTES + 1)
             if len(data) > MAX_BYTES:
-                raise ConfigError(f"{self.path}: is too long to be ours; move it away and calibrate again")
+                raise ConfigError(f"{self.path}: is too long to be ours; {self._remedy}")
             return self._model.model_validate_json(data)
         except FileNotFoundError:
             return None
         except ValidationError as error:
             raise ConfigError(
-                f"{self.path}: cannot be used; move it away and calibrate again; "
-                f"{summarize_validation_error(error)}"
+                f"{self.path}: cannot be used; {self._remedy}; {summarize_validation_error(error)}"
             ) from error
 
     def write(self, value: T) -> None:

@@ -13,6 +13,8 @@ from pointit.runtime.clock import MAX_SLEW_S, Clock, SteadyClock
 from pointit.runtime.config.config import Config
 from pointit.runtime.errors import BusClosedError, ConfigError
 from pointit.runtime.health.service_bus import ServiceBus
+from pointit.runtime.health.surroundings import Surroundings
+from pointit.runtime.host.state_file import plugin_folder
 from pointit.runtime.service.instance_takeover import TakeoverMonitor
 from pointit.schemas import Health
 from pointit.schemas.system import check_user, instance_of
@@ -86,6 +88,12 @@ class Service(ABC, Generic[C]):
 
         The state of a service that is running stays.
         """
+
+    def surroundings(self, kind: str, name: str, user: str = "") -> Surroundings:
+        """Return what its plug-in `name` of a `kind`, such as `imu_sources`, may use for `user`."""
+        user = user or self.user
+        folder = plugin_folder(self.bus.site, user, kind, name)
+        return Surroundings(clock=self.clock, health=self.bus, folder=folder, user=user)
 
     async def run(self) -> None:
         """Run until cancelled. Services that only react need not override it."""

@@ -153,7 +153,7 @@ SET_MOUNTING = Request(
     about="how the sensor sits on the arm",
 )
 
-REQUESTS: tuple[Request[Any, Any], ...] = (
+REQUESTS: list[Request[Any, Any]] = [
     ADD_PACKAGE,
     SET_SPEED,
     SET_FEEDING,
@@ -175,4 +175,5 @@ REQUESTS: tuple[Request[Any, Any], ...] = (
     SET_BRIGHTNESS,
     SET_YAW_ORIGIN,
     SET_MOUNTING,
-)
+]
+"""All requests. Services of other packages add theirs when they are loaded."""

@@ -19,6 +19,7 @@ from pointit.runtime.errors import ConfigError
 from pointit.runtime.service.shutdown import run_until_shutdown
 from pointit.schemas import Query, Reply, summarize_validation_error
 from pointit.schemas.topics import REQUESTS, Request, check_name, topic_of
+from pointit.services.registry import add_installed
 
 AnyRequest = Request[Any, Any]
 
@@ -56,6 +57,7 @@ def command(
     needs no brackets: conveyor/set_speed speed_mps=0.2 belts=part_e,part_f. The exit code is 1 if the
     service refuses or does not reply.
     """
+    add_installed()
     if key is None:
         show([requests()], as_json=as_json)
         return 0

@@ -4,6 +4,7 @@ import click
 
 from pointit.cli.common.output import Section, json_option, show
 from pointit.schemas import topics as table
+from pointit.services.registry import add_installed
 
 
 def topics() -> Section:
@@ -62,4 +63,5 @@ def command(*, as_json: bool) -> None:
     latest: the newest replaces older ones; event: in order, none lost silently; state: late joiners get the
     last value. A rate of - means on change.
     """
+    add_installed()
     show([topics(), requests(), presence()], as_json=as_json)

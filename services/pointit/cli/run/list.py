@@ -8,11 +8,12 @@ import click
 from pointit.cli.common.lazy import UnknownNameError, nearest
 from pointit.cli.common.output import Section, json_option, show
 from pointit.runtime.errors import ConfigError
-from pointit.services.registry import PROCESSES
+from pointit.services.registry import PROCESSES, add_installed
 
 
 def services() -> Section:
     """Return the process table."""
+    add_installed()
     return Section(
         name="services",
         about="run one with `pointit service NAME`",
@@ -71,7 +72,7 @@ def maps() -> Section:
     )
 
 
-OPTIONS = {"imu-source": "--imu", "led-output": "--leds", "selection-method": "--method"}
+OPTIONS = {"imu-source": "--imu", "led-output": "--leds", "selection-method": "--method", "service": "--with"}
 """Options of `pointit run` that choose a plug-in, by its kind."""
 
 
@@ -89,7 +90,7 @@ def plugins() -> Section:
             except ConfigError as error:
                 use, about = f"{option} {name}", str(error)
             rows.append({"use": use, "about": about, "package": group.package(name)})
-    return Section(name="plugins", about="devices for `pointit run` and `pointit user`", rows=tuple(rows))
+    return Section(name="plugins", about="parts for `pointit run` and `pointit user`", rows=tuple(rows))
 
 
 SECTIONS: dict[str, Callable[[], Section]] = {

@@ -68,7 +68,7 @@ def service_of(setting: str) -> str:
 def _section(path: Path, name: str) -> Mapping[str, Any]:
     sections = read_yaml(path)
     for section in sections:
-        if section not in {row.name for row in registry.PROCESSES}:
+        if section not in registry.names():
             raise ConfigError(f"{path}: {section!r} is no service; `pointit list` shows them")
     value = sections.get(name, {})
     if not isinstance(value, dict):
@@ -81,6 +81,6 @@ def _split(setting: str) -> tuple[list[str], str]:
     path = target.split(".")
     if not separator or len(path) < 2:
         raise ConfigError(f"--set {setting!r}: write service.parameter=value, such as pui.map=conveyor")
-    if path[0] not in {row.name for row in registry.PROCESSES}:
+    if path[0] not in registry.names():
         raise ConfigError(f"--set {setting!r}: {path[0]!r} is no service; `pointit list` shows them")
     return path, text

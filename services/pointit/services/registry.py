@@ -43,7 +43,9 @@ class Process:
     @property
     def command(self) -> tuple[str, ...]:
         """Return the arguments with which Python runs it as a process."""
-        return ("-m", self.package) if self.plugin is None else ("-m", "pointit.cli", "service", self.name)
+        if self.plugin is None:
+            return "-m", self.package
+        return "-m", "pointit.cli", "service", "run", self.name
 
     @property
     def package(self) -> str:
@@ -197,7 +199,7 @@ PROCESSES: list[Process] = [
             topics.FEEDBACK,
         ),
         writes=(topics.STRIPS_FRAME, topics.LAMP_COLOR, topics.LAMP_LEASES),
-        serves=(topics.SET_BRIGHTNESS,),
+        serves=(topics.SET_BRIGHTNESS, topics.SET_LAMP),
     ),
     Process(
         name="conveyor-sim",

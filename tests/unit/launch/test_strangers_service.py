@@ -125,7 +125,7 @@ def test_service_is_found_without_importing_any_and_started_on_request() -> None
     launch = counter()
     assert (launch.instance, launch.plugin) == ("counter", "service 'counter' of strangers-parts")
     assert launch.config.model_dump() == {"start": 0, "lives": 2}
-    assert registry.process("counter").command == ("-m", "pointit.cli", "service", "counter")
+    assert registry.process("counter").command == ("-m", "pointit.cli", "service", "run", "counter")
     assert user_launches(read_scenario("scenario_3"), Choices(services=["counter"]), "anna")
     assert [row.name for row in registry.PROCESSES if row.plugin is not None] == ["counter"]
 
@@ -157,7 +157,7 @@ def test_its_rows_are_in_the_tables_and_give_it_its_rights() -> None:
     assert "counts/*" not in rights_of("user", "anna").writes
     ((counts, name),) = resolve("counts/anna")
     assert name == "anna"
-    assert start_command("counter") == "pointit service counter"
+    assert start_command("counter") == "pointit service run counter"
     assert "counter can write it and runs" in silence_reason(counts, "anna", {"counter"})
     uses = {row["use"]: row["about"] for row in plugins().rows}
     assert uses["--with counter"] == "counts selections"

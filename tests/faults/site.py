@@ -105,7 +105,7 @@ class Site:
         """Start the router, again where it was killed."""
         environment = {"POINTIT_STATE": str(self.state)}
         folder = str(self.folder.path)
-        self.router = self.commands.start("router", "--site-folder", folder, environment=environment)
+        self.router = self.commands.start_program("router", "--site-folder", folder, environment=environment)
         return self.router
 
     async def begin(self) -> None:
@@ -116,7 +116,9 @@ class Site:
         busy = self.path / "busy.yaml"
         busy.write_text(BUSY)
         options = ("--users", str(self._users), "--processes", "--duration", "3600", "--no-view")
-        self.run = self.start("run", "scenario_4", *options, "--config", str(busy))
+        self.run = self.commands.start_program(
+            "run", "scenario_4", *options, "--config", str(busy), environment=self.environment()
+        )
 
     def start(self, *arguments: str, name: str = "supervisor") -> Command:
         """Start `pointit …` as the identity `name`."""

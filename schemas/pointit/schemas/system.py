@@ -101,7 +101,7 @@ class ExpectedService(SchemaModel):
 
 
 class Deployment(Message):
-    """Services started by `pointit run` or `pointit user`, by which `doctor` finds missing ones."""
+    """Services started by `pointit run` or `pointit person add`, by which `doctor` finds missing ones."""
 
     version: ClassVar[int] = 3
 

@@ -2,10 +2,12 @@
 
 import asyncio
 import contextlib
+from collections.abc import Collection
 from typing import Literal
 
 from pointit.runtime.bus.contract import Bus
 from pointit.runtime.clock import Clock
+from pointit.runtime.config.similar_names import did_you_mean
 from pointit.runtime.errors import NoAnswerError
 from pointit.schemas import ButtonEvent, Feedback, Interaction
 from pointit.schemas.system import instance_of, split_instance
@@ -17,6 +19,13 @@ CUE_FIRST_S = 0.2
 """Time an Interaction may arrive after its cue; a refusal may have only a cue."""
 PATIENCE_S = 2.0
 """Time limit of each reply of the supervisor."""
+
+
+def add_or_meant(user: str, there: Collection[str]) -> str:
+    """Return a clause that says how to add `user`, and asks for a similar name among those that are there."""
+    add = f"add them with `pointit person add {user}`"
+    meant = did_you_mean(user, there)
+    return f"{meant[:-1]}, or {add}?" if meant else add
 
 
 async def press(
@@ -88,7 +97,7 @@ class _Person:
         if self.supervisor in self._present:
             return f"{self.supervisor} is present but says nothing, see `pointit doctor`"
         there = f"there is {', '.join(people)}" if people else "there are no other people either"
-        return f"{there}; add them with `pointit user {self._user}`"
+        return f"{there}; {add_or_meant(self._user, people)}"
 
     def _on_presence(self, instance: str, here: bool) -> None:  # noqa: FBT001 - the bus's signature
         (self._present.add if here else self._present.discard)(instance)

@@ -3,6 +3,7 @@
 from collections.abc import Collection, Iterable
 
 from pointit.runtime.bus.contract import AnyTopic
+from pointit.runtime.config.similar_names import did_you_mean
 from pointit.schemas.system import split_instance
 from pointit.schemas.table_types import NAME
 from pointit.schemas.topics import ANY, HEALTH
@@ -28,7 +29,7 @@ def start_command(service: str, user: str = "") -> str:
         return ""
     if user and (not NAME.match(user) or user.startswith(".")):
         return ""
-    return f"pointit service {service}" + (f" --user {user}" if user else "")
+    return f"pointit service run {service}" + (f" --user {user}" if user else "")
 
 
 def present_writers(topic: AnyTopic, name: str, present: Iterable[str]) -> list[str]:
@@ -54,5 +55,7 @@ def silence_reason(topic: AnyTopic, name: str, present: Collection[str]) -> str:
         return f"it is written by {' or '.join(topic.writers)}"
     user = name if topic.placeholder == "user" and name not in (ANY, "") else ""
     row = _ROWS[services[0]]
-    command = f"pointit service {row.name}" + (f" --user {user or 'NAME'}" if row.scope == "user" else "")
-    return f"no writer is present ({' or '.join(topic.writers)}); start it with `{command}`"
+    command = f"pointit service run {row.name}" + (f" --user {user or 'NAME'}" if row.scope == "user" else "")
+    near = did_you_mean(user, {other for _, other in map(split_instance, present) if other} - {user})
+    advice = f"{near[:-1]}, or start it with `{command}`?" if near else f"start it with `{command}`"
+    return f"no writer is present ({' or '.join(topic.writers)}); {advice}"

@@ -23,13 +23,12 @@ def row_of(ended: Ended) -> dict[str, Any]:
     ("options", "processes"),
     [
         ((), ["all"]),
-        (("--layout", "users", "--shards", "2"), ["site", "users 1", "users 2"]),
         pytest.param(
             ("--layout", "users", "--shards", "1", "--router"),
             ["site", "users 1", "router"],
             marks=pytest.mark.long,  # as with --secured, but for certificates
         ),
-        (("--layout", "users", "--shards", "1", "--secured"), ["site", "users 1", "router"]),
+        (("--layout", "users", "--shards", "2", "--secured"), ["site", "users 1", "users 2", "router"]),
         (
             ("--layout", "services"),
             ["wrists", "pui", "selector", "led-driver", "conveyor-sim", "keeper", "pointing", "localizer"],
@@ -71,7 +70,7 @@ async def test_nobody_there_is_said_in_a_sentence(commands: Commands, endpoint: 
     assert "nobody answers" in ended.sentence
 
 
-@pytest.mark.parametrize("layout", ["one", "users"])
+@pytest.mark.parametrize("layout", [pytest.param("one", marks=pytest.mark.long), "users"])
 async def test_ctrl_c_ends_it_at_once_with_all_its_processes(commands: Commands, layout: str) -> None:
     load = commands.start("load", "--duration", "600", "--layout", layout)
     await load.says("measuring")

@@ -59,7 +59,7 @@ async def test_a_cue_of_pointing_past_is_no_answer() -> None:
 
 async def test_nobody_who_answers_is_one_sentence() -> None:
     async with memory_bench() as bench:
-        with pytest.raises(NoAnswerError, match=r"anna has no supervisor: .* `pointit user anna`"):
+        with pytest.raises(NoAnswerError, match=r"anna has no supervisor: .* `pointit person add anna`"):
             await press(bench.bus, bench.clock, ANNA, "press", patience_s=0.05)
         bench.bus.announce(SERVICE_ALIVE, "supervisor.ben")
         with pytest.raises(NoAnswerError, match=r"anna has no supervisor: there is ben; add them with"):

@@ -1,6 +1,6 @@
 """The catalogue: everything that travels, as files for others, and the rule that messages only grow.
 
-Files are mappings of relative path to content here; `pointit schema` reads and writes the folder.
+Files are mappings of relative path to content here; `pointit topic schema` reads and writes the folder.
 """
 
 import json
@@ -17,7 +17,7 @@ from pointit.schemas.codec import encode
 from pointit.schemas.errors import SchemaError
 from pointit.schemas.topics import REQUESTS, TOPICS
 
-WRITE = "`pointit schema --write`"
+WRITE = "`pointit topic schema --write`"
 """The command that brings the catalogue up to date."""
 
 SHIPPED = Path(__file__).with_name("shipped")

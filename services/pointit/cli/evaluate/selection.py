@@ -20,7 +20,7 @@ UNSEEN_SEED = 2000
 """First seed for claims; parameters of methods and people were chosen with smaller seeds."""
 
 
-@click.command("selection", short_help="simulated people select: time, wrong, missed, by method")
+@click.command("selection")
 @click.option(
     "--bench",
     "benches",

@@ -1,4 +1,4 @@
-"""`pointit schema`: topics and messages for people and programs, and the files of the catalogue."""
+"""`pointit topic schema`: topics and messages for people and programs, and the files of the catalogue."""
 
 import difflib
 import json
@@ -41,6 +41,8 @@ def command(message: str | None, folder: Path | None, *, write: bool, check: boo
     """Show every topic and request, or one MESSAGE with its fields.
 
     MESSAGE is a name (ImuSample) or a name and version (ImuSample.v1).
+
+    Example: pointit topic schema Cursor
     """
     if write + check + (message is not None) > 1:
         raise click.UsageError("MESSAGE, --write and --check exclude each other")

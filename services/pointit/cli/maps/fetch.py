@@ -97,7 +97,8 @@ def command(
 
     Either one parameter holds its text or its path, or each value is a parameter, nested as in ROS:
     leds.door.position [x, y, z], strips.1.line [x, y, z, x, y, z], strips.1.pixels 25. A map with an error
-    is not written; the exit code is 1 then. No ROS is needed here: it joins as `pointit service ros2` does.
+    is not written; the exit code is 1 then. No ROS is needed here: it joins as `pointit service run ros2`
+    does.
 
     Example: pointit map fetch /pui_node -o site.yaml && pointit run scenario_4 --set pui.map=./site.yaml
     """

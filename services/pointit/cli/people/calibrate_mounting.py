@@ -1,4 +1,4 @@
-"""`pointit calibrate mounting USER`: the sensor's mounting on the arm from two poses."""
+"""`pointit person calibrate mounting USER`: the sensor's mounting on the arm from two poses."""
 
 import asyncio
 import math
@@ -107,7 +107,9 @@ def command(
     USER points level ahead with the palm down, then straight up, and rests for two seconds in each. Neither
     the direction nor the twist of the arm on its way up matters. imu-bridge uses the result at once, and at
     every start with the same source and mounting; mounting_xyzw and mounting_rpy_deg in its configuration
-    take precedence. Example: pointit calibrate mounting anna
+    take precedence.
+
+    Example: pointit person calibrate mounting anna
     """
     check_name(user, "user")
     if show and erase:
@@ -146,7 +148,7 @@ async def _measure(
     if abs(found.heading_change_rad) > NOTICEABLE_RAD:
         click.echo(
             f"{user}: with it the direction turns by {math.degrees(found.heading_change_rad):.0f}°: correct "
-            f"the pose with `pointit anchor {user}` or `pointit pose {user} --facing DEG`"
+            f"the pose with `pointit person anchor {user}` or `pointit person pose {user} --facing DEG`"
         )
     return 0
 
@@ -197,7 +199,7 @@ class _Wrist:
         if bridge not in there:
             raise NoAnswerError(
                 f"{bridge} is not present, so there is no sensor to measure (a simulated person wears none): "
-                f"start it, as in `pointit user {self._user} --imu serial:PORT`"
+                f"start it, as in `pointit person add {self._user} --imu serial:PORT`"
             )
         try:
             with notify_if_slow(f"waiting for the wrist of {self._user} …"):

@@ -2,6 +2,7 @@
 
 from collections.abc import Collection
 
+from pointit.api.press import add_or_meant
 from pointit.diagnosis.writers import silence_reason
 from pointit.runtime.bus.contract import AnyTopic
 from pointit.schemas import Environment, Localization
@@ -23,7 +24,7 @@ def missing_reason(topic: AnyTopic, user: str, present: Collection[str]) -> str:
     if user in there:
         return silence_reason(topic, user, present)
     who = f"there {'is' if len(there) == 1 else 'are'} {', '.join(there)}" if there else "there are no people"
-    return f"no {user} is on this site, {who}; add them with `pointit user {user}`"
+    return f"no {user} is on this site, {who}; {add_or_meant(user, there)}"
 
 
 def localizing(user: str, news: Localization | None) -> str:

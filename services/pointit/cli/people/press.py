@@ -1,4 +1,4 @@
-"""`pointit press USER`: a person's button, for devices without one."""
+"""`pointit person press USER`: a person's button, for devices without one."""
 
 from typing import cast
 
@@ -27,6 +27,8 @@ def command(user: str, *, gesture: str, as_json: bool, site: str, connect: tuple
     """Press the button of the person USER, and print the resulting state and the next step.
 
     The exit code is 1 if that person has no supervisor.
+
+    Example: pointit person press anna --gesture double
     """
     check_name(user, "user")
     quiet()

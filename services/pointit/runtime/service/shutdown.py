@@ -46,9 +46,10 @@ async def _until_signal(work: Coroutine[Any, Any, int]) -> int:
 
     def ask() -> None:
         nonlocal asked
-        if not asked:
-            asked = True
-            cut_off.start()
+        if asked:
+            return  # a second Ctrl-C must not cancel the clean-up
+        asked = True
+        cut_off.start()
         task.cancel()
 
     with _signals(loop, ask), _cut_off(loop) as cut_off:

@@ -129,7 +129,7 @@ class RequestDispatcher:
         if instance_of(IMU_BRIDGE, user) not in self._present():
             raise RefusedError(
                 f"no service turns the page's messages into wrist samples: start it with "
-                f"`pointit service {IMU_BRIDGE} --user {user} --source page`"
+                f"`pointit service run {IMU_BRIDGE} --user {user} --source page`"
             )
         loser = self._wrists.acquire(user, page, by)
         self._tell_loser(user, loser, page)

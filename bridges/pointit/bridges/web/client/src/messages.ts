@@ -411,7 +411,7 @@ export interface ExpectedService {
   user: string;
 }
 /**
- * Services started by `pointit run` or `pointit user`, by which `doctor` finds missing ones.
+ * Services started by `pointit run` or `pointit person add`, by which `doctor` finds missing ones.
  */
 export interface Deployment {
   /**

@@ -1,16 +1,21 @@
-"""Files, scripts and commands that the documents name exist."""
+"""Files and scripts that the documents name exist. Commands: `test_command_spellings.py`."""
 
 import re
 from pathlib import Path
 
 import pytest
 
-from pointit.cli.main import COMMANDS
+from docs.website.reference import PAGES
 from tests.architecture.sources import ROOT, all_modules
 
 DOCUMENTS = (
-    *(ROOT / name for name in ("README.md", "CHANGELOG.md", "deploy/README.md", "bridges/README.md")),
-    *sorted((ROOT / "docs").glob("*.md")),
+    *(
+        path
+        for folder in ("", "bridges", "deploy", "examples")
+        if (path := ROOT / folder / "README.md").exists()
+    ),
+    ROOT / "CHANGELOG.md",
+    *sorted((ROOT / "docs").rglob("*.md")),
 )
 TOP = (
     "schemas/",
@@ -19,14 +24,16 @@ TOP = (
     "tests/",
     "benchmarks/",
     "docs/",
+    "examples/",
     "scripts/",
     "deploy/",
     "requirements/",
 )
+GENERATED = {ROOT / "docs" / page for page in PAGES}
 MADE_BY_READERS = {"deploy/.env"}
 MODULES = (
     *all_modules(),
-    *(ROOT / "docs").glob("*.py"),
+    *(ROOT / "docs").rglob("*.py"),
     *(ROOT / "bridges/pointit/bridges/web/client/src").rglob("*.ts"),
 )
 documents = pytest.mark.parametrize(
@@ -48,6 +55,8 @@ def missing_links(text: str, path: Path) -> list[str]:
         if "://" in target:
             continue
         file = (path.parent / target).resolve() if target else path
+        if file in GENERATED:
+            continue  # scripts/docs checks them
         if not file.exists() or (fragment and fragment not in anchors(file.read_text(encoding="utf-8"))):
             missing.append(link)
     return missing
@@ -68,29 +77,22 @@ def missing_paths(text: str) -> list[str]:
     return missing
 
 
-def unknown_commands(text: str) -> set[str]:
-    """Return the scripts and commands in code that do not exist."""
-    code = "\n".join(
-        [*re.findall(r"^```.*?^```", text, re.MULTILINE | re.DOTALL), *re.findall(r"`([^`\n]+)`", text)]
-    )
-    commands = set(re.findall(r"(?:^|[\s(])pointit ([a-z][\w-]*)", code, re.MULTILINE))
+def unknown_scripts(text: str) -> set[str]:
+    """Return the scripts that do not exist."""
     scripts = {f"scripts/{name}" for name in re.findall(r"scripts/(\w+)", text)}
-    known = {name for name, _, _ in COMMANDS}
-    return (commands - known) | {script for script in scripts if not (ROOT / script).is_file()}
+    return {script for script in scripts if not (ROOT / script).is_file()}
 
 
 @documents
-def test_links_paths_and_commands_exist(path: Path) -> None:
+def test_links_paths_and_scripts_exist(path: Path) -> None:
     text = path.read_text(encoding="utf-8")
     assert missing_links(text, path) == []
     assert missing_paths(text) == []
-    assert unknown_commands(text) == set()
+    assert unknown_scripts(text) == set()
 
 
-def test_missing_files_and_commands_are_found() -> None:
-    text = (
-        "[a](docs/none.md) `services/none.py` `nothing/service.py`\n```sh\npointit fly\nscripts/land\n```\n"
-    )
+def test_missing_files_and_scripts_are_found() -> None:
+    text = "[a](docs/none.md) `services/none.py` `nothing/service.py`\n```sh\nscripts/land\n```\n"
     assert missing_links(text, ROOT / "README.md") == ["docs/none.md"]
     assert missing_paths(text) == ["services/none.py", "nothing/service.py"]
-    assert unknown_commands(text) == {"fly", "scripts/land"}
+    assert unknown_scripts(text) == {"scripts/land"}

@@ -19,7 +19,9 @@ KINDS: dict[str, type[Message | Query]] = {kind.__name__: kind for kind in catal
 
 def test_the_committed_catalogue_is_what_the_code_says() -> None:
     problems = catalogue.check_committed(read_folder(FOLDER))
-    assert not problems, "; ".join(problems) + " -- then commit: `pointit schema --write` does the writing"
+    assert not problems, (
+        "; ".join(problems) + " -- then commit: `pointit topic schema --write` does the writing"
+    )
 
 
 def test_there_are_samples() -> None:

@@ -1,4 +1,4 @@
-"""`pointit schema`, as typed."""
+"""`pointit topic schema`, as typed."""
 
 import json
 from pathlib import Path
@@ -69,7 +69,7 @@ def test_an_unknown_message_is_answered_with_a_hint(name: str, hint: str) -> Non
 def test_write_then_check(tmp_path: Path) -> None:
     arguments = ("--dir", str(tmp_path))
     assert code(run("--check", *arguments)) == 1
-    assert "run `pointit schema --write`" in run("--check", *arguments).stderr
+    assert "run `pointit topic schema --write`" in run("--check", *arguments).stderr
     result = run("--write", *arguments)
     assert code(result) == 0
     assert f"wrote {tmp_path / 'messages' / 'ImuSample.v2.json'}" in result.output
@@ -88,7 +88,7 @@ def test_a_change_is_refused_and_nothing_is_written(tmp_path: Path) -> None:
     path.write_text(json.dumps(schema), encoding="utf-8")
     (tmp_path / "README.md").unlink()
     with pytest.raises(
-        SchemaError, match=r"raise `version` of ImuSample to 3 and run `pointit schema --write`"
+        SchemaError, match=r"raise `version` of ImuSample to 3 and run `pointit topic schema --write`"
     ):
         code(run("--write", *arguments))
     assert not (tmp_path / "README.md").exists()

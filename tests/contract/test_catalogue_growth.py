@@ -74,7 +74,7 @@ def test_a_missing_file_is_written_and_named() -> None:
     committed.pop("samples/Cart.v1.msgpack")
     assert set(updated_files(committed, [Cart])) == {"messages/Cart.v1.json", "samples/Cart.v1.msgpack"}
     (problem,) = check_committed(committed, [Cart])
-    assert "messages/Cart.v1.json, samples/Cart.v1.msgpack; run `pointit schema --write`" in problem
+    assert "messages/Cart.v1.json, samples/Cart.v1.msgpack; run `pointit topic schema --write`" in problem
 
 
 def test_an_added_field_asks_for_a_version_and_names_the_command() -> None:
@@ -83,7 +83,7 @@ def test_an_added_field_asks_for_a_version_and_names_the_command() -> None:
         SchemaError, match=r"^Cart\.v1 has changed.*raise `version` of Cart to 2 and run"
     ) as caught:
         updated_files(COMMITTED, [changed])
-    assert "`pointit schema --write` again" in str(caught.value)
+    assert "`pointit topic schema --write` again" in str(caught.value)
     assert check_committed(COMMITTED, [changed]) == [str(caught.value)]
 
 

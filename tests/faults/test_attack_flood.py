@@ -68,7 +68,7 @@ async def test_a_reader_that_stands_still_holds_nobody_up(
     site: Site, account: Account, names: tuple[str, ...]
 ) -> None:
     async with besieged(site) as attacked:
-        readers = [site.start("hz", "--all", name=name) for name in names]
+        readers = [site.start("topic", "hz", "--all", name=name) for name in names]
         for reader in readers:
             await until(lambda reader=reader: "Hz" in reader.out or "hz" in reader.out, 20, reader.out)  # type: ignore[misc]
         attacked.begin()

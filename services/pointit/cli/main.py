@@ -1,74 +1,20 @@
-"""`pointit`: the table of commands; each is imported when it is called."""
+"""`pointit`: the group of all commands, old spellings, and errors as wide as the terminal."""
 
+import difflib
 import shutil
 import sys
 import textwrap
+from collections.abc import Sequence
 from typing import Any, NoReturn
 
 import click
 
-from pointit.cli.common.lazy import Entry, LazyGroup, from_module
-
-COMMANDS = (
-    ("run", "start a scenario: its services, simulated people, a live view", "pointit.cli.run.run:run"),
-    ("user", "add one person's services to a running site", "pointit.cli.run.user:command"),
-    (
-        "dashboard",
-        "open the page of a site that runs elsewhere, in the browser",
-        "pointit.cli.run.dashboard:command",
-    ),
-    ("service", "run one service; its --help documents every parameter", "pointit.cli.run.service:command"),
-    ("list", "list scenarios, maps and services", "pointit.cli.run.list:command"),
-    (
-        "topics",
-        "show the topic table: keys, messages, rates, writers",
-        "pointit.cli.inspect.topics:command",
-    ),
-    ("echo", "print messages as they arrive", "pointit.cli.inspect.echo:command"),
-    ("press", "press a person's button from here", "pointit.cli.people.press:command"),
-    (
-        "map",
-        "check a map, draw it, fetch it from ROS 2, list the shipped ones",
-        "pointit.cli.maps.map:command",
-    ),
-    (
-        "calibrate",
-        "measure a sensor's mounting, or a person's pointing offset",
-        "pointit.cli.people.calibrate:command",
-    ),
-    ("anchor", "point at one lamp to correct a person's pose", "pointit.cli.people.anchor:command"),
-    ("pose", "show or set a person's pose", "pointit.cli.people.pose:command"),
-    (
-        "call",
-        "send a request to a service; without arguments, list requests",
-        "pointit.cli.inspect.call:command",
-    ),
-    ("hz", "measure rates against the nominal ones", "pointit.cli.inspect.hz:command"),
-    (
-        "doctor",
-        "show what runs, what is stale, what is wrong and what to do",
-        "pointit.cli.inspect.doctor:command",
-    ),
-    (
-        "evaluate",
-        "measure the accuracy of the estimates on recordings of people",
-        "pointit.cli.evaluate.command:command",
-    ),
-    (
-        "load",
-        "measure the number of people this machine, or a site, carries",
-        "pointit.cli.loadtest.command:command",
-    ),
-    ("audit", "show who selected what, when and how confidently", "pointit.cli.inspect.audit:command"),
-    ("schema", "write or check the catalogue of messages", "pointit.cli.inspect.schema:command"),
-    ("router", "run a router that joins several machines", "pointit.cli.site.router:command"),
-    ("site", "manage who may join a site, and their rights", "pointit.cli.site.site:command"),
-)
-"""Name, one line, and location of the command: `module:attribute`."""
+from pointit.cli.commands import COMMANDS, OLD_SPELLINGS
+from pointit.cli.common.lazy import LazyGroup, print_help_without_action, walk
 
 EXAMPLES = (
     ("pointit run", "a person in a room with a conveyor, in your browser; then point yourself"),
-    ("pointit hz --all", "all messages and their rates, from another terminal"),
+    ("pointit topic hz --all", "all messages and their rates, from another terminal"),
     ("pointit doctor", "problems of a site, and what to do"),
 )
 
@@ -78,7 +24,29 @@ ERROR = "Error: "
 
 
 class RootGroup(LazyGroup):
-    """The top-level help: commands, three examples, first steps."""
+    """The top-level help: commands by heading, three examples, first steps. Understands old spellings."""
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """Return the command named first in `args`. For an old spelling, a note names the new one.
+
+        Raises:
+            UnknownNameError: If there is none; suggests similar names.
+        """
+        count, new = renamed(args)
+        if count:
+            old = " ".join(("pointit", *args[:count]))
+            if not ctx.resilient_parsing:
+                click.echo(f"note: `{old}` is now `{' '.join(('pointit', *new))}`", err=True)
+            args = [*new, *args[count:]]
+        return super().resolve_command(ctx, args)
+
+    def advice(self, typed: str) -> str:
+        """Return a clause with the similar names, those of actions among them: `map plot` for `plott`."""
+        words = {path[-1]: " ".join(path) for path in reversed(PATHS)}
+        near = difflib.get_close_matches(typed, words, n=3, cutoff=0.6)
+        return f"did you mean {' or '.join(words[each] for each in near)}?" if near else super().advice(typed)
 
     def invoke(self, ctx: click.Context) -> Any:
         """Run the command; error messages are wrapped to the terminal's width, if there is one."""
@@ -105,6 +73,24 @@ class RootGroup(LazyGroup):
         formatter.write_text("More on a command: pointit COMMAND --help")
 
 
+PATHS = [path for path, _ in walk(entry for part in COMMANDS.values() for entry in part)]
+"""Words of every command and group that the help shows, a group before its commands."""
+
+
+def renamed(arguments: Sequence[str]) -> tuple[int, tuple[str, ...]]:
+    """Return the number of first words that are an old spelling, and the new one, or `(0, ())`."""
+    word, following = arguments[0], arguments[1] if len(arguments) > 1 else ""
+    if word in OLD_SPELLINGS:
+        return 1, OLD_SPELLINGS[word]
+    if word != "service" or not following:
+        return 0, ()
+    if following == "--json":
+        return 1, ("service", "list")
+    actions = [path[1] for path in PATHS if path[0] == "service" and len(path) == 2]
+    is_action = following.startswith("-") or difflib.get_close_matches(following, actions, cutoff=0.6)
+    return (0, ()) if is_action else (1, ("service", "run"))
+
+
 def wrap_message(text: str, width: int | None = None) -> str:
     """Return `text` wrapped to fit behind and below `Error: `, without breaking words; unchanged in a pipe.
 
@@ -122,16 +108,10 @@ def wrap_message(text: str, width: int | None = None) -> str:
 
 def front() -> click.Group:
     """Return the group of all commands."""
-
-    @click.pass_context
-    def callback(ctx: click.Context) -> None:
-        if ctx.invoked_subcommand is None:
-            click.echo(ctx.get_help())
-
     group = RootGroup(
         name="pointit",
-        entries=[Entry(name=name, about=about, load=from_module(where)) for name, about, where in COMMANDS],
-        callback=callback,
+        entries=COMMANDS,
+        callback=print_help_without_action,
         invoke_without_command=True,
         context_settings={"help_option_names": ["-h", "--help"]},
         help=(

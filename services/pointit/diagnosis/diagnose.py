@@ -15,9 +15,10 @@ from pointit.diagnosis.certainty import (
 from pointit.diagnosis.clocks import find_clock_skew
 from pointit.diagnosis.observation import Finding, Observation, Report
 from pointit.diagnosis.staleness import stale_inputs
-from pointit.diagnosis.writers import split_instance, start_command
+from pointit.diagnosis.writers import start_command
 from pointit.runtime.health.timeliness import LONGEST_HOST
 from pointit.schemas import Health
+from pointit.schemas.system import split_instance
 from pointit.schemas.text import one_line
 from pointit.schemas.topics import TOPICS, Delivery
 
@@ -71,7 +72,8 @@ def _presence(seen: Observation) -> Iterator[Finding]:
             service="",
             sentence="nothing but the router runs on this site yet",
             remedy="start what all people share with `pointit run --site-only --credentials "
-            "FOLDER/identities/supervisor`, then each person with `pointit user NAME --credentials NAME`",
+            "FOLDER/identities/supervisor`, then each person with `pointit person add NAME "
+            "--credentials NAME`",
         )
     for instance, remedy in expected.items():
         if instance not in seen.present:
@@ -213,8 +215,8 @@ def _certainty(instance: str, health: Health) -> Iterator[Finding]:
             code="unsure",
             service=instance,
             sentence=f"the person's position is uncertain by {where_m:.2f} m (1 sigma, limit {UNSURE_M:g} m)",
-            remedy=f"let them localize again: hold the button, or `pointit press {who} --gesture hold`; "
-            "point at more lamps with --targets",
+            remedy=f"let them localize again: hold the button, or `pointit person press {who} "
+            "--gesture hold`; point at more lamps with --targets",
         )
     elif yaw_deg is not None and yaw_deg > UNSURE_DEG:
         yield Finding(
@@ -223,7 +225,7 @@ def _certainty(instance: str, health: Health) -> Iterator[Finding]:
             service=instance,
             sentence=f"the person's yaw is uncertain by {yaw_deg:.1f}° (1 sigma, limit {UNSURE_DEG:g}°)"
             + ("" if age_s is None else f", the last anchor is {age_s:.0f} s old"),
-            remedy=f"have them point at one lamp: `pointit anchor {who}`, or press the button twice",
+            remedy=f"have them point at one lamp: `pointit person anchor {who}`, or press the button twice",
         )
     elif age_s is not None and age_s > OLD_ANCHOR_S and (yaw_deg is None or yaw_deg > SURE_DEG):
         yield Finding(
@@ -231,7 +233,7 @@ def _certainty(instance: str, health: Health) -> Iterator[Finding]:
             code="old-anchor",
             service=instance,
             sentence=f"the last anchor is {age_s / 60:.0f} min old, and the IMU's yaw drifts",
-            remedy=f"have them point at one lamp: `pointit anchor {who}`, or press the button twice",
+            remedy=f"have them point at one lamp: `pointit person anchor {who}`, or press the button twice",
         )
 
 

@@ -115,10 +115,13 @@ async def test_ctrl_c_while_modules_load_is_silent(commands: Commands, endpoint:
 
 Arguments = Callable[[str], tuple[str, ...]]
 OTHERS: dict[str, tuple[Arguments, str]] = {
-    "user": (lambda at: ("user", "anna", "--connect", at), "anna of site lab at"),
-    "user in processes": (lambda at: ("user", "cleo", "--processes", "--connect", at), "cleo of site"),
-    "service": (lambda at: ("service", "pointing", "--user", "ben", "--connect", at), "runs"),
-    "echo": (lambda at: ("echo", "users/*/imu", "--connect", at), "users/user1/imu"),
+    "user": (lambda at: ("person", "add", "anna", "--connect", at), "anna of site lab at"),
+    "user in processes": (
+        lambda at: ("person", "add", "cleo", "--processes", "--connect", at),
+        "cleo of site",
+    ),
+    "service": (lambda at: ("service", "run", "pointing", "--user", "ben", "--connect", at), "runs"),
+    "echo": (lambda at: ("topic", "echo", "users/*/imu", "--connect", at), "users/user1/imu"),
 }
 
 

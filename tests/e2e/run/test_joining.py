@@ -15,7 +15,7 @@ async def test_who_joins_takes_over_the_time_of_the_site(commands: Commands, end
     )
     async with onlooker(endpoint) as seen:
         await seen.hears("conveyor-sim")
-        commands.start("user", "anna", "--no-view", "--connect", endpoint)
+        commands.start("person", "add", "anna", "--no-view", "--connect", endpoint)
         await seen.sees_cursors("anna")
         clock = SiteClock(seen.bus)
         assert await clock.wait_for_tick(5.0)
@@ -29,7 +29,7 @@ async def test_a_name_stands_for_one_person(commands: Commands, endpoint: str) -
     commands.start("run", "scenario_2", "--no-view", "--listen", endpoint)
     async with onlooker(endpoint) as seen:
         await seen.sees_cursors("user1")
-        ended = await commands.pointit("user", "user1", "--connect", endpoint)
+        ended = await commands.pointit("person", "add", "user1", "--connect", endpoint)
         assert ended.code == 2
         assert ended.sentence.startswith("user1: already on site lab; choose another name")
         await seen.sees_cursors("user1")
@@ -44,7 +44,7 @@ async def missed(commands: Commands, endpoint: str) -> dict[str, str]:
 
 async def test_who_vanished_is_missed_by_who_looks_later(commands: Commands, endpoint: str) -> None:
     commands.start("run", "scenario_2", "--site-only", "--no-view", "--listen", endpoint)
-    join = ("user", "anna", "--no-view", "--connect", endpoint)
+    join = ("person", "add", "anna", "--no-view", "--connect", endpoint)
     async with onlooker(endpoint) as seen:
         await seen.hears("pui")
         anna = commands.start(*join)
@@ -54,7 +54,7 @@ async def test_who_vanished_is_missed_by_who_looks_later(commands: Commands, end
         absent = await missed(commands, endpoint)
         assert absent.keys() >= {"pointing.anna", "supervisor.anna"}
         for instance, remedy in absent.items():  # built here, not as her deployment has it
-            assert f"pointit service {instance.removesuffix('.anna')} --user anna" in remedy
+            assert f"pointit service run {instance.removesuffix('.anna')} --user anna" in remedy
         again = commands.start(*join)
         await seen.sees_cursors("anna")
         assert await missed(commands, endpoint) == {}

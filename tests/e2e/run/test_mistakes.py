@@ -38,7 +38,7 @@ def one_sentence(ended: Ended, *parts: str, code: int = 2) -> None:
         (("{folder}/parameter.yaml",), ["{folder}/parameter.yaml, pui: no parameter nope"]),
         (
             ("--config", "{folder}/section.yaml"),
-            ["{folder}/section.yaml: 'puj' is no service", "pointit list"],
+            ["{folder}/section.yaml: 'puj' is no service", "did you mean pui?"],
         ),
         (("--config", "{folder}/value.yaml"), ["{folder}/value.yaml, selector: window_s: ", "'soon'"]),
         (("--set", "selector.window_s=soon"), ["--set selector.window_s=soon: window_s: ", "'soon'"]),
@@ -105,10 +105,10 @@ async def test_numbers_out_of_range(commands: Commands, option: str, value: str)
 
 async def test_users_have_mistakes_of_their_own(commands: Commands, endpoint: str) -> None:
     where = ("--connect", endpoint)
-    one_sentence(await commands.pointit("user", "a b", *where), "user 'a b'")
-    two = await commands.pointit("user", "anna", "--imu", "sim", "--imu", "sim", *where)
+    one_sentence(await commands.pointit("person", "add", "a b", *where), "user 'a b'")
+    two = await commands.pointit("person", "add", "anna", "--imu", "sim", "--imu", "sim", *where)
     one_sentence(two, "--imu is given 2 times for one person")
-    setting = await commands.pointit("user", "anna", "--set", "pui.map=lab", *where)
+    setting = await commands.pointit("person", "add", "anna", "--set", "pui.map=lab", *where)
     one_sentence(setting, "pui is not among what this starts")
 
 
@@ -119,7 +119,7 @@ async def test_a_taken_address(commands: Commands) -> None:
     one_sentence(ended, f"cannot listen on {address}", "--connect", "--listen", code=1)
 
 
-@pytest.mark.parametrize("arguments", [RUN, ("user", "anna")])
+@pytest.mark.parametrize("arguments", [RUN, ("person", "add", "anna")])
 async def test_nobody_is_there_to_join(commands: Commands, endpoint: str, arguments: tuple[str, ...]) -> None:
     command = commands.start(*arguments, "--connect", endpoint)
     await command.says(f"nobody answers at {endpoint} yet; trying again until somebody does")

@@ -39,7 +39,16 @@ async def test_two_systems_on_one_router_do_not_see_each_other(commands: Command
             assert {health.pid for health in a.health.values()} == {runs["a"].process.pid}
             assert {health.pid for health in b.health.values()} == {runs["b"].process.pid}
             echo = await commands.pointit(
-                "echo", "objects/*", "--count", "5", "--json", "--site", "b", "--connect", router.endpoint
+                "topic",
+                "echo",
+                "objects/*",
+                "--count",
+                "5",
+                "--json",
+                "--site",
+                "b",
+                "--connect",
+                router.endpoint,
             )
             assert echo.code == 0, echo.err
             await until(lambda: bool(a.object_ids()), what="objects of a")
@@ -69,14 +78,14 @@ async def test_a_site_and_people_who_come_and_go(commands: Commands, endpoint: s
             "the site",
         )
         assert not seen.people
-        anna = commands.start("user", "anna", *join)
-        ben = commands.start("user", "ben", "--place", "2", "--seed", "5", *join)
+        anna = commands.start("person", "add", "anna", *join)
+        ben = commands.start("person", "add", "ben", "--place", "2", "--seed", "5", *join)
         await seen.sees_cursors("anna", "ben")
         await until(lambda: services_of("anna") | services_of("ben") <= seen.present, what="all of both")
         for user, person in (("anna", anna), ("ben", ben)):
             await seen.hears(f"pointing.{user}")
             assert seen.health[f"pointing.{user}"].pid == person.process.pid
-        keys = await commands.pointit("echo", "users/*/imu", "--count", "30", "--json", *join)
+        keys = await commands.pointit("topic", "echo", "users/*/imu", "--count", "30", "--json", *join)
         assert {json.loads(line)["key"] for line in keys.out.splitlines()} == {
             "users/anna/imu",
             "users/ben/imu",
@@ -96,7 +105,7 @@ async def test_a_site_and_people_who_come_and_go(commands: Commands, endpoint: s
         await seen.sees_cursors("anna")
         assert not seen.cursors["ben"]
 
-        again = commands.start("user", "ben", "--place", "2", *join)
+        again = commands.start("person", "add", "ben", "--place", "2", *join)
         await seen.sees_cursors("ben")
         pid = again.process.pid
         await until(lambda: seen.health["pointing.ben"].pid == pid, what="health of ben's new process")
@@ -114,7 +123,7 @@ async def test_a_site_and_people_who_come_and_go(commands: Commands, endpoint: s
 
 
 async def test_people_may_come_before_the_site(commands: Commands, endpoint: str) -> None:
-    anna = commands.start("user", "anna", "--connect", endpoint)
+    anna = commands.start("person", "add", "anna", "--connect", endpoint)
     await anna.says(f"nobody answers at {endpoint} yet; trying again until somebody does")
     commands.start("run", "scenario_3", "--site-only", "--no-view", "--listen", endpoint)
     async with onlooker(endpoint) as seen:

@@ -15,7 +15,7 @@ import socket, sys, time
 real = time.time_ns
 time.time_ns = lambda: real() + int({ahead_s} * 1e9)
 socket.gethostname = lambda: "watch"
-sys.argv = ["pointit", "service", "pointing", "--user", "anna", "--connect", "{endpoint}"]
+sys.argv = ["pointit", "service", "run", "pointing", "--user", "anna", "--connect", "{endpoint}"]
 from pointit.cli.main import main
 main()
 """

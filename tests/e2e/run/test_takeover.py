@@ -40,7 +40,7 @@ async def test_a_stopped_process_loses_its_name_and_ends_when_it_wakes(
     commands: Commands, endpoint: str
 ) -> None:
     commands.start("run", "scenario_2", "--site-only", "--no-view", "--listen", endpoint)
-    join = ("user", "anna", "--no-view", "--connect", endpoint)
+    join = ("person", "add", "anna", "--no-view", "--connect", endpoint)
     async with onlooker(endpoint) as seen:
         await seen.hears("pui")
         old = commands.start(*join)
@@ -62,7 +62,7 @@ async def test_a_stopped_process_loses_its_name_and_ends_when_it_wakes(
 
 async def test_a_killed_process_is_followed_at_once(commands: Commands, endpoint: str) -> None:
     commands.start("run", "scenario_2", "--site-only", "--no-view", "--listen", endpoint)
-    join = ("user", "anna", "--no-view", "--connect", endpoint)
+    join = ("person", "add", "anna", "--no-view", "--connect", endpoint)
     async with onlooker(endpoint) as seen:
         await seen.hears("pui")
         for _ in range(2):
@@ -81,7 +81,7 @@ async def test_a_single_service_of_a_person_is_refused_beside_a_living_one(
     commands.start("run", "scenario_2", "--no-view", "--listen", endpoint)
     async with onlooker(endpoint) as seen:
         await seen.sees_cursors("user1")
-        ended = await commands.pointit("service", "pointing", "--user", "user1", "--connect", endpoint)
+        ended = await commands.pointit("service", "run", "pointing", "--user", "user1", "--connect", endpoint)
         assert ended.code == 2
         assert ended.sentence.startswith("pointing.user1: already on site lab")
 
@@ -90,7 +90,7 @@ async def test_two_of_what_all_share_are_told(commands: Commands, endpoint: str)
     commands.start("run", "scenario_2", "--site-only", "--no-view", "--listen", endpoint)
     async with onlooker(endpoint) as seen:
         await seen.hears("led-driver")
-        second = commands.start("service", "led-driver", "--connect", endpoint)
+        second = commands.start("service", "run", "led-driver", "--connect", endpoint)
         await until(
             lambda: any("runs twice" in warning for h in seen.health.values() for warning in h.warnings),
             TAKEN_OVER_S,

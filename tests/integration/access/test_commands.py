@@ -20,7 +20,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[SiteFolder]:
 
 async def test_a_service_under_a_wrong_name_says_so_and_goes_on(site: SiteFolder, commands: Commands) -> None:
     folder = str(site.identity_folder("guest1"))
-    service = commands.start("service", "pointing", "--user", "anna", "--credentials", folder)
+    service = commands.start("service", "run", "pointing", "--user", "anna", "--credentials", folder)
     await service.says("this identity (guest1) may not write users/anna/ray: use credentials of anna")
     assert service.is_running
     assert (await service.stop()).code == 0
@@ -28,10 +28,10 @@ async def test_a_service_under_a_wrong_name_says_so_and_goes_on(site: SiteFolder
 
 async def test_the_variable_does_as_well(site: SiteFolder, commands: Commands) -> None:
     environment = {"POINTIT_CREDENTIALS": str(site.identity_folder("services"))}
-    service = commands.start("service", "pui", environment=environment)
+    service = commands.start("service", "run", "pui", environment=environment)
     await service.says("pui of site lab runs")
     ended = await commands.pointit(
-        "call", "pui/tolerance", "--credentials", str(site.identity_folder("anna"))
+        "service", "call", "pui/tolerance", "--credentials", str(site.identity_folder("anna"))
     )
     assert "this identity (anna) may not ask pui/tolerance" in ended.sentence
     ended = await commands.pointit("doctor", "--credentials", str(site.identity_folder("operator")))
@@ -51,7 +51,7 @@ async def test_what_does_not_fit_the_credentials_is_one_sentence(
     options: list[str], sentence: str, site: SiteFolder, commands: Commands
 ) -> None:
     ended = await commands.pointit(
-        "hz", "--all", "--credentials", str(site.identity_folder("operator")), *options
+        "topic", "hz", "--all", "--credentials", str(site.identity_folder("operator")), *options
     )
     assert ended.code == 2
     assert sentence in ended.sentence
@@ -60,7 +60,9 @@ async def test_what_does_not_fit_the_credentials_is_one_sentence(
 async def test_who_may_not_press_somebodys_button_is_told_so_in_one_error(
     site: SiteFolder, commands: Commands
 ) -> None:
-    ended = await commands.pointit("press", "anna", "--credentials", str(site.identity_folder("operator")))
+    ended = await commands.pointit(
+        "person", "press", "anna", "--credentials", str(site.identity_folder("operator"))
+    )
     assert ended.code != 0
     assert "this identity (operator) may not write users/anna/button" in ended.sentence
     assert ended.err.count("may not write") == 1
@@ -72,7 +74,7 @@ async def test_who_may_not_press_somebodys_button_is_told_so_in_one_error(
 async def test_who_may_not_be_that_person_is_told_before_anything_starts(
     name: str, role: str, site: SiteFolder, commands: Commands
 ) -> None:
-    ended = await commands.pointit("user", "anna", "--credentials", str(site.identity_folder(name)))
+    ended = await commands.pointit("person", "add", "anna", "--credentials", str(site.identity_folder(name)))
     assert ended.code == 2
     assert f"these are of {name} (role {role}), who may not take part as anna" in ended.sentence
 

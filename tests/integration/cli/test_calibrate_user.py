@@ -1,4 +1,4 @@
-"""`pointit calibrate user`, `anchor` and `pose` on a site with a real supervisor and a played localizer."""
+"""`pointit person calibrate user`, `anchor`, `pose` with a real supervisor and a played localizer."""
 
 import asyncio
 import json
@@ -51,7 +51,7 @@ async def test_pointing_at_the_lamps_gives_the_offset_which_is_kept_shown_and_fo
 ) -> None:
     profiles: list[UserProfile] = []
     site.bus.subscribe(PROFILE, lambda profile, _user: profiles.append(profile), ANNA)
-    ended = await site.pointit("calibrate", "user", ANNA, "--json")
+    ended = await site.pointit("person", "calibrate", "user", ANNA, "--json")
     assert ended.code == 0, ended.err
     assert localizer.asked == [f"anchor {lamp}" for lamp in LAMPS]
     told = json.loads(ended.out)
@@ -68,10 +68,10 @@ async def test_pointing_at_the_lamps_gives_the_offset_which_is_kept_shown_and_fo
     assert profiles[-1].offset.anchors == 4
     path = own_state / "users" / ANNA / "offset.json"
     assert path.is_file()
-    shown = await site.pointit("calibrate", "user", ANNA, "--show")
+    shown = await site.pointit("person", "calibrate", "user", ANNA, "--show")
     assert shown.out.startswith("anna: the rays are turned up by 4.0°")
     assert "fitted from 4 pointings" in shown.out
-    erased = await site.pointit("calibrate", "user", ANNA, "--erase")
+    erased = await site.pointit("person", "calibrate", "user", ANNA, "--erase")
     assert erased.out == "anna: the offset is forgotten\n"
     assert not path.exists()
     await until(lambda: profiles[-1].offset is None)
@@ -82,7 +82,7 @@ async def test_lamps_and_their_number_can_be_chosen_and_bad_holds_do_not_count(
 ) -> None:
     localizer.rejects = ("led_2",)
     ended = await site.pointit(
-        "calibrate", "user", ANNA, "--lamps", "led_2,led_0", "--anchors", "3", "--dry-run"
+        "person", "calibrate", "user", ANNA, "--lamps", "led_2,led_0", "--anchors", "3", "--dry-run"
     )
     assert ended.code == 0, ended.err
     assert localizer.asked == ["anchor led_2", "anchor led_0", "anchor led_2"]
@@ -90,32 +90,32 @@ async def test_lamps_and_their_number_can_be_chosen_and_bad_holds_do_not_count(
     assert "fitted from 1 pointing," in ended.out
     assert ended.out.endswith("nothing is changed (--dry-run)\n")
     localizer.rejects = tuple(LAMPS)
-    ended = await site.pointit("calibrate", "user", ANNA, "--lamps", "led_0")
+    ended = await site.pointit("person", "calibrate", "user", ANNA, "--lamps", "led_0")
     assert ended.code == 1
     assert "no pointing was usable, nothing was changed: the arm wandered" in ended.err
-    ended = await site.pointit("calibrate", "user", ANNA, "--lamps", "led_9")
+    ended = await site.pointit("person", "calibrate", "user", ANNA, "--lamps", "led_9")
     assert ended.code == 2
     assert "no lamp 'led_9' on map" in ended.err
 
 
 async def test_without_a_site_what_is_kept_here_is_shown(site: Site, own_state: Path) -> None:
-    shown = await site.pointit("calibrate", "user", ANNA, "--show")
+    shown = await site.pointit("person", "calibrate", "user", ANNA, "--show")
     assert "no service runs, and no offset is stored on this machine" in shown.out
     path = own_state / "users" / ANNA / "offset.json"
     path.parent.mkdir(parents=True)
     path.write_text('{"rung": "pitch", "elevation": [0.05, 0, 0, 0, 0, 0], "anchors": 2}', encoding="utf-8")
-    shown = await site.pointit("calibrate", "user", ANNA, "--show")
+    shown = await site.pointit("person", "calibrate", "user", ANNA, "--show")
     assert "the rays are turned up by 2.9°; fitted from 2 pointings" in shown.out
-    erased = await site.pointit("calibrate", "user", ANNA, "--erase")
+    erased = await site.pointit("person", "calibrate", "user", ANNA, "--erase")
     assert "was deleted" in erased.out
     path.write_text("{", encoding="utf-8")
-    shown = await site.pointit("calibrate", "user", ANNA, "--show")
+    shown = await site.pointit("person", "calibrate", "user", ANNA, "--show")
     assert shown.code == 2
     assert "offset.json: cannot be used" in shown.err
 
 
 async def test_an_anchor_says_in_one_sentence_what_it_found(site: Site, localizer: ErringLocalizer) -> None:
-    ended = await site.pointit("anchor", ANNA, "led_1")
+    ended = await site.pointit("person", "anchor", ANNA, "led_1")
     assert ended.code == 0, ended.err
     assert ended.out == (
         "anna: led_1: the direction was 6.0° too far right (the IMU's drift turns the pose by 12.0 °/min) "
@@ -123,21 +123,21 @@ async def test_an_anchor_says_in_one_sentence_what_it_found(site: Site, localize
         "was given.\n"
     )
     localizer.rejects = ("led_0",)
-    ended = await site.pointit("anchor", ANNA)  # the localizer chooses
+    ended = await site.pointit("person", "anchor", ANNA)  # the localizer chooses
     assert ended.code == 1
     assert "led_0: not accepted, the pose is as before: the arm wandered while led_0 was lit" in ended.out
-    ended = await site.pointit("anchor", ANNA, "led_9", "--json")
+    ended = await site.pointit("person", "anchor", ANNA, "led_9", "--json")
     assert ended.code == 1
     assert "lamps led_9 are not on the map" in ended.err
 
 
 async def test_an_anchor_without_end_is_called_off(site: Site, localizer: ErringLocalizer) -> None:
     localizer.hangs = True
-    ended = await site.pointit("anchor", ANNA, "led_1", "--timeout", "1")
+    ended = await site.pointit("person", "anchor", ANNA, "led_1", "--timeout", "1")
     assert ended.code == 1
     assert "did not finish within 1 s and was cancelled" in ended.err
     assert localizer.asked == ["anchor led_1", "cancel"]
-    async with site.command("anchor", ANNA, "led_1") as process:
+    async with site.command("person", "anchor", ANNA, "led_1") as process:
         await until(lambda: len(localizer.asked) == 3, 20)
         code, took_s = await interrupt(process)
     assert code == 130
@@ -146,21 +146,23 @@ async def test_an_anchor_without_end_is_called_off(site: Site, localizer: Erring
 
 
 async def test_without_a_localizer_it_says_what_to_start(site: Site) -> None:
-    ended = await site.pointit("anchor", ANNA)
+    ended = await site.pointit("person", "anchor", ANNA)
     assert ended.code == 1
     assert "no localizer of anna is heard" in ended.err
-    assert "no anna is on this site, there are no people; add them with `pointit user anna`" in ended.err
-    ended = await site.pointit("pose", ANNA)
+    assert (
+        "no anna is on this site, there are no people; add them with `pointit person add anna`" in ended.err
+    )
+    ended = await site.pointit("person", "pose", ANNA)
     assert ended.code == 1
     assert "where anna stands is not known: no anna is on this site" in ended.err
     site.start(Supervisor, ANNA)
     await site.arrived("supervisor.anna")
-    ended = await site.pointit("pose", ANNA)
-    assert "pointit service localizer --user anna" in ended.err
-    assert "or set it: pointit pose anna X Y" in ended.err
-    ended = await site.pointit("pose", "ben")
-    assert "no ben is on this site, there is anna; add them with `pointit user ben`" in ended.err
-    ended = await site.pointit("calibrate", "user", "ben", "--show")
+    ended = await site.pointit("person", "pose", ANNA)
+    assert "pointit service run localizer --user anna" in ended.err
+    assert "or set it: pointit person pose anna X Y" in ended.err
+    ended = await site.pointit("person", "pose", "ben")
+    assert "no ben is on this site, there is anna; add them with `pointit person add ben`" in ended.err
+    ended = await site.pointit("person", "calibrate", "user", "ben", "--show")
     assert ended.err == "waiting for the profile of ben …\n"  # a second later than it was asked
 
 
@@ -173,7 +175,7 @@ async def test_who_is_being_localized_is_said_to_be(site: Site) -> None:
             stamp_ns=1, phase="sampling", target_id="led_1", target_index=1, target_count=3, since_ns=1
         )
     )
-    for words in (("pose", ANNA), ("calibrate", "user", ANNA)):
+    for words in (("person", "pose", ANNA), ("person", "calibrate", "user", ANNA)):
         ended = await site.pointit(*words)
         assert ended.code == 1
         busy = "anna is being localized, lamp 2 of 3; wait until that is done"
@@ -181,22 +183,22 @@ async def test_who_is_being_localized_is_said_to_be(site: Site) -> None:
 
 
 async def test_the_pose_is_shown_and_said(site: Site, localizer: ErringLocalizer) -> None:
-    shown = await site.pointit("pose", ANNA)
+    shown = await site.pointit("person", "pose", ANNA)
     assert shown.code == 0, shown.err
     assert "position      x 2.00 m, y 0.50 m, z 0.00 m" in shown.out
     assert "given, counts as exact" in shown.out
-    said = await site.pointit("pose", ANNA, "-1.5", "2")
+    said = await site.pointit("person", "pose", ANNA, "-1.5", "2")
     assert (said.code, said.out) == (0, "anna: the pose is set\n"), said.err
     assert localizer.asked[-1] == "pose (-1.5, 2.0, 0.0) 17.2"  # the yaw is as it was
-    said = await site.pointit("pose", ANNA, "1", "2", "0.5", "--yaw", "-20", "--json")
+    said = await site.pointit("person", "pose", ANNA, "1", "2", "0.5", "--yaw", "-20", "--json")
     assert localizer.asked[-1] == "pose (1.0, 2.0, 0.5) -20.0"
     fields = json.loads(said.out)
     assert (fields["position_m"], round(fields["yaw_deg"], 6)) == ([1.0, 2.0, 0.5], -20.0)
-    said = await site.pointit("pose", ANNA, "--facing", "90", "--now")
+    said = await site.pointit("person", "pose", ANNA, "--facing", "90", "--now")
     assert said.out == "anna: the yaw is set by where you point\n"
     assert localizer.asked[-1] == "heading 90.0"
-    await site.pointit("anchor", ANNA, "led_1")
-    shown = await site.pointit("pose", ANNA)
+    await site.pointit("person", "anchor", ANNA, "led_1")
+    shown = await site.pointit("person", "pose", ANNA)
     assert "1 sigma 0.10 m" in shown.out
     assert "12.0 °/min; 1 sigma 6.0 °/min" in shown.out
     assert "last anchor" in shown.out
@@ -207,7 +209,7 @@ async def test_a_place_that_is_typed_keeps_the_yaw_that_was_found_and_how_sure_i
     site: Site, localizer: ErringLocalizer
 ) -> None:
     localizer.find(yaw_sigma_rad=math.radians(4.0), bias_rad=0.02)
-    said = await site.pointit("pose", ANNA, "1", "2")
+    said = await site.pointit("person", "pose", ANNA, "1", "2")
     assert said.out == "anna: the pose is set; the yaw stays, and its drift is still tracked\n", said.err
     asked = localizer.poses[-1]
     assert (asked.method, asked.position_m, asked.yaw_rad) == ("static_targets", (1.0, 2.0, 0.0), 0.3)
@@ -216,7 +218,7 @@ async def test_a_place_that_is_typed_keeps_the_yaw_that_was_found_and_how_sure_i
     assert [math.sqrt(asked.covariance[i]) for i in (0, 4, 8)] == pytest.approx(
         [0.05, 0.05, math.radians(4.0)]
     )
-    said = await site.pointit("pose", ANNA, "1", "2", "--yaw", "10")
+    said = await site.pointit("person", "pose", ANNA, "1", "2", "--yaw", "10")
     assert (localizer.poses[-1].method, localizer.poses[-1].covariance) == ("fixed", None)
     assert said.err == ""
 
@@ -224,12 +226,12 @@ async def test_a_place_that_is_typed_keeps_the_yaw_that_was_found_and_how_sure_i
 async def test_a_place_far_outside_the_room_is_warned_of_and_taken(
     site: Site, localizer: ErringLocalizer
 ) -> None:
-    said = await site.pointit("pose", ANNA, "50", "50")
+    said = await site.pointit("person", "pose", ANNA, "50", "50")
     assert said.code == 0
     assert "warning: 50, 50 m is 46 " in said.err
     assert "m outside the contents of map 'lab': x " in said.err
     assert localizer.poses[-1].position_m == (50.0, 50.0, 0.0)
-    assert (await site.pointit("pose", ANNA, "3", "-5")).err == ""
+    assert (await site.pointit("person", "pose", ANNA, "3", "-5")).err == ""
 
 
 async def test_an_offset_from_a_pose_that_looks_wrong_is_not_kept(
@@ -238,12 +240,12 @@ async def test_an_offset_from_a_pose_that_looks_wrong_is_not_kept(
     localizer.position_m = (5.0, -2.0, 0.0)  # in truth at 2.0, 0.5
     localizer.truly_m = (2.0, 0.5, 0.0)
     localizer.find(yaw_sigma_rad=math.radians(4.0))
-    ended = await site.pointit("calibrate", "user", ANNA)
+    ended = await site.pointit("person", "calibrate", "user", ANNA)
     assert ended.code == 1
     assert "nothing is stored: the pose looks wrong, " in ended.err
-    assert "localize first, or `pointit pose anna X Y`" in ended.err
+    assert "localize first, or `pointit person pose anna X Y`" in ended.err
     assert not (own_state / "users" / ANNA / "offset.json").exists()
-    ended = await site.pointit("calibrate", "user", ANNA, "--dry-run")
+    ended = await site.pointit("person", "calibrate", "user", ANNA, "--dry-run")
     assert "too far right" in ended.out
     assert "the pose looks wrong" in ended.out + ended.err
 
@@ -252,7 +254,17 @@ async def test_an_offset_from_a_pose_that_looks_wrong_is_not_kept(
 async def test_in_a_terminal_what_was_pointed_at_stands_on_lines_of_its_own(
     site: Site, localizer: ErringLocalizer
 ) -> None:
-    words = (sys.executable, "-m", "pointit.cli", "calibrate", "user", ANNA, "--connect", site.endpoint)
+    words = (
+        sys.executable,
+        "-m",
+        "pointit.cli",
+        "person",
+        "calibrate",
+        "user",
+        ANNA,
+        "--connect",
+        site.endpoint,
+    )
     process = await asyncio.create_subprocess_exec(
         *("script", "-qec", shlex.join(words), "/dev/null"),
         stdin=asyncio.subprocess.DEVNULL,
@@ -296,19 +308,19 @@ async def test_lamps_that_somebody_else_has_are_waited_for_once(
     others = site.bus.publisher(LOCALIZATION, "ben")
     others.put(Localization(stamp_ns=1, phase="sampling", target_id="led_0", target_count=2, since_ns=1))
     localizer.refuses = "ben is being localized with these lamps; try again when they are done"
-    ended = await site.pointit("calibrate", "user", ANNA, "--timeout", "1")
+    ended = await site.pointit("person", "calibrate", "user", ANNA, "--timeout", "1")
     assert ended.code == 1
     assert ended.err.count("; waiting for up to 1 s") == 1
     assert "nothing was changed: ben is being localized with these lamps" in ended.err
     assert len(localizer.asked) == 2
     others.put(Localization(stamp_ns=2, phase="solved", since_ns=1))
     localizer.refuses = "the lamps are broken"
-    ended = await site.pointit("calibrate", "user", ANNA)
+    ended = await site.pointit("person", "calibrate", "user", ANNA)
     assert "waiting" not in ended.err
     assert "nothing was changed: the lamps are broken" in ended.err
     assert len(localizer.asked) == 3
     others.put(Localization(stamp_ns=3, phase="sampling", target_id="led_0", target_count=2, since_ns=3))
-    async with site.command("calibrate", "user", ANNA, "--lamps", "led_0") as process:
+    async with site.command("person", "calibrate", "user", ANNA, "--lamps", "led_0") as process:
         await until(lambda: len(localizer.asked) == 4, 20)
         localizer.refuses = ""
         others.put(Localization(stamp_ns=4, phase="solved", since_ns=3))
@@ -327,6 +339,6 @@ async def test_what_is_typed_wrongly_is_said(site: Site) -> None:
         (("anna", "--now"), "--now belongs to --facing"),
         (("anna", "nan", "2"), "'nan' is neither a coordinate in metres"),
     ):
-        ended = await site.pointit("pose", *arguments)
+        ended = await site.pointit("person", "pose", *arguments)
         assert ended.code == 2, arguments
         assert words in ended.err

@@ -1,4 +1,4 @@
-"""`pointit call` and `pointit press` against a real bus, in processes of their own."""
+"""`pointit service call` and `pointit person press` against a real bus, in processes of their own."""
 
 import json
 from typing import Any
@@ -34,14 +34,16 @@ async def test_it_asks_and_prints_the_answer(site: Site) -> None:
     site.bus.serve(SET_SPEED, set_speed)
     site.bus.serve(SET_POSE, set_pose)
     site.bus.serve(ADD_PACKAGE, add)
-    ended = await site.pointit("call", "conveyor/set_speed", "speed_mps=-0.5")
+    ended = await site.pointit("service", "call", "conveyor/set_speed", "speed_mps=-0.5")
     assert (ended.code, ended.out, ended.err) == (0, "the speed is -0.5 m/s\n", "")
-    ended = await site.pointit("call", "localizer/anna/set_pose", "position_m=[1, 2, 0]", "yaw_rad=1")
+    ended = await site.pointit(
+        "service", "call", "localizer/anna/set_pose", "position_m=[1, 2, 0]", "yaw_rad=1"
+    )
     assert (ended.code, ended.out) == (0, "done\n")
-    ended = await site.pointit("call", "conveyor/add_package", "kind=7")
+    ended = await site.pointit("service", "call", "conveyor/add_package", "kind=7")
     assert (ended.code, ended.out.splitlines()[0]) == (0, "done")
     assert yaml.safe_load(ended.out.splitlines()[1]) == {"object_id": "p7"}
-    ended = await site.pointit("call", "conveyor/add_package", "kind=no", "lane=left", "--json")
+    ended = await site.pointit("service", "call", "conveyor/add_package", "kind=no", "lane=left", "--json")
     assert json.loads(ended.out) == {"key": "conveyor/add_package", "message": "", "object_id": "p7"}
     assert asked == [
         SetSpeed(speed_mps=-0.5),
@@ -56,9 +58,9 @@ async def test_a_refusal_and_no_answer_are_one_sentence_each(site: Site) -> None
         raise RefusedError("the conveyor is locked")
 
     site.bus.serve(SET_SPEED, refuse)
-    ended = await site.pointit("call", "conveyor/set_speed", "speed_mps=1")
+    ended = await site.pointit("service", "call", "conveyor/set_speed", "speed_mps=1")
     assert (ended.code, ended.out, ended.err) == (1, "", "Error: the conveyor is locked\n")
-    ended = await site.pointit("call", "localizer/anna/start", "--timeout", "0.5")
+    ended = await site.pointit("service", "call", "localizer/anna/start", "--timeout", "0.5")
     assert ended.code == 1
     assert ended.err.startswith("Error: localizer does not answer")
     assert ended.err.count("\n") == 1
@@ -69,7 +71,7 @@ async def test_a_refusal_and_no_answer_are_one_sentence_each(site: Site) -> None
     [
         (("conveyor/set_sped", "speed_mps=1"), "did you mean conveyor/set_speed"),
         (("localizer/anna/set_pse",), "did you mean localizer/anna/set_pose"),
-        (("zzz",), "`pointit call` lists all requests"),
+        (("zzz",), "`pointit service call` lists all requests"),
         (("users/anna/imu",), "is a topic (orientation of the arm)"),
         (("localizer/*/start",), "user '*': use 1 to 64"),
         (("conveyor/set_speed",), "conveyor/set_speed: speed_mps is missing: write speed_mps=VALUE, float"),
@@ -89,14 +91,14 @@ async def test_a_refusal_and_no_answer_are_one_sentence_each(site: Site) -> None
     ],
 )
 def test_what_is_wrong_is_named_without_connecting(arguments: tuple[str, ...], said: str) -> None:
-    result = CliRunner().invoke(command, ["call", *arguments, "--connect", "tcp/127.0.0.1:1"])
+    result = CliRunner().invoke(command, ["service", "call", *arguments, "--connect", "tcp/127.0.0.1:1"])
     assert result.exit_code == 2
     assert said in result.output
     assert result.output.count("\n") == 1
 
 
 async def test_alone_it_lists_what_can_be_asked(site: Site) -> None:
-    ended = await site.pointit("call", "--json")
+    ended = await site.pointit("service", "call", "--json")
     rows = json.loads(ended.out)["requests"]
     assert {row["key"] for row in rows} == {request.key for request in REQUESTS}
     (speed,) = (row for row in rows if row["field"] == "speed_mps")
@@ -113,15 +115,15 @@ async def test_alone_it_lists_what_can_be_asked(site: Site) -> None:
 async def test_a_button_pressed_from_another_process(site: Site) -> None:
     buttons: list[ButtonEvent] = []
     site.bus.subscribe(BUTTON, lambda event, _user: buttons.append(event), "anna")
-    ended = await site.pointit("press", "anna")
+    ended = await site.pointit("person", "press", "anna")
     assert ended.code == 1
     assert ended.err.startswith("Error: anna has no supervisor: ")
     site.start(Supervisor, "anna")
     await site.arrived("supervisor.anna")
-    ended = await site.pointit("press", "anna", "--gesture", "hold", "--json")
+    ended = await site.pointit("person", "press", "anna", "--gesture", "hold", "--json")
     assert ended.code == 0
     answer = json.loads(ended.out)
     assert (answer["user"], answer["state"]) == ("anna", "idle")
     assert "not known" in answer["reason"]
     await until(lambda: [event.gesture for event in buttons] == ["hold"])
-    assert (await site.pointit("press", "an/na")).code == 2
+    assert (await site.pointit("person", "press", "an/na")).code == 2

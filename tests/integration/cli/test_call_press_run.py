@@ -1,4 +1,4 @@
-"""A run with a device that has no button: it begins by itself, and `pointit press` stops and starts it."""
+"""A run with a device without a button begins by itself; `pointit person press` stops and starts it."""
 
 import json
 
@@ -29,9 +29,9 @@ async def test_a_press_from_the_keyboard_stops_it_until_the_next(commands: Comma
     )
     async with onlooker(endpoint) as seen:
         await seen.sees_cursors("user1")
-        pressed = await commands.pointit("press", "user1", "--json", "--connect", endpoint)
+        pressed = await commands.pointit("person", "press", "user1", "--json", "--connect", endpoint)
         assert (pressed.code, json.loads(pressed.out)["state"]) == (0, "idle"), pressed.err
-        pressed = await commands.pointit("press", "user1", "--connect", endpoint)
+        pressed = await commands.pointit("person", "press", "user1", "--connect", endpoint)
         assert pressed.code == 0
         assert pressed.out.startswith("user1: pointing. Your place in the room is known. Point with")
         told = seen.interactions["user1"]

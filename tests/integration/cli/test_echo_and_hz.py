@@ -1,4 +1,4 @@
-"""`pointit echo` and `pointit hz` against a real bus, in processes of their own."""
+"""`pointit topic echo` and `pointit topic hz` against a real bus, in processes of their own."""
 
 import asyncio
 import json
@@ -22,7 +22,7 @@ ROOM = Environment(
 async def test_echo_prints_everybodys_messages(site: Site) -> None:
     site.feed_imu("anna")
     site.feed_imu("ben")
-    ended = await site.pointit("echo", "users/*/imu", "--count", "250")  # longer than its patience
+    ended = await site.pointit("topic", "echo", "users/*/imu", "--count", "250")  # longer than its patience
     assert (ended.code, ended.err) == (0, "")
     lines = [yaml.safe_load(line) for line in ended.out.splitlines()]
     assert len(lines) == 250
@@ -33,7 +33,7 @@ async def test_echo_prints_everybodys_messages(site: Site) -> None:
 async def test_echo_of_one_person_is_theirs_alone(site: Site) -> None:
     site.feed_imu("anna")
     site.feed_imu("ben")
-    ended = await site.pointit("echo", "users/anna/imu", "--count", "10", "--json")
+    ended = await site.pointit("topic", "echo", "users/anna/imu", "--count", "10", "--json")
     messages = [json.loads(line) for line in ended.out.splitlines()]
     assert [message["key"] for message in messages] == ["users/anna/imu"] * 10
     numbers = [message["seq"] for message in messages]
@@ -42,20 +42,20 @@ async def test_echo_of_one_person_is_theirs_alone(site: Site) -> None:
 
 async def test_echo_shows_a_state_that_was_put_before(site: Site) -> None:
     site.bus.publisher(MAP).put(ROOM)
-    ended = await site.pointit("echo", "map", "--count", "1", "--json")
+    ended = await site.pointit("topic", "echo", "map", "--count", "1", "--json")
     assert ended.code == 0
     assert json.loads(ended.out) == {"key": "map", **json.loads(ROOM.model_dump_json())}
 
 
 async def test_echo_says_what_it_waits_for_and_who_is_missing(site: Site) -> None:
-    async with site.command("echo", "users/anna/ray") as process:
+    async with site.command("topic", "echo", "users/anna/ray") as process:
         told = await next_line(process.stderr)
         assert told.startswith("waiting: nothing on users/anna/ray for 2 s; no writer is present")
-        assert "`pointit service pointing --user anna`" in told
+        assert "`pointit service run pointing --user anna`" in told
         assert (await interrupt(process))[0] == 0
     site.start(Pointing, "anna")
     await site.arrived("pointing.anna")
-    async with site.command("echo", "users/anna/ray") as process:
+    async with site.command("topic", "echo", "users/anna/ray") as process:
         assert "pointing.anna can write it and runs" in await next_line(process.stderr)
         site.feed_imu("anna")
         assert (await next_line(process.stdout)).startswith("users/anna/ray: {")
@@ -63,7 +63,7 @@ async def test_echo_says_what_it_waits_for_and_who_is_missing(site: Site) -> Non
 
 async def test_echo_does_not_nag_about_what_comes_on_change(site: Site) -> None:
     site.bus.publisher(PROFILE, "anna").put(UserProfile(stamp_ns=1))
-    async with site.command("echo", "users/anna/profile") as process:
+    async with site.command("topic", "echo", "users/anna/profile") as process:
         assert (await next_line(process.stdout)).startswith("users/anna/profile: {")
         await asyncio.sleep(2.5)  # longer than its patience
         await interrupt(process)
@@ -74,7 +74,7 @@ async def test_echo_does_not_nag_about_what_comes_on_change(site: Site) -> None:
 async def test_a_reader_that_has_enough_ends_echo_quietly(site: Site) -> None:
     site.feed_imu("anna")
     echo = shlex.join(
-        [sys.executable, "-m", "pointit.cli", "echo", "users/anna/imu", "--connect", site.endpoint]
+        [sys.executable, "-m", "pointit.cli", "topic", "echo", "users/anna/imu", "--connect", site.endpoint]
     )
     pipeline = await asyncio.create_subprocess_exec(
         "bash",
@@ -87,7 +87,9 @@ async def test_a_reader_that_has_enough_ends_echo_quietly(site: Site) -> None:
     assert (pipeline.returncode, out.count(b"\n"), err) == (0, 1, b"")
 
 
-@pytest.mark.parametrize("arguments", [("echo", "users/anna/imu"), ("hz", "users/anna/imu", "--watch")])
+@pytest.mark.parametrize(
+    "arguments", [("topic", "echo", "users/anna/imu"), ("topic", "hz", "users/anna/imu", "--watch")]
+)
 async def test_ctrl_c_ends_it_at_once(site: Site, arguments: tuple[str, ...]) -> None:
     site.feed_imu("anna")
     async with site.command(*arguments, *(("--window", "0.2") if "hz" in arguments else ())) as process:
@@ -101,7 +103,7 @@ async def test_ctrl_c_ends_it_at_once(site: Site, arguments: tuple[str, ...]) ->
 
 async def test_nobody_answers(site: Site) -> None:
     await site.stop()
-    ended = await site.pointit("echo", "map")
+    ended = await site.pointit("topic", "echo", "map")
     assert ended.code == 1
     assert ended.err.startswith(f"looking for site lab at {site.endpoint} …\nError: nobody answers at ")
     assert ended.err.count("\n") == 2
@@ -109,16 +111,18 @@ async def test_nobody_answers(site: Site) -> None:
 
 
 async def test_a_wrong_key_does_not_even_connect(site: Site) -> None:
-    ended = await site.pointit("echo", "users/anna/imuu")
+    ended = await site.pointit("topic", "echo", "users/anna/imuu")
     assert ended.code == 2
     assert "did you mean users/anna/imu" in ended.err
     assert ended.err.count("\n") == 1
-    assert (await site.pointit("hz")).code == 2
+    assert (await site.pointit("topic", "hz")).code == 2
 
 
 async def test_other_sites_are_not_heard(site: Site) -> None:
     site.feed_imu("anna")
-    ended = await site.pointit("hz", "users/anna/imu", "--window", "0.5", "--json", "--site", "elsewhere")
+    ended = await site.pointit(
+        "topic", "hz", "users/anna/imu", "--window", "0.5", "--json", "--site", "elsewhere"
+    )
     assert ended.code == 1
     assert json.loads(ended.out)["keys"][0]["messages"] == 0
 
@@ -126,7 +130,7 @@ async def test_other_sites_are_not_heard(site: Site) -> None:
 async def test_hz_measures_against_the_nominal_rate(site: Site) -> None:
     site.feed_imu("anna", rate_hz=100)
     began_s = time.monotonic()
-    ended = await site.pointit("hz", "users/*/imu", "map", "--window", "2", "--json")
+    ended = await site.pointit("topic", "hz", "users/*/imu", "map", "--window", "2", "--json")
     assert time.monotonic() - began_s > 2
     assert ended.code == 0
     window = json.loads(ended.out)
@@ -143,7 +147,7 @@ async def test_hz_measures_against_the_nominal_rate(site: Site) -> None:
 async def test_hz_of_all_shows_what_came(site: Site) -> None:
     site.feed_imu("anna")
     site.start(Pointing, "anna")
-    ended = await site.pointit("hz", "--all", "--window", "1.5")
+    ended = await site.pointit("topic", "hz", "--all", "--window", "1.5")
     assert ended.code == 0
     keys = [line.split()[0] for line in ended.out.splitlines() if "/" in line and "rate hz" not in line]
     assert keys == ["health/pointing.anna", "users/anna/imu", "users/anna/ray"]

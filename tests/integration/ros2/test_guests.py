@@ -46,7 +46,7 @@ class Site:
         backend = {"mode": "router", "endpoint": self.ros, "domain-id": f"{DOMAIN}"}
         words = [word for name, value in backend.items() for word in (f"--backend.{name}", value)]
         self.bridge = self._commands.start(
-            *("service", "ros2", "--connect", self.ours, "--people", "[anna]", *words),
+            *("service", "run", "ros2", "--connect", self.ours, "--people", "[anna]", *words),
             environment=self._state,
         )
         return self.bridge

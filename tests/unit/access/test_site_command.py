@@ -6,13 +6,13 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner, Result
 
-from pointit.cli.site.site import command
+from pointit.cli.main import command
 from pointit.runtime.errors import ConfigError
 from pointit.schemas import KeyNameError
 
 
 def site(*arguments: str) -> Result:
-    return CliRunner().invoke(command, arguments)
+    return CliRunner().invoke(command, ["site", *arguments])
 
 
 def refused(*arguments: str) -> str:

@@ -10,8 +10,9 @@ import click
 import pytest
 from click.testing import CliRunner
 
+from pointit.cli.commands import COMMANDS
 from pointit.cli.common.lazy import Entry, LazyGroup
-from pointit.cli.main import COMMANDS, EXAMPLES, command
+from pointit.cli.main import EXAMPLES, PATHS, command
 from pointit.launch.plan.extras import load
 from pointit.runtime.errors import ConfigError
 from pointit.services.registry import process
@@ -28,8 +29,10 @@ def test_the_front_page_teaches(arguments: tuple[str, ...]) -> None:
     code, text = invoke(*arguments)
     assert code == 0
     lines = text.splitlines()
-    for name, about, _ in COMMANDS:
-        assert sum(line.split() == [name, *about.split()] for line in lines) == 1, name
+    for heading, entries in COMMANDS.items():
+        assert f"{heading}:" in lines
+        for entry in entries:
+            assert sum(line.split() == [entry.name, *entry.about.split()] for line in lines) == 1, entry.name
     assert len(EXAMPLES) == 3
     for example, _ in EXAMPLES:
         assert example in text
@@ -40,26 +43,34 @@ def test_the_version_is_the_distributions() -> None:
     assert invoke("--version") == (0, f"pointit {importlib.metadata.version('pointit')}\n")
 
 
-@pytest.mark.parametrize("name", [name for name, _, _ in COMMANDS])
-def test_every_command_of_the_table_is_there_and_documents_itself(name: str) -> None:
-    code, text = invoke(name, "--help")
+@pytest.mark.parametrize("path", PATHS, ids=" ".join)
+def test_every_command_documents_itself_with_an_example(path: tuple[str, ...]) -> None:
+    code, text = invoke(*path, "--help")
     assert code == 0
-    assert text.startswith(f"Usage: pointit {name}")
+    assert text.startswith(f"Usage: pointit {' '.join(path)}")
     assert "\\" not in text  # click's mark for a block that stays as it is, misspelt
+    assert "Example" in text
 
 
 @pytest.mark.parametrize(
-    "name", ["topics", "echo", "press", "call", "hz", "doctor", "list", "service", "schema"]
+    "words",
+    [
+        *("topic list", "topic echo", "topic hz", "topic schema", "person press", "service list"),
+        *("service call", "map list", "plugin list", "site show", "doctor", "list"),
+    ],
 )
-def test_what_reports_takes_json(name: str) -> None:
-    assert "--json" in invoke(name, "--help")[1]
+def test_commands_that_report_print_json(words: str) -> None:
+    assert "--json" in invoke(*words.split(), "--help")[1]
 
 
 def test_an_unknown_command_gets_one_sentence_with_the_near_ones() -> None:
-    assert invoke("toppics") == (2, "Error: no command 'toppics'; did you mean topics?\n")
+    assert invoke("toppics") == (2, "Error: no command 'toppics'; did you mean topic?\n")
+    assert invoke("plott") == (2, "Error: no command 'plott'; did you mean map plot?\n")
+    assert invoke("topic", "echoo") == (2, "Error: no action 'echoo'; did you mean echo?\n")
+    assert "--users" in invoke("run", "--user", "2")[1]
     code, text = invoke("xyzzy")
     assert code == 2
-    assert all(name in text for name, _, _ in COMMANDS)
+    assert all(path[0] in text for path in PATHS)
 
 
 def loaded_after(*arguments: str) -> set[str]:
@@ -79,11 +90,12 @@ def loaded_after(*arguments: str) -> set[str]:
 
 def test_the_front_page_loads_no_command() -> None:
     loaded = loaded_after("--help")
-    assert not loaded & {where.partition(":")[0] for _, _, where in COMMANDS}
+    rooms = ("run", "inspect", "people", "maps", "site", "evaluate", "loadtest")
+    assert not [name for name in loaded if name.startswith(tuple(f"pointit.cli.{room}" for room in rooms))]
     assert not loaded & {"zenoh", "pydantic", "rich", "numpy", "scipy"}
 
 
-@pytest.mark.parametrize("line", ["topics", "list services"])
+@pytest.mark.parametrize("line", ["topic list", "list services"])
 def test_tables_load_neither_network_nor_numerics(line: str) -> None:
     assert not loaded_after(*line.split()) & {"zenoh", "scipy", "numpy", "serial", "yaml"}
 
@@ -110,12 +122,12 @@ def test_list_shows_scenarios_maps_and_services() -> None:
 
 
 def test_an_unknown_service_gets_one_sentence_with_the_near_ones() -> None:
-    assert invoke("service", "pointin") == (2, "Error: no service 'pointin'; did you mean pointing?\n")
-    assert "conveyor-sim" in invoke("service", "xyzzy")[1]
+    assert invoke("service", "run", "pointin") == (2, "Error: no service 'pointin'; did you mean pointing?\n")
+    assert "conveyor-sim" in invoke("service", "run", "xyzzy")[1]
 
 
 def test_a_service_documents_every_parameter_with_type_unit_and_default() -> None:
-    code, text = invoke("service", "pointing", "--help")
+    code, text = invoke("service", "run", "pointing", "--help")
     assert code == 0
     told = " ".join(text.split())
     assert (
@@ -126,7 +138,7 @@ def test_a_service_documents_every_parameter_with_type_unit_and_default() -> Non
 
 
 def test_a_services_help_is_that_of_its_module() -> None:
-    own = CliRunner().invoke(command, ["service", "pointing", "--help"], prog_name="pointit").output
+    own = CliRunner().invoke(command, ["service", "run", "pointing", "--help"], prog_name="pointit").output
     script = [sys.executable, "-m", process("pointing").package, "--help"]
     module = subprocess.run(script, capture_output=True, text=True, check=True, timeout=30).stdout
     own_words, module_words = (text.partition("[OPTIONS]")[2].split() for text in (own, module))
@@ -135,7 +147,7 @@ def test_a_services_help_is_that_of_its_module() -> None:
 
 
 def test_a_bridge_is_run_like_any_service() -> None:
-    code, text = invoke("service", "web", "--help")
+    code, text = invoke("service", "run", "web", "--help")
     assert code == 0
     assert "--operator-token" in text
     assert "--user" not in text
@@ -160,7 +172,7 @@ def test_the_help_of_a_service_teaches_before_its_extra_is_installed(name: str, 
 
     def run(option: str) -> tuple[int, str, str]:
         done = subprocess.run(
-            [sys.executable, "-c", script, "service", name, option],
+            [sys.executable, "-c", script, "service", "run", name, option],
             capture_output=True,
             text=True,
             check=False,
@@ -183,7 +195,7 @@ def test_underscores_do_for_hyphens() -> None:
 
 
 def test_a_bad_parameter_of_a_service_names_source_field_and_value() -> None:
-    script = [sys.executable, "-m", "pointit.cli", "service", "pointing", "--user", "anna"]
+    script = [sys.executable, "-m", "pointit.cli", "service", "run", "pointing", "--user", "anna"]
     done = subprocess.run(
         [*script, "--stale-after-s", "soon"], capture_output=True, text=True, check=False, timeout=30
     )

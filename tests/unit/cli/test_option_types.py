@@ -18,7 +18,7 @@ def options(command: click.Command, path: tuple[str, ...] = ()) -> list[tuple[tu
         context = click.Context(command)
         for name in command.list_commands(context):
             inner = command.get_command(context, name)
-            if inner is not None and name != "service":  # services have parameters, which pydantic checks
+            if inner is not None and (*path, name) != ("service", "run"):  # pydantic checks parameters
                 found += options(inner, (*path, name))
     return found
 
@@ -39,6 +39,6 @@ def test_nan_is_no_number(path: tuple[str, ...], option: click.Option) -> None:
 
 
 def test_the_command_says_so() -> None:
-    result = CliRunner().invoke(front(), ["pose", "anna", "1", "2", "--yaw", "nan"])
+    result = CliRunner().invoke(front(), ["person", "pose", "anna", "1", "2", "--yaw", "nan"])
     assert result.exit_code == 2
     assert "not a finite number" in result.output

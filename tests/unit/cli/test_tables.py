@@ -1,4 +1,4 @@
-"""`pointit topics`, `list` and `service` say exactly what the tables say."""
+"""`pointit topic list`, `list` and `service list` say exactly what the tables say."""
 
 import json
 from typing import Any
@@ -24,7 +24,7 @@ def records(*arguments: str) -> dict[str, list[dict[str, Any]]]:
 
 
 def test_topics_shows_every_row_on_one_line() -> None:
-    lines = invoke("topics").splitlines()
+    lines = invoke("topic", "list").splitlines()
     for topic in TOPICS:
         (line,) = (line for line in lines if line.split()[:1] == [topic.key])
         assert topic.message.schema_name() in line
@@ -35,7 +35,7 @@ def test_topics_shows_every_row_on_one_line() -> None:
 
 
 def test_topics_as_json() -> None:
-    tables = records("topics")
+    tables = records("topic", "list")
     assert list(tables) == ["topics", "requests", "presence"]
     assert [row["key"] for row in tables["topics"]] == [topic.key for topic in TOPICS]
     assert tables["topics"][0] == {
@@ -67,12 +67,9 @@ def test_list_shows_what_each_service_reads_writes_and_serves() -> None:
     assert all(row.about in text for row in PROCESSES)
 
 
-def test_service_alone_lists_the_services() -> None:
-    assert records("service")["services"] == [
-        {"name": row.name, "scope": row.scope, "about": row.about} for row in PROCESSES
-    ]
-    text = invoke("service")
-    assert all(row.name in text and row.about in text for row in PROCESSES)
+@pytest.mark.parametrize("noun", ["service", "map", "plugin"])
+def test_a_noun_lists_what_list_shows_of_it(noun: str) -> None:
+    assert records(noun, "list") == records("list", f"{noun}s")
 
 
 def test_an_unknown_section_is_a_mistake() -> None:
@@ -84,5 +81,5 @@ def test_an_unknown_section_is_a_mistake() -> None:
 @pytest.mark.parametrize("width", ["40", "200"])
 def test_a_narrow_terminal_loses_no_text(monkeypatch: pytest.MonkeyPatch, width: str) -> None:
     monkeypatch.setenv("COLUMNS", width)
-    text = invoke("topics")
+    text = invoke("topic", "list")
     assert "…" not in text

@@ -54,7 +54,7 @@ def test_every_key_of_the_table_is_found_by_itself(topic: object, name: str) -> 
         ("users/anna/imuu", "did you mean users/anna/imu"),
         ("user/anna/cursor", "users/anna/cursor"),
         ("mapp", "did you mean map"),
-        ("zzzzzzzz", "`pointit topics` shows them all"),
+        ("zzzzzzzz", "`pointit topic list` shows them all"),
         ("conveyor/reset", "is something to ask for"),
         ("alive/users/anna", "is presence"),
         ("users/a b/imu", "use 1 to 64 letters"),

@@ -1,30 +1,17 @@
 """Help and errors fit a terminal of 80 columns, words whole."""
 
 import asyncio
-from collections.abc import Iterator
 
 import click
 import pytest
 from click.testing import CliRunner
 
 from pointit.cli.common.site_link import default_address_note, notify_if_slow
-from pointit.cli.main import command, wrap_message
+from pointit.cli.main import PATHS, command, wrap_message
 from pointit.runtime.errors import NoAnswerError
 
-GROUPS = {"calibrate": ("mounting", "user"), "evaluate": ("localization", "pointing")}
-ALONE = ("anchor", "call", "doctor", "pose", "run", "user")
 
-
-def pages() -> Iterator[tuple[str, ...]]:
-    for name in ALONE:
-        yield (name,)
-    for group, names in GROUPS.items():
-        yield (group,)
-        for name in names:
-            yield (group, name)
-
-
-@pytest.mark.parametrize("page", list(pages()))
+@pytest.mark.parametrize("page", PATHS, ids=" ".join)
 def test_help_fits_80_columns(page: tuple[str, ...]) -> None:
     text = CliRunner().invoke(command, [*page, "--help"], terminal_width=80).output
     assert max(map(len, text.splitlines())) <= 80
@@ -32,7 +19,7 @@ def test_help_fits_80_columns(page: tuple[str, ...]) -> None:
     assert "..." not in body.replace("LAMP[,LAMP...]", "")
 
 
-@pytest.mark.parametrize("page", [page for page in pages() if page not in (("calibrate",), ("evaluate",))])
+@pytest.mark.parametrize("page", PATHS, ids=" ".join)
 def test_every_option_is_explained(page: tuple[str, ...]) -> None:
     found: click.Command = command
     with click.Context(command) as context:
@@ -48,8 +35,9 @@ def test_every_option_is_explained(page: tuple[str, ...]) -> None:
 
 def test_errors_are_wrapped_between_words() -> None:
     sentence = (
-        "where anna stands is not known: no anna is on this site, there is user1; add them with `pointit "
-        "user anna`, see tcp/an-address-that-is-longer-than-a-line.of.the.terminal.example.org:7447/and/on"
+        "where anna stands is not known: no anna is on this site, there is user1; add them with "
+        "`pointit person add anna`, see "
+        "tcp/an-address-that-is-longer-than-a-line.of.the.terminal.example.org:7447/and/on"
     )
     lines = f"Error: {wrap_message(sentence, 80)}".splitlines()
     assert " ".join(" ".join(lines).split()) == f"Error: {sentence}"
@@ -64,7 +52,7 @@ def test_what_commands_raise_is_wrapped_on_a_terminal(monkeypatch: pytest.Monkey
 
     monkeypatch.setattr("pointit.cli.main.wrap_message", marked)
     runner = CliRunner()
-    told = runner.invoke(command, ["pose", "anna", "x"], standalone_mode=False).exception
+    told = runner.invoke(command, ["person", "pose", "anna", "x"], standalone_mode=False).exception
     assert isinstance(told, click.ClickException)
     assert told.format_message().startswith("<'x' is neither a coordinate in metres")
     told = runner.invoke(command, ["run", "nowhere"], standalone_mode=False).exception

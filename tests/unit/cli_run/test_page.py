@@ -294,7 +294,7 @@ def test_a_bad_name_is_refused_before_the_site_is_looked_for(monkeypatch: pytest
         raise AssertionError("looked for the site")
 
     monkeypatch.setattr("pointit.cli.run.user.inspect_site", look_round)
-    error = invoke(monkeypatch, "user", "anna/x", "--connect", "tcp/127.0.0.1:1")
+    error = invoke(monkeypatch, "person", "add", "anna/x", "--connect", "tcp/127.0.0.1:1")
     assert isinstance(error, KeyNameError)
     assert str(error).startswith("user 'anna/x'")
 

@@ -60,4 +60,4 @@ def test_run_without_people_says_how_to_add_one(
     monkeypatch.setattr(run_command, "execute", execute)
     result = CliRunner().invoke(run_command.run, ["--no-web", *arguments])
     assert result.exception is None, result.output
-    assert any("pointit user" in note for note in plans[0].notes) == is_told
+    assert any("pointit person add" in note for note in plans[0].notes) == is_told

@@ -52,7 +52,9 @@ def test_every_file_is_known_to_these_tests() -> None:
 
 
 def test_every_shared_service_of_the_scenario_runs() -> None:
-    started = {row["command"].split()[1] for _, row in WHOLE if row.get("command", "").startswith("service ")}
+    started = {
+        row["command"].split()[2] for _, row in WHOLE if row.get("command", "").startswith("service run ")
+    }
     assert started == {*read_scenario("scenario_4").site, "web"}
     assert all(process(name).scope == "site" for name in started)
 
@@ -72,7 +74,7 @@ def test_a_command_is_one_that_pointit_takes(command: str) -> None:
 @pytest.mark.parametrize("file", sorted((DEPLOY / "config").glob("*.yaml")), ids=lambda path: path.name)
 def test_a_configuration_is_one_that_its_service_takes(file: Path) -> None:
     (command,) = {command for command in COMMANDS if command.endswith(f"/{file.name}")}
-    service = process(command.split()[1]).load()
+    service = process(command.split()[2]).load()
     config = load_config(service, [file], {})
     service.validate_config(config)
 
@@ -86,7 +88,7 @@ def test_configurations_are_those_of_the_scenario() -> None:
 
 
 def test_people_are_given_the_scenario_whose_configurations_these_are() -> None:
-    people = [command for command in COMMANDS if command.startswith("user ")]
+    people = [command for command in COMMANDS if command.startswith("person add ")]
     assert len(people) == 3
     assert all("--scenario scenario_4" in command for command in people)
     assert "user-sim" in read_scenario("scenario_4").user

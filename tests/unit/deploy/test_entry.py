@@ -57,13 +57,13 @@ def ended(process: subprocess.Popen[str]) -> tuple[int, str]:
 
 def test_it_waits_for_its_credentials(tmp_path: Path) -> None:
     link = tmp_path / "link.json"
-    with started(tmp_path, "exec sleep 60", "service", "pui", WAIT_FOR=str(link)) as process:
+    with started(tmp_path, "exec sleep 60", "service", "run", "pui", WAIT_FOR=str(link)) as process:
         assert process.stdout is not None
         assert "waits for" in process.stdout.readline()
         assert runs(tmp_path) == []
         link.touch()
         wait_for_runs(tmp_path, 1)
-        assert runs(tmp_path) == ["service pui"]
+        assert runs(tmp_path) == ["service run pui"]
         ended(process)
 
 
@@ -76,7 +76,7 @@ def test_it_ends_while_it_waits(tmp_path: Path) -> None:
 
 
 def test_what_ends_by_itself_is_begun_again_after_pauses_that_grow(tmp_path: Path) -> None:
-    with started(tmp_path, "exit 3", "service", "pui") as process:
+    with started(tmp_path, "exit 3", "service", "run", "pui") as process:
         assert process.stdout is not None
         lines: list[str] = []
         while len(lines) < 3 and (line := process.stdout.readline()):
@@ -89,11 +89,11 @@ def test_what_ends_by_itself_is_begun_again_after_pauses_that_grow(tmp_path: Pat
 
 def test_it_passes_the_signal_on_and_takes_the_exit_code(tmp_path: Path) -> None:
     script = f"trap 'kill $!; echo asked >> {tmp_path}/log; exit 5' TERM\nsleep 60 &\nwait"
-    with started(tmp_path, script, "user", "anna") as process:
+    with started(tmp_path, script, "person", "add", "anna") as process:
         wait_for_runs(tmp_path, 1)
         time.sleep(0.2)  # the trap is set after the line in the log
         assert ended(process)[0] == 5
-        assert runs(tmp_path) == ["user anna", "asked"]
+        assert runs(tmp_path) == ["person add anna", "asked"]
 
 
 @pytest.mark.parametrize("arguments", [("doctor",), ("--help",), ("site", "show")])

@@ -9,8 +9,9 @@ import pytest
 from pointit.diagnosis.certainty import POSITION_SIGMA, SURE_DEG, UNSURE_DEG, UNSURE_M, YAW_SIGMA
 from pointit.diagnosis.diagnose import diagnose, is_healthy
 from pointit.diagnosis.observation import Finding, Observation, Report
-from pointit.diagnosis.writers import split_instance, start_command
+from pointit.diagnosis.writers import start_command
 from pointit.schemas import Deployment, ExpectedService, Health, KeyHealth, Quantiles
+from pointit.schemas.system import split_instance
 from pointit.schemas.topics import CURSOR, FEEDBACK, HOVER, IMU, RAY, Topic
 
 NOW_S = 103.0
@@ -98,7 +99,7 @@ def test_absent_with_the_command_that_starts_it_again() -> None:
     gone = ExpectedService(service="pointing", user="anna", command=("python", "-m", "x", "--user", "anna"))
     finding = only(observation(WELL[2], deployments=deployment(gone)))
     assert (finding.code, finding.severity, finding.service) == ("absent", "error", "pointing.anna")
-    assert finding.remedy.startswith("start it again: pointit service pointing --user anna (")
+    assert finding.remedy.startswith("start it again: pointit service run pointing --user anna (")
 
 
 def test_restart_command_reaches_the_site_that_was_looked_at() -> None:
@@ -106,8 +107,8 @@ def test_restart_command_reaches_the_site_that_was_looked_at() -> None:
     options = " --site hall --connect tcp/a:1"
     seen = observation(WELL[2], deployments=deployment(gone), left=frozenset({"led-driver"}), options=options)
     remedies = {finding.service: finding.remedy for finding in diagnose(seen)}
-    assert remedies["keeper"].startswith(f"start it again: pointit service keeper{options} (")
-    assert remedies["led-driver"] == f"if it should run: pointit service led-driver{options}"
+    assert remedies["keeper"].startswith(f"start it again: pointit service run keeper{options} (")
+    assert remedies["led-driver"] == f"if it should run: pointit service run led-driver{options}"
 
 
 @pytest.mark.parametrize(
@@ -132,7 +133,7 @@ def test_absent_without_a_command_of_its_own() -> None:
 def test_left_while_we_looked() -> None:
     finding = only(observation(WELL[2], left=frozenset({"selector"})))
     assert (finding.code, finding.severity, finding.service) == ("left", "warning", "selector")
-    assert "pointit service selector" in finding.remedy
+    assert "pointit service run selector" in finding.remedy
 
 
 def test_who_left_and_was_expected_is_absent_only() -> None:
@@ -310,14 +311,24 @@ def certainty(**figures: float) -> Health:
             "press anna --gesture hold",
         ),
         ({"place": 2.9, "yaw": 60.0}, "unsure", "position is uncertain by 2.90 m", "localize again"),
-        ({"place": 0.2, "yaw": UNSURE_DEG + 0.1}, "unsure", "yaw is uncertain by", "`pointit anchor anna`"),
+        (
+            {"place": 0.2, "yaw": UNSURE_DEG + 0.1},
+            "unsure",
+            "yaw is uncertain by",
+            "`pointit person anchor anna`",
+        ),
         (
             {"yaw": UNSURE_DEG + 5.0, "age": 400.0},
             "unsure",
             "the last anchor is 400 s old",
             "press the button twice",
         ),
-        ({"yaw": SURE_DEG + 0.1, "age": 400.0}, "old-anchor", "anchor is 7 min old", "`pointit anchor anna`"),
+        (
+            {"yaw": SURE_DEG + 0.1, "age": 400.0},
+            "old-anchor",
+            "anchor is 7 min old",
+            "`pointit person anchor anna`",
+        ),
         ({"age": 181.0}, "old-anchor", "anchor is 3 min old", "point at one lamp"),
     ],
 )

@@ -40,7 +40,7 @@ def test_command_of_a_deployment_is_built_here() -> None:
     told = deployment(ExpectedService(service="pointing", user="anna", command=("sh", "-c", EVIL)))
     (finding,) = found(health("pui"), deployments={"anna": told})
     assert finding.service == "pointing.anna"
-    assert finding.remedy.startswith("start it again: pointit service pointing --user anna (")
+    assert finding.remedy.startswith("start it again: pointit service run pointing --user anna (")
     assert "evil" not in str(asdict(finding))
 
 
@@ -79,8 +79,8 @@ def test_no_command_is_built_of_unknown_services_or_impossible_names(service: st
 
 
 def test_known_service_has_a_command() -> None:
-    assert start_command("pui") == "pointit service pui"
-    assert start_command("pointing", "anna") == "pointit service pointing --user anna"
+    assert start_command("pui") == "pointit service run pui"
+    assert start_command("pointing", "anna") == "pointit service run pointing --user anna"
 
 
 def test_warning_of_a_persons_service_is_quoted_on_one_plain_line() -> None:
@@ -106,4 +106,4 @@ def test_name_of_the_machine_is_one_plain_line() -> None:
 def test_person_in_a_remedy_is_the_one_of_the_key() -> None:
     figures = ({"name": "position σ", "value": 9.0, "unit": "m"},)  # noqa: RUF001 - the localizer's own
     (finding,) = found(health("localizer.anna", user=f"x`; {EVIL}", figures=figures))
-    assert "pointit press anna " in finding.remedy
+    assert "pointit person press anna " in finding.remedy

@@ -2,7 +2,8 @@
 
 import pytest
 
-from pointit.diagnosis.writers import instance_of, present_writers, silence_reason, split_instance
+from pointit.diagnosis.writers import present_writers, silence_reason
+from pointit.schemas.system import instance_of, split_instance
 from pointit.schemas.topics import CLOCK, CURSOR, HEALTH, IMU, MAP, POSE, RAY
 
 PRESENT = {"pointing.anna", "pointing.ben", "pui", "user-sim.anna", "imu-bridge.ben"}
@@ -33,8 +34,8 @@ def test_everybody_writes_their_own_health() -> None:
 
 def test_silence_is_explained() -> None:
     assert "pointing.anna can write it and runs" in silence_reason(RAY, "anna", PRESENT)
-    assert "`pointit service pointing --user eve`" in silence_reason(RAY, "eve", PRESENT)
-    assert "`pointit service pointing --user NAME`" in silence_reason(RAY, "*", ())
-    assert "`pointit service pui`" in silence_reason(MAP, "", ())
+    assert "`pointit service run pointing --user eve`" in silence_reason(RAY, "eve", PRESENT)
+    assert "`pointit service run pointing --user NAME`" in silence_reason(RAY, "*", ())
+    assert "`pointit service run pui`" in silence_reason(MAP, "", ())
     assert "(localizer or ros2 or external)" in silence_reason(POSE, "anna", ())
     assert silence_reason(CLOCK, "", ()) == "it is written by cli or ros2"

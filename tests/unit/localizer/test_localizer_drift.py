@@ -176,7 +176,8 @@ async def test_an_untold_yaw_is_warned_of_with_the_remedy_until_an_anchor() -> N
         await ready(bench, config)
         clock.advance(60.0)
         await until(
-            lambda: any("`pointit anchor anna`" in text for text in wearer.warnings), what="the warning"
+            lambda: any("`pointit person anchor anna`" in text for text in wearer.warnings),
+            what="the warning",
         )
         assert any("uncertain by 15°" in text for text in wearer.warnings)
         assert wearer.poses[-1].covariance[8] > (14.0 * DEGREE) ** 2

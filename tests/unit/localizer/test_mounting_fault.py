@@ -140,7 +140,7 @@ def test_procedure_refuses_a_wrong_mounting_and_says_what_to_do(
     assert poses(outputs) == []
     last = told(outputs)[-1]
     assert last.phase == "refused"
-    assert f"seems to be mounted {how}; run `pointit calibrate mounting" in last.reason
+    assert f"seems to be mounted {how}; run `pointit person calibrate mounting" in last.reason
 
 
 @pytest.mark.parametrize("name", ["motion_relloc", "proximity_waypoints"])

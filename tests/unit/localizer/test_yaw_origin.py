@@ -67,8 +67,8 @@ async def test_the_yaw_is_unknown_and_it_is_said_until_something_tells_it(
             what="the warning",
         )
         (warning,) = wearer.warnings
-        assert "`pointit anchor anna`" in warning
-        assert "`pointit pose anna --facing" in warning
+        assert "`pointit person anchor anna`" in warning
+        assert "`pointit person pose anna --facing" in warning
         await send(bench, clock, epoch, device_s + 0.1)
         assert len(wearer.poses) == count + 1  # once
         await bench.bus.call(SET_POSE, FOUND, USER)

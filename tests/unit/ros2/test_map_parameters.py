@@ -100,11 +100,11 @@ def test_what_the_parameters_are_called() -> None:
 
 
 def test_what_docs_tell_of_a_nodes_parameters_is_a_map() -> None:
-    text = (Path(__file__).parents[3] / "docs/maps.md").read_text(encoding="utf-8")
+    text = (Path(__file__).parents[3] / "docs/reference/maps.md").read_text(encoding="utf-8")
     (block,) = (
         each for each in re.findall(r"```yaml\n(.*?)```", text, re.DOTALL) if "ros__parameters" in each
     )
-    nested = parse_yaml(block.encode(), "docs/maps.md")["/pui_node"]["ros__parameters"]
+    nested = parse_yaml(block.encode(), "docs/reference/maps.md")["/pui_node"]["ros__parameters"]
     tree = tree_of(dict(named(nested, "")))
     assert set(tree) == {"leds", "strips", "belts", "links", "bays"}
     file = parse_map_file(yaml.safe_dump(tree).encode(), Path("docs.yaml"))

@@ -55,7 +55,7 @@ async def test_it_is_published_at_once_and_again_after_a_restart_until_it_is_for
         caplog.set_level("INFO")
         bench.start(Supervisor, config, user=ANNA)
         await bench.settle()
-        forget = "an offset is in use; `pointit calibrate user anna --erase` forgets it"
+        forget = "an offset is in use; `pointit person calibrate user anna --erase` forgets it"
         assert [line for line in caplog.messages if "offset" in line] == [f"anna: {forget}"]
         profiles = bench.collect(PROFILE, ANNA)
         await until(lambda: len(profiles) == 1)

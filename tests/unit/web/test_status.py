@@ -91,7 +91,7 @@ def test_who_is_expected_is_missed_for_ever(sight: SiteObservation) -> None:
         (line,) = [line for line in status.services if line.instance == "pui"]
         assert line.since_s == now_s - 2.0
         assert codes(status) == [("error", "pui")]
-        assert "pointit service pui" in status.findings[0].remedy
+        assert "pointit service run pui" in status.findings[0].remedy
 
 
 def test_who_may_be_starting_is_not_missed_yet(sight: SiteObservation) -> None:

@@ -99,7 +99,7 @@ def readme() -> str:
     lines = [
         "# Catalogue of what travels",
         "",
-        "Generated from `schemas/pointit/schemas/topics.py` by `pointit schema --write`; not to be edited.",
+        "Generated from `schemas/pointit/schemas/topics.py` by `pointit topic schema --write`; do not edit.",
         "",
         _ABOUT,
         "",
@@ -108,7 +108,7 @@ def readme() -> str:
         "- `samples/`: one msgpack payload a message and version, every field set; today's code reads all.",
         "",
         "Messages only grow: a new field has a default and raises the message's `version` by one. Anything",
-        "else is a new message. Then `pointit schema --write`, and commit what it wrote.",
+        "else is a new message. Then `pointit topic schema --write`, and commit what it wrote.",
     ]
     for title, headings, rows in tables():
         lines += ["", f"## {title}", "", *_markdown(headings, rows)]

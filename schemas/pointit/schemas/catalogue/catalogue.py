@@ -1,11 +1,12 @@
 """The catalogue: everything that travels, as files for others, and the rule that messages only grow.
 
-Files are mappings of relative path to content here; `pointit schema` reads and writes the folder.
+Files are mappings of relative path to content here; `pointit topic schema` reads and writes the folder.
 """
 
 import json
 import re
 from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
 from typing import Any
 
 from pointit.schemas.catalogue import asyncapi
@@ -16,8 +17,11 @@ from pointit.schemas.codec import encode
 from pointit.schemas.errors import SchemaError
 from pointit.schemas.topics import REQUESTS, TOPICS
 
-WRITE = "`pointit schema --write`"
+WRITE = "`pointit topic schema --write`"
 """The command that brings the catalogue up to date."""
+
+SHIPPED = Path(__file__).with_name("shipped")
+"""Copy of the committed catalogue in an installed package; a checkout has it in `schemas/catalogue`."""
 
 Files = Mapping[str, bytes]
 

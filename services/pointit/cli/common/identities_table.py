@@ -78,19 +78,21 @@ def visible_rows(
 
 
 def section(rows: Iterable[Row]) -> Section:
-    """Return the table of the rows of `visible_rows`."""
+    """Return the table of the rows of `rows_of` or `visible_rows`."""
     return Section(
         name="identities",
         about="who may join, until when",
         rows=tuple(
             {
-                "name": f"{row['name']} (this one)" if row["own"] else row["name"],
+                "name": f"{row['name']} (this one)" if row.get("own") else row["name"],
                 "role": row["role"],
                 "state": Text(row["state"], style=STYLES.get(row["state"], "green")),
                 "until": row["until"] or "by password",
+                "generation": row["generation"],
             }
             for row in rows
         ),
+        roomy=frozenset({"generation"}),
     )
 
 

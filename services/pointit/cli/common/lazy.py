@@ -1,12 +1,16 @@
 """Groups of commands that import a command when it is called, and suggest names for a typo."""
 
-import difflib
 import importlib
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
+
+from pointit.runtime.config.similar_names import nearest
+
+if TYPE_CHECKING:
+    from click.shell_completion import CompletionItem
 
 
 class UnknownNameError(click.ClickException):
@@ -23,15 +27,27 @@ class Entry:
     about: str
     """One line, shown without loading the command."""
     load: Callable[[], click.Command]
+    actions: tuple["Entry", ...] = ()
+    """The commands of a noun. Empty for a command, or a group whose names are known once it is loaded."""
 
 
 class LazyGroup(click.Group):
     """A group with a name and a line for each command, which imports only the one that is called."""
 
-    def __init__(self, *, entries: Sequence[Entry], kind: str = "command", **attributes: Any) -> None:
-        """Create a group of `entries`, each called a `kind` in messages and headings."""
+    def __init__(
+        self,
+        *,
+        entries: Sequence[Entry] | Mapping[str, Sequence[Entry]],
+        kind: str = "command",
+        **attributes: Any,
+    ) -> None:
+        """Create a group of `entries`, each called a `kind` in messages.
+
+        A mapping has the headings of its parts in the help; the heading of a sequence is the `kind`.
+        """
         super().__init__(**attributes)
-        self._entries = {entry.name: entry for entry in entries}
+        self._parts = entries if isinstance(entries, Mapping) else {f"{kind.capitalize()}s": entries}
+        self._entries = {entry.name: entry for part in self._parts.values() for entry in part}
         self._kind = kind
 
     def list_commands(self, ctx: click.Context) -> list[str]:
@@ -58,13 +74,30 @@ class LazyGroup(click.Group):
             return command.name, command, args[1:]
         if ctx.resilient_parsing:  # completion in a shell
             return None, None, args[1:]
-        raise UnknownNameError(f"no {self._kind} {args[0]!r}; {nearest(args[0], self._entries)}")
+        raise UnknownNameError(f"no {self._kind} {args[0]!r}; {self.advice(args[0])}")
+
+    def advice(self, typed: str) -> str:
+        """Return a clause with the names that are similar to `typed`, or with all."""
+        return nearest(typed, self._entries)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write one line a command, without loading any."""
+        """Write one line a command, without loading any; the parts are aligned with each other."""
         del ctx
-        with formatter.section(f"{self._kind.capitalize()}s"):
-            formatter.write_dl([(entry.name, entry.about) for entry in self._entries.values()])
+        width = max(map(len, self._entries), default=0)
+        for heading, part in self._parts.items():
+            with formatter.section(heading):
+                formatter.write_dl([(entry.name.ljust(width), entry.about) for entry in part])
+
+    def shell_complete(self, ctx: click.Context, incomplete: str) -> "list[CompletionItem]":
+        """Return the names that begin with `incomplete`, without loading any, and the options."""
+        from click.shell_completion import CompletionItem  # noqa: PLC0415 - only in a shell's completion
+
+        names = [
+            CompletionItem(entry.name, help=entry.about)
+            for entry in self._entries.values()
+            if entry.name.startswith(incomplete)
+        ]
+        return [*names, *click.Command.shell_complete(self, ctx, incomplete)]
 
 
 def from_module(target: str) -> Callable[[], click.Command]:
@@ -78,10 +111,38 @@ def from_module(target: str) -> Callable[[], click.Command]:
     return load
 
 
-def nearest(name: str, names: Iterable[str]) -> str:
-    """Return `did you mean a or b?`, or `there are a, b, c` if no name is similar."""
-    known = list(names)
-    near = difflib.get_close_matches(name, known, n=3, cutoff=0.6)
-    if near:
-        return f"did you mean {' or '.join(near)}?"
-    return f"there are {', '.join(known)}"
+def command(name: str, about: str, target: str) -> Entry:
+    """Return the command at `target`, `module:attribute`."""
+    return Entry(name=name, about=about, load=from_module(target))
+
+
+def noun(name: str, about: str, text: str, actions: tuple[Entry, ...]) -> Entry:
+    """Return a group of actions on a thing, with its help `text`, which it prints if no action is given."""
+
+    def load() -> click.Command:
+        return LazyGroup(
+            name=name,
+            entries=actions,
+            kind="action",
+            help=text,
+            callback=print_help_without_action,
+            invoke_without_command=True,
+            subcommand_metavar="ACTION ...",
+        )
+
+    return Entry(name=name, about=about, load=load, actions=actions)
+
+
+@click.pass_context
+def print_help_without_action(ctx: click.Context) -> None:
+    """Print the help of a group that is called without a command."""
+    if ctx.invoked_subcommand is None:
+        click.echo(ctx.get_help())
+
+
+def walk(entries: Iterable[Entry], path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], Entry]]:
+    """Yield every command below `entries` with the words to type, groups before their commands."""
+    for entry in entries:
+        words = (*path, entry.name)
+        yield words, entry
+        yield from walk(entry.actions, words)

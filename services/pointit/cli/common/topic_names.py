@@ -64,13 +64,13 @@ def _advice(parts: Sequence[str]) -> str:
     for what, rows in (("something to ask for", REQUESTS), ("presence", PRESENCES)):
         for row in rows:
             if _match(parts, row.key.split("/")) is not None:
-                hint = "; ask with `pointit call`" if rows is REQUESTS else ""
+                hint = "; ask with `pointit service call`" if rows is REQUESTS else ""
                 return f"{row.key} is {what} ({row.about}), not a topic{hint}"
     known = [filled(topic.key, parts) for topic in TOPICS]
     near = difflib.get_close_matches("/".join(parts), known, n=3, cutoff=0.5)
     if near:
         return f"did you mean {' or '.join(near)}?"
-    return "`pointit topics` shows them all"
+    return "`pointit topic list` shows them all"
 
 
 def filled(key: str, parts: Sequence[str]) -> str:

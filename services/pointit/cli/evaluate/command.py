@@ -8,7 +8,6 @@ import click
 from pointit.cli.evaluate.file import check_writable, interruptible, write_json
 from pointit.cli.evaluate.options import DATA, JOBS, JSON
 from pointit.cli.evaluate.progress import progress
-from pointit.cli.evaluate.selection import selection
 from pointit.cli.evaluate.table import evaluation_console, print_rows
 from pointit.evaluation.datasets.proximity_feedback import NAME as FEEDBACK
 from pointit.evaluation.pointing.drift import CHAINED, CHAINS_REMARK
@@ -65,21 +64,7 @@ def _options(command: Callable[..., None]) -> Callable[..., None]:
     return command
 
 
-@click.group("evaluate")
-def command() -> None:
-    """Measure the accuracy of the estimates on recordings of people, compared with known baselines.
-
-    The recordings are not part of PointIt; give their folder by --data or POINTIT_DATA. `selection`
-    needs none: it simulates people.
-
-    Example: pointit evaluate localization --data recordings --only-ours
-    """
-
-
-command.add_command(selection)
-
-
-@command.command("localization", short_help="poses of people: errors, stated sigma, time; baselines")
+@click.command("localization")
 @_options
 @click.option(
     "--baselines/--no-baselines",
@@ -127,7 +112,7 @@ def localization(
         tell(rows, json_file, _localization_remarks(rows, BASELINE_TRIALS), brief=brief)
 
 
-@command.command("pointing", short_help="systematic errors and IMU drift after their correction")
+@click.command("pointing")
 @_options
 def pointing(
     *,

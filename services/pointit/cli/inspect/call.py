@@ -1,4 +1,4 @@
-"""`pointit call KEY FIELD=VALUE…`: any request of the topic table."""
+"""`pointit service call KEY FIELD=VALUE…`: any request of the topic table."""
 
 import difflib
 from collections.abc import Iterable, Sequence
@@ -7,7 +7,7 @@ from typing import Any
 import click
 from pydantic import ValidationError
 
-from pointit.cli.common.lazy import UnknownNameError, nearest
+from pointit.cli.common.lazy import UnknownNameError
 from pointit.cli.common.option_types import Finite
 from pointit.cli.common.output import Row, Section, json_option, print_json, say, show, to_line
 from pointit.cli.common.site_link import default_address_note, join_site, quiet, site_options
@@ -15,6 +15,7 @@ from pointit.cli.common.topic_names import filled
 from pointit.runtime.bus.contract import REQUEST_TIMEOUT_S
 from pointit.runtime.config.config import Layers
 from pointit.runtime.config.parameters import ParameterInfo, iter_parameters
+from pointit.runtime.config.similar_names import nearest
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.service.shutdown import run_until_shutdown
 from pointit.schemas import Query, Reply, summarize_validation_error
@@ -55,6 +56,8 @@ def command(
     VALUE is YAML: conveyor/set_speed speed_mps=0.5, or localizer/anna/set_pose 'position_m=[1, 2, 0]'; a list
     needs no brackets: conveyor/set_speed speed_mps=0.2 belts=part_e,part_f. The exit code is 1 if the
     service refuses or does not reply.
+
+    Example: pointit service call conveyor/set_speed speed_mps=0.3
     """
     if key is None:
         show([requests()], as_json=as_json)
@@ -109,11 +112,11 @@ def resolve(typed: str) -> tuple[AnyRequest, str]:
     topic = topic_of(typed)
     if topic is not None:
         raise UnknownNameError(
-            f"{typed} is a topic ({topic.about}), not a request; see `pointit echo {typed}`"
+            f"{typed} is a topic ({topic.about}), not a request; see `pointit topic echo {typed}`"
         )
     known = [filled(request.key, typed.split("/")) for request in REQUESTS]
     near = difflib.get_close_matches(typed, known, n=3, cutoff=0.5)
-    advice = f"did you mean {' or '.join(near)}?" if near else "`pointit call` lists all requests"
+    advice = f"did you mean {' or '.join(near)}?" if near else "`pointit service call` lists all requests"
     raise UnknownNameError(f"no request has the key {typed!r}; {advice}")
 
 
@@ -156,7 +159,7 @@ def requests() -> Section:
     """Return every request with its fields."""
     return Section(
         name="requests",
-        about="ask with `pointit call KEY FIELD=VALUE...`",
+        about="ask with `pointit service call KEY FIELD=VALUE...`",
         rows=tuple(row for request in REQUESTS for row in _rows(request)),
         roomy=frozenset({"type", "unit", "range", "default"}),
         whole=frozenset({"key", "field"}),

@@ -1,4 +1,4 @@
-"""`pointit echo KEY`: messages as they arrive."""
+"""`pointit topic echo KEY`: messages as they arrive."""
 
 import asyncio
 import contextlib
@@ -29,6 +29,8 @@ def command(key: str, *, count: int | None, as_json: bool, site: str, connect: t
     KEY is users/anna/imu, or for all users 'users/*/imu' or users/{user}/imu; 'users/anna/*' is all of
     anna's. Lines are YAML; with --json objects whose first field is the key, bytes as hexadecimal text.
     Ctrl-C ends it with exit code 0.
+
+    Example: pointit topic echo 'users/*/cursor' --count 3
     """
     wanted = resolve(key)
     quiet()

@@ -1,4 +1,4 @@
-"""`pointit hz`: rates against the nominal ones."""
+"""`pointit topic hz`: rates against the nominal ones."""
 
 import asyncio
 import math
@@ -107,8 +107,10 @@ def command(
 ) -> int:
     """Measure rate, jitter and bandwidth of the messages on each KEY.
 
-    KEY is as for `pointit echo`. The exit code is 1 if nothing arrived; Ctrl-C ends it with 0.
+    KEY is as for `pointit topic echo`. The exit code is 1 if nothing arrived; Ctrl-C ends it with 0.
     With --json each window is one object on one line.
+
+    Example: pointit topic hz users/anna/imu --watch
     """
     if not keys and not everything:
         raise UnknownNameError(

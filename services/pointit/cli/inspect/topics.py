@@ -1,4 +1,4 @@
-"""`pointit topics`: the topic table, requests and presence."""
+"""`pointit topic list`: the topic table, requests and presence."""
 
 import click
 
@@ -10,7 +10,7 @@ def topics() -> Section:
     """Return the topics."""
     return Section(
         name="topics",
-        about="keys below pointit/<site>, see them with `pointit echo KEY`",
+        about="keys below pointit/<site>, see them with `pointit topic echo KEY`",
         rows=tuple(
             {
                 "key": topic.key,
@@ -54,12 +54,14 @@ def presence() -> Section:
     )
 
 
-@click.command("topics")
+@click.command("list")
 @json_option
 def command(*, as_json: bool) -> None:
     """Show the topic table: every key with its message, delivery, rate and writers.
 
     latest: the newest replaces older ones; event: in order, none lost silently; state: late joiners get the
     last value. A rate of - means on change.
+
+    Example: pointit topic list --json
     """
     show([topics(), requests(), presence()], as_json=as_json)

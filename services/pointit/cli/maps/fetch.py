@@ -14,9 +14,10 @@ from pointit.cli.common.option_types import Finite
 from pointit.cli.common.output import INTERRUPTED
 from pointit.cli.common.site_link import notify_if_slow, quiet
 from pointit.cli.maps.check import examined, print_findings
-from pointit.launch.plan.extras import has_extra, remedy
+from pointit.launch.plan.extras import has_extra
 from pointit.maps.file import parse_map_file
 from pointit.runtime.config.config import Layers
+from pointit.runtime.config.extras import remedy
 from pointit.runtime.config.parameters import ParameterInfo, iter_parameters
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.atomic_file import write_atomically
@@ -96,7 +97,8 @@ def command(
 
     Either one parameter holds its text or its path, or each value is a parameter, nested as in ROS:
     leds.door.position [x, y, z], strips.1.line [x, y, z, x, y, z], strips.1.pixels 25. A map with an error
-    is not written; the exit code is 1 then. No ROS is needed here: it joins as `pointit service ros2` does.
+    is not written; the exit code is 1 then. No ROS is needed here: it joins as `pointit service run ros2`
+    does.
 
     Example: pointit map fetch /pui_node -o site.yaml && pointit run scenario_4 --set pui.map=./site.yaml
     """

@@ -1,4 +1,4 @@
-"""`pointit anchor USER [LAMP]`: point at one lamp to correct the pose."""
+"""`pointit person anchor USER [LAMP]`: point at one lamp to correct the pose."""
 
 import asyncio
 import math
@@ -45,7 +45,7 @@ def command(
     chooses the most informative one. Prints the error of the direction (the drift of the IMU), and the sigma
     of the pose before and after.
 
-    Example: pointit anchor anna led_1
+    Example: pointit person anchor anna led_1
 
     The exit code is 1 if it was not accepted.
     """

@@ -1,4 +1,4 @@
-"""`pointit calibrate mounting USER`: the sensor's mounting on the arm from two poses."""
+"""`pointit person calibrate mounting USER`: the sensor's mounting on the arm from two poses."""
 
 import asyncio
 import math
@@ -22,13 +22,14 @@ from pointit.cli.common.site_link import (
 )
 from pointit.cli.people.anchoring import LISTEN_S
 from pointit.cli.people.stored_calibration import erase_local, query_site, read_local
-from pointit.diagnosis.writers import instance_of, silence_reason
+from pointit.diagnosis.writers import silence_reason
 from pointit.geometry.rotation import IDENTITY, Quaternion
 from pointit.runtime.bus.contract import Bus, list_present
 from pointit.runtime.errors import NoAnswerError, PointItError
 from pointit.runtime.host.state_file import StateFile
 from pointit.runtime.service.shutdown import run_until_shutdown
 from pointit.schemas import NS_PER_S, ImuSample, SetMounting, SetMountingReply
+from pointit.schemas.system import instance_of
 from pointit.schemas.topics import IMU, SERVICE_ALIVE, SET_MOUNTING, check_name
 from pointit.services.imu_bridge.mounting import (
     APART_RAD,
@@ -106,7 +107,9 @@ def command(
     USER points level ahead with the palm down, then straight up, and rests for two seconds in each. Neither
     the direction nor the twist of the arm on its way up matters. imu-bridge uses the result at once, and at
     every start with the same source and mounting; mounting_xyzw and mounting_rpy_deg in its configuration
-    take precedence. Example: pointit calibrate mounting anna
+    take precedence.
+
+    Example: pointit person calibrate mounting anna
     """
     check_name(user, "user")
     if show and erase:
@@ -145,7 +148,7 @@ async def _measure(
     if abs(found.heading_change_rad) > NOTICEABLE_RAD:
         click.echo(
             f"{user}: with it the direction turns by {math.degrees(found.heading_change_rad):.0f}°: correct "
-            f"the pose with `pointit anchor {user}` or `pointit pose {user} --facing DEG`"
+            f"the pose with `pointit person anchor {user}` or `pointit person pose {user} --facing DEG`"
         )
     return 0
 
@@ -196,7 +199,7 @@ class _Wrist:
         if bridge not in there:
             raise NoAnswerError(
                 f"{bridge} is not present, so there is no sensor to measure (a simulated person wears none): "
-                f"start it, as in `pointit user {self._user} --imu serial:PORT`"
+                f"start it, as in `pointit person add {self._user} --imu serial:PORT`"
             )
         try:
             with notify_if_slow(f"waiting for the wrist of {self._user} …"):

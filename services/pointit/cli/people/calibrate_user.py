@@ -1,4 +1,4 @@
-"""`pointit calibrate user USER`: a person's pointing offset from pointing at lamps without a cursor."""
+"""`pointit person calibrate user USER`: pointing offset from lamps pointed at without a cursor."""
 
 import asyncio
 import itertools
@@ -9,7 +9,7 @@ from typing import Any
 import click
 
 from pointit.cli.common.keyboard import ChangingLine, changing_line
-from pointit.cli.common.lazy import UnknownNameError, nearest
+from pointit.cli.common.lazy import UnknownNameError
 from pointit.cli.common.output import INTERRUPTED, Section, console, json_option, print_json, print_table, say
 from pointit.cli.common.site_link import (
     PATIENCE_S,
@@ -35,6 +35,7 @@ from pointit.cli.people.stored_calibration import erase_local, query_site, read_
 from pointit.diagnosis.writers import silence_reason
 from pointit.runtime.bus.contract import AnyTopic, Bus, list_present
 from pointit.runtime.clock import SiteClock
+from pointit.runtime.config.similar_names import nearest
 from pointit.runtime.errors import NoAnswerError, PointItError, RefusedError
 from pointit.runtime.host.state_file import StateFile
 from pointit.runtime.service.shutdown import run_until_shutdown
@@ -90,12 +91,13 @@ def command(
     """Measure and store the pointing offset of the person USER.
 
     Lamp after lamp lights up, and USER points at each with a straight arm, as if there were no cursor, until
-    it goes dark. USER must have a known pose (`pointit pose USER`). The elevation error of most pointings is
-    corrected from then on, with enough of them also its change with the direction. A common azimuth error is
-    the heading of the pose, which the pointings correct as well. The supervisor stores the offset for the
-    next start. Nothing is stored if the pose looks wrong because the pointings do not fit each other.
+    it goes dark. USER must have a known pose (`pointit person pose USER`). The elevation error of most
+    pointings is corrected from then on, with enough of them also its change with the direction. A common
+    azimuth error is the heading of the pose, which the pointings correct as well. The supervisor stores the
+    offset for the next start. Nothing is stored if the pose looks wrong because the pointings do not fit each
+    other.
 
-    Example: pointit calibrate user anna --lamps led_0,led_2 --anchors 8
+    Example: pointit person calibrate user anna --lamps led_0,led_2 --anchors 8
     """
     check_name(user, "user")
     if show and erase:
@@ -131,7 +133,7 @@ async def _measure(
         problem = rejection_reason(rows)
         if problem:
             problem = (
-                f"the pose looks wrong, {problem}: localize first, or `pointit pose {user} X Y`, then "
+                f"the pose looks wrong, {problem}: localize first, or `pointit person pose {user} X Y`, then "
                 "calibrate again"
             )
         if not wanted.keeps and not as_json:

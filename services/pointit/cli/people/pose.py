@@ -1,4 +1,4 @@
-"""`pointit pose USER`: show or set a person's pose."""
+"""`pointit person pose USER`: show or set a person's pose."""
 
 import asyncio
 import math
@@ -53,10 +53,11 @@ WITHOUT_KEYBOARD = "--now while the person points"
 HELP = """Show or set the pose of the person USER.
 
 \b
-pointit pose anna                  show position, yaw, drift and 1 sigma
-pointit pose anna 2.0 0.5          set the position in metres; the yaw stays
-pointit pose anna 2 0.5 --yaw 20   set the yaw, too
-pointit pose anna --facing 90      set the yaw: anna points level along y
+Examples:
+  pointit person pose anna                  position, yaw, drift and 1 sigma
+  pointit person pose anna 2.0 0.5          set the position, m; the yaw stays
+  pointit person pose anna 2 0.5 --yaw 20   set the yaw, too
+  pointit person pose anna --facing 90      set it: anna points level along y
 
 X Y alone corrects the position of a pose that was found by pointing: its
 sigma is then 5 cm, that of the yaw does not change, and the drift of the IMU
@@ -194,7 +195,7 @@ async def found(
             raise NoAnswerError(f"where {user} stands is not known yet: {busy}")
         there = await list_present(bus, SERVICE_ALIVE, LISTEN_S)
     why = missing_reason(POSE, user, there)
-    say_it = f"; or set it: pointit pose {user} X Y" if user in people(there) else ""
+    say_it = f"; or set it: pointit person pose {user} X Y" if user in people(there) else ""
     raise NoAnswerError(f"where {user} stands is not known: {why}{say_it}")
 
 

@@ -1,12 +1,13 @@
-"""`pointit list`: scenarios, maps, plug-ins and services."""
+"""Listings of scenarios, maps, plug-ins and services: `pointit list`, and `list` below each noun."""
 
 from collections.abc import Callable
 from typing import Any
 
 import click
 
-from pointit.cli.common.lazy import UnknownNameError, nearest
+from pointit.cli.common.lazy import UnknownNameError
 from pointit.cli.common.output import Section, json_option, show
+from pointit.runtime.config.similar_names import nearest
 from pointit.runtime.errors import ConfigError
 from pointit.services.registry import PROCESSES
 
@@ -15,16 +16,16 @@ def services() -> Section:
     """Return the process table."""
     return Section(
         name="services",
-        about="run one with `pointit service NAME`",
+        about="run one with `pointit service run NAME`",
         rows=tuple(
             {
                 "name": row.name,
                 "scope": row.scope,
-                "about": row.about,
                 "extra": row.extra,
                 "reads": [topic.key for topic in row.reads],
                 "writes": [topic.key for topic in row.writes],
                 "serves": [request.key for request in row.serves],
+                "about": row.about,
             }
             for row in PROCESSES
         ),
@@ -39,53 +40,60 @@ def scenarios() -> Section:
     rows: list[dict[str, Any]] = []
     for name in scenario_names():
         scenario = read_scenario(name)
-        rows.append({"name": name, "about": scenario.about, "services": [*scenario.site, *scenario.user]})
+        rows.append({"name": name, "services": [*scenario.site, *scenario.user], "about": scenario.about})
     replay = {
         "name": "replay",
-        "about": "a recorded arm and robot, compared with motion capture (--recording FILE.csv)",
         "services": ["imu-bridge", "pointing", "localizer", "robot-replay"],
+        "about": "a recorded arm and robot, compared with motion capture (--recording FILE.csv)",
     }
-    return Section(name="scenarios", about="run one with `pointit run NAME`", rows=(*rows, replay))
+    return Section(
+        name="scenarios",
+        about="run one with `pointit run NAME`",
+        rows=(*rows, replay),
+        roomy=frozenset({"services"}),
+    )
 
 
 def maps() -> Section:
     """Return the shipped maps."""
-    from pointit.maps.file import load_map, shipped_maps  # noqa: PLC0415 - only when asked for
+    from pointit.maps.checks.check import contents  # noqa: PLC0415 - only when asked for
+    from pointit.maps.file import about_map, map_path, read_clouds, read_map_file, shipped_maps  # noqa: PLC0415
 
     rows: list[dict[str, Any]] = []
     for name in shipped_maps():
-        room = load_map(name, 0)
-        rows.append(
-            {
-                "name": name,
-                "strips": len(room.strips),
-                "pixels": sum(strip.pixels for strip in room.strips),
-                "belts": len(room.belts),
-                "links": len(room.links),
-                "bays": len(room.bays),
-                "lamps": len(room.lamps),
-            }
-        )
+        with map_path(name) as path:
+            file = read_map_file(path)
+            rows.append(
+                {"name": name, "has": contents(file, read_clouds(path, file)), "about": about_map(path)}
+            )
     return Section(
-        name="maps", about="use one, or your own file, with `--set pui.map=NAME`", rows=tuple(rows)
+        name="maps",
+        about="use one, or your own file, with `pointit run SCENARIO --set pui.map=NAME`",
+        rows=tuple(rows),
     )
+
+
+OPTIONS = {"imu-source": "--imu", "led-output": "--leds", "selection-method": "--method"}
+"""Options of `pointit run` that choose a plug-in, by its kind."""
 
 
 def plugins() -> Section:
     """Return the plug-ins of all installed packages, ours among them."""
-    from pointit.services.imu_bridge.sources import SOURCES  # noqa: PLC0415 - only when asked for
-    from pointit.services.led_driver.outputs import OUTPUTS  # noqa: PLC0415
+    from pointit.plugins import GROUPS  # noqa: PLC0415 - only when asked for
 
     rows: list[dict[str, Any]] = []
-    for option, group in (("--imu", SOURCES), ("--leds", OUTPUTS)):
+    for kind, group in GROUPS.items():
+        option = OPTIONS[kind]
         for name in group.names:
             try:
                 plugin = group.get(name)
                 use, about = f"{option} {name}{plugin.value}", plugin.summary
             except ConfigError as error:
                 use, about = f"{option} {name}", str(error)
-            rows.append({"use": use, "about": about, "package": group.package(name)})
-    return Section(name="plugins", about="devices for `pointit run` and `pointit user`", rows=tuple(rows))
+            rows.append({"name": name, "use": use, "package": group.package(name), "about": about})
+    return Section(
+        name="plugins", about="devices for `pointit run` and `pointit person add`", rows=tuple(rows)
+    )
 
 
 SECTIONS: dict[str, Callable[[], Section]] = {
@@ -101,7 +109,32 @@ SECTIONS: dict[str, Callable[[], Section]] = {
 @click.argument("section", required=False)
 @json_option
 def command(section: str | None, *, as_json: bool) -> None:
-    """List scenarios, maps, plug-ins and services, or one SECTION of them."""
+    """List scenarios, maps, plug-ins and services, or one SECTION of them.
+
+    Example: pointit list scenarios
+    """
     if section is not None and section not in SECTIONS:
         raise UnknownNameError(f"no section {section!r}; {nearest(section, SECTIONS)}")
     show([SECTIONS[name]() for name in ([section] if section else SECTIONS)], as_json=as_json)
+
+
+def _listing(section: str, noun: str, text: str) -> click.Command:
+    """Return the command `pointit NOUN list`."""
+
+    def callback(*, as_json: bool) -> None:
+        show([SECTIONS[section]()], as_json=as_json)
+
+    command = click.Command("list", callback=callback, help=f"{text}\n\nExample: pointit {noun} list --json")
+    return json_option(command)
+
+
+list_maps = _listing("maps", "map", "List the shipped maps with their contents.")
+list_plugins = _listing(
+    "plugins", "plugin", "List the plug-ins of all installed packages, how to use them, and what is wrong."
+)
+list_services = _listing(
+    "services",
+    "service",
+    "List the services with what they read, write and serve.\n\n"
+    "Those of scope user belong to a person and need --user; those of scope site are shared by all.",
+)

@@ -8,9 +8,10 @@ from typing import Any
 import click
 
 from pointit.cli.common.option_types import Finite
+from pointit.cli.common.panels import PanelCommand
 from pointit.cli.display.summary import check_writable
 from pointit.cli.run.execution import execute
-from pointit.cli.run.run_options import BESIDE_ROS, choices_of, joining, page_options, shared_options
+from pointit.cli.run.run_options import BESIDE_ROS, PANELS, choices_of, joining, page_options, shared_options
 from pointit.launch.plan.launches import PAGE, Choices
 from pointit.launch.plan.page import (
     REMEDY,
@@ -34,7 +35,7 @@ from pointit.runtime.service.logs import setup_logging
 from pointit.runtime.service.process import log_option
 from pointit.runtime.service.shutdown import run_until_shutdown
 
-NOBODY = "there are no people in this run: `pointit user anna`, from another terminal, adds one"
+NOBODY = "there are no people in this run: `pointit person add anna`, from another terminal, adds one"
 """Notice at the start of a run with `--users 0` or `--site-only`."""
 
 
@@ -65,7 +66,7 @@ def _explain(context: click.Context, _parameter: click.Parameter, wanted: bool) 
     context.exit()
 
 
-@click.command("run")
+@click.command("run", cls=PanelCommand, panels=PANELS)
 @click.argument("scenario", default=USUAL)
 @click.option(
     "--list", is_flag=True, is_eager=True, expose_value=False, callback=_explain, help="explain the scenarios"
@@ -76,28 +77,29 @@ def _explain(context: click.Context, _parameter: click.Parameter, wanted: bool) 
     default=1,
     show_default=True,
     type=click.IntRange(0, 64),
-    help="number of people; with 0, add them later with `pointit user`",
+    help="number of people; with 0, add them later with `pointit person add`",
 )
 @click.option(
     "--method",
-    type=click.Choice(["hold", "fraction", "gauge"]),
-    help="dwell method. hold: on the object at every timestep of a window; fraction: at "
-    "most of them; gauge: a gauge fills during steady pointing, and drains otherwise  "
-    "[default: the scenario's]",
+    default="",
+    metavar="METHOD",
+    help="selection method. hold: on the object at every timestep of a window; fraction: at "
+    "most of them; gauge: a gauge fills during steady pointing, and drains otherwise; "
+    "`pointit list plugins` lists others  [default: the scenario's]",
 )
 @click.option(
     "--leds",
     default="",
     metavar="OUTPUT",
-    help="expander:PORT drives strips; `pointit list plugins` lists others",
+    help="expander:PORT drives strips; `pointit plugin list` lists others",
 )
 @click.option(
     "--ros2",
     is_flag=True,
     help="also join or start a ROS 2 graph, with topics under the names and types of ROS nodes; "
-    "`--set ros2.backend.distro=kilted`, domain and more: `pointit service ros2 --help`",
+    "`--set ros2.backend.distro=kilted`, domain and more: `pointit service run ros2 --help`",
 )
-@click.option("--site-only", is_flag=True, help="only shared services; add people with `pointit user`")
+@click.option("--site-only", is_flag=True, help="only shared services; add people with `pointit person add`")
 @click.option(
     "--speed",
     default=1.0,

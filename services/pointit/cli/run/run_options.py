@@ -25,6 +25,29 @@ NEW_LINK = (
 )
 
 
+PANELS = {
+    "People": (
+        "users",
+        "site_only",
+        "scenario",
+        "place",
+        "localize",
+        "targets",
+        "poses",
+        "hand",
+        "stature_m",
+        "method",
+    ),
+    "Devices": ("imu", "leds", "ros2"),
+    "Page": ("no_web", "web_port", "lan", "no_browser", "new_link"),
+    "Network": ("connect", "listen", "site", "credentials"),
+}
+"""Names of the options of `run` by the heading of their panel."""
+
+PERSON_PANELS = {heading: PANELS[heading] for heading in ("People", "Devices", "Network")}
+"""The same for `person add`."""
+
+
 def shared_options(function: Any) -> Any:
     """Add the options that `run` and `user` share."""
     for option in reversed(
@@ -50,7 +73,7 @@ def shared_options(function: Any) -> Any:
                 "objects, points at them and presses the button. page: only a page's mouse or phone, or ROS. "
                 "simulated: only a simulated sensor, on an "
                 "arm that sweeps to and fro, to test the path of a device. serial:PORT or "
-                "replay:FILE.csv: a device, or its recording; `pointit list plugins` lists others. "
+                "replay:FILE.csv: a device, or its recording; `pointit plugin list` lists others. "
                 "Once for each person",
             ),
             click.option(
@@ -65,7 +88,7 @@ def shared_options(function: Any) -> Any:
                 "settings",
                 multiple=True,
                 metavar="SERVICE.PARAMETER=VALUE",
-                help="change one parameter; `pointit service NAME --help` shows them",
+                help="change one parameter; `pointit service run NAME --help` shows them",
             ),
             click.option(
                 "--duration",
@@ -117,7 +140,7 @@ def choices_of(options: dict[str, Any], leds: str = "") -> Choices:
         localize=options["localize"],
         targets=options["targets"],
         poses=options["poses"],
-        method=options.get("method"),
+        method=options.get("method", ""),
         hand=options["hand"] or "",
         stature_m=options["stature_m"],
         imu=options["imu"],

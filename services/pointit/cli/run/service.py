@@ -1,12 +1,10 @@
-"""`pointit service NAME`: equivalent to `python -m` with its module."""
+"""`pointit service run NAME`: equivalent to `python -m` with its module."""
 
 from collections.abc import Callable
 
 import click
 
-from pointit.cli.common.lazy import Entry, LazyGroup
-from pointit.cli.common.output import Section, json_option, show
-from pointit.cli.run.list import services
+from pointit.cli.common.lazy import Entry, LazyGroup, print_help_without_action
 from pointit.launch.plan.extras import load
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.service.process import service_command, unavailable_command
@@ -23,26 +21,20 @@ def _loader(row: Process) -> Callable[[], click.Command]:
     return loaded
 
 
-@click.command(
-    "service",
-    cls=LazyGroup,
+command = LazyGroup(
+    name="run",
     kind="service",
     entries=[
         Entry(name=row.name, about=f"({row.scope}) {row.about}", load=_loader(row)) for row in PROCESSES
     ],
+    callback=print_help_without_action,
     invoke_without_command=True,
     subcommand_metavar="NAME [OPTIONS]...",
-)
-@json_option
-@click.pass_context
-def command(ctx: click.Context, *, as_json: bool) -> None:
-    """Run one service by itself; without a NAME, list the services.
+    help="""Run one service by itself.
 
-    Services of a person (scope user) need --user; those of scope site are shared by all. `pointit service
-    NAME --help` documents every parameter with its unit and default.
-    """
-    if ctx.invoked_subcommand is not None:
-        return
-    full = services()
-    rows = tuple({key: row[key] for key in ("name", "scope", "about")} for row in full.rows)
-    show([Section(name=full.name, about=full.about, rows=rows)], as_json=as_json)
+Services of a person (scope user) need --user; those of scope site are shared by all. `pointit service run
+NAME --help` documents every parameter with its unit and default.
+
+Example: pointit service run pointing --user anna
+""",
+)

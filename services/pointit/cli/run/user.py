@@ -1,4 +1,4 @@
-"""`pointit user`: one person's services, on a running site."""
+"""`pointit person add`: one person's services, on a running site."""
 
 import dataclasses
 from pathlib import Path
@@ -6,8 +6,9 @@ from typing import Any
 
 import click
 
+from pointit.cli.common.panels import PanelCommand
 from pointit.cli.run.execution import execute
-from pointit.cli.run.run_options import choices_of, joining, shared_options
+from pointit.cli.run.run_options import PERSON_PANELS, choices_of, joining, shared_options
 from pointit.cli.run.site_inspection import check_person, inspect_site
 from pointit.launch.plan.launches import user_launches
 from pointit.launch.plan.plan import Plan
@@ -21,7 +22,7 @@ from pointit.runtime.service.process import log_option
 from pointit.schemas.system import check_user
 
 
-@click.command("user")
+@click.command("add", cls=PanelCommand, panels=PERSON_PANELS)
 @click.argument("name")
 @shared_options
 @click.option("--scenario", help=f"scenario with the parameters  [default: the one that runs, or {USUAL}]")
@@ -37,7 +38,7 @@ def command(name: str, scenario: str | None, place: int | None, **options: Any) 
     without Ctrl-C, `pointit doctor` reports it as missing for one day or until it is restarted and ended by
     Ctrl-C.
 
-    Example: pointit user anna --imu serial:/dev/ttyUSB0 --localize
+    Example: pointit person add anna --imu serial:/dev/ttyUSB0 --localize
     """
     check_user(name)
     check_person(name)

@@ -12,7 +12,7 @@ from pointit.access.site_folder import ROUTER, SiteFolder
 from pointit.access.site_state import SiteState
 from pointit.cli.common import identities_table
 from pointit.cli.common.option_types import Finite
-from pointit.cli.common.output import json_option, print_json
+from pointit.cli.common.output import json_option, print_json, show
 from pointit.runtime.errors import ConfigError
 from pointit.schemas.system import check_user
 from pointit.schemas.topics import check_name
@@ -41,26 +41,7 @@ folder_option = click.option(
 )
 
 
-HELP = """Manage who may join a site, and their rights.
-
-A site's folder holds a small certificate authority, the router's files, and a folder for each identity.
-Copy the latter to its machine and name it there by --credentials (or POINTIT_CREDENTIALS). A person may
-write only under their own name; dashboards can only view. All others are rejected.
-
-\b
-Example:
-  pointit site init lab --host 192.168.1.5 --users anna,ben
-  pointit router --site-folder lab
-  pointit user anna --credentials lab/identities/anna
-"""
-
-
-@click.group("site", help=HELP)
-def command() -> None:
-    """Manage who may join a site, and their rights."""
-
-
-@command.command("init")
+@click.command("init")
 @click.argument("name")
 @folder_option
 @click.option("--users", default="", help="names of people, anna,ben, or their number: user1, user2, …")
@@ -84,7 +65,13 @@ def command() -> None:
     multiple=True,
     help="name or address of the router, may be repeated  [default: 127.0.0.1]",
 )
-@click.option("--port", default=DEFAULT_PORT, show_default=True, type=click.IntRange(1, 65535))
+@click.option(
+    "--port",
+    default=DEFAULT_PORT,
+    show_default=True,
+    type=click.IntRange(1, 65535),
+    help="the router's port",
+)
 @click.option(
     "--days", default=DEFAULT_DAYS, show_default=True, type=Finite(1, 3653), help="lifetime of certificates"
 )
@@ -92,7 +79,7 @@ def command() -> None:
     "--password",
     is_flag=True,
     help="use passwords, which do not expire, instead of certificates for all but the router; "
-    "less secure (deploy/README.md)",
+    "less secure: copies stay valid, and strangers get as far as Zenoh's handshake",
 )
 @click.option(
     "--dashboard-rate",
@@ -146,17 +133,12 @@ def init(
         print_json({"site": name, "folder": str(path), "identities": sorted(made.identities)})
         return
     click.echo(f"site {name} is in {path}: {len(roles)} identities and the router's")
-    click.echo(f"1. run its router: pointit router --site-folder {path}")
+    click.echo(f"1. run its router: pointit site router --site-folder {path}")
     click.echo(f"2. copy {path / 'identities'}/NAME to the machine of NAME, and there: --credentials NAME")
     click.echo(f"3. keep {path / 'authority'} secret: it allows to take any identity on this site")
 
 
-@command.group("user")
-def user() -> None:
-    """Add, remove and list the people of a site; the router follows within a second."""
-
-
-@user.command("add")
+@click.command("add")
 @click.argument("names", nargs=-1, required=True)
 @folder_option
 def add(names: tuple[str, ...], folder: Path) -> None:
@@ -175,7 +157,7 @@ def add(names: tuple[str, ...], folder: Path) -> None:
         click.echo(f"{name} may join with the credentials in {site.identity_folder(name)}")
 
 
-@user.command("remove")
+@click.command("remove")
 @click.argument("names", nargs=-1, required=True)
 @folder_option
 def remove(names: tuple[str, ...], folder: Path) -> None:
@@ -194,7 +176,7 @@ def remove(names: tuple[str, ...], folder: Path) -> None:
         click.echo(f"{name} is removed")
 
 
-@user.command("list")
+@click.command("list")
 @folder_option
 @json_option
 def list_people(folder: Path, *, as_json: bool) -> None:
@@ -207,7 +189,7 @@ def list_people(folder: Path, *, as_json: bool) -> None:
     _tell(people, state, as_json=as_json)
 
 
-@command.command("renew")
+@click.command("renew")
 @click.argument("names", nargs=-1)
 @folder_option
 @click.option("--host", "hosts", multiple=True, help="one more name or address of the router")
@@ -237,7 +219,7 @@ def renew(names: tuple[str, ...], folder: Path, hosts: tuple[str, ...]) -> None:
         click.echo(f"{name} has a new {proof}: copy {site.identity_folder(name)} to its machine")
 
 
-@command.command("revoke")
+@click.command("revoke")
 @click.argument("name")
 @folder_option
 def revoke(name: str, folder: Path) -> None:
@@ -249,10 +231,10 @@ def revoke(name: str, folder: Path) -> None:
     click.echo(f"{name} has no rights any more; `pointit site renew {name}` restores them")
 
 
-@command.command("show")
+@click.command("show")
 @folder_option
 @json_option
-def show(folder: Path, *, as_json: bool) -> None:
+def list_identities(folder: Path, *, as_json: bool) -> None:
     """Show identities, roles and when certificates expire; exit code 1 if one expires within 30 days.
 
     Example: pointit site show --folder lab
@@ -267,12 +249,7 @@ def _tell(names: Iterable[str], state: SiteState, *, as_json: bool) -> int:
     if as_json:
         print_json({"site": state.site, "identities": rows})
     else:
-        for row in rows:
-            click.echo(
-                f"{row['name']:<16} {row['role']:<11} {row['state']:<10} "
-                f"{'until ' + row['until'] if row['until'] else 'by password'}"
-                f"{'' if row['generation'] == 1 else '  no. ' + str(row['generation'])}"
-            )
+        show([identities_table.section(rows)], as_json=False)
         if ending:
             click.echo(f"Warning: {', '.join(ending)}: renew with `pointit site renew`", err=True)
     return 1 if ending else 0

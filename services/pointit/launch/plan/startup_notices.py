@@ -49,7 +49,7 @@ def kept_mountings(launches: Sequence[Launch]) -> Iterator[str]:
             continue  # the service reports that itself and continues without it
         if kept is not None and MountingSelection(launch.config, kept).is_measured:
             since = minute(kept.by_source[launch.config.source].set_ns)
-            forget = f"`pointit calibrate mounting {launch.user} --erase` forgets it"
+            forget = f"`pointit person calibrate mounting {launch.user} --erase` forgets it"
             yield f"{launch.user}: a mounting of {since} is in use; {forget}"
 
 

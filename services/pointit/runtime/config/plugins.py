@@ -53,8 +53,10 @@ class PluginGroup(Generic[P]):
     def __init__(self, group: str, kind: type[P], noun: str) -> None:
         """Look for entry points of `group`, each a `kind`. Errors call one a `noun`."""
         self.group = group
-        self._kind = kind
-        self._noun = noun
+        self.kind = group.rpartition(".")[2]
+        """Last part of the group's name, such as `imu_sources`."""
+        self.noun = noun
+        self._type = kind
 
     @cached_property
     def _entries(self) -> dict[str, EntryPoint]:
@@ -63,12 +65,12 @@ class PluginGroup(Generic[P]):
             other = found.setdefault(entry.name, entry)
             if other.value != entry.value:
                 raise ConfigError(
-                    f"{self._noun} {entry.name!r} is in two packages: uninstall {_package(other)} or "
+                    f"{self.noun} {entry.name!r} is in two packages: uninstall {_package(other)} or "
                     f"{_package(entry)}"
                 )
         if not found:
             raise ConfigError(
-                f"no {self._noun} is installed, not even those of pointit: install it again (in a checkout: "
+                f"no {self.noun} is installed, not even those of pointit: install it again (in a checkout: "
                 "scripts/setup)"
             )
         return found
@@ -86,7 +88,7 @@ class PluginGroup(Generic[P]):
         """
         entry = self._entries.get(name)
         if entry is None:
-            raise ConfigError(f"no {self._noun} {name!r} is installed; there are {', '.join(self.names)}")
+            raise ConfigError(f"no {self.noun} {name!r} is installed; there are {', '.join(self.names)}")
         try:
             plugin = entry.load()
         except Exception as error:  # code of others, which may raise anything when it is imported
@@ -94,12 +96,14 @@ class PluginGroup(Generic[P]):
             extras = ",".join(entry.extras)
             remedy = f"install {package}[{extras}]" if extras else f"update or uninstall {package}"
             reason = f"{type(error).__name__}: {error}"
-            raise ConfigError(
-                f"{self._noun} {name!r} of {package} cannot be imported ({reason}); {remedy}"
-            ) from error
-        if not isinstance(plugin, self._kind):
-            raise ConfigError(f"{self._noun} {name!r}: {entry.value} is no {self._kind.__name__}")
+            raise ConfigError(f"{self.label(name)} cannot be imported ({reason}); {remedy}") from error
+        if not isinstance(plugin, self._type):
+            raise ConfigError(f"{self.noun} {name!r}: {entry.value} is no {self._type.__name__}")
         return plugin
+
+    def label(self, name: str) -> str:
+        """Return the name of a plug-in in messages, with its package, without importing it."""
+        return f"{self.noun} {name!r} of {self.package(name)}"
 
     def package(self, name: str) -> str:
         """Return the package that brings the plug-in `name`, without importing it."""
@@ -173,15 +177,15 @@ class PluginConfig(Config, extra="allow"):
             name,
             values,
         ) in extra.items():
-            if name not in plugins.names:
+            if name not in plugins.names or plugins.get(name).config is type(self):
                 known = (*field_names(type(self)), *plugins.names)
                 raise _described((), unknown_parameter_message(name, known), values)
             extra[name] = plugins.validate(name, values, (name,))
 
     @classmethod
     def sections(cls) -> Mapping[str, type[Config]]:
-        """Return the parameters of all installed plug-ins by name."""
-        return cls.plugins().configs()
+        """Return the parameters of all installed plug-ins by name, but for those that read the service's."""
+        return {name: config for name, config in cls.plugins().configs().items() if config is not cls}
 
     def section(self, name: str) -> Config:
         """Return the parameters of the plug-in `name`: those configured, else its defaults.
@@ -192,5 +196,5 @@ class PluginConfig(Config, extra="allow"):
         given: Config | None = (self.__pydantic_extra__ or {}).get(name)
         if given is not None:
             return given
-        defaults: Config = self.plugins().get(name).config()
-        return defaults
+        kind: type[Config] = self.plugins().get(name).config
+        return self if kind is type(self) else kind()

@@ -13,9 +13,11 @@ from pointit.runtime.clock import MAX_SLEW_S, Clock, SteadyClock
 from pointit.runtime.config.config import Config
 from pointit.runtime.errors import BusClosedError, ConfigError
 from pointit.runtime.health.service_bus import ServiceBus
+from pointit.runtime.health.surroundings import Surroundings
+from pointit.runtime.host.state_file import plugin_folder
 from pointit.runtime.service.instance_takeover import TakeoverMonitor
 from pointit.schemas import Health
-from pointit.schemas.system import check_user
+from pointit.schemas.system import check_user, instance_of
 from pointit.schemas.topics import SERVICE_ALIVE, USER_ALIVE
 
 log = logging.getLogger(__name__)
@@ -87,6 +89,12 @@ class Service(ABC, Generic[C]):
         The state of a service that is running stays.
         """
 
+    def surroundings(self, kind: str, name: str, user: str = "") -> Surroundings:
+        """Return what its plug-in `name` of a `kind`, such as `imu_sources`, may use for `user`."""
+        user = user or self.user
+        folder = plugin_folder(self.bus.site, user, kind, name)
+        return Surroundings(clock=self.clock, health=self.bus, folder=folder, user=user)
+
     async def run(self) -> None:
         """Run until cancelled. Services that only react need not override it."""
         await asyncio.Event().wait()
@@ -106,7 +114,7 @@ class Launch:
     @property
     def instance(self) -> str:
         """Return the name under which it is present: `selector`, `pointing.anna`."""
-        return f"{self.service.NAME}.{self.user}" if self.user else self.service.NAME
+        return instance_of(self.service.NAME, self.user)
 
 
 def check_launches(launches: Sequence[Launch], addresses: Sequence[str] = ()) -> None:

@@ -28,8 +28,8 @@ class ImuBridgeConfig(PluginConfig):
         description="mounting of the sensor on the arm while none was measured: its axis towards the "
         "finger (plus_x, minus_x, plus_y, minus_y; its z is up with the palm down), or a device: metamotion, "
         "myo, watch_left or watch_right (face out, on that wrist), phone (screen up, its top towards the "
-        "finger); a measurement of `pointit calibrate mounting` with the same source and mounting is stored "
-        "and overrides it",
+        "finger); a measurement of `pointit person calibrate mounting` with the same source and mounting "
+        "is stored and overrides it",
     )
     mounting_xyzw: tuple[float, float, float, float] | None = Field(
         default=None,

@@ -4,6 +4,7 @@ import asyncio
 import itertools
 import logging
 import math
+from dataclasses import replace
 from typing import ClassVar
 
 from pointit.runtime.errors import ConfigError, RefusedError
@@ -26,7 +27,7 @@ from pointit.services.imu_bridge.config import ImuBridgeConfig
 from pointit.services.imu_bridge.page_health import DEVICE_NAMES, figures, warnings
 from pointit.services.imu_bridge.page_wrist import PageWrist
 from pointit.services.imu_bridge.reading import Item, Press, Reading, Reconnected, Source
-from pointit.services.imu_bridge.sources import SOURCES, Surroundings
+from pointit.services.imu_bridge.sources import SOURCES
 from pointit.services.imu_bridge.stored_mounting import PURPOSE, MountingSelection, StoredMountings
 from pointit.services.imu_bridge.yaw_epoch import YawEpoch
 
@@ -87,8 +88,11 @@ class ImuBridge(Service[ImuBridgeConfig]):
 
     def _make_source(self) -> Source:
         self.validate_config(self.config)
-        around = Surroundings(self.clock, self.bus, self.user, self.config.configured_mounting)
-        return SOURCES.get(self.config.source).make(self.config.section(self.config.source), around)
+        name = self.config.source
+        around = replace(
+            self.surroundings(SOURCES.kind, name), sensor_from_arm=self.config.configured_mounting
+        )
+        return SOURCES.get(name).make(self.config.section(name), around)
 
     def _deliver(self, item: Item) -> None:
         if isinstance(item, Reconnected):

@@ -50,14 +50,14 @@ class MountingSelection:
         if config.explicit_mounting is not None:
             self.warning = (
                 "a mounting was measured, but mounting_xyzw or mounting_rpy_deg is configured and overrides "
-                "it: remove it from the configuration, or delete the measurement with `pointit calibrate "
-                "mounting USER --erase`"
+                "it: remove it from the configuration, or delete the measurement with `pointit person "
+                "calibrate mounting USER --erase`"
             )
         elif own.configured != config.mounting:
             self.warning = (
                 f"a mounting was measured while {own.configured} was configured, now it is "
                 f"{config.mounting}, as for another device: the measurement is not used; run "
-                "`pointit calibrate mounting USER` again"
+                "`pointit person calibrate mounting USER` again"
             )
         else:
             self.sensor_from_arm = rotation.normalized(own.sensor_from_arm_xyzw)

@@ -9,7 +9,7 @@ from pydantic import Field, field_validator, model_validator
 from pointit.runtime.config.config import Config
 from pointit.runtime.config.plugins import Plugin, PluginGroup
 from pointit.runtime.errors import ConfigError
-from pointit.runtime.health.service_bus import WarningSink
+from pointit.runtime.health.surroundings import Surroundings
 from pointit.schemas import Strip, StripsFrame
 
 NONE = "none"
@@ -70,18 +70,6 @@ class UnusedOutput(OutputConfig, extra="ignore"):
     """An output of kind `none`, whose parameters may be those of any kind."""
 
 
-class MetricSink(WarningSink, Protocol):
-    """Receiver of an output's metrics, such as `ServiceBus`."""
-
-    def set_metric(self, name: str, value: float | None, unit: str = "") -> None:
-        """Set a metric. None removes it."""
-        ...
-
-    def reached(self, latency_s: float) -> None:
-        """Record the age of captured data at the moment at which it becomes visible."""
-        ...
-
-
 class Output(Protocol):
     """A controller that is connected."""
 
@@ -105,7 +93,7 @@ class Output(Protocol):
 class LedOutput(Plugin):
     """A kind of controller. Its `argument` is its address, which no two outputs share."""
 
-    make: Callable[[Any, MetricSink], Output]
+    make: Callable[[Any, Surroundings], Output]
     """Makes an output with parameters of the class `config`, an `OutputConfig`; opens nothing yet."""
 
 
@@ -129,8 +117,14 @@ def validate_output(value: object) -> object:
     return OUTPUTS.validate(kind, values)
 
 
-def make_outputs(configs: Sequence[OutputConfig], account: MetricSink) -> list[Output]:
+def make_outputs(
+    configs: Sequence[OutputConfig], surroundings: Callable[[str, str], Surroundings]
+) -> list[Output]:
     """Return the outputs that `configs` describe, none of them open yet.
+
+    Args:
+        configs: parameters of each output.
+        surroundings: returns what the plug-in of a kind and a name may use.
 
     Raises:
         ConfigError: If an address is missing or used twice.
@@ -149,5 +143,5 @@ def make_outputs(configs: Sequence[OutputConfig], account: MetricSink) -> list[O
             if (config.kind, address) in taken:
                 raise ConfigError(f"{where}: {address} is used by two outputs: remove one")
             taken.add((config.kind, address))
-        made.append(plugin.make(config, account))
+        made.append(plugin.make(config, surroundings(OUTPUTS.kind, config.kind)))
     return made

@@ -162,15 +162,15 @@ class PoseManager:
             user = self._user
             return (
                 f"the IMU of {user} was restarted or turned: its yaw is unknown; localize again, point at "
-                f"a lamp (`pointit anchor {user}`), or face a known direction "
-                f"(`pointit pose {user} --facing …`)"
+                f"a lamp (`pointit person anchor {user}`), or face a known direction "
+                f"(`pointit person pose {user} --facing …`)"
             )
         sigma_deg = math.degrees(self._tracking.yaw_sigma_rad(now_ns))
         if sigma_deg <= self._config.drift.max_yaw_sigma_deg:
             return ""
         return (
             f"the yaw of {self._user} is uncertain by {sigma_deg:.0f}° because the IMU drifts; have them "
-            f"point at a lamp once: `pointit anchor {self._user}`, or a double press of the button"
+            f"point at a lamp once: `pointit person anchor {self._user}`, or a double press of the button"
         )
 
     def start(self, method: Method | None, now_ns: int) -> Response | Refusal:
@@ -266,8 +266,8 @@ class PoseManager:
     def _nowhere(self) -> str:
         user = self._user
         return (
-            f"no pose of {user} is known; localize first (`pointit call {START_LOCALIZATION.at(user)}`), or "
-            f"set it (`pointit call {SET_POSE.at(user)}`)"
+            f"no pose of {user} is known; localize first (`pointit service call "
+            f"{START_LOCALIZATION.at(user)}`), or set it (`pointit service call {SET_POSE.at(user)}`)"
         )
 
     def _silent(self, now_ns: int) -> str:

@@ -29,7 +29,7 @@ def offset_in_use(user: str, offset: PointingOffset) -> str:
     of = ""
     if offset.fitted_ns:
         of = f" of {minute(offset.fitted_ns)}"
-    return f"{user}: an offset{of} is in use; `pointit calibrate user {user} --erase` forgets it"
+    return f"{user}: an offset{of} is in use; `pointit person calibrate user {user} --erase` forgets it"
 
 
 def minute(stamp_ns: int) -> str:

@@ -108,12 +108,13 @@ def mounting_fault(
         does, how = ("sink where it rises", "backwards on") if is_back else ("do not rise with it", "across")
         return (
             f"the rays turn with the robot and {does}: the sensor seems to be mounted {how} the arm; "
-            "run `pointit calibrate mounting USER`"
+            "run `pointit person calibrate mounting USER`"
         )
     if found is result and slope.is_doubtful:
         return (
             f"the rays rise and sink only {max(slope.value, 0.0):.1f} times as much as the robot; keep "
-            "following it with the arm straight, and if this stays run `pointit calibrate mounting USER`"
+            "following it with the arm straight, and if this stays run `pointit person calibrate "
+            "mounting USER`"
         )
     return ""
 

@@ -411,7 +411,7 @@ export interface ExpectedService {
   user: string;
 }
 /**
- * Services started by `pointit run` or `pointit user`, by which `doctor` finds missing ones.
+ * Services started by `pointit run` or `pointit person add`, by which `doctor` finds missing ones.
  */
 export interface Deployment {
   /**
@@ -1235,6 +1235,10 @@ export interface SetMethod {
    * None to keep it
    */
   method: ("hold" | "fraction" | "gauge") | null;
+  /**
+   * any installed method, instead of `method`
+   */
+  name: string | null;
 }
 /**
  * The method in use now.
@@ -1242,10 +1246,21 @@ export interface SetMethod {
 export interface SetMethodReply {
   dwell_s: number;
   /**
+   * all installed methods
+   */
+  installed: string[];
+  /**
    * the effect, in one sentence for a person
    */
   message: string;
+  /**
+   * the method, or gauge (by angle) or hold (by metres) for that of another package
+   */
   method: "hold" | "fraction" | "gauge";
+  /**
+   * the method; empty from version 1
+   */
+  name: string;
 }
 /**
  * Set the mounting of the sensor on the arm.

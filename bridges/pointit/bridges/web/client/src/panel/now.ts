@@ -31,7 +31,7 @@ export function nowPart(controls: Controls): Part {
   const clear = action("Clear", "clear", "X", () => controls.clear());
   const actions = el("div", { className: "pairs" }, localize, cancel, undo, clear);
   const place = el("p", { className: "muted" });
-  const nobody = el("p", { className: "muted", text: "Nobody is here yet. Add a person: pointit user anna" });
+  const nobody = el("p", { className: "muted", text: "Nobody is here yet. Add a person: pointit person add anna" });
   const body = el("div", { className: "now" }, el("div", { className: "state" }, badge, el("div", {}, state, next)), gaugeRow);
   const viewer = el("p", { className: "muted", text: "This page only looks on. The operator's link lets you control." });
   const element = el("section", { className: "part", "aria-label": "Now" }, who.element, nobody, body, place, viewer, press, actions);

@@ -1,0 +1,48 @@
+"""Spellings of version 0.1: they do what the new ones do, and a note on standard error names those."""
+
+import pytest
+from click.testing import CliRunner, Result
+
+from pointit.cli.commands import OLD_SPELLINGS
+from pointit.cli.main import PATHS, command
+
+
+def invoke(words: str) -> Result:
+    return CliRunner().invoke(command, words.split(), prog_name="pointit")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "note"),
+    [
+        ("topics --json", "topic list --json", "note: `pointit topics` is now `pointit topic list`"),
+        ("schema Cursor", "topic schema Cursor", "note: `pointit schema` is now `pointit topic schema`"),
+        ("call --json", "service call --json", "note: `pointit call` is now `pointit service call`"),
+        ("pose anna x", "person pose anna x", "note: `pointit pose` is now `pointit person pose`"),
+        ("user --help", "person add --help", "note: `pointit user` is now `pointit person add`"),
+        (
+            "calibrate mounting --help",
+            "person calibrate mounting --help",
+            "note: `pointit calibrate` is now `pointit person calibrate`",
+        ),
+        (
+            "service pui --help",
+            "service run pui --help",
+            "note: `pointit service` is now `pointit service run`",
+        ),
+        ("service puj", "service run puj", "note: `pointit service` is now `pointit service run`"),
+        ("service --json", "service list --json", "note: `pointit service` is now `pointit service list`"),
+    ],
+)
+def test_an_old_spelling_does_what_the_new_one_does_after_a_note(old: str, new: str, note: str) -> None:
+    before, after = invoke(old), invoke(new)
+    assert before.output == f"{note}\n{after.output}"
+    assert before.exit_code == after.exit_code
+
+
+def test_every_old_spelling_leads_to_a_command_of_the_help_and_is_not_shown_itself() -> None:
+    assert set(OLD_SPELLINGS.values()) <= set(PATHS)
+    assert not {(word,) for word in OLD_SPELLINGS} & set(PATHS)
+
+
+def test_a_misspelt_action_is_not_taken_for_a_service() -> None:
+    assert invoke("service lst").output == "Error: no action 'lst'; did you mean list?\n"

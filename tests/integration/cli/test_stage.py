@@ -141,7 +141,8 @@ class Going:
         return self.run.stage
 
     async def asks(self, scenario: str, **asked: Any) -> None:
-        await self.bus.call(RUN_SCENARIO, RunScenario(scenario=scenario, **asked), timeout_s=PATIENCE_S)
+        """Ask for another scenario. Zenoh may take 10 s to end a declaration; wishes wait in turn."""
+        await self.bus.call(RUN_SCENARIO, RunScenario(scenario=scenario, **asked), timeout_s=3 * PATIENCE_S)
 
 
 @asynccontextmanager

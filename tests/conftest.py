@@ -14,10 +14,14 @@ from hypothesis import HealthCheck, settings
 from tests.support.buses import free_port
 from tests.support.commands import Commands
 
-# The same examples in every run: a failure is due to a change; `--hypothesis-profile=search` tries others.
-# How fast this machine is says nothing about a property.
-settings.register_profile("search", deadline=None, suppress_health_check=[HealthCheck.too_slow])
-settings.register_profile("repeatable", settings.get_profile("search"), derandomize=True)
+# The same few examples in every run: a failure is due to a change. `--hypothesis-profile=search` tries more,
+# and others each time; `few` are for other versions of Python. How fast this machine is says nothing about a
+# property.
+settings.register_profile(
+    "search", max_examples=200, deadline=None, suppress_health_check=[HealthCheck.too_slow]
+)
+settings.register_profile("repeatable", settings.get_profile("search"), derandomize=True, max_examples=25)
+settings.register_profile("few", settings.get_profile("repeatable"), max_examples=8)
 settings.load_profile("repeatable")
 
 

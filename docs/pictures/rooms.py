@@ -9,6 +9,8 @@ from xml.sax.saxutils import escape
 
 import grimp
 
+import pointit  # noqa: F401 - with it loaded, all its three folders are seen
+
 ROOT = Path(__file__).resolve().parents[2]
 WIDTH, HEIGHT = 960, 800
 BOX_HEIGHT = 66

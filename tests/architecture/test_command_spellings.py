@@ -74,14 +74,14 @@ def test_commands_in_all_texts_are_those_of_the_help() -> None:
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("see `pointit topics`", {"topics"}),
-        ('"see `pointit "\n    f"fly`"', {"fly"}),
-        ("# by `pointit\n    # person fly anna`", {"person fly"}),
-        ("$ pointit service pui", {"service pui"}),
-        ("pointit service run puj --help", {"service run puj"}),
-        ("`pointit service run NAME`, `pointit site`, `pointit run scenario_9`", set()),
-        ("import pointit\nfrom here", set()),
+        ("see `pointit topics`", "topics"),
+        ('"see `pointit "\n    f"fly`"', "fly"),
+        ("# by `pointit\n    # person fly anna`", "person fly"),
+        ("$ pointit service pui", "service pui"),
+        ("pointit service run puj --help", "service run puj"),
+        ("`pointit service run NAME`, `pointit site`, `pointit run scenario_9`", ""),
+        ("import pointit\nfrom here", ""),
     ],
 )
-def test_a_command_that_the_help_does_not_show_is_found(text: str, words: set[str]) -> None:
-    assert misspelt(text) == words
+def test_a_command_that_the_help_does_not_show_is_found(text: str, words: str) -> None:
+    assert misspelt(text) == ({words} if words else set())

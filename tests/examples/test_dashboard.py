@@ -1,7 +1,5 @@
 """The dashboard in a browser, beside the bridge that it reads."""
 
-import socket
-
 import pytest
 
 from pointit.bridges.foxglove.config import FoxgloveConfig
@@ -16,15 +14,10 @@ from pointit.schemas.topics import HOVER, SELECTION, STRIPS_FRAME
 from tests.architecture.sources import ROOT
 from tests.support.bench import Bench, until
 from tests.support.browser import NAMES, chromium, installed
-from tests.support.buses import free_port
+from tests.support.buses import free_port, is_listening
 
 DASHBOARD = ROOT / "examples" / "dashboard"
 PATIENCE_MS = 60_000
-
-
-def is_open(port: int) -> bool:
-    with socket.socket() as probe:
-        return probe.connect_ex(("127.0.0.1", port)) == 0
 
 
 def test_dashboard_has_forty_lines() -> None:
@@ -41,7 +34,7 @@ async def test_dashboard_shows_light_people_and_selection() -> None:
     bench = Bench(bus, WallClock())
     port = free_port()
     bench.start(SERVICE, FoxgloveConfig(port=port))
-    await until(lambda: is_open(port), what="the bridge listens")
+    await until(lambda: is_listening(port), what="the bridge listens")
     bench.put(STRIPS_FRAME, StripsFrame(stamp_ns=1, strips=(StripFrame(id="s", rgb=b"\xff\x00\x00" * 10),)))
     bench.put(HOVER, Hover(stamp_ns=1, object_id="7", progress=0.5, action="select"), "anna")
     selected = SelectedObject(id="3", user="ben", since_ns=1, kind="red")

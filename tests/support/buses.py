@@ -93,6 +93,12 @@ def free_port() -> int:
     return port
 
 
+def is_listening(port: int) -> bool:
+    """Return True if something listens at `port` of 127.0.0.1."""
+    with socket.socket() as probe:
+        return probe.connect_ex(("127.0.0.1", port)) == 0
+
+
 class RouterProcess:
     """`pointit router` in a process of its own, always on the same port."""
 

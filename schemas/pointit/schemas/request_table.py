@@ -138,6 +138,13 @@ SET_BRIGHTNESS = Request(
     server="led-driver",
     about="dim all strips",
 )
+SET_LAMP = Request(
+    key="leds/{led}/set_color",
+    query=requests.SetLamp,
+    reply=requests.Done,
+    server="led-driver",
+    about="show a colour on a lamp that nobody needs to localize",
+)
 SET_YAW_ORIGIN = Request(
     key="imu/{user}/set_yaw_origin",
     query=requests.SetYawOrigin,
@@ -173,6 +180,7 @@ REQUESTS: tuple[Request[Any, Any], ...] = (
     SET_TOLERANCE,
     RUN_SCENARIO,
     SET_BRIGHTNESS,
+    SET_LAMP,
     SET_YAW_ORIGIN,
     SET_MOUNTING,
 )

@@ -4,7 +4,7 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
-from pointit.schemas.base import Fraction, Many, Name, Ns, QuaternionXyzw, Query, Real, Reply, Vec3
+from pointit.schemas.base import Fraction, Many, Name, Ns, QuaternionXyzw, Query, Real, Reply, Rgb, Vec3
 from pointit.schemas.person import PointingOffset
 from pointit.schemas.pointing import Covariance
 from pointit.schemas.selection import SelectionEvent
@@ -228,6 +228,12 @@ class SetBrightness(Query):
 
     brightness: Fraction
     strips: Annotated[Many[str], Field(description="ids of strips, or empty for all")] = ()
+
+
+class SetLamp(Query):
+    """Show a colour on a lamp that nobody needs to localize, until it is given back."""
+
+    color: Annotated[Rgb | None, Field(description="None gives the lamp back")] = None
 
 
 class SetYawOrigin(Query):

@@ -2,11 +2,9 @@
 
 from pointit.cli.common.lazy import Entry, command, noun
 
-TOPIC = """See the messages of a running site, and what each topic carries.
+TOPIC = """See the messages of a running site, their rates, and what each topic carries.
 
-Keys are below pointit/<site>: users/anna/imu, or users/*/imu for all people.
-
-Example: pointit topic echo users/user1/cursor
+Example: pointit topic list && pointit topic hz --all
 """
 
 PERSON = """Add a person to a running site, and correct what differs from person to person.
@@ -30,17 +28,24 @@ SERVICE = """List services, run one, or send a request to one that runs.
 Example: pointit service run selector --help
 """
 
+NEW = """Write a file of your own to begin with.
+
+Example: pointit new room
+"""
+
 MAP = """Check, draw, fetch and list maps: positions of lamps, LED strips, belts and objects.
 
 A map is a YAML file, also that of the ROS toolkit. MAP is the name of a shipped one (conveyor) or the
-path of a file (./site.yaml).
+path of a file (./site.yaml). `pointit new room` writes one.
 
 Example: pointit map check ./site.yaml && pointit map plot ./site.yaml -o site.svg
 """
 
-PLUGIN = """List what can be plugged in: devices of this and of other packages.
+PLUGIN = """List what can be plugged in, check that it works, or begin a plug-in of your own.
 
-Example: pointit plugin list
+Plug-ins are devices and selection methods of this and of other packages.
+
+Example: pointit plugin new imu-source my-wrist && pytest my-wrist
 """
 
 SITE = """Manage who may join a site, and their rights.
@@ -168,6 +173,18 @@ COMMANDS: dict[str, tuple[Entry, ...]] = {
     ),
     "Rooms and devices of your own": (
         noun(
+            "new",
+            "write the map of a room of your own",
+            NEW,
+            (
+                command(
+                    "room",
+                    "the map of a room with lamps and strips on its walls",
+                    "pointit.cli.maps.new_room:command",
+                ),
+            ),
+        ),
+        noun(
             "map",
             "check, draw, fetch and list maps of rooms",
             MAP,
@@ -184,9 +201,19 @@ COMMANDS: dict[str, tuple[Entry, ...]] = {
         ),
         noun(
             "plugin",
-            "list what can be plugged in",
+            "list, check and begin what can be plugged in",
             PLUGIN,
             (
+                command(
+                    "new",
+                    "write a package with a plug-in that works, and its tests",
+                    "pointit.cli.plugins.new:command",
+                ),
+                command(
+                    "check",
+                    "check that plug-ins keep the promises of their kind",
+                    "pointit.cli.plugins.check:command",
+                ),
                 command(
                     "list",
                     "list plug-ins, their packages, what is wrong",

@@ -15,9 +15,10 @@ from pointit.diagnosis.certainty import (
 from pointit.diagnosis.clocks import find_clock_skew
 from pointit.diagnosis.observation import Finding, Observation, Report
 from pointit.diagnosis.staleness import stale_inputs
-from pointit.diagnosis.writers import split_instance, start_command
+from pointit.diagnosis.writers import start_command
 from pointit.runtime.health.timeliness import LONGEST_HOST
 from pointit.schemas import Health
+from pointit.schemas.system import split_instance
 from pointit.schemas.text import one_line
 from pointit.schemas.topics import TOPICS, Delivery
 

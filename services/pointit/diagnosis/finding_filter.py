@@ -3,7 +3,8 @@
 from collections.abc import Sequence
 
 from pointit.diagnosis.observation import Finding, Observation
-from pointit.diagnosis.writers import split_instance
+from pointit.runtime.config.similar_names import did_you_mean
+from pointit.schemas.system import split_instance
 
 
 def is_about(instance: str, name: str) -> bool:
@@ -18,14 +19,16 @@ def filter_findings(findings: Sequence[Finding], seen: Observation, name: str) -
     """
     if seen.denied:
         return list(findings)
-    if not any(is_about(instance, name) for instance in {*seen.present, *seen.left, *seen.expected}):
+    instances = {*seen.present, *seen.left, *seen.expected}
+    if not any(is_about(instance, name) for instance in instances):
+        there = sorted({part for instance in instances for part in split_instance(instance) if part})
         return [
             Finding(
                 severity="error",
                 code="absent",
                 service=name,
                 sentence="does not run here",
-                remedy="start it, or see without --only what does",
+                remedy=did_you_mean(name, there) or "start it, or see without --only what does",
             )
         ]
     return [finding for finding in findings if is_about(finding.service, name)]

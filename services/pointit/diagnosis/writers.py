@@ -3,6 +3,8 @@
 from collections.abc import Collection, Iterable
 
 from pointit.runtime.bus.contract import AnyTopic
+from pointit.runtime.config.similar_names import did_you_mean
+from pointit.schemas.system import split_instance
 from pointit.schemas.table_types import NAME
 from pointit.schemas.topics import ANY, HEALTH
 from pointit.services.registry import PROCESSES, Process
@@ -10,21 +12,10 @@ from pointit.services.registry import PROCESSES, Process
 _ROWS: dict[str, Process] = {row.name: row for row in PROCESSES}
 
 
-def split_instance(instance: str) -> tuple[str, str]:
-    """Return service and user of an instance: `pointing.anna` is `pointing` of `anna`."""
-    service, _, user = instance.partition(".")
-    return service, user
-
-
 def is_bridge(instance: str) -> bool:
     """Return True if an instance is a bridge to a foreign system."""
     row = _ROWS.get(split_instance(instance)[0])
     return row is not None and row.room == "bridges"
-
-
-def instance_of(service: str, user: str = "") -> str:
-    """Return the name of a service's presence."""
-    return f"{service}.{user}" if user else service
 
 
 def start_command(service: str, user: str = "") -> str:
@@ -65,4 +56,6 @@ def silence_reason(topic: AnyTopic, name: str, present: Collection[str]) -> str:
     user = name if topic.placeholder == "user" and name not in (ANY, "") else ""
     row = _ROWS[services[0]]
     command = f"pointit service run {row.name}" + (f" --user {user or 'NAME'}" if row.scope == "user" else "")
-    return f"no writer is present ({' or '.join(topic.writers)}); start it with `{command}`"
+    near = did_you_mean(user, {other for _, other in map(split_instance, present) if other} - {user})
+    advice = f"{near[:-1]}, or start it with `{command}`?" if near else f"start it with `{command}`"
+    return f"no writer is present ({' or '.join(topic.writers)}); {advice}"

@@ -16,6 +16,7 @@ from pointit.maps.cloud_file import read_cloud
 from pointit.maps.environment import environment
 from pointit.maps.lanes import broken_references
 from pointit.maps.model import ENTRIES, CloudEntry, MapFile
+from pointit.runtime.config.similar_names import did_you_mean
 from pointit.runtime.config.validation_message import (
     field_names,
     format_value,
@@ -72,9 +73,11 @@ def map_path(name_or_path: str) -> Generator[Path]:
         yield path
         return
     if name_or_path not in shipped_maps():
+        path_of_file = f"the path of a file such as ./{name_or_path}{SUFFIX}"
+        if near := did_you_mean(name_or_path, shipped_maps()):
+            raise ConfigError(f"map {name_or_path!r} is not shipped; {near[:-1]}, or {path_of_file}?")
         raise ConfigError(
-            f"map {name_or_path!r} is not shipped: use one of {', '.join(shipped_maps())}, "
-            f"or the path of a file such as ./{name_or_path}{SUFFIX}"
+            f"map {name_or_path!r} is not shipped: use one of {', '.join(shipped_maps())}, or {path_of_file}"
         )
     with as_file(files(PACKAGE).joinpath(FOLDER, name_or_path + SUFFIX)) as shipped:
         yield shipped

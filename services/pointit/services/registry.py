@@ -178,7 +178,7 @@ PROCESSES: tuple[Process, ...] = (
             topics.FEEDBACK,
         ),
         writes=(topics.STRIPS_FRAME, topics.LAMP_COLOR, topics.LAMP_LEASES),
-        serves=(topics.SET_BRIGHTNESS,),
+        serves=(topics.SET_BRIGHTNESS, topics.SET_LAMP),
     ),
     Process(
         name="conveyor-sim",

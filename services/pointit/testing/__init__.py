@@ -24,6 +24,7 @@ from pointit.testing.devices.tcp import TcpDevice
 from pointit.testing.devices.udp import UdpDevice
 from pointit.testing.imu import IMU_SUITE, ImuHarness
 from pointit.testing.led import LED_SUITE, LedHarness
+from pointit.testing.methods import METHOD_SUITE, MethodHarness
 
 __all__ = [
     "Check",
@@ -31,6 +32,7 @@ __all__ = [
     "FakeDevice",
     "ImuHarness",
     "LedHarness",
+    "MethodHarness",
     "PtyDevice",
     "TcpDevice",
     "UdpDevice",
@@ -41,7 +43,7 @@ __all__ = [
 PATIENCES = 6.0
 """A check that has not come to an end within this many times the harness's patience hangs."""
 
-Harness = ImuHarness | LedHarness
+Harness = ImuHarness | LedHarness | MethodHarness
 
 
 def checks(harness: Harness) -> list[Check]:
@@ -49,4 +51,6 @@ def checks(harness: Harness) -> list[Check]:
     limit_s = PATIENCES * harness.patience_s
     if isinstance(harness, ImuHarness):
         return IMU_SUITE.checks(harness, limit_s=limit_s, virtual_time=harness.virtual_time)
+    if isinstance(harness, MethodHarness):
+        return METHOD_SUITE.checks(harness, limit_s=limit_s)
     return LED_SUITE.checks(harness, limit_s=limit_s)

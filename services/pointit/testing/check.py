@@ -22,9 +22,9 @@ class Check:
 
     name: str
     promise: str
-    """What must hold, as one clause without a subject: `ends within 1 s of being cancelled`."""
+    """Clause about the plug-in that must hold: `ends within 1 s of being cancelled`."""
     remedy: str
-    """What to change if it does not hold, one sentence."""
+    """Change that helps if it does not hold, in one sentence."""
     alone: bool
     """True if it measures the whole process, so that no other check may run meanwhile."""
     function: Callable[[], None]
@@ -50,7 +50,7 @@ class CheckFailedError(AssertionError):
 
 
 def run_checks(checks: Sequence[Check]) -> Iterator[tuple[Check, str]]:
-    """Run `checks`, most of them at the same time. Yield each with what is wrong, or `""`, in their order."""
+    """Run `checks`, most of them at the same time. Yield each with its error message, or `""`."""
     with ThreadPoolExecutor(max_workers=AT_ONCE) as pool:
         found = {check.name: pool.submit(problem, check) for check in checks if not check.alone}
     for check in checks:
@@ -58,7 +58,7 @@ def run_checks(checks: Sequence[Check]) -> Iterator[tuple[Check, str]]:
 
 
 def problem(check: Check) -> str:
-    """Return what is wrong according to `check`, or `""`."""
+    """Run `check`. Return its error message, or `""` if the promise holds."""
     try:
         check.run()
     except CheckFailedError as error:

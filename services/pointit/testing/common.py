@@ -19,7 +19,7 @@ MEMORY_BYTES = 400_000
 """Growth of memory above which a plug-in is said to keep what it should drop, bytes."""
 BLOCKED_S = 0.25
 """Time for which a plug-in may hold the event loop up at most, s."""
-SETTLED_S = 2.0
+SETTLED_S = 1.0
 """Time for threads and files to vanish after `run` has ended, s."""
 FILES = Path("/proc/self/fd")
 LONGEST_SUMMARY = 100

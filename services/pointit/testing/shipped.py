@@ -11,10 +11,12 @@ from pointit.services.imu_bridge.simulated import SIMULATED
 from pointit.services.imu_bridge.sources import PAGE
 from pointit.services.led_driver.output.expander import EXPANDER
 from pointit.services.led_driver.output.upxl_protocol import DRAW_ALL, MAGIC, SET_CHANNEL_WS2812
+from pointit.services.selector.methods.shipped import FRACTION, GAUGE, HOLD
 from pointit.testing.devices.device import FakeDevice
 from pointit.testing.devices.pty import PtyDevice
 from pointit.testing.imu import ImuHarness
 from pointit.testing.led import LedHarness
+from pointit.testing.methods import MethodHarness
 
 RECORDED_S = 60
 CRC_BYTES = 4
@@ -79,3 +81,6 @@ EXPANDER_HARNESS = LedHarness(
     parameters=lambda device: {"port": str(device.path)},
     decode=frames,
 )
+HOLD_HARNESS = MethodHarness(plugin=HOLD)
+FRACTION_HARNESS = MethodHarness(plugin=FRACTION)
+GAUGE_HARNESS = MethodHarness(plugin=GAUGE)

@@ -37,7 +37,7 @@ class TrialClock:
 
 
 class TrialHealth:
-    """What a plug-in reports of itself, and whether it does so in the event loop's thread."""
+    """Receiver of a plug-in's warnings. Notes whether they come in the event loop's thread."""
 
     def __init__(self) -> None:
         self.warnings: dict[str, str] = {}

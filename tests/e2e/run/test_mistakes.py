@@ -38,7 +38,7 @@ def one_sentence(ended: Ended, *parts: str, code: int = 2) -> None:
         (("{folder}/parameter.yaml",), ["{folder}/parameter.yaml, pui: no parameter nope"]),
         (
             ("--config", "{folder}/section.yaml"),
-            ["{folder}/section.yaml: 'puj' is no service", "pointit list"],
+            ["{folder}/section.yaml: 'puj' is no service", "did you mean pui?"],
         ),
         (("--config", "{folder}/value.yaml"), ["{folder}/value.yaml, selector: window_s: ", "'soon'"]),
         (("--set", "selector.window_s=soon"), ["--set selector.window_s=soon: window_s: ", "'soon'"]),

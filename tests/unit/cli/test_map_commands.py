@@ -152,10 +152,10 @@ def test_a_place_is_two_numbers(text: str) -> None:
     assert f"{text!r} is not a position; write x and y in metres, such as 1.5,-2" in result.output
 
 
-def test_an_unknown_name_lists_the_shipped_maps() -> None:
+def test_an_unknown_name_gets_the_similar_shipped_map() -> None:
     result = invoke("check", "labb")
     assert isinstance(result.exception, ConfigError)
-    assert "use one of conveyor, lab" in str(result.exception)
+    assert "did you mean lab" in str(result.exception)
 
 
 def test_the_shipped_maps_are_listed_with_what_they_have() -> None:

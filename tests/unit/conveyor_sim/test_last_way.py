@@ -1,7 +1,7 @@
 """Until when a package can be sent to another bay: it can by then, and it cannot after."""
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from pointit.maps.file import load_map
@@ -159,7 +159,6 @@ def test_a_change_is_in_time_until_the_very_moment_that_was_told_and_too_late_fr
     )  # it comes round again
 
 
-@settings(deadline=None, max_examples=40)
 @given(
     where=st.sampled_from(sorted(ROOMS)),
     steps=st.lists(

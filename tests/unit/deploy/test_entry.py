@@ -63,7 +63,7 @@ def test_it_waits_for_its_credentials(tmp_path: Path) -> None:
         assert runs(tmp_path) == []
         link.touch()
         wait_for_runs(tmp_path, 1)
-        assert runs(tmp_path) == ["service pui"]
+        assert runs(tmp_path) == ["service run pui"]
         ended(process)
 
 
@@ -93,7 +93,7 @@ def test_it_passes_the_signal_on_and_takes_the_exit_code(tmp_path: Path) -> None
         wait_for_runs(tmp_path, 1)
         time.sleep(0.2)  # the trap is set after the line in the log
         assert ended(process)[0] == 5
-        assert runs(tmp_path) == ["user anna", "asked"]
+        assert runs(tmp_path) == ["person add anna", "asked"]
 
 
 @pytest.mark.parametrize("arguments", [("doctor",), ("--help",), ("site", "show")])

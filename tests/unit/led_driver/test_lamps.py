@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
@@ -205,7 +205,6 @@ actions = st.lists(
 )
 
 
-@settings(max_examples=40)
 @given(actions, st.floats(0.2, 2.0), st.floats(0.1, 1.0))
 def test_whatever_happens_the_state_lamp_flashes_three_times_a_second_at_most(
     happenings: list[tuple[int, str]], pulse_hz: float, flash_s: float

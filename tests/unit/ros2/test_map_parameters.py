@@ -7,7 +7,7 @@ from typing import Any, cast
 
 import pytest
 import yaml
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from pointit.bridges.ros2.parameters.map_parameters import (
@@ -144,11 +144,9 @@ TREE = st.fixed_dictionaries(
 
 
 # Others load the machine, too.
-PATIENT = settings(max_examples=50)
 
 
 @given(TREE, st.sampled_from(["", "map", "a.b"]))
-@PATIENT
 def test_any_tree_is_parameters_and_itself_again(tree: dict[str, Any], prefix: str) -> None:
     parameters = parameters_of(tree, prefix)
     assert of_maps(parameters, prefix) == list(parameters)
@@ -168,7 +166,6 @@ PARAMETERS = st.dictionaries(
 
 
 @given(PARAMETERS, st.sampled_from(["", "leds", "a"]))
-@PATIENT
 def test_any_parameters_are_a_tree_or_refused(parameters: dict[str, Any], prefix: str) -> None:
     wanted = of_maps(parameters, prefix)
     try:

@@ -4,6 +4,7 @@ import asyncio
 import math
 import threading
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -38,8 +39,12 @@ class Silently:
         self._health = health
         self._told = told
 
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._health, name) if name in self._told else lambda *_: None
+    def __getattr__(self, name: str) -> Callable[..., None]:
+        return getattr(self._health, name) if name in self._told else self._nothing
+
+    @staticmethod
+    def _nothing(*_: object) -> None:
+        """Tell nobody."""
 
 
 class NeverWarns(Source):
@@ -183,12 +188,12 @@ class KeepsAllReadings(ChangesReadings):
 
 class KeepsALineWithoutEnd(OwnLoop):
     async def read(self, reader: asyncio.StreamReader, deliver: Deliver) -> None:
-        rest = bytearray()
+        rest: bytes = b""
         while data := await reader.read(65536):
             rest += data
             while b"\n" in rest:
                 line, _, rest = rest.partition(b"\n")
-                self.take(bytes(line), deliver)
+                self.take(line, deliver)
 
 
 class Polls(OwnLoop):
@@ -257,6 +262,10 @@ class StrictConfig(Config):
     port: int = Field(default=1, description="port of the device")
 
 
+def _accept(_config: Config) -> None:
+    """Accept any parameters."""
+
+
 def _key_error(config: StrictConfig, surroundings: Surroundings) -> Source:
     ports: dict[int, int] = {}
     return Source(SourceConfig(host=config.host, port=ports[config.port]), surroundings)
@@ -272,12 +281,12 @@ class Fault:
 
 
 def fault(
-    check: str, words: str, make: Any, *, config: type[Config] | None = None, wait_s: float = 2.0
+    check: str, words: str, make: Any, *, config: type[Config] | None = None, wait_s: float = 3.0
 ) -> Fault:
     """Return the template with another source, and without its check if there is another `config`."""
     plugin = replace(SOURCE, make=make)
     if config is not None:
-        plugin = replace(plugin, config=config, check=lambda _config: None)
+        plugin = replace(plugin, config=config, check=_accept)
     return Fault(check, words, replace(DEVICE, plugin=plugin, patience_s=wait_s))
 
 

@@ -2,23 +2,28 @@
 
 import pytest
 
-from pointit.testing import Harness, checks, run_checks, shipped
+from pointit.plugins import GROUPS
+from pointit.testing import Harness, checks, run_checks
+from pointit.testing.installed import installed_harness
 from pointit.testing.templates.imu_source import fake as imu_source
 from pointit.testing.templates.led_output import fake as led_output
+from pointit.testing.templates.selection_method import fake as selection_method
 
-HARNESSES: dict[str, Harness] = {
-    "serial": shipped.SERIAL_HARNESS,
-    "simulated": shipped.SIMULATED_HARNESS,
-    "replay": shipped.REPLAY_HARNESS,
-    "page": shipped.PAGE_HARNESS,
-    "expander": shipped.EXPANDER_HARNESS,
-    "template of an IMU source": imu_source.DEVICE,
-    "template of an LED output": led_output.DEVICE,
-}
+OURS = [
+    pytest.param(installed_harness(name, group.get(name)), id=f"{kind} {name}")
+    for kind, group in GROUPS.items()
+    for name in group.names
+    if group.package(name) == "pointit"
+]
+TEMPLATES = [
+    pytest.param(fake.DEVICE, id=fake.__name__.split(".")[-2])
+    for fake in (imu_source, led_output, selection_method)
+]
 
 
-@pytest.mark.parametrize("harness", HARNESSES.values(), ids=HARNESSES)
-def test_plugin_keeps_all_promises(harness: Harness) -> None:
+@pytest.mark.parametrize("harness", [*OURS, *TEMPLATES])
+def test_plugin_keeps_all_promises(harness: Harness | None) -> None:
+    assert harness is not None, "declare its fake device in pyproject.toml"
     found = dict(run_checks(checks(harness)))
     assert len(found) >= 7
     assert not [problem for problem in found.values() if problem]

@@ -74,6 +74,10 @@ class Ros2Config(Config):
         default=False,
         description="publish also what no node in the ROS graph subscribes to, at the cost of what is read",
     )
+    ros4hri: bool = Field(
+        default=False,
+        description="also publish people as REP-155 (ROS4HRI) defines, so that pyhri and libhri list them",
+    )
     people: tuple[str, ...] = Field(
         default=(),
         max_length=MAX_GUESTS,

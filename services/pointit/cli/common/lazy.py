@@ -1,12 +1,13 @@
 """Groups of commands that import a command when it is called, and suggest names for a typo."""
 
-import difflib
 import importlib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import click
+
+from pointit.runtime.config.similar_names import nearest
 
 if TYPE_CHECKING:
     from click.shell_completion import CompletionItem
@@ -145,12 +146,3 @@ def walk(entries: Iterable[Entry], path: tuple[str, ...] = ()) -> Iterator[tuple
         words = (*path, entry.name)
         yield words, entry
         yield from walk(entry.actions, words)
-
-
-def nearest(name: str, names: Iterable[str]) -> str:
-    """Return `did you mean a or b?`, or `there are a, b, c` if no name is similar."""
-    known = list(names)
-    near = difflib.get_close_matches(name, known, n=3, cutoff=0.6)
-    if near:
-        return f"did you mean {' or '.join(near)}?"
-    return f"there are {', '.join(known)}"

@@ -7,7 +7,7 @@ from typing import Any
 import click
 from pydantic import ValidationError
 
-from pointit.cli.common.lazy import UnknownNameError, nearest
+from pointit.cli.common.lazy import UnknownNameError
 from pointit.cli.common.option_types import Finite
 from pointit.cli.common.output import Row, Section, json_option, print_json, say, show, to_line
 from pointit.cli.common.site_link import default_address_note, join_site, quiet, site_options
@@ -15,6 +15,7 @@ from pointit.cli.common.topic_names import filled
 from pointit.runtime.bus.contract import REQUEST_TIMEOUT_S
 from pointit.runtime.config.config import Layers
 from pointit.runtime.config.parameters import ParameterInfo, iter_parameters
+from pointit.runtime.config.similar_names import nearest
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.service.shutdown import run_until_shutdown
 from pointit.schemas import Query, Reply, summarize_validation_error

@@ -19,7 +19,6 @@ from pointit.cli.common.site_link import PATIENCE_S, address, join_site, notify_
 from pointit.diagnosis.diagnose import diagnose, is_healthy
 from pointit.diagnosis.finding_filter import filter_findings, is_about
 from pointit.diagnosis.observation import SILENT_S, Finding, Observation, Report
-from pointit.diagnosis.writers import split_instance
 from pointit.runtime.errors import ConnectError
 from pointit.runtime.link.link import DEFAULT_ENDPOINT, DEFAULT_SITE, Link
 from pointit.runtime.link.options import given_credentials
@@ -27,6 +26,7 @@ from pointit.runtime.service.shutdown import EXIT_FAILED, run_until_shutdown
 from pointit.runtime.zenoh.sites import sites_at
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas import ClockTick, Deployment, Health, KeyHealth, Quantiles
+from pointit.schemas.system import split_instance
 from pointit.schemas.topics import ANY, CLOCK, DEPLOYMENT, HEALTH, SERVICE_ALIVE
 
 MIN_S = 1.2

@@ -9,7 +9,7 @@ from typing import Any
 import click
 
 from pointit.cli.common.keyboard import ChangingLine, changing_line
-from pointit.cli.common.lazy import UnknownNameError, nearest
+from pointit.cli.common.lazy import UnknownNameError
 from pointit.cli.common.output import INTERRUPTED, Section, console, json_option, print_json, print_table, say
 from pointit.cli.common.site_link import (
     PATIENCE_S,
@@ -35,6 +35,7 @@ from pointit.cli.people.stored_calibration import erase_local, query_site, read_
 from pointit.diagnosis.writers import silence_reason
 from pointit.runtime.bus.contract import AnyTopic, Bus, list_present
 from pointit.runtime.clock import SiteClock
+from pointit.runtime.config.similar_names import nearest
 from pointit.runtime.errors import NoAnswerError, PointItError, RefusedError
 from pointit.runtime.host.state_file import StateFile
 from pointit.runtime.service.shutdown import run_until_shutdown

@@ -5,8 +5,9 @@ from typing import Any
 
 import click
 
-from pointit.cli.common.lazy import UnknownNameError, nearest
+from pointit.cli.common.lazy import UnknownNameError
 from pointit.cli.common.output import Section, json_option, show
+from pointit.runtime.config.similar_names import nearest
 from pointit.runtime.errors import ConfigError
 from pointit.services.registry import PROCESSES
 

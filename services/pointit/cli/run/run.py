@@ -8,9 +8,10 @@ from typing import Any
 import click
 
 from pointit.cli.common.option_types import Finite
+from pointit.cli.common.panels import PanelCommand
 from pointit.cli.display.summary import check_writable
 from pointit.cli.run.execution import execute
-from pointit.cli.run.run_options import BESIDE_ROS, choices_of, joining, page_options, shared_options
+from pointit.cli.run.run_options import BESIDE_ROS, PANELS, choices_of, joining, page_options, shared_options
 from pointit.launch.plan.launches import PAGE, Choices
 from pointit.launch.plan.page import (
     REMEDY,
@@ -65,7 +66,7 @@ def _explain(context: click.Context, _parameter: click.Parameter, wanted: bool) 
     context.exit()
 
 
-@click.command("run")
+@click.command("run", cls=PanelCommand, panels=PANELS)
 @click.argument("scenario", default=USUAL)
 @click.option(
     "--list", is_flag=True, is_eager=True, expose_value=False, callback=_explain, help="explain the scenarios"

@@ -25,6 +25,29 @@ NEW_LINK = (
 )
 
 
+PANELS = {
+    "People": (
+        "users",
+        "site_only",
+        "scenario",
+        "place",
+        "localize",
+        "targets",
+        "poses",
+        "hand",
+        "stature_m",
+        "method",
+    ),
+    "Devices": ("imu", "leds", "ros2"),
+    "Page": ("no_web", "web_port", "lan", "no_browser", "new_link"),
+    "Network": ("connect", "listen", "site", "credentials"),
+}
+"""Names of the options of `run` by the heading of their panel."""
+
+PERSON_PANELS = {heading: PANELS[heading] for heading in ("People", "Devices", "Network")}
+"""The same for `person add`."""
+
+
 def shared_options(function: Any) -> Any:
     """Add the options that `run` and `user` share."""
     for option in reversed(

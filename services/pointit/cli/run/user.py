@@ -6,8 +6,9 @@ from typing import Any
 
 import click
 
+from pointit.cli.common.panels import PanelCommand
 from pointit.cli.run.execution import execute
-from pointit.cli.run.run_options import choices_of, joining, shared_options
+from pointit.cli.run.run_options import PERSON_PANELS, choices_of, joining, shared_options
 from pointit.cli.run.site_inspection import check_person, inspect_site
 from pointit.launch.plan.launches import user_launches
 from pointit.launch.plan.plan import Plan
@@ -21,7 +22,7 @@ from pointit.runtime.service.process import log_option
 from pointit.schemas.system import check_user
 
 
-@click.command("add")
+@click.command("add", cls=PanelCommand, panels=PERSON_PANELS)
 @click.argument("name")
 @shared_options
 @click.option("--scenario", help=f"scenario with the parameters  [default: the one that runs, or {USUAL}]")

@@ -7,6 +7,7 @@ from typing import Any, Self
 from pydantic import Field, PrivateAttr
 
 from pointit.runtime.config.config import Config, Layers
+from pointit.runtime.config.similar_names import did_you_mean
 from pointit.runtime.config.yaml_file import read_yaml
 from pointit.runtime.errors import ConfigError
 from pointit.schemas import KeyNameError
@@ -83,8 +84,8 @@ def read_scenario(name: str) -> Scenario:
             raise ConfigError(f"{name}: rename the file: {error}") from error
         return scenario
     if name not in scenario_names():
-        raise ConfigError(
-            f"no scenario {name!r}; there are {', '.join(scenario_names())} and replay, or give a .yaml file"
-        )
+        known = scenario_names()
+        all_names = f"there are {', '.join(known)} and replay, or give a .yaml file"
+        raise ConfigError(f"no scenario {name!r}; {did_you_mean(name, known) or all_names}")
     with resources.as_file(SHIPPED / f"{name}.yaml") as path:
         return Scenario.read(path, path.name)

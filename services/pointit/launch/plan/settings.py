@@ -8,6 +8,7 @@ from typing import Any, cast
 
 from pointit.runtime.config.config import Layers
 from pointit.runtime.config.environment import environment_prefix
+from pointit.runtime.config.similar_names import nearest
 from pointit.runtime.config.yaml_file import read_yaml
 from pointit.runtime.errors import ConfigError
 from pointit.services import registry
@@ -68,8 +69,7 @@ def service_of(setting: str) -> str:
 def _section(path: Path, name: str) -> Mapping[str, Any]:
     sections = read_yaml(path)
     for section in sections:
-        if section not in {row.name for row in registry.PROCESSES}:
-            raise ConfigError(f"{path}: {section!r} is no service; `pointit list` shows them")
+        _check_service(section, str(path))
     value = sections.get(name, {})
     if not isinstance(value, dict):
         raise ConfigError(f"{path}: {name}: a mapping of parameters was expected, got {value!r}")
@@ -81,6 +81,11 @@ def _split(setting: str) -> tuple[list[str], str]:
     path = target.split(".")
     if not separator or len(path) < 2:
         raise ConfigError(f"--set {setting!r}: write service.parameter=value, such as pui.map=conveyor")
-    if path[0] not in {row.name for row in registry.PROCESSES}:
-        raise ConfigError(f"--set {setting!r}: {path[0]!r} is no service; `pointit list` shows them")
+    _check_service(path[0], f"--set {setting!r}")
     return path, text
+
+
+def _check_service(name: str, source: str) -> None:
+    known = [row.name for row in registry.PROCESSES]
+    if name not in known:
+        raise ConfigError(f"{source}: {name!r} is no service; {nearest(name, known)}")

@@ -1,6 +1,9 @@
 """Persistent state: small JSON files under the state directory, one per person and purpose."""
 
+import contextlib
 import os
+from collections.abc import Generator
+from contextvars import ContextVar
 from pathlib import Path
 from typing import Generic, Self, TypeVar
 
@@ -20,8 +23,23 @@ VARIABLE = "POINTIT_STATE"
 MAX_BYTES = 64 * 1024
 
 
+_used: ContextVar[Path | None] = ContextVar("state directory", default=None)
+
+
+@contextlib.contextmanager
+def using_state_directory(path: Path) -> Generator[None]:
+    """Use `path` as the state directory in this block and in all tasks that it starts."""
+    before = _used.set(path)
+    try:
+        yield
+    finally:
+        _used.reset(before)
+
+
 def state_directory() -> Path:
     """Return the state directory: `$POINTIT_STATE`, or the system's default. It need not exist."""
+    if (used := _used.get()) is not None:
+        return used
     named = os.environ.get(VARIABLE, "")
     return Path(named) if named else platformdirs.user_state_path("pointit", appauthor=False)
 

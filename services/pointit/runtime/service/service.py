@@ -17,7 +17,7 @@ from pointit.runtime.health.surroundings import Surroundings
 from pointit.runtime.host.state_file import plugin_folder
 from pointit.runtime.service.instance_takeover import TakeoverMonitor
 from pointit.schemas import Health
-from pointit.schemas.system import check_user
+from pointit.schemas.system import check_user, instance_of
 from pointit.schemas.topics import SERVICE_ALIVE, USER_ALIVE
 
 log = logging.getLogger(__name__)
@@ -114,7 +114,7 @@ class Launch:
     @property
     def instance(self) -> str:
         """Return the name under which it is present: `selector`, `pointing.anna`."""
-        return f"{self.service.NAME}.{self.user}" if self.user else self.service.NAME
+        return instance_of(self.service.NAME, self.user)
 
 
 def check_launches(launches: Sequence[Launch], addresses: Sequence[str] = ()) -> None:

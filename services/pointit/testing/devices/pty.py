@@ -75,4 +75,4 @@ class PtyDevice(FakeDevice):
         self._folder.cleanup()
 
     def _read(self) -> None:
-        self.received += os.read(self._device, READ_BYTES)
+        self.received.extend(os.read(self._device, READ_BYTES))

@@ -45,7 +45,7 @@ class TcpDevice(FakeDevice):
         await asyncio.sleep(0)  # transports close in the next turn of the loop
 
     async def send(self, data: bytes) -> None:
-        """Send to whoever is connected."""
+        """Send to the connected program."""
         with contextlib.suppress(TimeoutError):
             await asyncio.wait_for(self._may_write.wait(), LOST_AFTER_S)
         for transport in self._transports:
@@ -92,7 +92,7 @@ class _Connection(asyncio.Protocol):
         self._device.connected(transport)
 
     def data_received(self, data: bytes) -> None:
-        self._device.received += data
+        self._device.received.extend(data)
 
     def pause_writing(self) -> None:
         self._device.set_writable(writable=False)

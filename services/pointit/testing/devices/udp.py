@@ -60,4 +60,4 @@ class _Receiver(asyncio.DatagramProtocol):
     def datagram_received(self, data: bytes, addr: tuple[str, int]) -> None:
         del addr
         self._device.datagrams.append(data)
-        self._device.received += data
+        self._device.received.extend(data)

@@ -1,4 +1,4 @@
-"""What the author of an IMU source gives its checks, and one run of the source."""
+"""Harness of an IMU source, given by its author, and one run of the source."""
 
 import asyncio
 import math
@@ -31,8 +31,8 @@ class ImuHarness:
     parameters: Callable[[Any], Mapping[str, object]] = lambda _device: {}
     """Parameters of the source that lead it to the device given."""
     encode: Callable[[Quaternion], bytes] | None = None
-    """Returns what the device sends for the orientation x, y, z, w; raises ValueError if its format cannot
-    express it. None if there is no device that sends."""
+    """Returns the bytes that the device sends for the orientation x, y, z, w. Raises ValueError if its format
+    cannot express it. None if there is no device that sends."""
     wrong_parameters: tuple[Mapping[str, object], ...] = ()
     """Parameters that the source must refuse."""
     delivers: bool = True
@@ -118,7 +118,7 @@ class ImuTrial(Trial):
 
 
 def problem(reading: Reading) -> str:
-    """Return what is wrong with the orientation of `reading`, or `""`."""
+    """Return an error message if the orientation of `reading` is none, else `""`."""
     values = reading.world_from_sensor
     if len(values) != 4 or not all(isinstance(value, float) for value in values):
         return f"delivered the orientation {values!r}, which is not four floats x, y, z, w"

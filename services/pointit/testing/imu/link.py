@@ -12,10 +12,10 @@ from pointit.testing.imu.suite import IMU_SUITE, connected, notices_loss, sends
 from pointit.testing.trial import Trial, require_quick_end
 
 ABSENT_S = 0.2
-SILENCE_S = 1.0
+SILENCE_S = 0.6
 VIRTUAL_SILENCE_S = 120.0
-MOST_CPU = 0.5
-"""Share of one core above which a source that gets nothing is said to spin."""
+MOST_CPU = 0.15
+"""Share of one core above which a source that gets nothing is said to spin. Waiting takes 0.02."""
 
 
 @IMU_SUITE.add(

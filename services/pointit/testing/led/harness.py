@@ -1,4 +1,4 @@
-"""What the author of an LED output gives its checks, and one run of the output."""
+"""Harness of an LED output, given by its author, and one run of the output."""
 
 import asyncio
 from collections.abc import Callable, Mapping, Sequence

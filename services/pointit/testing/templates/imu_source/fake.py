@@ -6,7 +6,7 @@ from pointit.testing.templates.imu_source import SOURCE
 
 
 def encode(orientation: Quaternion) -> bytes:
-    """Return what the device sends for the orientation x, y, z, w."""
+    """Return the bytes that the device sends for the orientation x, y, z, w."""
     x, y, z, w = orientation
     return f"{w},{x},{y},{z}\n".encode()
 

@@ -15,7 +15,7 @@ from tests.support import strangers
 EXAMPLE = ROOT / "examples" / "selection_method"
 STEP_NS = 20_000_000
 PATIENCE_S = 120.0
-"""Of the site's time."""
+"""Time limit by the site's clock, s."""
 
 
 @pytest.fixture(autouse=True)

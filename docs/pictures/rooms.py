@@ -12,22 +12,24 @@ import grimp
 import pointit  # noqa: F401 - with it loaded, all its three folders are seen
 
 ROOT = Path(__file__).resolve().parents[2]
-WIDTH, HEIGHT = 960, 800
+WIDTH, HEIGHT = 960, 898
 BOX_HEIGHT = 66
 ROOMS = {
     "cli": (480, 16, 700, "the commands of the program pointit"),
-    "launch": (720, 114, 440, "a scenario becomes running services"),
-    "evaluation": (205, 212, 400, "estimates beside baselines"),
-    "bridges": (720, 212, 440, "web page, ROS 2, Foxglove"),
-    "diagnosis": (780, 310, 280, "faults of a site, and remedies"),
-    "access": (490, 310, 240, "rights and certificates"),
-    "plugins": (200, 310, 260, "names for authors of plug-ins"),
-    "services": (480, 408, 560, "one folder per process"),
-    "sim": (320, 506, 240, "recordings, simulated arms"),
-    "maps": (640, 506, 240, "map files and checks"),
-    "runtime": (320, 604, 240, "bus, clock, configuration, health"),
-    "schemas": (320, 702, 240, "messages, codec, topic table"),
-    "geometry": (640, 702, 240, "pure mathematics"),
+    "api": (720, 114, 440, "a site from Python: import pointit"),
+    "launch": (720, 212, 440, "a scenario becomes running services"),
+    "evaluation": (170, 310, 300, "estimates beside baselines"),
+    "testing": (480, 310, 280, "checks of plug-ins"),
+    "bridges": (785, 310, 290, "web page, ROS 2, Foxglove"),
+    "diagnosis": (780, 408, 280, "faults of a site, and remedies"),
+    "access": (490, 408, 240, "rights and certificates"),
+    "plugins": (200, 408, 260, "names for authors of plug-ins"),
+    "services": (480, 506, 560, "one folder per process"),
+    "sim": (320, 604, 240, "recordings, simulated arms"),
+    "maps": (640, 604, 240, "map files and checks"),
+    "runtime": (320, 702, 240, "bus, clock, configuration, health"),
+    "schemas": (320, 800, 240, "messages, codec, topic table"),
+    "geometry": (640, 800, 240, "pure mathematics"),
 }
 """Middle x, top y and width of each room's box, px, and its purpose. The order is that of the layers."""
 STYLE = """
@@ -51,7 +53,7 @@ def count_imports() -> tuple[Counter[str], Counter[tuple[str, str]]]:
         sizes[room] += bool(rest)
         for imported in graph.find_modules_directly_imported_by(module):
             arrows[room, imported.split(".")[1]] += 1
-    return sizes, arrows
+    return sizes, Counter({pair: count for pair, count in arrows.items() if ROOMS.keys() >= set(pair)})
 
 
 def direct(arrows: Counter[tuple[str, str]]) -> set[tuple[str, str]]:

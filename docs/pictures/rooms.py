@@ -12,24 +12,24 @@ import grimp
 import pointit  # noqa: F401 - with it loaded, all its three folders are seen
 
 ROOT = Path(__file__).resolve().parents[2]
-WIDTH, HEIGHT = 960, 898
+WIDTH, HEIGHT = 1270, 898
 BOX_HEIGHT = 66
 ROOMS = {
-    "cli": (480, 16, 700, "the commands of the program pointit"),
-    "api": (720, 114, 440, "a site from Python: import pointit"),
-    "launch": (720, 212, 440, "a scenario becomes running services"),
-    "evaluation": (170, 310, 300, "estimates beside baselines"),
-    "testing": (480, 310, 280, "checks of plug-ins"),
-    "bridges": (785, 310, 290, "web page, ROS 2, Foxglove"),
-    "diagnosis": (780, 408, 280, "faults of a site, and remedies"),
-    "access": (490, 408, 240, "rights and certificates"),
-    "plugins": (200, 408, 260, "names for authors of plug-ins"),
-    "services": (480, 506, 560, "one folder per process"),
-    "sim": (320, 604, 240, "recordings, simulated arms"),
-    "maps": (640, 604, 240, "map files and checks"),
-    "runtime": (320, 702, 240, "bus, clock, configuration, health"),
-    "schemas": (320, 800, 240, "messages, codec, topic table"),
-    "geometry": (640, 800, 240, "pure mathematics"),
+    "cli": (640, 16, 1000, "the commands of the program pointit"),
+    "api": (1040, 114, 430, "a site from Python: import pointit"),
+    "launch": (1040, 212, 430, "a scenario becomes running services"),
+    "evaluation": (210, 310, 400, "estimates beside baselines"),
+    "testing": (600, 310, 360, "checks of plug-ins"),
+    "bridges": (1040, 310, 430, "web page, ROS 2, Foxglove"),
+    "diagnosis": (1080, 408, 280, "faults of a site, and remedies"),
+    "access": (800, 408, 240, "rights and certificates"),
+    "plugins": (520, 408, 280, "names for authors of plug-ins"),
+    "services": (640, 506, 620, "one folder per process"),
+    "sim": (440, 604, 260, "recordings, simulated arms"),
+    "maps": (840, 604, 260, "map files and checks"),
+    "runtime": (440, 702, 260, "bus, clock, configuration, health"),
+    "schemas": (440, 800, 260, "messages, codec, topic table"),
+    "geometry": (840, 800, 260, "pure mathematics"),
 }
 """Middle x, top y and width of each room's box, px, and its purpose. The order is that of the layers."""
 STYLE = """

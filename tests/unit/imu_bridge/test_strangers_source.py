@@ -1,4 +1,4 @@
-"""An IMU source of another package that misbehaves: named, made anew, and refused what harms others."""
+"""An IMU source of another package that misbehaves: named, replaced, and refused what harms others."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -50,7 +50,7 @@ def _installed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None
         yield
 
 
-async def test_source_that_fails_is_named_made_anew_and_finds_what_it_stored(
+async def test_source_that_fails_is_named_and_replaced_by_one_that_finds_what_it_stored(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(plugin_guard, "FIRST_WAIT_S", 0.001)

@@ -87,7 +87,7 @@ class ImuBridge(Service[ImuBridgeConfig]):
         SOURCES.get(config.source).check(config.section(config.source))
 
     async def run(self) -> None:
-        """Publish the readings of the source. It is made anew if it fails."""
+        """Publish the readings of the source. If it fails, a new one is made."""
         await self._guard.keep_running(self._run_source)
 
     async def _run_source(self) -> None:

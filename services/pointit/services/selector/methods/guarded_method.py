@@ -1,4 +1,4 @@
-"""A person's selection method whose faults stay with it: it is left out for a while, then made anew."""
+"""A person's selection method whose faults stay with it: it is left out for a while, then replaced."""
 
 from collections.abc import Callable, Collection
 from typing import TypeVar

@@ -73,6 +73,8 @@ class ImuBridge(Service[ImuBridgeConfig]):
         self._button_count = 0
         self._guard = guard_of(SOURCES, config.source, self.bus)
         self._check = ReadingCheck()
+        self._problem = ""
+        """Reported problem of its readings."""
         self._source: Source | None = self._guard.made(self._make_source)
         self._samples = self.bus.publisher(IMU, self.user)
         self._buttons = self.bus.publisher(BUTTON, self.user)
@@ -107,7 +109,9 @@ class ImuBridge(Service[ImuBridgeConfig]):
             self._epoch.reconnected()
             return
         problem = self._check.problem(item, self.clock.now_ns())
-        self.bus.warn("readings", f"{self._guard.label} {problem}" if problem else "")
+        if problem != self._problem:
+            self._problem = problem
+            self.bus.warn("readings", f"{self._guard.label} {problem}" if problem else "")
         if self._check.is_refused:
             return
         is_held_back = self._has_page

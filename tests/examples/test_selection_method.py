@@ -20,12 +20,13 @@ PATIENCE_S = 120.0
 
 
 @pytest.fixture(autouse=True)
-def _installed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:  # pyright: ignore[reportUnusedFunction]
+def _installed(tmp_path: Path) -> Iterator[None]:  # pyright: ignore[reportUnusedFunction]
     project = tomllib.loads((EXAMPLE / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     entries = project["entry-points"]["pointit.selection_methods"]
     lines = "\n".join(f"{name} = {value}" for name, value in entries.items())
     source = (EXAMPLE / "leaky_dwell.py").read_text(encoding="utf-8")
-    strangers.install(tmp_path, monkeypatch, "leaky_dwell", source, selection_methods=lines)
+    with strangers.installed(tmp_path, "leaky_dwell", source, selection_methods=lines):
+        yield
 
 
 def acts_on_all(_object_id: str) -> bool:

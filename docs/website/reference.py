@@ -6,9 +6,17 @@ from typing import Any
 import click
 from pydantic import BaseModel
 
-from pointit.cli.main import command as pointit
+import pointit
+from pointit import errors
+from pointit.api import requests
+from pointit.api.feed import Feed
+from pointit.api.lamp import Lamp
+from pointit.api.latest import Latest
+from pointit.api.tracker import Tracker
+from pointit.cli.main import front
 from pointit.launch.plan.scenario import read_scenario, scenario_names
 from pointit.maps.file import load_map, shipped_maps
+from pointit.plugins import GROUPS
 from pointit.runtime.config.parameters import ParameterInfo, iter_parameters
 from pointit.schemas import Message
 from pointit.schemas.base import Query
@@ -115,7 +123,8 @@ def commands() -> Iterator[str]:
     """Yield the help of every command."""
     yield "# Commands"
     yield "`pointit COMMAND --help` prints the same."
-    yield from _command(pointit, click.Context(pointit, info_name="pointit", terminal_width=WIDTH), 1)
+    root = front()
+    yield from _command(root, click.Context(root, info_name="pointit", terminal_width=WIDTH), 1)
 
 
 def _command(command: click.Command, context: click.Context, depth: int) -> Iterator[str]:
@@ -159,6 +168,56 @@ def scenarios() -> Iterator[str]:
     yield table(("map", "lamps", "strips", "pixels", "belts", "links", "bays"), rows)
 
 
+def api() -> Iterator[str]:
+    """Yield the public names of the package, which mkdocstrings documents."""
+    yield "# API"
+    yield (
+        "`import pointit` gives Python programs a running site, or starts one. [The tutorial]"
+        "(../tutorial/index.md#2-a-lamp-of-your-own-reacts) begins with it, "
+        "[the examples](../how-to/examples.md) go on. "
+        "What sites send are the classes of [messages](messages.md), `pointit.schemas`."
+    )
+    for name in dir(pointit):
+        public = getattr(pointit, name)
+        is_ours = callable(public) and public.__module__.startswith("pointit.")
+        if is_ours and name[0] != "_" and name != "PointItError":
+            yield _documented(f"{public.__module__}.{public.__qualname__}", f"pointit.{name}")
+    yield "# Parts of a site"
+    for part in (Feed, Lamp, Tracker, Latest, *_request_classes()):
+        yield _documented(f"{part.__module__}.{part.__qualname__}", part.__qualname__)
+    yield "# Errors"
+    yield "`pointit.errors`: each is a `PointItError`, whose text is one sentence: what, where, what to do."
+    named = [(name, getattr(errors, name)) for name in errors.__all__]
+    rows = [
+        (f"`{name}`", f"`{each.__bases__[0].__name__}`", _paragraph(each.__doc__)) for name, each in named
+    ]
+    yield table(("error", "is a", "when"), rows)
+
+
+def _request_classes() -> list[type]:
+    """Return the classes of `site.select` and so on, in the order of their module."""
+    return [each for name, each in vars(requests).items() if name.endswith("Requests") and name[0] != "_"]
+
+
+def _documented(path: str, heading: str) -> str:
+    return f"::: {path}\n    options:\n      heading: {heading}\n      toc_label: {heading}"
+
+
+def plug_ins() -> Iterator[str]:
+    """Yield the kinds of plug-ins, and those that are shipped."""
+    yield "# Plug-ins"
+    yield (
+        "`pointit plugin list` shows what is installed, from which package, and what is wrong with it. "
+        "[How to write one](../how-to/write-a-plug-in.md)."
+    )
+    for kind, group in GROUPS.items():
+        yield f"## {kind}"
+        yield f"Entry points `{group.group}`."
+        plugins = [(name, group.get(name)) for name in group.names if group.package(name) == "pointit"]
+        rows = [(f"`{name}{plugin.value}`", _sentence(plugin.summary)) for name, plugin in plugins]
+        yield table(("name", "what it is"), rows)
+
+
 def table(head: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
     """Return a Markdown table."""
     columns = list(head)
@@ -182,9 +241,11 @@ def _paragraph(docstring: str | None) -> str:
 
 
 PAGES: dict[str, Callable[[], Iterator[str]]] = {
+    "reference/api.md": api,
     "reference/parameters.md": parameters,
     "reference/messages.md": messages,
     "reference/commands.md": commands,
+    "reference/plug-ins.md": plug_ins,
     "reference/scenarios.md": scenarios,
 }
 """Generated pages, by path below `docs`."""

@@ -17,7 +17,7 @@ SHOWN = ("text", "mermaid")
 INFO = re.compile(
     r"(?P<language>[a-z]+)"
     r'(?: title="(?P<title>[^"]+)")?'
-    r"(?: (?P<fails>fails)| terminal (?P<terminal>\d)| no-run: (?P<no_run>.+)| (?P<numbers>numbers))?"
+    r"(?: (?P<exit>fails|any-exit)| terminal (?P<terminal>\d)| no-run: (?P<no_run>.+)| (?P<numbers>numbers))?"
 )
 """Words behind the three backticks; `scripts/docs --help` explains it."""
 
@@ -35,7 +35,8 @@ class Block:
     """Name of the file in which it is saved, or `""`."""
     terminal: str = ""
     """Number of the terminal in which it is left running, or `""` if it is waited for."""
-    fails: bool = False
+    exit: str = ""
+    """`fails`: it must; `any-exit`: it may; `""`: it must not."""
     no_run: str = ""
     """Reason not to run it, or `""`."""
     numbers: bool = False
@@ -78,7 +79,7 @@ def blocks(page: Path, text: str) -> list[Block]:
             code=token.content,
             title=said["title"],
             terminal=said["terminal"],
-            fails=bool(said["fails"]),
+            exit=said["exit"],
             no_run=said["no_run"],
             numbers=bool(said["numbers"]),
         )

@@ -65,9 +65,9 @@ class Shell:
             block,
         )
         printed = _read(output)
-        if failed.exists() and not block.fails:
+        if failed.exists() and not block.exit:
             raise BlockError(f"{block.place}: {failed.read_text().strip()} failed and printed\n{printed}")
-        if block.fails and not failed.exists():
+        if block.exit == "fails" and not failed.exists():
             raise BlockError(f"{block.place} should fail, but printed\n{printed}")
         if block.output is not None and (problem := difference(block.output, printed)):
             raise BlockError(problem)

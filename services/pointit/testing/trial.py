@@ -113,7 +113,7 @@ class Trial:
         """
         if self.task is None or not self.task.done():
             return
-        error = None if self.task.cancelled() else self.task.exception()
+        error = None if self.task.cancelled() else first_cause(self.task.exception())
         if error is None:
             raise CheckFailedError("`run` returned by itself")
         raise CheckFailedError(f"`run` raised {type(error).__name__}: {error}") from error
@@ -170,12 +170,19 @@ class Trial:
         await asyncio.wait([task], timeout=max(self.patience_s, 2 * CANCEL_S))
         if not task.done():
             raise CheckFailedError(f"`run` was cancelled and still ran {loop.time() - began_s:.1f} s later")
-        error = None if task.cancelled() else task.exception()
+        error = None if task.cancelled() else first_cause(task.exception())
         if error is not None:
             raise CheckFailedError(
                 f"`run` raised {type(error).__name__} when it was cancelled: {error}"
             ) from error
         return loop.time() - began_s
+
+
+def first_cause(error: BaseException | None) -> BaseException | None:
+    """Return the first exception in a group, or `error` itself."""
+    while isinstance(error, BaseExceptionGroup):
+        error = error.exceptions[0]
+    return error
 
 
 async def require_quick_end(begin: Callable[[], AbstractAsyncContextManager[Trial]], state: str) -> None:

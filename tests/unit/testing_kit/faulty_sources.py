@@ -190,9 +190,8 @@ class KeepsALineWithoutEnd(OwnLoop):
     async def read(self, reader: asyncio.StreamReader, deliver: Deliver) -> None:
         rest: bytes = b""
         while data := await reader.read(65536):
-            rest += data
-            while b"\n" in rest:
-                line, _, rest = rest.partition(b"\n")
+            *lines, rest = (rest + data).split(b"\n")
+            for line in lines:
                 self.take(line, deliver)
 
 

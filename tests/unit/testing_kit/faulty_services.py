@@ -110,7 +110,7 @@ class Undescribed(SelectionCounter):
 def fault(check: str, words: str, make: Any, **changes: Any) -> Fault:
     """Return the template with another service."""
     plugin = replace(SERVICE, make=make, config=make.CONFIG, **changes)
-    harness: ServiceHarness = replace(DEVICE, plugin=plugin, patience_s=3.0)
+    harness: ServiceHarness = replace(DEVICE, plugin=plugin, patience_s=5.0)
     return Fault(check, words, harness)
 
 

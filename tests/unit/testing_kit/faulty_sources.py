@@ -280,7 +280,7 @@ class Fault:
 
 
 def fault(
-    check: str, words: str, make: Any, *, config: type[Config] | None = None, wait_s: float = 3.0
+    check: str, words: str, make: Any, *, config: type[Config] | None = None, wait_s: float = 5.0
 ) -> Fault:
     """Return the template with another source, and without its check if there is another `config`."""
     plugin = replace(SOURCE, make=make)

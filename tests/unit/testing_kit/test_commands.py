@@ -80,6 +80,7 @@ def test_plugin_without_a_fake_device_is_told_how_to_get_one(
         ("imu-source", "delivers or parameters"),
         ("led-output", "shows or parameters"),
         ("selection-method", "selects or parameters"),
+        ("service", "works or parameters"),
     ],
 )
 def test_tests_of_a_new_package_pass_as_written(kind: str, some: str, tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ import click
 
 from pointit.cli.common.lazy import UnknownNameError
 from pointit.cli.common.output import json_option, print_json
-from pointit.plugins import GROUPS, ConfigError, Plugin, ServicePlugin
+from pointit.plugins import GROUPS, ConfigError, Plugin
 from pointit.runtime.config.similar_names import nearest
 from pointit.testing import checks, run_checks
 from pointit.testing.check import CheckFailedError
@@ -100,9 +100,6 @@ def examined(kind: str, name: str) -> Iterator[Row]:
         require_parameters(plugin)
     except CheckFailedError as error:
         yield Row(title, "parameters", "describes itself and its parameters", str(error))
-    if isinstance(plugin, ServicePlugin):
-        yield Row(title, "tables", "has topics and requests that fit into the tables", _misfit(plugin, name))
-        return
     yield Row(
         title,
         "fake_device",
@@ -110,14 +107,6 @@ def examined(kind: str, name: str) -> Iterator[Row]:
         f"none is declared: add an entry point {name!r} of the group {FAKE_DEVICES}, see docs/how-to/"
         "write-a-plug-in.md",
     )
-
-
-def _misfit(plugin: ServicePlugin, name: str) -> str:
-    try:
-        plugin.check(name)
-    except ConfigError as error:
-        return str(error)
-    return ""
 
 
 def _print(row: Row) -> None:

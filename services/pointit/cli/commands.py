@@ -266,6 +266,9 @@ COMMANDS: dict[str, tuple[Entry, ...]] = {
             "pointit.cli.loadtest.command:command",
         ),
     ),
+    "Your shell": (
+        command("completion", "install completion with the Tab key", "pointit.cli.shell.completion:command"),
+    ),
 }
 """Commands by the heading of the help."""
 

@@ -1,6 +1,7 @@
 """Rules for every test: no task or command outlives it, and no state of this machine is read or written."""
 
 import asyncio
+import itertools
 import os
 import signal
 from collections.abc import AsyncIterator, Iterator
@@ -13,10 +14,14 @@ from hypothesis import HealthCheck, settings
 from tests.support.buses import free_port
 from tests.support.commands import Commands
 
-# The same examples in every run: a failure is due to a change; `--hypothesis-profile=search` tries others.
-# How fast this machine is says nothing about a property.
-settings.register_profile("search", deadline=None, suppress_health_check=[HealthCheck.too_slow])
-settings.register_profile("repeatable", settings.get_profile("search"), derandomize=True)
+# The same few examples in every run: a failure is due to a change. `--hypothesis-profile=search` tries more,
+# and others each time; `few` are for other versions of Python. How fast this machine is says nothing about a
+# property.
+settings.register_profile(
+    "search", max_examples=200, deadline=None, suppress_health_check=[HealthCheck.too_slow]
+)
+settings.register_profile("repeatable", settings.get_profile("search"), derandomize=True, max_examples=25)
+settings.register_profile("few", settings.get_profile("repeatable"), max_examples=8)
 settings.load_profile("repeatable")
 
 
@@ -31,17 +36,27 @@ def pytest_configure() -> None:
         signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
+_states = itertools.count()
+
+
 @pytest.fixture(autouse=True)
-def own_state(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Give each test, and the processes it starts, an empty state directory."""
-    path = tmp_path / "state"
+def own_state(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Give each test, and the processes it starts, a state directory that does not exist yet."""
+    path = tmp_path_factory.getbasetemp() / f"state{next(_states)}"
     monkeypatch.setenv("POINTIT_STATE", str(path))
     return path
 
 
-@pytest_asyncio.fixture(autouse=True)
-async def no_task_is_left() -> AsyncIterator[None]:
-    """Fail a test that leaves tasks behind."""
+@pytest.fixture(autouse=True)
+def no_task_is_left(request: pytest.FixtureRequest) -> None:
+    """Fail an asynchronous test that leaves tasks behind; others need no loop."""
+    if pytest_asyncio.is_async_test(request.node):
+        request.getfixturevalue("only_tasks_of_before")
+
+
+@pytest_asyncio.fixture
+async def only_tasks_of_before() -> AsyncIterator[None]:
+    """Fail if tasks are left at the end that were not there at the begin."""
     before = asyncio.all_tasks()
     yield
     mine = {asyncio.current_task()}

@@ -183,8 +183,8 @@ class TestPresent:
         assert site.c.declarations == declared, "it watches no longer"
         tokens[0].close()
         await site.settle()
-        for bus in site.buses:
-            assert await list_present(bus, USER_ALIVE, 1.0) == {"ben"}
+        asked = (list_present(bus, USER_ALIVE, 1.0) for bus in site.buses)
+        assert await asyncio.gather(*asked) == [{"ben"}] * 3
 
     async def test_a_name_that_leaves_meanwhile_is_not_listed(self, site: Site) -> None:
         token = site.a.announce(USER_ALIVE, "anna")

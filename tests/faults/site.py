@@ -37,8 +37,10 @@ conveyor-sim:
       min_interval_s: 1.6
       max_interval_s: 2.2
       length_m: 0.4
+user-sim: {rate_hz: 25}
+led-driver: {max_rate_hz: 20}
 """
-"""More to select than people would have."""
+"""More to select than people would have, at half the usual rates, which leaves the machine some time."""
 DASHBOARD_HZ = 20.0
 DISK_BYTES = 32 * 1024 * 1024
 AGAIN = " start it again with: "
@@ -105,7 +107,7 @@ class Site:
         """Start the router, again where it was killed."""
         environment = {"POINTIT_STATE": str(self.state)}
         folder = str(self.folder.path)
-        self.router = self.commands.start("router", "--site-folder", folder, environment=environment)
+        self.router = self.commands.start_program("router", "--site-folder", folder, environment=environment)
         return self.router
 
     async def begin(self) -> None:
@@ -116,7 +118,9 @@ class Site:
         busy = self.path / "busy.yaml"
         busy.write_text(BUSY)
         options = ("--users", str(self._users), "--processes", "--duration", "3600", "--no-view")
-        self.run = self.start("run", "scenario_4", *options, "--config", str(busy))
+        self.run = self.commands.start_program(
+            "run", "scenario_4", *options, "--config", str(busy), environment=self.environment()
+        )
 
     def start(self, *arguments: str, name: str = "supervisor") -> Command:
         """Start `pointit …` as the identity `name`."""

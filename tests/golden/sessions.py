@@ -20,10 +20,10 @@ from pointit.runtime.bus.local_broker import LocalBroker
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.errors import BusClosedError
 from pointit.runtime.service.service import Launch, run_services
+from pointit.runtime.virtual_time import START_NS, VirtualClock, run_virtually
 from pointit.schemas import NS_PER_S, Message
 from pointit.schemas.topics import ANY, Delivery, Topic
 from tests.golden.record import Record
-from tests.integration.scenario.virtual_time import START_NS, VirtualClock, run_virtually
 
 M = TypeVar("M", bound=Message)
 

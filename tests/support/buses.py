@@ -3,14 +3,15 @@
 import asyncio
 import contextlib
 import itertools
+import os
 import signal
 import socket
-import subprocess
-import sys
+import tempfile
 import time
 from collections.abc import AsyncGenerator, Callable
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
+from pathlib import Path
 
 from pointit.runtime.bus.contract import Bus
 from pointit.runtime.bus.local_broker import LocalBroker
@@ -20,6 +21,7 @@ from pointit.runtime.zenoh.router.router import running_router
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas.topics import SERVICE_ALIVE
 from tests.support.bench import until
+from tests.support.forked import ForkedProcess
 
 KINDS = ("memory", "zenoh-peer", "zenoh-router")
 """In one process; clients of a listening process; clients of a router."""
@@ -91,23 +93,25 @@ def free_port() -> int:
     return port
 
 
+def is_listening(port: int) -> bool:
+    """Return True if something listens at `port` of 127.0.0.1."""
+    with socket.socket() as probe:
+        return probe.connect_ex(("127.0.0.1", port)) == 0
+
+
 class RouterProcess:
     """`pointit router` in a process of its own, always on the same port."""
 
     def __init__(self) -> None:
         self.endpoint = f"tcp/127.0.0.1:{free_port()}"
-        self._process: subprocess.Popen[str] | None = None
+        self._folder = tempfile.TemporaryDirectory()
+        self._process: ForkedProcess | None = None
 
     def start(self) -> None:
         """Start it and wait until it listens."""
-        self._process = subprocess.Popen(
-            [sys.executable, "-m", "pointit.cli", "router", "--listen", self.endpoint],
-            stdout=subprocess.PIPE,
-            text=True,
-        )
-        assert self._process.stdout is not None
-        line = self._process.stdout.readline()
-        assert self.endpoint in line, line
+        out, err = (Path(self._folder.name, f"{name}{next(_marks)}") for name in ("out", "err"))
+        self._process = ForkedProcess(["router", "--listen", self.endpoint], out, err, os.environ)
+        self._process.says(self.endpoint)
 
     def stop(self, number: int = signal.SIGKILL) -> float:
         """Send a signal; return how long the process took to end, s."""
@@ -116,11 +120,12 @@ class RouterProcess:
             return 0.0
         began_s = time.monotonic()
         process.send_signal(number)
-        process.wait(10)
-        took_s = time.monotonic() - began_s
-        if process.stdout is not None:
-            process.stdout.close()
-        return took_s
+        assert process.wait(10) is not None
+        return time.monotonic() - began_s
+
+    def close(self) -> None:
+        """Delete what it has printed."""
+        self._folder.cleanup()
 
 
 @asynccontextmanager
@@ -132,3 +137,4 @@ async def router_process() -> AsyncGenerator[RouterProcess]:
         yield router
     finally:
         router.stop()
+        router.close()

@@ -4,18 +4,87 @@ import multiprocessing
 import os
 import pkgutil
 import runpy
+import signal
 import sys
 import tempfile
+import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+import pointit.bridges.web
 import pointit.cli
+import pointit.launch
+import pointit.services
+
+ROOMS = (pointit.cli, pointit.launch, pointit.services, pointit.bridges.web)
+"""Packages whose modules are loaded."""
+
+POLL_S = 0.005
 
 _processes = multiprocessing.get_context("forkserver")
-_modules = (each.name for each in pkgutil.walk_packages(pointit.cli.__path__, f"{pointit.cli.__name__}."))
+_modules = (each.name for room in ROOMS for each in pkgutil.walk_packages(room.__path__, f"{room.__name__}."))
 _processes.set_forkserver_preload(
     ["tests.support.forked", *(name for name in _modules if not name.endswith(".__main__"))]
 )
+
+
+class ForkedProcess:
+    """A running command, used like `subprocess.Popen`.
+
+    It ends without the clean-up of the interpreter, and its command line is that of the process that it was
+    forked from: tests of these need a process of their own.
+    """
+
+    def __init__(
+        self,
+        arguments: Sequence[str],
+        out: Path,
+        err: Path,
+        environment: Mapping[str, str],
+        cwd: Path | None = None,
+    ) -> None:
+        """Start `pointit …` in a session of its own.
+
+        Args:
+            arguments: what follows `pointit`.
+            out: file of the standard output.
+            err: file of the standard error.
+            environment: its whole environment.
+            cwd: its folder; this process's if None.
+        """
+        self.out, self.err = out, err
+        self._process = _processes.Process(
+            target=_command, args=(list(arguments), out, err, dict(environment), cwd or Path.cwd())
+        )
+        self._process.start()
+        assert self._process.pid is not None
+        self.pid = self._process.pid
+
+    @property
+    def returncode(self) -> int | None:
+        """Exit code, or -N if signal N has ended it; None while it runs."""
+        return self._process.exitcode
+
+    def says(self, what: str) -> None:
+        """Wait until `what` stands in its standard output."""
+        while not (self.out.exists() and what in self.out.read_text()):
+            assert self.poll() is None, self.err.read_text()
+            time.sleep(POLL_S)
+
+    def poll(self) -> int | None:
+        return self.returncode
+
+    def send_signal(self, number: int) -> None:
+        if self.poll() is None:
+            os.kill(self.pid, number)
+
+    def kill(self) -> None:
+        self.send_signal(signal.SIGKILL)
+
+    def wait(self, timeout: float | None = None) -> int | None:
+        """Return the exit code as soon as it has ended, or None after `timeout`, s."""
+        self._process.join(timeout)
+        return self.returncode
 
 
 def run(arguments: Sequence[str], patience_s: float) -> tuple[int, str, str]:
@@ -30,23 +99,29 @@ def run(arguments: Sequence[str], patience_s: float) -> tuple[int, str, str]:
     """
     with tempfile.TemporaryDirectory() as folder:
         out, err = Path(folder, "out"), Path(folder, "err")
-        process = _processes.Process(target=_command, args=(list(arguments), out, err, dict(os.environ)))
-        process.start()
-        process.join(patience_s)
-        if process.exitcode is None:
+        process = ForkedProcess(arguments, out, err, os.environ)
+        if process.wait(patience_s) is None:
             process.kill()
-            process.join()
-        code = process.exitcode
-        process.close()
+        code = process.wait()
         assert code is not None
         return code, out.read_text(), err.read_text()
 
 
-def _command(arguments: list[str], out: Path, err: Path, environment: Mapping[str, str]) -> None:
+def _command(
+    arguments: list[str], out: Path, err: Path, environment: Mapping[str, str], folder: Path
+) -> None:
+    os.setsid()
+    os.chdir(folder)
     os.environ.clear()
     os.environ.update(environment)
-    for path, number in ((out, 1), (err, 2)):
-        file = os.open(path, os.O_WRONLY | os.O_CREAT)
+    time.tzset()
+    tempfile.tempdir = None  # read TMPDIR again
+    for path, flags, number in (
+        (Path(os.devnull), os.O_RDONLY, 0),
+        (out, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 1),
+        (err, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 2),
+    ):
+        file = os.open(path, flags)
         os.dup2(file, number)
         os.close(file)
     sys.argv = ["pointit", *arguments]

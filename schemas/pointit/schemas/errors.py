@@ -1,12 +1,17 @@
-"""Errors in messages and keys.
+"""Errors in messages and keys, and the root of all errors.
 
-SchemaError
-├── DecodeError     bytes that are not the message they should be
-└── KeyNameError    a name that cannot stand in a key
+PointItError
+└── SchemaError
+    ├── DecodeError     bytes that are not the message they should be
+    └── KeyNameError    a name that cannot stand in a key
 """
 
 
-class SchemaError(ValueError):
+class PointItError(Exception):
+    """Root of everything PointIt raises on purpose."""
+
+
+class SchemaError(PointItError, ValueError):
     """Root of everything raised by `pointit.schemas`."""
 
 

@@ -138,6 +138,13 @@ SET_BRIGHTNESS = Request(
     server="led-driver",
     about="dim all strips",
 )
+SET_LAMP = Request(
+    key="leds/{led}/set_color",
+    query=requests.SetLamp,
+    reply=requests.Done,
+    server="led-driver",
+    about="show a colour on a lamp that nobody needs to localize",
+)
 SET_YAW_ORIGIN = Request(
     key="imu/{user}/set_yaw_origin",
     query=requests.SetYawOrigin,
@@ -153,7 +160,7 @@ SET_MOUNTING = Request(
     about="how the sensor sits on the arm",
 )
 
-REQUESTS: tuple[Request[Any, Any], ...] = (
+REQUESTS: list[Request[Any, Any]] = [
     ADD_PACKAGE,
     SET_SPEED,
     SET_FEEDING,
@@ -173,6 +180,8 @@ REQUESTS: tuple[Request[Any, Any], ...] = (
     SET_TOLERANCE,
     RUN_SCENARIO,
     SET_BRIGHTNESS,
+    SET_LAMP,
     SET_YAW_ORIGIN,
     SET_MOUNTING,
-)
+]
+"""All requests. Services of other packages add theirs when they are loaded."""

@@ -4,7 +4,7 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
-from pointit.schemas.base import Fraction, Many, Ns, QuaternionXyzw, Query, Real, Reply, Vec3
+from pointit.schemas.base import Fraction, Many, Name, Ns, QuaternionXyzw, Query, Real, Reply, Rgb, Vec3
 from pointit.schemas.person import PointingOffset
 from pointit.schemas.pointing import Covariance
 from pointit.schemas.selection import SelectionEvent
@@ -149,6 +149,8 @@ class SetWorkspace(Query):
 class SetMethod(Query):
     """Choose how dwelling on an object selects it, and for how long. Without values it only reads them."""
 
+    version: ClassVar[int] = 2
+
     method: Annotated[Literal["hold", "fraction", "gauge"] | None, Field(description="None to keep it")] = (
         None
     )
@@ -156,13 +158,21 @@ class SetMethod(Query):
         float | None,
         Field(gt=0, le=10, description="time on an object that selects it; None for the method's default"),
     ] = None
+    name: Annotated[Name | None, Field(description="any installed method, instead of `method`")] = None
 
 
 class SetMethodReply(Reply):
     """The method in use now."""
 
-    method: Literal["hold", "fraction", "gauge"]
+    version: ClassVar[int] = 2
+
+    method: Annotated[
+        Literal["hold", "fraction", "gauge"],
+        Field(description="the method, or gauge (by angle) or hold (by metres) for that of another package"),
+    ]
     dwell_s: Annotated[float, Field(gt=0, le=10)]
+    name: Annotated[str, Field(max_length=64, description="the method; empty from version 1")] = ""
+    installed: Annotated[Many[Name], Field(description="all installed methods")] = ()
 
 
 class ReadHistory(Query):
@@ -218,6 +228,12 @@ class SetBrightness(Query):
 
     brightness: Fraction
     strips: Annotated[Many[str], Field(description="ids of strips, or empty for all")] = ()
+
+
+class SetLamp(Query):
+    """Show a colour on a lamp that nobody needs to localize, until it is given back."""
+
+    color: Annotated[Rgb | None, Field(description="None gives the lamp back")] = None
 
 
 class SetYawOrigin(Query):

@@ -25,6 +25,17 @@ def check_user(name: str) -> str:
     return name
 
 
+def instance_of(service: str, user: str = "") -> str:
+    """Return the name under which a service is present: `selector`, `pointing.anna`."""
+    return f"{service}.{user}" if user else service
+
+
+def split_instance(instance: str) -> tuple[str, str]:
+    """Return service and user of an instance: `pointing.anna` is `pointing` of `anna`."""
+    service, _, user = instance.partition(".")
+    return service, user
+
+
 class ClockTick(Message):
     """Simulated time: at wall time `stamp_ns` it was `sim_ns`, and it runs `speed` times as fast."""
 

@@ -26,6 +26,7 @@ from pointit.access import router_configuration
 from pointit.access.rights import Role
 from pointit.access.router_configuration import RouterSite, common_name
 from pointit.access.site_state import Identity, SiteState
+from pointit.runtime.config.extras import remedy
 from pointit.runtime.config.validation_message import describe_validation_error
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.atomic_file import read_limited, write_atomically
@@ -274,7 +275,5 @@ def _authority_module() -> ModuleType:
     try:
         from pointit.access import authority  # noqa: PLC0415 - see above
     except ModuleNotFoundError as error:
-        raise ConfigError(
-            "certificates need an extra: run `scripts/setup site` in the folder of PointIt"
-        ) from error
+        raise ConfigError(f"certificates need an extra: run {remedy('site')}") from error
     return authority

@@ -41,9 +41,11 @@ path of a file (./site.yaml). `pointit new room` writes one.
 Example: pointit map check ./site.yaml && pointit map plot ./site.yaml -o site.svg
 """
 
-PLUGIN = """List what can be plugged in: devices of this and of other packages.
+PLUGIN = """List what can be plugged in, check that it works, or begin a plug-in of your own.
 
-Example: pointit plugin list
+Plug-ins are devices and selection methods of this and of other packages.
+
+Example: pointit plugin new imu-source my-wrist && pytest my-wrist
 """
 
 SITE = """Manage who may join a site, and their rights.
@@ -199,9 +201,19 @@ COMMANDS: dict[str, tuple[Entry, ...]] = {
         ),
         noun(
             "plugin",
-            "list what can be plugged in",
+            "list, check and begin what can be plugged in",
             PLUGIN,
             (
+                command(
+                    "new",
+                    "write a package with a plug-in that works, and its tests",
+                    "pointit.cli.plugins.new:command",
+                ),
+                command(
+                    "check",
+                    "check that plug-ins keep the promises of their kind",
+                    "pointit.cli.plugins.check:command",
+                ),
                 command(
                     "list",
                     "list plug-ins, their packages, what is wrong",

@@ -15,9 +15,10 @@ from pointit.diagnosis.certainty import (
 from pointit.diagnosis.clocks import find_clock_skew
 from pointit.diagnosis.observation import Finding, Observation, Report
 from pointit.diagnosis.staleness import stale_inputs
-from pointit.diagnosis.writers import split_instance, start_command
+from pointit.diagnosis.writers import start_command
 from pointit.runtime.health.timeliness import LONGEST_HOST
 from pointit.schemas import Health
+from pointit.schemas.system import split_instance
 from pointit.schemas.text import one_line
 from pointit.schemas.topics import TOPICS, Delivery
 
@@ -26,8 +27,6 @@ SLOW_S = 0.1
 
 UNCERTAIN = "uncertain"
 """Word in the localizer's own warnings about the pose."""
-
-_EVENTS = frozenset(topic.key for topic in TOPICS if topic.delivery is Delivery.EVENT)
 
 
 def diagnose(seen: Observation) -> list[Finding]:
@@ -185,7 +184,9 @@ def _counters(instance: str, first: Health, last: Health) -> Iterator[Finding]:
                 "the network loses more than can be fetched again: look at the link between the machines",
             ),
         ]
-        if pattern in _EVENTS:  # for others only the newest counts
+        if any(
+            row.key == pattern and row.delivery is Delivery.EVENT for row in TOPICS
+        ):  # for others only the newest counts
             counts.append(
                 (
                     key.dropped,

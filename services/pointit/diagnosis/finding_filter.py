@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 
 from pointit.diagnosis.observation import Finding, Observation
-from pointit.diagnosis.writers import split_instance
 from pointit.runtime.config.similar_names import did_you_mean
+from pointit.schemas.system import split_instance
 
 
 def is_about(instance: str, name: str) -> bool:

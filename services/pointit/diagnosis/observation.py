@@ -4,9 +4,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
-from pointit.diagnosis.writers import instance_of, start_command
+from pointit.diagnosis.writers import start_command
 from pointit.schemas import Deployment, ExpectedService, Health
-from pointit.schemas.system import RUN
+from pointit.schemas.system import RUN, instance_of
 from pointit.schemas.table_types import NAME
 
 SILENT_S = 3.0

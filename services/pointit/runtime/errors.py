@@ -1,19 +1,22 @@
 """Errors at run time.
 
 PointItError                 its text is one sentence for a person: problem, place, action
+├── SchemaError              a message or a name is wrong, see `pointit.schemas.errors`
 ├── ConfigError              a file, variable or option is wrong; commands exit with 2
 ├── BusError
 │   ├── BusClosedError       used after `close`
 │   ├── ListenError          the address to listen on is in use
-│   └── ConnectError         nothing answers at the address to connect to
+│   ├── ConnectError         nothing answers at the address to connect to
+│   │   └── WrongSiteError   another site answers there
+│   ├── NoMessageError       nothing has come on a key
+│   └── VersionError         messages are of a version that cannot be read here
 └── RequestError
     ├── NoAnswerError        there is no server of the request, or it did not answer in time
+    │   └── AccessDeniedError    the rules of a secured site do not permit it
     └── RefusedError         the server refuses with a reason; servers raise it themselves
 """
 
-
-class PointItError(Exception):
-    """Root of everything PointIt raises on purpose."""
+from pointit.schemas.errors import PointItError as PointItError  # noqa: PLC0414 - the root, defined lowest
 
 
 class ConfigError(PointItError):
@@ -36,12 +39,30 @@ class ConnectError(BusError):
     """Nobody answers at the address to connect to."""
 
 
+class WrongSiteError(ConnectError):
+    """At the address there are other sites, but not the one to join."""
+
+
+class NoMessageError(BusError, KeyError):
+    """Nothing has come on a key so far, or not in time."""
+
+    __str__ = Exception.__str__  # a `KeyError` shows the representation of its sentence
+
+
+class VersionError(BusError):
+    """Messages arrive, but of a version that cannot be read here."""
+
+
 class RequestError(PointItError):
     """A request got no reply."""
 
 
 class NoAnswerError(RequestError):
     """Nobody serves the request, or the reply did not come in time."""
+
+
+class AccessDeniedError(NoAnswerError):
+    """This identity may not read, write or ask that on a secured site; nobody gets to know that it tried."""
 
 
 class RefusedError(RequestError):

@@ -43,7 +43,7 @@ async def test_a_run_ends_with_its_summary(
     commands: Commands, endpoint: str, tmp_path: Path, number: int, processes: tuple[str, ...]
 ) -> None:
     path = tmp_path / "summary.json"
-    run = commands.start(*RUN, *processes, "--listen", endpoint, "--summary", str(path))
+    run = commands.start_program(*RUN, *processes, "--listen", endpoint, "--summary", str(path))
     async with onlooker(endpoint) as seen:
         await seen.sees_cursors("user1")
     family = run.family()
@@ -63,7 +63,7 @@ async def test_a_run_ends_with_its_summary(
 async def test_ctrl_c_in_a_terminal_reaches_the_whole_group(
     commands: Commands, endpoint: str, processes: tuple[str, ...]
 ) -> None:
-    run = commands.start(*RUN, *processes, "--listen", endpoint)
+    run = commands.start_program(*RUN, *processes, "--listen", endpoint)
     async with onlooker(endpoint) as seen:
         await until(lambda: "user-sim.user1" in seen.health, 30, "a run")
     family = run.family()
@@ -79,7 +79,7 @@ async def test_a_run_ends_while_it_starts(
     commands: Commands, endpoint: str, tmp_path: Path, number: int, processes: tuple[str, ...]
 ) -> None:
     path = tmp_path / "summary.json"
-    run = commands.start(*RUN, *processes, "--listen", endpoint, "--summary", str(path))
+    run = commands.start_program(*RUN, *processes, "--listen", endpoint, "--summary", str(path))
     await run.says(TOLD)
     if processes:
         await until(lambda: len(run.family()) >= 3, 30, "the first children")
@@ -101,7 +101,7 @@ def catches(command: Command, number: int, mask: str = "SigCgt") -> bool:
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="Linux tells which signals are caught")
 async def test_ctrl_c_while_modules_load_is_silent(commands: Commands, endpoint: str) -> None:
     """Nothing has begun yet: the process may die of the signal, but not with a traceback."""
-    run = commands.start(*RUN, "--listen", endpoint)
+    run = commands.start_program(*RUN, "--listen", endpoint)
 
     def has_begun() -> bool:
         """Python ignores SIGPIPE from its start, and catches SIGINT from then until our first line."""
@@ -127,9 +127,9 @@ OTHERS: dict[str, tuple[Arguments, str]] = {
 
 @pytest.mark.parametrize("number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.long)])
 async def test_the_other_commands_end_as_well(commands: Commands, endpoint: str, number: int) -> None:
-    run = commands.start(*RUN, "--listen", endpoint)
+    run = commands.start_program(*RUN, "--listen", endpoint)
     await run.says(TOLD)  # `echo` does not wait long for a site
-    started = {name: commands.start(*arguments(endpoint)) for name, (arguments, _) in OTHERS.items()}
+    started = {name: commands.start_program(*arguments(endpoint)) for name, (arguments, _) in OTHERS.items()}
     for name, command in started.items():
         await command.says(OTHERS[name][1])
         family = command.family()
@@ -141,10 +141,10 @@ async def test_the_other_commands_end_as_well(commands: Commands, endpoint: str,
 @pytest.mark.parametrize("number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.long)])
 async def test_doctor_ends_without_a_verdict(commands: Commands, endpoint: str, number: int) -> None:
     """Code 0 would mean that all is well, which it does not know: 130."""
-    commands.start(*RUN, "--listen", endpoint)
+    commands.start_program(*RUN, "--listen", endpoint)
     async with onlooker(endpoint) as seen:
         await until(lambda: "pui" in seen.present, 30, "a run")
-        doctor = commands.start("doctor", "--connect", endpoint)
+        doctor = commands.start_program("doctor", "--connect", endpoint)
         await until(lambda: catches(doctor, signal.SIGTERM), 30, "doctor to listen")
         ended = await doctor.stop(number)
     assert ended.code == 130

@@ -63,7 +63,7 @@ async def test_a_stopped_service_is_noticed(commands: Commands, endpoint: str) -
         await doctor_is_content(commands, endpoint)
 
 
-@pytest.mark.parametrize("when", ["while it runs", "while it starts"])
+@pytest.mark.parametrize("when", [pytest.param("while it runs", marks=pytest.mark.long), "while it starts"])
 async def test_a_killed_run_leaves_no_orphan(commands: Commands, endpoint: str, when: str) -> None:
     run = commands.start("run", "scenario_3", "--processes", "--no-view", "--listen", endpoint)
     count = 1 + len(SERVICES)

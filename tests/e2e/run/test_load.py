@@ -23,13 +23,12 @@ def row_of(ended: Ended) -> dict[str, Any]:
     ("options", "processes"),
     [
         ((), ["all"]),
-        (("--layout", "users", "--shards", "2"), ["site", "users 1", "users 2"]),
         pytest.param(
             ("--layout", "users", "--shards", "1", "--router"),
             ["site", "users 1", "router"],
             marks=pytest.mark.long,  # as with --secured, but for certificates
         ),
-        (("--layout", "users", "--shards", "1", "--secured"), ["site", "users 1", "router"]),
+        (("--layout", "users", "--shards", "2", "--secured"), ["site", "users 1", "users 2", "router"]),
         (
             ("--layout", "services"),
             ["wrists", "pui", "selector", "led-driver", "conveyor-sim", "keeper", "pointing", "localizer"],
@@ -42,9 +41,9 @@ async def test_every_layout(commands: Commands, options: tuple[str, ...], proces
     assert [process["name"] for process in row["processes"]] == processes
     assert all(process["memory_mb"] > 10 for process in row["processes"])
     assert sum(process["cpu"] for process in row["processes"]) > 0
-    assert 50 < row["sent"] <= 100, "a busy machine leaves some out"
-    assert row["cursors"] > 50
-    assert row["frames"] > 5
+    assert 20 < row["sent"] <= 100, "a busy machine leaves some out"
+    assert row["cursors"] > 20
+    assert row["frames"] > 2
     assert 0 < row["light_p50_ms"] <= row["light_p99_ms"]
     assert "2 people at 50 Hz" in ended.err, "progress"
 
@@ -55,7 +54,7 @@ async def test_people_join_a_running_site(commands: Commands, endpoint: str) -> 
         await seen.hears("led-driver")
         row = row_of(await commands.pointit("load", *SHORT, "--json", "--connect", endpoint))
         assert [process["name"] for process in row["processes"]] == ["all"]
-        assert row["cursors"] > 50
+        assert row["cursors"] > 20
         assert seen.people == set() or seen.people <= {"load0", "load1"}
 
 
@@ -71,7 +70,7 @@ async def test_nobody_there_is_said_in_a_sentence(commands: Commands, endpoint: 
     assert "nobody answers" in ended.sentence
 
 
-@pytest.mark.parametrize("layout", ["one", "users"])
+@pytest.mark.parametrize("layout", [pytest.param("one", marks=pytest.mark.long), "users"])
 async def test_ctrl_c_ends_it_at_once_with_all_its_processes(commands: Commands, layout: str) -> None:
     load = commands.start("load", "--duration", "600", "--layout", layout)
     await load.says("measuring")

@@ -90,7 +90,7 @@ async def test_red_packages_leave_at_bay_1_and_the_others_at_bay_3(
     )
 
 
-@pytest.mark.slow
+@pytest.mark.long  # tests/faults kills each service; tests/unit/conveyor_sim kills the conveyor and counts
 @pytest.mark.timeout(240)
 async def test_selector_and_conveyor_may_be_killed_and_nothing_is_lost_or_told_twice(
     commands: Commands,

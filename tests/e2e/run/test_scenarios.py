@@ -1,14 +1,14 @@
 """`pointit run`: the shipped scenarios from their start to their summary."""
 
-import asyncio
 import json
+import time
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from pointit.schemas import Localization, UserPose
-from pointit.schemas.topics import LOCALIZATION, POSE
+from pointit.schemas import Localization, SelectionEvent, UserPose
+from pointit.schemas.topics import LOCALIZATION, POSE, SELECTION_EVENTS
 from tests.support.bench import until
 from tests.support.buses import free_port
 from tests.support.commands import Commands, onlooker, summary_of
@@ -39,7 +39,7 @@ async def test_the_simulated_person_selects_every_red_segment_and_no_other(
 ) -> None:
     """Other seeds, and without processes: tests/integration/scenario, in virtual time."""
     path = tmp_path / "summary.json"
-    run = commands.start(
+    run = commands.start_program(
         *("run", "scenario_3", "--duration", "60", "--speed", "2", "--seed", "1", "--no-view"),
         *("--set", "user-sim.mind.lapse_share=0"),  # a wrong intention selects a wrong one
         *("--summary", str(path)),
@@ -52,7 +52,7 @@ async def test_the_simulated_person_selects_every_red_segment_and_no_other(
     assert_flawless(summary)
     assert summary["seed"] == 1
     assert set(summary["services"]) == SITE | person("user1")
-    assert summary["duration_s"] == pytest.approx(60, abs=0.5)
+    assert 60.0 <= summary["duration_s"] + 0.1 < 64.0
     assert 0 < summary["latency_ms"]["p50"] <= summary["latency_ms"]["p99"]
     assert within(summary["latency_ms"]["p50"], 50.0)
     assert summary["cursors"] > 300  # of 3000 samples; the arm rests when there is nothing to select
@@ -89,7 +89,7 @@ async def test_a_short_run_ends_by_itself(commands: Commands) -> None:
     ended = await commands.pointit("run", "scenario_2", "--duration", "3", "--no-view", "--json", *listen())
     assert ended.code == 0, ended.err
     summary = summary_of(ended)
-    assert summary["duration_s"] == pytest.approx(3, abs=0.1)
+    assert 3.0 <= summary["duration_s"] + 0.1 < 5.0
     assert ended.took_s > 3
     assert within(ended.took_s, 8.0)
     assert summary["latency_ms"]["p50"] is not None
@@ -124,35 +124,35 @@ async def test_localizing_two_people_and_the_other_ways_to_run(commands: Command
     ended = await mine.end()
     assert ended.code == 0, ended.err
     assert summary_of(ended)["scenario"] == "mine"
-    assert summary_of(ended)["duration_s"] == pytest.approx(20, abs=0.5)
+    assert 20.0 <= summary_of(ended)["duration_s"] + 0.1 < 28.0
 
 
 @pytest.mark.slow
 async def test_processes_select_as_well_and_follow_the_simulated_clock(commands: Commands) -> None:
     """At speed 2 a segment comes every 1.5 s of the wall: without the site's clock nothing would fit."""
-    common = ("run", "scenario_3", "--processes", "--no-view", "--json")
-    plain = commands.start(*common, "--duration", "18", *listen())
     option, endpoint = listen()
-    fast = commands.start(*common, "--duration", "36", "--speed", "2", option, endpoint)
+    run = commands.start(
+        *("run", "scenario_3", "--processes", "--no-view", "--json"),
+        *("--duration", "600", "--speed", "2", option, endpoint),
+    )
     async with onlooker(endpoint) as seen:
+        events: list[SelectionEvent] = []
+        seen.bus.subscribe(SELECTION_EVENTS, lambda event, _name: events.append(event))
         await seen.sees_more(seen.objects, "objects")
-        first = seen.objects[-1]
-        began_s = asyncio.get_running_loop().time()
-        await until(lambda: seen.objects[-1].stamp_ns - first.stamp_ns > 6e9, 20, "6 s of the site's time")
-        assert asyncio.get_running_loop().time() - began_s == pytest.approx(3, abs=1.5)
-    for command, duration_s, speed in ((plain, 18, 1), (fast, 36, 2)):
-        ended = await command.end()
-        assert ended.code == 0, ended.err
-        summary = summary_of(ended)
-        assert summary["duration_s"] == duration_s
-        assert summary["speed"] == speed
-        assert summary["selected"] > 0
-        assert summary["wrong"] == 0
-        assert summary["latency_ms"]["p50"] > 0
-        assert within(summary["latency_ms"]["p50"], 60.0)  # ms of the wall
-        assert ended.took_s > 18
-        assert within(ended.took_s, 26.0)
-        assert "Traceback" not in ended.err
+        first_ns, began_s = seen.objects[-1].stamp_ns, time.monotonic()
+        await until(lambda: seen.objects[-1].stamp_ns - first_ns > 12e9, 40, "12 s of the site's time")
+        passed_s = time.monotonic() - began_s
+        assert 1.4 < (seen.objects[-1].stamp_ns - first_ns) / 1e9 / passed_s < 3.0
+        await until(lambda: any(each.event == "selected" for each in events), 60, "a selection")
+    ended = await run.stop()
+    assert ended.code == 0, ended.err
+    assert "Traceback" not in ended.err
+    summary = summary_of(ended)
+    assert summary["speed"] == 2
+    assert summary["selected"] > 0
+    assert summary["wrong"] == 0
+    assert summary["latency_ms"]["p50"] > 0
+    assert within(summary["latency_ms"]["p50"], 60.0)  # ms of the wall
 
 
 async def test_no_cursor_is_a_failure(commands: Commands) -> None:

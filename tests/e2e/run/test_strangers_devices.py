@@ -35,7 +35,7 @@ async def test_package_of_a_stranger_adds_a_wrist_and_a_light(
     commands: Commands, installed: dict[str, str], tmp_path: Path
 ) -> None:
     shown = tmp_path / "shown.txt"
-    run = commands.start(
+    run = commands.start_program(
         *("run", "scenario_2", "--duration", "4", "--no-view"),
         *("--imu", "waving:40", "--leds", f"notebook:{shown}"),
         environment=installed,
@@ -50,10 +50,12 @@ async def test_package_of_a_stranger_adds_a_wrist_and_a_light(
 async def test_plugins_of_strangers_are_listed_with_what_is_wrong(
     commands: Commands, installed: dict[str, str]
 ) -> None:
-    ended = await commands.pointit("list", "plugins", environment=installed | {"COLUMNS": "200"})
+    wide = installed | {"COLUMNS": "200"}
+    ended = await commands.start_program("list", "plugins", environment=wide).end()
     assert ended.code == 0, ended.err
     assert "--imu waving:RATE_HZ" in ended.out
     assert "IMU source 'broken' of strangers-devices cannot be imported" in ended.out
-    refused = await commands.pointit("run", "scenario_2", "--imu", "broken", environment=installed)
+    arguments = ("run", "scenario_2", "--imu", "broken")
+    refused = await commands.start_program(*arguments, environment=installed).end()
     assert refused.code == 2
     assert "--imu 'broken': IMU source 'broken' of strangers-devices" in refused.err

@@ -6,8 +6,8 @@ import contextlib
 import datetime as dt
 import itertools
 import json
-import subprocess
-import sys
+import os
+import signal
 import tempfile
 import time
 from collections.abc import Callable, Generator
@@ -28,6 +28,7 @@ from pointit.runtime.link.link import Link
 from pointit.runtime.zenoh.router.router import parse_config
 from pointit.runtime.zenoh.session import configuration
 from tests.support.buses import free_port
+from tests.support.forked import ForkedProcess
 from tests.support.pace import Patience
 
 PATIENCE_S = 10.0
@@ -212,38 +213,34 @@ class RouterProgram:
     """`pointit router` with options, in a process of its own."""
 
     def __init__(self, *options: str, cwd: Path | None = None) -> None:
-        self._errors = tempfile.TemporaryFile("w+")  # noqa: SIM115 - closed with the process
-        self._process = subprocess.Popen(
-            [sys.executable, "-m", "pointit.cli", "router", *options],
-            stdout=subprocess.PIPE,
-            stderr=self._errors,
-            text=True,
-            cwd=cwd,
-        )
+        self._folder = tempfile.TemporaryDirectory()
+        out, err = Path(self._folder.name, "out"), Path(self._folder.name, "err")
+        self._process = ForkedProcess(["router", *options], out, err, os.environ, cwd)
 
     def __enter__(self) -> Self:
-        assert self._process.stdout is not None
-        line = self._process.stdout.readline()
-        if "listens" not in line:
-            raise AssertionError(self.ends())
+        try:
+            self._process.says("listens")
+        except AssertionError:
+            self._folder.cleanup()
+            raise
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         if self._process.poll() is None:
-            self._process.terminate()
+            self._process.send_signal(signal.SIGTERM)
         self.ends()
 
     @property
     def said(self) -> str:
         """Log and error output of the process."""
-        self._errors.seek(0)
-        return self._errors.read()
+        return self._process.err.read_text()
 
     def ends(self) -> tuple[int, str]:
         """Wait for the end; return the exit code and all that it has said."""
-        self._process.communicate(timeout=10)
+        code = self._process.wait(10)
+        assert code is not None, "it goes on"
         said = self.said
-        self._errors.close()
-        return self._process.returncode, said
+        self._folder.cleanup()
+        return code, said

@@ -13,7 +13,7 @@ from pointit.cli.run.replay import replay
 from pointit.runtime.bus.local_broker import LocalBroker
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.errors import ConfigError
-from tests.integration.scenario.virtual_time import VirtualClock, run_virtually
+from pointit.runtime.virtual_time import VirtualClock, run_virtually
 from tests.support.data import data_file
 
 

@@ -107,10 +107,10 @@ async def test_nodes_with_tokens_are_not_reported() -> None:
     async with graphs() as at:
         node, robot = await at.node("/pointit", "router"), await at.node("/robot")
         elsewhere = await at.node("/elsewhere", domain_id=DOMAIN + 1)
-        elsewhere.hears("/ray", POSE)
+        elsewhere.hears("/ray", POSE, SENSOR)
         writer = node.backend.advertise("/ray", POSE, SENSOR)
         back = robot.backend.advertise("/back", POSE, SENSOR)
-        to_robot, to_node = robot.hears("/ray", POSE), node.hears("/back", POSE)
+        to_robot, to_node = robot.hears("/ray", POSE, SENSOR), node.hears("/back", POSE, SENSOR)
         for count in range(1, 4):
             await arrives(lambda: writer.put(cdr_of(len(to_robot))), to_robot, count)
             await arrives(lambda: back.put(cdr_of(len(to_node))), to_node, count)

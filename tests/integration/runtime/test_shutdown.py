@@ -18,7 +18,7 @@ from pointit.runtime.link.link import Link
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas.topics import SERVICE_ALIVE
 from tests.support.bench import until
-from tests.support.buses import RouterProcess, free_port, router_process
+from tests.support.buses import free_port, router_process
 from tests.support.pace import slowness
 
 END_S = 2.0
@@ -204,9 +204,12 @@ def test_a_task_that_does_not_end_is_cut_off_and_named() -> None:
 
 @pytest.mark.parametrize("number", SIGNALS)
 def test_the_router_says_where_it_listens_and_ends_on_a_signal(number: int) -> None:
-    router = RouterProcess()
-    router.start()  # fails unless the address is in its first line
-    assert router.stop(number) < end_s()
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    with process("-m", "pointit.cli", "router", "--listen", endpoint) as router:
+        assert router.stdout is not None
+        assert endpoint in router.stdout.readline()
+        code, is_quick = ended(router, number)
+        assert (code, is_quick) == (0, True)
 
 
 def test_a_router_on_a_taken_port_says_so_in_a_sentence() -> None:

@@ -17,6 +17,7 @@ from pointit.launch.run.score import Score
 from pointit.runtime.bus.local_broker import LocalBroker
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.service.service import run_services
+from pointit.runtime.virtual_time import START_NS, VirtualClock, run_virtually
 from pointit.schemas import (
     NS_PER_S,
     Anchor,
@@ -46,7 +47,6 @@ from pointit.schemas.topics import (
 )
 from pointit.services.user_sim import service as user_sim
 from pointit.services.user_sim.person import Person
-from tests.integration.scenario.virtual_time import START_NS, VirtualClock, run_virtually
 from tests.unit.cli_run.drawn import FRAME, shown
 
 USER = "anna"

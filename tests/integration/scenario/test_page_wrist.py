@@ -21,6 +21,7 @@ from pointit.launch.plan.scenario import read_scenario
 from pointit.runtime.bus.local_broker import LocalBroker
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.service.service import Launch, run_services
+from pointit.runtime.virtual_time import START_NS, VirtualClock, run_virtually
 from pointit.schemas import (
     NS_PER_S,
     BodyMeasures,
@@ -46,7 +47,6 @@ from pointit.schemas.topics import (
 from pointit.services.imu_bridge.config import ImuBridgeConfig
 from pointit.services.imu_bridge.service import ImuBridge
 from pointit.sim.aim import Stance
-from tests.integration.scenario.virtual_time import START_NS, VirtualClock, run_virtually
 
 USER = "anna"
 PAGE_HZ = 30.0

@@ -16,6 +16,7 @@ from pointit.runtime.bus.contract import Bus
 from pointit.runtime.bus.local_broker import LocalBroker
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.service.service import Launch, run_services
+from pointit.runtime.virtual_time import START_NS, VirtualClock, run_virtually
 from pointit.schemas import (
     NS_PER_S,
     ButtonEvent,
@@ -32,7 +33,6 @@ from pointit.services.localizer.config import LocalizerConfig
 from pointit.services.localizer.service import Localizer
 from pointit.services.supervisor.config import SupervisorConfig
 from pointit.services.supervisor.service import Supervisor
-from tests.integration.scenario.virtual_time import START_NS, VirtualClock, run_virtually
 from tests.unit.localizer.lab import PLACES, ROOM
 from tests.unit.localizer.person import Person
 

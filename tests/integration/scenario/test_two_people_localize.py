@@ -11,9 +11,9 @@ from pointit.launch.plan.scenario import read_scenario
 from pointit.runtime.bus.local_broker import LocalBroker
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.service.service import run_services
+from pointit.runtime.virtual_time import VirtualClock, run_virtually
 from pointit.schemas import UserPose
 from pointit.schemas.topics import INTERACTION, POSE
-from tests.integration.scenario.virtual_time import VirtualClock, run_virtually
 
 USERS = ("user1", "user2")
 

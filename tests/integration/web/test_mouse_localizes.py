@@ -21,12 +21,12 @@ from pointit.launch.plan.scenario import read_scenario
 from pointit.runtime.bus.local_broker import LocalBroker
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.service.service import Launch, run_services
+from pointit.runtime.virtual_time import VirtualClock, run_virtually
 from pointit.schemas import ButtonEvent, Cursor, Environment, Localization, UserPose
 from pointit.schemas.topics import BUTTON, CURSOR, LOCALIZATION, MAP, POSE, PROFILE, WRIST
 from pointit.services.imu_bridge.config import ImuBridgeConfig
 from pointit.services.imu_bridge.service import ImuBridge
 from pointit.services.user_sim.service import UserSim
-from tests.integration.scenario.virtual_time import VirtualClock, run_virtually
 
 USER = "anna"
 PLACE = Place(position_m=(2.3, 0.2, 0.0), yaw_deg=35.0)

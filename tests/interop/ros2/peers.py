@@ -36,7 +36,7 @@ class Dora:
         configuration.write_text(json.dumps(settings))
         prefix = folder / "ament"
         if not prefix.exists():
-            install(prefix, TYPES, {*(route.type for route in routes().all), *STANDARD_SERVICES})
+            install(prefix, TYPES, {*(route.type for route in routes(ros4hri=True).all), *STANDARD_SERVICES})
         self.name = name
         self._trace = folder / f"{name}.trace"
         self._command = (f"{python}", "-W", "ignore", f"{HERE / 'dora_peer.py'}", name, f"{configuration}")

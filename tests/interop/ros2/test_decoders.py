@@ -29,7 +29,7 @@ pytestmark = pytest.mark.timeout(600)  # .venv-peers may have to be made
 
 FIELDS = {name: fields for name, (_, fields) in Definitions("jazzy").store.fielddefs.items()}
 EMITTED = sorted(
-    {row.type for row in routes().all if not isinstance(row, InboundRoute | ServiceRoute)}
+    {row.type for row in routes(ros4hri=True).all if not isinstance(row, InboundRoute | ServiceRoute)}
     | {TYPES.response_of(row.type) for row in routes().served}
 )
 EXAMPLES = settings(max_examples=25, suppress_health_check=[HealthCheck.data_too_large])

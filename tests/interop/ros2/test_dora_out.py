@@ -41,7 +41,7 @@ QOS = {
 }
 """As genuine rmw_zenoh writes them: nothing of ours has made these texts."""
 CODES = {OutboundRoute: "MP", InboundRoute: "MS", ServiceRoute: "SS"}
-ROWS = [row for row in routes().all if row.enabled]
+ROWS = [row for row in routes(ros4hri=True).all if row.enabled]
 LOOKED_AT: tuple[Topic[Any], ...] = (
     ours.POSE,
     ours.RAY,
@@ -68,7 +68,7 @@ GOAL = Goal(
 @pytest.fixture(scope="module")
 def place(tmp_path_factory: pytest.TempPathFactory, peers_python: Path) -> Iterator[Site]:
     with site(tmp_path_factory.mktemp("site"), peers_python) as made:
-        made.run_with_bridge()
+        made.run_with_bridge("--set", "ros2.ros4hri=true")
         made.dora.start()
         yield made
 
@@ -122,7 +122,11 @@ async def test_the_graph_has_every_route_with_its_type_hash_and_quality(place: S
         return {(each[5], *each[9:]) for each in mine if len(each) == 13}
 
     def of_user1(graph: set[tuple[str, ...]]) -> set[tuple[str, ...]]:
-        return {each for each in graph if not each[1].startswith(("%user2", "%led_", "%visitor"))}
+        return {
+            each
+            for each in graph
+            if "%user2" not in each[1] and not each[1].startswith(("%led_", "%visitor"))
+        }
 
     await until(lambda: of_user1(found()) >= of_user1(expected), 20, "every route in the graph")
     assert of_user1(found()) == of_user1(expected)
@@ -182,6 +186,11 @@ def _are_strips(value: Any, seen: Seen) -> bool:
     return any(any(each) for each in data) and data in drawn
 
 
+def _is_frame(value: Any, frame: str, child: str) -> bool:
+    (transform,) = value["transforms"]
+    return (transform["header"]["frame_id"], transform["child_frame_id"]) == (frame, child)
+
+
 def _is_now(stamp: Any) -> bool:
     return bool(abs(stamp["sec"] - time.time()) < 60)
 
@@ -224,6 +233,21 @@ CHECKS: dict[str, Callable[[Any, Seen], bool]] = {
     "led_strips": _are_strips,
     "lamp_color": lambda value, _: tuple(value.values()) == pytest.approx((0.2, 0.4, 1.0, 1.0)),
     "step_number": lambda value, _: value == {"data": 3},
+    "tracked_people": lambda value, _: "user1" in value["ids"],
+    "known_people": lambda value, _: "user1" in value["ids"],
+    "tracked_bodies": lambda value, _: "user1_body" in value["ids"],
+    "anonymous": lambda value, _: value == {"data": False},
+    "body_id": lambda value, _: value == {"data": "user1_body"},
+    "location_confidence": lambda value, _: 0.0 < value["data"] <= 1.0,
+    "joint_states": lambda value, _: (
+        dict(zip(value["name"], value["position"], strict=True))["r_p_shoulder_user1_body"] > 0.0
+    ),
+    "candidate_matches": lambda value, _: (
+        (value["id1"], value["id2"], value["confidence"]) == ("user1_body", "user1", 1.0)
+    ),
+    "person_tf": lambda value, _: _is_frame(value, "world", "person_user1"),
+    "body_tf": lambda value, _: _is_frame(value, "world", "body_user1_body"),
+    "head_tf": lambda value, _: _is_frame(value, "body_user1_body", "head_user1_body"),
 }
 
 
@@ -264,7 +288,7 @@ SIMULATED = "clock"
 async def test_every_route_brings_the_values_that_are_on_our_bus(place: Site, seen: Seen) -> None:
     rows = [row for row in ROWS if isinstance(row, OutboundRoute) and row.name != SIMULATED]
     assert {row.name for row in rows} == set(CHECKS), "every route is looked at"
-    for row in rows:
+    for row in {row.ros: row for row in rows}.values():
         latched, depth = row.qos.latched, row.qos.depth
         await place.dora.do("listen", topic=name_of(row), type=row.type, latched=latched, depth=depth)
     await until(lambda: len(seen.by_stamp[ours.RAY.key]) > 10, 20, "rays of user1")

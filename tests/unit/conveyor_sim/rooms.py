@@ -1,5 +1,6 @@
 """Rooms with belts by hand, and what must hold in every one of them."""
 
+import functools
 import math
 from collections.abc import Sequence
 from itertools import combinations
@@ -116,9 +117,12 @@ def halves(a: TrackedObject, b: TrackedObject) -> float:
     return (a.length_m + b.length_m) / 2.0
 
 
+_line = functools.cache(Polyline)
+
+
 def check_apart(environment: Environment, objects: Sequence[TrackedObject], *, corners: bool = True) -> None:
     """Fail where two packages overlap: on a belt, over a link, or anywhere in the room."""
-    lines = {line.id: Polyline(line.line_m) for line in environment.belts}
+    lines = {line.id: _line(line.line_m) for line in environment.belts}
     for a, b in combinations(objects, 2):
         if a.surface_id == b.surface_id != "":  # else both are on bridges
             apart_m = abs(a.surface_position_m - b.surface_position_m)

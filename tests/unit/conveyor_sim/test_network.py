@@ -84,17 +84,17 @@ def test_a_fork_off_the_middle_counts_on_the_belt_that_it_leads_to() -> None:
 
 def test_packages_behind_a_belt_that_stands_queue_up_and_go_on_with_it() -> None:
     belts = plant(CHAIN, feeder={"sequence": ["red"], "interval_s": 1.5, "length_m": 0.3})
-    run(belts, 12.0)
+    run(belts, 12.0, step_s=0.2)
     belts.set_speed(0.0, ("c",))
-    run(belts, 60.0)
+    run(belts, 60.0, step_s=0.2)
     waiting = [t for t in belts.tracked(0).objects if t.surface_id in {"a", "b"}]
     assert len(waiting) >= 13
     assert {tracked.surface_speed_mps for tracked in waiting} == {0.0}
     fed = belts.fed
-    run(belts, 70.0)
+    run(belts, 70.0, step_s=0.2)
     assert belts.fed == fed, "a feeder waits for room"
     belts.set_speed(0.5)
-    run(belts, 75.0)
+    run(belts, 75.0, step_s=0.2)
     assert all(t.surface_speed_mps == 0.5 for t in belts.tracked(0).objects if t.surface_id == "c")
     assert belts.fed > fed
 
@@ -144,20 +144,20 @@ def test_a_ring_is_never_filled_so_it_never_comes_to_a_standstill() -> None:
 def test_a_ring_takes_no_more_by_hand_either() -> None:
     belts = plant(RING, feeder={"sequence": []}, bay_rest="none", lanes=["south", "east", "north", "west"])
     added = 0
-    for _ in range(1000):
+    for _ in range(400):
         with contextlib.suppress(NoRoomError):
             belts.add("x", "south", 0.3)
             added += 1
         belts.step(belts.now_ns + S // 5)
     assert added >= 5
-    moving = {t.id for objects in run(belts, 260.0) for t in objects if t.surface_speed_mps}
+    moving = {t.id for objects in run(belts, 140.0, step_s=0.2) for t in objects if t.surface_speed_mps}
     assert len(moving) == belts.size == added
 
 
 def test_package_without_room_behind_a_junction_does_not_enter_it() -> None:
     belts = plant(CROSS, feeders={"w": every("w", 1.5, kind="red"), "n": every("n", 1.5, kind="blue")})
     belts.set_speed(0.0, ("e",))
-    run(belts, 60.0)
+    run(belts, 60.0, step_s=0.2)
     counts = {(bay.bay, bay.kind): bay.count for bay in belts.state(0).bays}
     assert counts[("1", "blue")] >= 25
     assert ("3", "red") not in counts
@@ -219,11 +219,11 @@ def test_a_queue_ends_before_the_junction() -> None:
     )
     belts = plant(longer, feeders={"w": every("w", 1.5, kind="red"), "n": every("n", 1.5, kind="blue")})
     belts.set_speed(0.0, ("f",))
-    run(belts, 100.0)
+    run(belts, 70.0, step_s=0.2)
     assert sum(t.surface_id in {"e", "f"} for t in belts.tracked(0).objects) >= 5
     assert not [t for t in belts.tracked(0).objects if 3.1 < t.position_m[0] < 3.9 and t.position_m[1] == 0.0]
     counts = {(bay.bay, bay.kind): bay.count for bay in belts.state(0).bays}
-    assert counts[("1", "blue")] >= 40
+    assert counts[("1", "blue")] >= 25
 
 
 def test_nothing_is_put_beside_what_passes_a_junction() -> None:
@@ -252,7 +252,7 @@ def test_one_that_waits_at_a_junction_does_not_touch_those_that_pass(links: int)
     hall = CROSS.model_copy(update={"links": CROSS.links[:links]})  # with one, the belts cross and no more
     belts = plant(hall, feeders={"w": every("w", 1.0, kind="red"), "n": every("n", 1.3, kind="blue")})
     held = 0
-    for objects in run(belts, 60.0):
+    for objects in run(belts, 50.0, step_s=0.1):
         check_apart(CROSS, objects)
         held += any(tracked.surface_speed_mps == 0.0 for tracked in objects)
     assert held, "nobody ever had to wait: this tests nothing"

@@ -6,14 +6,13 @@ import sqlite3
 from pathlib import Path
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from pointit.services.conveyor_sim.persistence import FILE, PlantPersistence, fingerprint
 from tests.unit.conveyor_sim.rooms import CHAIN, FORK, ROOMS, S, check_apart, config, plant
 
 
-@settings(max_examples=30)
 @given(
     st.sampled_from(sorted(ROOMS)),
     st.floats(1.0, 40.0),

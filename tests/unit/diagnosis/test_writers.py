@@ -2,7 +2,8 @@
 
 import pytest
 
-from pointit.diagnosis.writers import instance_of, present_writers, silence_reason, split_instance
+from pointit.diagnosis.writers import present_writers, silence_reason
+from pointit.schemas.system import instance_of, split_instance
 from pointit.schemas.topics import CLOCK, CURSOR, HEALTH, IMU, MAP, POSE, RAY
 
 PRESENT = {"pointing.anna", "pointing.ben", "pui", "user-sim.anna", "imu-bridge.ben"}

@@ -107,7 +107,7 @@ def test_what_corrections_leave(tmp_path: Path) -> None:
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of a terminal")
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.long)])
 def test_it_ends_at_once_with_all_its_processes(number: int, tmp_path: Path) -> None:
     write_acts(tmp_path, {str(i): (1.7, Stand(noise_deg=4.0)) for i in range(40)})
     running = subprocess.Popen(

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from foxglove.messages import SceneUpdate
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from pointit.bridges.foxglove.room import SHARPEST, Lines, ribbon, room
@@ -161,7 +161,6 @@ odd_maps = st.builds(
 )
 
 
-@settings(max_examples=60)
 @given(odd_maps)
 def test_any_map_can_be_shown(environment: Environment) -> None:
     scene = Scene({}, 1.0)

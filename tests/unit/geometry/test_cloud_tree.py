@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
@@ -34,7 +34,6 @@ def some_ray(rng: np.random.Generator) -> tuple[Vec3, Vec3]:
     return (x, y, z), vector.direction(float(rng.uniform(-3.1, 3.1)), float(rng.uniform(-1.5, 1.5)))
 
 
-@settings(max_examples=60)
 @given(seeds, st.sampled_from(MEASURES))
 def test_no_point_is_overlooked(seed: int, measure: CloudMeasure) -> None:
     rng = np.random.default_rng(seed)
@@ -49,7 +48,6 @@ def test_no_point_is_overlooked(seed: int, measure: CloudMeasure) -> None:
         assert math.dist(hit.point_m, points[hit.target].tolist()) == 0.0
 
 
-@settings(max_examples=60)
 @given(seeds, st.sampled_from(MEASURES), st.floats(0.01, 1.0))
 def test_nothing_beyond_the_tolerance_and_all_within(
     seed: int, measure: CloudMeasure, tolerance: float
@@ -66,7 +64,6 @@ def test_nothing_beyond_the_tolerance_and_all_within(
         assert expected[hit.target] == pytest.approx(expected.min(), abs=2e-7)
 
 
-@settings(max_examples=60)
 @given(seeds, st.sampled_from(MEASURES), st.floats(-2.0, 6.0))
 def test_points_beyond_the_reach_are_left_out(seed: int, measure: CloudMeasure, reach_m: float) -> None:
     rng = np.random.default_rng(seed)

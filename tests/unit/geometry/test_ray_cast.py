@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from pointit.geometry import rotation, vector
@@ -193,7 +193,6 @@ def test_nothing_to_cast_at() -> None:
 # the paper's k-d tree
 
 
-@settings(max_examples=50)
 @given(seeds)
 def test_the_tree_agrees_with_the_exact_cast_within_its_step(seed: int) -> None:
     rng = random.Random(seed)
@@ -207,7 +206,6 @@ def test_the_tree_agrees_with_the_exact_cast_within_its_step(seed: int) -> None:
     assert exact.miss_m - 1e-9 <= found.miss_m <= exact.miss_m + 0.05 + 1e-9
 
 
-@settings(max_examples=50)
 @given(seeds)
 def test_the_tree_finds_the_nearest_neighbour_of_any_point_of_the_ray(seed: int) -> None:
     rng = random.Random(seed)
@@ -251,7 +249,6 @@ def test_the_tree_sees_only_as_far_as_its_ray() -> None:
 # what is further along the ray
 
 
-@settings(max_examples=50)
 @given(seeds, measures, st.floats(-1.0, 6.0))
 def test_what_is_beyond_the_reach_is_cut_off(seed: int, measure: Measure, reach_m: float) -> None:
     rng = random.Random(seed)

@@ -101,7 +101,6 @@ def test_no_point_of_the_skin_is_missed_by_less(seed: int, form: str, measure: M
         assert not solid.contains(vector.subtract(hit.point_m, inwards))
 
 
-@settings(max_examples=80)
 @given(seeds, forms)
 def test_a_ray_to_a_point_inside_of_its_outline_meets_it_there_or_before(seed: int, form: str) -> None:
     rng = random.Random(seed)
@@ -115,7 +114,6 @@ def test_a_ray_to_a_point_inside_of_its_outline_meets_it_there_or_before(seed: i
     assert ahead <= vector.norm(reach) + 1e-6 or solid.contains(origin)
 
 
-@settings(max_examples=80)
 @given(seeds, forms)
 def test_what_is_met_is_on_the_skin_and_nothing_is_before(seed: int, form: str) -> None:
     rng = random.Random(seed)
@@ -213,7 +211,6 @@ def test_a_plane_without_end_is_met_or_not_there() -> None:
 # many
 
 
-@settings(max_examples=100)
 @given(seeds, st.sampled_from(MEASURES), st.integers(1, 15), st.floats(0.02, 1.0))
 def test_of_many_the_first_met_or_else_the_closest(
     seed: int, measure: Measure, count: int, tolerance: float
@@ -234,7 +231,6 @@ def test_of_many_the_first_met_or_else_the_closest(
         assert solids[hit.target].uv_at(hit.point_m) == hit.uv_m
 
 
-@settings(max_examples=100)
 @given(seeds, st.integers(1, 15))
 def test_the_first_that_hides_is_the_first_that_is_met_from_outside(seed: int, count: int) -> None:
     rng = random.Random(seed)

@@ -37,7 +37,6 @@ def ray(origin: tuple[float, float, float], azimuth: float, elevation: float, st
     return PointingRay(stamp_ns=stamp_ns, origin_m=origin, direction=direction)
 
 
-@settings(max_examples=40)
 @given(
     st.lists(places, min_size=2, max_size=4, unique=True),
     st.lists(st.tuples(places, angles, angles), min_size=1, max_size=4),
@@ -68,7 +67,6 @@ def seen_from(
 AT_THE_EDGE = ((FARTHEST, 2.0), (FARTHEST, -2.0), (FARTHEST - 2.0, 0.0))
 
 
-@settings(max_examples=40)
 @given(
     st.lists(st.tuples(places, places), min_size=1, max_size=5),
     st.lists(st.tuples(places, angles, angles), min_size=1, max_size=4),

@@ -82,7 +82,6 @@ def test_whatever_happens_the_covariance_stays_one(happened: list[Step], sigma: 
     check(drift.at(2**62), drift._state.covariance)
 
 
-@settings(max_examples=60)
 @given(st.lists(st.floats(20.0, 120.0), min_size=1, max_size=6), st.floats(-0.4, 0.4), st.integers(0, 999))
 def test_the_yaw_gets_surer_by_an_anchor_and_less_sure_in_between(
     pauses: list[float], rate_degps: float, seed: int
@@ -133,7 +132,6 @@ def history(
     return said, drift.predict(400 * NS_PER_S)
 
 
-@settings(max_examples=50)
 @given(
     angles,
     st.floats(-100.0, 100.0),

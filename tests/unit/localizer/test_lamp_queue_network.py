@@ -8,7 +8,7 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from pointit.schemas import Environment, Lamp, LampLeases, Localization, PointingRay, SetPose
@@ -183,10 +183,8 @@ class World:
 
 delays = st.lists(st.floats(0.0, DELAY_S), min_size=len(NAMES), max_size=len(NAMES))
 areas = st.lists(st.sampled_from([LEFT, RIGHT]), min_size=2, max_size=len(NAMES))
-SOME = settings(max_examples=60)
 
 
-@SOME
 @given(
     delays_s=delays,
     order=st.permutations(NAMES),
@@ -211,7 +209,6 @@ def test_first_come_is_first_served_and_never_two_at_once(
             assert last[one] < last[other], (one, other)
 
 
-@SOME
 @given(areas, delays, st.data())
 def test_every_wait_ends_despite_losses_and_crashes(
     lamps: list[tuple[str, ...]], delays_s: list[float], data: st.DataObject
@@ -246,7 +243,6 @@ def test_every_wait_ends_despite_losses_and_crashes(
     assert world.longest_ns <= (LOSS_S + 1.0 + 2 * DELAY_S) * S + 4 * STEP_NS
 
 
-@SOME
 @given(delays, st.floats(0.0, 1.0))
 def test_disjoint_sets_of_lamps_are_used_side_by_side(delays_s: list[float], gap_s: float) -> None:
     world = World([LEFT, RIGHT], delays_s)
@@ -261,7 +257,6 @@ def test_disjoint_sets_of_lamps_are_used_side_by_side(delays_s: list[float], gap
     assert ben.target
 
 
-@SOME
 @given(
     st.lists(st.sampled_from([LEFT, MIDDLE, RIGHT, ALL]), min_size=2, max_size=4),
     delays,

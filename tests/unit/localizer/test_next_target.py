@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from pointit.geometry.vector import Vec3
@@ -92,7 +92,6 @@ def test_the_information_is_that_of_the_solvers_residuals(seed: int) -> None:
     assert np.allclose(flat @ flat.T / ONE.ray_sigma_rad**2, told, rtol=1e-6, atol=1e-4 * told.max())
 
 
-@settings(max_examples=50)
 @given(st.integers(0, 10_000))
 def test_the_choice_is_the_one_that_leaves_the_least_uncertainty(seed: int) -> None:
     generator = np.random.default_rng(seed)

@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
@@ -149,7 +149,6 @@ def test_the_sign_of_a_quaternion_means_nothing() -> None:
     assert other[0].yaw_rate_radps == pytest.approx(plain[0].yaw_rate_radps, abs=1e-12)
 
 
-@settings(max_examples=30)
 @given(st.floats(-0.8, 0.8), st.floats(-1.55, 0.5), st.integers(0, 1000))
 def test_every_rate_that_is_told_is_possible(rate_degps: float, elevation: float, seed: int) -> None:
     radps = math.radians(rate_degps)

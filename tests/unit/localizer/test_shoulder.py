@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
@@ -102,7 +102,6 @@ def test_poses_with_a_shoulder_are_as_honest_as_without(moving: bool) -> None:  
     assert honest >= 0.95
 
 
-@settings(deadline=None, max_examples=30)
 @given(
     st.integers(0, 1000),
     st.sampled_from(["eye_finger", "shoulder_arm", "forearm"]),

@@ -247,4 +247,3 @@ async def test_without_led_driver_people_are_localized_by_lamps_that_are_named()
         await room.bench.end(room.led_driver)
         assert await room.start("anna") == "localizing by static targets"
         await room.solved("anna")
-        assert room.shining == []

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from pointit.geometry import vector
@@ -169,7 +169,6 @@ def test_eyes_within_a_thing_see_out_of_it() -> None:
     assert met(surfaces("cylinder", room=room), (5.0, 0.0, 1.0)) == ("cylinder", "c")
 
 
-@settings(max_examples=60)
 @given(
     st.floats(-3.1, 3.1),
     st.floats(-1.2, 0.5),

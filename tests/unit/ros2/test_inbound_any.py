@@ -4,7 +4,7 @@ import functools
 from typing import Any
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from pointit.bridges.ros2.routing.route_types import BusOutput, ConversionContext, ConversionWarning
@@ -110,7 +110,6 @@ def check(found: Any) -> None:
 
 
 @pytest.mark.parametrize("name", [row.name for row in routes().inward])
-@settings(max_examples=60)
 @given(data=st.data())
 def test_whatever_comes_is_taken_or_warned_of(name: str, data: st.DataObject) -> None:
     row, scene = into(name), furnished()
@@ -125,7 +124,6 @@ def test_whatever_comes_is_taken_or_warned_of(name: str, data: st.DataObject) ->
 
 
 @pytest.mark.parametrize("name", [row.name for row in routes().served])
-@settings(max_examples=40)
 @given(data=st.data())
 def test_whatever_is_asked_is_answered(name: str, data: st.DataObject) -> None:
     row, scene = server(name), furnished()

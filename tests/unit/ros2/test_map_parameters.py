@@ -7,7 +7,7 @@ from typing import Any, cast
 
 import pytest
 import yaml
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from pointit.bridges.ros2.parameters.map_parameters import (
@@ -100,11 +100,11 @@ def test_what_the_parameters_are_called() -> None:
 
 
 def test_what_docs_tell_of_a_nodes_parameters_is_a_map() -> None:
-    text = (Path(__file__).parents[3] / "docs/maps.md").read_text(encoding="utf-8")
+    text = (Path(__file__).parents[3] / "docs/reference/maps.md").read_text(encoding="utf-8")
     (block,) = (
         each for each in re.findall(r"```yaml\n(.*?)```", text, re.DOTALL) if "ros__parameters" in each
     )
-    nested = parse_yaml(block.encode(), "docs/maps.md")["/pui_node"]["ros__parameters"]
+    nested = parse_yaml(block.encode(), "docs/reference/maps.md")["/pui_node"]["ros__parameters"]
     tree = tree_of(dict(named(nested, "")))
     assert set(tree) == {"leds", "strips", "belts", "links", "bays"}
     file = parse_map_file(yaml.safe_dump(tree).encode(), Path("docs.yaml"))
@@ -144,11 +144,9 @@ TREE = st.fixed_dictionaries(
 
 
 # Others load the machine, too.
-PATIENT = settings(max_examples=50)
 
 
 @given(TREE, st.sampled_from(["", "map", "a.b"]))
-@PATIENT
 def test_any_tree_is_parameters_and_itself_again(tree: dict[str, Any], prefix: str) -> None:
     parameters = parameters_of(tree, prefix)
     assert of_maps(parameters, prefix) == list(parameters)
@@ -168,7 +166,6 @@ PARAMETERS = st.dictionaries(
 
 
 @given(PARAMETERS, st.sampled_from(["", "leds", "a"]))
-@PATIENT
 def test_any_parameters_are_a_tree_or_refused(parameters: dict[str, Any], prefix: str) -> None:
     wanted = of_maps(parameters, prefix)
     try:

@@ -316,7 +316,7 @@ def test_times_after_2038_are_the_last_that_ros_can_tell(table: Routes) -> None:
     assert (value.header.stamp.sec, value.header.stamp.nanosec) == (LAST_S, 0)
 
 
-ROWS = [(row.name, topic) for row in routes().outward for topic in row.reads]
+ROWS = [(row.name, topic) for row in routes(ros4hri=True).outward for topic in row.reads]
 
 
 @pytest.mark.parametrize(("name", "topic"), ROWS, ids=[f"{name}-{topic.key}" for name, topic in ROWS])
@@ -325,7 +325,7 @@ ROWS = [(row.name, topic) for row in routes().outward for topic in row.reads]
 def test_whatever_the_bus_may_carry_is_converted_and_encoded(
     name: str, topic: Any, data: st.DataObject
 ) -> None:
-    scene, row = furnished(), out(routes(), name)
+    scene, row = furnished(), out(routes(ros4hri=True), name)
     others = data.draw(st.lists(st.sampled_from(TOPICS), max_size=2))
     for other in others:
         scene.take("user1", data.draw(messages(other.message)), NOW_NS)

@@ -3,7 +3,7 @@
 from typing import Any
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from pointit.bridges.ros2.parameters.values import FIELDS, MESSAGE, message_of, value_of
@@ -23,7 +23,6 @@ VALUE = st.one_of(
 
 
 @given(VALUE)
-@settings(max_examples=60)
 def test_values_survive_a_round_trip(value: Any) -> None:
     again = value_of(TYPES.decode(MESSAGE, TYPES.encode(MESSAGE, message_of(TYPES, value))))
     assert again == value

@@ -102,6 +102,7 @@ def test_a_file_changes_routes(tmp_path: Path) -> None:
         ("routes: {pose: {enabled: maybe}}", "true or false"),
         ("routes: {add_pack: {rate_hz: 5}}", "a service has none"),
         ("routes: {packages: {ros: /pointers}}", "'/pointers' is that of packages already"),
+        ("routes: {packages: {ros: /tf}}", "'/tf' is that of tf already"),
         ("prefix: site1", "begin with /"),
         ("world: '{user}/map'", "leave {user} out"),
         ("person: human", "write {user}"),

@@ -4,7 +4,7 @@ import struct
 from typing import Any
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from pointit.bridges.ros2.types.definitions import Definitions
@@ -32,12 +32,10 @@ FIELDS = {name: fields for name, (_, fields) in Definitions("jazzy").store.field
 
 
 # Others load the machine, too; 28 tests make do with 40 examples each.
-PATIENT = settings(max_examples=40)
 
 
 @pytest.mark.parametrize("name", NAMES)
 @given(data=st.data())
-@PATIENT
 def test_values_survive_a_round_trip(name: str, data: st.DataObject) -> None:
     value = data.draw(any_value(TYPES, FIELDS, name))
     cdr = TYPES.encode(name, value)
@@ -49,7 +47,6 @@ def test_values_survive_a_round_trip(name: str, data: st.DataObject) -> None:
 
 
 @given(st.sampled_from(NAMES), st.binary(max_size=300))
-@PATIENT
 def test_any_bytes_are_read_or_refused(name: str, data: bytes) -> None:
     decode_or_refuse(name, b"\x00\x01\x00\x00" + data)
     decode_or_refuse(name, data)
@@ -57,7 +54,6 @@ def test_any_bytes_are_read_or_refused(name: str, data: bytes) -> None:
 
 @pytest.mark.parametrize("name", NAMES)
 @given(data=st.data())
-@PATIENT
 def test_damaged_bytes_are_read_or_refused(name: str, data: st.DataObject) -> None:
     """A valid message with some bytes changed, a huge length, or a missing end."""
     cdr = bytearray(TYPES.encode(name, data.draw(any_value(TYPES, FIELDS, name))))

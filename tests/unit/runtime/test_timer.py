@@ -3,7 +3,7 @@
 import asyncio
 
 from pointit.runtime.timer import Timer
-from tests.integration.scenario.virtual_time import run_virtually
+from pointit.runtime.virtual_time import run_virtually
 
 
 def test_of_several_starts_the_earliest_end_counts_once() -> None:

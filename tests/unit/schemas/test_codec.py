@@ -47,7 +47,6 @@ def packed(**fields: Any) -> bytes:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@settings(max_examples=40)
 @given(data=st.data())
 def test_every_message_survives_the_wire(kind: type[Message | Query], data: st.DataObject) -> None:
     message = data.draw(messages(kind))
@@ -59,7 +58,6 @@ def test_every_message_survives_the_wire(kind: type[Message | Query], data: st.D
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@settings(max_examples=60)
 @given(payload=st.binary(max_size=200), schema=st.text(max_size=20))
 def test_random_bytes_raise_nothing_but_decode_errors(
     kind: type[Message | Query], payload: bytes, schema: str

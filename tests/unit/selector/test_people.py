@@ -1,7 +1,7 @@
 """Several people at once: reservations, owners, presence, undo, release; one owner whatever happens."""
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from pointit.schemas import TrackedObjects
@@ -279,7 +279,6 @@ def do(room: Room, doing: Doing) -> None:
     st.sampled_from([1.0, 3600.0]),
     st.lists(st.one_of(stays, stays, others), min_size=5, max_size=25),
 )
-@settings(max_examples=50)
 def test_whatever_people_do_an_object_has_one_owner_and_events_tell_the_story(
     method: str, ownerless_after_s: float, doings: list[Doing]
 ) -> None:

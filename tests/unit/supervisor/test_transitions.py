@@ -9,9 +9,9 @@ DOCS = Path(__file__).parents[3] / "docs"
 
 
 def test_the_document_shows_the_table() -> None:
-    page = runpy.run_path(str(DOCS / "picture_life_cycle.py"))["page"]
-    is_same = (DOCS / "life_cycle.md").read_text(encoding="utf-8") == page()
-    assert is_same, "run: python docs/picture_life_cycle.py"
+    page = runpy.run_path(str(DOCS / "pictures/life_cycle.py"))["page"]
+    is_same = (DOCS / "explanation/life_cycle.md").read_text(encoding="utf-8") == page()
+    assert is_same, "run: python docs/pictures/life_cycle.py"
 
 
 def test_no_row_hides_behind_one_whose_conditions_always_hold_with_it() -> None:

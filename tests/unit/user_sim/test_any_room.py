@@ -3,7 +3,7 @@
 from typing import Literal
 
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from pointit.schemas import (
@@ -45,7 +45,6 @@ cues: st.SearchStrategy[Literal["target", "started"]] = st.sampled_from(["target
 names = st.sampled_from(["a", "b"])
 
 
-@settings(max_examples=100)
 @given(
     st.lists(st.tuples(anything, names, st.floats(0.0, 5.0), st.booleans()), max_size=12),
     st.sampled_from(["select", "strips", "lamps", "random", "send"]),

@@ -1,7 +1,7 @@
 """Perception of rendered frames: the own cursor anywhere, and states of things."""
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from pointit.geometry.polyline import Polyline
@@ -130,7 +130,6 @@ def profile(color: tuple[int, int, int] = WHITE, **more: object) -> UserProfile:
     return UserProfile.model_validate({"stamp_ns": 0, "cursor_color": color, **more})
 
 
-@settings(max_examples=60)
 @given(
     st.floats(0.0, 5.0),
     st.sampled_from(["0", "1"]),

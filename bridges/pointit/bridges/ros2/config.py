@@ -68,11 +68,15 @@ class Ros2Config(Config):
     routes: Path | None = Field(
         default=None,
         description="YAML file that changes names, rates and frames of routes, or leaves some out; "
-        "docs/ros2.md lists them",
+        "`docs/how-to/ros2.md` in the repository lists them",
     )
     unread: bool = Field(
         default=False,
         description="publish also what no node in the ROS graph subscribes to, at the cost of what is read",
+    )
+    ros4hri: bool = Field(
+        default=False,
+        description="also publish people as REP-155 (ROS4HRI) defines, so that pyhri and libhri list them",
     )
     people: tuple[str, ...] = Field(
         default=(),

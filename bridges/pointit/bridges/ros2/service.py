@@ -42,7 +42,7 @@ class Ros2(Service[Ros2Config]):
     def __init__(self, config: Ros2Config, context: Context) -> None:
         """Make types and routes; subscribes when the ROS graph is joined."""
         super().__init__(config, context)
-        self._table = _only(routes(config.routes), lambda route: route.enabled)
+        self._table = _only(routes(config.routes, ros4hri=config.ros4hri), lambda route: route.enabled)
         types = Types(config.backend.distro)
         self._leave_out(_unusable(self._table, types))
         file = self._table.file
@@ -129,7 +129,7 @@ class Ros2(Service[Ros2Config]):
 
     def _meet(self, outbox: Outbox, inbox: Inbox, user: str, present: bool) -> None:  # noqa: FBT001 - the bus's
         if present:
-            self._scene.person(user)  # their frame is known from now on
+            self._scene.person(user).is_here = True  # their frame is known from now on
             outbox.join(user)
             inbox.join(user)
             for topic, message in self._people.on_join(user):

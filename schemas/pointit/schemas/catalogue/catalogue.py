@@ -6,6 +6,7 @@ Files are mappings of relative path to content here; `pointit topic schema` read
 import json
 import re
 from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
 from typing import Any
 
 from pointit.schemas.catalogue import asyncapi
@@ -18,6 +19,9 @@ from pointit.schemas.topics import REQUESTS, TOPICS
 
 WRITE = "`pointit topic schema --write`"
 """The command that brings the catalogue up to date."""
+
+SHIPPED = Path(__file__).with_name("shipped")
+"""Copy of the committed catalogue in an installed package; a checkout has it in `schemas/catalogue`."""
 
 Files = Mapping[str, bytes]
 

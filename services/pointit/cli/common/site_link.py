@@ -2,7 +2,6 @@
 
 import asyncio
 import contextlib
-import logging
 from collections.abc import AsyncGenerator, Callable, Generator, Sequence
 from contextlib import asynccontextmanager, contextmanager
 from typing import Generic, TypeVar
@@ -14,7 +13,6 @@ from pointit.runtime.bus.contract import Bus
 from pointit.runtime.errors import PointItError
 from pointit.runtime.link.options import link_of, link_options
 from pointit.runtime.service.logs import setup_logging
-from pointit.runtime.zenoh import session
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas import Message
 from pointit.schemas.topics import Topic
@@ -42,13 +40,8 @@ async def join_site(
     Raises:
         ConnectError: If no router or peer answers within `patience_s`.
     """
-    opening = logging.getLogger(session.__name__)
-    opening.setLevel(logging.ERROR)  # no "trying again until": the error at the end is enough
-    try:
-        with notify_if_slow(f"looking for {address(site, connect)} …"):
-            bus = await ZenohBus.open(link_of(site, connect), patience_s=patience_s)
-    finally:
-        opening.setLevel(logging.NOTSET)
+    with notify_if_slow(f"looking for {address(site, connect)} …"):
+        bus = await ZenohBus.open(link_of(site, connect), patience_s=patience_s)
     try:
         yield bus
     except PointItError as error:

@@ -68,7 +68,7 @@ UNSEEN_SEED = 2000
     "plot_file",
     type=click.Path(path_type=Path),
     metavar="FILE",
-    help="draw the rows, as .png or .svg; needs matplotlib (scripts/setup plot)",
+    help="draw the rows, as .png or .svg; needs the extra `plot`",
 )
 def selection(
     *,

@@ -19,7 +19,6 @@ from pointit.cli.common.site_link import PATIENCE_S, address, join_site, notify_
 from pointit.diagnosis.diagnose import diagnose, is_healthy
 from pointit.diagnosis.finding_filter import filter_findings, is_about
 from pointit.diagnosis.observation import SILENT_S, Finding, Observation, Report
-from pointit.diagnosis.writers import split_instance
 from pointit.runtime.errors import ConnectError
 from pointit.runtime.link.link import DEFAULT_ENDPOINT, DEFAULT_SITE, Link
 from pointit.runtime.link.options import given_credentials
@@ -27,7 +26,9 @@ from pointit.runtime.service.shutdown import EXIT_FAILED, run_until_shutdown
 from pointit.runtime.zenoh.sites import sites_at
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas import ClockTick, Deployment, Health, KeyHealth, Quantiles
+from pointit.schemas.system import split_instance
 from pointit.schemas.topics import ANY, CLOCK, DEPLOYMENT, HEALTH, SERVICE_ALIVE
+from pointit.services.registry import add_installed
 
 MIN_S = 1.2
 """Minimum listening time: long enough for services that report once a second."""
@@ -74,6 +75,7 @@ def command(
     Example: pointit doctor --only pui
     """
     quiet()
+    add_installed()
     credentials = given_credentials()
     known = visible_rows(credentials, folder, dt.datetime.now(dt.UTC))
     known = [row for row in known if not only or row["name"] == only]

@@ -34,12 +34,10 @@ WIDE = 110
     "--dir",
     "folder",
     type=click.Path(path_type=Path),
-    default=DEFAULT_DIR,
-    show_default=True,
-    help="the catalogue's folder",
+    help=f"the catalogue's folder; by default {DEFAULT_DIR} of a checkout, elsewhere what the package has",
 )
 @click.option("--json", "as_json", is_flag=True, help="print JSON: AsyncAPI, a JSON Schema, or the result")
-def command(message: str | None, folder: Path, *, write: bool, check: bool, as_json: bool) -> int:
+def command(message: str | None, folder: Path | None, *, write: bool, check: bool, as_json: bool) -> int:
     """Show every topic and request, or one MESSAGE with its fields.
 
     MESSAGE is a name (ImuSample) or a name and version (ImuSample.v1).
@@ -49,7 +47,9 @@ def command(message: str | None, folder: Path, *, write: bool, check: bool, as_j
     if write + check + (message is not None) > 1:
         raise click.UsageError("MESSAGE, --write and --check exclude each other")
     if write:
-        return _write(folder, as_json=as_json)
+        return _write(folder or DEFAULT_DIR, as_json=as_json)
+    if folder is None:
+        folder = DEFAULT_DIR if DEFAULT_DIR.is_dir() or not catalogue.SHIPPED.is_dir() else catalogue.SHIPPED
     if check:
         return _check(folder, as_json=as_json)
     if message is not None:

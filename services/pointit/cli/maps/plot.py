@@ -7,9 +7,9 @@ import click
 
 from pointit.cli.common.completed_names import maps
 from pointit.cli.common.option_types import Point, person_option
-from pointit.launch.plan.extras import remedy
 from pointit.maps.checks.check import contents
 from pointit.maps.file import map_path, read_whole_map
+from pointit.runtime.config.extras import remedy
 from pointit.runtime.errors import ConfigError
 
 SUFFIXES = (".svg", ".png", ".pdf")
@@ -31,7 +31,7 @@ def command(*, name_or_path: str, picture: Path, person_m: Point | None) -> None
     """Draw MAP, a shipped one or the path of a file, from above and to scale.
 
     Shows belts with their direction, strips with their pixel 0, lamps with their height, links, bays,
-    solids and point clouds. Needs matplotlib: scripts/setup plot
+    solids and point clouds. Needs the extra `plot`: matplotlib
 
     Example: pointit map plot conveyor -o conveyor.svg --person 0.5,-0.5
     """

@@ -22,13 +22,14 @@ from pointit.cli.common.site_link import (
 )
 from pointit.cli.people.anchoring import LISTEN_S
 from pointit.cli.people.stored_calibration import erase_local, query_site, read_local
-from pointit.diagnosis.writers import instance_of, silence_reason
+from pointit.diagnosis.writers import silence_reason
 from pointit.geometry.rotation import IDENTITY, Quaternion
 from pointit.runtime.bus.contract import Bus, list_present
 from pointit.runtime.errors import NoAnswerError, PointItError
 from pointit.runtime.host.state_file import StateFile
 from pointit.runtime.service.shutdown import run_until_shutdown
 from pointit.schemas import NS_PER_S, ImuSample, SetMounting, SetMountingReply
+from pointit.schemas.system import instance_of
 from pointit.schemas.topics import IMU, SERVICE_ALIVE, SET_MOUNTING, check_name
 from pointit.services.imu_bridge.mounting import (
     APART_RAD,

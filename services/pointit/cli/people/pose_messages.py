@@ -2,11 +2,12 @@
 
 from collections.abc import Collection
 
-from pointit.diagnosis.writers import silence_reason, split_instance
+from pointit.api.press import add_or_meant
+from pointit.diagnosis.writers import silence_reason
 from pointit.runtime.bus.contract import AnyTopic
-from pointit.runtime.config.similar_names import did_you_mean
 from pointit.schemas import Environment, Localization
 from pointit.schemas.base import Vec3
+from pointit.schemas.system import split_instance
 
 FAR_M = 5.0
 """Distance outside the map's contents beyond which a position is likely a mistake."""
@@ -24,13 +25,6 @@ def missing_reason(topic: AnyTopic, user: str, present: Collection[str]) -> str:
         return silence_reason(topic, user, present)
     who = f"there {'is' if len(there) == 1 else 'are'} {', '.join(there)}" if there else "there are no people"
     return f"no {user} is on this site, {who}; {add_or_meant(user, there)}"
-
-
-def add_or_meant(user: str, there: Collection[str]) -> str:
-    """Return a clause that says how to add `user`, and asks for a similar name among those that are there."""
-    add = f"add them with `pointit person add {user}`"
-    meant = did_you_mean(user, there)
-    return f"{meant[:-1]}, or {add}?" if meant else add
 
 
 def localizing(user: str, news: Localization | None) -> str:

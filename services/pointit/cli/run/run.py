@@ -82,10 +82,11 @@ def _explain(context: click.Context, _parameter: click.Parameter, wanted: bool) 
 )
 @click.option(
     "--method",
-    type=click.Choice(["hold", "fraction", "gauge"]),
-    help="dwell method. hold: on the object at every timestep of a window; fraction: at "
-    "most of them; gauge: a gauge fills during steady pointing, and drains otherwise  "
-    "[default: the scenario's]",
+    default="",
+    metavar="METHOD",
+    help="selection method. hold: on the object at every timestep of a window; fraction: at "
+    "most of them; gauge: a gauge fills during steady pointing, and drains otherwise; "
+    "`pointit list plugins` lists others  [default: the scenario's]",
 )
 @click.option(
     "--leds",

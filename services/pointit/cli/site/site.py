@@ -79,7 +79,7 @@ folder_option = click.option(
     "--password",
     is_flag=True,
     help="use passwords, which do not expire, instead of certificates for all but the router; "
-    "less secure (deploy/README.md)",
+    "less secure: copies stay valid, and strangers get as far as Zenoh's handshake",
 )
 @click.option(
     "--dashboard-rate",

@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from pointit.evaluation.selection.row import SelectionMetrics, SelectionRow
+from pointit.runtime.config.extras import remedy
 from pointit.runtime.errors import ConfigError
 
 Value = Callable[[SelectionMetrics], float | None]
@@ -31,9 +32,7 @@ def check_plot(path: Path) -> None:
     try:
         from matplotlib.backends.backend_agg import FigureCanvasAgg  # noqa: PLC0415 - an extra, wanted here only
     except ImportError as error:
-        raise ConfigError(
-            f"--plot {path}: needs matplotlib; run `scripts/setup plot` in the folder of PointIt"
-        ) from error
+        raise ConfigError(f"--plot {path}: needs matplotlib; run {remedy('plot')}") from error
     known = FigureCanvasAgg.get_supported_filetypes()
     if path.suffix.removeprefix(".") not in known:
         raise ConfigError(f"--plot {path}: the name must end in one of {', '.join(sorted(known))}")

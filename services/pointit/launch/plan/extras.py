@@ -4,17 +4,13 @@ import importlib.metadata
 import re
 from typing import Any
 
+from pointit.runtime.config.extras import remedy
 from pointit.runtime.errors import ConfigError
 from pointit.services.registry import Process
 
 NAME = re.compile(r"[\w.-]+")
 EXTRA = re.compile(r"extra\s*==\s*['\"](?P<extra>[\w.-]+)['\"]")
 """Extra in the marker of a distribution's requirement (PEP 508)."""
-
-
-def remedy(extra: str) -> str:
-    """Return the command that installs `extra`."""
-    return f"`scripts/setup {extra}` in the folder of PointIt"
 
 
 def has_extra(extra: str) -> bool:

@@ -9,12 +9,15 @@ from pointit.launch.plan.person import REALISTIC, Pose, body_of
 from pointit.launch.plan.scenario import Place, Scenario
 from pointit.launch.plan.seeds import seed_of
 from pointit.launch.plan.settings import Settings, layers_of
+from pointit.runtime.config.plugins import PluginGroup
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.service.service import Launch
 from pointit.schemas.system import check_user
 from pointit.services import registry
 from pointit.services.imu_bridge.sources import SOURCES
 from pointit.services.led_driver.outputs import OUTPUTS
+from pointit.services.registry import Process
+from pointit.services.selector.selection_methods import METHODS
 
 ROS2 = "ros2"
 """The process of the ROS 2 bridge: starts if the run requests it or the scenario names it."""
@@ -38,9 +41,6 @@ CURSOR_COLORS = (
 PATTERNS = ("solid", "dashed", "striped", "dotted", "hollow", "tailed")
 """Patterns of selected objects by person index: a second cue beside the colour."""
 
-Method = Literal["hold", "fraction", "gauge"]
-"""Dwell method of the selector."""
-
 OF_TWO_LAMPS: dict[str, Any] = {
     "trust": {"max_position_sigma_m": 1.5, "max_yaw_sigma_deg": 30.0},
     "drift": {"max_yaw_sigma_deg": 35.0},
@@ -58,8 +58,8 @@ class Choices(Settings):
     """Number of lamps to point at. None: the localizer's default."""
     poses: Sequence[Pose | None] = ()
     """Pose per person. None: the scenario's place."""
-    method: Method | None = None
-    """Dwell method. None: the scenario's."""
+    method: str = ""
+    """Selection method, `NAME` or `NAME:VALUE`, or `""` for the scenario's."""
     hand: str = ""
     """`left` or `right`, or `""` as configured."""
     stature_m: float | None = None
@@ -67,6 +67,8 @@ class Choices(Settings):
     """IMU per person: `sim`, `page`, `simulated`, `serial:PORT` or `replay:FILE`."""
     leds: str = ""
     """`expander:PORT`, or `""`."""
+    services: Sequence[str] = ()
+    """Services to add to those of the scenario, also of other packages."""
     ros2: bool = False
     """The site is also a node in a ROS 2 graph. As with `page`, ROS may move people's wrists."""
     page: bool = False
@@ -89,19 +91,18 @@ def site_launches(scenario: Scenario, choices: Choices) -> list[Launch]:
     """
     extra: dict[str, dict[str, Any]] = {}
     if choices.leds:
-        try:
-            kind, parameters = OUTPUTS.choose(choices.leds)
-        except ConfigError as error:
-            raise ConfigError(f"--leds {choices.leds!r}: {error}") from error
+        kind, parameters = _choose("--leds", choices.leds, OUTPUTS)
         if "led-driver" not in scenario.site:
             raise ConfigError(f"--leds {choices.leds!r}: the scenario has no led-driver")
         extra["led-driver"] = {"outputs": [{"kind": kind, **parameters}]}
-    if choices.method is not None:
+    if choices.method:
         if "selector" not in scenario.site:
             raise ConfigError(f"--method {choices.method}: nothing is selected in {scenario.source}")
-        extra["selector"] = {"method": choices.method}
+        extra["selector"] = _chosen("--method", choices.method, METHODS, "method")
     usual: dict[str, dict[str, Any]] = {"conveyor-sim": {"seed": seed_of(choices.seed, "conveyor-sim")}}
     services = dict(scenario.site)
+    for name in added_services(choices, "site"):
+        services.setdefault(name, {})
     if choices.ros2:
         services.setdefault(ROS2, {})
     return [
@@ -135,10 +136,12 @@ def user_launches(scenario: Scenario, choices: Choices, user: str, index: int = 
         usual["user-sim"] |= REALISTIC
     extra = _person(scenario, choices, index, is_simulated=device == "sim")
     services = dict(scenario.user)
+    for name in added_services(choices, "user"):
+        services.setdefault(name, {})
     if device != "sim":
         services.pop("user-sim", None)
         services.setdefault("imu-bridge", {})
-        extra["imu-bridge"] = _device(device)
+        extra["imu-bridge"] = _chosen("--imu", device, SOURCES, "source")
         extra["supervisor"]["autostart"] = True  # many devices have no button
     elif choices.page or choices.ros2 or ROS2 in scenario.site:
         services.setdefault("imu-bridge", {})
@@ -197,24 +200,50 @@ def place_of(scenario: Scenario, choices: Choices, index: int) -> Place:
     return Place(position_m=(pose.x_m, pose.y_m, 0.0), yaw_deg=pose.yaw_deg or 0.0)
 
 
-def _device(device: str) -> dict[str, Any]:
+def added_services(choices: Choices, scope: Literal["site", "user"]) -> list[str]:
+    """Return the services of a scope that the command line adds.
+
+    Raises:
+        ConfigError: If one is not installed or cannot be used.
+    """
+    return [name for name in choices.services if _row(name, f"--with {name}").scope == scope]
+
+
+def _row(name: str, where: str) -> Process:
     try:
-        source, parameters = SOURCES.choose(device)
+        return registry.process(name)
+    except KeyError as error:
+        raise ConfigError(f"{where}: {error.args[0]}") from error
     except ConfigError as error:
-        raise ConfigError(f"--imu {device!r}: {error}") from error
-    return {"source": source, source: parameters}
+        raise ConfigError(f"{where}: {error}") from error
+
+
+def _choose(option: str, text: str, group: PluginGroup[Any]) -> tuple[str, dict[str, Any]]:
+    """Return the plug-in's name and parameters that `text` chooses.
+
+    Raises:
+        ConfigError: If it is not installed, or the value is missing or too much. Names the option.
+    """
+    try:
+        return group.choose(text)
+    except ConfigError as error:
+        raise ConfigError(f"{option} {text!r}: {error}") from error
+
+
+def _chosen(option: str, text: str, group: PluginGroup[Any], parameter: str) -> dict[str, Any]:
+    """Return the parameters of a service, one of which names its plug-in, that `text` chooses."""
+    name, parameters = _choose(option, text, group)
+    return {parameter: name, **({name: parameters} if parameters else {})}
 
 
 def _launch(
     scenario: Scenario, name: str, layered: Sequence[Mapping[str, Any]], choices: Choices, user: str = ""
 ) -> Launch:
     scope = "user" if user else "site"
-    try:
-        row = registry.process(name)
-    except KeyError as error:
-        raise ConfigError(f"{scenario.source}: {scope}: {error.args[0]}") from error
+    row = _row(name, f"{scenario.source}: {scope}")
     if row.scope != scope:
         raise ConfigError(f"{scenario.source}: {scope}: {name} must stand under {row.scope}")
     service = load(row)
     named = dict(zip(("defaults of scenarios", scenario.source, "command line"), layered, strict=True))
-    return Launch(service=service, config=layers_of(name, named, choices).build(service.CONFIG), user=user)
+    config = layers_of(name, named, choices).build(service.CONFIG)
+    return Launch(service=service, config=config, user=user, plugin=row.label)

@@ -1,7 +1,7 @@
 """The scenarios that a run can switch to, each with the command line's choices."""
 
 import dataclasses
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -25,15 +25,16 @@ def name_of(index: int) -> str:
     return f"user{index + 1}"
 
 
-def scenario_launches(scenario: Scenario, choices: Choices, people: int) -> list[Launch]:
-    """Return the services of a scenario with `people` people.
+def scenario_launches(scenario: Scenario, choices: Choices, people: int | Sequence[str]) -> list[Launch]:
+    """Return the services of a scenario with `people` people, or with those of these names.
 
     Raises:
         ConfigError: a service or parameter is wrong, or the map lacks what they need.
     """
     launches = site_launches(scenario, choices)
-    for index in range(people):
-        launches += user_launches(scenario, choices, name_of(index), index)
+    names = [name_of(index) for index in range(people)] if isinstance(people, int) else people
+    for index, name in enumerate(names):
+        launches += user_launches(scenario, choices, name, index)
     check_map_fits(launches)
     return launches
 
@@ -115,9 +116,13 @@ class ScenarioCatalog:
             localize=localize,
             targets=choices.targets if localize else None,
             poses=poses,
-            method=choices.method if "selector" in scenario.site else None,
+            method=choices.method if "selector" in scenario.site else "",
             leds=choices.leds if "led-driver" in scenario.site else "",
-            settings=[setting for setting in choices.settings if service_of(setting) in _services(scenario)],
+            settings=[
+                setting
+                for setting in choices.settings
+                if service_of(setting) in {*_services(scenario), *choices.services}
+            ],
         )
 
     def _ignored(self, scenario: Scenario) -> Iterator[str]:

@@ -167,7 +167,8 @@ class RunningScenario:
         await asyncio.sleep(GONE_S)
 
     def _cast_of(self, launches: Sequence[Launch], on_end: Callable[[], None]) -> ServiceGroup:
-        return ServiceGroup(launches, self.bus, self.clock, processes=self.plan.processes, on_end=on_end)
+        link = self.bus.link if self.plan.processes else None
+        return ServiceGroup(launches, self.bus, self.clock, processes=link, on_end=on_end)
 
     async def _open(self, page: Page) -> None:
         try:

@@ -6,9 +6,10 @@ import sys
 from collections.abc import Callable, Sequence
 
 from pointit.launch.run.subprocesses import Processes
+from pointit.runtime.bus.contract import Bus
 from pointit.runtime.clock import Clock
+from pointit.runtime.link.link import Link
 from pointit.runtime.service.service import Launch, run_services
-from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas.topics import SERVICE_ALIVE
 
 SECRET = re.compile(r"(token[^=]*=).*", re.DOTALL)
@@ -21,19 +22,29 @@ class ServiceGroup:
     def __init__(
         self,
         launches: Sequence[Launch],
-        bus: ZenohBus,
+        bus: Bus,
         clock: Clock,
         *,
-        processes: bool,
+        processes: Link | None,
         on_end: Callable[[], None],
     ) -> None:
+        """Start nothing yet.
+
+        Args:
+            launches: the services.
+            bus: theirs, if they run in this process.
+            clock: of all.
+            processes: the link that services in processes of their own join. None: they run in this process.
+            on_end: called when services of this process end unexpectedly.
+        """
         self.launches = launches
         self._bus = bus
         self._clock = clock
         self._on_end = on_end
         self._work: asyncio.Task[None] | None = None
-        here = (bus.link.listen or bus.link.connect)[0]
-        self._children = Processes(launches, site=bus.link.site, connect=here) if processes else None
+        self._children: Processes | None = None
+        if processes is not None:
+            self._children = Processes(launches, site=processes.site, connect=processes.addresses[0])
 
     @property
     def has_ended(self) -> bool:

@@ -55,6 +55,8 @@ class SubscriptionStats:
     """Events that a remote writer sent and that never arrived."""
     invalid: int = 0
     """Bytes that were not the message of their key."""
+    complaint: str = ""
+    """Error message about the last of them."""
     errors: int = 0
     """Handlers that raised."""
 

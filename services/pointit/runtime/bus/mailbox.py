@@ -242,6 +242,7 @@ class Mailbox:
         """Count what came and cannot be taken, and say why; from any thread."""
         with self._lock:
             self.traffic.invalid += 1
+            self.traffic.complaint = str(reason)
         if self._may_log("invalid"):
             log.warning("%s: dropped, %s (%d so far)", self.topic.key, reason, self.traffic.invalid)
 

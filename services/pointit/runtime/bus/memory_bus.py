@@ -117,6 +117,20 @@ class MemoryBus(Participant):
             self._loop.call_soon(watcher.notify, name, True)
         return watcher
 
+    @property
+    def is_restricted(self) -> bool:
+        """Return True if rules permit only a part of what can be read and written."""
+        return False
+
+    async def denial_reason(self, verb: str, topic: AnyTopic, name: str) -> str:
+        """Return nothing: within one process all is permitted."""
+        del verb, topic, name
+        return ""
+
+    async def list_present(self, presence: Presence) -> set[str]:
+        """Return all names that are present now."""
+        return set(self.exchange.present.get(presence.key, {}))
+
     async def close(self) -> None:
         """Close everything that was declared here."""
         if self._closed.done():

@@ -12,9 +12,7 @@ from pydantic_core import InitErrorDetails, PydanticCustomError
 from pointit.runtime.config.config import Config
 from pointit.runtime.config.validation_message import (
     DESCRIBED,
-    field_names,
     first_mistake,
-    unknown_parameter_message,
 )
 from pointit.runtime.errors import ConfigError
 
@@ -50,25 +48,39 @@ P = TypeVar("P", bound=Plugin)
 class PluginGroup(Generic[P]):
     """The installed plug-ins of one kind."""
 
-    def __init__(self, group: str, kind: type[P], noun: str) -> None:
-        """Look for entry points of `group`, each a `kind`. Errors call one a `noun`."""
+    def __init__(self, group: str, kind: type[P], noun: str, *, has_ours: bool = True) -> None:
+        """Look for entry points of `group`, each a `kind`. Errors call one a `noun`.
+
+        `has_ours`: this project has some, so that none at all is a fault of the installation.
+        """
+        self._has_ours = has_ours
         self.group = group
-        self._kind = kind
-        self._noun = noun
+        self.kind = group.rpartition(".")[2]
+        """Last part of the group's name, such as `imu_sources`."""
+        self.noun = noun
+        self._type = kind
 
     @cached_property
     def _entries(self) -> dict[str, EntryPoint]:
+        return self.find()
+
+    def find(self) -> dict[str, EntryPoint]:
+        """Return the entry points of all installed packages, by name.
+
+        Raises:
+            ConfigError: If two packages use one name, or there is none where there must be.
+        """
         found: dict[str, EntryPoint] = {}
         for entry in sorted(entry_points(group=self.group), key=lambda entry: entry.name):
             other = found.setdefault(entry.name, entry)
             if other.value != entry.value:
                 raise ConfigError(
-                    f"{self._noun} {entry.name!r} is in two packages: uninstall {_package(other)} or "
+                    f"{self.noun} {entry.name!r} is in two packages: uninstall {_package(other)} or "
                     f"{_package(entry)}"
                 )
-        if not found:
+        if not found and self._has_ours:
             raise ConfigError(
-                f"no {self._noun} is installed, not even those of pointit: install it again (in a checkout: "
+                f"no {self.noun} is installed, not even those of pointit: install it again (in a checkout: "
                 "scripts/setup)"
             )
         return found
@@ -86,7 +98,8 @@ class PluginGroup(Generic[P]):
         """
         entry = self._entries.get(name)
         if entry is None:
-            raise ConfigError(f"no {self._noun} {name!r} is installed; there are {', '.join(self.names)}")
+            known = ", ".join(self.names) or "none"
+            raise ConfigError(f"no {self.noun} {name!r} is installed; there are {known}")
         try:
             plugin = entry.load()
         except Exception as error:  # code of others, which may raise anything when it is imported
@@ -94,12 +107,18 @@ class PluginGroup(Generic[P]):
             extras = ",".join(entry.extras)
             remedy = f"install {package}[{extras}]" if extras else f"update or uninstall {package}"
             reason = f"{type(error).__name__}: {error}"
-            raise ConfigError(
-                f"{self._noun} {name!r} of {package} cannot be imported ({reason}); {remedy}"
-            ) from error
-        if not isinstance(plugin, self._kind):
-            raise ConfigError(f"{self._noun} {name!r}: {entry.value} is no {self._kind.__name__}")
+            raise ConfigError(f"{self.label(name)} cannot be imported ({reason}); {remedy}") from error
+        if not isinstance(plugin, self._type):
+            raise ConfigError(f"{self.noun} {name!r}: {entry.value} is no {self._type.__name__}")
         return plugin
+
+    def label(self, name: str) -> str:
+        """Return the name of a plug-in in messages, with its package, without importing it."""
+        return f"{self.noun} {name!r} of {self.package(name)}"
+
+    def module(self, name: str) -> str:
+        """Return the module of the plug-in `name`, without importing it."""
+        return self._entries[name].module
 
     def package(self, name: str) -> str:
         """Return the package that brings the plug-in `name`, without importing it."""
@@ -169,19 +188,16 @@ class PluginConfig(Config, extra="allow"):
         """Validate the parameters of plug-ins, which pydantic takes as they are."""
         extra: dict[str, Any] = self.__pydantic_extra__ or {}
         plugins = self.plugins()
-        for (
-            name,
-            values,
-        ) in extra.items():
-            if name not in plugins.names:
-                known = (*field_names(type(self)), *plugins.names)
-                raise _described((), unknown_parameter_message(name, known), values)
+        for name, values in extra.items():
+            if name not in plugins.names or plugins.get(name).config is type(self):
+                unknown = InitErrorDetails(type="extra_forbidden", loc=(name,), input=values)
+                raise ValidationError.from_exception_data(type(self).__name__, [unknown])
             extra[name] = plugins.validate(name, values, (name,))
 
     @classmethod
     def sections(cls) -> Mapping[str, type[Config]]:
-        """Return the parameters of all installed plug-ins by name."""
-        return cls.plugins().configs()
+        """Return the parameters of all installed plug-ins by name, but for those that read the service's."""
+        return {name: config for name, config in cls.plugins().configs().items() if config is not cls}
 
     def section(self, name: str) -> Config:
         """Return the parameters of the plug-in `name`: those configured, else its defaults.
@@ -192,5 +208,5 @@ class PluginConfig(Config, extra="allow"):
         given: Config | None = (self.__pydantic_extra__ or {}).get(name)
         if given is not None:
             return given
-        defaults: Config = self.plugins().get(name).config()
-        return defaults
+        kind: type[Config] = self.plugins().get(name).config
+        return self if kind is type(self) else kind()

@@ -1,8 +1,11 @@
 """Persistent state: small JSON files under the state directory, one per person and purpose."""
 
+import contextlib
 import os
+from collections.abc import Generator
+from contextvars import ContextVar
 from pathlib import Path
-from typing import Generic, TypeVar
+from typing import Generic, Self, TypeVar
 
 import platformdirs
 from pydantic import BaseModel, ValidationError
@@ -20,8 +23,23 @@ VARIABLE = "POINTIT_STATE"
 MAX_BYTES = 64 * 1024
 
 
+_used: ContextVar[Path | None] = ContextVar("state directory", default=None)
+
+
+@contextlib.contextmanager
+def using_state_directory(path: Path) -> Generator[None]:
+    """Use `path` as the state directory in this block and in all tasks that it starts."""
+    before = _used.set(path)
+    try:
+        yield
+    finally:
+        _used.reset(before)
+
+
 def state_directory() -> Path:
     """Return the state directory: `$POINTIT_STATE`, or the system's default. It need not exist."""
+    if (used := _used.get()) is not None:
+        return used
     named = os.environ.get(VARIABLE, "")
     return Path(named) if named else platformdirs.user_state_path("pointit", appauthor=False)
 
@@ -36,8 +54,20 @@ def site_folder(site: str, service: str) -> Path:
     return state_directory() / site / service
 
 
+def plugin_folder(site: str, user: str, kind: str, name: str) -> Path:
+    """Return the folder of the plug-in `name` of a `kind`, for `user`, or for all of `site` if that is `""`.
+
+    Raises:
+        KeyNameError: If `site` or `user` cannot be a name.
+    """
+    owner = state_directory() / "users" / check_name(user, "user") if user else site_folder(site, "")
+    return owner / "plugins" / kind / name
+
+
 class StateFile(Generic[T]):
     """One person's `purpose`, such as `offset`, as a `model` in JSON."""
+
+    _remedy = "move it away and calibrate again"
 
     def __init__(self, model: type[T], user: str, purpose: str) -> None:
         """Touch nothing yet.
@@ -49,6 +79,13 @@ class StateFile(Generic[T]):
         self._model = model
         self.path = state_directory() / "users" / user / f"{purpose}.json"
 
+    @classmethod
+    def at(cls, path: Path, model: type[T]) -> Self:
+        """Return the file at `path` as a `model`, as a plug-in stores its value. Touches nothing yet."""
+        file = cls.__new__(cls)
+        file.path, file._model, file._remedy = path, model, "move it away"  # noqa: SLF001 - its own
+        return file
+
     def read(self) -> T | None:
         """Return the stored value, or None.
 
@@ -58,14 +95,13 @@ class StateFile(Generic[T]):
         try:
             data = read_limited(self.path, MAX_BYTES + 1)
             if len(data) > MAX_BYTES:
-                raise ConfigError(f"{self.path}: is too long to be ours; move it away and calibrate again")
+                raise ConfigError(f"{self.path}: is too long to be ours; {self._remedy}")
             return self._model.model_validate_json(data)
         except FileNotFoundError:
             return None
         except ValidationError as error:
             raise ConfigError(
-                f"{self.path}: cannot be used; move it away and calibrate again; "
-                f"{summarize_validation_error(error)}"
+                f"{self.path}: cannot be used; {self._remedy}; {summarize_validation_error(error)}"
             ) from error
 
     def write(self, value: T) -> None:

@@ -11,7 +11,6 @@ from collections.abc import Callable, Coroutine, Generator
 from typing import Any
 
 from pointit.runtime.errors import PointItError
-from pointit.schemas import SchemaError
 
 EXIT_FAILED = 1
 END_PATIENCE_S = 5.0
@@ -47,9 +46,10 @@ async def _until_signal(work: Coroutine[Any, Any, int]) -> int:
 
     def ask() -> None:
         nonlocal asked
-        if not asked:
-            asked = True
-            cut_off.start()
+        if asked:
+            return  # a second Ctrl-C must not cancel the clean-up
+        asked = True
+        cut_off.start()
         task.cancel()
 
     with _signals(loop, ask), _cut_off(loop) as cut_off:
@@ -60,13 +60,14 @@ async def _until_signal(work: Coroutine[Any, Any, int]) -> int:
                 raise
             return 0
         except BaseExceptionGroup as group:
-            raise _first_cause(group) from group
+            raise first_cause(group) from group
 
 
-def _first_cause(group: BaseExceptionGroup[BaseException]) -> BaseException:
-    """Return the error to show to the person: a `PointItError` if there is one."""
-    known = group.subgroup((PointItError, SchemaError))
-    error: BaseException = group if known is None else known
+def first_cause(error: BaseException) -> BaseException:
+    """Return the error to show to a person of those that `error` groups: a `PointItError` if there is one."""
+    if isinstance(error, BaseExceptionGroup):
+        group = typing.cast("BaseExceptionGroup[BaseException]", error)
+        error = group.subgroup(PointItError) or group
     while isinstance(error, BaseExceptionGroup):
         error = typing.cast("BaseExceptionGroup[BaseException]", error).exceptions[0]
     return error

@@ -20,6 +20,9 @@ CONNECT_TIMEOUT_MS = 1000
 attempts that clients have given up would keep a router that stood still busy for good, which turns away ten a
 second (github.com/eclipse-zenoh/zenoh/issues/2685)."""
 
+SOON_S = 5.0
+"""Shorter attempts to open are not logged."""
+
 
 def configuration(link: Link) -> zenoh.Config:
     """Return Zenoh's configuration for `link`.
@@ -87,6 +90,8 @@ async def open_session(link: Link, *, patience_s: float | None = None) -> zenoh.
 
     def on_wait() -> None:
         nonlocal has_waited
+        if patience_s is not None and patience_s <= SOON_S:
+            return  # the error at the end is enough
         has_waited = True
         if refusal:
             log.warning("%s; trying again until it does not", refusal)

@@ -28,9 +28,10 @@ from pointit.runtime.bus.endpoints import Declaration, MemoryPublisher
 from pointit.runtime.bus.mailbox import Mailbox
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.bus.name_limiter import Places
-from pointit.runtime.errors import NoAnswerError
+from pointit.runtime.errors import AccessDeniedError, NoAnswerError
 from pointit.runtime.link.link import Link
 from pointit.runtime.transport.declarations import Declared
+from pointit.runtime.transport.queries import query_replies
 from pointit.runtime.transport.session import close_session
 from pointit.runtime.zenoh.connection_monitor import LinkWatch
 from pointit.runtime.zenoh.liveliness import ZenohWatcher
@@ -41,11 +42,16 @@ from pointit.runtime.zenoh.retained_states import RetainedStateFetcher, recall_f
 from pointit.runtime.zenoh.session import open_session
 from pointit.runtime.zenoh.subscribers import EncodedMessage, SharedSubscriber, ZenohSubscription
 from pointit.schemas import Environment, Message, Query, Reply
+from pointit.schemas.table_types import NAME
 from pointit.schemas.topics import ANY, HEALTH, LAMP_COLOR, MAP, Delivery, Presence, Request, Topic
 
 M = TypeVar("M", bound=Message)
 Q = TypeVar("Q", bound=Query)
 R = TypeVar("R", bound=Reply)
+
+
+LIST_S = 1.0
+"""Time limit of listing who is present. It takes ms."""
 
 
 class ZenohBus(MemoryBus):
@@ -88,6 +94,11 @@ class ZenohBus(MemoryBus):
         lost = "" if self._watch is None else self._watch.problem
         denied = "" if self._self_test is None else self._self_test.problem
         return lost or denied or self._turned_away.problem(time.monotonic())
+
+    @property
+    def is_restricted(self) -> bool:
+        """Return True if a router permits only what its rules say."""
+        return self._self_test is not None
 
     async def denial_reason(self, verb: str, topic: AnyTopic, name: str) -> str:
         """Return the reason if this identity may not do something, which takes two seconds, else `""`.
@@ -161,7 +172,7 @@ class ZenohBus(MemoryBus):
         except NoAnswerError as error:
             denied = "" if self._self_test is None else await self._self_test.denial_reason("asks", key)
             if denied:
-                raise NoAnswerError(denied) from error
+                raise AccessDeniedError(denied) from error
             raise
         finally:
             reply.cancel()
@@ -181,6 +192,12 @@ class ZenohBus(MemoryBus):
             for name in self.exchange.present.get(presence.key, {}):
                 self._loop.call_soon(watcher.notify, name, True)
         return watcher
+
+    async def list_present(self, presence: Presence) -> set[str]:
+        """Return all names that are present now, here and elsewhere."""
+        tokens = await query_replies(self.session.liveliness(), presence.at(ANY), timeout=LIST_S)
+        names = {presence.name_in(str(token.ok.key_expr)) for token in tokens if token.ok is not None}
+        return {name for name in names if NAME.match(name)} | await super().list_present(presence)
 
     def _tell(self, presence: Presence, name: str, present: bool) -> None:  # noqa: FBT001
         if self._is_onlooker:

@@ -195,7 +195,7 @@ def _check(config: SerialConfig) -> None:
 SERIAL = ImuSource(
     summary="a device that sends lines of text over a serial port",
     config=SerialConfig,
-    make=lambda config, around: SerialSource(config, around.clock, around.warnings),
+    make=lambda config, around: SerialSource(config, around.clock, around.health),
     check=_check,
     argument="port",
 )

@@ -5,26 +5,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from pointit.geometry.rotation import Quaternion
-from pointit.runtime.clock import Clock
 from pointit.runtime.config.config import Config
 from pointit.runtime.config.plugins import Plugin, PluginGroup
-from pointit.runtime.health.service_bus import WarningSink
+from pointit.runtime.health.surroundings import Surroundings
 from pointit.services.imu_bridge.reading import Deliver, Source
-
-
-@dataclass(frozen=True)
-class Surroundings:
-    """The part of a service that its source may use."""
-
-    clock: Clock
-    """Time of the stamps of its readings."""
-    warnings: WarningSink
-    """Problems of the device, shown in `pointit doctor`."""
-    user: str
-    """The person who wears it."""
-    sensor_from_arm: Quaternion
-    """Configured mounting of the sensor."""
 
 
 def _accept(_config: Any) -> None:

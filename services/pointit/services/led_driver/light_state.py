@@ -150,6 +150,14 @@ class LightState:
         """Return the colours of all lamps at `now_ns`."""
         return self._lamps.colors(now_ns)
 
+    def set_lamp(self, lamp_id: str, color: Rgb | None) -> None:
+        """Show `color` on a lamp. None: what it shows by itself.
+
+        Raises:
+            ValueError: If there is no such lamp, or it shows the state of the site.
+        """
+        self._lamps.set_color(lamp_id, color)
+
     def lamp_service(self) -> LampService:
         """Return the people who use lamps to localize or wait for them, and the lamps lit for them."""
         return self._lamps.queue.service()

@@ -1,5 +1,6 @@
 """Controllers of LED strips by name: ours, and those of installed packages."""
 
+import functools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol, Self, cast
@@ -9,7 +10,8 @@ from pydantic import Field, field_validator, model_validator
 from pointit.runtime.config.config import Config
 from pointit.runtime.config.plugins import Plugin, PluginGroup
 from pointit.runtime.errors import ConfigError
-from pointit.runtime.health.service_bus import WarningSink
+from pointit.runtime.health.surroundings import Surroundings
+from pointit.runtime.service.plugin_guard import PluginGuard, guard_of
 from pointit.schemas import Strip, StripsFrame
 
 NONE = "none"
@@ -70,23 +72,13 @@ class UnusedOutput(OutputConfig, extra="ignore"):
     """An output of kind `none`, whose parameters may be those of any kind."""
 
 
-class MetricSink(WarningSink, Protocol):
-    """Receiver of an output's metrics, such as `ServiceBus`."""
-
-    def set_metric(self, name: str, value: float | None, unit: str = "") -> None:
-        """Set a metric. None removes it."""
-        ...
-
-    def reached(self, latency_s: float) -> None:
-        """Record the age of captured data at the moment at which it becomes visible."""
-        ...
-
-
 class Output(Protocol):
     """A controller that is connected."""
 
-    light_s: float
-    """Time from `show` to the last byte on the wire, of the last new frame, s; 0.0 before the first."""
+    @property
+    def light_s(self) -> float:
+        """Return the time from `show` to the last byte on the wire, of the last new frame, s, or 0.0."""
+        ...
 
     def set_strips(self, strips: Sequence[Strip]) -> None:
         """Set the map's strips."""
@@ -105,11 +97,52 @@ class Output(Protocol):
 class LedOutput(Plugin):
     """A kind of controller. Its `argument` is its address, which no two outputs share."""
 
-    make: Callable[[Any, MetricSink], Output]
+    make: Callable[[Any, Surroundings], Output]
     """Makes an output with parameters of the class `config`, an `OutputConfig`; opens nothing yet."""
 
 
 OUTPUTS = PluginGroup("pointit.led_outputs", LedOutput, "LED output")
+
+
+class GuardedOutput:
+    """An output whose faults are reported and cost the others nothing. It is made anew if it fails."""
+
+    def __init__(self, make: Callable[[], Output], guard: PluginGuard) -> None:
+        """Make the output.
+
+        Raises:
+            ConfigError: If it cannot be made.
+        """
+        self._make = make
+        self._guard = guard
+        self._strips: Sequence[Strip] = ()
+        self._output = guard.made(make)
+        self._is_new = True
+
+    @property
+    def light_s(self) -> float:
+        """Return the time from `show` to the last byte on the wire, s."""
+        return self._guard.call("light_s", lambda: float(self._output.light_s)) or 0.0
+
+    def set_strips(self, strips: Sequence[Strip]) -> None:
+        """Set the map's strips."""
+        self._strips = strips
+        self._guard.call("set_strips", lambda: self._output.set_strips(strips))
+
+    def show(self, frame: StripsFrame, age_s: float = 0.0) -> None:
+        """Send `frame`, which shows what was captured `age_s` ago."""
+        self._guard.call("show", lambda: self._output.show(frame, age_s))
+
+    async def run(self) -> None:
+        """Send until cancelled."""
+        await self._guard.keep_running(self._run)
+
+    async def _run(self) -> None:
+        if not self._is_new:
+            self._output = self._make()
+            self._output.set_strips(self._strips)
+        self._is_new = False
+        await self._output.run()
 
 
 def validate_output(value: object) -> object:
@@ -129,8 +162,14 @@ def validate_output(value: object) -> object:
     return OUTPUTS.validate(kind, values)
 
 
-def make_outputs(configs: Sequence[OutputConfig], account: MetricSink) -> list[Output]:
+def make_outputs(
+    configs: Sequence[OutputConfig], surroundings: Callable[[str, str], Surroundings]
+) -> list[Output]:
     """Return the outputs that `configs` describe, none of them open yet.
+
+    Args:
+        configs: parameters of each output.
+        surroundings: returns what the plug-in of a kind and a name may use.
 
     Raises:
         ConfigError: If an address is missing or used twice.
@@ -149,5 +188,7 @@ def make_outputs(configs: Sequence[OutputConfig], account: MetricSink) -> list[O
             if (config.kind, address) in taken:
                 raise ConfigError(f"{where}: {address} is used by two outputs: remove one")
             taken.add((config.kind, address))
-        made.append(plugin.make(config, account))
+        around = surroundings(OUTPUTS.kind, config.kind)
+        guard = guard_of(OUTPUTS, config.kind, around.health)
+        made.append(GuardedOutput(functools.partial(plugin.make, config, around), guard))
     return made

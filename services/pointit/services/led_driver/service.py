@@ -23,6 +23,7 @@ from pointit.schemas import (
     Localization,
     Selection,
     SetBrightness,
+    SetLamp,
     TrackedObjects,
     UserProfile,
 )
@@ -41,6 +42,7 @@ from pointit.schemas.topics import (
     SELECTION,
     SERVICE_ALIVE,
     SET_BRIGHTNESS,
+    SET_LAMP,
     STRIPS_FRAME,
     USER_ALIVE,
 )
@@ -87,12 +89,13 @@ class LedDriver(Service[LedDriverConfig]):
         """Leases and targets as last published."""
         self._lease_seq = 0
         self._ended = False
-        self._outputs = make_outputs(config.outputs, self.bus)
+        self._outputs = make_outputs(config.outputs, self.surroundings)
         self._frames = self.bus.publisher(STRIPS_FRAME, timed=not self._outputs)
         self._leases = self.bus.publisher(LAMP_LEASES)
         self.bus.set_metric("brightness", self._lights.brightness)
         self._leases.put(LampLeases(stamp_ns=self.clock.now_ns()))  # replaces a crashed instance's
         self.bus.serve(SET_BRIGHTNESS, self._set_brightness)
+        self.bus.serve(SET_LAMP, self._set_lamp)
         self.bus.watch(USER_ALIVE, self._on_person)
         self.bus.watch(SERVICE_ALIVE, self._on_service)
         self.bus.subscribe(MAP, self._on_map)
@@ -186,6 +189,18 @@ class LedDriver(Service[LedDriverConfig]):
         self._wish()
         whose = f"brightness of {', '.join(query.strips)}" if query.strips else "strips' brightness"
         return Done(message=f"the {whose} is {query.brightness:.0%} now")
+
+    async def _set_lamp(self, query: SetLamp, lamp_id: str) -> Done:
+        try:
+            self._lights.set_lamp(lamp_id, query.color)
+        except ValueError as error:
+            raise RefusedError(str(error)) from error
+        self._look_at_lamps_in(0.0)
+        if query.color is None:
+            return Done(message=f"lamp {lamp_id} is given back")
+        people = [lease.user for lease in self._lights.lamp_service().leases if not lease.ahead]
+        later = f" once {', '.join(people)} need no lamps any more" if people else ""
+        return Done(message=f"lamp {lamp_id} shows #{bytes(query.color).hex()}{later}")
 
     def _wish(self, *, fresh: bool = False) -> None:
         """Schedule a frame, at once if a `fresh` cursor came and the rate allows."""

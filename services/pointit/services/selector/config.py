@@ -2,9 +2,11 @@
 
 from typing import Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from pointit.runtime.config.config import Config
+from pointit.runtime.config.plugins import PluginConfig, PluginGroup
+from pointit.services.selector.selection_methods import METHODS, MethodConfig, SelectionMethod
 
 
 class GaugeConfig(Config):
@@ -92,17 +94,14 @@ class JournalConfig(Config):
     )
 
 
-Method = Literal["hold", "fraction", "gauge"]
-"""Method by which staying on an object selects it."""
-
-
-class SelectorConfig(Config):
+class SelectorConfig(PluginConfig):
     """When an object is hovered, and when staying on it selects or deselects it."""
 
-    method: Method = Field(
+    method: str = Field(
         default="gauge",
         description="gauge: fills during steady pointing at an object; hold: the same object at "
-        "every timestep of the window; fraction: the same object at a share of them",
+        "every timestep of the window; fraction: the same object at a share of them; or a method of an "
+        "installed package; `pointit list plugins` shows them",
     )
     mode: Literal["toggle", "select_only"] = Field(
         default="toggle", description="toggle: staying on an own selected object deselects it"
@@ -198,6 +197,18 @@ class SelectorConfig(Config):
     )
     journal: JournalConfig = Field(default=JournalConfig(), description="the journal on disk")
 
+    @classmethod
+    def plugins(cls) -> PluginGroup[SelectionMethod]:
+        """Return the installed methods. Those of this project have their parameters in this class."""
+        return METHODS
+
+    @field_validator("method")
+    @classmethod
+    def _installed(cls, method: str) -> str:
+        if method not in METHODS.names:
+            raise ValueError(f"use one of {', '.join(METHODS.names)}")
+        return method
+
     @model_validator(mode="after")
     def _window_holds_a_timestep(self) -> Self:
         if self.window_s < self.timestep_s:
@@ -207,4 +218,7 @@ class SelectorConfig(Config):
     @property
     def dwell_s(self) -> float:
         """Return the time on an object that selects it by the method in use, s."""
+        section = self.section(self.method)
+        if isinstance(section, MethodConfig):
+            return section.dwell_s
         return self.gauge.full_s if self.method == "gauge" else self.window_s

@@ -13,6 +13,7 @@ from pointit.schemas import (
     TrackedObjects,
 )
 from pointit.services.selector.config import SelectorConfig
+from pointit.services.selector.methods.method import MakeMethod, is_by_angle, make_method
 from pointit.services.selector.methods.pointer import PersonPointer, PointerResult
 from pointit.services.selector.objects.departures import OWN, Departures
 from pointit.services.selector.objects.object_positions import ObjectPositions
@@ -32,10 +33,13 @@ class SelectionEngine:
     back resets the person's state. Every event is passed to `record` before it is returned, for a journal.
     """
 
-    def __init__(self, config: SelectorConfig, record: Callable[[Record], None]) -> None:
-        """Create with nothing selected, no people and an empty scene."""
+    def __init__(
+        self, config: SelectorConfig, record: Callable[[Record], None], make: MakeMethod = make_method
+    ) -> None:
+        """Create with nothing selected, no people and an empty scene. `make` makes the method of each."""
         self._config = config
-        self._is_by_metres = config.method != "gauge"
+        self._make = make
+        self._is_by_metres = not is_by_angle(config)
         self._aim_rad = math.radians(config.gauge.aim_sigma_deg)
         self._positions = ObjectPositions(
             margin_m=config.margin_m,
@@ -65,7 +69,7 @@ class SelectionEngine:
     def use(self, config: SelectorConfig) -> None:
         """Change the method or its times. Selections and reservations stay."""
         self._config = config
-        self._is_by_metres = config.method != "gauge"
+        self._is_by_metres = not is_by_angle(config)
         self._publisher.method = config.method
         for pointer in self._people.values():
             pointer.use(config)
@@ -77,6 +81,10 @@ class SelectionEngine:
         for entry in entries.values():
             self._presences.on_activity(entry.user, now_ns)
         self._departures.expect(entries, now_ns)
+
+    def fault(self) -> str:
+        """Return the reason why the method fails for a person, or `""`."""
+        return next((pointer.fault for pointer in self._people.values() if pointer.fault), "")
 
     @property
     def has_selected(self) -> bool:
@@ -128,7 +136,7 @@ class SelectionEngine:
         """Process a cursor of `user`."""
         pointer = self._people.get(user)
         if pointer is None:
-            pointer = self._people[user] = PersonPointer(self._config)
+            pointer = self._people[user] = PersonPointer(self._config, user, self._make)
         if not pointer.is_timely(cursor.stamp_ns):
             return []
         now_ns = cursor.stamp_ns

@@ -6,9 +6,10 @@ from typing import ClassVar
 
 from pointit.runtime.bus.contract import Publisher
 from pointit.runtime.clock import sleep
-from pointit.runtime.errors import RefusedError
+from pointit.runtime.errors import ConfigError, RefusedError
 from pointit.runtime.host.state_file import site_folder
 from pointit.runtime.service.service import Context, Scope, Service
+from pointit.runtime.service.stall_watch import watch_for_stalls
 from pointit.schemas import (
     ButtonEvent,
     ClearSelection,
@@ -44,9 +45,10 @@ from pointit.schemas.topics import (
     USER_ALIVE,
 )
 from pointit.services.selector.config import SelectorConfig
-from pointit.services.selector.methods.method import apply_method
+from pointit.services.selector.methods.method import apply_method, is_by_angle, is_ours
 from pointit.services.selector.outputs import Output, event_of
 from pointit.services.selector.selection_engine import SelectionEngine
+from pointit.services.selector.selection_methods import METHODS, PersonMethod
 from pointit.services.selector.store.history import History
 from pointit.services.selector.store.journal import Journal, JournalContents
 
@@ -84,7 +86,9 @@ class Selector(Service[SelectorConfig]):
             restore_within_s=kept.restore_within_s,
         )
         self._in_use = config
-        self._engine = SelectionEngine(config, self._journal.add)
+        self._told = ""
+        """Last reported fault of the method."""
+        self._engine = SelectionEngine(config, self._journal.add, self._make_method)
         self._people: dict[str, tuple[Publisher[Hover], Publisher[Feedback]]] = {}
         self._selections = self.bus.publisher(SELECTION)
         self._events = self.bus.publisher(SELECTION_EVENTS)
@@ -114,6 +118,7 @@ class Selector(Service[SelectorConfig]):
                 now_ns = self.clock.now_ns()
                 self._put(self._engine.tick(now_ns))
                 self._check_trackers(now_ns)
+                self._check_method()
                 self._maintain_journal(now_ns)
         finally:
             self._maintain_journal(self.clock.now_ns())
@@ -173,17 +178,34 @@ class Selector(Service[SelectorConfig]):
 
     async def _set_method(self, query: SetMethod, _name: str) -> SetMethodReply:
         try:
-            wanted = apply_method(self.config, self._in_use, query.method, query.dwell_s)
-        except ValueError as error:
+            wanted = apply_method(self.config, self._in_use, query.name or query.method, query.dwell_s)
+        except (ValueError, ConfigError) as error:
             raise RefusedError(str(error)) from error
         if wanted != self._in_use:
             self._in_use = wanted
             self._engine.use(wanted)
+        method = wanted.method
         return SetMethodReply(
-            message=f"staying on an object for {wanted.dwell_s:g} s selects it: {wanted.method}",
-            method=wanted.method,
+            message=f"staying on an object for {wanted.dwell_s:g} s selects it: {method}",
+            method=method if is_ours(method) else "gauge" if is_by_angle(wanted) else "hold",
             dwell_s=wanted.dwell_s,
+            name=method,
+            installed=METHODS.names,
         )
+
+    def _make_method(self, config: SelectorConfig, user: str) -> PersonMethod:
+        watch_for_stalls(METHODS.module(config.method), METHODS.label(config.method), self.bus)
+        around = self.surroundings(METHODS.kind, config.method, user)
+        return METHODS.get(config.method).make(config.section(config.method), around)
+
+    def _check_method(self) -> None:
+        fault = self._engine.fault()
+        name = self._in_use.method
+        problem = f"{METHODS.label(name)} failed ({fault}): choose another one, or update it" if fault else ""
+        if problem and problem != self._told:
+            log.error("%s", problem)
+        self._told = problem
+        self.bus.warn("method", problem)
 
     def _put(self, outputs: list[Output]) -> list[Output]:
         """Publish `outputs`, after the journal has committed them, and return them."""

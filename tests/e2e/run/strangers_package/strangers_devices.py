@@ -7,13 +7,20 @@ from pathlib import Path
 
 from pydantic import Field
 
-from pointit.geometry import rotation
-from pointit.runtime.clock import Clock, sleep
-from pointit.runtime.config.config import Config
-from pointit.schemas import NS_PER_S, Strip, StripsFrame
-from pointit.services.imu_bridge.reading import Deliver, Reading
-from pointit.services.imu_bridge.sources import ImuSource
-from pointit.services.led_driver.outputs import LedOutput, OutputConfig
+from pointit.plugins import (
+    NS_PER_S,
+    Config,
+    Deliver,
+    ImuSource,
+    LedOutput,
+    OutputConfig,
+    Reading,
+    Strip,
+    StripsFrame,
+    Surroundings,
+    rotation,
+    sleep,
+)
 
 
 class WavingConfig(Config):
@@ -25,9 +32,9 @@ class WavingConfig(Config):
 class Waving:
     """An arm that sweeps from side to side."""
 
-    def __init__(self, config: WavingConfig, clock: Clock) -> None:
+    def __init__(self, config: WavingConfig, surroundings: Surroundings) -> None:
         self._config = config
-        self._clock = clock
+        self._clock = surroundings.clock
 
     async def run(self, deliver: Deliver) -> None:
         """Deliver readings until cancelled."""
@@ -47,7 +54,7 @@ class NotebookConfig(OutputConfig):
 class Notebook:
     """A light that writes the brightest byte of each frame to a file."""
 
-    def __init__(self, config: NotebookConfig) -> None:
+    def __init__(self, config: NotebookConfig, _surroundings: Surroundings) -> None:
         self._path = Path(config.path)
         self.light_s = 0.0
 
@@ -74,12 +81,12 @@ class Notebook:
 WAVING = ImuSource(
     summary="an arm that waves",
     config=WavingConfig,
-    make=lambda config, around: Waving(config, around.clock),
+    make=Waving,
     argument="rate_hz",
 )
 NOTEBOOK = LedOutput(
     summary="writes frames to a file",
     config=NotebookConfig,
-    make=lambda config, _account: Notebook(config),
+    make=Notebook,
     argument="path",
 )

@@ -14,7 +14,7 @@ BAYS, LINKS = "bays", "links"
 SECTIONS = frozenset(
     ("leds", "strips", "belts", LINKS, BAYS, "boxes", "planes", "cylinders", "spheres", "clouds")
 )
-"""Sections of a map's file; docs/maps.md describes them."""
+"""Sections of a map's file; docs/reference/maps.md describes them."""
 LINES = frozenset(("line", "centerline"))
 """Keys of lists of points, flattened: ROS has no lists of lists."""
 

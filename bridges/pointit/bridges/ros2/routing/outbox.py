@@ -38,8 +38,8 @@ class _Line:
         self._repeat_timer = Timer(site.bus.call_later, self._repeat)
         self._reclaim_timer = Timer(site.bus.call_later, self._open)
         self._later: list[asyncio.TimerHandle] = []
-        self._last: dict[str, tuple[Message, float]] = {}
-        """Messages to repeat with their arrival times, by placeholder of our key."""
+        self._last: dict[str, tuple[Message, str, float]] = {}
+        """Messages to repeat with their arrival times, by key of `_waiting`."""
         self._sent: dict[str, tuple[bytes, ...]] = {}
         """Last values sent, for routes that send only changes, by key of `_waiting`."""
         self._is_refused = False
@@ -61,7 +61,10 @@ class _Line:
         self._is_read = is_read
 
     def close(self) -> None:
-        """Remove it from the graph."""
+        """Remove it from the graph, after its last value."""
+        if self.route.ends is not None:
+            types = self._site.scene.types
+            self._put(types.encode(self.route.type, self.route.ends(types)))
         for timer in (self._due_timer, self._repeat_timer, self._reclaim_timer):
             timer.cancel()
         for later in self._later:
@@ -107,7 +110,7 @@ class _Line:
 
     def _send(self, message: Message, name: str) -> None:
         if self.route.repeat_hz is not None:
-            self._last[name] = message, self._loop.time()
+            self._last[self._whose(name)] = message, name, self._loop.time()
             self._repeat_later()
         self._write(message, name)
 
@@ -166,8 +169,8 @@ class _Line:
 
     def _repeat(self) -> None:
         oldest_s = self._loop.time() - self.route.repeat_for_s
-        self._last = {name: last for name, last in self._last.items() if last[1] > oldest_s}
-        for name, (message, _) in self._last.items():
+        self._last = {whose: last for whose, last in self._last.items() if last[2] > oldest_s}
+        for message, name, _ in self._last.values():
             self._write(message, name, again_ns=self._site.clock.now_ns())
         self._repeat_later()
 
@@ -265,7 +268,7 @@ class Outbox:
 
     def _yield(self, line: _Line) -> None:
         if line.route.yields:
-            line.make_room(is_given=line.ros in self._given)
+            line.make_room(is_given=(line.route.yields_to or line.ros) in self._given)
 
     def _has_reader(self, ros: str) -> bool:
         return ros in self._read

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 from pointit.bridges.ros2.graph.backend import Qos
 from pointit.bridges.ros2.routing.frames import WORLD
 from pointit.bridges.ros2.routing.scene import Scene
+from pointit.bridges.ros2.types.types import Types
 from pointit.schemas import Message, Query, Reply
 from pointit.schemas.topics import Request, Topic
 
@@ -63,6 +64,8 @@ class _Route:
     enabled: bool = True
     yields: bool = False
     """Used only while no other node does the same with the same name."""
+    yields_to: str = ""
+    """Name in ROS whose other publishers it yields to, or `""` for its own."""
     frame: str = WORLD
     """`WORLD`, `PERSON`, or a name with `{user}`."""
     about: str
@@ -90,12 +93,16 @@ class OutboundRoute(_Route):
     """Duration of repetitions."""
     on_change: bool = False
     """Identical values of a name are not sent again."""
+    is_ros4hri: bool = False
+    """Only with the parameter `ros4hri`."""
     is_theirs: bool = False
     """Published by a guest's own nodes, and then not by us."""
     begins: Callable[[], None] | None = None
     """Called when the first subscriber appears."""
     forgets: Callable[[str], None] | None = None
     """Called with people who leave, or services that have gone, if messages are about them."""
+    ends: Callable[[Types], Any] | None = None
+    """Returns the last value, sent before its name is closed: a person or the bridge leaves."""
     apart_s: float = 0.0
     """Delay between the values of one message: a button is down for this time."""
 

@@ -21,6 +21,7 @@ from typing import Annotated, Any, TypeVar
 from pydantic import Field, ValidationError, field_validator
 
 from pointit.bridges.ros2.inbound.table import inward, served
+from pointit.bridges.ros2.outbound.humans_table import of_ros4hri
 from pointit.bridges.ros2.outbound.table import outward
 from pointit.bridges.ros2.routing.route_types import InboundRoute, OutboundRoute, ServiceRoute
 from pointit.bridges.ros2.routing.scene import KINDS
@@ -33,6 +34,9 @@ Row = TypeVar("Row", OutboundRoute, InboundRoute, ServiceRoute)
 
 UNPREFIXED = ("/tf", "/tf_static", "/clock", "/diagnostics", "/rosout")
 """Names that ROS fixes."""
+ROS4HRI = "/humans/"
+"""Namespace that REP-155 fixes."""
+TF = "tf2_msgs/msg/TFMessage"
 
 MAX_NAME = 150
 """Maximum characters of a name in ROS before its user is inserted; a resolved one may have 247."""
@@ -127,14 +131,21 @@ class Routes:
         return (*self.outward, *self.inward, *self.served)
 
 
-def routes(path: Path | None = None) -> Routes:
+def routes(path: Path | None = None, *, ros4hri: bool = False) -> Routes:
     """Return the table with new converters, changed by the file at `path` if there is one.
+
+    Args:
+        path: of the file, which may change routes of ROS4HRI even if they are not wanted.
+        ros4hri: whether the table has the routes of ROS4HRI.
 
     Raises:
         ConfigError: If the file cannot be used; one sentence with the route, the value and what to do.
     """
-    plain = Routes(outward(), inward(), served(), RoutesFile())
-    return plain if path is None else changed(plain, read_routes(path), str(path))
+    table = Routes((*outward(), *of_ros4hri()), inward(), served(), RoutesFile())
+    if path is not None:
+        table = changed(table, read_routes(path), str(path))
+    outbound = tuple(row for row in table.outward if ros4hri or not row.is_ros4hri)
+    return dataclasses.replace(table, outward=outbound)
 
 
 def read_routes(path: Path) -> RoutesFile:
@@ -180,7 +191,7 @@ def _changed(row: Row, file: RoutesFile, source: str) -> Row:
         wanted = _placeholder(row.ros)
         what = f"write {wanted} into it, as there is one for each" if wanted else "leave { } out"
         raise ConfigError(f"{where}.ros: {what} (got {ros!r})")
-    if change.ros is None and ros not in UNPREFIXED:
+    if change.ros is None and ros not in UNPREFIXED and not ros.startswith(ROS4HRI):
         ros = file.prefix + ros
     changes["ros"] = ros
     if change.rate_hz is not None:
@@ -197,15 +208,18 @@ def _changed(row: Row, file: RoutesFile, source: str) -> Row:
 def _check_apart(
     rows: Sequence[OutboundRoute] | Sequence[InboundRoute] | Sequence[ServiceRoute], source: str
 ) -> None:
-    """Check that no two routes publish, read or serve the same name. /tf may be both published and read."""
-    taken: dict[str, str] = {}
+    """Check that no two routes publish, read or serve the same name.
+
+    /tf may be both published and read, and published by several routes.
+    """
+    taken: dict[str, OutboundRoute | InboundRoute | ServiceRoute] = {}
     for row in rows:
         if row.enabled:
-            other = taken.setdefault(row.ros, row.name)
-            if other != row.name:
+            other = taken.setdefault(row.ros, row)
+            if other is not row and not other.type == row.type == TF:
                 raise ConfigError(
-                    f"{source}: routes.{row.name}.ros: {row.ros!r} is that of {other} already; rename or "
-                    "switch off one of them"
+                    f"{source}: routes.{row.name}.ros: {row.ros!r} is that of {other.name} already; rename "
+                    "or switch off one of them"
                 )
 
 

@@ -1,5 +1,6 @@
 """State of the site for conversions: the newest messages."""
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -7,12 +8,15 @@ from typing import Any
 from pointit.bridges.ros2.routing.frames import Frames, RosNames
 from pointit.bridges.ros2.routing.uids import Kinds, Uids
 from pointit.bridges.ros2.types.types import Types
+from pointit.geometry import rotation, vector
 from pointit.geometry.polyline import Polyline
+from pointit.geometry.vector import Vec3
 from pointit.schemas import (
     NS_PER_S,
     Cursor,
     Environment,
     Hover,
+    ImuSample,
     Interaction,
     Message,
     Selection,
@@ -34,6 +38,8 @@ POINTS_NS = NS_PER_S // 2
 """A person without a cursor for this long does not point."""
 TRACKED_NS = NS_PER_S
 """A tracker silent for this long tracks nothing."""
+STEEP_RAD = math.radians(60.0)
+"""Elevation of an arm, up or down, from which its azimuth does not tell where the person faces."""
 MAX_PEOPLE = 1000
 """Maximum number of people; the oldest are evicted first."""
 MAX_TRACKERS = 256
@@ -42,7 +48,7 @@ MAX_TRACKERS = 256
 HEARD: tuple[Topic[Any], ...] = (CURSOR, HOVER, POSE, PROFILE, INTERACTION, OBJECTS, SELECTION, MAP)
 """Topics that the scene is built from."""
 
-PersonSays = Cursor | Hover | UserPose | UserProfile | Interaction
+PersonSays = Cursor | Hover | UserPose | UserProfile | Interaction | ImuSample
 
 
 @dataclass(slots=True)
@@ -55,6 +61,12 @@ class Person:
     cursor_ns: int = 0
     """Arrival of the cursor."""
     hover: Hover | None = None
+    is_here: bool = False
+    """Whether the site announces them."""
+    arm: Vec3 | None = None
+    """Direction of the arm in {H}, a unit vector."""
+    facing_rad: float = 0.0
+    """Azimuth in {H} of the arm when it was last raised or lowered less than `STEEP_RAD`."""
     is_pointing: bool = True
     """True until a message says otherwise."""
     tf_until_ns: int = 0
@@ -73,6 +85,10 @@ class Person:
                 self.profile = message
             case Interaction():
                 self.is_pointing = message.state == "pointing"
+            case ImuSample():
+                self.arm = rotation.rotate(message.orientation_xyzw, (1.0, 0.0, 0.0))
+                if abs(vector.elevation(self.arm)) < STEEP_RAD:
+                    self.facing_rad = vector.azimuth(self.arm)
 
 
 @dataclass(slots=True)
@@ -124,7 +140,7 @@ class Scene:
         """Store a message that came at `now_ns`; `name` is for the placeholder of its key."""
         self.now_ns = now_ns
         match message:
-            case Cursor() | Hover() | UserPose() | UserProfile() | Interaction():
+            case Cursor() | Hover() | UserPose() | UserProfile() | Interaction() | ImuSample():
                 self.person(name).hear(message, now_ns)
             case TrackedObjects():
                 if name in self._tracked or len(self._tracked) < MAX_TRACKERS:

@@ -33,6 +33,14 @@ STANDARD_SERVICES = {
     "std_srvs/srv/Trigger": "---\nbool success\nstring message\n",
 }
 
+# rosbags has no packages outside ROS's core. Fields of hri_msgs 2.3.2 (ROS4HRI, Apache License 2.0). They are
+# not in `interfaces/`, where colcon would build a second hri_msgs with these two types only.
+ROS4HRI_MESSAGES = {
+    "hri_msgs/msg/IdsList": "std_msgs/Header header\nstring[] ids\n",
+    "hri_msgs/msg/IdsMatch": "int8 UNSET=0\nint8 PERSON=1\nint8 FACE=2\nint8 BODY=3\nint8 VOICE=4\n"
+    "string id1\nint8 id1_type\nstring id2\nint8 id2_type\nfloat32 confidence\n",
+}
+
 # rosbags drops defaults of definitions; of the standard types in use, only this one
 # has any but zero.
 STANDARD_DEFAULTS: dict[str, dict[str, Any]] = {"geometry_msgs/msg/Quaternion": {"w": 1.0}}
@@ -63,7 +71,7 @@ class Definitions:
 
 def _texts() -> Iterator[tuple[str, str]]:
     """Yield name and text of types that rosbags lacks."""
-    yield from STANDARD_SERVICES.items()
+    yield from (STANDARD_SERVICES | ROS4HRI_MESSAGES).items()
     for path in sorted(INTERFACES.glob("*/*/*")):
         if path.suffix in {".msg", ".srv"}:
             package, kind = path.parts[-3:-1]

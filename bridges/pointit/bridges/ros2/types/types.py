@@ -11,6 +11,7 @@ from pointit.bridges.ros2.graph.backend import Distro, RosType
 from pointit.bridges.ros2.types.definitions import Definitions
 from pointit.bridges.ros2.types.layout import Layout
 from pointit.bridges.ros2.types.rihs01 import Fields, Rihs01
+from pointit.runtime.config.extras import remedy
 from pointit.runtime.errors import ConfigError
 
 NO_HASH = "TypeHashNotSupported"
@@ -161,7 +162,7 @@ class Types:
         if (expected := self._golden.get(name, computed)) != computed:
             raise ConfigError(
                 f"{name}: the hash of its definition is {computed}, in ROS 2 it is {expected}; remove "
-                "the folder .venv and run `scripts/setup ros2` in the folder of PointIt"
+                f"this Python environment, make it again and run {remedy('ros2')}"
             )
         return computed
 

@@ -6,8 +6,9 @@ The bus does not report that a message has lost its writer, so pages would go on
 from collections.abc import Callable, Collection, Iterator
 from typing import Any
 
-from pointit.diagnosis.writers import instance_of, present_writers, split_instance
+from pointit.diagnosis.writers import present_writers
 from pointit.schemas import Deployment
+from pointit.schemas.system import instance_of, split_instance
 from pointit.schemas.topics import DEPLOYMENT, HEALTH, MAP, OBJECTS, Delivery, Topic
 from pointit.services.registry import PROCESSES, SHOWN
 

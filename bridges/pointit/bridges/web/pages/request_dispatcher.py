@@ -21,10 +21,10 @@ from pointit.bridges.web.wire import Answer, Ask, Role
 from pointit.bridges.web.wrists.pairing import Pairing, offer
 from pointit.bridges.web.wrists.phone import Phones
 from pointit.bridges.web.wrists.wrist_control import Hold, WristControl
-from pointit.diagnosis.writers import instance_of
 from pointit.runtime.bus.contract import REQUEST_TIMEOUT_S, Bus
 from pointit.runtime.errors import RefusedError
 from pointit.schemas import SetYawOrigin
+from pointit.schemas.system import instance_of
 from pointit.schemas.topics import SET_YAW_ORIGIN
 
 IMU_BRIDGE = "imu-bridge"

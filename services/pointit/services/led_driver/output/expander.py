@@ -9,13 +9,14 @@ from dataclasses import dataclass, field
 
 import serial
 
+from pointit.runtime.health.surroundings import HealthSink
 from pointit.runtime.host.serial_port import PortSettings, SerialThread
 from pointit.schemas import Strip, StripsFrame
 from pointit.services.led_driver.output import upxl_protocol
 from pointit.services.led_driver.output.expander_config import ExpanderConfig
 from pointit.services.led_driver.output.power import Load, Power
 from pointit.services.led_driver.output.wiring import FRAME_RATE, Wiring, map_channels, too_slow, wire_time_s
-from pointit.services.led_driver.outputs import LedOutput, MetricSink
+from pointit.services.led_driver.outputs import LedOutput
 
 log = logging.getLogger(__name__)
 
@@ -71,7 +72,7 @@ class ExpanderFrame:
 class ExpanderOutput:
     """Sends frames to one expander in a thread of its own. Newer frames replace unsent ones."""
 
-    def __init__(self, config: ExpanderConfig, account: MetricSink) -> None:
+    def __init__(self, config: ExpanderConfig, account: HealthSink) -> None:
         self._config = config
         self._account = account
         self._power = Power(config)
@@ -244,7 +245,7 @@ def _drain(port: serial.Serial) -> None:
 EXPANDER = LedOutput(
     summary="a serial LED expander (UPXL: ElectroMage, Pixelblaze)",
     config=ExpanderConfig,
-    make=ExpanderOutput,
+    make=lambda config, around: ExpanderOutput(config, around.health),
     argument="port",
     example="PORT",
 )

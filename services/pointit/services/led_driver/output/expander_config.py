@@ -12,7 +12,7 @@ Board = Literal["v1", "v2", "v3"]
 class ExpanderConfig(OutputConfig):
     """A serial LED expander (UPXL: ElectroMage, Pixelblaze)."""
 
-    kind: str = "expander"
+    kind: str = Field(default="expander", description="kind of controller")
     port: str = Field(default="", description="path or name of the controller's port")
     baud: int = Field(default=2_000_000, gt=0, le=4_000_000, description="bits per second")
     wanted_rate_hz: float = Field(

@@ -21,7 +21,8 @@ PULSE_STEP_NS = NS_PER_S // 20
 class Lamps:
     """Colours of all lamps. Pure.
 
-    While a person localizes, only lamps that they are to point at are lit, and the state lamp.
+    While a person localizes, only lamps that they are to point at are lit, and the state lamp. Otherwise a
+    lamp shows what it was set to.
     """
 
     def __init__(self, config: LedDriverConfig) -> None:
@@ -32,6 +33,8 @@ class Lamps:
         self._timeout_ns = int(config.cursor_timeout_s * NS_PER_S)
         self.queue = LampQueue(int(config.lamps.localization_timeout_s * NS_PER_S))
         self._cursors: dict[str, tuple[int, Cursor]] = {}
+        self._set: dict[str, Rgb] = {}
+        """Colours of lamps that were set."""
         self._near: set[str] = set()
         """Lamps that were ever near a ray, and are in the map."""
         self._guards: dict[str, FlashGuard] = {self._id: FlashGuard()} if self._id else {}
@@ -45,6 +48,7 @@ class Lamps:
     def set_lamps(self, ids: Collection[str]) -> None:
         """Set the `ids` of the lamps of a new map. Those that are gone are switched off."""
         self._near.intersection_update(ids)
+        self._set = {lamp_id: color for lamp_id, color in self._set.items() if lamp_id in ids}
         self._guard(ids)
 
     def on_cursor(self, user: str, cursor: Cursor, now_ns: int) -> None:
@@ -54,6 +58,22 @@ class Lamps:
             new = {lamp.id for lamp in cursor.lamps} - self._near
             self._near |= new
             self._guard(new)
+
+    def set_color(self, lamp_id: str, color: Rgb | None) -> None:
+        """Show `color` on a lamp. None: what it shows by itself.
+
+        Raises:
+            ValueError: If there is no such lamp, or it shows the state of the site.
+        """
+        if lamp_id == self._id:
+            raise ValueError(f"lamp {lamp_id} shows the state of the site; choose another one")
+        if lamp_id not in self._guards:
+            known = sorted(self._guards.keys() - {self._id})
+            raise ValueError(f"there is no lamp {lamp_id!r}; there are {', '.join(known) or 'none'}")
+        if color is None:
+            self._set.pop(lamp_id, None)
+        else:
+            self._set[lamp_id] = color
 
     def on_feedback(self, feedback: Feedback) -> None:
         """Flash the state lamp in the colour of a cue."""
@@ -70,6 +90,8 @@ class Lamps:
         wanted = dict.fromkeys(self._guards, DARK)
         if self._cursors and not is_localizing:
             wanted |= {lamp_id: self._by_angle(lamp_id) for lamp_id in self._near}
+        if not is_localizing:
+            wanted |= self._set
         if self._id:
             state = "localizing" if is_localizing else "pointing" if self._cursors else "idle"
             wanted[self._id] = self._state.color(state, now_ns)

@@ -1,15 +1,38 @@
-"""Change of the method or dwell time at run time."""
+"""The method in use for each person, and its change or that of the dwell time at run time."""
 
-from typing import Any
+from collections.abc import Callable
+from typing import Any, Literal, TypeGuard
 
-from pointit.services.selector.config import Method, SelectorConfig
+from pointit.services.selector.config import SelectorConfig
+from pointit.services.selector.selection_methods import (
+    MAX_DWELL_S,
+    METHODS,
+    MethodConfig,
+    PersonMethod,
+    detached,
+)
 
-MAX_DWELL_S = 10.0
-"""Upper limit of the dwell time by any method, s."""
+MakeMethod = Callable[[SelectorConfig, str], PersonMethod]
+"""Makes the configured method for a user."""
+
+
+def make_method(config: SelectorConfig, user: str) -> PersonMethod:
+    """Return the configured method for `user`, outside a site."""
+    return METHODS.get(config.method).make(config.section(config.method), detached(user))
+
+
+def is_ours(method: str) -> TypeGuard[Literal["hold", "fraction", "gauge"]]:
+    """Return True if `method` is one of this project."""
+    return method in ("hold", "fraction", "gauge")
+
+
+def is_by_angle(config: SelectorConfig) -> bool:
+    """Return True if the configured method finds objects by their angle from the ray."""
+    return METHODS.get(config.method).by_angle
 
 
 def apply_method(
-    configured: SelectorConfig, in_use: SelectorConfig, method: Method | None, dwell_s: float | None
+    configured: SelectorConfig, in_use: SelectorConfig, method: str | None, dwell_s: float | None
 ) -> SelectorConfig:
     """Return the configuration to use from now on.
 
@@ -22,7 +45,10 @@ def apply_method(
 
     Raises:
         ValueError: If it is impossible. The message gives the reason.
+        ConfigError: If the method is not installed or cannot be imported.
     """
+    if method is not None:
+        METHODS.get(method)
     if method is None and dwell_s is None:
         return in_use
     named = configured.model_copy(update={"method": in_use.method if method is None else method})
@@ -30,6 +56,9 @@ def apply_method(
 
 
 def _staying(config: SelectorConfig, dwell_s: float) -> SelectorConfig:
+    section = config.section(config.method)
+    if isinstance(section, MethodConfig):
+        return config.model_copy(update={config.method: section.with_dwell(dwell_s)})
     own: dict[str, Any] = {"window_s": dwell_s}
     if config.method == "gauge":
         sparse_s = dwell_s * config.gauge.sparse_full_s / config.gauge.full_s

@@ -57,6 +57,7 @@ export interface Everything {
   SetBrightness: SetBrightness;
   SetFeeding: SetFeeding;
   SetHeading: SetHeading;
+  SetLamp: SetLamp;
   SetMethod: SetMethod;
   SetMethodReply: SetMethodReply;
   SetMounting: SetMounting;
@@ -1224,6 +1225,15 @@ export interface SetHeading {
   azimuth_rad: number;
 }
 /**
+ * Show a colour on a lamp that nobody needs to localize, until it is given back.
+ */
+export interface SetLamp {
+  /**
+   * None gives the lamp back
+   */
+  color: [number, number, number] | null;
+}
+/**
  * Choose how dwelling on an object selects it, and for how long. Without values it only reads them.
  */
 export interface SetMethod {
@@ -1235,6 +1245,10 @@ export interface SetMethod {
    * None to keep it
    */
   method: ("hold" | "fraction" | "gauge") | null;
+  /**
+   * any installed method, instead of `method`
+   */
+  name: string | null;
 }
 /**
  * The method in use now.
@@ -1242,10 +1256,21 @@ export interface SetMethod {
 export interface SetMethodReply {
   dwell_s: number;
   /**
+   * all installed methods
+   */
+  installed: string[];
+  /**
    * the effect, in one sentence for a person
    */
   message: string;
+  /**
+   * the method, or gauge (by angle) or hold (by metres) for that of another package
+   */
   method: "hold" | "fraction" | "gauge";
+  /**
+   * the method; empty from version 1
+   */
+  name: string;
 }
 /**
  * Set the mounting of the sensor on the arm.

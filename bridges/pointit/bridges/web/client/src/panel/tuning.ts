@@ -1,6 +1,6 @@
 /** How staying selects, how far a ray may pass, how bright the light is; as the services answer. */
 
-import { choice } from "../choice";
+import { choice, type Option } from "../choice";
 import type { Controls } from "../controls";
 import { folded, show } from "../dom";
 import { slider } from "../slider";
@@ -8,9 +8,13 @@ import type { RequestKey } from "../topics";
 import type { Part } from "./part";
 
 const DEG = Math.PI / 180;
-const METHODS = [
-  { value: "gauge", label: "Gauge" }, { value: "hold", label: "Hold" }, { value: "fraction", label: "Fraction" },
-];
+const METHODS = ["gauge", "hold", "fraction"];
+
+/** Options of the installed methods, ours first. */
+function methodOptions(installed: readonly string[]): Option[] {
+  const others = installed.filter((name) => !METHODS.includes(name));
+  return [...METHODS, ...others].map((value) => ({ value, label: value[0]!.toUpperCase() + value.slice(1) }));
+}
 
 export interface Tuning extends Part {
   /** Query the values in use again: a service was started. */
@@ -25,7 +29,9 @@ export function tuningPart(controls: Controls): Tuning {
   async function askMethod(query: Record<string, unknown>): Promise<number | null> {
     const reply = await controls.ask({ key: "selector/method", query }, { isQuiet: true });
     if (!reply) return null;
-    method.set(String(reply["method"]));
+    const installed = reply["installed"];
+    method.offer(methodOptions(Array.isArray(installed) ? installed.map(String) : []));
+    method.set(String(reply["name"] || reply["method"]));
     dwell = Number(reply["dwell_s"]);
     return dwell;
   }
@@ -43,7 +49,7 @@ export function tuningPart(controls: Controls): Tuning {
     return reply ? value : null;
   }
 
-  const method = choice("Method", (value) => void askMethod({ method: value }).then(controls.changed), METHODS);
+  const method = choice("Method", (value) => void askMethod(METHODS.includes(value) ? { method: value } : { name: value }).then(controls.changed), methodOptions([]));
   const time = slider({
     label: "Time on an object", min: 0.2, max: 3, step: 0.05, text: (value) => `${value.toFixed(2)} s`,
     send: (value) => askMethod({ dwell_s: value }),

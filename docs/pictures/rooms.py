@@ -1,0 +1,114 @@
+"""Draws the rooms and their imports, docs/explanation/rooms.svg: `python docs/pictures/rooms.py`.
+
+An arrow is drawn where no longer way leads to the same room. All other imports are listed in the room's box.
+"""
+
+from collections import Counter
+from pathlib import Path
+from xml.sax.saxutils import escape
+
+import grimp
+
+import pointit  # noqa: F401 - with it loaded, all its three folders are seen
+
+ROOT = Path(__file__).resolve().parents[2]
+WIDTH, HEIGHT = 960, 800
+BOX_HEIGHT = 66
+ROOMS = {
+    "cli": (480, 16, 700, "the commands of the program pointit"),
+    "launch": (720, 114, 440, "a scenario becomes running services"),
+    "evaluation": (205, 212, 400, "estimates beside baselines"),
+    "bridges": (720, 212, 440, "web page, ROS 2, Foxglove"),
+    "diagnosis": (780, 310, 280, "faults of a site, and remedies"),
+    "access": (490, 310, 240, "rights and certificates"),
+    "plugins": (200, 310, 260, "names for authors of plug-ins"),
+    "services": (480, 408, 560, "one folder per process"),
+    "sim": (320, 506, 240, "recordings, simulated arms"),
+    "maps": (640, 506, 240, "map files and checks"),
+    "runtime": (320, 604, 240, "bus, clock, configuration, health"),
+    "schemas": (320, 702, 240, "messages, codec, topic table"),
+    "geometry": (640, 702, 240, "pure mathematics"),
+}
+"""Middle x, top y and width of each room's box, px, and its purpose. The order is that of the layers."""
+STYLE = """
+text{font:13px system-ui,sans-serif;text-anchor:middle;fill:#1c2733}
+.name{font-weight:600;font-size:15px}
+.small{font-size:11px;fill:#52606d}
+.count{font-size:12px;stroke:#fff;stroke-width:4px;paint-order:stroke}
+rect{fill:#eef4fa;stroke:#7b93ab}
+path{fill:none;stroke:#52708f;stroke-width:1.5}
+"""
+
+
+def count_imports() -> tuple[Counter[str], Counter[tuple[str, str]]]:
+    """Return the number of modules by room, and the number of imports between modules by pair of rooms."""
+    graph = grimp.build_graph("pointit", cache_dir=None)
+    sizes = Counter[str]()
+    arrows = Counter[tuple[str, str]]()
+    for module in graph.modules:
+        _, _, rest = module.partition(".")
+        room = rest.partition(".")[0]
+        sizes[room] += bool(rest)
+        for imported in graph.find_modules_directly_imported_by(module):
+            arrows[room, imported.split(".")[1]] += 1
+    return sizes, arrows
+
+
+def direct(arrows: Counter[tuple[str, str]]) -> set[tuple[str, str]]:
+    """Return the arrows that no longer way replaces."""
+    rooms = list(ROOMS)
+    reached: dict[str, set[str]] = {}
+    for room in reversed(rooms):
+        targets = {target for source, target in arrows if source == room and target != room}
+        reached[room] = targets.union(*(reached[target] for target in targets))
+    return {
+        (source, target)
+        for source, target in arrows
+        if source != target
+        and not any(
+            target in reached[other] for other in rooms if (source, other) in arrows and other != source
+        )
+    }
+
+
+def picture() -> str:
+    """Return the SVG."""
+    sizes, arrows = count_imports()
+    drawn = direct(arrows)
+    parts = [
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} {HEIGHT}" role="img">',
+        "<title>Rooms of PointIt and the number of imports between them</title>",
+        f"<style>{STYLE}</style>",
+        '<defs><marker id="tip" refX="7" refY="4" orient="auto" markerWidth="8" markerHeight="8">',
+        '<path d="M0 0 8 4 0 8" style="fill:#52708f;stroke:none"/></marker></defs>',
+        f'<rect width="{WIDTH}" height="{HEIGHT}" style="fill:#fff;stroke:none"/>',
+    ]
+    labels: list[str] = []
+    for source, target in sorted(drawn):
+        (from_x, from_y, from_width, _), (to_x, to_y, to_width, _) = ROOMS[source], ROOMS[target]
+        half, to_half = from_width / 2 - 24, to_width / 2 - 24
+        x1 = min(max(to_x, from_x - half), from_x + half)
+        x2 = min(max(from_x, to_x - to_half), to_x + to_half)
+        y1, y2 = from_y + BOX_HEIGHT, to_y
+        parts.append(f'<path d="M{x1:.0f} {y1} L{x2:.0f} {y2}" marker-end="url(#tip)"/>')
+        at = f'x="{(x1 + x2) / 2:.0f}" y="{(y1 + y2) / 2 + 4:.0f}"'
+        labels.append(f'<text class="count" {at}>{arrows[source, target]}</text>')
+    for room, (x, y, width, purpose) in ROOMS.items():
+        others = [
+            f"{target} {count}"
+            for (source, target), count in sorted(arrows.items(), key=lambda each: (-each[1], each[0]))
+            if source == room != target and (source, target) not in drawn
+        ]
+        parts += [
+            f'<rect x="{x - width / 2:.0f}" y="{y}" width="{width}" height="{BOX_HEIGHT}" rx="6"/>',
+            f'<text class="name" x="{x}" y="{y + 20}">{room}</text>',
+            f'<text x="{x}" y="{y + 38}">{escape(purpose)}</text>',
+            f'<text class="small" x="{x}" y="{y + 55}">{sizes[room]} modules'
+            + (f"; also {', '.join(others)}" if others else "")
+            + "</text>",
+        ]
+    return "\n".join([*parts, *labels, "</svg>\n"])
+
+
+if __name__ == "__main__":
+    (ROOT / "docs/explanation/rooms.svg").write_text(picture(), encoding="utf-8")

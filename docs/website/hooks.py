@@ -1,0 +1,57 @@
+"""Hooks of MkDocs: generated pages, pages from other folders, links to files that are no pages."""
+
+import posixpath
+import re
+from pathlib import Path
+from typing import Any
+
+from mkdocs.config.defaults import MkDocsConfig
+from mkdocs.structure.files import File, Files
+from mkdocs.structure.pages import Page
+
+from docs.website.reference import PAGES
+
+ROOT = Path(__file__).parents[2]
+ELSEWHERE = {
+    "CHANGELOG.md": "changelog.md",
+    "bridges/README.md": "explanation/bridges.md",
+    "deploy/README.md": "how-to/deploy.md",
+    "examples/README.md": "how-to/examples.md",
+    "schemas/catalogue/README.md": "reference/topics.md",
+}
+"""Pages whose files are in other folders of the repository, and their paths below `docs`."""
+LINK = re.compile(r"(!?)\[((?:[^\[\]]|\[[^\]]*\])*)\]\(([^)\s]+)\)")
+MESSAGE = re.compile(r"schemas/catalogue/messages/(\w+)\.v(\d+)\.json")
+FENCE = re.compile(r"^([ ]*```[a-z]+)((?: title=\"[^\"]*\")?)[^\n`]*$", re.MULTILINE)
+
+
+def on_files(files: Files, config: MkDocsConfig) -> Files:
+    """Add the pages that are not in `docs`."""
+    for uri, page in PAGES.items():
+        files.append(File.generated(config, uri, content="\n\n".join(page()) + "\n"))
+    for path, uri in ELSEWHERE.items():
+        if (ROOT / path).exists():
+            files.append(File.generated(config, uri, content=(ROOT / path).read_text(encoding="utf-8")))
+    return files
+
+
+def on_page_markdown(markdown: str, page: Page, **_others: Any) -> str:
+    """Return a page without the words that only `scripts/docs` reads, its links fit for the site."""
+    uri = page.file.src_uri
+    source = next((path for path, other in ELSEWHERE.items() if other == uri), f"docs/{uri}")
+
+    def linked(match: re.Match[str]) -> str:
+        picture, text, target = match.groups()
+        path, _, fragment = target.partition("#")
+        if not path or "://" in path:
+            return match[0]
+        there = posixpath.normpath(posixpath.join(posixpath.dirname(source), path))
+        if message := MESSAGE.fullmatch(there):
+            there, fragment = "docs/reference/messages.md", f"{message[1].lower()}v{message[2]}"
+        there = f"docs/{ELSEWHERE[there]}" if there in ELSEWHERE else there
+        if not there.startswith("docs/"):
+            return text
+        relative = posixpath.relpath(there.removeprefix("docs/"), posixpath.dirname(uri) or ".")
+        return f"{picture}[{text}]({relative}{'#' if fragment else ''}{fragment})"
+
+    return FENCE.sub(r"\1\2", LINK.sub(linked, markdown))

@@ -1,0 +1,251 @@
+"""Pages of the reference, generated from the code whenever the site is built."""
+
+from collections.abc import Callable, Iterable, Iterator
+from typing import Any
+
+import click
+from pydantic import BaseModel
+
+import pointit
+from pointit import errors
+from pointit.api import requests
+from pointit.api.feed import Feed
+from pointit.api.lamp import Lamp
+from pointit.api.latest import Latest
+from pointit.api.tracker import Tracker
+from pointit.cli.main import front
+from pointit.launch.plan.scenario import read_scenario, scenario_names
+from pointit.maps.file import load_map, shipped_maps
+from pointit.plugins import GROUPS
+from pointit.runtime.config.parameters import ParameterInfo, iter_parameters
+from pointit.schemas import Message
+from pointit.schemas.base import Query
+from pointit.schemas.topics import REQUESTS, TOPICS
+from pointit.services.registry import PROCESSES
+
+WIDTH = 100
+"""Columns of the help texts."""
+
+
+def parameters() -> Iterator[str]:
+    """Yield the parameters of every service."""
+    yield "# Parameters of services"
+    yield (
+        "Set them on the command line (`--set SERVICE.PARAMETER=VALUE` after `pointit run`, "
+        "`--PARAMETER VALUE` after the service's own command), in a YAML file (`--config FILE`) "
+        "or in the environment (`POINTIT_SELECTOR__GAUGE__FULL_S=0.8`). Lists and mappings are YAML."
+    )
+    for row in PROCESSES:
+        yield f"## {row.name}"
+        yield f"{_sentence(row.about)} One per {row.scope}." + (
+            f" Needs the extra `{row.extra}`." if row.extra else ""
+        )
+        rows = [
+            (f"`{'.'.join(each.path)}`", each.type_name, _default(each), each.field.description or "")
+            for each in iter_parameters(row.config())
+        ]
+        yield table(("parameter", "type", "default", "meaning"), rows) if rows else "It has no parameters."
+
+
+def messages() -> Iterator[str]:
+    """Yield the fields of every message, query and reply."""
+    yield "# Messages"
+    yield (
+        "Every message also has `stamp_ns`, the time of capture in ns since 1970, and `seq`, which "
+        "counts the writer's messages on the key. On the wire a message is a msgpack map with these names. "
+        "[Topics](topics.md) lists the keys."
+    )
+    kinds: dict[str, type[Message | Query]] = {}
+    for topic in TOPICS:
+        kinds[topic.message.schema_name()] = topic.message
+    for request in REQUESTS:
+        kinds |= {kind.schema_name(): kind for kind in (request.query, request.reply)}
+    parts: dict[str, type[BaseModel]] = {}
+    for name, kind in kinds.items():
+        yield f"## {name}"
+        yield from _fields(kind, parts)
+    yield "# Parts of messages"
+    done = set[str]()
+    while todo := [name for name in parts if name not in done]:
+        for name in todo:
+            done.add(name)
+            yield f"## {name}"
+            yield from _fields(parts[name], parts)
+
+
+def _fields(kind: type[BaseModel], parts: dict[str, type[BaseModel]]) -> Iterator[str]:
+    yield _paragraph(kind.__doc__)
+    schema = kind.model_json_schema()
+    rows: list[tuple[str, str, str]] = []
+    for name, field in kind.model_fields.items():
+        if name in {"stamp_ns", "seq"} and issubclass(kind, Message):
+            continue
+        for part in _models(field.annotation):
+            parts[part.__name__] = part
+        shape = schema["properties"][name]
+        meaning = _sentence(field.description or "")
+        default = field.get_default(call_default_factory=True)
+        if not field.is_required() and not isinstance(default, BaseModel):
+            meaning = f"{meaning} Default: `{default!r}`.".strip()
+        rows.append((f"`{name}`", _type(shape), meaning))
+    yield table(("field", "type", "meaning"), rows) if rows else "It has no further fields."
+
+
+def _models(annotation: Any) -> Iterator[type[BaseModel]]:
+    """Yield the models in a type."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        yield annotation
+    for inner in getattr(annotation, "__args__", ()):
+        yield from _models(inner)
+
+
+def _type(shape: dict[str, Any]) -> str:
+    """Return the type of a JSON schema for readers: `number[3]`."""
+    if "$ref" in shape:
+        name = shape["$ref"].rsplit("/", 1)[-1]
+        return f"[{name}](#{name.lower()})"
+    if "anyOf" in shape:
+        return " or ".join(_type(each) for each in shape["anyOf"])
+    if "enum" in shape:
+        return ", ".join(f"`{each}`" for each in shape["enum"])
+    if "const" in shape:
+        return f"`{shape['const']}`"
+    if shape.get("type") == "array":
+        inner = shape.get("items") or (shape.get("prefixItems") or [{}])[0]
+        count = shape.get("maxItems") if shape.get("maxItems") == shape.get("minItems") else None
+        return f"{_type(inner)}\\[{'' if count is None else count}\\]"
+    if shape.get("type") == "object" and isinstance(shape.get("additionalProperties"), dict):
+        return f"mapping to {_type(shape['additionalProperties'])}"
+    return str(shape.get("type", "any"))
+
+
+def commands() -> Iterator[str]:
+    """Yield the help of every command."""
+    yield "# Commands"
+    yield "`pointit COMMAND --help` prints the same."
+    root = front()
+    yield from _command(root, click.Context(root, info_name="pointit", terminal_width=WIDTH), 1)
+
+
+def _command(command: click.Command, context: click.Context, depth: int) -> Iterator[str]:
+    if depth > 1:
+        yield f"{'#' * min(depth, 4)} {context.command_path}"
+    yield f"```text\n{command.get_help(context)}\n```"
+    if not isinstance(command, click.Group) or context.command_path.endswith(("service", "service run")):
+        return
+    for name in command.list_commands(context):
+        inner = command.get_command(context, name)
+        if inner is not None and not inner.hidden:
+            below = click.Context(inner, info_name=name, parent=context, terminal_width=WIDTH)
+            yield from _command(inner, below, depth + 1)
+
+
+def scenarios() -> Iterator[str]:
+    """Yield the shipped scenarios and maps."""
+    yield "# Scenarios and maps"
+    yield "## Scenarios"
+    yield "`pointit run NAME` runs one, `pointit run FILE.yaml` one of your own."
+    for name in scenario_names():
+        scenario = read_scenario(name)
+        services = ", ".join(f"`{each}`" for each in (*scenario.site, *scenario.user))
+        yield f"### {name}"
+        yield f"{_sentence(scenario.about)} {scenario.explained}".strip()
+        yield f"Services: {services}."
+    yield "## Maps"
+    yield "`--set pui.map=NAME` uses one, or the path of [a file of your own](maps.md)."
+    rows = []
+    for name in shipped_maps():
+        room = load_map(name, 0)
+        pixels = sum(strip.pixels for strip in room.strips)
+        rows.append(
+            (
+                f"`{name}`",
+                *(str(len(each)) for each in (room.lamps, room.strips)),
+                str(pixels),
+                *(str(len(each)) for each in (room.belts, room.links, room.bays)),
+            )
+        )
+    yield table(("map", "lamps", "strips", "pixels", "belts", "links", "bays"), rows)
+
+
+def api() -> Iterator[str]:
+    """Yield the public names of the package, which mkdocstrings documents."""
+    yield "# API"
+    yield (
+        "`import pointit` gives Python programs a running site, or starts one. [The tutorial]"
+        "(../tutorial/index.md#2-a-lamp-of-your-own-reacts) begins with it, "
+        "[the examples](../how-to/examples.md) go on. "
+        "What sites send are the classes of [messages](messages.md), `pointit.schemas`."
+    )
+    for name in dir(pointit):
+        public = getattr(pointit, name)
+        is_ours = callable(public) and public.__module__.startswith("pointit.")
+        if is_ours and name[0] != "_" and name != "PointItError":
+            yield _documented(f"{public.__module__}.{public.__qualname__}", f"pointit.{name}")
+    yield "# Parts of a site"
+    for part in (Feed, Lamp, Tracker, Latest, *_request_classes()):
+        yield _documented(f"{part.__module__}.{part.__qualname__}", part.__qualname__)
+    yield "# Errors"
+    yield "`pointit.errors`: each is a `PointItError`, whose text is one sentence: what, where, what to do."
+    named = [(name, getattr(errors, name)) for name in errors.__all__]
+    rows = [
+        (f"`{name}`", f"`{each.__bases__[0].__name__}`", _paragraph(each.__doc__)) for name, each in named
+    ]
+    yield table(("error", "is a", "when"), rows)
+
+
+def _request_classes() -> list[type]:
+    """Return the classes of `site.select` and so on, in the order of their module."""
+    return [each for name, each in vars(requests).items() if name.endswith("Requests") and name[0] != "_"]
+
+
+def _documented(path: str, heading: str) -> str:
+    return f"::: {path}\n    options:\n      heading: {heading}\n      toc_label: {heading}"
+
+
+def plug_ins() -> Iterator[str]:
+    """Yield the kinds of plug-ins, and those that are shipped."""
+    yield "# Plug-ins"
+    yield (
+        "`pointit plugin list` shows what is installed, from which package, and what is wrong with it. "
+        "[How to write one](../how-to/write-a-plug-in.md)."
+    )
+    for kind, group in GROUPS.items():
+        yield f"## {kind}"
+        yield f"Entry points `{group.group}`."
+        plugins = [(name, group.get(name)) for name in group.names if group.package(name) == "pointit"]
+        rows = [(f"`{name}{plugin.value}`", _sentence(plugin.summary)) for name, plugin in plugins]
+        yield table(("name", "what it is"), rows)
+
+
+def table(head: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
+    """Return a Markdown table."""
+    columns = list(head)
+    lines = [columns, ["---"] * len(columns), *(list(row) for row in rows)]
+    cells = [[" ".join(cell.replace("|", "\\|").split()) for cell in line] for line in lines]
+    return "\n".join(f"| {' | '.join(line)} |" for line in cells)
+
+
+def _default(each: ParameterInfo) -> str:
+    text = each.default
+    return text if text in {"", "none", "required"} else f"`{text}`"
+
+
+def _sentence(text: str) -> str:
+    """Return `text` with a capital letter and a full stop."""
+    return f"{text[:1].upper()}{text[1:]}{'' if text.endswith('.') else '.'}" if text else ""
+
+
+def _paragraph(docstring: str | None) -> str:
+    return "\n\n".join(" ".join(part.split()) for part in (docstring or "").split("\n\n"))
+
+
+PAGES: dict[str, Callable[[], Iterator[str]]] = {
+    "reference/api.md": api,
+    "reference/parameters.md": parameters,
+    "reference/messages.md": messages,
+    "reference/commands.md": commands,
+    "reference/plug-ins.md": plug_ins,
+    "reference/scenarios.md": scenarios,
+}
+"""Generated pages, by path below `docs`."""

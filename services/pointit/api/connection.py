@@ -1,0 +1,130 @@
+"""Joining a site that runs elsewhere."""
+
+import contextlib
+import datetime as dt
+import logging
+import os
+from collections.abc import AsyncGenerator, Sequence
+from pathlib import Path
+
+from pointit.api.portal import LoopThread
+from pointit.api.site import Site
+from pointit.api.sync_site import SyncSite
+from pointit.runtime.clock import SiteClock
+from pointit.runtime.errors import AccessDeniedError, ConfigError, WrongSiteError
+from pointit.runtime.link.credentials import VARIABLE, Credentials, read_credentials
+from pointit.runtime.link.link import DEFAULT_ENDPOINT, DEFAULT_SITE, Link
+from pointit.runtime.virtual_time import is_virtual
+from pointit.runtime.zenoh.sites import sites_at
+from pointit.runtime.zenoh.zenoh_bus import ZenohBus
+from pointit.schemas.topics import ANY, HEALTH, SERVICE_ALIVE
+
+log = logging.getLogger(__name__)
+
+PATIENCE_S = 2.0
+"""Time limit of finding a site, s."""
+
+
+def connect(
+    address: str | Sequence[str] = (),
+    *,
+    site: str = "",
+    credentials: str | Path | None = None,
+    patience_s: float | None = PATIENCE_S,
+) -> contextlib.AbstractAsyncContextManager[Site]:
+    """Join a running site: `async with pointit.connect() as site`.
+
+    Args:
+        address: of a `pointit run` or `pointit router`, such as `tcp/192.168.1.5:7447`, or several in turn.
+            By default those of the credentials, else this machine's.
+        site: its name. By default that of the credentials, else `lab`.
+        credentials: the folder of an identity on a secured site. By default `$POINTIT_CREDENTIALS`, if set.
+        patience_s: time limit, s. None: wait until somebody answers.
+
+    Raises:
+        ConnectError: If nobody answers at the address, or the router refuses the credentials.
+        WrongSiteError: If only other sites run there.
+        AccessDeniedError: If this identity was revoked.
+        ConfigError: If the address or the credentials cannot be used.
+    """
+    return _join(address, site, credentials, patience_s)
+
+
+def open(  # noqa: A001 - `pointit.open`
+    address: str | Sequence[str] = (),
+    *,
+    site: str = "",
+    credentials: str | Path | None = None,
+    patience_s: float | None = PATIENCE_S,
+) -> SyncSite:
+    """Join a running site without asyncio: in a script, a notebook or a shell.
+
+    The site is also a context manager. Without `with`, close it at the end. Arguments and errors are those of
+    `connect`.
+    """
+    portal = LoopThread()
+    return SyncSite(_join(address, site, credentials, patience_s, portal), portal)
+
+
+@contextlib.asynccontextmanager
+async def _join(
+    address: str | Sequence[str],
+    site: str,
+    credentials: str | Path | None,
+    patience_s: float | None,
+    portal: LoopThread | None = None,
+) -> AsyncGenerator[Site]:
+    if is_virtual():
+        raise ConfigError("a site that runs elsewhere cannot be joined in virtual time; start one with `run`")
+    link = _link([address] if isinstance(address, str) else address, site, credentials)
+    bus = await ZenohBus.open(link, patience_s=patience_s)
+    try:
+        await _check_site(bus)
+        async with Site.on(bus, SiteClock(bus), portal) as joined:
+            yield joined
+    finally:
+        await bus.close()
+
+
+def _link(connect: Sequence[str], site: str, folder: str | Path | None) -> Link:
+    """Return the link to `site`, with what its credentials answer unless it is given."""
+    folder = folder or os.environ.get(VARIABLE)
+    if not folder:
+        return Link(site=site or DEFAULT_SITE, connect=tuple(connect) or (DEFAULT_ENDPOINT,))
+    known = _credentials(Path(folder))
+    if site and site != known.link.site:
+        raise ConfigError(
+            f"site {site}: the credentials in {known.folder} are of site {known.link.site}; leave the site "
+            "out, or use that site's credentials"
+        )
+    return Link(
+        site=known.link.site, connect=tuple(connect) or tuple(known.link.endpoints), credentials=known
+    )
+
+
+def _credentials(folder: Path) -> Credentials:
+    now = dt.datetime.now(dt.UTC)
+    known = read_credentials(folder, now)
+    if ending := known.expiry_warning(now):
+        log.warning("%s", ending)
+    return known
+
+
+async def _check_site(bus: ZenohBus) -> None:
+    """Check that the site is there, if nobody is: another one may be, or this identity sees nobody.
+
+    Raises:
+        WrongSiteError: If there are other sites.
+        AccessDeniedError: If this identity may do nothing.
+    """
+    if await bus.list_present(SERVICE_ALIVE):
+        return
+    where = " or ".join(bus.link.connect)
+    if bus.is_restricted:
+        if denied := await bus.denial_reason("reads", HEALTH, ANY):
+            raise AccessDeniedError(denied)
+    elif others := await sites_at(bus.link):
+        raise WrongSiteError(
+            f"nothing runs on site {bus.site} at {where}; there is site {', '.join(others)}: give its name, "
+            f"or start `pointit run --site {bus.site}`"
+        )

@@ -1,0 +1,187 @@
+"""Asynchronous iterators over what arrives, newest wins or every event, as the topic table says."""
+
+import asyncio
+import collections
+import logging
+from collections.abc import Callable
+from typing import Any, Generic, TypeVar
+
+from pointit.runtime.bus.contract import EVENT_CAPACITY, Subscription, SubscriptionStats
+from pointit.runtime.errors import VersionError
+from pointit.schemas.topics import Delivery
+
+log = logging.getLogger(__name__)
+
+T = TypeVar("T")
+U = TypeVar("U")
+
+DOUBT_S = 1.0
+"""Time without a readable message after which unreadable ones count as those of another version."""
+
+
+class Inbox(Generic[U]):
+    """Holds what came, by name, until it is taken. Use in the event loop only."""
+
+    def __init__(self, delivery: Delivery) -> None:
+        self._newest: dict[str, U] | None = None if delivery is Delivery.EVENT else {}
+        self._events: collections.deque[tuple[str, U]] = collections.deque(maxlen=EVENT_CAPACITY)
+        self._changed = asyncio.Event()
+        self._has_ended = False
+        self._error: Exception | None = None
+        self._overflowed = 0
+        self._is_heard = False
+        self.source: Subscription | None = None
+        """The subscription that fills it."""
+
+    def __len__(self) -> int:
+        return len(self._events) if self._newest is None else len(self._newest)
+
+    @property
+    def lost(self) -> int:
+        """Return the number of events that were not received or not taken in time."""
+        if self._newest is not None:
+            return 0
+        traffic = None if self.source is None else self.source.traffic
+        return self._overflowed + (0 if traffic is None else traffic.lost + traffic.dropped)
+
+    def put(self, item: U, name: str) -> None:
+        """Add what came under `name`, in place of what is still there under it unless all of it counts."""
+        self._is_heard = True
+        if self._newest is not None:
+            self._newest[name] = item
+        else:
+            if len(self._events) == EVENT_CAPACITY:
+                self._overflowed += 1
+                if self._overflowed == 1:
+                    log.warning("events come faster than they are taken: the oldest ones are lost")
+            self._events.append((name, item))
+        self._changed.set()
+
+    def end(self, error: Exception | None = None) -> None:
+        """Add nothing any more; who takes gets what is there, then `error` or the end."""
+        if not self._has_ended:
+            self._has_ended, self._error = True, error
+            self._changed.set()
+
+    def close(self) -> None:
+        """Stop filling it."""
+        if self.source is not None:
+            self.source.close()
+        self.end()
+
+    async def take(self) -> tuple[str, U]:
+        """Return the oldest of what is there, or wait for it.
+
+        Raises:
+            StopAsyncIteration: If nothing more comes.
+            PointItError: If nothing more comes because of that.
+        """
+        while not len(self):
+            if self._error is not None:
+                raise self._error
+            if self._has_ended:
+                raise StopAsyncIteration
+            self._changed.clear()
+            await self._wait()
+        if self._newest is None:
+            return self._events.popleft()
+        name = next(iter(self._newest))
+        return name, self._newest.pop(name)
+
+    async def _wait(self) -> None:
+        if self._is_heard or self.source is None:
+            await self._changed.wait()
+            return
+        try:
+            async with asyncio.timeout(DOUBT_S):
+                await self._changed.wait()
+        except TimeoutError:
+            if self.source.traffic.invalid:
+                self.end(VersionError(unreadable(self.source.traffic)))
+
+
+def unreadable(traffic: SubscriptionStats) -> str:
+    """Return a message on a reader that gets only what it cannot read."""
+    return (
+        f"{traffic.invalid} messages came and none could be read ({traffic.complaint}); "
+        "install the same version of PointIt here and on the site"
+    )
+
+
+class Feed(Generic[T]):
+    """The messages of a topic from the call that made it on, one per step of `async for`.
+
+    A slow loop gets the newest of each name, or of events every one, up to 1024 that wait. The loop ends when
+    the site is closed, and goes on after a lost connection is back.
+
+    Raises, in the loop:
+        AccessDeniedError: If this identity may not read it.
+        VersionError: If what arrives cannot be read.
+    """
+
+    def __init__(
+        self, inbox: Inbox[Any], pick: Callable[[tuple[str, Any]], T], speed: Callable[[], float]
+    ) -> None:
+        self._inbox = inbox
+        self._pick = pick
+        self._speed = speed
+        self._duration_s: float | None = None
+        self._end_s: float | None = None
+        self._left: int | None = None
+        """Items to give after the end of the duration."""
+
+    @property
+    def lost(self) -> int:
+        """Return the number of events that were lost on the way, or because the loop was too slow."""
+        return self._inbox.lost
+
+    def items(self) -> "Feed[tuple[str, T]]":
+        """Return the same with the name of each item: the person, tracker, service or lamp."""
+        pick = self._pick
+        named = Feed(self._inbox, lambda pair: (pair[0], pick(pair)), self._speed)
+        named._duration_s = self._duration_s
+        return named
+
+    def during(self, seconds: float) -> "Feed[T]":
+        """Return the same, ended after so many seconds of the site's time from the first step on.
+
+        `during(0)` gives what has come so far.
+        """
+        limited = Feed(self._inbox, self._pick, self._speed)
+        limited._duration_s = seconds
+        return limited
+
+    def close(self) -> None:
+        """Receive nothing more. Unnecessary where the site is closed, or nothing refers to it any more."""
+        self._inbox.close()
+
+    def __aiter__(self) -> "Feed[T]":
+        return self
+
+    async def __anext__(self) -> T:
+        if self._duration_s is None:
+            return self._pick(await self._inbox.take())
+        now_s = asyncio.get_running_loop().time()
+        if self._end_s is None:
+            self._end_s = now_s + self._duration_s / self._speed()
+        if self._left is None and now_s < self._end_s:
+            try:
+                async with asyncio.timeout_at(self._end_s):
+                    return self._pick(await self._inbox.take())
+            except TimeoutError:
+                pass
+        if self._left is None:
+            self._left = len(self._inbox)
+        if not self._left or not len(self._inbox):
+            raise StopAsyncIteration
+        self._left -= 1
+        return self._pick(await self._inbox.take())
+
+
+def feed_of(inbox: Inbox[U], speed: Callable[[], float]) -> Feed[U]:
+    """Return the iterator over `inbox`, whose names are left out."""
+
+    def pick(pair: tuple[str, U]) -> U:
+        return pair[1]
+
+    return Feed(inbox, pick, speed)

@@ -1,0 +1,112 @@
+"""A person's button, pressed by somebody else."""
+
+import asyncio
+import contextlib
+from collections.abc import Collection
+from typing import Literal
+
+from pointit.runtime.bus.contract import Bus
+from pointit.runtime.clock import Clock
+from pointit.runtime.config.similar_names import did_you_mean
+from pointit.runtime.errors import NoAnswerError
+from pointit.schemas import ButtonEvent, Feedback, Interaction
+from pointit.schemas.system import instance_of, split_instance
+from pointit.schemas.topics import BUTTON, FEEDBACK, INTERACTION, SERVICE_ALIVE
+
+Gesture = Literal["press", "double", "hold"]
+
+CUE_FIRST_S = 0.2
+"""Time an Interaction may arrive after its cue; a refusal may have only a cue."""
+PATIENCE_S = 2.0
+"""Time limit of each reply of the supervisor."""
+
+
+def add_or_meant(user: str, there: Collection[str]) -> str:
+    """Return a clause that says how to add `user`, and asks for a similar name among those that are there."""
+    add = f"add them with `pointit person add {user}`"
+    meant = did_you_mean(user, there)
+    return f"{meant[:-1]}, or {add}?" if meant else add
+
+
+async def press(
+    bus: Bus, clock: Clock, user: str, gesture: Gesture, patience_s: float = PATIENCE_S
+) -> Interaction:
+    """Return the interaction after the gesture, changed or not.
+
+    Raises:
+        NoAnswerError: If `user` has no supervisor, or it does not reply within `patience_s`.
+    """
+    with contextlib.ExitStack() as declared:
+        person = _Person(bus, user, declared)
+        button = bus.publisher(BUTTON, user)
+        declared.callback(button.close)
+        before = await person.first(patience_s)
+        button.put(ButtonEvent(stamp_ns=clock.now_ns(), seq=1, gesture=gesture, source="keyboard"))
+        after = await person.next(patience_s)
+    if after is None and not (gesture == "double" and before.state == "idle"):
+        raise NoAnswerError(
+            f"{person.supervisor} did not answer within {patience_s:g} s; see `pointit doctor`"
+        )
+    return after or before
+
+
+class _Person:
+    """Follows one person's interaction."""
+
+    def __init__(self, bus: Bus, user: str, declared: contextlib.ExitStack) -> None:
+        self.supervisor = instance_of("supervisor", user)
+        self._user = user
+        self._present: set[str] = set()
+        self._newest: Interaction | None = None
+        self._is_cued = False
+        self._changed = asyncio.Event()
+        declared.callback(bus.watch(SERVICE_ALIVE, self._on_presence).close)
+        declared.callback(bus.subscribe(INTERACTION, self._on_interaction, user).close)
+        declared.callback(bus.subscribe(FEEDBACK, self._on_cue, user).close)
+
+    async def first(self, patience_s: float) -> Interaction:
+        """Return the interaction as soon as it and the supervisor are known."""
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(patience_s):
+                while self._newest is None or self.supervisor not in self._present:
+                    await self._change()
+        if self._newest is None or self.supervisor not in self._present:
+            raise NoAnswerError(f"{self._user} has no supervisor: {self._advice()}")
+        return self._newest
+
+    async def next(self, patience_s: float) -> Interaction | None:
+        """Return the interaction after the next Interaction or cue, or None if neither arrives."""
+        before, self._is_cued = self._newest, False
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(patience_s):
+                while self._newest is before and not self._is_cued:
+                    await self._change()
+        if self._newest is before and self._is_cued:
+            with contextlib.suppress(TimeoutError):
+                await asyncio.wait_for(self._change(), CUE_FIRST_S)
+        return None if self._newest is before and not self._is_cued else self._newest
+
+    async def _change(self) -> None:
+        self._changed.clear()
+        await self._changed.wait()
+
+    def _advice(self) -> str:
+        people = sorted(
+            user for service, user in map(split_instance, self._present) if service == "supervisor"
+        )
+        if self.supervisor in self._present:
+            return f"{self.supervisor} is present but says nothing, see `pointit doctor`"
+        there = f"there is {', '.join(people)}" if people else "there are no other people either"
+        return f"{there}; {add_or_meant(self._user, people)}"
+
+    def _on_presence(self, instance: str, here: bool) -> None:  # noqa: FBT001 - the bus's signature
+        (self._present.add if here else self._present.discard)(instance)
+        self._changed.set()
+
+    def _on_interaction(self, interaction: Interaction, _user: str) -> None:
+        self._newest = interaction
+        self._changed.set()
+
+    def _on_cue(self, cue: Feedback, _user: str) -> None:
+        self._is_cued = self._is_cued or (cue.cue not in ("selected", "deselected") and cue.turn_rad is None)
+        self._changed.set()

@@ -1,0 +1,176 @@
+"""A whole site in this process: for scripts, notebooks and tests."""
+
+import asyncio
+import contextlib
+import json
+import tempfile
+from collections.abc import AsyncGenerator, Generator, Mapping, Sequence
+from contextlib import AbstractAsyncContextManager
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+
+from pointit.api.portal import LoopThread
+from pointit.api.site import Site
+from pointit.api.sync_site import SyncSite
+from pointit.launch.plan.launches import Choices
+from pointit.launch.plan.scenario import read_scenario
+from pointit.launch.plan.scenario_catalog import scenario_launches
+from pointit.launch.plan.settings import check_settings
+from pointit.launch.run.service_group import ServiceGroup
+from pointit.runtime.bus.memory_bus import MemoryBus
+from pointit.runtime.clock import WallClock
+from pointit.runtime.errors import ConfigError, PointItError
+from pointit.runtime.host.state_file import using_state_directory
+from pointit.runtime.link.link import Link
+from pointit.runtime.service.service import Launch, check_launches
+from pointit.runtime.service.shutdown import first_cause
+from pointit.runtime.virtual_time import VirtualClock, is_virtual
+from pointit.runtime.zenoh.zenoh_bus import ZenohBus
+
+USUAL = "scenario_4"
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Plan:
+    scenario: str
+    users: int | Sequence[str]
+    choices: Choices
+    listen: str
+
+    def launches(self) -> list[Launch]:
+        """Return the services to start, checked. Reads files."""
+        scenario = read_scenario(self.scenario)
+        launches = scenario_launches(scenario, self.choices, self.users)
+        check_settings({launch.service.NAME for launch in launches}, self.choices)
+        check_launches(launches, (self.listen,) if self.listen else ())
+        return launches
+
+
+class Run:
+    """A site that `pointit.run` starts: a `Site` in an `async with` block, a `SyncSite` in a `with` block."""
+
+    def __init__(self, plan: _Plan, *, virtual: bool) -> None:
+        self._plan = plan
+        self._virtual = virtual
+        self._running: AbstractAsyncContextManager[Site] | None = None
+        self._sync: SyncSite | None = None
+
+    async def __aenter__(self) -> Site:
+        if self._virtual and not is_virtual():
+            raise ConfigError(
+                "virtual time needs a loop of its own: use `with pointit.run(...)`, or run this coroutine by "
+                "`pointit.run_virtually(main())`"
+            )
+        self._running = _live(self._plan)
+        return await self._running.__aenter__()
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> bool | None:
+        running, self._running = self._running, None
+        return None if running is None else await running.__aexit__(kind, error, trace)
+
+    def __enter__(self) -> SyncSite:
+        portal = LoopThread(virtual=self._virtual)
+        self._sync = SyncSite(_live(self._plan, portal), portal)
+        return self._sync
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        site, self._sync = self._sync, None
+        if site is not None:
+            site.close()
+
+
+def run(
+    scenario: str | Path = USUAL,
+    *,
+    users: int | Sequence[str] = 1,
+    virtual: bool = False,
+    seed: int = 0,
+    localize: bool = False,
+    imu: Sequence[str] = (),
+    leds: str = "",
+    settings: Mapping[str, object] | None = None,
+    listen: str = "",
+) -> Run:
+    """Start a whole site in this process, as `pointit run` does, without a page and without stored state.
+
+    `async with pointit.run() as site` gives a `Site` in the time of the running loop (see `run_virtually`),
+    `with pointit.run() as site` a `SyncSite`. Its services end with the block.
+
+    Args:
+        scenario: a shipped one, or the path of a .yaml file.
+        users: number of people, who are called `user1`, `user2` and so on, or their names.
+        virtual: in a `with` block, time passes only while a call waits, and then at once.
+        seed: of all random number generators. In virtual time the same seed gives the same run.
+        localize: people are located by pointing at lamps.
+        imu: IMU of each person in turn, as for `pointit run --imu`. Others are simulated.
+        leds: LED output, as for `pointit run --leds`.
+        settings: parameters of services, such as `{"selector.dwell_s": 0.8}`.
+        listen: address at which other processes may join, such as `tcp/127.0.0.1:7447`; not in virtual time.
+
+    Raises:
+        ConfigError: On entering, if the scenario or a parameter cannot be used.
+        ListenError: On entering, if the address is in use.
+        PointItError: On leaving, if a service of the site has failed.
+    """
+    choices = Choices(
+        seed=seed,
+        localize=localize,
+        imu=imu,
+        leds=leds,
+        settings=[f"{name}={json.dumps(value)}" for name, value in (settings or {}).items()],
+    )
+    plan = _Plan(scenario=str(scenario), users=users, choices=choices, listen=listen)
+    return Run(plan, virtual=virtual)
+
+
+@contextlib.asynccontextmanager
+async def _live(plan: _Plan, portal: LoopThread | None = None) -> AsyncGenerator[Site]:
+    if plan.listen and is_virtual():
+        raise ConfigError(f"listen={plan.listen!r}: nobody can join a site in virtual time; leave it out")
+    launches = await asyncio.to_thread(plan.launches)
+    bus = await ZenohBus.open(Link(listen=(plan.listen,)), patience_s=0.0) if plan.listen else MemoryBus()
+    clock = VirtualClock() if is_virtual() else WallClock()
+    try:
+        with tempfile.TemporaryDirectory(prefix="pointit-") as folder:
+            async with Site.on(bus, clock, portal) as site:
+
+                def on_end() -> None:
+                    try:
+                        group.check()
+                    except Exception as error:  # noqa: BLE001 - whatever it was, the site is told
+                        site.fail(_failure(error))
+
+                group = ServiceGroup(launches, bus, clock, processes=None, on_end=on_end)
+                try:
+                    with _told(), using_state_directory(Path(folder)):
+                        await group.begin()
+                    yield site
+                    with _told():
+                        group.check()
+                finally:
+                    await group.end()
+    finally:
+        await bus.close()
+
+
+@contextlib.contextmanager
+def _told() -> Generator[None]:
+    try:
+        yield
+    except PointItError:
+        raise
+    except Exception as error:
+        raise _failure(error) from error
+
+
+def _failure(error: BaseException) -> PointItError:
+    """Return the error of a site of which a service has failed."""
+    cause = first_cause(error)
+    if isinstance(cause, PointItError):
+        return cause
+    return PointItError(f"a service of the site has failed ({type(cause).__name__}: {cause}); see the log")

@@ -1,0 +1,296 @@
+"""A site as asyncio code sees it."""
+
+import contextlib
+import functools
+import weakref
+from collections.abc import AsyncGenerator, Awaitable, Callable
+from typing import Any, Literal, Self, TypeVar
+
+from pointit.api.feed import Feed, Inbox, feed_of
+from pointit.api.lamp import Lamp
+from pointit.api.latest import Latest, Portal
+from pointit.api.portal import closed_error
+from pointit.api.press import press
+from pointit.api.requests import (
+    ConveyorRequests,
+    ImuRequests,
+    LedsRequests,
+    LocalizerRequests,
+    ProfileRequests,
+    PuiRequests,
+    RunRequests,
+    SelectRequests,
+)
+from pointit.api.tracker import Tracker
+from pointit.runtime.bus.contract import REQUEST_TIMEOUT_S, Closable, Subscription
+from pointit.runtime.bus.memory_bus import MemoryBus
+from pointit.runtime.clock import Clock, sleep
+from pointit.runtime.errors import AccessDeniedError
+from pointit.schemas import (
+    AddPackageReply,
+    Cursor,
+    Done,
+    Health,
+    Hover,
+    Interaction,
+    LampColor,
+    Message,
+    PointingRay,
+    Query,
+    ReadHistoryReply,
+    Reply,
+    SelectionEvent,
+    SetMethodReply,
+    SetMountingReply,
+    SetToleranceReply,
+    TrackedObjects,
+    UserPose,
+)
+from pointit.schemas.topics import (
+    ANY,
+    BUTTON,
+    CURSOR,
+    HEALTH,
+    HOVER,
+    LAMP_COLOR,
+    OBJECTS,
+    POSE,
+    RAY,
+    SELECTION_EVENTS,
+    SERVICE_ALIVE,
+    USER_ALIVE,
+    Delivery,
+    Presence,
+    Request,
+    Topic,
+    check_name,
+)
+
+M = TypeVar("M", bound=Message)
+Q = TypeVar("Q", bound=Query)
+R = TypeVar("R", bound=Reply)
+
+
+class _Present:
+    """The names that are present, and those who follow them."""
+
+    def __init__(self, names: set[str]) -> None:
+        self.names = frozenset(names)
+        self.inboxes = weakref.WeakSet[Inbox[frozenset[str]]]()
+
+    def on_change(self, name: str, is_there: bool) -> None:  # noqa: FBT001 - the bus's signature
+        names = self.names | {name} if is_there else self.names - {name}
+        if names != self.names:
+            self.names = names
+            for inbox in self.inboxes:
+                inbox.put(names, "")
+
+
+class Site:
+    """A joined site. Use it in the event loop that joined it, until the block of `connect` or `run` ends.
+
+    Iterators begin with the call that makes them and survive a lost connection. `user`, `tracker` and
+    `service` name one of many. Without them an iterator has all, and `items()` tells whose each item is.
+    """
+
+    def __init__(self, bus: MemoryBus, clock: Clock, portal: Portal | None = None) -> None:
+        """Use `bus`, which stays open; `on` is the way in. With a `portal`, `latest` waits in its caller."""
+        self._bus = bus
+        self._clock = clock
+        self._inboxes = weakref.WeakSet[Inbox[Any]]()
+        self._trackers: list[Tracker] = []
+        self._failure: Exception | None = None
+        self._is_closed = False
+        self._present: dict[str, _Present] = {}
+        self._watches: list[Closable] = []
+        self.latest = Latest(bus, portal)
+        """The newest messages by topic and name."""
+        ask = self._ask
+        self.select = SelectRequests[Awaitable[Done], Awaitable[SetMethodReply], Awaitable[ReadHistoryReply]](
+            ask
+        )
+        self.conveyor = ConveyorRequests[Awaitable[Done], Awaitable[AddPackageReply]](ask)
+        self.localizer = LocalizerRequests[Awaitable[Done]](ask)
+        self.profile = ProfileRequests[Awaitable[Done]](ask)
+        self.pui = PuiRequests[Awaitable[Done], Awaitable[SetToleranceReply]](ask)
+        self.run = RunRequests[Awaitable[Done]](ask)
+        self.leds = LedsRequests[Awaitable[Done]](ask)
+        self.imu = ImuRequests[Awaitable[Done], Awaitable[SetMountingReply]](ask)
+
+    @classmethod
+    @contextlib.asynccontextmanager
+    async def on(cls, bus: MemoryBus, clock: Clock, portal: Portal | None = None) -> AsyncGenerator[Self]:
+        """Yield the site of `bus`, as soon as it is known who is there."""
+        site = cls(bus, clock, portal)
+        try:
+            for presence in (USER_ALIVE, SERVICE_ALIVE):
+                found = site._present[presence.key] = _Present(await bus.list_present(presence))
+                site._watches.append(bus.watch(presence, found.on_change))
+            yield site
+        finally:
+            site._close()
+
+    @property
+    def name(self) -> str:
+        """The name of the site."""
+        return self._bus.site
+
+    @property
+    def problem(self) -> str:
+        """A message if the connection has a problem, such as a lost router, else `""`."""
+        return self._bus.problem
+
+    def now_ns(self) -> int:
+        """Return the site's time, Unix ns: wall time, simulated or virtual."""
+        return self._clock.now_ns()
+
+    async def sleep(self, seconds: float) -> None:
+        """Wait until so many seconds of the site's time have passed."""
+        await sleep(self._clock, seconds)
+
+    def cursors(self, user: str | None = None) -> Feed[Cursor]:
+        """Return an iterator over cursors: where the ray meets the room. Newest wins."""
+        return self.messages(CURSOR, user)
+
+    def rays(self, user: str | None = None) -> Feed[PointingRay]:
+        """Return an iterator over pointing rays in the person's frame {H}. Newest wins."""
+        return self.messages(RAY, user)
+
+    def hovers(self, user: str | None = None) -> Feed[Hover]:
+        """Return an iterator over the objects under cursors, and the progress of selecting. Newest wins."""
+        return self.messages(HOVER, user)
+
+    def poses(self, user: str | None = None) -> Feed[UserPose]:
+        """Return an iterator over poses, the last one at once. Newest wins."""
+        return self.messages(POSE, user)
+
+    def objects(self, tracker: str | None = None) -> Feed[TrackedObjects]:
+        """Return an iterator over the objects of trackers. Newest wins."""
+        return self.messages(OBJECTS, tracker)
+
+    def health(self, service: str | None = None) -> Feed[Health]:
+        """Return an iterator over the reports of services, such as `pointing.anna`. Newest wins."""
+        return self.messages(HEALTH, service)
+
+    def selections(self, user: str | None = None) -> Feed[SelectionEvent]:
+        """Return an iterator over every event of objects: selected, deselected, refused, left, dispatched."""
+        if user is None:
+            return self.messages(SELECTION_EVENTS)
+        check_name(user, "user")
+        return self._feed(SELECTION_EVENTS, "", lambda event: event.user == user)
+
+    def people(self) -> Feed[frozenset[str]]:
+        """Return an iterator over the people who are present: now, and after each change."""
+        return self._presence(USER_ALIVE)
+
+    def services(self) -> Feed[frozenset[str]]:
+        """Return an iterator over the service instances that are present: now, and after each change."""
+        return self._presence(SERVICE_ALIVE)
+
+    def messages(self, topic: Topic[M], name: str | None = None) -> Feed[M]:
+        """Return an iterator over the messages of any row of the topic table, or of a plug-in's own."""
+        return self._feed(topic, (ANY if topic.placeholder else "") if name is None else name, None)
+
+    async def call(
+        self, request: Request[Q, R], query: Q, name: str = "", *, timeout_s: float = REQUEST_TIMEOUT_S
+    ) -> R:
+        """Return the reply to any row of the request table, or of a plug-in's own.
+
+        Raises:
+            RefusedError: If the service refuses. Gives the reason.
+            NoAnswerError: If no service answers within `timeout_s`.
+            AccessDeniedError: If this identity may not ask.
+        """
+        self._check_open()
+        return await self._bus.call(request, query, name, timeout_s=timeout_s)
+
+    def tracker(self, name: str) -> Tracker:
+        """Return the tracker `name`, which publishes objects."""
+        self._check_open()
+        tracker = Tracker(self._bus, name, self._clock.now_ns)
+        self._trackers.append(tracker)
+        if self._bus.is_restricted:
+            self._bus.spawn(self._check_writing(tracker, name), f"access to {OBJECTS.key}")
+        return tracker
+
+    def lamp(self, name: str) -> Lamp[Awaitable[Done], Feed[LampColor]]:
+        """Return the lamp `name` of the map."""
+        check_name(name, "lamp")
+        return Lamp(name, self.leds, functools.partial(self.messages, LAMP_COLOR))
+
+    async def press(self, user: str, gesture: Literal["press", "double", "hold"] = "press") -> Interaction:
+        """Press the button of `user`; return the state of the interaction after it.
+
+        Raises:
+            NoAnswerError: If `user` is not there, or their supervisor does not reply.
+            AccessDeniedError: If this identity may not press it.
+        """
+        self._check_open()
+        if denied := await self._bus.denial_reason("writes", BUTTON, user):
+            raise AccessDeniedError(denied)
+        return await press(self._bus, self._clock, user, gesture)
+
+    def fail(self, error: Exception) -> None:
+        """End all iterators with `error`."""
+        self._failure = error
+        for inbox in list(self._inboxes):
+            inbox.end(error)
+
+    def _close(self) -> None:
+        """End all iterators and trackers."""
+        for tracker in self._trackers:
+            if not self._bus.is_closed:
+                tracker.close()
+        self._is_closed = True
+        for watch in self._watches:
+            watch.close()
+        for inbox in list(self._inboxes):
+            inbox.close()
+
+    def _presence(self, presence: Presence) -> Feed[frozenset[str]]:
+        self._check_open()
+        inbox = Inbox[frozenset[str]](Delivery.STATE)
+        present = self._present[presence.key]
+        present.inboxes.add(inbox)
+        self._inboxes.add(inbox)
+        inbox.put(present.names, "")
+        return feed_of(inbox, self._speed)
+
+    def _feed(self, topic: Topic[M], name: str, fits: Callable[[M], bool] | None) -> Feed[M]:
+        self._check_open()
+        inbox = Inbox[M](topic.delivery)
+        reference = weakref.ref(inbox)
+
+        def on_message(message: M, its_name: str) -> None:
+            here = reference()
+            if here is None:  # nobody iterates any more
+                subscription.close()
+            elif fits is None or fits(message):
+                here.put(message, its_name)
+
+        subscription: Subscription = self._bus.subscribe(topic, on_message, name or ANY)
+        inbox.source = subscription
+        self._inboxes.add(inbox)
+        if self._bus.is_restricted:
+            self._bus.spawn(self._check_access(inbox, topic, name), f"access to {topic.key}")
+        return feed_of(inbox, self._speed)
+
+    async def _check_access(self, inbox: Inbox[Any], topic: Topic[Any], name: str) -> None:
+        if denied := await self._bus.denial_reason("reads", topic, name):
+            inbox.end(AccessDeniedError(denied))
+
+    async def _check_writing(self, tracker: Tracker, name: str) -> None:
+        if denied := await self._bus.denial_reason("writes", OBJECTS, name):
+            tracker.deny(AccessDeniedError(denied))
+
+    def _ask(self, request: Request[Any, R], query: Query, name: str) -> Awaitable[R]:
+        return self.call(request, query, name)
+
+    def _speed(self) -> float:
+        return self._clock.speed
+
+    def _check_open(self) -> None:
+        if self._failure is not None:
+            raise self._failure
+        if self._is_closed or self._bus.is_closed:
+            raise closed_error()

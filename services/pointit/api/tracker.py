@@ -1,0 +1,53 @@
+"""Objects from anywhere: a camera, a robot, a script."""
+
+from collections.abc import Callable, Iterable
+
+from pointit.runtime.bus.contract import Bus
+from pointit.runtime.errors import AccessDeniedError
+from pointit.schemas import TrackedObject, TrackedObjects
+from pointit.schemas.topics import OBJECTS
+
+
+class Tracker:
+    """Publishes the objects of one tracker, which lists its own under its own name."""
+
+    def __init__(self, bus: Bus, name: str, now_ns: Callable[[], int]) -> None:
+        self._publisher = bus.publisher(OBJECTS, name)
+        self._now_ns = now_ns
+        self._seq = 0
+        self._is_open = True
+        self._denial: AccessDeniedError | None = None
+
+    def update(self, objects: Iterable[TrackedObject], *, stamp_ns: int | None = None) -> None:
+        """Publish all objects of this tracker, at least once a second; who is no longer listed has left.
+
+        Args:
+            objects: with centres in {W} at `stamp_ns`, m.
+            stamp_ns: time of capture, Unix ns. None: now, by the site's clock.
+
+        Raises:
+            BusClosedError: If the tracker or the site is closed.
+            AccessDeniedError: If this identity may not write them, which is known after some seconds.
+        """
+        if self._denial is not None:
+            raise self._denial
+        self._seq += 1
+        self._publisher.put(
+            TrackedObjects(
+                stamp_ns=self._now_ns() if stamp_ns is None else stamp_ns,
+                seq=self._seq,
+                objects=tuple(objects),
+            )
+        )
+
+    def deny(self, error: AccessDeniedError) -> None:
+        """Raise `error` from now on."""
+        self._denial = error
+
+    def close(self) -> None:
+        """Publish that all objects have left, and end."""
+        if self._is_open:
+            self._is_open = False
+            if self._denial is None:
+                self.update(())
+            self._publisher.close()

@@ -1,0 +1,115 @@
+"""`pointit plugin check`: whether installed plug-ins keep the promises of their kind."""
+
+import logging
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import click
+
+from pointit.cli.common.lazy import UnknownNameError, nearest
+from pointit.cli.common.output import json_option, print_json
+from pointit.plugins import GROUPS, ConfigError, Plugin
+from pointit.testing import checks, run_checks
+from pointit.testing.check import CheckFailedError
+from pointit.testing.common import require_parameters
+from pointit.testing.installed import FAKE_DEVICES, installed_harness
+
+OURS = "pointit"
+"""Package whose plug-ins are checked only if they are named."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """Result of one check."""
+
+    plugin: str
+    check: str
+    promise: str
+    problem: str
+    """Empty if the promise is kept."""
+
+
+@click.command("check")
+@click.argument("name", required=False)
+@json_option
+def command(*, name: str | None, as_json: bool) -> None:
+    """Check that plug-ins keep the promises of their kind: NAME, or all of other packages.
+
+    Devices are simulated: a package declares how by an entry point of the group pointit.fake_devices. It
+    takes some seconds a plug-in. The exit code is 1 if a promise is broken.
+
+    Example: pointit plugin check serial
+    """
+    rows: list[Row] = []
+    logging.disable()  # devices come and go on purpose
+    try:
+        for kind, found in chosen(name):
+            for row in examined(kind, found):
+                rows.append(row)
+                if not as_json:
+                    _print(row)
+    finally:
+        logging.disable(logging.NOTSET)
+    broken = sum(bool(row.problem) for row in rows)
+    if as_json:
+        print_json([vars(row) for row in rows])
+    else:
+        click.echo(f"{len(rows) - broken} of {len(rows)} promises are kept")
+    if broken:
+        raise SystemExit(1)
+
+
+def chosen(name: str | None) -> list[tuple[str, str]]:
+    """Return kind and name of the plug-ins called `name`, or of all that are not ours.
+
+    Raises:
+        UnknownNameError: If there are none.
+    """
+    everyone = [(kind, each) for kind, group in GROUPS.items() for each in group.names]
+    found = [
+        (kind, each)
+        for kind, each in everyone
+        if each == name or (name is None and GROUPS[kind].package(each) != OURS)
+    ]
+    if found:
+        return found
+    if name is None:
+        raise UnknownNameError(
+            "no other package has plug-ins; check one of ours, `pointit plugin check serial`"
+        )
+    raise UnknownNameError(
+        f"no plug-in {name!r} is installed; {nearest(name, [each for _, each in everyone])}"
+    )
+
+
+def examined(kind: str, name: str) -> Iterator[Row]:
+    """Yield the results of the checks of a plug-in."""
+    title = f"{kind} {name}"
+    try:
+        plugin: Plugin = GROUPS[kind].get(name)
+        harness = installed_harness(name, plugin)
+    except ConfigError as error:
+        yield Row(title, "import", "can be imported", str(error))
+        return
+    if harness is not None:
+        for check, problem in run_checks(checks(harness)):
+            yield Row(title, check.name, check.promise, problem)
+        return
+    try:
+        require_parameters(plugin)
+    except CheckFailedError as error:
+        yield Row(title, "parameters", "describes itself and its parameters", str(error))
+    yield Row(
+        title,
+        "fake_device",
+        "has a fake device, with which the other promises can be checked",
+        f"none is declared: add an entry point {name!r} of the group {FAKE_DEVICES}, see docs/how-to/"
+        "write-a-plug-in.md",
+    )
+
+
+def _print(row: Row) -> None:
+    verdict = click.style("broken", fg="red", bold=True) if row.problem else click.style("kept  ", fg="green")
+    click.echo(f"{verdict} {row.plugin}: {row.promise}")
+    if row.problem:
+        click.echo(f"       {row.problem}")

@@ -1,0 +1,91 @@
+"""`pointit plugin new`: a package with a plug-in that works, and tests that pass."""
+
+import importlib.resources
+import keyword
+import re
+import sys
+from pathlib import Path
+from string import Template
+
+import click
+
+from pointit.runtime.errors import ConfigError
+
+KINDS = {
+    "imu-source": ("imu_source", "pointit.imu_sources", "SOURCE", "run --imu $name:HOST"),
+    "led-output": ("led_output", "pointit.led_outputs", "OUTPUT", "run --leds $name:HOST"),
+    "selection-method": ("selection_method", "pointit.selection_methods", "METHOD", "run --method $name"),
+}
+"""Kinds of plug-ins: template, group of the entry point, name of the object, and command that uses it."""
+
+TEMPLATES = "pointit.testing.templates"
+COMMON = ("pyproject.toml", "README.md", ".github/workflows/test.yml", "tests/test_promises.py")
+"""Files of every package."""
+NAME = re.compile(r"[a-z][a-z0-9]*([-_][a-z0-9]+)*\Z")
+
+
+@click.command("new")
+@click.argument("kind", type=click.Choice(list(KINDS)))
+@click.argument("name")
+@click.option(
+    "--folder",
+    type=click.Path(path_type=Path, file_okay=False),
+    help="folder of the package [default: ./NAME]",
+)
+def command(*, kind: str, name: str, folder: Path | None) -> None:
+    """Write a package with a plug-in NAME of a KIND that works, its fake device, and tests that pass.
+
+    The example's device is reached by TCP. Change how it is connected and what it sends; the tests show what
+    does not hold any more.
+
+    Example: pointit plugin new imu-source my-wrist
+    """
+    module = name.replace("-", "_")
+    if not NAME.match(name) or keyword.iskeyword(module) or module in sys.stdlib_module_names | {"pointit"}:
+        raise ConfigError(f"{name!r} cannot be a package's name: use a-z, 0-9 and -, such as my-wrist")
+    target = folder or Path(name)
+    if target.exists() and (not target.is_dir() or any(target.iterdir())):
+        raise ConfigError(f"{target} is there already: give another --folder, or move it away")
+    for path, text in package(kind, name, module).items():
+        place = target / path
+        try:
+            place.parent.mkdir(parents=True, exist_ok=True)
+            place.write_text(text, encoding="utf-8")
+        except OSError as error:
+            raise ConfigError(
+                f"{place} cannot be written ({error.strerror}): give another --folder"
+            ) from error
+    use = Template(KINDS[kind][3]).substitute(name=name)
+    click.echo(
+        f"{target} is written. Then:\n"
+        f"  pip install --editable {target} pytest\n"
+        f"  pytest {target}\n"
+        f"  pointit plugin check {name}\n"
+        f"  pointit {use}"
+    )
+
+
+def package(kind: str, name: str, module: str) -> dict[str, str]:
+    """Return the text of each file of a package, by its path in the package's folder."""
+    template, group, thing, use = KINDS[kind]
+    words = {
+        "name": name,
+        "module": module,
+        "kind": kind,
+        "article": "an" if kind[0] in "aeio" else "a",
+        "group": group,
+        "thing": thing,
+        "use": Template(use).substitute(name=name),
+    }
+    sources = importlib.resources.files(TEMPLATES)
+    texts = {
+        path: Template(
+            (sources / "package" / f"{Path(path).name}.txt").read_text(encoding="utf-8")
+        ).substitute(words)
+        for path in COMMON
+    }
+    for file in ("__init__.py", "fake.py"):
+        text = (sources / template / file).read_text(encoding="utf-8")
+        texts[f"src/{module}/{file}"] = text.replace(f"{TEMPLATES}.{template}", module)
+    texts[f"src/{module}/py.typed"] = ""
+    return texts

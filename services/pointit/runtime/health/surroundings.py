@@ -1,0 +1,69 @@
+"""Surroundings: the part of a service that its plug-ins may use."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol, Self, TypeVar
+
+from pydantic import BaseModel
+
+from pointit.geometry import rotation
+from pointit.geometry.rotation import Quaternion
+from pointit.runtime.clock import Clock, WallClock
+from pointit.runtime.health.service_bus import WarningSink
+from pointit.runtime.host.state_file import StateFile, state_directory
+
+T = TypeVar("T", bound=BaseModel)
+
+
+class HealthSink(WarningSink, Protocol):
+    """Receiver of a plug-in's warnings and metrics, such as `ServiceBus`."""
+
+    def set_metric(self, name: str, value: float | None, unit: str = "") -> None:
+        """Show a metric, as in `("battery", 82.0, "%")`. None removes it."""
+        ...
+
+    def reached(self, latency_s: float) -> None:
+        """Record the age of captured data at the moment at which it becomes visible."""
+        ...
+
+
+class DiscardedHealth:
+    """Health that nobody reads."""
+
+    def warn(self, topic: str, sentence: str) -> None:
+        """Discard a warning."""
+
+    def clear(self, topic: str) -> None:
+        """Discard the end of a warning."""
+
+    def set_metric(self, name: str, value: float | None, unit: str = "") -> None:
+        """Discard a metric."""
+
+    def reached(self, latency_s: float) -> None:
+        """Discard a latency."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Surroundings:
+    """The part of a service that its plug-in may use: time, health, stored state. It has no bus."""
+
+    clock: Clock
+    """Time of all stamps. A plug-in never asks the operating system."""
+    health: HealthSink
+    """Its problems and metrics, shown by `pointit doctor`."""
+    folder: Path
+    """Its own folder for what it stores between runs. It need not exist yet."""
+    user: str = ""
+    """The person whose part it is, or `""` if it is shared by all people of the site."""
+    sensor_from_arm: Quaternion = rotation.IDENTITY
+    """IMU sources: the configured mounting of the sensor."""
+
+    def kept(self, model: type[T]) -> StateFile[T]:
+        """Return the one stored value of the plug-in, a `model` in the file `state.json` of its folder."""
+        return StateFile.at(self.folder / "state.json", model)
+
+    @classmethod
+    def detached(cls, user: str = "") -> Self:
+        """Return surroundings outside a site: wall time, and health that nobody reads."""
+        folder = state_directory() / "detached" / user
+        return cls(clock=WallClock(), health=DiscardedHealth(), folder=folder, user=user)

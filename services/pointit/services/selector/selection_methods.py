@@ -1,0 +1,95 @@
+"""Selection methods by name: ours, and those of installed packages."""
+
+from collections.abc import Callable, Collection
+from dataclasses import dataclass
+from typing import Any, NamedTuple, Protocol, Self
+
+from pydantic import Field
+
+from pointit.runtime.config.config import Config
+from pointit.runtime.config.plugins import Plugin, PluginGroup
+from pointit.runtime.health.surroundings import Surroundings
+from pointit.schemas import Cursor
+from pointit.services.selector.objects.view import View
+
+MAX_DWELL_S = 10.0
+"""Upper limit of the dwell time by any method, s."""
+
+
+class Pointing(NamedTuple):
+    """One cursor of a person, later than the one before, and the objects that it is about."""
+
+    cursor: Cursor
+    """The cursor. Its `stamp_ns` is the only time that a method needs."""
+    under: str | None
+    """Object under the cursor by metres, or None. Methods by angle get it for cursors without a ray only."""
+    view: View | None
+    """Objects near the ray. None without a ray, without objects, or for methods by metres."""
+    acts: Callable[[str], bool]
+    """Returns True if staying on an object has an effect."""
+
+
+class Progress(NamedTuple):
+    """A method's result for one cursor."""
+
+    object_id: str | None = None
+    """Hovered object, or None."""
+    progress: float = 0.0
+    """Progress of that object towards its selection, 0 to 1."""
+    fired: str | None = None
+    """Object to select or deselect now, or None."""
+    spent_s: float | None = None
+    """Time that led to this progress, s. None: this share of the dwell time."""
+
+
+class PersonMethod(Protocol):
+    """A method for one person. It decides from the stamps of the cursors.
+
+    It is made anew when it must forget everything, since the stamps went back or its parameters changed.
+    """
+
+    @property
+    def latched(self) -> Collection[str]:
+        """Return the objects that fired or were latched, and were not left since. They do not fire again."""
+        ...
+
+    def step(self, pointing: Pointing) -> Progress:
+        """Process a cursor."""
+        ...
+
+    def latch(self, object_id: str) -> None:
+        """Ignore `object_id` until it is left, since it was changed in another way."""
+        ...
+
+
+class MethodConfig(Config):
+    """Parameters of every selection method of an installed package."""
+
+    dwell_s: float = Field(
+        default=0.8, gt=0, le=MAX_DWELL_S, description="time on an object that selects it, s"
+    )
+
+    def with_dwell(self, dwell_s: float) -> Self:
+        """Return the same parameters for another time on an object, s.
+
+        Raises:
+            ValueError: If it is impossible. The message gives the reason.
+        """
+        return self.model_copy(update={"dwell_s": dwell_s})
+
+
+@dataclass(frozen=True, kw_only=True)
+class SelectionMethod(Plugin):
+    """A way to select an object by pointing at it. Its `config` is a `MethodConfig`."""
+
+    make: Callable[[Any, Surroundings], PersonMethod]
+    """Makes the method of one person with parameters of the class `config`."""
+    by_angle: bool = False
+    """True: it gets the objects near the ray and finds the hovered one itself, by its angle. False: it gets
+    the object under the cursor, by metres."""
+
+
+detached = Surroundings.detached
+"""Returns the surroundings of a method for a person outside a site, such as in an evaluation."""
+
+METHODS = PluginGroup("pointit.selection_methods", SelectionMethod, "selection method")

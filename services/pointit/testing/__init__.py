@@ -1,0 +1,56 @@
+r"""Checks of plug-ins: what every IMU source, LED output, selection method and service promises.
+
+The author of a plug-in says once how its device can be faked, and gets one test for each promise:
+
+    DEVICE = ImuHarness(
+        plugin=SOURCE,
+        device=TcpDevice,
+        parameters=lambda device: {"host": device.host, "port": device.port},
+        encode=lambda xyzw: b"%f,%f,%f,%f\n" % xyzw,
+    )
+
+    @pytest.mark.parametrize("check", checks(DEVICE), ids=str)
+    def test_promise(check: Check) -> None:
+        check.run()
+
+Declared as an entry point of the group `pointit.fake_devices`, under the name of the plug-in, the harness is
+found by `pointit plugin check NAME`, too.
+"""
+
+from pointit.testing.check import Check, CheckFailedError, run_checks
+from pointit.testing.devices.device import FakeDevice
+from pointit.testing.devices.pty import PtyDevice
+from pointit.testing.devices.tcp import TcpDevice
+from pointit.testing.devices.udp import UdpDevice
+from pointit.testing.imu import IMU_SUITE, ImuHarness
+from pointit.testing.led import LED_SUITE, LedHarness
+from pointit.testing.methods import METHOD_SUITE, MethodHarness
+
+__all__ = [
+    "Check",
+    "CheckFailedError",
+    "FakeDevice",
+    "ImuHarness",
+    "LedHarness",
+    "MethodHarness",
+    "PtyDevice",
+    "TcpDevice",
+    "UdpDevice",
+    "checks",
+    "run_checks",
+]
+
+PATIENCES = 6.0
+"""A check that has not come to an end within this many times the harness's patience hangs."""
+
+Harness = ImuHarness | LedHarness | MethodHarness
+
+
+def checks(harness: Harness) -> list[Check]:
+    """Return the checks that can be made with `harness`, for `pytest.mark.parametrize`."""
+    limit_s = PATIENCES * harness.patience_s
+    if isinstance(harness, ImuHarness):
+        return IMU_SUITE.checks(harness, limit_s=limit_s, virtual_time=harness.virtual_time)
+    if isinstance(harness, MethodHarness):
+        return METHOD_SUITE.checks(harness, limit_s=limit_s)
+    return LED_SUITE.checks(harness, limit_s=limit_s)

@@ -1,0 +1,137 @@
+"""Parts of checks that all kinds of plug-ins share: parameters, memory, leaks, a blocked loop."""
+
+import asyncio
+import gc
+import threading
+import time
+import tracemalloc
+from collections.abc import Awaitable, Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from pointit.plugins import Config, ConfigError, Plugin
+from pointit.testing.check import CheckFailedError
+from pointit.testing.own_loop import current_watch
+
+MEMORY_BYTES = 400_000
+"""Growth of memory above which a plug-in is said to keep what it should drop, bytes."""
+BLOCKED_S = 0.25
+"""Time for which a plug-in may hold the event loop up at most, s."""
+SETTLED_S = 1.0
+"""Time for threads and files to vanish after `run` has ended, s."""
+FILES = Path("/proc/self/fd")
+LONGEST_SUMMARY = 100
+
+
+def require_parameters(plugin: Plugin) -> None:
+    """Check that the summary is one line, and that every parameter is described.
+
+    Raises:
+        CheckFailedError: If not.
+    """
+    summary = plugin.summary
+    if not summary.strip() or "\n" in summary or len(summary) > LONGEST_SUMMARY:
+        raise CheckFailedError(f"the summary is no line of 1 to {LONGEST_SUMMARY} characters: {summary!r}")
+    fields = plugin.config.model_fields
+    if plugin.argument and plugin.argument not in fields:
+        raise CheckFailedError(f"the argument {plugin.argument!r} is no parameter; there are {[*fields]}")
+    lacking = _undescribed(plugin.config)
+    if lacking:
+        raise CheckFailedError(f"parameters without a description: {', '.join(lacking)}")
+
+
+def _undescribed(kind: type[Config], prefix: str = "") -> list[str]:
+    lacking: list[str] = []
+    for name, field in kind.model_fields.items():
+        inner = field.annotation
+        if isinstance(inner, type) and issubclass(inner, Config):
+            lacking += _undescribed(inner, f"{prefix}{name}.")
+        elif not field.description:
+            lacking.append(f"{prefix}{name}")
+    return lacking
+
+
+def require_refused(make: Callable[[Any], object], kind: type[Config], values: Mapping[str, object]) -> bool:
+    """Return True if parameters are refused, which only a `ConfigError` or a `ValidationError` may do.
+
+    Raises:
+        CheckFailedError: If another exception is raised.
+    """
+    try:
+        make(kind.model_validate(dict(values)))
+    except (ConfigError, ValidationError):
+        return True
+    except Exception as error:
+        raise CheckFailedError(
+            f"the parameters {dict(values)!r} raised {type(error).__name__} instead of ConfigError: {error}"
+        ) from error
+    return False
+
+
+async def memory_growth(act: Callable[[], Awaitable[None]]) -> int:
+    """Return the bytes that Python holds more after `act` than before."""
+    gc.collect()
+    tracemalloc.start()
+    try:
+        before, _ = tracemalloc.get_traced_memory()
+        await act()
+        gc.collect()
+        after, _ = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    return after - before
+
+
+def _present() -> tuple[set[str], int]:
+    """Return the threads, tasks and number of files that are open."""
+    names = {
+        f"thread {each.name!r}"
+        for each in threading.enumerate()
+        if not each.name.startswith("asyncio_")  # the loop's own
+    }
+    names |= {f"task {each.get_coro()}" for each in asyncio.all_tasks() if each is not asyncio.current_task()}
+    return names, len(list(FILES.iterdir())) if FILES.is_dir() else 0
+
+
+async def require_nothing_left(round_trip: Callable[[], Awaitable[None]]) -> None:
+    """Check that a second `round_trip` leaves no more threads, tasks and files than the first.
+
+    Raises:
+        CheckFailedError: If it does.
+    """
+    await round_trip()
+    gc.collect()
+    gc.disable()  # an object that only the collector closes is one that nobody closed
+    try:
+        before, files_before = _present()
+        await round_trip()
+        end_s = time.monotonic() + SETTLED_S
+        while True:
+            names, files = _present()
+            if not names - before and files <= files_before:
+                return
+            if time.monotonic() > end_s:
+                break
+            await asyncio.sleep(0.01)
+    finally:
+        gc.enable()
+    left = sorted(names - before)
+    if files > files_before:
+        left.append(f"{files - files_before} open file{'s' if files - files_before > 1 else ''} or sockets")
+    raise CheckFailedError(f"these were left when `run` had ended: {', '.join(left)}")
+
+
+async def require_responsive(act: Callable[[], Awaitable[None]]) -> None:
+    """Check that the event loop is never held up during `act`.
+
+    Raises:
+        CheckFailedError: If it is. Names the place in the code.
+    """
+    watch = current_watch()
+    watch.start()
+    await act()
+    watch.stop()
+    if watch.longest_s > BLOCKED_S:
+        raise CheckFailedError(f"the event loop stood still for {watch.longest_s:.1f} s in {watch.where}")

@@ -1,0 +1,228 @@
+"""The checks of selection methods: a method is a pure function of the cursors so far."""
+
+import math
+import random
+import statistics
+import time
+
+from pointit.plugins import NS_PER_S, Config
+from pointit.testing.check import CheckFailedError, Suite
+from pointit.testing.common import MEMORY_BYTES, memory_growth, require_parameters, require_refused
+from pointit.testing.methods.harness import BESIDE, COUNT, RATE_HZ, MethodHarness, Person
+
+PATIENT_DWELLS = 4.0
+"""Stays of so many dwell times must select."""
+SLOWEST_S = 2.0
+PASSING_SHARE = 0.15
+"""Share of the dwell time that a passing cursor spends on each object."""
+GAP_S = 30.0
+STEP_S = 0.002
+"""Median time of `step` above which it is too slow for many people, s."""
+MANY = 4000
+
+METHOD_SUITE: Suite[MethodHarness] = Suite()
+
+
+def _selects(person: Person, target: str) -> list[str]:
+    return person.stay(target, PATIENT_DWELLS * person.dwell_s + SLOWEST_S)
+
+
+def _wander(person: Person, seed: int) -> None:
+    """Point at random objects for random times."""
+    chance = random.Random(seed)  # noqa: S311 - the same path in each run
+    for _ in range(40):
+        target = BESIDE if chance.random() < 0.3 else f"object {chance.randrange(4)}"
+        person.stay(target, chance.uniform(0.02, 3.0 * person.dwell_s))
+
+
+@METHOD_SUITE.add(
+    "has a summary of one line, a description for each parameter, and a dwell time",
+    "Derive the parameters from pointit.plugins.MethodConfig, or give them a `dwell_s`",
+)
+async def parameters(harness: MethodHarness) -> None:
+    """See the promise."""
+    require_parameters(harness.plugin)
+    config: object = harness.plugin.config.model_validate(dict(harness.parameters))
+    dwell_s = getattr(config, "dwell_s", None)
+    if not isinstance(dwell_s, float) or not 0.0 < dwell_s <= 10.0:
+        raise CheckFailedError(f"`dwell_s` is {dwell_s!r}, expected seconds, above 0 and up to 10")
+
+
+@METHOD_SUITE.add(
+    "refuses parameters that cannot work, with ConfigError and nothing else",
+    "Limit parameters by `Field(gt=…, le=…)`, or raise pointit.plugins.ConfigError from `make`",
+)
+async def config_errors(harness: MethodHarness) -> None:
+    """See the promise."""
+
+    def make(_config: Config) -> Person:
+        return Person(harness)
+
+    require_refused(make, harness.plugin.config, {})
+    for values in harness.wrong_parameters:
+        if not require_refused(make, harness.plugin.config, values):
+            raise CheckFailedError(f"the parameters {dict(values)!r} were accepted")
+
+
+@METHOD_SUITE.add(
+    "selects the object that a person stays on, once",
+    "Return `Progress(object_id, fired=object_id)` when the person has stayed for the dwell time by the "
+    "cursors' stamps",
+)
+async def selects(harness: MethodHarness) -> None:
+    """See the promise."""
+    person = Person(harness)
+    person.stay(BESIDE, 1.0)
+    fired = _selects(person, "object 3")
+    if fired != ["object 3"]:
+        raise CheckFailedError(f"the person stayed on 'object 3', and there fired {fired or 'nothing'}")
+    if "object 3" not in person.latched():
+        raise CheckFailedError("'object 3' fired, and is not in `latched`")
+
+
+@METHOD_SUITE.add(
+    "selects again only after the object was left",
+    "Keep an object that fired or was latched in `latched` until the person points elsewhere",
+)
+async def latches(harness: MethodHarness) -> None:
+    """See the promise."""
+    person = Person(harness)
+    person.stay(BESIDE, 1.0)
+    person.stay("object 3", 0.1)
+    person.method.latch("object 3")
+    if "object 3" not in person.latched() or _selects(person, "object 3"):
+        raise CheckFailedError("'object 3' was latched, and fired all the same")
+    person.stay(BESIDE, SLOWEST_S)
+    if person.latched():
+        raise CheckFailedError(f"the person left 'object 3', and {person.latched()} stayed latched")
+    if _selects(person, "object 3") != ["object 3"]:
+        raise CheckFailedError("the person left 'object 3' and came back, and it did not fire")
+
+
+@METHOD_SUITE.add(
+    "selects nothing that is not pointed at",
+    "Return as `fired` only an object that is hovered, and None while nothing is",
+)
+async def selects_only_hovered(harness: MethodHarness) -> None:
+    """See the promise."""
+    for seed in range(5):
+        chance = random.Random(seed)  # noqa: S311 - the same path in each run
+        person = Person(harness)
+        for _ in range(40):
+            target = BESIDE if chance.random() < 0.4 else f"object {chance.randrange(COUNT)}"
+            person.stay(target, chance.uniform(0.02, 3.0 * person.dwell_s))
+            if person.unprovoked:
+                raise CheckFailedError(f"the person pointed at {target!r}, and {person.unprovoked!r} fired")
+    person = Person(harness)
+    if person.stay(BESIDE, 10 * person.dwell_s):
+        raise CheckFailedError("the person pointed at nothing, and something fired")
+
+
+@METHOD_SUITE.add(
+    "selects nothing that the person passes",
+    "Count only time that is spent on the same object, and forget it when the object is left",
+)
+async def passes(harness: MethodHarness) -> None:
+    """See the promise."""
+    person = Person(harness)
+    for number in range(4 * COUNT):
+        fired = person.stay(f"object {number % COUNT}", PASSING_SHARE * person.dwell_s)
+        if fired:
+            raise CheckFailedError(
+                f"the person spent {PASSING_SHARE:.0%} of the dwell time on each of many objects, and "
+                f"{fired[0]!r} fired"
+            )
+
+
+@METHOD_SUITE.add(
+    "reports a progress of 0 to 1 that grows while a person stays",
+    "Return the share of the dwell time that has passed as `progress`, at most 1.0",
+)
+async def progress(harness: MethodHarness) -> None:
+    """See the promise."""
+    person = Person(harness)
+    person.stay(BESIDE, 1.0)
+    _selects(person, "object 3")
+    _wander(person, 1)
+    for result in person.results:
+        if not (math.isfinite(result.progress) and 0.0 <= result.progress <= 1.0):
+            raise CheckFailedError(f"a progress was {result.progress!r}")
+    if not any(0.0 < result.progress < 1.0 for result in person.results):
+        raise CheckFailedError("no progress between 0 and 1 was reported")
+
+
+@METHOD_SUITE.add(
+    "gives the same results for the same cursors, beside other people, too",
+    "Keep all state in the object that `make` returns; use no clock, no chance and no variable of the class",
+)
+async def deterministic(harness: MethodHarness) -> None:
+    """See the promise."""
+    alone = Person(harness)
+    _wander(alone, 7)
+    _selects(alone, "object 1")
+    together, other = Person(harness), Person(harness, "ben")
+    _wander(other, 8)
+    _wander(together, 7)
+    other.stay("object 1", other.dwell_s / 2)
+    _selects(together, "object 1")
+    if together.results != alone.results:
+        raise CheckFailedError("the same cursors gave other results while another person pointed, too")
+
+
+@METHOD_SUITE.add(
+    "takes a gap between cursors for no stay",
+    "Begin again from zero when two stamps are further apart than some tenths of a second",
+)
+async def gaps(harness: MethodHarness) -> None:
+    """See the promise."""
+    person = Person(harness)
+    person.stay(BESIDE, 1.0)
+    for _ in range(5):
+        person.stay("object 3", 1 / RATE_HZ)
+        person.now_ns += round(GAP_S * NS_PER_S)
+    if person.fired:
+        raise CheckFailedError(f"two cursors {GAP_S:g} s apart were on 'object 3', and it fired")
+
+
+@METHOD_SUITE.add(
+    "survives stamps that go back or stand still, and cursors without a ray",
+    "Use differences of stamps only if they are above 0, and `pointing.under` if `pointing.view` is None",
+)
+async def odd_cursors(harness: MethodHarness) -> None:
+    """See the promise."""
+    person = Person(harness)
+    person.stay("object 3", person.dwell_s / 2)
+    for back_ns in (0, 1, NS_PER_S, 100 * NS_PER_S):
+        person.now_ns -= back_ns
+        person.step("object 3")
+        person.step("object 3", has_ray=False)
+        person.step(BESIDE, has_ray=False)
+    if set(person.fired) - {"object 3"}:
+        raise CheckFailedError(f"the person pointed at 'object 3', and {person.fired} fired")
+    person = Person(harness)
+    if _selects(person, "object 5") != ["object 5"]:
+        raise CheckFailedError("afterwards a new person stayed on 'object 5', and it did not fire")
+
+
+@METHOD_SUITE.add(
+    "stays quick and small, however many objects pass",
+    "Keep only what concerns objects that are near or were just left",
+    alone=True,
+)
+async def many_objects(harness: MethodHarness) -> None:
+    """See the promise."""
+    person = Person(harness)
+    took_s: list[float] = []
+
+    async def pass_by() -> None:
+        for number in range(MANY):
+            began_s = time.perf_counter()
+            person.stay("object 3", 1 / RATE_HZ, prefix=f"package {number} of a long day, ")
+            took_s.append(time.perf_counter() - began_s)
+            person.results.clear()
+
+    grown = await memory_growth(pass_by)
+    if grown > MEMORY_BYTES:
+        raise CheckFailedError(f"after {MANY} objects it held {grown / 1e6:.1f} MB more")
+    if statistics.median(took_s) > STEP_S:
+        raise CheckFailedError(f"a `step` took {statistics.median(took_s) * 1e3:.1f} ms")

@@ -1,0 +1,157 @@
+"""Harness of a selection method, given by its author, and a person who points by it."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from tempfile import gettempdir
+from typing import Any
+
+from pointit.geometry import vector
+from pointit.geometry.vector import Vec3
+from pointit.plugins import NS_PER_S, Cursor, Pointing, Progress, SelectionMethod, Surroundings, View
+from pointit.runtime.virtual_time import START_NS
+from pointit.services.selector.objects.view import VisibleObject
+from pointit.testing.check import CheckFailedError
+from pointit.testing.trial import TrialHealth
+
+RATE_HZ = 50
+APART_RAD = math.radians(15)
+"""Angle between neighbouring objects at the eyes."""
+RANGE_M = 3.0
+HALF_M = 0.15
+NEAR_RAD = math.radians(25)
+"""Angle from the ray up to which objects are near."""
+COUNT = 24
+"""Number of objects about the person: a full circle."""
+RECENT_NS = NS_PER_S // 5
+"""Time for which an object counts as pointed at: a method may sample the cursor."""
+BESIDE = "nothing"
+"""Aim between two objects."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class MethodHarness:
+    """A selection method. It has no device: the checks point by themselves."""
+
+    plugin: SelectionMethod
+    parameters: Mapping[str, object] = field(default_factory=dict[str, object])
+    """Parameters with which it is checked."""
+    wrong_parameters: tuple[Mapping[str, object], ...] = ()
+    """Parameters that the method must refuse."""
+    patience_s: float = 10.0
+    """Time within which each check must end, s, a sixth of it."""
+
+
+class FixedClock:
+    """A clock that stands still: a method decides by the stamps of cursors."""
+
+    speed = 1.0
+
+    def now_ns(self) -> int:
+        """Return the same time for ever."""
+        return START_NS
+
+
+class Person:
+    """A person who points at numbered objects about them, `object 0` to `object 23`."""
+
+    def __init__(self, harness: MethodHarness, name: str = "anna") -> None:
+        """Make the method.
+
+        Raises:
+            CheckFailedError: If it cannot be made.
+        """
+        plugin = harness.plugin
+        self._by_angle = plugin.by_angle
+        config: Any = plugin.config.model_validate(dict(harness.parameters))
+        self.dwell_s: float = config.dwell_s
+        around = Surroundings(
+            clock=FixedClock(), health=TrialHealth(), folder=Path(gettempdir()) / "unused", user=name
+        )
+        try:
+            self.method = plugin.make(config, around)
+        except Exception as error:
+            raise CheckFailedError(f"`make` raised {type(error).__name__}: {error}") from error
+        self.now_ns = START_NS
+        self.results: list[Progress] = []
+        """Results so far."""
+        self.unprovoked = ""
+        """First object that fired without being pointed at in the last `RECENT_NS`, or `""`."""
+        self._pointed_ns: dict[str, int] = {}
+
+    @property
+    def fired(self) -> list[str]:
+        """Return the objects that fired so far."""
+        return [result.fired for result in self.results if result.fired is not None]
+
+    def latched(self) -> set[str]:
+        """Return the objects that fired and were not left since."""
+        return set(self.method.latched)
+
+    def stay(self, target: str, duration_s: float, prefix: str = "object ") -> list[str]:
+        """Point at `target`, an object or `BESIDE`, for `duration_s`. Return the objects that fired.
+
+        Raises:
+            CheckFailedError: If the method raises.
+        """
+        before = len(self.results)
+        for _ in range(max(1, round(duration_s * RATE_HZ))):
+            self.now_ns += NS_PER_S // RATE_HZ
+            self.step(target, prefix)
+        return [result.fired for result in self.results[before:] if result.fired is not None]
+
+    def step(self, target: str, prefix: str = "object ", *, has_ray: bool = True) -> Progress:
+        """Process one cursor now. Return the method's result.
+
+        Raises:
+            CheckFailedError: If the method raises.
+        """
+        number = 0.5 if target == BESIDE else float(target.rpartition(" ")[2])
+        direction = _direction(number * APART_RAD)
+        cursor = Cursor(
+            stamp_ns=self.now_ns,
+            seq=len(self.results),
+            surface="none" if target == BESIDE else "belt",
+            surface_id="" if target == BESIDE else "1",
+            point_m=None if target == BESIDE else vector.scale(direction, RANGE_M),
+            range_m=RANGE_M,
+            origin_m=(0.0, 0.0, 0.0) if has_ray else None,
+            direction=direction if has_ray else None,
+        )
+        view = _view(direction, prefix) if self._by_angle and has_ray else None
+        under = None if target == BESIDE or view is not None else f"{prefix}{number:g}"
+        try:
+            result = self.method.step(Pointing(cursor, under, view, _acts))
+        except Exception as error:
+            raise CheckFailedError(f"`step` raised {type(error).__name__}: {error}") from error
+        self.results.append(result)
+        self._pointed_ns[target] = self.now_ns
+        fired = result.fired
+        if fired is not None and abs(self.now_ns - self._pointed_ns.get(fired, 0)) > RECENT_NS:
+            self.unprovoked = self.unprovoked or fired
+        return result
+
+
+def _acts(_object_id: str) -> bool:
+    return True
+
+
+def _direction(azimuth_rad: float) -> Vec3:
+    return (math.cos(azimuth_rad), math.sin(azimuth_rad), 0.0)
+
+
+def _view(direction: Vec3, prefix: str) -> View:
+    seen: list[VisibleObject] = []
+    for number in range(COUNT):
+        center_m = vector.scale(_direction(number * APART_RAD), RANGE_M)
+        angle_rad = vector.angle_between(direction, center_m)
+        if angle_rad < NEAR_RAD:
+            still = (0.0, 0.0, 0.0)
+            half_rad = math.atan(HALF_M / RANGE_M)
+            seen.append(
+                VisibleObject(
+                    f"{prefix}{number}", angle_rad, half_rad, center_m, still, still, HALF_M, RANGE_M, None
+                )
+            )
+    return View(direction, seen)

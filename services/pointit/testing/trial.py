@@ -1,0 +1,197 @@
+"""Trials: one run of a plug-in in surroundings whose clock, health and device belong to the check."""
+
+import asyncio
+import threading
+from collections.abc import Awaitable, Callable
+from contextlib import AbstractAsyncContextManager
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from types import TracebackType
+from typing import Self, TypeVar
+
+from pointit.plugins import Surroundings
+from pointit.runtime.virtual_time import START_NS
+from pointit.testing.check import CheckFailedError
+from pointit.testing.devices.device import FakeDevice
+
+M = TypeVar("M")
+
+LOOK_S = 0.02
+CANCEL_S = 1.0
+"""Time within which a plug-in must have ended after it was cancelled, s."""
+TRIES = 3
+"""A time is only too long if it is so in each of this many tries: a busy machine makes any of them slow."""
+
+
+class TrialClock:
+    """The loop's time, at another date than the operating system's."""
+
+    speed = 1.0
+
+    def __init__(self) -> None:
+        self._loop = asyncio.get_running_loop()
+
+    def now_ns(self) -> int:
+        """Return the time, ns. Any thread may call it."""
+        return START_NS + round(self._loop.time() * 1e9)
+
+
+class TrialHealth:
+    """Receiver of a plug-in's warnings. Notes whether they come in the event loop's thread."""
+
+    def __init__(self) -> None:
+        self.warnings: dict[str, str] = {}
+        """Present warnings by topic."""
+        self.in_loop = True
+        """False once it was called from another thread."""
+        self._thread = threading.get_ident()
+
+    def note_thread(self) -> None:
+        """Remember whether this is the loop's thread."""
+        self.in_loop = self.in_loop and threading.get_ident() == self._thread
+
+    def warn(self, topic: str, sentence: str) -> None:
+        """Show a warning until it is cleared, by `clear` or `""`."""
+        self.note_thread()
+        if sentence:
+            self.warnings[topic] = sentence
+        else:
+            self.warnings.pop(topic, None)
+
+    def clear(self, topic: str) -> None:
+        """Clear a warning."""
+        self.warn(topic, "")
+
+    def set_metric(self, name: str, value: float | None, unit: str = "") -> None:  # noqa: ARG002 - as the bus
+        """Take a metric."""
+        self.note_thread()
+
+    def reached(self, latency_s: float) -> None:  # noqa: ARG002 - as the bus
+        """Take a latency."""
+        self.note_thread()
+
+
+class Trial:
+    """One run of a plug-in beside its fake device, which is not plugged in yet."""
+
+    def __init__(self, device: FakeDevice, patience_s: float) -> None:
+        self.device = device
+        self.patience_s = patience_s
+        self.clock = TrialClock()
+        self.health = TrialHealth()
+        self._folder = TemporaryDirectory()
+        self.surroundings = Surroundings(
+            clock=self.clock, health=self.health, folder=Path(self._folder.name) / "state", user="anna"
+        )
+        self.task: asyncio.Task[None] | None = None
+
+    async def __aenter__(self) -> Self:
+        """Enter."""
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, _error: BaseException | None, _trace: TracebackType | None
+    ) -> None:
+        """End the plug-in, put the device away, and check that `run` ended as it was told to."""
+        try:
+            if kind is None:
+                self.require_running()
+                await self.end()
+            elif self.task is not None:
+                self.task.cancel()
+                await asyncio.wait([self.task], timeout=CANCEL_S)
+        finally:
+            await self.device.unplug()
+            self.device.close()
+            self._folder.cleanup()
+
+    def require_running(self) -> None:
+        """Check that `run` has neither returned nor raised.
+
+        Raises:
+            CheckFailedError: If it has.
+        """
+        if self.task is None or not self.task.done():
+            return
+        error = None if self.task.cancelled() else self.task.exception()
+        if error is None:
+            raise CheckFailedError("`run` returned by itself")
+        raise CheckFailedError(f"`run` raised {type(error).__name__}: {error}") from error
+
+    def made(self, make: Callable[[], M]) -> M:
+        """Return `make()`.
+
+        Raises:
+            CheckFailedError: If it raises.
+        """
+        try:
+            return make()
+        except Exception as error:
+            raise CheckFailedError(f"`make` raised {type(error).__name__}: {error}") from error
+
+    async def until(
+        self,
+        condition: Callable[[], bool],
+        failure: str,
+        act: Callable[[], Awaitable[None]] | None = None,
+    ) -> None:
+        """Wait for `condition`, while the plug-in runs.
+
+        Args:
+            condition: looked at every few milliseconds.
+            failure: what is wrong if it does not come true in the harness's patience.
+            act: done between looks, such as sending once more.
+
+        Raises:
+            CheckFailedError: If it does not come true, or `run` ends.
+        """
+        loop = asyncio.get_running_loop()
+        end_s = loop.time() + self.patience_s
+        while not condition():
+            self.require_running()
+            if loop.time() > end_s:
+                raise CheckFailedError(f"{failure} (waited {self.patience_s:g} s)")
+            if act is not None:
+                await act()
+            await asyncio.sleep(LOOK_S)
+
+    async def end(self) -> float:
+        """Cancel `run`. Return the time until it had ended, s.
+
+        Raises:
+            CheckFailedError: If it raises, or does not end.
+        """
+        task, self.task = self.task, None
+        if task is None:
+            return 0.0
+        loop = asyncio.get_running_loop()
+        began_s = loop.time()
+        task.cancel()
+        await asyncio.wait([task], timeout=max(self.patience_s, 2 * CANCEL_S))
+        if not task.done():
+            raise CheckFailedError(f"`run` was cancelled and still ran {loop.time() - began_s:.1f} s later")
+        error = None if task.cancelled() else task.exception()
+        if error is not None:
+            raise CheckFailedError(
+                f"`run` raised {type(error).__name__} when it was cancelled: {error}"
+            ) from error
+        return loop.time() - began_s
+
+
+async def require_quick_end(begin: Callable[[], AbstractAsyncContextManager[Trial]], state: str) -> None:
+    """Check that a plug-in ends within `CANCEL_S` of being cancelled.
+
+    Args:
+        begin: enters a new trial, in the state.
+        state: the state, in words.
+
+    Raises:
+        CheckFailedError: If it does not.
+    """
+    took_s: list[float] = []
+    for _ in range(TRIES):
+        async with begin() as trial:
+            took_s.append(await trial.end())
+        if took_s[-1] < CANCEL_S:
+            return
+    raise CheckFailedError(f"{state}, it ended {min(took_s):.1f} s after it was cancelled")

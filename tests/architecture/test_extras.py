@@ -1,0 +1,52 @@
+"""The table of extras names those of pyproject.toml with their libraries, messages how to install them."""
+
+import re
+import tomllib
+from pathlib import Path
+
+import pytest
+from packaging.requirements import Requirement
+
+from pointit.runtime.config import extras
+from tests.architecture.sources import ROOT
+
+PAGE = ROOT / "docs" / "reference" / "extras.md"
+FOR_WORK_ON_POINTIT = {"dev", "docs"}
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+EXTRAS: dict[str, list[str]] = PROJECT["optional-dependencies"]
+
+
+def test_table_names_every_extra_with_its_libraries() -> None:
+    rows = re.findall(r"^\| `(\w+)` \| [^|]+ \| ([^|]+) \|$", PAGE.read_text(encoding="utf-8"), re.MULTILINE)
+    documented = {name: set(libraries.split(", ")) for name, libraries in rows}
+    declared = {name: {Requirement(line).name for line in lines} for name, lines in EXTRAS.items()}
+    assert documented == {name: declared[name] for name in declared.keys() - FOR_WORK_ON_POINTIT}
+
+
+def test_examples_name_extras_and_the_version_that_there_are() -> None:
+    text = PAGE.read_text(encoding="utf-8")
+    listed = [*re.findall(r"scripts/setup ([\w ]+)`", text), *re.findall(r"\[([\w,]+)\]", text)]
+    assert len(listed) >= 5
+    assert {name for names in listed for name in re.split(r"[ ,]", names)} <= set(EXTRAS)
+    assert set(re.findall(r"pointit-([\d.]+)-py3", text)) == {PROJECT["version"]}
+
+
+def test_remedy_is_the_script_in_a_checkout_and_pip_elsewhere(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    assert extras.CHECKOUT == ROOT
+    assert extras.remedy("web") == "`scripts/setup web` in the folder of PointIt"
+    monkeypatch.setattr(extras, "CHECKOUT", tmp_path)
+    assert extras.remedy("web") == "`pip install 'pointit[web]'`"
+
+
+def test_extras_are_installed_in_one_way_where_people_read() -> None:
+    """An environment made by uv has no pip, and a pip found elsewhere installs into another Python."""
+    files = [ROOT / "README.md", *(ROOT / "docs").rglob("*.md")]
+    files += [path for room in ("services", "bridges") for path in (ROOT / room).rglob("*.py")]
+    named = set[str]()
+    for path in set(files) - {PAGE, Path(extras.__file__)}:
+        text = path.read_text(encoding="utf-8")
+        assert not re.search(r"pip install\b.*\bpointit\b|pointit\[", text), path
+        named.update(re.findall(r"scripts/setup (\w+)", text))
+    assert named <= set(EXTRAS)

@@ -1,0 +1,68 @@
+"""Blocks of the documents run, and print what is shown."""
+
+import json
+import tomllib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from tests.docs.blocks import DATA, ROOT, RUN, SHOWN, blocks, pages
+from tests.docs.shell import shell
+
+REASONS = {
+    "hardware": "needs a device on a port of this machine",
+    "machine": "is for another machine",
+    "containers": "needs container images; `tests/containers` runs the same",
+    "ros": "needs a ROS 2 installation",
+    "recordings": "needs recordings that are not public",
+    "minutes": "takes minutes",
+    "network": "downloads",
+}
+"""Words behind `no-run: `."""
+UNRUN = {
+    "deploy/README.md": 5,
+    "docs/how-to/contribute.md": 1,
+    "docs/how-to/conveyor.md": 1,
+    "docs/how-to/measure.md": 3,
+    "docs/how-to/page.md": 1,
+    "docs/how-to/ros2.md": 4,
+    "docs/how-to/ros4hri.md": 2,
+    "docs/how-to/strips.md": 1,
+    "docs/how-to/wrist.md": 2,
+    "docs/how-to/write-a-plug-in.md": 1,
+    "docs/reference/maps.md": 1,
+    "docs/tutorial/wrist.md": 3,
+}
+"""Number of blocks of each page that are not run."""
+READERS: dict[str, Callable[[str], Any]] = {"yaml": yaml.safe_load, "json": json.loads, "toml": tomllib.loads}
+PAGES = {str(page.relative_to(ROOT)): blocks(page, page.read_text(encoding="utf-8")) for page in pages()}
+
+
+@pytest.mark.parametrize(
+    "page", [name for name, found in PAGES.items() if any(each.language in RUN for each in found)]
+)
+async def test_blocks_run_and_print_what_the_page_shows(page: str, tmp_path: Path) -> None:
+    async with shell(tmp_path) as reader:
+        for block in PAGES[page]:
+            if block.title:
+                (tmp_path / "page" / block.title).write_text(block.code, encoding="utf-8")
+            elif block.language in RUN and not block.no_run:
+                await reader.run(block)
+        await reader.end()
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_every_block_is_run_read_or_listed(page: str) -> None:
+    for block in PAGES[page]:
+        assert block.language in (*RUN, *DATA, *SHOWN), f"{block.place}: nothing runs {block.language}"
+        assert not block.no_run or block.no_run in REASONS, f"{block.place}: no reason is {block.no_run!r}"
+        if block.language in DATA:
+            READERS[block.language](block.code)
+    assert sum(bool(block.no_run) for block in PAGES[page]) == UNRUN.get(page, 0)
+
+
+def test_listed_pages_exist() -> None:
+    assert UNRUN.keys() <= PAGES.keys()

@@ -1,0 +1,110 @@
+"""`pointit plugin new` writes packages that work, and `pointit plugin check` finds and checks them."""
+
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner, Result
+
+from pointit.cli.plugins import check, new
+from pointit.plugins import GROUPS, PluginGroup
+from pointit.runtime.errors import ConfigError
+
+
+def written(kind: str, name: str, folder: Path) -> Path:
+    """Return the folder of a new package."""
+    target = folder / name
+    result = CliRunner().invoke(new.command, [kind, name, "--folder", str(target)], catch_exceptions=False)
+    assert f"pointit plugin check {name}" in result.output
+    return target
+
+
+def install(package: Path, patch: pytest.MonkeyPatch) -> None:
+    """Make the package importable, and its entry points visible, for one test."""
+    source = package / "src"
+    project = tomllib.loads((package / "pyproject.toml").read_text())["project"]
+    info = source / f"{project['name'].replace('-', '_')}-{project['version']}.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {project['name']}\nVersion: 0.1.0\n")
+    lines: list[str] = []
+    for group, entries in project["entry-points"].items():
+        lines += [f"[{group}]", *(f"{name} = {value}" for name, value in entries.items())]
+    (info / "entry_points.txt").write_text("\n".join(lines))
+    for group in GROUPS.values():
+        assert group.names  # found without the package, to which the end of the test returns
+    patch.setattr(sys, "path", [str(source), *sys.path])
+    for group in GROUPS.values():
+        patch.setattr(group, "_entries", vars(PluginGroup)["_entries"].func(group))
+
+
+def checked(*arguments: str) -> Result:
+    return CliRunner().invoke(check.command, arguments, catch_exceptions=False)
+
+
+def test_new_package_is_found_and_keeps_its_promises(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    install(written("selection-method", "my-way", tmp_path), monkeypatch)
+    result = checked()  # all of other packages
+    assert result.exit_code == 0, result.output
+    assert "kept   selection-method my-way: selects the object" in result.output
+    assert "11 of 11 promises are kept" in result.output
+
+
+def test_broken_promise_is_named_with_its_remedy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    package = written("selection-method", "my-wrong-way", tmp_path)
+    module = package / "src/my_wrong_way/__init__.py"
+    module.write_text(module.read_text().replace("0 <= step_ns <= LONGEST_GAP_NS", "step_ns >= 0"))
+    install(package, monkeypatch)
+    result = checked("my-wrong-way")
+    assert result.exit_code == 1
+    assert "broken selection-method my-wrong-way: takes a gap between cursors for no stay" in result.output
+    assert "'object 3', and it fired. Begin again" in result.output
+
+
+def test_plugin_without_a_fake_device_is_told_how_to_get_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    package = written("imu-source", "my-bare-wrist", tmp_path)
+    project = package / "pyproject.toml"
+    project.write_text(project.read_text().replace("pointit.fake_devices", "somebody.elses"))
+    install(package, monkeypatch)
+    result = checked("my-bare-wrist")
+    assert result.exit_code == 1
+    assert "add an entry point 'my-bare-wrist' of the group pointit.fake_devices" in result.output
+
+
+@pytest.mark.parametrize(
+    ("kind", "some"),
+    [
+        ("imu-source", "delivers or parameters"),
+        ("led-output", "shows or parameters"),
+        ("selection-method", "selects or parameters"),
+    ],
+)
+def test_tests_of_a_new_package_pass_as_written(kind: str, some: str, tmp_path: Path) -> None:
+    # all of its promises are checked in test_shipped.py
+    package = written(kind, "my-part", tmp_path)
+    ended = subprocess.run(
+        [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-p", "no:xdist", "-k", some],
+        cwd=package,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert ended.returncode == 0, ended.stdout + ended.stderr
+    assert " passed" in ended.stdout
+
+
+@pytest.mark.parametrize("name", ["My Wrist", "1st", "../x", "json", "pointit", "class", "a--b"])
+def test_name_that_cannot_be_a_package_is_refused(name: str) -> None:
+    with pytest.raises(ConfigError, match="cannot be a package's name"):
+        CliRunner().invoke(new.command, ["imu-source", name], catch_exceptions=False)
+
+
+def test_present_files_are_not_overwritten(tmp_path: Path) -> None:
+    (tmp_path / "notes.txt").write_text("mine")
+    with pytest.raises(ConfigError, match="is there already"):
+        CliRunner().invoke(
+            new.command, ["imu-source", "my-wrist", "--folder", str(tmp_path)], catch_exceptions=False
+        )

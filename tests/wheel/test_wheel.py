@@ -1,0 +1,114 @@
+"""The wheel in environments of its own: everything that commands read is inside."""
+
+import functools
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import pytest
+import uv
+
+from tests.architecture.sources import ROOT
+from tests.e2e.run.visitor import entered
+from tests.support.commands import Commands
+from tests.support.links import link_in
+
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(300)]
+
+ROOTS = {
+    "schemas/catalogue/": "pointit/schemas/catalogue/shipped/",
+    "schemas/pointit/": "pointit/",
+    "services/pointit/": "pointit/",
+    "bridges/pointit/": "pointit/",
+}
+"""Folders of the repository, and where they are in the wheel."""
+LEFT_OUT = (
+    "bridges/pointit/bridges/web/client/",  # what the page is built from
+    "bridges/pointit/__init__.pyi",  # with these two, type checkers see one package in a source tree
+    "schemas/pointit/__init__.pyi",
+)
+UV = uv.find_uv_bin()
+INSTALL_S = 200.0
+"""Limit of an installation from the index, where the cache of uv lacks something."""
+LOCK = ("--constraints", str(ROOT / "requirements" / "image.txt"))
+
+
+def run(*command: str | Path, cwd: Path) -> str:
+    done = subprocess.run(command, cwd=cwd, capture_output=True, text=True, check=False, timeout=INSTALL_S)
+    assert done.returncode == 0, f"{command}: {done.stdout}{done.stderr}"
+    return done.stdout
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Build the source archive, and the wheel from it."""
+    folder = tmp_path_factory.mktemp("dist")
+    run(ROOT / "scripts" / "wheel", folder, cwd=folder)
+    assert len([*folder.glob("*.tar.gz")]) == 1
+    (built,) = folder.glob("*.whl")
+    return built
+
+
+@pytest.fixture(autouse=True)
+def _elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:  # pyright: ignore[reportUnusedFunction]
+    """Run commands outside the checkout."""
+    monkeypatch.chdir(tmp_path)
+
+
+@pytest.fixture(scope="module")
+def plain(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Install the wheel without extras into an empty environment; return its `pointit`."""
+    folder = tmp_path_factory.mktemp("empty") / "venv"
+    run(UV, "venv", "--quiet", "--python", sys.executable, folder, cwd=folder.parent)
+    python = folder / "bin" / "python"
+    run(UV, "pip", "install", "--quiet", "--python", python, *LOCK, wheel, cwd=folder.parent)
+    return folder / "bin" / "pointit"
+
+
+def test_wheel_has_every_file_of_the_product_and_no_other(wheel: Path) -> None:
+    tracked = run("git", "ls-files", "-co", "--exclude-standard", *ROOTS, cwd=ROOT).splitlines()
+    wanted = set[str]()
+    for path in tracked:
+        root = next(root for root in ROOTS if path.startswith(root))
+        if not path.startswith(LEFT_OUT):
+            wanted.add(ROOTS[root] + path.removeprefix(root))
+    with zipfile.ZipFile(wheel) as archive:
+        there = {name for name in archive.namelist() if ".dist-info/" not in name}
+    assert there == wanted
+
+
+async def test_scenario_runs_without_the_page_and_names_the_extra(plain: Path, commands: Commands) -> None:
+    ended = await commands.run([str(plain), "run", "scenario_3", "--duration", "5"]).end()
+    assert ended.code == 0, ended.err
+    assert "scenario_3 ran" in ended.out
+    assert "There was no page: the page needs `pip install 'pointit[web]'`." in ended.out
+
+
+async def test_commands_find_what_they_read(plain: Path, commands: Commands) -> None:
+    async def says(*arguments: str, code: int = 0) -> str:
+        ended = await commands.run([str(plain), *arguments]).end()
+        assert ended.code == code, ended.err
+        return ended.out + ended.err
+
+    assert "conveyor" in await says("map", "list")
+    listed = await says("list")
+    assert all(name in listed for name in ("scenario_3", "conveyor", "--imu serial:", "--leds expander:"))
+    assert "of pointit cannot be imported" not in listed
+    assert "is up to date" in await says("schema", "--check")
+    assert "ImuSample.v1" in await says("schema", "ImuSample.v1")
+    refused = await says("map", "plot", "conveyor", "-o", "conveyor.svg", code=2)
+    assert "pictures need matplotlib, which is not installed; run `pip install 'pointit[plot]'`" in refused
+
+
+async def test_uvx_runs_the_wheel_and_serves_the_page(wheel: Path, commands: Commands) -> None:
+    uvx = functools.partial(commands.run, environment={"UV_PYTHON": sys.executable})
+    where = ("tool", "run", "--quiet", *LOCK, "--from", f"{wheel}[web]", "pointit")
+    command = uvx([UV, *where, "run", "scenario_3", "--no-view", "--web-port", "0"])
+    await command.says("its link is in")
+    _, page = await entered(link_in(command.err + command.out))
+    assert page.status_code == 200
+    assert "text/html" in page.headers["content-type"]
+    ended = await command.stop()
+    assert ended.code == 0, ended.err
+    assert "scenario_3 ran" in ended.out

@@ -98,7 +98,7 @@ class Shell:
         group = terminal.process
         code = await self._say(f"kill -INT -- -{group} 2>&-; wait {group}; printf '%s ' $?", terminal.block)
         printed = _read(terminal.output)
-        if int(code) not in STOPPED or "Traceback" in printed:
+        if int(code) not in STOPPED or ("Traceback" in printed and "KeyboardInterrupt" not in printed):
             raise BlockError(
                 f"{terminal.block.place}: terminal {name} ended with {code} and printed\n{printed}"
             )

@@ -13,6 +13,16 @@ from tests.support.commands import Commands
 _ACCOUNT = pytest.StashKey[Account]()
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Move the tests on the shared site behind all others: from its start on it takes half of two cores."""
+
+    def is_shared(item: pytest.Item) -> bool:
+        uses = {"site", "either_site"} & set(getattr(item, "fixturenames", ()))
+        return bool(uses) and item.path.parent == Path(__file__).parent
+
+    items.sort(key=is_shared)
+
+
 @pytest.fixture
 def account(pytestconfig: pytest.Config) -> Account:
     """Return the table of this run."""

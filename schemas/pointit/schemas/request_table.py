@@ -160,7 +160,7 @@ SET_MOUNTING = Request(
     about="how the sensor sits on the arm",
 )
 
-REQUESTS: tuple[Request[Any, Any], ...] = (
+REQUESTS: list[Request[Any, Any]] = [
     ADD_PACKAGE,
     SET_SPEED,
     SET_FEEDING,
@@ -183,4 +183,5 @@ REQUESTS: tuple[Request[Any, Any], ...] = (
     SET_LAMP,
     SET_YAW_ORIGIN,
     SET_MOUNTING,
-)
+]
+"""All requests. Services of other packages add theirs when they are loaded."""

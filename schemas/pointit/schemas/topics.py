@@ -301,7 +301,7 @@ DEPLOYMENT = Topic(
     about="services that should be running",
 )
 
-TOPICS: tuple[Topic[Any], ...] = (
+TOPICS: list[Topic[Any]] = [
     IMU,
     WRIST,
     BUTTON,
@@ -326,7 +326,8 @@ TOPICS: tuple[Topic[Any], ...] = (
     CLOCK,
     HEALTH,
     DEPLOYMENT,
-)
+]
+"""All topics. Services of other packages add theirs when they are loaded (`pointit.services.registry`)."""
 
 SERVICE_ALIVE = Presence(key="alive/services/{instance}", about="one service instance runs")
 USER_ALIVE = Presence(key="alive/users/{user}", about="one person's services run")

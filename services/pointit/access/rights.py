@@ -25,7 +25,7 @@ from pointit.schemas.topics import (
     Request,
     Topic,
 )
-from pointit.services.registry import PROCESSES, Process
+from pointit.services.registry import PROCESSES, Process, add_installed
 
 Role = Literal["user", "services", "web", "ros2", "dashboard", "operator", "supervisor", "router"]
 """Role of an identity: a person's services; the shared services; the page's server; the ROS 2 bridge; a
@@ -36,12 +36,15 @@ ROLES: tuple[Role, ...] = get_args(Role)
 PRIVATE: tuple[Topic[Any], ...] = (IMU, WRIST, RAY)
 """Topics that viewers and other people never get: a person's movements."""
 
-SHOWN: tuple[Topic[Any], ...] = tuple(topic for topic in TOPICS if topic not in PRIVATE)
-
 RECALLED: tuple[Request[Any, Any], ...] = (READ_HISTORY,)
 """Requests open to all roles: they change nothing, and repeat what all may read."""
 
 ALL = "**"
+
+
+def shown() -> list[Topic[Any]]:
+    """Return the topics that viewers get."""
+    return [topic for topic in TOPICS if topic not in PRIVATE]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,7 +63,8 @@ class Rights:
 
 
 def rights_of(role: Role, name: str) -> Rights:
-    """Return the rights of the identity `name` in `role`."""
+    """Return the rights of the identity `name` in `role`, with those of installed services."""
+    add_installed()
     if role in ("supervisor", "router"):
         return Rights(
             writes=(ALL,), reads=(ALL,), serves=(ALL,), asks=(ALL,), announces=(ALL,), watches=(ALL,)
@@ -72,7 +76,7 @@ def rights_of(role: Role, name: str) -> Rights:
     if role in ("web", "ros2"):
         return _bridge(role)
     return Rights(
-        reads=_anywhere([SHOWN]),
+        reads=_anywhere([shown()]),
         asks=_anywhere([REQUESTS if role == "operator" else RECALLED]),
     )
 
@@ -85,7 +89,7 @@ def _bridge(name: str) -> Rights:
     (row,) = (row for row in PROCESSES if row.name == name)
     return Rights(
         writes=_sorted([*_anywhere([row.writes]), *_numbered(HEALTH.at(name))]),
-        reads=_anywhere([SHOWN, row.reads]),
+        reads=_anywhere([shown(), row.reads]),
         asks=_anywhere([REQUESTS]),
         announces=(*_numbered(SERVICE_ALIVE.at(name)), *(presence.at(ANY) for presence in row.announces)),
     )
@@ -110,10 +114,13 @@ def _user(name: str) -> Rights:
                 *(HEALTH.at(instance) for instance in instances),
             ]
         ),
-        reads=_sorted([*reads, *_anywhere([SHOWN])]),
+        reads=_sorted([*reads, *_anywhere([shown()])]),
         serves=_sorted(request.at(name) for row in mine for request in row.serves if _is_personal(request)),
         asks=_sorted(
-            [*(request.at(name) for request in REQUESTS if _is_personal(request)), *_anywhere([RECALLED])]
+            [
+                *(request.at(name) for request in REQUESTS if _is_personal(request)),
+                *_anywhere([RECALLED, *_asked(mine)]),
+            ]
         ),
         announces=_sorted([USER_ALIVE.at(name), *(SERVICE_ALIVE.at(instance) for instance in instances)]),
     )
@@ -129,9 +136,9 @@ def _services() -> Rights:
                 *(HEALTH.at(row.name) for row in shared),
             ]
         ),
-        reads=_anywhere([*(row.reads for row in shared), SHOWN]),
+        reads=_anywhere([*(row.reads for row in shared), shown()]),
         serves=_anywhere([*(row.serves for row in shared), (RUN_SCENARIO,)]),
-        asks=_anywhere([RECALLED]),
+        asks=_anywhere([RECALLED, *_asked(shared)]),
         keeps=_anywhere([[topic for topic in TOPICS if topic.delivery is Delivery.STATE]]),
         announces=_sorted(
             [
@@ -144,6 +151,11 @@ def _services() -> Rights:
 
 def _of_scope(scope: Literal["site", "user"]) -> Sequence[Process]:
     return [row for row in PROCESSES if row.scope == scope]
+
+
+def _asked(rows: Iterable[Process]) -> list[tuple[Request[Any, Any], ...]]:
+    """Return the requests that services of other packages send. Ours send none."""
+    return [row.plugin.asks for row in rows if row.plugin is not None]
 
 
 def _is_personal(row: Topic[Any] | Request[Any, Any]) -> bool:

@@ -14,6 +14,7 @@ from pointit.runtime.clock import SiteClock
 from pointit.runtime.errors import AccessDeniedError, ConfigError, WrongSiteError
 from pointit.runtime.link.credentials import VARIABLE, Credentials, read_credentials
 from pointit.runtime.link.link import DEFAULT_ENDPOINT, DEFAULT_SITE, Link
+from pointit.runtime.virtual_time import is_virtual
 from pointit.runtime.zenoh.sites import sites_at
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas.topics import ANY, HEALTH, SERVICE_ALIVE
@@ -73,6 +74,8 @@ async def _join(
     patience_s: float | None,
     portal: LoopThread | None = None,
 ) -> AsyncGenerator[Site]:
+    if is_virtual():
+        raise ConfigError("a site that runs elsewhere cannot be joined in virtual time; start one with `run`")
     link = _link([address] if isinstance(address, str) else address, site, credentials)
     bus = await ZenohBus.open(link, patience_s=patience_s)
     try:

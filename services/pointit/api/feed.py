@@ -109,7 +109,7 @@ def unreadable(traffic: SubscriptionStats) -> str:
 
 
 class Feed(Generic[T]):
-    """What arrives on a topic from the call that made it, one item per step of `async for`.
+    """The messages of a topic from the call that made it on, one per step of `async for`.
 
     A slow loop gets the newest of each name, or of events every one, up to 1024 that wait. The loop ends when
     the site is closed, and goes on after a lost connection is back.

@@ -161,7 +161,7 @@ class Latest:
 
     @property
     def selection(self) -> Selection:
-        """What is selected now."""
+        """All selected objects."""
         return self._of(SELECTION)[""]
 
     @property

@@ -4,12 +4,14 @@ Each class serves `Site`, whose methods return awaitables, and `SyncSite`, whose
 what `Done` becomes there, other parameters for other replies. `tests/contract` compares all with the table.
 """
 
+import re
 from collections.abc import Callable, Sequence
 from typing import Any, Generic, Literal, TypeVar
 
 from pydantic import ValidationError
 
 from pointit.schemas import PointingOffset, Query, SchemaError, summarize_validation_error
+from pointit.schemas.base import Rgb
 from pointit.schemas.topics import (
     ADD_PACKAGE,
     CANCEL_LOCALIZATION,
@@ -22,6 +24,7 @@ from pointit.schemas.topics import (
     SET_BRIGHTNESS,
     SET_FEEDING,
     SET_HEADING,
+    SET_LAMP,
     SET_METHOD,
     SET_MOUNTING,
     SET_OFFSET,
@@ -42,6 +45,8 @@ S = TypeVar("S")
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 
+HEX = re.compile(r"#[0-9a-fA-F]{6}")
+
 Ask = Callable[[Request[Any, Any], Query, str], Any]
 """Sends a query, and returns what the method is to return."""
 
@@ -57,6 +62,20 @@ def query_of(request: Request[Any, Any], fields: dict[str, Any]) -> Query:
     except ValidationError as error:
         raise SchemaError(f"{request.key}: {summarize_validation_error(error)}") from error
     return query
+
+
+def rgb_of(color: str | Rgb | None) -> Rgb | None:
+    """Return red, green and blue of `color`, which may be written `#rrggbb`.
+
+    Raises:
+        SchemaError: If a text is no colour.
+    """
+    if not isinstance(color, str):
+        return color
+    if not HEX.fullmatch(color):
+        raise SchemaError(f"{color!r} is no colour: write one like '#ff8800', or (255, 136, 0)")
+    red, green, blue = bytes.fromhex(color[1:])
+    return (red, green, blue)
 
 
 class _Requests(Generic[D]):
@@ -206,6 +225,10 @@ class LedsRequests(_Requests[D]):
     def brightness(self, brightness: float, *, strips: Sequence[str] = ()) -> D:
         """Dim all strips, or `strips`, to `brightness`, 0 to 1."""
         return self._do(SET_BRIGHTNESS, brightness=brightness, strips=strips)
+
+    def set_color(self, lamp: str, color: str | Rgb | None = None) -> D:
+        """Show `color` on `lamp`: `#rrggbb` or (red, green, blue). None gives it back to the site."""
+        return self._do(SET_LAMP, lamp, color=rgb_of(color))
 
 
 class ImuRequests(_Requests[D], Generic[D, R]):

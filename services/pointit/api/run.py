@@ -4,7 +4,7 @@ import asyncio
 import contextlib
 import json
 import tempfile
-from collections.abc import AsyncGenerator, Mapping, Sequence
+from collections.abc import AsyncGenerator, Generator, Mapping, Sequence
 from contextlib import AbstractAsyncContextManager
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,7 +25,7 @@ from pointit.runtime.host.state_file import using_state_directory
 from pointit.runtime.link.link import Link
 from pointit.runtime.service.service import Launch, check_launches
 from pointit.runtime.service.shutdown import first_cause
-from pointit.runtime.virtual_time import VirtualClock, VirtualTimeLoop
+from pointit.runtime.virtual_time import VirtualClock, is_virtual
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 
 USUAL = "scenario_4"
@@ -57,7 +57,7 @@ class Run:
         self._sync: SyncSite | None = None
 
     async def __aenter__(self) -> Site:
-        if self._virtual and not _is_virtual():
+        if self._virtual and not is_virtual():
             raise ConfigError(
                 "virtual time needs a loop of its own: use `with pointit.run(...)`, or run this coroutine by "
                 "`pointit.run_virtually(main())`"
@@ -128,17 +128,13 @@ def run(
     return Run(plan, virtual=virtual)
 
 
-def _is_virtual() -> bool:
-    return isinstance(asyncio.get_running_loop(), VirtualTimeLoop)
-
-
 @contextlib.asynccontextmanager
 async def _live(plan: _Plan, portal: LoopThread | None = None) -> AsyncGenerator[Site]:
-    if plan.listen and _is_virtual():
+    if plan.listen and is_virtual():
         raise ConfigError(f"listen={plan.listen!r}: nobody can join a site in virtual time; leave it out")
     launches = await asyncio.to_thread(plan.launches)
     bus = await ZenohBus.open(Link(listen=(plan.listen,)), patience_s=0.0) if plan.listen else MemoryBus()
-    clock = VirtualClock() if _is_virtual() else WallClock()
+    clock = VirtualClock() if is_virtual() else WallClock()
     try:
         with tempfile.TemporaryDirectory(prefix="pointit-") as folder:
             async with Site.on(bus, clock, portal) as site:
@@ -151,17 +147,25 @@ async def _live(plan: _Plan, portal: LoopThread | None = None) -> AsyncGenerator
 
                 group = ServiceGroup(launches, bus, clock, processes=None, on_end=on_end)
                 try:
-                    with using_state_directory(Path(folder)):
+                    with _told(), using_state_directory(Path(folder)):
                         await group.begin()
                     yield site
-                    if group.has_ended:
+                    with _told():
                         group.check()
-                except BaseExceptionGroup as error:
-                    raise _failure(error) from error
                 finally:
                     await group.end()
     finally:
         await bus.close()
+
+
+@contextlib.contextmanager
+def _told() -> Generator[None]:
+    try:
+        yield
+    except PointItError:
+        raise
+    except Exception as error:
+        raise _failure(error) from error
 
 
 def _failure(error: BaseException) -> PointItError:

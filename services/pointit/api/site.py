@@ -98,7 +98,7 @@ class Site:
         self._bus = bus
         self._clock = clock
         self._inboxes = weakref.WeakSet[Inbox[Any]]()
-        self._trackers: dict[str, Tracker] = {}
+        self._trackers: list[Tracker] = []
         self._failure: Exception | None = None
         self._is_closed = False
         self._present: dict[str, _Present] = {}
@@ -137,7 +137,7 @@ class Site:
 
     @property
     def problem(self) -> str:
-        """What is wrong with the connection, in one sentence, such as a lost router; `""` if nothing is."""
+        """A message if the connection has a problem, such as a lost router, else `""`."""
         return self._bus.problem
 
     def now_ns(self) -> int:
@@ -207,14 +207,16 @@ class Site:
     def tracker(self, name: str) -> Tracker:
         """Return the tracker `name`, which publishes objects."""
         self._check_open()
-        if name not in self._trackers:
-            self._trackers[name] = Tracker(self._bus, name, self._clock.now_ns)
-        return self._trackers[name]
+        tracker = Tracker(self._bus, name, self._clock.now_ns)
+        self._trackers.append(tracker)
+        if self._bus.is_restricted:
+            self._bus.spawn(self._check_writing(tracker, name), f"access to {OBJECTS.key}")
+        return tracker
 
     def lamp(self, name: str) -> Lamp[Awaitable[Done], Feed[LampColor]]:
         """Return the lamp `name` of the map."""
         check_name(name, "lamp")
-        return Lamp(name, self._ask, functools.partial(self.messages, LAMP_COLOR))
+        return Lamp(name, self.leds, functools.partial(self.messages, LAMP_COLOR))
 
     async def press(self, user: str, gesture: Literal["press", "double", "hold"] = "press") -> Interaction:
         """Press the button of `user`; return the state of the interaction after it.
@@ -236,7 +238,7 @@ class Site:
 
     def _close(self) -> None:
         """End all iterators and trackers."""
-        for tracker in self._trackers.values():
+        for tracker in self._trackers:
             if not self._bus.is_closed:
                 tracker.close()
         self._is_closed = True
@@ -276,6 +278,10 @@ class Site:
     async def _check_access(self, inbox: Inbox[Any], topic: Topic[Any], name: str) -> None:
         if denied := await self._bus.denial_reason("reads", topic, name):
             inbox.end(AccessDeniedError(denied))
+
+    async def _check_writing(self, tracker: Tracker, name: str) -> None:
+        if denied := await self._bus.denial_reason("writes", OBJECTS, name):
+            tracker.deny(AccessDeniedError(denied))
 
     def _ask(self, request: Request[Any, R], query: Query, name: str) -> Awaitable[R]:
         return self.call(request, query, name)

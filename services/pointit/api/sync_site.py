@@ -1,7 +1,7 @@
 """A site as scripts and notebooks see it: plain iterators, and calls that wait."""
 
 import atexit
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import AbstractAsyncContextManager
 from types import TracebackType
 from typing import Any, Generic, Literal, Self, TypeVar
@@ -52,7 +52,7 @@ T = TypeVar("T")
 
 
 class SyncFeed(Generic[T]):
-    """What arrives on a topic from the call that made it, one item per step of `for`; see `Feed`."""
+    """The messages of a topic from the call that made it on, one per step of `for`. See `Feed`."""
 
     def __init__(self, feed: Feed[T], portal: LoopThread) -> None:
         self._feed = feed
@@ -100,7 +100,7 @@ class SyncTracker:
         self._tracker = tracker
         self._portal = portal
 
-    def update(self, objects: list[TrackedObject], *, stamp_ns: int | None = None) -> None:
+    def update(self, objects: Iterable[TrackedObject], *, stamp_ns: int | None = None) -> None:
         """Publish all objects of this tracker, at least once a second; who is no longer listed has left.
 
         Args:
@@ -109,6 +109,7 @@ class SyncTracker:
 
         Raises:
             BusClosedError: If the tracker or the site is closed.
+            AccessDeniedError: If this identity may not write them, which is known after some seconds.
         """
         self._portal.do(lambda: self._tracker.update(objects, stamp_ns=stamp_ns))
 
@@ -172,7 +173,7 @@ class SyncSite:
 
     @property
     def problem(self) -> str:
-        """What is wrong with the connection, in one sentence, such as a lost router; `""` if nothing is."""
+        """A message if the connection has a problem, such as a lost router, else `""`."""
         return self._portal.do(lambda: self._site.problem)
 
     def now_ns(self) -> int:
@@ -235,7 +236,7 @@ class SyncSite:
 
     def lamp(self, name: str) -> Lamp[Done, SyncFeed[LampColor]]:
         """Return the lamp `name` of the map."""
-        return Lamp(name, self._ask, lambda lamp: self.messages(LAMP_COLOR, lamp))
+        return Lamp(name, self.leds, lambda lamp: self.messages(LAMP_COLOR, lamp))
 
     def press(self, user: str, gesture: Literal["press", "double", "hold"] = "press") -> Interaction:
         """Press the button of `user`; return the state of the interaction after it; see `Site.press`."""

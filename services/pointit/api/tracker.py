@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterable
 
 from pointit.runtime.bus.contract import Bus
+from pointit.runtime.errors import AccessDeniedError
 from pointit.schemas import TrackedObject, TrackedObjects
 from pointit.schemas.topics import OBJECTS
 
@@ -15,6 +16,7 @@ class Tracker:
         self._now_ns = now_ns
         self._seq = 0
         self._is_open = True
+        self._denial: AccessDeniedError | None = None
 
     def update(self, objects: Iterable[TrackedObject], *, stamp_ns: int | None = None) -> None:
         """Publish all objects of this tracker, at least once a second; who is no longer listed has left.
@@ -25,7 +27,10 @@ class Tracker:
 
         Raises:
             BusClosedError: If the tracker or the site is closed.
+            AccessDeniedError: If this identity may not write them, which is known after some seconds.
         """
+        if self._denial is not None:
+            raise self._denial
         self._seq += 1
         self._publisher.put(
             TrackedObjects(
@@ -35,9 +40,14 @@ class Tracker:
             )
         )
 
+    def deny(self, error: AccessDeniedError) -> None:
+        """Raise `error` from now on."""
+        self._denial = error
+
     def close(self) -> None:
         """Publish that all objects have left, and end."""
         if self._is_open:
             self._is_open = False
-            self.update(())
+            if self._denial is None:
+                self.update(())
             self._publisher.close()

@@ -28,8 +28,6 @@ SLOW_S = 0.1
 UNCERTAIN = "uncertain"
 """Word in the localizer's own warnings about the pose."""
 
-_EVENTS = frozenset(topic.key for topic in TOPICS if topic.delivery is Delivery.EVENT)
-
 
 def diagnose(seen: Observation) -> list[Finding]:
     """Return the problems, the worst first."""
@@ -186,7 +184,9 @@ def _counters(instance: str, first: Health, last: Health) -> Iterator[Finding]:
                 "the network loses more than can be fetched again: look at the link between the machines",
             ),
         ]
-        if pattern in _EVENTS:  # for others only the newest counts
+        if any(
+            row.key == pattern and row.delivery is Delivery.EVENT for row in TOPICS
+        ):  # for others only the newest counts
             counts.append(
                 (
                     key.dropped,

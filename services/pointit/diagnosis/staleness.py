@@ -15,8 +15,6 @@ GRACE_S = 3.0
 PAUSES = (CURSOR, HOVER)
 """Topics with a rate that pause while no person points."""
 
-_BY_KEY: dict[str, AnyTopic] = {topic.key: topic for topic in TOPICS}
-
 
 def stale_inputs(seen: Observation) -> Iterator[Finding]:
     """Find old inputs with a present writer, reporting the first cause only."""
@@ -75,6 +73,6 @@ def _written(seen: Observation, topic: AnyTopic, writers: Sequence[str]) -> bool
 def _rated(health: Health | None, direction: str) -> Iterator[tuple[AnyTopic, KeyHealth]]:
     """Yield the topics with a nominal rate that a service reads or writes."""
     for key in health.keys if health is not None else ():
-        topic = _BY_KEY.get(key.key)
+        topic = next((row for row in TOPICS if row.key == key.key), None)
         if topic is not None and topic.rate_hz is not None and key.direction == direction:
             yield topic, key

@@ -9,12 +9,15 @@ from pointit.schemas.table_types import NAME
 from pointit.schemas.topics import ANY, HEALTH
 from pointit.services.registry import PROCESSES, Process
 
-_ROWS: dict[str, Process] = {row.name: row for row in PROCESSES}
+
+def row_of(service: str) -> Process | None:
+    """Return the row of a service in the process table, or None."""
+    return next((row for row in PROCESSES if row.name == service), None)
 
 
 def is_bridge(instance: str) -> bool:
     """Return True if an instance is a bridge to a foreign system."""
-    row = _ROWS.get(split_instance(instance)[0])
+    row = row_of(split_instance(instance)[0])
     return row is not None and row.room == "bridges"
 
 
@@ -24,7 +27,7 @@ def start_command(service: str, user: str = "") -> str:
     Names come from other machines. Only a name of the table and a name that is valid in a key become part of
     a command.
     """
-    row = _ROWS.get(service)
+    row = row_of(service)
     if row is None or (row.scope == "user") != bool(user):
         return ""
     if user and (not NAME.match(user) or user.startswith(".")):
@@ -40,7 +43,9 @@ def present_writers(topic: AnyTopic, name: str, present: Iterable[str]) -> list[
     for instance in present:
         service, user = split_instance(instance)
         other = topic.placeholder == "user" and user and name not in (ANY, "", user)
-        if service in topic.writers and not other:
+        row = None if service in topic.writers else row_of(service)
+        writes = service in topic.writers or (row is not None and topic in row.writes)
+        if writes and not other:
             found.append(instance)
     return sorted(found)
 
@@ -50,11 +55,10 @@ def silence_reason(topic: AnyTopic, name: str, present: Collection[str]) -> str:
     there = present_writers(topic, name, present)
     if there:
         return f"{', '.join(there)} can write it and runs; does `pointit doctor` find something wrong?"
-    services = [writer for writer in topic.writers if writer in _ROWS]
-    if not services or topic.writers[0] not in _ROWS:  # the first is the usual one
+    row = row_of(topic.writers[0])  # the first is the usual one
+    if row is None:
         return f"it is written by {' or '.join(topic.writers)}"
     user = name if topic.placeholder == "user" and name not in (ANY, "") else ""
-    row = _ROWS[services[0]]
     command = f"pointit service run {row.name}" + (f" --user {user or 'NAME'}" if row.scope == "user" else "")
     near = did_you_mean(user, {other for _, other in map(split_instance, present) if other} - {user})
     advice = f"{near[:-1]}, or start it with `{command}`?" if near else f"start it with `{command}`"

@@ -27,9 +27,11 @@ Then `pointit run --imu waving` uses it, `--set imu-bridge.waving.rate_hz=100` s
 - `ImuSource` (`pointit.imu_sources`): a device that gives the orientation of a person's arm.
 - `LedOutput` (`pointit.led_outputs`): a controller that shows frames on strips.
 - `SelectionMethod` (`pointit.selection_methods`): decides when pointing at an object selects it.
+- `ServicePlugin` (`pointit.services`): a process with a bus, and topics and requests of its own.
 
-A plug-in has no bus. It gets the values of its parameters, already validated, and its `Surroundings`: the
-clock of all stamps, health, in which it reports problems and metrics, and a place for what it stores.
+A plug-in gets the values of its parameters, already validated, and its `Surroundings`: the clock of all
+stamps, health, in which it reports problems and metrics, and a folder for what it stores. It has no bus. Only
+a service has one: `make` is its class, and its `Context` holds the bus and the clock.
 
 Its code runs in the event loop of a service, beside that of others, so it must not block: blocking calls go
 to a thread (`asyncio.to_thread`). `run` ends when it is cancelled, within a second, and at no other time:
@@ -43,10 +45,12 @@ from pointit.geometry.rotation import Quaternion
 from pointit.runtime.clock import Clock, sleep, ticks
 from pointit.runtime.config.config import Config
 from pointit.runtime.config.plugins import Plugin, PluginGroup
-from pointit.runtime.errors import ConfigError
+from pointit.runtime.errors import ConfigError, RefusedError
 from pointit.runtime.health.surroundings import HealthSink, Surroundings
 from pointit.runtime.host.state_file import StateFile
-from pointit.schemas import NS_PER_S, Cursor, Strip, StripFrame, StripsFrame
+from pointit.runtime.service.service import Context, Service
+from pointit.schemas import NS_PER_S, Cursor, Message, Query, Reply, Strip, StripFrame, StripsFrame, topics
+from pointit.schemas.topics import Delivery, Request, Topic
 from pointit.services.imu_bridge.reading import Deliver, Item, Press, Reading, Reconnected, Source
 from pointit.services.imu_bridge.sources import SOURCES, ImuSource
 from pointit.services.led_driver.outputs import OUTPUTS, LedOutput, Output, OutputConfig
@@ -59,6 +63,7 @@ from pointit.services.selector.selection_methods import (
     Progress,
     SelectionMethod,
 )
+from pointit.services.service_plugin import SERVICES, ServicePlugin
 
 __all__ = [
     "GROUPS",
@@ -66,12 +71,15 @@ __all__ = [
     "Clock",
     "Config",
     "ConfigError",
+    "Context",
     "Cursor",
     "Deliver",
+    "Delivery",
     "HealthSink",
     "ImuSource",
     "Item",
     "LedOutput",
+    "Message",
     "MethodConfig",
     "Output",
     "OutputConfig",
@@ -82,24 +90,33 @@ __all__ = [
     "Press",
     "Progress",
     "Quaternion",
+    "Query",
     "Reading",
     "Reconnected",
+    "RefusedError",
+    "Reply",
+    "Request",
     "SelectionMethod",
+    "Service",
+    "ServicePlugin",
     "Source",
     "StateFile",
     "Strip",
     "StripFrame",
     "StripsFrame",
     "Surroundings",
+    "Topic",
     "View",
     "rotation",
     "sleep",
     "ticks",
+    "topics",
 ]
 
 GROUPS: dict[str, PluginGroup[Any]] = {
     "imu-source": SOURCES,
     "led-output": OUTPUTS,
     "selection-method": METHODS,
+    "service": SERVICES,
 }
 """Installed plug-ins by kind."""

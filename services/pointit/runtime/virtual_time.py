@@ -61,6 +61,11 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
         return done
 
 
+def is_virtual() -> bool:
+    """Return True if the running loop is in virtual time."""
+    return isinstance(asyncio.get_running_loop(), VirtualTimeLoop)
+
+
 class VirtualClock:
     """The time of the running loop as services see it."""
 

@@ -1,15 +1,21 @@
 """Process table: all processes including bridges, their topics and requests.
 
 `pointit list`, the scenarios and the architecture tests use it. Modules are named, not imported, so that a
-process loads only what it needs.
+process loads only what it needs. Services of other packages get a row when they are named, or all at once.
 """
 
+import contextlib
 import importlib
 from dataclasses import dataclass
-from typing import Any, Literal
+from importlib.metadata import entry_points
+from typing import TYPE_CHECKING, Any, Literal
 
+from pointit.runtime.errors import ConfigError
 from pointit.schemas import topics
 from pointit.schemas.topics import Presence, Request, Topic
+
+if TYPE_CHECKING:
+    from pointit.services.service_plugin import ServicePlugin
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,6 +35,17 @@ class Process:
     """Folder of its package."""
     extra: str = ""
     """Extra of the distribution, if it needs more than the base."""
+    plugin: "ServicePlugin | None" = None
+    """The plug-in of another package, if it is one."""
+    label: str = ""
+    """Name of the plug-in and its package in messages, or `""` if it is ours."""
+
+    @property
+    def command(self) -> tuple[str, ...]:
+        """Return the arguments with which Python runs it as a process."""
+        if self.plugin is None:
+            return "-m", self.package
+        return "-m", "pointit.cli", "service", "run", self.name
 
     @property
     def package(self) -> str:
@@ -37,11 +54,15 @@ class Process:
 
     def config(self) -> Any:
         """Return the class of its parameters, which needs no extra: `LedDriverConfig` for `led-driver`."""
+        if self.plugin is not None:
+            return self.plugin.config
         module = importlib.import_module(f"{self.package}.config")
         return getattr(module, f"{self.name.title().replace('-', '')}Config")
 
     def load(self) -> Any:
         """Return its service class."""
+        if self.plugin is not None:
+            return self.plugin.make
         return importlib.import_module(f"{self.package}.service").SERVICE
 
 
@@ -66,7 +87,7 @@ SHOWN: tuple[Topic[Any], ...] = (
 )
 """Topics for viewers: everything but raw IMU samples and rays."""
 
-PROCESSES: tuple[Process, ...] = (
+PROCESSES: list[Process] = [
     Process(
         name="imu-bridge",
         scope="user",
@@ -267,16 +288,57 @@ PROCESSES: tuple[Process, ...] = (
         ),
         announces=(topics.USER_ALIVE,),
     ),
-)
+]
+"""All rows: ours, and those of other packages that were added."""
+
+GROUP = "pointit.services"
+"""Group of the entry points of services of other packages."""
+
+
+def names() -> list[str]:
+    """Return the names of all services, including those of other packages, without importing any."""
+    ours = [row.name for row in PROCESSES]
+    return ours + sorted({entry.name for entry in entry_points(group=GROUP)} - set(ours))
 
 
 def process(name: str) -> Process:
-    """Return the row called `name`.
+    """Return the row called `name`. If it is that of another package, its topics are added to the table.
 
     Raises:
         KeyError: If there is none. The message lists the existing ones.
+        ConfigError: If it is that of another package, which cannot be used.
     """
     for row in PROCESSES:
         if row.name == name:
             return row
-    raise KeyError(f"no service {name!r}; there are {', '.join(row.name for row in PROCESSES)}")
+    if name not in names():
+        raise KeyError(f"no service {name!r}; there are {', '.join(names())}")
+    from pointit.services.service_plugin import SERVICES  # noqa: PLC0415 - only if there is one
+
+    plugin = SERVICES.get(name)
+    try:
+        plugin.check(name)
+    except ConfigError as error:
+        raise ConfigError(
+            f"{SERVICES.label(name)} cannot be used: {error}; update or uninstall it"
+        ) from error
+    plugin.add_rows()
+    row = Process(
+        name=name,
+        scope=plugin.make.SCOPE,
+        about=plugin.summary,
+        reads=plugin.reads,
+        writes=plugin.writes,
+        serves=plugin.serves,
+        plugin=plugin,
+        label=SERVICES.label(name),
+    )
+    PROCESSES.append(row)
+    return row
+
+
+def add_installed() -> None:
+    """Add the rows of all services of other packages that can be used. The others are reported if named."""
+    for name in names():
+        with contextlib.suppress(ConfigError):
+            process(name)

@@ -41,9 +41,9 @@ async def test_every_layout(commands: Commands, options: tuple[str, ...], proces
     assert [process["name"] for process in row["processes"]] == processes
     assert all(process["memory_mb"] > 10 for process in row["processes"])
     assert sum(process["cpu"] for process in row["processes"]) > 0
-    assert 50 < row["sent"] <= 100, "a busy machine leaves some out"
-    assert row["cursors"] > 50
-    assert row["frames"] > 5
+    assert 20 < row["sent"] <= 100, "a busy machine leaves some out"
+    assert row["cursors"] > 20
+    assert row["frames"] > 2
     assert 0 < row["light_p50_ms"] <= row["light_p99_ms"]
     assert "2 people at 50 Hz" in ended.err, "progress"
 
@@ -54,7 +54,7 @@ async def test_people_join_a_running_site(commands: Commands, endpoint: str) -> 
         await seen.hears("led-driver")
         row = row_of(await commands.pointit("load", *SHORT, "--json", "--connect", endpoint))
         assert [process["name"] for process in row["processes"]] == ["all"]
-        assert row["cursors"] > 50
+        assert row["cursors"] > 20
         assert seen.people == set() or seen.people <= {"load0", "load1"}
 
 

@@ -46,7 +46,7 @@ def test_noise_is_along_the_belt_and_as_large_as_asked_for() -> None:
 
 
 def test_packages_are_missed_one_by_one() -> None:
-    _, seen = pairs(40.0, missed_share=0.2)
+    _, seen = pairs(20.0, missed_share=0.2)
     exact = sum(len(a.objects) for a, _ in seen)
     reported = sum(len(b.objects) for _, b in seen if b is not None)
     assert reported / exact == pytest.approx(0.8, abs=0.02)

@@ -229,3 +229,31 @@ def test_whatever_happens_the_state_lamp_flashes_three_times_a_second_at_most(
                 shining.on_localization("anna", ENDED, now_ns)
     for signal in range(4):
         assert flashes_in_a_second([(at_ns, signals(color)[signal]) for at_ns, color in shown]) <= 3
+
+
+def test_a_lamp_shows_what_it_is_set_to_except_while_people_localize() -> None:
+    shining = lights(lamps="ab")
+    shining.set_lamp("a", (255, 136, 0))
+    assert shining.lamp_colors(NOW_NS) == {"a": (255, 136, 0), "b": DARK}
+    shining.on_cursor("anna", cursor(a=0.0, b=0.0), NOW_NS)
+    later_ns = NOW_NS + NS_PER_S
+    assert shining.lamp_colors(later_ns)["a"] == (255, 136, 0)
+    shining.on_localization("anna", localization("b", "ab"), later_ns)
+    assert shining.lamp_colors(later_ns + NS_PER_S)["a"] == DARK
+    assert shining.lamp_colors(later_ns + NS_PER_S)["b"] == TARGET
+    shining.on_localization("anna", ENDED, later_ns + NS_PER_S)
+    assert shining.lamp_colors(later_ns + 2 * NS_PER_S)["a"] == (255, 136, 0)
+    shining.set_lamp("a", None)
+    assert shining.lamp_colors(later_ns + 3 * NS_PER_S)["a"] == DARK
+
+
+def test_a_lamp_that_is_not_in_the_map_or_shows_the_state_cannot_be_set() -> None:
+    shining = lights(state_lamp="s", lamps="ab")
+    with pytest.raises(ValueError, match="there is no lamp 'z'; there are a, b"):
+        shining.set_lamp("z", (1, 2, 3))
+    with pytest.raises(ValueError, match="lamp s shows the state of the site; choose another one"):
+        shining.set_lamp("s", (1, 2, 3))
+    shining.set_lamp("b", (1, 2, 3))
+    shining.on_map(room("a"))
+    shining.on_map(room("ab"))
+    assert shining.lamp_colors(NOW_NS + NS_PER_S)["b"] == DARK

@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from pointit.runtime.host.store import RETRY_EVERY_NS, SHOWN_NS, Layout, Store, read_rows
+from tests.support.pace import within
 
 S = 1_000_000_000
 NOW = 1_700_000_000 * S
@@ -235,4 +236,4 @@ def test_commit_does_not_delay_the_caller(store: Store) -> None:
         assert write(store, f"word {index}" * 20)
         durations_s.append(time.perf_counter() - began_s)
     store.close()
-    assert sorted(durations_s)[150] < 0.002  # it takes about 30 µs; others use this machine too
+    assert within(sorted(durations_s)[150], 0.002)  # it takes about 30 µs; others use this machine too

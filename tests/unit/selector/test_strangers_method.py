@@ -1,5 +1,6 @@
 """A selection method of another package: chosen by name, with its own times, and alone with its faults."""
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -49,9 +50,10 @@ PATIENT = SelectionMethod(summary="stay without a break", config=MethodConfig, m
 
 
 @pytest.fixture(autouse=True)
-def _installed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def _installed(tmp_path: Path) -> Iterator[None]:
     entries = "patient = strangers_methods:PATIENT\nlost = strangers_methods:LOST"
-    strangers.install(tmp_path, monkeypatch, "strangers_methods", MODULE, selection_methods=entries)
+    with strangers.installed(tmp_path, "strangers_methods", MODULE, selection_methods=entries):
+        yield
 
 
 def test_method_of_a_package_selects_after_its_own_time_or_the_one_that_is_set() -> None:
@@ -70,7 +72,7 @@ def test_parameters_of_a_package_are_validated_and_ours_have_no_section() -> Non
     for values, sentence in (
         ({"method": "absent"}, "use one of fraction, gauge, hold, lost, patient"),
         ({"patient": {"dwell_s": 11}}, "10"),
-        ({"hold": {"window_s": 1}}, "no parameter hold"),
+        ({"hold": {"window_s": 1}}, "Extra inputs"),
     ):
         with pytest.raises(ValidationError, match=sentence):
             SelectorConfig.model_validate(values)

@@ -7,6 +7,7 @@ from pointit.cli.common.lazy import UnknownNameError
 from pointit.runtime.bus.contract import AnyTopic
 from pointit.schemas import KeyNameError
 from pointit.schemas.topics import ANY, PRESENCES, REQUESTS, TOPICS
+from pointit.services.registry import add_installed
 
 Wanted = tuple[AnyTopic, str]
 """A row, and the value of its placeholder: a name, `*` for all, or `""` if it has none."""
@@ -23,6 +24,7 @@ def resolve(typed: str) -> list[Wanted]:
     Raises:
         UnknownNameError: If no topic matches; suggests similar keys.
     """
+    add_installed()
     parts = typed.strip("/").split("/")
     wanted: list[Wanted] = []
     for topic in TOPICS:

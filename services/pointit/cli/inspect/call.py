@@ -20,6 +20,7 @@ from pointit.runtime.errors import ConfigError
 from pointit.runtime.service.shutdown import run_until_shutdown
 from pointit.schemas import Query, Reply, summarize_validation_error
 from pointit.schemas.topics import REQUESTS, Request, check_name, topic_of
+from pointit.services.registry import add_installed
 
 AnyRequest = Request[Any, Any]
 
@@ -59,6 +60,7 @@ def command(
 
     Example: pointit service call conveyor/set_speed speed_mps=0.3
     """
+    add_installed()
     if key is None:
         show([requests()], as_json=as_json)
         return 0

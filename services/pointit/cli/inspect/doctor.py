@@ -28,6 +28,7 @@ from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas import ClockTick, Deployment, Health, KeyHealth, Quantiles
 from pointit.schemas.system import split_instance
 from pointit.schemas.topics import ANY, CLOCK, DEPLOYMENT, HEALTH, SERVICE_ALIVE
+from pointit.services.registry import add_installed
 
 MIN_S = 1.2
 """Minimum listening time: long enough for services that report once a second."""
@@ -74,6 +75,7 @@ def command(
     Example: pointit doctor --only pui
     """
     quiet()
+    add_installed()
     credentials = given_credentials()
     known = visible_rows(credentials, folder, dt.datetime.now(dt.UTC))
     known = [row for row in known if not only or row["name"] == only]

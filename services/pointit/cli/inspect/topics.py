@@ -4,6 +4,7 @@ import click
 
 from pointit.cli.common.output import Section, json_option, show
 from pointit.schemas import topics as table
+from pointit.services.registry import add_installed
 
 
 def topics() -> Section:
@@ -64,4 +65,5 @@ def command(*, as_json: bool) -> None:
 
     Example: pointit topic list --json
     """
+    add_installed()
     show([topics(), requests(), presence()], as_json=as_json)

@@ -9,11 +9,12 @@ from pointit.cli.common.lazy import UnknownNameError
 from pointit.cli.common.output import Section, json_option, show
 from pointit.runtime.config.similar_names import nearest
 from pointit.runtime.errors import ConfigError
-from pointit.services.registry import PROCESSES
+from pointit.services.registry import PROCESSES, add_installed
 
 
 def services() -> Section:
     """Return the process table."""
+    add_installed()
     return Section(
         name="services",
         about="run one with `pointit service run NAME`",
@@ -73,7 +74,7 @@ def maps() -> Section:
     )
 
 
-OPTIONS = {"imu-source": "--imu", "led-output": "--leds", "selection-method": "--method"}
+OPTIONS = {"imu-source": "--imu", "led-output": "--leds", "selection-method": "--method", "service": "--with"}
 """Options of `pointit run` that choose a plug-in, by its kind."""
 
 
@@ -91,9 +92,7 @@ def plugins() -> Section:
             except ConfigError as error:
                 use, about = f"{option} {name}", str(error)
             rows.append({"name": name, "use": use, "package": group.package(name), "about": about})
-    return Section(
-        name="plugins", about="devices for `pointit run` and `pointit person add`", rows=tuple(rows)
-    )
+    return Section(name="plugins", about="parts for `pointit run` and `pointit person add`", rows=tuple(rows))
 
 
 SECTIONS: dict[str, Callable[[], Section]] = {

@@ -14,7 +14,7 @@ from pointit.launch.plan.page import PORT
 from pointit.runtime.config.environment import check_environment
 from pointit.runtime.link.link import DEFAULT_ENDPOINT, Link
 from pointit.runtime.link.options import given_credentials, link_of
-from pointit.services.registry import PROCESSES
+from pointit.services import registry
 
 BESIDE_ROS = "tcp/127.0.0.1:7448"
 """Listen address of a run in a ROS graph: ROS nodes would mistake a process at 7447 for their router."""
@@ -77,6 +77,14 @@ def shared_options(function: Any) -> Any:
                 "Once for each person",
             ),
             click.option(
+                "--with",
+                "services",
+                multiple=True,
+                metavar="SERVICE",
+                help="also start this service, such as one of an installed package; `pointit list services` "
+                "lists them. Repeatable",
+            ),
+            click.option(
                 "--config",
                 "files",
                 multiple=True,
@@ -134,7 +142,7 @@ def choices_of(options: dict[str, Any], leds: str = "") -> Choices:
     Raises:
         ConfigError: If an environment variable is for a service that does not exist.
     """
-    check_environment(os.environ, [row.name for row in PROCESSES])
+    check_environment(os.environ, registry.names())
     return Choices(
         seed=options["seed"],
         localize=options["localize"],
@@ -145,6 +153,7 @@ def choices_of(options: dict[str, Any], leds: str = "") -> Choices:
         stature_m=options["stature_m"],
         imu=options["imu"],
         leds=leds,
+        services=options["services"],
         ros2=options.get("ros2", False),
         files=options["files"],
         settings=options["settings"],

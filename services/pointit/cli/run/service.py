@@ -8,24 +8,27 @@ from pointit.cli.common.lazy import Entry, LazyGroup, print_help_without_action
 from pointit.launch.plan.extras import load
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.service.process import service_command, unavailable_command
-from pointit.services.registry import PROCESSES, Process
+from pointit.services.registry import PROCESSES, names, process
 
 
-def _loader(row: Process) -> Callable[[], click.Command]:
+def _loader(name: str) -> Callable[[], click.Command]:
     def loaded() -> click.Command:
+        row = process(name)
         try:
-            return service_command(load(row))
+            return service_command(load(row), row.label)
         except ConfigError as error:  # its help is available before its dependencies are installed
             return unavailable_command(row.name, row.scope, f"{row.about}\n\n{error}.", row.config(), error)
 
     return loaded
 
 
+ABOUT = {row.name: f"({row.scope}) {row.about}" for row in PROCESSES}
+
 command = LazyGroup(
     name="run",
     kind="service",
     entries=[
-        Entry(name=row.name, about=f"({row.scope}) {row.about}", load=_loader(row)) for row in PROCESSES
+        Entry(name=name, about=ABOUT.get(name, "of another package"), load=_loader(name)) for name in names()
     ],
     callback=print_help_without_action,
     invoke_without_command=True,

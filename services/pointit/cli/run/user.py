@@ -10,7 +10,7 @@ from pointit.cli.common.panels import PanelCommand
 from pointit.cli.run.execution import execute
 from pointit.cli.run.run_options import PERSON_PANELS, choices_of, joining, shared_options
 from pointit.cli.run.site_inspection import check_person, inspect_site
-from pointit.launch.plan.launches import user_launches
+from pointit.launch.plan.launches import added_services, user_launches
 from pointit.launch.plan.plan import Plan
 from pointit.launch.plan.scenario import Scenario, read_scenario
 from pointit.launch.plan.settings import check_settings
@@ -53,6 +53,10 @@ def command(name: str, scenario: str | None, place: int | None, **options: Any) 
     for option, given in (("--imu", choices.imu), ("--pose", choices.poses)):
         if len(given) > 1:
             raise ConfigError(f"{option} is given {len(given)} times for one person")
+    if shared := added_services(choices, "site"):
+        raise ConfigError(
+            f"--with {shared[0]}: it is shared by all people: start it with `pointit service run {shared[0]}`"
+        )
     launches = user_launches(chosen, choices.of_one(place - 1), name, place - 1)
     check_settings({launch.service.NAME for launch in launches}, choices)
     plan = Plan(

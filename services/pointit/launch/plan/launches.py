@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Literal
 
 from pointit.launch.plan.extras import load
 from pointit.launch.plan.person import REALISTIC, Pose, body_of
@@ -16,6 +16,7 @@ from pointit.schemas.system import check_user
 from pointit.services import registry
 from pointit.services.imu_bridge.sources import SOURCES
 from pointit.services.led_driver.outputs import OUTPUTS
+from pointit.services.registry import Process
 from pointit.services.selector.selection_methods import METHODS
 
 ROS2 = "ros2"
@@ -66,6 +67,8 @@ class Choices(Settings):
     """IMU per person: `sim`, `page`, `simulated`, `serial:PORT` or `replay:FILE`."""
     leds: str = ""
     """`expander:PORT`, or `""`."""
+    services: Sequence[str] = ()
+    """Services to add to those of the scenario, also of other packages."""
     ros2: bool = False
     """The site is also a node in a ROS 2 graph. As with `page`, ROS may move people's wrists."""
     page: bool = False
@@ -98,6 +101,8 @@ def site_launches(scenario: Scenario, choices: Choices) -> list[Launch]:
         extra["selector"] = _chosen("--method", choices.method, METHODS, "method")
     usual: dict[str, dict[str, Any]] = {"conveyor-sim": {"seed": seed_of(choices.seed, "conveyor-sim")}}
     services = dict(scenario.site)
+    for name in added_services(choices, "site"):
+        services.setdefault(name, {})
     if choices.ros2:
         services.setdefault(ROS2, {})
     return [
@@ -131,6 +136,8 @@ def user_launches(scenario: Scenario, choices: Choices, user: str, index: int = 
         usual["user-sim"] |= REALISTIC
     extra = _person(scenario, choices, index, is_simulated=device == "sim")
     services = dict(scenario.user)
+    for name in added_services(choices, "user"):
+        services.setdefault(name, {})
     if device != "sim":
         services.pop("user-sim", None)
         services.setdefault("imu-bridge", {})
@@ -193,6 +200,24 @@ def place_of(scenario: Scenario, choices: Choices, index: int) -> Place:
     return Place(position_m=(pose.x_m, pose.y_m, 0.0), yaw_deg=pose.yaw_deg or 0.0)
 
 
+def added_services(choices: Choices, scope: Literal["site", "user"]) -> list[str]:
+    """Return the services of a scope that the command line adds.
+
+    Raises:
+        ConfigError: If one is not installed or cannot be used.
+    """
+    return [name for name in choices.services if _row(name, f"--with {name}").scope == scope]
+
+
+def _row(name: str, where: str) -> Process:
+    try:
+        return registry.process(name)
+    except KeyError as error:
+        raise ConfigError(f"{where}: {error.args[0]}") from error
+    except ConfigError as error:
+        raise ConfigError(f"{where}: {error}") from error
+
+
 def _choose(option: str, text: str, group: PluginGroup[Any]) -> tuple[str, dict[str, Any]]:
     """Return the plug-in's name and parameters that `text` chooses.
 
@@ -215,12 +240,10 @@ def _launch(
     scenario: Scenario, name: str, layered: Sequence[Mapping[str, Any]], choices: Choices, user: str = ""
 ) -> Launch:
     scope = "user" if user else "site"
-    try:
-        row = registry.process(name)
-    except KeyError as error:
-        raise ConfigError(f"{scenario.source}: {scope}: {error.args[0]}") from error
+    row = _row(name, f"{scenario.source}: {scope}")
     if row.scope != scope:
         raise ConfigError(f"{scenario.source}: {scope}: {name} must stand under {row.scope}")
     service = load(row)
     named = dict(zip(("defaults of scenarios", scenario.source, "command line"), layered, strict=True))
-    return Launch(service=service, config=layers_of(name, named, choices).build(service.CONFIG), user=user)
+    config = layers_of(name, named, choices).build(service.CONFIG)
+    return Launch(service=service, config=config, user=user, plugin=row.label)

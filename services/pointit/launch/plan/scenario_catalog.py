@@ -116,9 +116,13 @@ class ScenarioCatalog:
             localize=localize,
             targets=choices.targets if localize else None,
             poses=poses,
-            method=choices.method if "selector" in scenario.site else None,
+            method=choices.method if "selector" in scenario.site else "",
             leds=choices.leds if "led-driver" in scenario.site else "",
-            settings=[setting for setting in choices.settings if service_of(setting) in _services(scenario)],
+            settings=[
+                setting
+                for setting in choices.settings
+                if service_of(setting) in {*_services(scenario), *choices.services}
+            ],
         )
 
     def _ignored(self, scenario: Scenario) -> Iterator[str]:

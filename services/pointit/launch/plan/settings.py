@@ -86,6 +86,6 @@ def _split(setting: str) -> tuple[list[str], str]:
 
 
 def _check_service(name: str, source: str) -> None:
-    known = [row.name for row in registry.PROCESSES]
+    known = registry.names()
     if name not in known:
         raise ConfigError(f"{source}: {name!r} is no service; {nearest(name, known)}")

@@ -53,8 +53,8 @@ class Processes:
 
     def command(self, launch: Launch) -> tuple[str, ...]:
         """Return the command that starts `launch`."""
-        package = registry.process(launch.service.NAME).package
-        command = [sys.executable, "-m", package, "--config", str(self.folder / f"{launch.instance}.yaml")]
+        row = registry.process(launch.service.NAME)
+        command = [sys.executable, *row.command, "--config", str(self.folder / f"{launch.instance}.yaml")]
         if launch.user:
             command += ["--user", launch.user]
         return (*command, "--site", self._site, "--connect", self._connect, "--clock", self._clock)

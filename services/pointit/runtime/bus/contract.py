@@ -56,7 +56,7 @@ class SubscriptionStats:
     invalid: int = 0
     """Bytes that were not the message of their key."""
     complaint: str = ""
-    """What was wrong with the last of them."""
+    """Error message about the last of them."""
     errors: int = 0
     """Handlers that raised."""
 

@@ -12,9 +12,7 @@ from pydantic_core import InitErrorDetails, PydanticCustomError
 from pointit.runtime.config.config import Config
 from pointit.runtime.config.validation_message import (
     DESCRIBED,
-    field_names,
     first_mistake,
-    unknown_parameter_message,
 )
 from pointit.runtime.errors import ConfigError
 
@@ -50,8 +48,12 @@ P = TypeVar("P", bound=Plugin)
 class PluginGroup(Generic[P]):
     """The installed plug-ins of one kind."""
 
-    def __init__(self, group: str, kind: type[P], noun: str) -> None:
-        """Look for entry points of `group`, each a `kind`. Errors call one a `noun`."""
+    def __init__(self, group: str, kind: type[P], noun: str, *, has_ours: bool = True) -> None:
+        """Look for entry points of `group`, each a `kind`. Errors call one a `noun`.
+
+        `has_ours`: this project has some, so that none at all is a fault of the installation.
+        """
+        self._has_ours = has_ours
         self.group = group
         self.kind = group.rpartition(".")[2]
         """Last part of the group's name, such as `imu_sources`."""
@@ -60,6 +62,14 @@ class PluginGroup(Generic[P]):
 
     @cached_property
     def _entries(self) -> dict[str, EntryPoint]:
+        return self.find()
+
+    def find(self) -> dict[str, EntryPoint]:
+        """Return the entry points of all installed packages, by name.
+
+        Raises:
+            ConfigError: If two packages use one name, or there is none where there must be.
+        """
         found: dict[str, EntryPoint] = {}
         for entry in sorted(entry_points(group=self.group), key=lambda entry: entry.name):
             other = found.setdefault(entry.name, entry)
@@ -68,7 +78,7 @@ class PluginGroup(Generic[P]):
                     f"{self.noun} {entry.name!r} is in two packages: uninstall {_package(other)} or "
                     f"{_package(entry)}"
                 )
-        if not found:
+        if not found and self._has_ours:
             raise ConfigError(
                 f"no {self.noun} is installed, not even those of pointit: install it again (in a checkout: "
                 "scripts/setup)"
@@ -88,7 +98,8 @@ class PluginGroup(Generic[P]):
         """
         entry = self._entries.get(name)
         if entry is None:
-            raise ConfigError(f"no {self.noun} {name!r} is installed; there are {', '.join(self.names)}")
+            known = ", ".join(self.names) or "none"
+            raise ConfigError(f"no {self.noun} {name!r} is installed; there are {known}")
         try:
             plugin = entry.load()
         except Exception as error:  # code of others, which may raise anything when it is imported
@@ -104,6 +115,10 @@ class PluginGroup(Generic[P]):
     def label(self, name: str) -> str:
         """Return the name of a plug-in in messages, with its package, without importing it."""
         return f"{self.noun} {name!r} of {self.package(name)}"
+
+    def module(self, name: str) -> str:
+        """Return the module of the plug-in `name`, without importing it."""
+        return self._entries[name].module
 
     def package(self, name: str) -> str:
         """Return the package that brings the plug-in `name`, without importing it."""
@@ -173,13 +188,10 @@ class PluginConfig(Config, extra="allow"):
         """Validate the parameters of plug-ins, which pydantic takes as they are."""
         extra: dict[str, Any] = self.__pydantic_extra__ or {}
         plugins = self.plugins()
-        for (
-            name,
-            values,
-        ) in extra.items():
+        for name, values in extra.items():
             if name not in plugins.names or plugins.get(name).config is type(self):
-                known = (*field_names(type(self)), *plugins.names)
-                raise _described((), unknown_parameter_message(name, known), values)
+                unknown = InitErrorDetails(type="extra_forbidden", loc=(name,), input=values)
+                raise ValidationError.from_exception_data(type(self).__name__, [unknown])
             extra[name] = plugins.validate(name, values, (name,))
 
     @classmethod

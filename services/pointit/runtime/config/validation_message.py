@@ -3,7 +3,7 @@
 import difflib
 import types
 import typing
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 from pydantic import BaseModel, ValidationError
@@ -70,8 +70,10 @@ def unknown_parameter_message(name: str, known: Sequence[str]) -> str:
 
 
 def field_names(model: type[BaseModel]) -> list[str]:
-    """Return the parameters of `model` as people write them."""
-    return [field.alias or name for name, field in model.model_fields.items()]
+    """Return the parameters of `model` as people write them, and its plug-ins that have some."""
+    names = [field.alias or name for name, field in model.model_fields.items()]
+    sections: Callable[[], Mapping[str, object]] = getattr(model, "sections", dict)
+    return [*names, *sections()]
 
 
 def more_errors_suffix(count: int) -> str:

@@ -86,8 +86,11 @@ def run_command(command: click.Command, arguments: list[str] | None = None) -> N
     sys.exit(result if isinstance(result, int) else 0)
 
 
-def service_command(service: type[AnyService]) -> click.Command:
-    """Return the command that runs `service`, with one option for each of its parameters."""
+def service_command(service: type[AnyService], plugin: str = "") -> click.Command:
+    """Return the command that runs `service`, with one option for each of its parameters.
+
+    `plugin`: its name in messages, if it is that of another package.
+    """
 
     def callback(**options: Any) -> int:
         setup_logging(options["log_level"])
@@ -100,7 +103,7 @@ def service_command(service: type[AnyService]) -> click.Command:
             {leaf.path: options[_parameter(leaf.path)] for leaf in iter_parameters(service.CONFIG)},
         )
         link = link_of(options["site"], options["connect"], options["listen"])
-        launch = Launch(service=service, config=config, user=user)
+        launch = Launch(service=service, config=config, user=user, plugin=plugin)
         check_launches([launch], link.addresses)
         if options["while_parent_lives"]:
             exit_with_parent()

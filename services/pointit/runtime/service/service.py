@@ -13,9 +13,11 @@ from pointit.runtime.clock import MAX_SLEW_S, Clock, SteadyClock
 from pointit.runtime.config.config import Config
 from pointit.runtime.errors import BusClosedError, ConfigError
 from pointit.runtime.health.service_bus import ServiceBus
-from pointit.runtime.health.surroundings import Surroundings
+from pointit.runtime.health.surroundings import DiscardedHealth, Surroundings
 from pointit.runtime.host.state_file import plugin_folder
 from pointit.runtime.service.instance_takeover import TakeoverMonitor
+from pointit.runtime.service.plugin_guard import PluginGuard, first_cause
+from pointit.runtime.service.stall_watch import watch_for_stalls
 from pointit.schemas import Health
 from pointit.schemas.system import check_user, instance_of
 from pointit.schemas.topics import SERVICE_ALIVE, USER_ALIVE
@@ -110,6 +112,8 @@ class Launch:
     service: type[AnyService]
     config: Config
     user: str = ""
+    plugin: str = ""
+    """Its name in messages if another package brings it: its faults end no other service. `""`: ours."""
 
     @property
     def instance(self) -> str:
@@ -139,20 +143,40 @@ async def run_service(launch: Launch, bus: Bus, clock: Clock) -> None:
     """Run one service until it ends, is cancelled or `bus` is closed, or a person's name is taken over.
 
     Whatever it raises ends it and is raised here, in a group. Its presence means that it is ready, and its
-    absence that nothing of it is left. It is restarted when `clock` was set back too far to be slewed.
+    absence that nothing of it is left. It is restarted when `clock` was set back too far to be slewed. That
+    of another package is also restarted, with back-off, whenever it ends by itself or raises.
     """
     if launch.user:
         check_user(launch.user)
-    may_step = launch.service.TIME_MAY_STEP
-    while await _run_once(launch, bus, SteadyClock(clock, may_step=may_step)):
-        log.warning("%s restarts: the clock was set back by more than %.0f s", launch.instance, MAX_SLEW_S)
+    guard = PluginGuard(launch.plugin, DiscardedHealth()) if launch.plugin else None
+    while True:
+        steady = SteadyClock(clock, may_step=launch.service.TIME_MAY_STEP)
+        error: Exception | None = None
+        try:
+            end = await _run_once(launch, bus, steady, guard)
+        except Exception as raised:
+            if guard is None or first_cause(raised, BusClosedError) is not None:
+                raise
+            end, error = "ended", first_cause(raised)
+        if end == "set back":
+            log.warning(
+                "%s restarts: the clock was set back by more than %.0f s", launch.instance, MAX_SLEW_S
+            )
+        elif guard is None or end == "over":
+            return
+        else:
+            await _wait_for_restart(launch, bus, steady, guard, guard.failed(error))
 
 
-async def _run_once(launch: Launch, bus: Bus, clock: SteadyClock) -> bool:
-    """Run one service. Return True if it must be restarted, since its clock was set back too far."""
+async def _run_once(
+    launch: Launch, bus: Bus, clock: SteadyClock, guard: PluginGuard | None
+) -> Literal["ended", "set back", "over"]:
+    """Run one service. Return why it ended: by itself, for its clock, or since the bus or name is gone."""
     kind = launch.service
     view = ServiceBus(bus, clock, kind.NAME, launch.instance, launch.user)
     succession = TakeoverMonitor(bus, launch.instance)
+    if launch.plugin:
+        watch_for_stalls(kind.__module__, launch.plugin, view)
     try:
         service = kind(launch.config, Context(bus=view, clock=clock, user=launch.user))
         health = view.health_publisher()
@@ -161,20 +185,40 @@ async def _run_once(launch: Launch, bus: Bus, clock: SteadyClock) -> bool:
             view.announce(USER_ALIVE, launch.user)
         log.debug("%s started", launch.instance)
         async with asyncio.TaskGroup() as group:
-            work = group.create_task(service.run(), name=launch.instance)
-            reporting = _report(view, health, succession, clock)
+            running = service.run() if guard is None else guard.run(service.run)
+            work = group.create_task(running, name=launch.instance)
+            reporting = _report(view, health, succession, clock, guard)
             report = group.create_task(reporting, name=f"{launch.instance} health")
             tasks = {work, report}
             if launch.user:  # duplicates of a shared service both go on, with a warning
                 tasks.add(group.create_task(_until_lost(succession, launch), name=f"{launch.instance} name"))
-            await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+            done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
             for task in tasks:
                 task.cancel()
-        return not report.cancelled() and report.result()
+        if not report.cancelled() and report.result():
+            return "set back"
+        return "ended" if done == {work} else "over"
     finally:
         succession.close()
         await view.close()
         log.debug("%s ended", launch.instance)
+
+
+async def _wait_for_restart(
+    launch: Launch, bus: Bus, clock: SteadyClock, guard: PluginGuard, wait_s: float
+) -> None:
+    """Report for a service of another package, which has failed, until it is time to restart it."""
+    view = ServiceBus(bus, clock, launch.service.NAME, launch.instance, launch.user)
+    try:
+        health = view.health_publisher()
+        view.announce(SERVICE_ALIVE, launch.instance)
+        view.warn(guard.label, guard.problem)
+        with contextlib.suppress(BusClosedError):
+            for _ in range(round(wait_s / HEALTH_PERIOD_S)):
+                health.put(view.report())
+                await asyncio.sleep(HEALTH_PERIOD_S)
+    finally:
+        await view.close()
 
 
 async def _until_lost(succession: TakeoverMonitor, launch: Launch) -> None:
@@ -187,12 +231,17 @@ async def _until_lost(succession: TakeoverMonitor, launch: Launch) -> None:
 
 
 async def _report(
-    view: ServiceBus, health: Publisher[Health], succession: TakeoverMonitor, clock: SteadyClock
+    view: ServiceBus,
+    health: Publisher[Health],
+    succession: TakeoverMonitor,
+    clock: SteadyClock,
+    guard: PluginGuard | None,
 ) -> bool:
     """Publish health until the bus is closed, or the service must be restarted: then return True."""
     with contextlib.suppress(BusClosedError):  # closed beneath the service: it ends without complaint
         while not clock.needs_restart():
             view.warn("twice", succession.duplicate_instance_warning())
+            view.warn("plug-in", "" if guard is None else guard.problem)
             health.put(view.report())
             await asyncio.sleep(HEALTH_PERIOD_S)
         return True

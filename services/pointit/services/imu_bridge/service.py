@@ -9,6 +9,7 @@ from typing import ClassVar
 
 from pointit.runtime.errors import ConfigError, RefusedError
 from pointit.runtime.host.state_file import StateFile
+from pointit.runtime.service.plugin_guard import guard_of
 from pointit.runtime.service.service import Context, Scope, Service
 from pointit.runtime.timer import Timer
 from pointit.schemas import (
@@ -27,6 +28,7 @@ from pointit.services.imu_bridge.config import ImuBridgeConfig
 from pointit.services.imu_bridge.page_health import DEVICE_NAMES, figures, warnings
 from pointit.services.imu_bridge.page_wrist import PageWrist
 from pointit.services.imu_bridge.reading import Item, Press, Reading, Reconnected, Source
+from pointit.services.imu_bridge.reading_check import ReadingCheck
 from pointit.services.imu_bridge.sources import SOURCES
 from pointit.services.imu_bridge.stored_mounting import PURPOSE, MountingSelection, StoredMountings
 from pointit.services.imu_bridge.yaw_epoch import YawEpoch
@@ -69,7 +71,9 @@ class ImuBridge(Service[ImuBridgeConfig]):
         self._newest: Reading | None = None
         self._sample_count = 0
         self._button_count = 0
-        self._source = self._make_source()
+        self._guard = guard_of(SOURCES, config.source, self.bus)
+        self._check = ReadingCheck()
+        self._source: Source | None = self._guard.made(self._make_source)
         self._samples = self.bus.publisher(IMU, self.user)
         self._buttons = self.bus.publisher(BUTTON, self.user)
         self.bus.serve(SET_YAW_ORIGIN, self._set_yaw_origin, self.user)
@@ -83,8 +87,12 @@ class ImuBridge(Service[ImuBridgeConfig]):
         SOURCES.get(config.source).check(config.section(config.source))
 
     async def run(self) -> None:
-        """Publish the readings of the source."""
-        await self._source.run(self._deliver)
+        """Publish the readings of the source. It is made anew if it fails."""
+        await self._guard.keep_running(self._run_source)
+
+    async def _run_source(self) -> None:
+        source, self._source = self._source or self._make_source(), None
+        await source.run(self._deliver)
 
     def _make_source(self) -> Source:
         self.validate_config(self.config)
@@ -97,6 +105,10 @@ class ImuBridge(Service[ImuBridgeConfig]):
     def _deliver(self, item: Item) -> None:
         if isinstance(item, Reconnected):
             self._epoch.reconnected()
+            return
+        problem = self._check.problem(item, self.clock.now_ns())
+        self.bus.warn("readings", f"{self._guard.label} {problem}" if problem else "")
+        if self._check.is_refused:
             return
         is_held_back = self._has_page
         if isinstance(item, Press):

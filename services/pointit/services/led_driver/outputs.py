@@ -1,5 +1,6 @@
 """Controllers of LED strips by name: ours, and those of installed packages."""
 
+import functools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol, Self, cast
@@ -10,6 +11,7 @@ from pointit.runtime.config.config import Config
 from pointit.runtime.config.plugins import Plugin, PluginGroup
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.health.surroundings import Surroundings
+from pointit.runtime.service.plugin_guard import PluginGuard, guard_of
 from pointit.schemas import Strip, StripsFrame
 
 NONE = "none"
@@ -73,8 +75,10 @@ class UnusedOutput(OutputConfig, extra="ignore"):
 class Output(Protocol):
     """A controller that is connected."""
 
-    light_s: float
-    """Time from `show` to the last byte on the wire, of the last new frame, s; 0.0 before the first."""
+    @property
+    def light_s(self) -> float:
+        """Return the time from `show` to the last byte on the wire, of the last new frame, s, or 0.0."""
+        ...
 
     def set_strips(self, strips: Sequence[Strip]) -> None:
         """Set the map's strips."""
@@ -98,6 +102,47 @@ class LedOutput(Plugin):
 
 
 OUTPUTS = PluginGroup("pointit.led_outputs", LedOutput, "LED output")
+
+
+class GuardedOutput:
+    """An output whose faults are reported and cost the others nothing. It is made anew if it fails."""
+
+    def __init__(self, make: Callable[[], Output], guard: PluginGuard) -> None:
+        """Make the output.
+
+        Raises:
+            ConfigError: If it cannot be made.
+        """
+        self._make = make
+        self._guard = guard
+        self._strips: Sequence[Strip] = ()
+        self._output = guard.made(make)
+        self._is_new = True
+
+    @property
+    def light_s(self) -> float:
+        """Return the time from `show` to the last byte on the wire, s."""
+        return self._guard.call("light_s", lambda: float(self._output.light_s)) or 0.0
+
+    def set_strips(self, strips: Sequence[Strip]) -> None:
+        """Set the map's strips."""
+        self._strips = strips
+        self._guard.call("set_strips", lambda: self._output.set_strips(strips))
+
+    def show(self, frame: StripsFrame, age_s: float = 0.0) -> None:
+        """Send `frame`, which shows what was captured `age_s` ago."""
+        self._guard.call("show", lambda: self._output.show(frame, age_s))
+
+    async def run(self) -> None:
+        """Send until cancelled."""
+        await self._guard.keep_running(self._run)
+
+    async def _run(self) -> None:
+        if not self._is_new:
+            self._output = self._make()
+            self._output.set_strips(self._strips)
+        self._is_new = False
+        await self._output.run()
 
 
 def validate_output(value: object) -> object:
@@ -143,5 +188,7 @@ def make_outputs(
             if (config.kind, address) in taken:
                 raise ConfigError(f"{where}: {address} is used by two outputs: remove one")
             taken.add((config.kind, address))
-        made.append(plugin.make(config, surroundings(OUTPUTS.kind, config.kind)))
+        around = surroundings(OUTPUTS.kind, config.kind)
+        guard = guard_of(OUTPUTS, config.kind, around.health)
+        made.append(GuardedOutput(functools.partial(plugin.make, config, around), guard))
     return made

@@ -9,6 +9,7 @@ from pointit.runtime.clock import sleep
 from pointit.runtime.errors import ConfigError, RefusedError
 from pointit.runtime.host.state_file import site_folder
 from pointit.runtime.service.service import Context, Scope, Service
+from pointit.runtime.service.stall_watch import watch_for_stalls
 from pointit.schemas import (
     ButtonEvent,
     ClearSelection,
@@ -193,6 +194,7 @@ class Selector(Service[SelectorConfig]):
         )
 
     def _make_method(self, config: SelectorConfig, user: str) -> PersonMethod:
+        watch_for_stalls(METHODS.module(config.method), METHODS.label(config.method), self.bus)
         around = self.surroundings(METHODS.kind, config.method, user)
         return METHODS.get(config.method).make(config.section(config.method), around)
 

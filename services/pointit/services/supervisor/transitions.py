@@ -1,7 +1,8 @@
 """The life cycle of a pointing-based interaction (paper, §II-D), for one person, as one table.
 
 `python docs/pictures/life_cycle.py` draws it in docs/explanation/life_cycle.md. The stages `localizing`,
-`anchoring` and `joined` are published as the state `localizing`: the person points at targets, and no cursor is shown.
+`anchoring` and `joined` are published as the state `localizing`: the person points at targets, and no cursor
+is shown.
 
 The cues alone are sufficient instructions: while a cue `waits`, wait; `started`: continue; `target`: point at
 what it names; `stopped` and `refused`: rest. `localized`, and a `refused` or `stopped` attempt, are followed

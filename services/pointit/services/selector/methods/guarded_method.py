@@ -58,7 +58,7 @@ class GuardedMethod:
                     self._method.latch(object_id)
             return function(self._method)
         except Exception as error:  # noqa: BLE001 - code of others, which may raise anything
-            wait_ns = min(FIRST_WAIT_NS * 2**self._failures, MAX_WAIT_NS)
+            wait_ns = min(FIRST_WAIT_NS * 2 ** min(self._failures, 10), MAX_WAIT_NS)
             self._failures += 1
             self._method, self._latched, self._retry_ns = None, (), self._now_ns + wait_ns
             times = f", {self._failures} times now" if self._failures > 1 else ""

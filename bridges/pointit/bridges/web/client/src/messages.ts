@@ -57,6 +57,7 @@ export interface Everything {
   SetBrightness: SetBrightness;
   SetFeeding: SetFeeding;
   SetHeading: SetHeading;
+  SetLamp: SetLamp;
   SetMethod: SetMethod;
   SetMethodReply: SetMethodReply;
   SetMounting: SetMounting;
@@ -1222,6 +1223,15 @@ export interface SetHeading {
    * of that direction in {W}, such as towards a wall
    */
   azimuth_rad: number;
+}
+/**
+ * Show a colour on a lamp that nobody needs to localize, until it is given back.
+ */
+export interface SetLamp {
+  /**
+   * None gives the lamp back
+   */
+  color: [number, number, number] | null;
 }
 /**
  * Choose how dwelling on an object selects it, and for how long. Without values it only reads them.

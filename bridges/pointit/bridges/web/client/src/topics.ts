@@ -41,6 +41,7 @@ export const SERVERS = {
   "imu/{user}/set_mounting": "imu-bridge",
   "imu/{user}/set_yaw_origin": "imu-bridge",
   "leds/brightness": "led-driver",
+  "leds/{led}/set_color": "led-driver",
   "localizer/{user}/cancel": "localizer",
   "localizer/{user}/point_anchor": "localizer",
   "localizer/{user}/set_heading": "localizer",

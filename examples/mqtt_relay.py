@@ -1,0 +1,64 @@
+"""MQTT relay: what people select goes to a broker, for Home Assistant or Node-RED; a speed comes back.
+
+- `pointit/selection`: all that is selected, retained, `[{"id": "7", "kind": "red", "user": "anna"}]`
+- `pointit/events`: each event as it happens, `{"event": "selected", "object_id": "7", "user": "anna", ...}`
+- `pointit/conveyor/speed`: publish a number, m/s, and the conveyor moves at it
+"""
+
+import argparse
+import asyncio
+import json
+import logging
+
+import aiomqtt
+
+import pointit
+from pointit.schemas.topics import SELECTION
+
+log = logging.getLogger("relay")
+
+SPEED = "pointit/conveyor/speed"
+
+
+async def publish_events(site: pointit.Site, broker: aiomqtt.Client) -> None:
+    """Publish every event, at least once (quality of service 1)."""
+    async for event in site.selections():
+        await broker.publish("pointit/events", event.model_dump_json(), qos=1)
+
+
+async def publish_selection(site: pointit.Site, broker: aiomqtt.Client) -> None:
+    """Publish what is selected after each change; the broker keeps it for those who come later."""
+    async for selection in site.messages(SELECTION):
+        selected = [{"id": each.id, "kind": each.kind, "user": each.user} for each in selection.objects]
+        await broker.publish("pointit/selection", json.dumps(selected), qos=1, retain=True)
+
+
+async def follow_speed(site: pointit.Site, broker: aiomqtt.Client) -> None:
+    """Set the conveyor's speed to each number that comes; log what was refused, and go on."""
+    await broker.subscribe(SPEED)
+    async for message in broker.messages:
+        try:
+            await site.conveyor.set_speed(float(message.payload))
+        except (TypeError, ValueError, pointit.PointItError) as error:
+            log.warning("%s: %s", SPEED, error)
+
+
+async def relay(site: pointit.Site, broker: aiomqtt.Client) -> None:
+    """Do all three at the same time; if one fails, the others end too."""
+    async with asyncio.TaskGroup() as tasks:
+        for each in (publish_events, publish_selection, follow_speed):
+            tasks.create_task(each(site, broker))
+
+
+async def main() -> None:
+    """Join the site on this machine and a broker."""
+    parser = argparse.ArgumentParser(description="Relay selections to an MQTT broker.")
+    parser.add_argument("--broker", default="127.0.0.1", help="address of the broker")
+    parser.add_argument("--port", type=int, default=1883)
+    given = parser.parse_args()
+    async with pointit.connect() as site, aiomqtt.Client(given.broker, given.port) as broker:
+        await relay(site, broker)
+
+
+if __name__ == "__main__":
+    asyncio.run(main())

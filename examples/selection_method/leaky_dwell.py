@@ -1,0 +1,53 @@
+"""My selection method: time on an object adds up, and drains away while the cursor is elsewhere.
+
+Unlike `hold` it forgives a shaky hand: a moment off the object costs a moment, not all that was gathered.
+"""
+
+from pointit.plugins import NS_PER_S, MethodConfig, Pointing, Progress, SelectionMethod, Surroundings
+from pydantic import Field
+
+LONGEST_STEP_S = 0.1
+"""What a gap between two cursors counts at most."""
+
+
+class LeakyConfig(MethodConfig):
+    """Parameters; `dwell_s`, the time that selects, is there in every method."""
+
+    drain: float = Field(default=0.5, ge=0, le=10, description="seconds lost per second elsewhere")
+
+
+class Leaky:
+    """The method for one person."""
+
+    def __init__(self, config: LeakyConfig, _surroundings: Surroundings) -> None:
+        self._config = config
+        self._gathered_s: dict[str, float] = {}
+        self._stamp_ns = 0
+        self.latched = set[str]()
+
+    def step(self, pointing: Pointing) -> Progress:
+        """Return how far the object under the cursor is, and whether it is to be selected now."""
+        now_ns, under = pointing.cursor.stamp_ns, pointing.under
+        passed_s = min((now_ns - self._stamp_ns) / NS_PER_S, LONGEST_STEP_S)
+        self._stamp_ns = now_ns
+        for each in [each for each in self._gathered_s if each != under]:
+            self._gathered_s[each] -= passed_s * self._config.drain
+            if self._gathered_s[each] <= 0.0:
+                del self._gathered_s[each]
+        self.latched &= {under}  # what has been left can be selected again
+        if under is None or under in self.latched or not pointing.acts(under):
+            return Progress(under)
+        gathered_s = self._gathered_s.get(under, 0.0) + passed_s
+        if gathered_s < self._config.dwell_s:
+            self._gathered_s[under] = gathered_s
+            return Progress(under, gathered_s / self._config.dwell_s)
+        self.latch(under)
+        return Progress(under, 1.0, fired=under)
+
+    def latch(self, object_id: str) -> None:
+        """Ignore the object until it is left."""
+        self.latched.add(object_id)
+        self._gathered_s.pop(object_id, None)
+
+
+LEAKY = SelectionMethod(summary="time on an object, which drains off it", config=LeakyConfig, make=Leaky)

@@ -1,0 +1,103 @@
+"""The public API is as recorded, and its requests are those of the request table."""
+
+import inspect
+import subprocess
+import sys
+import typing
+from pathlib import Path
+from typing import Any
+
+import pytest
+from pydantic.fields import FieldInfo
+
+import pointit
+from pointit.schemas.topics import REQUESTS, Request
+from tests.contract import public_api
+
+ROOT = Path(__file__).parents[2]
+GROUPS = public_api.groups()
+requests = pytest.mark.parametrize("row", [pytest.param(row, id=row.key) for row in REQUESTS])
+
+STRANGER = """
+import sys
+import pointit
+
+assert pointit.connect and pointit.open and pointit.Site and pointit.SyncSite and pointit.PointItError
+loaded = {name.partition(".")[0] for name in sys.modules} | set(sys.modules)
+print(sorted(loaded & set(sys.argv[1:])))
+"""
+
+
+def test_nothing_public_changes_without_a_changelog_entry() -> None:
+    before = public_api.LISTING.read_text(encoding="utf-8").splitlines()
+    names = public_api.changed(before, public_api.listing())
+    assert not names, "describe it in CHANGELOG.md, then run `python -m tests.contract.public_api`"
+
+
+def test_a_change_is_found_by_its_name() -> None:
+    before = ["Site.sleep(seconds: float) -> async None", "Site.name: str", "pointit.Site"]
+    now = ["Site.sleep(seconds: int) -> async None", "Site.title: str", "pointit.Site"]
+    names = public_api.changed(before, now)
+    assert names == {"sleep", "name", "title"}
+    changelog = "## [Unreleased]\n\n- `Site.sleep` takes whole seconds.\n\n## [0.1.0]\n\n- title\n"
+    assert public_api.unmentioned(names, changelog) == ["name", "title"]
+
+
+def test_stubs_and_module_have_the_same_names() -> None:
+    stub = (ROOT / "services/pointit/__init__.pyi").read_text(encoding="utf-8")
+    written = {line.rpartition(" as ")[2].split()[0] for line in stub.splitlines() if " as " in line}
+    assert written | {"__version__"} == {*pointit.__dict__["_HOMES"], "errors", "__version__"}
+    assert all(getattr(pointit, name) for name in written)
+    with pytest.raises(AttributeError, match="has no attribute 'conect'"):
+        _ = pointit.conect  # type: ignore[attr-defined]  # pyright: ignore[reportAttributeAccessIssue, reportUnknownMemberType, reportUnknownVariableType]
+
+
+def test_importing_loads_neither_the_command_line_nor_the_services() -> None:
+    unwanted = ("click", "rich", "typer", "numpy", "pointit.services", "pointit.launch", "pointit.cli")
+    done = subprocess.run(
+        [sys.executable, "-W", "error", "-c", STRANGER, *unwanted], capture_output=True, text=True, check=True
+    )
+    assert (done.stdout, done.stderr) == ("[]\n", "")
+
+
+def method_of(row: Request[Any, Any]) -> tuple[Any, Any]:
+    """Return the group and the method of a request: the first and the last part of its key."""
+    first, *_, last = row.key.split("/")
+    group = GROUPS["select" if first == "selector" else first]
+    return group, getattr(group, last)
+
+
+@requests
+def test_each_request_is_a_method_with_its_fields(row: Request[Any, Any]) -> None:
+    group, method = method_of(row)
+    parameters = list(inspect.signature(method).parameters.values())
+    if row.placeholder:
+        name = parameters.pop(0)
+        assert (name.default, name.annotation) == (inspect.Parameter.empty, str)
+    fields: dict[str, FieldInfo] = row.query.model_fields
+    assert [each.name for each in parameters] == list(fields)
+    for each in parameters:
+        field = fields[each.name]
+        default = inspect.Parameter.empty if field.is_required() else field.default
+        assert each.default == default, each.name
+        assert choices(each.annotation) == choices(field.annotation), each.name
+    arguments = dict(zip(type(group).__parameters__, typing.get_args(group.__orig_class__), strict=True))
+    (reply,) = typing.get_args(arguments[inspect.signature(method).return_annotation])
+    assert reply is row.reply
+
+
+def choices(annotation: Any) -> set[Any]:
+    """Return the values that a type with `Literal` permits, of others nothing."""
+    if typing.get_origin(annotation) is typing.Literal:
+        return set(typing.get_args(annotation))
+    return set().union(*(choices(each) for each in typing.get_args(annotation))) if annotation else set()
+
+
+def test_there_are_no_other_requests() -> None:
+    methods = {
+        (name, method)
+        for name, group in GROUPS.items()
+        for method, _ in inspect.getmembers(group, inspect.ismethod)
+        if not method.startswith("_")
+    }
+    assert len(methods) == len(REQUESTS)

@@ -1,0 +1,166 @@
+"""Sites that are joined over Zenoh, on this machine's loopback."""
+
+import asyncio
+import subprocess
+import sys
+from collections.abc import AsyncIterator
+from pathlib import Path
+
+import pytest
+import pytest_asyncio
+
+import pointit
+from pointit.api.tracker import Tracker
+from pointit.errors import (
+    AccessDeniedError,
+    ConfigError,
+    ConnectError,
+    NoAnswerError,
+    VersionError,
+    WrongSiteError,
+)
+from pointit.runtime.link.link import Link
+from pointit.runtime.zenoh.zenoh_bus import ZenohBus
+from pointit.schemas import SelectionEvent, TrackedObject, UserPose
+from pointit.schemas.topics import CURSOR, POSE, SELECTION_EVENTS, SERVICE_ALIVE
+from tests.integration.access.secured import make_site, routed
+from tests.support.bench import until
+
+FORGETFUL = """
+import sys
+import pointit
+
+site = pointit.open(sys.argv[1])
+cursors = site.cursors()
+print(site.name, sorted(next(site.services())))
+"""
+
+
+@pytest_asyncio.fixture
+async def home(endpoint: str) -> AsyncIterator[ZenohBus]:
+    """Yield a site with one service, by which others can join."""
+    bus = await ZenohBus.open(Link(listen=(endpoint,)))
+    bus.announce(SERVICE_ALIVE, "pui")
+    yield bus
+    await bus.close()
+
+
+async def test_a_whole_site_is_joined_and_answers(endpoint: str) -> None:
+    async with pointit.run("scenario_2", listen=endpoint), pointit.connect(endpoint) as site:
+        assert await anext(site.people()) == {"user1"}
+        assert (await anext(site.cursors("user1"))).seq > 0
+        assert (await site.leds.brightness(0.5)).message == "the strips' brightness is 50% now"
+        with pytest.raises(NoAnswerError, match="conveyor-sim does not answer conveyor/set_speed"):
+            await site.conveyor.set_speed(0.2)
+        assert site.problem == ""
+
+
+async def test_loops_go_on_after_the_router_was_lost(home: ZenohBus, endpoint: str) -> None:
+    async with pointit.connect(endpoint) as site:
+        events = site.selections()
+        await home.close()
+        await until(lambda: site.problem.startswith("router at "), what="the loss to be known")
+        with pytest.raises(NoAnswerError, match=r"selector cannot be asked for .*: router at .* lost"):
+            await site.select.undo("anna")
+        again = await ZenohBus.open(Link(listen=(endpoint,)), patience_s=10)
+        try:
+            await until(lambda: site.problem == "", what="the connection to be back")
+            publisher = again.publisher(SELECTION_EVENTS)
+
+            async def put() -> None:
+                while True:
+                    publisher.put(SelectionEvent(stamp_ns=1, event="selected", object_id="1"))
+                    await asyncio.sleep(0.05)
+
+            putting = asyncio.create_task(put())
+            try:
+                assert (await anext(events)).object_id == "1"
+            finally:
+                putting.cancel()
+                await asyncio.gather(putting, return_exceptions=True)
+        finally:
+            await again.close()
+
+
+async def test_nobody_there_is_one_sentence(endpoint: str) -> None:
+    with pytest.raises(ConnectError, match=f"nobody answers at {endpoint}; is `pointit run` or"):
+        async with pointit.connect(endpoint, patience_s=0.0):
+            pass
+    with pytest.raises(ConnectError, match=f"nobody answers at {endpoint}"):
+        await asyncio.to_thread(pointit.open, endpoint, patience_s=0.0)
+    with pytest.raises(ConfigError, match=r"'here' is no address; write one like tcp/127.0.0.1:7447"):
+        async with pointit.connect("here"):
+            pass
+
+
+@pytest.mark.usefixtures("home")
+async def test_another_site_is_named(endpoint: str) -> None:
+    with pytest.raises(WrongSiteError, match=r"nothing runs on site plant at .*; there is site lab"):
+        async with pointit.connect(endpoint, site="plant"):
+            pass
+
+
+async def test_messages_of_another_version_are_one_sentence(home: ZenohBus, endpoint: str) -> None:
+    async with pointit.connect(endpoint) as site:
+        cursors = site.cursors("anna")
+
+        async def put() -> None:
+            while True:
+                home.session.put(CURSOR.at("anna"), b"\x81\xa1x\x01")
+                await asyncio.sleep(0.05)
+
+        putting = asyncio.create_task(put())
+        try:
+            with pytest.raises(VersionError, match=r"none could be read .*install the same version"):
+                await anext(cursors)
+        finally:
+            putting.cancel()
+            await asyncio.gather(putting, return_exceptions=True)
+
+
+async def test_an_exception_in_a_loop_leaves_nothing_behind(home: ZenohBus, endpoint: str) -> None:
+    async def fail() -> None:
+        async with pointit.connect(endpoint) as site:
+            home.publisher(POSE, "anna").put(UserPose(stamp_ns=1, position_m=(0.0, 0.0, 0.0), yaw_rad=0.0))
+            async for _pose in site.poses():
+                raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        await fail()
+
+
+async def test_who_may_not_is_told(tmp_path: Path) -> None:
+    folder = make_site(tmp_path / "lab", names={"anna": "user", "dashboard1": "dashboard", "guest": "user"})
+    with routed(folder):
+        async with pointit.connect(credentials=folder.identity_folder("dashboard1")) as site:
+            assert site.name == "lab"
+            with pytest.raises(AccessDeniedError, match=r"dashboard1.* may not read users/anna/ray"):
+                await anext(site.rays("anna"))
+            with pytest.raises(AccessDeniedError, match="may not ask leds/door/set_color"):
+                await site.lamp("door").set("#ff8800")
+            with pytest.raises(AccessDeniedError, match="may not write users/anna/button"):
+                await site.press("anna")
+            tracker = site.tracker("camera")
+            with pytest.raises(AccessDeniedError, match="may not write objects/camera"):
+                await until_denied(tracker)
+        with pytest.raises(ConfigError, match=r"site plant: the credentials in .* are of site lab"):
+            async with pointit.connect(site="plant", credentials=folder.identity_folder("anna")):
+                pass
+        folder.revoke("guest")
+    with routed(folder), pytest.raises(AccessDeniedError, match="it was revoked"):
+        async with pointit.connect(credentials=folder.identity_folder("guest")):
+            pass
+
+
+async def until_denied(tracker: Tracker) -> None:
+    async with asyncio.timeout(60):
+        while True:
+            tracker.update([TrackedObject(id="cup", kind="red", position_m=(0.0, 0.0, 0.0))])
+            await asyncio.sleep(0.05)
+
+
+@pytest.mark.usefixtures("home")
+async def test_a_script_that_forgets_to_close_ends_without_a_warning(endpoint: str) -> None:
+    command = [sys.executable, "-W", "error", "-c", FORGETFUL, endpoint]
+    done = await asyncio.to_thread(subprocess.run, command, capture_output=True, text=True, timeout=120)
+    assert (done.stdout, done.stderr, done.returncode) == ("lab ['pui']\n", "", 0)

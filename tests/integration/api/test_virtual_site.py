@@ -1,0 +1,141 @@
+"""Whole sites in this process, in virtual time."""
+
+import threading
+from typing import Any
+
+import pytest
+
+import pointit
+from pointit.errors import (
+    BusClosedError,
+    ConfigError,
+    NoMessageError,
+    PointItError,
+    RefusedError,
+    SchemaError,
+)
+from pointit.schemas import TrackedObject
+from pointit.services.led_driver.service import LedDriver
+
+
+async def pointed(seed: int) -> list[tuple[int, float]]:
+    """Return stamps and places of one person's cursor on a strip."""
+    async with pointit.run("scenario_2", seed=seed) as site:
+        return [(cursor.stamp_ns, cursor.position_m) async for cursor in site.cursors().during(3)]
+
+
+def test_the_same_seed_gives_the_same_run() -> None:
+    first, again, other = (pointit.run_virtually(pointed(seed)) for seed in (1, 1, 2))
+    assert first == again != other
+    assert len(first) > 100
+
+
+def test_a_script_sees_people_point_and_sends_requests() -> None:
+    with pointit.run("scenario_3", users=2, virtual=True) as site:
+        names = {name for name in dir(site._site) if not name.startswith("_")}
+        assert set(dir(site)) > names - {"fail", "on"}  # the same names as in `Site`
+        assert next(site.people()) == {"user1", "user2"}
+        assert {"pui", "selector", "pointing.user1"} <= next(site.services())
+        began_ns = site.now_ns()
+        assert site.now_ns() == began_ns  # no time passes between calls
+        events = site.selections()
+        site.sleep(10)
+        assert site.now_ns() - began_ns == 10_000_000_000
+        found = [event for event in events.during(0) if event.event == "selected"]
+        assert found
+        assert {user for user, _ in site.cursors().items().during(0.1)} == {"user1", "user2"}
+        assert {event.id for event in site.latest.selection.objects} <= {event.object_id for event in found}
+        assert "deselected" in site.select.undo(found[-1].user).message
+        assert site.select.method(dwell_s=0.5).dwell_s == 0.5
+        assert site.latest.cursor["user1"].stamp_ns > began_ns
+        with pytest.raises(NoMessageError, match="nothing came on users/nobody/cursor within 2 s"):
+            _ = site.latest.cursor["nobody"]
+        with pytest.raises(RefusedError, match="nothing to take back"):
+            site.select.undo("nobody")
+        with pytest.raises(SchemaError, match="brightness: Input should be less than or equal to 1"):
+            site.leds.brightness(7)
+        assert site.press("user1").state == "idle"
+    with pytest.raises(BusClosedError, match="the site is closed"):
+        site.cursors()
+    site.close()
+
+
+def test_objects_and_lamps_of_a_script() -> None:
+    with pointit.run("scenario_1", users=0, virtual=True) as site:
+        things = site.objects("camera")
+        tracker = site.tracker("camera")
+        tracker.update([TrackedObject(id="cup", kind="red", position_m=(1.0, 2.0, 0.8))])
+        assert [thing.id for thing in next(things).objects] == ["cup"]
+        tracker.close()
+        assert next(things).objects == ()
+        with pytest.raises(BusClosedError):
+            tracker.update([])
+        lamp = site.lamp(site.latest.map.lamps[0].id)
+        colors = lamp.colors()
+        assert next(colors).color == (0, 0, 0)
+        assert lamp.set("#ff8800").message == f"lamp {lamp.name} shows #ff8800"
+        assert next(colors).color == (255, 136, 0)
+        lamp.set(None)
+        assert next(colors).color == (0, 0, 0)
+        with pytest.raises(RefusedError, match="there is no lamp 'door'; there are"):
+            site.lamp("door").set((1, 2, 3))
+        with pytest.raises(SchemaError, match="'red' is no colour: write one like '#ff8800'"):
+            lamp.set("red")
+
+
+def test_an_exception_in_a_loop_is_the_callers_and_ends_the_site() -> None:
+    def fail() -> None:
+        with pointit.run("scenario_2", virtual=True) as site:
+            for _cursor in site.cursors():
+                raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        fail()
+    assert "pointit" not in {thread.name for thread in threading.enumerate()}
+
+
+async def fails(_service: Any) -> None:
+    raise ValueError("no light")
+
+
+def test_a_service_that_fails_is_named_to_who_waits(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(LedDriver, "run", fails)
+
+    async def wait() -> None:
+        async with pointit.run("scenario_2") as site:
+            async for _ in site.selections():
+                pass
+
+    with pytest.raises(PointItError, match=r"a service of the site has failed \(ValueError: no light\)"):
+        pointit.run_virtually(wait())
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        ({"scenario": "scenario_9"}, "no scenario 'scenario_9'; there are"),
+        ({"settings": {"selector.dwel_s": 1}}, "dwel_s"),
+        ({"settings": {"nothing.at_all": 1}}, "'nothing' is no service"),
+        ({"users": ["an na"]}, "use 1 to 64 letters"),
+        ({"imu": ["none"]}, "--imu 'none'"),
+        ({"listen": "tcp/127.0.0.1:7447"}, "nobody can join a site in virtual time"),
+    ],
+)
+def test_what_cannot_run_is_one_sentence(arguments: dict[str, Any], sentence: str) -> None:
+    with pytest.raises(PointItError, match=sentence), pointit.run(**arguments, virtual=True):
+        pass
+
+
+async def test_virtual_time_needs_a_loop_of_its_own() -> None:
+    with pytest.raises(ConfigError, match=r"run this coroutine by `pointit\.run_virtually"):
+        async with pointit.run("scenario_2", virtual=True):
+            pass
+
+
+def test_nothing_elsewhere_can_be_joined_in_virtual_time() -> None:
+    async def join() -> None:
+        async with pointit.connect():
+            pass
+
+    with pytest.raises(ConfigError, match="cannot be joined in virtual time"):
+        pointit.run_virtually(join())

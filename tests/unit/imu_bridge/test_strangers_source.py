@@ -1,0 +1,87 @@
+"""An IMU source of another package that misbehaves: named, made anew, and refused what harms others."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from pointit.runtime.errors import ConfigError
+from pointit.runtime.service import plugin_guard
+from pointit.schemas import NS_PER_S
+from pointit.schemas.topics import HEALTH, IMU
+from pointit.services.imu_bridge.config import ImuBridgeConfig
+from pointit.services.imu_bridge.reading import Press, Reading
+from pointit.services.imu_bridge.reading_check import MAX_ITEMS_PER_S, SHOWN_NS, ReadingCheck
+from pointit.services.imu_bridge.service import ImuBridge
+from tests.support import strangers
+from tests.support.bench import memory_bench, until
+
+MODULE = """
+from pydantic import BaseModel
+
+from pointit.plugins import Config, ImuSource, Reading, rotation
+
+class Kept(BaseModel):
+    lives: int = 0
+
+class Mortal:
+    def __init__(self, config, surroundings):
+        self.clock = surroundings.clock
+        self.file = surroundings.kept(Kept)
+
+    async def run(self, deliver):
+        lives = (self.file.read() or Kept()).lives + 1
+        self.file.write(Kept(lives=lives))
+        deliver(Reading(self.clock.now_ns(), (float("nan"), 0.0, 0.0, 1.0)))
+        deliver(Reading(self.clock.now_ns(), rotation.from_yaw(lives / 10)))
+        raise OSError("the battery is empty")
+
+MORTAL = ImuSource(summary="dies soon", config=Config, make=Mortal)
+UNMADE = ImuSource(summary="", config=Config, make=lambda config, surroundings: 1 // 0)
+"""
+LABEL = "IMU source 'mortal' of strangers-parts"
+
+
+@pytest.fixture(autouse=True)
+def _installed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    monkeypatch.setenv("POINTIT_STATE", str(tmp_path / "state"))
+    entries = "mortal = strangers_sources:MORTAL\nunmade = strangers_sources:UNMADE"
+    with strangers.installed(tmp_path, "strangers_sources", MODULE, imu_sources=entries):
+        yield
+
+
+async def test_source_that_fails_is_named_made_anew_and_finds_what_it_stored(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(plugin_guard, "FIRST_WAIT_S", 0.001)
+    async with memory_bench() as bench:
+        samples, health = bench.collect(IMU, "anna"), bench.collect(HEALTH, "imu-bridge.anna")
+        bench.start(ImuBridge, ImuBridgeConfig(source="mortal"), "anna")
+        await until(lambda: len(samples) >= 3)
+        assert len({sample.orientation_xyzw for sample in samples}) >= 3  # a new one in each life
+        await until(lambda: len(health) > 1)
+        readings, failure = sorted(health[-1].warnings)
+        assert failure.startswith(f"{LABEL} failed (OSError: the battery is empty), ")
+        assert readings == f"{LABEL} delivers orientations of norm nan; they are dropped: it must be 1"
+
+
+async def test_source_that_cannot_be_made_stops_the_start_with_a_sentence() -> None:
+    async with memory_bench() as bench:
+        launch = bench.start(ImuBridge, ImuBridgeConfig(source="unmade"), "anna")
+        await until(launch.done)
+        with pytest.raises(ConfigError, match=r"'unmade' of strangers-parts cannot be started \(ZeroDiv"):
+            await bench.end(launch) or launch.result()
+
+
+def test_flood_is_cut_to_what_the_site_can_take_and_reported_for_a_while() -> None:
+    check = ReadingCheck()
+    now_ns = 1_700_000_000 * NS_PER_S
+    taken = 0
+    for _ in range(3 * MAX_ITEMS_PER_S):
+        problem = check.problem(Reading(now_ns, (0.0, 0.0, 0.0, 1.0)), now_ns)
+        taken += not check.is_refused
+    assert taken == MAX_ITEMS_PER_S
+    assert problem == f"delivers more than {MAX_ITEMS_PER_S} readings a second; the rest is dropped"
+    assert check.problem(Press(now_ns), now_ns + NS_PER_S) == problem
+    assert not check.is_refused
+    assert check.problem(Press(now_ns), now_ns + SHOWN_NS) == ""

@@ -1,0 +1,194 @@
+"""A service of another package, with a topic and a request of its own: found, started, permitted, guarded."""
+
+import asyncio
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from pointit.access.rights import rights_of
+from pointit.cli.common.topic_names import resolve
+from pointit.cli.run.list import plugins
+from pointit.diagnosis.writers import silence_reason, start_command
+from pointit.launch.plan.launches import Choices, site_launches, user_launches
+from pointit.launch.plan.scenario import read_scenario
+from pointit.runtime.bus.local_broker import LocalBroker
+from pointit.runtime.bus.memory_bus import MemoryBus
+from pointit.runtime.clock import WallClock
+from pointit.runtime.errors import ConfigError
+from pointit.runtime.service import plugin_guard
+from pointit.runtime.service.service import Launch, run_services
+from pointit.schemas import SelectionEvent
+from pointit.schemas.topics import HEALTH, REQUESTS, SELECTION_EVENTS, TOPICS
+from pointit.services import registry
+from tests.support import strangers
+from tests.support.bench import until
+
+MODULE = """
+import asyncio
+from typing import ClassVar
+
+from pydantic import Field
+
+from pointit.plugins import Config, Delivery, Message, Query, Reply, Request, Service, ServicePlugin, Topic
+from pointit.plugins import topics
+
+class Count(Message):
+    selected: int = 0
+
+class Reset(Query):
+    pass
+
+class ResetReply(Reply):
+    pass
+
+class CounterConfig(Config):
+    start: int = Field(default=0, description="first number")
+    lives: int = Field(default=0, description="number of events after which it fails; 0: never")
+
+def topic(key, *writers):
+    return Topic(key=key, message=Count, delivery=Delivery.STATE, rate_hz=None, writers=writers, about="")
+
+COUNTS = topic("counts/{user}", "counter")
+RESET = Request(key="counts/reset", query=Reset, reply=ResetReply, server="counter", about="start again")
+
+class Counter(Service[CounterConfig]):
+    NAME: ClassVar = "counter"
+    SCOPE: ClassVar = "site"
+    CONFIG = CounterConfig
+
+    def __init__(self, config, context):
+        super().__init__(config, context)
+        self.count = config.start
+        self.bus.serve(RESET, self.reset)
+        self.bus.subscribe(topics.SELECTION_EVENTS, self.on_event)
+        self.failed = asyncio.Event()
+
+    def on_event(self, event, name):
+        self.count += 1
+        self.bus.publisher(COUNTS, event.user).put(Count(stamp_ns=event.stamp_ns, selected=self.count))
+        if self.count == self.config.lives:
+            self.failed.set()
+
+    async def reset(self, query, name):
+        self.count = 0
+        return ResetReply()
+
+    async def run(self):
+        await self.failed.wait()
+        raise ValueError("it has lived long enough")
+
+COUNTER = ServicePlugin(
+    summary="counts selections",
+    config=CounterConfig,
+    make=Counter,
+    reads=(topics.SELECTION_EVENTS,),
+    writes=(COUNTS,),
+    serves=(RESET,),
+    asks=(topics.SET_SPEED,),
+)
+
+def other(**changes):
+    return ServicePlugin(**{"summary": "", "config": CounterConfig, "make": Counter} | changes)
+
+class Greedy(Counter):
+    NAME: ClassVar = "greedy"
+
+GREEDY = other(make=Greedy, writes=(topic("users/{user}/{user}", "greedy"),))
+MISNAMED = other()
+"""
+
+ENTRIES = """
+counter = strangers_services:COUNTER
+greedy = strangers_services:GREEDY
+misnamed = strangers_services:MISNAMED
+lost = strangers_services:LOST [ble]
+"""
+
+
+@pytest.fixture(autouse=True)
+def _installed(tmp_path: Path) -> Iterator[None]:
+    with strangers.installed(tmp_path, "strangers_services", MODULE, services=ENTRIES):
+        yield
+
+
+def counter() -> Launch:
+    choices = Choices(services=["counter"], settings=["counter.lives=2"])
+    (launch,) = (each for each in site_launches(read_scenario("scenario_3"), choices) if each.plugin)
+    return launch
+
+
+def test_service_is_found_without_importing_any_and_started_on_request() -> None:
+    assert {"counter", "lost"} < set(registry.names())
+    assert all(row.plugin is None for row in registry.PROCESSES)
+    launch = counter()
+    assert (launch.instance, launch.plugin) == ("counter", "service 'counter' of strangers-parts")
+    assert launch.config.model_dump() == {"start": 0, "lives": 2}
+    assert registry.process("counter").command == ("-m", "pointit.cli", "service", "run", "counter")
+    assert user_launches(read_scenario("scenario_3"), Choices(services=["counter"]), "anna")
+    assert [row.name for row in registry.PROCESSES if row.plugin is not None] == ["counter"]
+
+
+@pytest.mark.parametrize(
+    ("name", "sentence"),
+    [
+        ("absent", "--with absent: no service 'absent'; there are imu-bridge, .*, counter, greedy, lost"),
+        ("lost", r"'lost' of strangers-parts cannot be imported \(.*\); install strangers-parts\[ble\]"),
+        ("misnamed", "cannot be used: NAME of Counter must be 'misnamed'"),
+        ("greedy", "cannot be used: its key users/{user}/{user} is that of another row of the tables"),
+    ],
+)
+def test_service_that_cannot_be_used_is_refused_in_one_sentence(name: str, sentence: str) -> None:
+    with pytest.raises(ConfigError, match=sentence):
+        site_launches(read_scenario("scenario_3"), Choices(services=[name]))
+    registry.add_installed()
+    assert [row.name for row in registry.PROCESSES if row.plugin is not None] == ["counter"]
+
+
+def test_its_rows_are_in_the_tables_and_give_it_its_rights() -> None:
+    before = len(TOPICS), len(REQUESTS)
+    rights = rights_of("services", "supervisor")
+    assert (len(TOPICS), len(REQUESTS)) == (before[0] + 1, before[1] + 1)
+    assert {"counts/*", HEALTH.at("counter")} <= set(rights.writes)
+    assert "counts/reset" in rights.serves
+    assert "conveyor/set_speed" in rights.asks
+    assert "counts/*" in rights_of("dashboard", "screen").reads
+    assert "counts/*" not in rights_of("user", "anna").writes
+    ((counts, name),) = resolve("counts/anna")
+    assert name == "anna"
+    assert start_command("counter") == "pointit service run counter"
+    assert "counter can write it and runs" in silence_reason(counts, "anna", {"counter"})
+    uses = {row["use"]: row["about"] for row in plugins().rows}
+    assert uses["--with counter"] == "counts selections"
+    assert "cannot be imported" in uses["--with lost"]
+
+
+async def test_service_that_fails_is_named_and_restarted_and_ends_nothing_else(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(plugin_guard, "FIRST_WAIT_S", 0.001)
+    bus = MemoryBus(LocalBroker())
+    registry.add_installed()
+    ((counts, _),) = resolve("counts/*")
+    seen: list[int] = []
+    warnings: list[str] = []
+    bus.subscribe(counts, lambda count, _name: seen.append(count.selected))
+    bus.subscribe(HEALTH, lambda health, _name: warnings.extend(health.warnings), "counter")
+    events = bus.publisher(SELECTION_EVENTS)
+    work = asyncio.create_task(run_services([counter()], bus, WallClock()))
+
+    def select(_round: Any = None) -> bool:
+        events.put(SelectionEvent(stamp_ns=1, event="selected", object_id="a", user="anna"))
+        return seen.count(2) == 2
+
+    await until(select, what="a second life")
+    await until(lambda: bool(warnings), what="a warning")
+    assert warnings[0].startswith(
+        "service 'counter' of strangers-parts failed (ValueError: it has lived long enough)"
+    )
+    assert not work.done()
+    work.cancel()
+    await asyncio.wait({work})
+    assert work.cancelled()
+    await bus.close()

@@ -1,0 +1,166 @@
+"""Faults of a plug-in are named, restarted with back-off, and end with it."""
+
+import asyncio
+import contextlib
+import importlib
+import re
+import sys
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+
+import pytest
+
+from pointit.runtime.errors import ConfigError
+from pointit.runtime.service import plugin_guard, stall_watch
+from pointit.runtime.service.plugin_guard import PluginGuard
+from pointit.services.imu_bridge.sources import SOURCES
+from tests.support import strangers
+from tests.support.bench import until
+
+
+class Sink:
+    """Warnings that are shown."""
+
+    def __init__(self) -> None:
+        self.shown: dict[str, str] = {}
+
+    def warn(self, topic: str, sentence: str) -> None:
+        self.shown[topic] = sentence
+
+    def clear(self, topic: str) -> None:
+        self.shown.pop(topic, None)
+
+
+@pytest.fixture
+def sink() -> Sink:
+    return Sink()
+
+
+@pytest.fixture
+def guard(sink: Sink, monkeypatch: pytest.MonkeyPatch) -> PluginGuard:
+    monkeypatch.setattr(plugin_guard, "FIRST_WAIT_S", 0.001)
+    monkeypatch.setattr(plugin_guard, "MAX_WAIT_S", 0.004)
+    return PluginGuard("part 'mine' of strangers", sink)
+
+
+async def ends() -> None:
+    pass
+
+
+async def raises() -> None:
+    raise ValueError("no such port\nsecond line")
+
+
+async def exits() -> None:
+    sys.exit(3)
+
+
+async def cancels_itself() -> None:
+    raise asyncio.CancelledError
+
+
+@pytest.mark.parametrize(
+    ("run", "how"),
+    [
+        (ends, "ended by itself"),
+        (raises, "failed (ValueError: no such port)"),
+        (exits, "failed (RuntimeError: it called sys.exit)"),
+        (cancels_itself, "ended by itself"),
+    ],
+)
+async def test_plugin_that_ends_is_named_and_restarted_until_it_runs(
+    run: Callable[[], Awaitable[None]], how: str, guard: PluginGuard, sink: Sink
+) -> None:
+    runs = 0
+
+    async def third_time_lucky() -> None:
+        nonlocal runs
+        runs += 1
+        if runs > 3:
+            await asyncio.Event().wait()
+        await run()
+
+    work = asyncio.create_task(guard.keep_running(third_time_lucky))
+    await until(lambda: "3 times" in guard.problem)
+    assert sink.shown == {
+        guard.label: f"part 'mine' of strangers {how}, 3 times now; it is started again after 0.004 s"
+    }
+    await until(lambda: not sink.shown)  # it runs again, and has for a while
+    assert guard.problem == ""
+    work.cancel()
+    await asyncio.wait({work})
+    assert work.cancelled()
+
+
+def test_plugin_that_does_not_end_when_cancelled_is_abandoned_and_does_not_hold_up_the_end(
+    guard: PluginGuard, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr(plugin_guard, "END_PATIENCE_S", 0.01)
+    stubborn_ends = asyncio.Event()
+
+    async def stubborn() -> None:
+        while not stubborn_ends.is_set():
+            with contextlib.suppress(asyncio.CancelledError):
+                await stubborn_ends.wait()
+
+    async def site() -> None:
+        work = asyncio.create_task(guard.keep_running(stubborn))
+        await asyncio.sleep(0)
+        await asyncio.sleep(0)
+        work.cancel()
+        await asyncio.wait({work})
+        assert work.cancelled()
+        assert "part 'mine' of strangers does not end when it is cancelled" in caplog.text
+        assert len(plugin_guard.abandoned) == 1
+        assert asyncio.all_tasks() == {asyncio.current_task()}  # asyncio.run waits for no other
+        stubborn_ends.set()
+        await until(lambda: not plugin_guard.abandoned)
+
+    asyncio.run(site())
+
+
+async def test_plugin_that_blocks_the_loop_is_named_with_the_line(
+    tmp_path: Path, sink: Sink, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr(stall_watch, "STALL_S", 0.05)
+    monkeypatch.setattr(stall_watch, "PERIOD_S", 0.001)
+    entries = "blocking = strangers_blocking:BLOCKING"
+    source = """
+def block(stop):
+    while not stop():
+        pass
+"""
+    with strangers.installed(tmp_path, "strangers_blocking", source, imu_sources=entries):
+        block = importlib.import_module("strangers_blocking").block
+        plugin_guard.guard_of(SOURCES, "blocking", sink)
+        block(lambda: "blocks the event loop" in caplog.text)
+        label = "IMU source 'blocking' of strangers-parts"
+        assert f"{label} blocks the event loop, and all services of this process, at " in caplog.text
+        await until(lambda: bool(sink.shown))
+        sentence = sink.shown["event loop"]
+        assert re.fullmatch(
+            rf"{label} has blocked the event loop for [\d.]+ s at strangers_blocking.py:[34] in block: it .*",
+            sentence,
+        )
+
+
+def test_call_that_raises_is_reported_until_it_works(guard: PluginGuard, sink: Sink) -> None:
+    assert guard.call("show", lambda: 1 // 0) is None
+    assert sink.shown == {
+        "part 'mine' of strangers: show": "part 'mine' of strangers: show failed (ZeroDivisionError: integer "
+        "division or modulo by zero): update or remove it"
+    }
+    assert guard.call("light_s", lambda: 0.5) == 0.5
+    assert len(sink.shown) == 1
+    assert guard.call("show", lambda: 7) == 7
+    assert not sink.shown
+
+
+def test_plugin_that_cannot_be_made_is_a_mistake_of_the_configuration(guard: PluginGuard) -> None:
+    def make(error: Exception) -> None:
+        raise error
+
+    with pytest.raises(ConfigError, match=r"mine' of strangers cannot be started \(KeyError: 'a'\); update"):
+        guard.made(lambda: make(KeyError("a")))
+    with pytest.raises(ConfigError, match="no port"):
+        guard.made(lambda: make(ConfigError("no port")))

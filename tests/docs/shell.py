@@ -73,12 +73,12 @@ class Shell:
             raise BlockError(problem)
 
     async def end(self) -> None:
-        """Press Ctrl-C in every terminal.
+        """Press Ctrl-C in every terminal, the last one first.
 
         Raises:
             BlockError: If a command failed.
         """
-        for name in list(self._terminals):
+        for name in reversed(list(self._terminals)):
             await self._stop(name)
 
     async def _start(self, block: Block, code: Path, output: Path) -> None:

@@ -1,7 +1,7 @@
 """Packages of strangers, installed for one test."""
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Generator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -16,7 +16,7 @@ TABLES: tuple[list[Any], ...] = (TOPICS, REQUESTS, PROCESSES)
 
 
 @contextmanager
-def installed(folder: Path, module: str, source: str, **entries: str) -> Iterator[None]:
+def installed(folder: Path, module: str, source: str, **entries: str) -> Generator[None]:
     """Install a package `strangers-parts` in `folder` for the body.
 
     Args:

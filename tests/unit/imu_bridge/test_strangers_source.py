@@ -77,7 +77,7 @@ async def test_source_that_cannot_be_made_stops_the_start_with_a_sentence() -> N
 def test_flood_is_cut_to_what_the_site_can_take_and_reported_for_a_while() -> None:
     check = ReadingCheck()
     now_ns = 1_700_000_000 * NS_PER_S
-    taken = 0
+    taken, problem = 0, ""
     for _ in range(3 * MAX_ITEMS_PER_S):
         problem = check.problem(Reading(now_ns, (0.0, 0.0, 0.0, 1.0)), now_ns)
         taken += not check.is_refused

@@ -60,7 +60,7 @@ class Surroundings:
 
     def kept(self, model: type[T]) -> StateFile[T]:
         """Return the one stored value of the plug-in, a `model` in the file `state.json` of its folder."""
-        return StateFile.at(self.folder / "state.json", model)
+        return StateFile[T].at(self.folder / "state.json", model)
 
     @classmethod
     def detached(cls, user: str = "") -> Self:

@@ -3,7 +3,7 @@
 import asyncio
 import logging
 from collections.abc import Awaitable, Callable
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 from pointit.runtime.config.plugins import PluginGroup
 from pointit.runtime.errors import ConfigError, PointItError
@@ -136,7 +136,7 @@ def describe(error: BaseException) -> str:
 def first_cause(error: Exception, kind: type[Exception] = Exception) -> Exception | None:
     """Return the first error of a `kind` that is `error` or in it, if it is a group, or None."""
     if isinstance(error, ExceptionGroup):
-        inner: tuple[Exception, ...] = error.exceptions
+        inner = cast("ExceptionGroup[Exception]", error).exceptions
         return next((found for each in inner if (found := first_cause(each, kind)) is not None), None)
     return error if isinstance(error, kind) else None
 

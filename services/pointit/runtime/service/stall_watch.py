@@ -66,7 +66,7 @@ class StallWatch:
             time.sleep(PERIOD_S)
 
     def _on_stall(self, sign: threading.Event, asked_s: float) -> None:
-        frames = sys._current_frames()  # noqa: SLF001 - documented, for this
+        frames = sys._current_frames()  # noqa: SLF001 # pyright: ignore[reportPrivateUsage] - documented, for this
         found = find_culprit(frames.get(self._loop_thread), self._packages)
         if found is None:
             return

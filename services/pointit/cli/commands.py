@@ -278,6 +278,9 @@ COMMANDS: dict[str, tuple[Entry, ...]] = {
             "pointit.cli.loadtest.command:command",
         ),
     ),
+    "Your shell": (
+        command("completion", "install completion with the Tab key", "pointit.cli.shell.completion:command"),
+    ),
 }
 """Commands by the heading of the help."""
 

@@ -180,7 +180,7 @@ class Trial:
 
 
 def failure_of(task: asyncio.Task[None]) -> BaseException | None:
-    """Return what a `task` that is done has raised, the first one of a group, or None."""
+    """Return the exception of a `task` that is done, the first one of a group, or None."""
     error = None if task.cancelled() else task.exception()
     return first_cause(error) if isinstance(error, Exception) else error
 

@@ -55,7 +55,7 @@ COUNTING = LedOutput(summary="", config=OutputConfig, make=Counting)
 
 
 @pytest.fixture(autouse=True)
-def _installed(tmp_path: Path) -> Iterator[None]:
+def _installed(tmp_path: Path) -> Iterator[None]:  # pyright: ignore[reportUnusedFunction]
     entries = "broken = strangers_outputs:BROKEN\ncounting = strangers_outputs:COUNTING"
     with strangers.installed(tmp_path, "strangers_outputs", MODULE, led_outputs=entries):
         yield

@@ -73,12 +73,12 @@ class Shell:
             raise BlockError(problem)
 
     async def end(self) -> None:
-        """Press Ctrl-C in every terminal.
+        """Press Ctrl-C in every terminal, the last one first.
 
         Raises:
             BlockError: If a command failed.
         """
-        for name in list(self._terminals):
+        for name in reversed(list(self._terminals)):
             await self._stop(name)
 
     async def _start(self, block: Block, code: Path, output: Path) -> None:
@@ -98,7 +98,7 @@ class Shell:
         group = terminal.process
         code = await self._say(f"kill -INT -- -{group} 2>&-; wait {group}; printf '%s ' $?", terminal.block)
         printed = _read(terminal.output)
-        if int(code) not in STOPPED or "Traceback" in printed:
+        if int(code) not in STOPPED or ("Traceback" in printed and "KeyboardInterrupt" not in printed):
             raise BlockError(
                 f"{terminal.block.place}: terminal {name} ended with {code} and printed\n{printed}"
             )

@@ -9,25 +9,29 @@ from xml.sax.saxutils import escape
 
 import grimp
 
-import pointit  # noqa: F401 - with it loaded, all its three folders are seen
+import pointit  # noqa: F401 # pyright: ignore[reportUnusedImport] - loads all its three folders
 
 ROOT = Path(__file__).resolve().parents[2]
-WIDTH, HEIGHT = 960, 800
+WIDTH, HEIGHT = 960, 890
 BOX_HEIGHT = 66
+LETTER = 6.2
+"""Width of a small letter, px, at most."""
 ROOMS = {
     "cli": (480, 16, 700, "the commands of the program pointit"),
-    "launch": (720, 114, 440, "a scenario becomes running services"),
-    "evaluation": (205, 212, 400, "estimates beside baselines"),
-    "bridges": (720, 212, 440, "web page, ROS 2, Foxglove"),
-    "diagnosis": (780, 310, 280, "faults of a site, and remedies"),
-    "access": (490, 310, 240, "rights and certificates"),
-    "plugins": (200, 310, 260, "names for authors of plug-ins"),
-    "services": (480, 408, 560, "one folder per process"),
-    "sim": (320, 506, 240, "recordings, simulated arms"),
-    "maps": (640, 506, 240, "map files and checks"),
-    "runtime": (320, 604, 240, "bus, clock, configuration, health"),
-    "schemas": (320, 702, 240, "messages, codec, topic table"),
-    "geometry": (640, 702, 240, "pure mathematics"),
+    "api": (480, 114, 560, "sites for programs in Python"),
+    "launch": (760, 212, 360, "a scenario becomes running services"),
+    "evaluation": (165, 310, 290, "estimates beside baselines"),
+    "testing": (470, 310, 270, "checks of plug-ins"),
+    "bridges": (780, 310, 300, "web page, ROS 2, Foxglove"),
+    "diagnosis": (780, 408, 280, "faults of a site, and remedies"),
+    "access": (490, 408, 240, "rights and certificates"),
+    "plugins": (200, 408, 260, "names for authors of plug-ins"),
+    "services": (480, 506, 560, "one folder per process"),
+    "sim": (320, 604, 240, "recordings, simulated arms"),
+    "maps": (640, 604, 240, "map files and checks"),
+    "runtime": (320, 702, 240, "bus, clock, configuration, health"),
+    "schemas": (320, 800, 240, "messages, codec, topic table"),
+    "geometry": (640, 800, 240, "pure mathematics"),
 }
 """Middle x, top y and width of each room's box, px, and its purpose. The order is that of the layers."""
 STYLE = """
@@ -50,7 +54,9 @@ def count_imports() -> tuple[Counter[str], Counter[tuple[str, str]]]:
         room = rest.partition(".")[0]
         sizes[room] += bool(rest)
         for imported in graph.find_modules_directly_imported_by(module):
-            arrows[room, imported.split(".")[1]] += 1
+            other = imported.partition(".")[2].partition(".")[0]
+            if {room, other} <= ROOMS.keys():
+                arrows[room, other] += 1
     return sizes, arrows
 
 
@@ -69,6 +75,17 @@ def direct(arrows: Counter[tuple[str, str]]) -> set[tuple[str, str]]:
             target in reached[other] for other in rooms if (source, other) in arrows and other != source
         )
     }
+
+
+def _shortened(size: int, others: list[str], width: int) -> str:
+    """Return the size of a room, and as many of its imports as fit."""
+    text = f"{size} modules"
+    for number, other in enumerate(others):
+        longer = f"{text}, {other}" if number else f"{text}; also {other}"
+        if len(longer) * LETTER > width:
+            return f"{text} …"
+        text = longer
+    return text
 
 
 def picture() -> str:
@@ -103,9 +120,7 @@ def picture() -> str:
             f'<rect x="{x - width / 2:.0f}" y="{y}" width="{width}" height="{BOX_HEIGHT}" rx="6"/>',
             f'<text class="name" x="{x}" y="{y + 20}">{room}</text>',
             f'<text x="{x}" y="{y + 38}">{escape(purpose)}</text>',
-            f'<text class="small" x="{x}" y="{y + 55}">{sizes[room]} modules'
-            + (f"; also {', '.join(others)}" if others else "")
-            + "</text>",
+            f'<text class="small" x="{x}" y="{y + 55}">{_shortened(sizes[room], others, width)}</text>',
         ]
     return "\n".join([*parts, *labels, "</svg>\n"])
 

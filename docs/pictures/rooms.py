@@ -12,26 +12,24 @@ import grimp
 import pointit  # noqa: F401 # pyright: ignore[reportUnusedImport] - loads all its three folders
 
 ROOT = Path(__file__).resolve().parents[2]
-WIDTH, HEIGHT = 960, 890
+WIDTH, HEIGHT = 1270, 898
 BOX_HEIGHT = 66
-LETTER = 6.2
-"""Width of a small letter, px, at most."""
 ROOMS = {
-    "cli": (480, 16, 700, "the commands of the program pointit"),
-    "api": (480, 114, 560, "sites for programs in Python"),
-    "launch": (760, 212, 360, "a scenario becomes running services"),
-    "evaluation": (165, 310, 290, "estimates beside baselines"),
-    "testing": (470, 310, 270, "checks of plug-ins"),
-    "bridges": (780, 310, 300, "web page, ROS 2, Foxglove"),
-    "diagnosis": (780, 408, 280, "faults of a site, and remedies"),
-    "access": (490, 408, 240, "rights and certificates"),
-    "plugins": (200, 408, 260, "names for authors of plug-ins"),
-    "services": (480, 506, 560, "one folder per process"),
-    "sim": (320, 604, 240, "recordings, simulated arms"),
-    "maps": (640, 604, 240, "map files and checks"),
-    "runtime": (320, 702, 240, "bus, clock, configuration, health"),
-    "schemas": (320, 800, 240, "messages, codec, topic table"),
-    "geometry": (640, 800, 240, "pure mathematics"),
+    "cli": (640, 16, 1000, "the commands of the program pointit"),
+    "api": (1040, 114, 430, "a site from Python: import pointit"),
+    "launch": (1040, 212, 430, "a scenario becomes running services"),
+    "evaluation": (210, 310, 400, "estimates beside baselines"),
+    "testing": (600, 310, 360, "checks of plug-ins"),
+    "bridges": (1040, 310, 430, "web page, ROS 2, Foxglove"),
+    "diagnosis": (1080, 408, 280, "faults of a site, and remedies"),
+    "access": (800, 408, 240, "rights and certificates"),
+    "plugins": (520, 408, 280, "names for authors of plug-ins"),
+    "services": (640, 506, 620, "one folder per process"),
+    "sim": (440, 604, 260, "recordings, simulated arms"),
+    "maps": (840, 604, 260, "map files and checks"),
+    "runtime": (440, 702, 260, "bus, clock, configuration, health"),
+    "schemas": (440, 800, 260, "messages, codec, topic table"),
+    "geometry": (840, 800, 260, "pure mathematics"),
 }
 """Middle x, top y and width of each room's box, px, and its purpose. The order is that of the layers."""
 STYLE = """
@@ -54,10 +52,8 @@ def count_imports() -> tuple[Counter[str], Counter[tuple[str, str]]]:
         room = rest.partition(".")[0]
         sizes[room] += bool(rest)
         for imported in graph.find_modules_directly_imported_by(module):
-            other = imported.partition(".")[2].partition(".")[0]
-            if {room, other} <= ROOMS.keys():
-                arrows[room, other] += 1
-    return sizes, arrows
+            arrows[room, imported.split(".")[1]] += 1
+    return sizes, Counter({pair: count for pair, count in arrows.items() if ROOMS.keys() >= set(pair)})
 
 
 def direct(arrows: Counter[tuple[str, str]]) -> set[tuple[str, str]]:
@@ -75,17 +71,6 @@ def direct(arrows: Counter[tuple[str, str]]) -> set[tuple[str, str]]:
             target in reached[other] for other in rooms if (source, other) in arrows and other != source
         )
     }
-
-
-def _shortened(size: int, others: list[str], width: int) -> str:
-    """Return the size of a room, and as many of its imports as fit."""
-    text = f"{size} modules"
-    for number, other in enumerate(others):
-        longer = f"{text}, {other}" if number else f"{text}; also {other}"
-        if len(longer) * LETTER > width:
-            return f"{text} …"
-        text = longer
-    return text
 
 
 def picture() -> str:
@@ -120,7 +105,9 @@ def picture() -> str:
             f'<rect x="{x - width / 2:.0f}" y="{y}" width="{width}" height="{BOX_HEIGHT}" rx="6"/>',
             f'<text class="name" x="{x}" y="{y + 20}">{room}</text>',
             f'<text x="{x}" y="{y + 38}">{escape(purpose)}</text>',
-            f'<text class="small" x="{x}" y="{y + 55}">{_shortened(sizes[room], others, width)}</text>',
+            f'<text class="small" x="{x}" y="{y + 55}">{sizes[room]} modules'
+            + (f"; also {', '.join(others)}" if others else "")
+            + "</text>",
         ]
     return "\n".join([*parts, *labels, "</svg>\n"])
 

@@ -171,12 +171,10 @@ def scenarios() -> Iterator[str]:
 
 def api() -> Iterator[str]:
     """Yield the public names of the package, which mkdocstrings documents."""
-    yield "# API"
+    yield "# Names of the API"
     yield (
-        "`import pointit` gives Python programs a running site, or starts one. [The tutorial]"
-        "(../tutorial/index.md#2-a-lamp-of-your-own-reacts) begins with it, "
-        "[the examples](../how-to/examples.md) go on. "
-        "What sites send are the classes of [messages](messages.md), `pointit.schemas`."
+        "Every public name of `import pointit`. [Python API](api.md) says how to use them; what sites "
+        "send are the classes of [messages](messages.md), `pointit.schemas`."
     )
     for name in dir(pointit):
         public = getattr(pointit, name)
@@ -242,7 +240,7 @@ def _paragraph(docstring: str | None) -> str:
 
 
 PAGES: dict[str, Callable[[], Iterator[str]]] = {
-    "reference/api.md": api,
+    "reference/api-names.md": api,
     "reference/parameters.md": parameters,
     "reference/messages.md": messages,
     "reference/commands.md": commands,

@@ -3,11 +3,12 @@
 Unlike `hold` it forgives a shaky hand: a moment off the object costs a moment, not all that was gathered.
 """
 
-from pointit.plugins import NS_PER_S, MethodConfig, Pointing, Progress, SelectionMethod, Surroundings
 from pydantic import Field
 
+from pointit.plugins import NS_PER_S, MethodConfig, Pointing, Progress, SelectionMethod, Surroundings
+
 LONGEST_STEP_S = 0.1
-"""What a gap between two cursors counts at most."""
+"""Longest time that a step between two cursors counts, s."""
 
 
 class LeakyConfig(MethodConfig):
@@ -26,7 +27,7 @@ class Leaky:
         self.latched = set[str]()
 
     def step(self, pointing: Pointing) -> Progress:
-        """Return how far the object under the cursor is, and whether it is to be selected now."""
+        """Return the object under the cursor, its progress, and what to select now."""
         now_ns, under = pointing.cursor.stamp_ns, pointing.under
         passed_s = min((now_ns - self._stamp_ns) / NS_PER_S, LONGEST_STEP_S)
         self._stamp_ns = now_ns

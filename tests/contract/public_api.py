@@ -58,11 +58,11 @@ def listing() -> list[str]:
     lines.append("Site.latest: Latest")
     for name, group in groups().items():
         arguments = re.sub(r"[\w.]+\.", "", str(group.__orig_class__))
-        lines += [f"Site.{name}: {arguments}", *members(type(group), f"Site.{name}", set())]
+        lines += [f"Site.{name}: {arguments}", *members(group.__class__, f"Site.{name}", set())]
     return sorted(lines)
 
 
-def members(kind: type, path: str, internal: set[str]) -> Iterator[str]:
+def members(kind: Any, path: str, internal: set[str]) -> Iterator[str]:
     """Yield a line for each public member of `kind`."""
     for name, value in inspect.getmembers(kind):
         if name in internal or (name.startswith("_") and name not in BLOCKS):

@@ -81,16 +81,20 @@ def test_each_request_is_a_method_with_its_fields(row: Request[Any, Any]) -> Non
         default = inspect.Parameter.empty if field.is_required() else field.default
         assert each.default == default, each.name
         assert choices(each.annotation) == choices(field.annotation), each.name
-    arguments = dict(zip(type(group).__parameters__, typing.get_args(group.__orig_class__), strict=True))
+    arguments: dict[Any, Any] = dict(
+        zip(group.__parameters__, typing.get_args(group.__orig_class__), strict=True)
+    )
     (reply,) = typing.get_args(arguments[inspect.signature(method).return_annotation])
     assert reply is row.reply
 
 
 def choices(annotation: Any) -> set[Any]:
     """Return the values that a type with `Literal` permits, of others nothing."""
+    arguments = typing.get_args(annotation)
     if typing.get_origin(annotation) is typing.Literal:
-        return set(typing.get_args(annotation))
-    return set().union(*(choices(each) for each in typing.get_args(annotation))) if annotation else set()
+        return set(arguments)
+    found = set[Any]()
+    return found.union(*(choices(each) for each in arguments))
 
 
 def test_there_are_no_other_requests() -> None:

@@ -17,7 +17,7 @@ from tests.examples.running import running
 
 NOTEBOOK = json.loads((ROOT / "examples" / "pointing.ipynb").read_text(encoding="utf-8"))
 PATIENCE_S = 120.0
-"""Of the site's time."""
+"""Time limit by the site's clock, s."""
 
 
 def code_lines(module: Any) -> int:
@@ -51,7 +51,7 @@ def test_train_is_selected_by_a_person_who_sees_it_on_the_strip() -> None:
     events: list[SelectionEvent] = []
 
     async def main() -> None:
-        no_conveyor = {"conveyor-sim.feeder.sequence": []}
+        no_conveyor: dict[str, object] = {"conveyor-sim.feeder.sequence": []}
         async with (
             pointit.run("scenario_3", virtual=True, settings=no_conveyor) as site,
             running(my_tracker.track(site)),

@@ -9,22 +9,28 @@ import pytest
 import pointit
 from pointit.plugins import GROUPS, Cursor, Pointing, Surroundings
 from pointit.schemas import SelectionEvent
+from pointit.testing import MethodHarness, checks
 from tests.architecture.sources import ROOT
 from tests.support import strangers
 
 EXAMPLE = ROOT / "examples" / "selection_method"
 STEP_NS = 20_000_000
 PATIENCE_S = 120.0
-"""Of the site's time."""
+"""Time limit by the site's clock, s."""
 
 
 @pytest.fixture(autouse=True)
-def _installed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:  # pyright: ignore[reportUnusedFunction]
+def _installed(tmp_path: Path) -> Iterator[None]:  # pyright: ignore[reportUnusedFunction]
     project = tomllib.loads((EXAMPLE / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     entries = project["entry-points"]["pointit.selection_methods"]
     lines = "\n".join(f"{name} = {value}" for name, value in entries.items())
     source = (EXAMPLE / "leaky_dwell.py").read_text(encoding="utf-8")
-    strangers.install(tmp_path, monkeypatch, "leaky_dwell", source, selection_methods=lines)
+    with strangers.installed(tmp_path, "leaky_dwell", source, selection_methods=lines):
+        yield
+
+
+def acts_on_all(_object_id: str) -> bool:
+    return True
 
 
 def fired(*stays: tuple[str | None, float]) -> Iterator[str]:
@@ -34,7 +40,7 @@ def fired(*stays: tuple[str | None, float]) -> Iterator[str]:
     for under, stay_s in stays:
         for _ in range(round(stay_s * 1e9 / STEP_NS)):
             now_ns += STEP_NS
-            found = method.step(Pointing(Cursor(stamp_ns=now_ns), under, None, lambda _object: True))
+            found = method.step(Pointing(Cursor(stamp_ns=now_ns), under, None, acts_on_all))
             assert 0.0 <= found.progress <= 1.0
             if found.fired is not None:
                 yield found.fired
@@ -46,6 +52,14 @@ def test_moment_elsewhere_costs_a_moment_and_a_long_one_everything() -> None:
     assert [*fired(("a", 0.6), (None, 1.2), ("a", 0.7))] == []
     assert [*fired(("a", 3.0))] == ["a"]
     assert [*fired(("a", 0.9), (None, 0.1), ("a", 0.9))] == ["a", "a"]
+
+
+def test_it_keeps_the_promises_of_every_selection_method() -> None:
+    plugin = GROUPS["selection-method"].get("leaky")
+    made = checks(MethodHarness(plugin=plugin, wrong_parameters=({"drain": -1.0},)))
+    assert len(made) > 5
+    for check in made:
+        check.run()
 
 
 def test_people_select_with_it() -> None:

@@ -37,10 +37,8 @@ conveyor-sim:
       min_interval_s: 1.6
       max_interval_s: 2.2
       length_m: 0.4
-user-sim: {rate_hz: 25}
-led-driver: {max_rate_hz: 20}
 """
-"""More to select than people would have, at half the usual rates, which leaves the machine some time."""
+"""More to select than people would have."""
 DASHBOARD_HZ = 20.0
 DISK_BYTES = 32 * 1024 * 1024
 AGAIN = " start it again with: "

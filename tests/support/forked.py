@@ -62,7 +62,7 @@ class ForkedProcess:
 
     @property
     def returncode(self) -> int | None:
-        """Exit code, or -N if signal N has ended it; None while it runs."""
+        """Return the exit code, -N if signal N has ended it, or `None` while it runs."""
         return self._process.exitcode
 
     def says(self, what: str) -> None:

@@ -82,10 +82,10 @@ class _Requests(Generic[D]):
     def __init__(self, ask: Ask) -> None:
         self._send = ask
 
-    def _ask(self, request: Request[Any, Any], name: str = "", **fields: Any) -> Any:
+    def _ask(self, request: Request[Any, Any], name: str = "", /, **fields: Any) -> Any:
         return self._send(request, query_of(request, fields), name)
 
-    def _do(self, request: Request[Any, Any], name: str = "", **fields: Any) -> D:
+    def _do(self, request: Request[Any, Any], name: str = "", /, **fields: Any) -> D:
         done: D = self._ask(request, name, **fields)
         return done
 
@@ -106,10 +106,17 @@ class SelectRequests(_Requests[D], Generic[D, R, S]):
         return self._do(RELEASE_OBJECT, user, object_id=object_id, take_over=take_over)
 
     def method(
-        self, method: Literal["hold", "fraction", "gauge"] | None = None, *, dwell_s: float | None = None
+        self,
+        method: Literal["hold", "fraction", "gauge"] | None = None,
+        *,
+        dwell_s: float | None = None,
+        name: str | None = None,
     ) -> R:
-        """Set how dwelling selects, and for how long (s). Without values, only return the settings in use."""
-        reply: R = self._ask(SET_METHOD, method=method, dwell_s=dwell_s)
+        """Set how dwelling selects, and for how long (s). Without values, only return the settings in use.
+
+        `name`: any installed method, instead of `method`.
+        """
+        reply: R = self._ask(SET_METHOD, method=method, dwell_s=dwell_s, name=name)
         return reply
 
     def history(self, *, last: int = 200, since_ns: int = 0) -> S:

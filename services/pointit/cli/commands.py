@@ -43,7 +43,7 @@ Example: pointit map check ./site.yaml && pointit map plot ./site.yaml -o site.s
 
 PLUGIN = """List what can be plugged in, check that it works, or begin a plug-in of your own.
 
-Plug-ins are devices and selection methods of this and of other packages.
+Plug-ins are devices, selection methods and services of this and of other packages.
 
 Example: pointit plugin new imu-source my-wrist && pytest my-wrist
 """
@@ -277,6 +277,9 @@ COMMANDS: dict[str, tuple[Entry, ...]] = {
             "measure the number of people this machine, or a site, carries",
             "pointit.cli.loadtest.command:command",
         ),
+    ),
+    "Your shell": (
+        command("completion", "install completion with the Tab key", "pointit.cli.shell.completion:command"),
     ),
 }
 """Commands by the heading of the help."""

@@ -1,6 +1,7 @@
 """`pointit`: the group of all commands, old spellings, and errors as wide as the terminal."""
 
 import difflib
+import os
 import shutil
 import sys
 import textwrap
@@ -10,7 +11,7 @@ from typing import Any, NoReturn
 import click
 
 from pointit.cli.commands import COMMANDS, OLD_SPELLINGS
-from pointit.cli.common.lazy import LazyGroup, print_help_without_action, walk
+from pointit.cli.common.lazy import COMPLETE, LazyGroup, print_help_without_action, walk
 
 EXAMPLES = (
     ("pointit run", "a person in a room with a conveyor, in your browser; then point yourself"),
@@ -77,6 +78,10 @@ PATHS = [path for path, _ in walk(entry for part in COMMANDS.values() for entry 
 """Words of every command and group that the help shows, a group before its commands."""
 
 
+GROUPS = {path[:-1] for path in PATHS}
+"""Words of the groups, () among them."""
+
+
 def renamed(arguments: Sequence[str]) -> tuple[int, tuple[str, ...]]:
     """Return the number of first words that are an old spelling, and the new one, or `(0, ())`."""
     word, following = arguments[0], arguments[1] if len(arguments) > 1 else ""
@@ -131,6 +136,9 @@ command = front()
 
 def main() -> NoReturn:
     """Run the command line; entry point of `pointit` and `python -m pointit.cli`."""
-    from pointit.runtime.service.process import run_program  # noqa: PLC0415 - the table above is wanted without it
+    words = tuple(word for word in sys.argv[1:] if word not in ("-h", "--help", "--version"))
+    if COMPLETE in os.environ or words in GROUPS:
+        command.main(prog_name="pointit", complete_var=COMPLETE)
+    from pointit.runtime.service.process import run_program  # noqa: PLC0415 - takes longer than help and completion
 
     run_program(command)

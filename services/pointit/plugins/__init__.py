@@ -49,7 +49,18 @@ from pointit.runtime.errors import ConfigError, RefusedError
 from pointit.runtime.health.surroundings import HealthSink, Surroundings
 from pointit.runtime.host.state_file import StateFile
 from pointit.runtime.service.service import Context, Service
-from pointit.schemas import NS_PER_S, Cursor, Message, Query, Reply, Strip, StripFrame, StripsFrame, topics
+from pointit.schemas import (
+    NS_PER_S,
+    Cursor,
+    Message,
+    Query,
+    Reply,
+    SelectionEvent,
+    Strip,
+    StripFrame,
+    StripsFrame,
+    topics,
+)
 from pointit.schemas.topics import Delivery, Request, Topic
 from pointit.services.imu_bridge.reading import Deliver, Item, Press, Reading, Reconnected, Source
 from pointit.services.imu_bridge.sources import SOURCES, ImuSource
@@ -96,6 +107,7 @@ __all__ = [
     "RefusedError",
     "Reply",
     "Request",
+    "SelectionEvent",
     "SelectionMethod",
     "Service",
     "ServicePlugin",

@@ -25,6 +25,7 @@ from pointit.testing.devices.udp import UdpDevice
 from pointit.testing.imu import IMU_SUITE, ImuHarness
 from pointit.testing.led import LED_SUITE, LedHarness
 from pointit.testing.methods import METHOD_SUITE, MethodHarness
+from pointit.testing.service import SERVICE_SUITE, ServiceHarness, ServiceTrial
 
 __all__ = [
     "Check",
@@ -34,6 +35,8 @@ __all__ = [
     "LedHarness",
     "MethodHarness",
     "PtyDevice",
+    "ServiceHarness",
+    "ServiceTrial",
     "TcpDevice",
     "UdpDevice",
     "checks",
@@ -43,7 +46,7 @@ __all__ = [
 PATIENCES = 6.0
 """A check that has not come to an end within this many times the harness's patience hangs."""
 
-Harness = ImuHarness | LedHarness | MethodHarness
+Harness = ImuHarness | LedHarness | MethodHarness | ServiceHarness
 
 
 def checks(harness: Harness) -> list[Check]:
@@ -53,4 +56,6 @@ def checks(harness: Harness) -> list[Check]:
         return IMU_SUITE.checks(harness, limit_s=limit_s, virtual_time=harness.virtual_time)
     if isinstance(harness, MethodHarness):
         return METHOD_SUITE.checks(harness, limit_s=limit_s)
+    if isinstance(harness, ServiceHarness):
+        return SERVICE_SUITE.checks(harness, limit_s=limit_s, virtual_time=harness.virtual_time)
     return LED_SUITE.checks(harness, limit_s=limit_s)

@@ -3,9 +3,10 @@
 from importlib.metadata import entry_points
 from typing import Any
 
-from pointit.plugins import ConfigError, Plugin, SelectionMethod
+from pointit.plugins import ConfigError, Plugin, SelectionMethod, ServicePlugin
 from pointit.testing import Harness
 from pointit.testing.methods import MethodHarness
+from pointit.testing.service import ServiceHarness
 
 FAKE_DEVICES = "pointit.fake_devices"
 
@@ -26,4 +27,6 @@ def installed_harness(name: str, plugin: Plugin) -> Harness | None:
             ) from error
         if isinstance(harness, Harness) and harness.plugin is plugin:
             return harness
-    return MethodHarness(plugin=plugin) if isinstance(plugin, SelectionMethod) else None
+    if isinstance(plugin, SelectionMethod):
+        return MethodHarness(plugin=plugin)
+    return ServiceHarness(plugin=plugin) if isinstance(plugin, ServicePlugin) else None

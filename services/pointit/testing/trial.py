@@ -10,6 +10,7 @@ from types import TracebackType
 from typing import Self, TypeVar
 
 from pointit.plugins import Surroundings
+from pointit.runtime.service.plugin_guard import first_cause
 from pointit.runtime.virtual_time import START_NS
 from pointit.testing.check import CheckFailedError
 from pointit.testing.devices.device import FakeDevice
@@ -113,7 +114,7 @@ class Trial:
         """
         if self.task is None or not self.task.done():
             return
-        error = None if self.task.cancelled() else self.task.exception()
+        error = failure_of(self.task)
         if error is None:
             raise CheckFailedError("`run` returned by itself")
         raise CheckFailedError(f"`run` raised {type(error).__name__}: {error}") from error
@@ -170,12 +171,18 @@ class Trial:
         await asyncio.wait([task], timeout=max(self.patience_s, 2 * CANCEL_S))
         if not task.done():
             raise CheckFailedError(f"`run` was cancelled and still ran {loop.time() - began_s:.1f} s later")
-        error = None if task.cancelled() else task.exception()
+        error = failure_of(task)
         if error is not None:
             raise CheckFailedError(
                 f"`run` raised {type(error).__name__} when it was cancelled: {error}"
             ) from error
         return loop.time() - began_s
+
+
+def failure_of(task: asyncio.Task[None]) -> BaseException | None:
+    """Return the exception of a `task` that is done, the first one of a group, or None."""
+    error = None if task.cancelled() else task.exception()
+    return first_cause(error) if isinstance(error, Exception) else error
 
 
 async def require_quick_end(begin: Callable[[], AbstractAsyncContextManager[Trial]], state: str) -> None:

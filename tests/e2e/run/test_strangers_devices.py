@@ -1,5 +1,6 @@
-"""A package that is not part of this project adds a wrist and a light, and `pointit run` uses both."""
+"""A package outside this project adds a wrist, a light, a method and a service: `pointit run` uses all."""
 
+import json
 import shutil
 from pathlib import Path
 
@@ -15,6 +16,12 @@ broken = strangers_devices:ABSENT
 
 [pointit.led_outputs]
 notebook = strangers_devices:NOTEBOOK
+
+[pointit.selection_methods]
+eager = strangers_devices:EAGER
+
+[pointit.services]
+witness = strangers_devices:WITNESS
 """
 
 
@@ -31,20 +38,24 @@ def installed(tmp_path: Path) -> dict[str, str]:
 
 
 @pytest.mark.timeout(120)
-async def test_package_of_a_stranger_adds_a_wrist_and_a_light(
+async def test_package_of_a_stranger_adds_one_of_each_kind(
     commands: Commands, installed: dict[str, str], tmp_path: Path
 ) -> None:
-    shown = tmp_path / "shown.txt"
+    shown, seen, state = tmp_path / "shown.txt", tmp_path / "seen.txt", tmp_path / "state"
     run = commands.start_program(
-        *("run", "scenario_2", "--duration", "4", "--no-view"),
-        *("--imu", "waving:40", "--leds", f"notebook:{shown}"),
-        environment=installed,
+        *("run", "scenario_3", "--duration", "4", "--no-view"),
+        *("--imu", "waving:40", "--leds", f"notebook:{shown}", "--method", "eager", "--with", "witness"),
+        *("--set", f"witness.path={seen}", "--set", "selector.eager.dwell_s=0.2"),
+        environment=installed | {"POINTIT_STATE": str(state)},
     )
     ended = await run.end(60)
     assert ended.code == 0, ended.err
     strips, *frames, dark = shown.read_text().splitlines()
     assert (strips, dark) == ("2 strips", "dark")
     assert any(frame.startswith("255 ") for frame in frames), frames  # the cursor is white
+    assert seen.read_text().startswith("user1 ")
+    stored = state / "users/user1/plugins/selection_methods/eager/state.json"
+    assert json.loads(stored.read_text()) == {"dwell_s": 0.2}
 
 
 async def test_plugins_of_strangers_are_listed_with_what_is_wrong(
@@ -54,6 +65,7 @@ async def test_plugins_of_strangers_are_listed_with_what_is_wrong(
     ended = await commands.start_program("list", "plugins", environment=wide).end()
     assert ended.code == 0, ended.err
     assert "--imu waving:RATE_HZ" in ended.out
+    assert "--with witness" in ended.out
     assert "IMU source 'broken' of strangers-devices cannot be imported" in ended.out
     arguments = ("run", "scenario_2", "--imu", "broken")
     refused = await commands.start_program(*arguments, environment=installed).end()

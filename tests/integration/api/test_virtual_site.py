@@ -1,6 +1,7 @@
 """Whole sites in this process, in virtual time."""
 
 import threading
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -24,10 +25,11 @@ async def pointed(seed: int) -> list[tuple[int, float]]:
         return [(cursor.stamp_ns, cursor.position_m) async for cursor in site.cursors().during(3)]
 
 
-def test_the_same_seed_gives_the_same_run() -> None:
+def test_the_same_seed_gives_the_same_run(own_state: Path) -> None:
     first, again, other = (pointit.run_virtually(pointed(seed)) for seed in (1, 1, 2))
     assert first == again != other
     assert len(first) > 100
+    assert not own_state.exists()  # nothing is stored
 
 
 def test_a_script_sees_people_point_and_sends_requests() -> None:
@@ -47,6 +49,7 @@ def test_a_script_sees_people_point_and_sends_requests() -> None:
         assert {event.id for event in site.latest.selection.objects} <= {event.object_id for event in found}
         assert "deselected" in site.select.undo(found[-1].user).message
         assert site.select.method(dwell_s=0.5).dwell_s == 0.5
+        assert site.select.method(name="hold").method == "hold"
         assert site.latest.cursor["user1"].stamp_ns > began_ns
         with pytest.raises(NoMessageError, match="nothing came on users/nobody/cursor within 2 s"):
             _ = site.latest.cursor["nobody"]
@@ -113,7 +116,7 @@ def test_a_service_that_fails_is_named_to_who_waits(monkeypatch: pytest.MonkeyPa
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        ({"scenario": "scenario_9"}, "no scenario 'scenario_9'; there are"),
+        ({"scenario": "scenario_9"}, "no scenario 'scenario_9'"),
         ({"settings": {"selector.dwel_s": 1}}, "dwel_s"),
         ({"settings": {"nothing.at_all": 1}}, "'nothing' is no service"),
         ({"users": ["an na"]}, "use 1 to 64 letters"),

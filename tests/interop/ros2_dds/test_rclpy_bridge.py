@@ -26,7 +26,7 @@ async def test_routes_of_types_that_this_ros_has_work_and_the_others_are_named(
 ) -> None:
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     command = [f"{rclpy_python}", "-m", "pointit.bridges.ros2", "--connect", endpoint]
-    command += ["--backend.kind", "dds", "--backend.domain-id", f"{DOMAIN}"]
+    command += ["--backend.kind", "dds", "--backend.domain-id", f"{DOMAIN}", "--ros4hri", "true"]
     said = tmp_path / "bridge.stderr"
     theirs = Driven(rclpy_python, tmp_path, "rclpy_peer.py", "robot")
     bus = await ZenohBus.open(Link(listen=(endpoint,)), patience_s=5)
@@ -67,7 +67,18 @@ async def test_routes_of_types_that_this_ros_has_work_and_the_others_are_named(
         def warnings() -> tuple[str, ...]:
             return healths[-1].warnings if healths else ()
 
-        lacking = ("conveyor_msgs", "led_strip_msgs", "tf2_msgs")
+        person = "/humans/persons/user1"
+        for name, kind, is_latched, expected in (
+            ("anonymous", "std_msgs/msg/Bool", True, False),
+            ("body_id", "std_msgs/msg/String", True, "user1_body"),
+            ("location_confidence", "std_msgs/msg/Float32", False, 1.0),
+        ):
+            topic = f"{person}/{name}"
+            await theirs.do("listen", topic=topic, type=kind, latched=is_latched)
+            heard = await theirs.until("heard", bool, topic=topic)
+            assert heard[-1] == {"data": expected}
+
+        lacking = ("conveyor_msgs", "led_strip_msgs", "tf2_msgs", "install ros-jazzy-hri-msgs")
         await until(
             lambda: all(any(each in text for text in warnings()) for each in lacking),
             10,

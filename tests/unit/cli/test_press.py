@@ -3,6 +3,7 @@
 import pytest
 
 from pointit.api.press import press
+from pointit.runtime.clock import SiteClock
 from pointit.runtime.errors import NoAnswerError
 from pointit.schemas import ButtonEvent, Feedback, Interaction, UserPose
 from pointit.schemas.topics import BUTTON, FEEDBACK, INTERACTION, POSE, SERVICE_ALIVE
@@ -22,10 +23,10 @@ async def test_it_presses_and_returns_what_followed() -> None:
         bench.start(Supervisor, user=ANNA)
         put_pose(bench)
         await bench.settle()
-        assert (await press(bench.bus, bench.clock, ANNA, "press")).state == "pointing"
-        assert "set right" in (await press(bench.bus, bench.clock, ANNA, "double")).reason
+        assert (await press(bench.bus, SiteClock(bench.bus), ANNA, "press")).state == "pointing"
+        assert "set right" in (await press(bench.bus, SiteClock(bench.bus), ANNA, "double")).reason
         await bench.settle()  # there is no localizer that could: back to where they were
-        after = await press(bench.bus, bench.clock, ANNA, "press")
+        after = await press(bench.bus, SiteClock(bench.bus), ANNA, "press")
         assert (after.state, after.reason) == ("idle", "You stopped.")
         assert [(event.gesture, event.source) for event in buttons] == [
             ("press", "keyboard"),
@@ -38,13 +39,13 @@ async def test_what_changes_nothing_is_answered_too() -> None:
     async with memory_bench() as bench:
         bench.start(Supervisor, user=ANNA)
         await bench.settle()
-        first = await press(bench.bus, bench.clock, ANNA, "press")
+        first = await press(bench.bus, SiteClock(bench.bus), ANNA, "press")
         second = await press(
             bench.bus, bench.clock, ANNA, "press"
         )  # refused for the same reason: a cue, no news
         assert "not known" in first.reason
         assert first == second
-        assert (await press(bench.bus, bench.clock, ANNA, "double", patience_s=0.1)).state == "idle"
+        assert (await press(bench.bus, SiteClock(bench.bus), ANNA, "double", patience_s=0.1)).state == "idle"
 
 
 async def test_a_cue_of_pointing_past_is_no_answer() -> None:
@@ -54,24 +55,24 @@ async def test_a_cue_of_pointing_past_is_no_answer() -> None:
         past = Feedback(stamp_ns=2, cue="target", text="you point below", turn_rad=(0.0, 0.3))
         bench.bus.subscribe(BUTTON, lambda _event, _user: bench.put(FEEDBACK, past, ANNA))
         with pytest.raises(NoAnswerError, match="did not answer"):
-            await press(bench.bus, bench.clock, ANNA, "press", patience_s=0.2)
+            await press(bench.bus, SiteClock(bench.bus), ANNA, "press", patience_s=0.2)
 
 
 async def test_nobody_who_answers_is_one_sentence() -> None:
     async with memory_bench() as bench:
         with pytest.raises(NoAnswerError, match=r"anna has no supervisor: .* `pointit person add anna`"):
-            await press(bench.bus, bench.clock, ANNA, "press", patience_s=0.05)
+            await press(bench.bus, SiteClock(bench.bus), ANNA, "press", patience_s=0.05)
         bench.bus.announce(SERVICE_ALIVE, "supervisor.ben")
         with pytest.raises(NoAnswerError, match=r"anna has no supervisor: there is ben; add them with"):
-            await press(bench.bus, bench.clock, ANNA, "press", patience_s=0.05)
+            await press(bench.bus, SiteClock(bench.bus), ANNA, "press", patience_s=0.05)
 
 
 async def test_a_supervisor_that_hangs_is_one_sentence() -> None:
     async with memory_bench() as bench:
         bench.bus.announce(SERVICE_ALIVE, "supervisor.anna")
         with pytest.raises(NoAnswerError, match="present but says nothing"):
-            await press(bench.bus, bench.clock, ANNA, "press", patience_s=0.05)
+            await press(bench.bus, SiteClock(bench.bus), ANNA, "press", patience_s=0.05)
         interaction = Interaction(stamp_ns=1, state="idle", next_step="Press.", reason="")
         bench.put(INTERACTION, interaction, ANNA)
         with pytest.raises(NoAnswerError, match=r"supervisor\.anna did not answer within 0\.05 s"):
-            await press(bench.bus, bench.clock, ANNA, "press", patience_s=0.05)
+            await press(bench.bus, SiteClock(bench.bus), ANNA, "press", patience_s=0.05)

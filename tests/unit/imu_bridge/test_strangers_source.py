@@ -1,4 +1,4 @@
-"""An IMU source of another package that misbehaves: named, made anew, and refused what harms others."""
+"""An IMU source of another package that misbehaves: named, replaced, and refused what harms others."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -43,14 +43,14 @@ LABEL = "IMU source 'mortal' of strangers-parts"
 
 
 @pytest.fixture(autouse=True)
-def _installed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+def installed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     monkeypatch.setenv("POINTIT_STATE", str(tmp_path / "state"))
     entries = "mortal = strangers_sources:MORTAL\nunmade = strangers_sources:UNMADE"
     with strangers.installed(tmp_path, "strangers_sources", MODULE, imu_sources=entries):
         yield
 
 
-async def test_source_that_fails_is_named_made_anew_and_finds_what_it_stored(
+async def test_source_that_fails_is_named_and_replaced_by_one_that_finds_what_it_stored(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(plugin_guard, "FIRST_WAIT_S", 0.001)
@@ -70,7 +70,8 @@ async def test_source_that_cannot_be_made_stops_the_start_with_a_sentence() -> N
         launch = bench.start(ImuBridge, ImuBridgeConfig(source="unmade"), "anna")
         await until(launch.done)
         with pytest.raises(ConfigError, match=r"'unmade' of strangers-parts cannot be started \(ZeroDiv"):
-            await bench.end(launch) or launch.result()
+            launch.result()
+        await bench.end(launch)
 
 
 def test_flood_is_cut_to_what_the_site_can_take_and_reported_for_a_while() -> None:

@@ -108,7 +108,7 @@ lost = strangers_services:LOST [ble]
 
 
 @pytest.fixture(autouse=True)
-def _installed(tmp_path: Path) -> Iterator[None]:
+def _installed(tmp_path: Path) -> Iterator[None]:  # pyright: ignore[reportUnusedFunction]
     with strangers.installed(tmp_path, "strangers_services", MODULE, services=ENTRIES):
         yield
 

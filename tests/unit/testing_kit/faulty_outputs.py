@@ -131,7 +131,7 @@ class PlainConfig(Config, extra="allow"):
 
 
 def fault(
-    check: str, words: str, make: Any, *, config: type[Config] = OutputParameters, wait_s: float = 3.0
+    check: str, words: str, make: Any, *, config: type[Config] = OutputParameters, wait_s: float = 5.0
 ) -> Fault:
     """Return the template with another output."""
     return Fault(

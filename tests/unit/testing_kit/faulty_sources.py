@@ -190,9 +190,8 @@ class KeepsALineWithoutEnd(OwnLoop):
     async def read(self, reader: asyncio.StreamReader, deliver: Deliver) -> None:
         rest: bytes = b""
         while data := await reader.read(65536):
-            rest += data
-            while b"\n" in rest:
-                line, _, rest = rest.partition(b"\n")
+            *lines, rest = (rest + data).split(b"\n")
+            for line in lines:
                 self.take(line, deliver)
 
 
@@ -281,7 +280,7 @@ class Fault:
 
 
 def fault(
-    check: str, words: str, make: Any, *, config: type[Config] | None = None, wait_s: float = 3.0
+    check: str, words: str, make: Any, *, config: type[Config] | None = None, wait_s: float = 5.0
 ) -> Fault:
     """Return the template with another source, and without its check if there is another `config`."""
     plugin = replace(SOURCE, make=make)

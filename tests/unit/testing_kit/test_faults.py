@@ -6,12 +6,13 @@ from dataclasses import replace
 import pytest
 
 from pointit.testing import checks, run_checks
-from tests.unit.testing_kit import faulty_methods, faulty_outputs, faulty_sources
+from tests.unit.testing_kit import faulty_methods, faulty_outputs, faulty_services, faulty_sources
 
 FAULTS = {
     **{f"source_{name}": fault for name, fault in faulty_sources.FAULTS.items()},
     **{f"output_{name}": fault for name, fault in faulty_outputs.FAULTS.items()},
     **{f"method_{name}": fault for name, fault in faulty_methods.FAULTS.items()},
+    **{f"service_{name}": fault for name, fault in faulty_services.FAULTS.items()},
 }
 
 

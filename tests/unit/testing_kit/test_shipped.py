@@ -8,6 +8,7 @@ from pointit.testing.installed import installed_harness
 from pointit.testing.templates.imu_source import fake as imu_source
 from pointit.testing.templates.led_output import fake as led_output
 from pointit.testing.templates.selection_method import fake as selection_method
+from pointit.testing.templates.service import fake as service
 
 OURS = [
     pytest.param(installed_harness(name, group.get(name)), id=f"{kind} {name}")
@@ -17,7 +18,7 @@ OURS = [
 ]
 TEMPLATES = [
     pytest.param(fake.DEVICE, id=fake.__name__.split(".")[-2])
-    for fake in (imu_source, led_output, selection_method)
+    for fake in (imu_source, led_output, selection_method, service)
 ]
 
 

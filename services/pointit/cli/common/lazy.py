@@ -13,6 +13,10 @@ if TYPE_CHECKING:
     from click.shell_completion import CompletionItem
 
 
+COMPLETE = "_POINTIT_COMPLETE"
+"""Variable by which a shell asks for completion."""
+
+
 class UnknownNameError(click.ClickException):
     """The operator typed something that does not exist: one sentence, exit code 2."""
 
@@ -50,16 +54,24 @@ class LazyGroup(click.Group):
         self._entries = {entry.name: entry for part in self._parts.values() for entry in part}
         self._kind = kind
 
+    @property
+    def entries(self) -> Sequence[Entry]:
+        """Return the commands in the order of the table."""
+        return tuple(self._entries.values())
+
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Return the names in the order of the table."""
         del ctx
         return list(self._entries)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """Load and return the command, or None if there is no such name."""
-        del ctx
+        """Return the command, or None if there is no such name. For completion, it only has its options."""
         entry = self._entries.get(cmd_name) or self._entries.get(cmd_name.replace("_", "-"))
-        return None if entry is None else entry.load()
+        if entry is None or entry.actions or not ctx.resilient_parsing:
+            return None if entry is None else entry.load()
+        from pointit.cli.common.remembered_options import remembered  # noqa: PLC0415 - only in a completion
+
+        return remembered((*ctx.command_path.split()[1:], entry.name), entry.load)
 
     def resolve_command(
         self, ctx: click.Context, args: list[str]
@@ -90,13 +102,9 @@ class LazyGroup(click.Group):
 
     def shell_complete(self, ctx: click.Context, incomplete: str) -> "list[CompletionItem]":
         """Return the names that begin with `incomplete`, without loading any, and the options."""
-        from click.shell_completion import CompletionItem  # noqa: PLC0415 - only in a shell's completion
+        from pointit.cli.common.completed_names import beginning  # noqa: PLC0415 - only in a completion
 
-        names = [
-            CompletionItem(entry.name, help=entry.about)
-            for entry in self._entries.values()
-            if entry.name.startswith(incomplete)
-        ]
+        names = beginning(((entry.name, entry.about) for entry in self.entries), incomplete)
         return [*names, *click.Command.shell_complete(self, ctx, incomplete)]
 
 

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import click
 
+from pointit.cli.common.completed_names import maps
 from pointit.cli.common.option_types import Point, person_option
 from pointit.cli.common.output import json_option, print_json
 from pointit.maps.checks.check import check_map, contents
@@ -21,7 +22,7 @@ LONGEST = 1000
 
 
 @click.command("check")
-@click.argument("name_or_path", metavar="MAP")
+@click.argument("name_or_path", metavar="MAP", shell_complete=maps)
 @person_option
 @click.option("--strict", is_flag=True, help="exit with code 1 also for warnings")
 @json_option

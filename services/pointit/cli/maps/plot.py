@@ -5,6 +5,7 @@ from pathlib import Path
 
 import click
 
+from pointit.cli.common.completed_names import maps
 from pointit.cli.common.option_types import Point, person_option
 from pointit.maps.checks.check import contents
 from pointit.maps.file import map_path, read_whole_map
@@ -15,7 +16,7 @@ SUFFIXES = (".svg", ".png", ".pdf")
 
 
 @click.command("plot")
-@click.argument("name_or_path", metavar="MAP")
+@click.argument("name_or_path", metavar="MAP", shell_complete=maps)
 @click.option(
     "-o",
     "--output",

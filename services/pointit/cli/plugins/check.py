@@ -6,9 +6,10 @@ from dataclasses import dataclass
 
 import click
 
-from pointit.cli.common.lazy import UnknownNameError, nearest
+from pointit.cli.common.lazy import UnknownNameError
 from pointit.cli.common.output import json_option, print_json
 from pointit.plugins import GROUPS, ConfigError, Plugin
+from pointit.runtime.config.similar_names import nearest
 from pointit.testing import checks, run_checks
 from pointit.testing.check import CheckFailedError
 from pointit.testing.common import require_parameters

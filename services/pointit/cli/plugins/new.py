@@ -15,6 +15,7 @@ KINDS = {
     "imu-source": ("imu_source", "pointit.imu_sources", "SOURCE", "run --imu $name:HOST"),
     "led-output": ("led_output", "pointit.led_outputs", "OUTPUT", "run --leds $name:HOST"),
     "selection-method": ("selection_method", "pointit.selection_methods", "METHOD", "run --method $name"),
+    "service": ("service", "pointit.services", "SERVICE", "run --with $name"),
 }
 """Kinds of plug-ins: template, group of the entry point, name of the object, and command that uses it."""
 
@@ -35,8 +36,8 @@ NAME = re.compile(r"[a-z][a-z0-9]*([-_][a-z0-9]+)*\Z")
 def command(*, kind: str, name: str, folder: Path | None) -> None:
     """Write a package with a plug-in NAME of a KIND that works, its fake device, and tests that pass.
 
-    The example's device is reached by TCP. Change how it is connected and what it sends; the tests show what
-    does not hold any more.
+    A device of the example is reached by TCP. Change how it is connected and what it sends; the tests show
+    what does not hold any more.
 
     Example: pointit plugin new imu-source my-wrist
     """
@@ -86,6 +87,12 @@ def package(kind: str, name: str, module: str) -> dict[str, str]:
     }
     for file in ("__init__.py", "fake.py"):
         text = (sources / template / file).read_text(encoding="utf-8")
-        texts[f"src/{module}/{file}"] = text.replace(f"{TEMPLATES}.{template}", module)
+        for word, own in (
+            (f"{TEMPLATES}.{template}", module),
+            ("template-service", name),
+            ("template_service", module),
+        ):
+            text = text.replace(word, own)
+        texts[f"src/{module}/{file}"] = text
     texts[f"src/{module}/py.typed"] = ""
     return texts

@@ -7,6 +7,7 @@ from typing import Any
 
 import click
 
+from pointit.cli.common.completed_names import scenarios
 from pointit.cli.common.option_types import Finite
 from pointit.cli.common.panels import PanelCommand
 from pointit.cli.display.summary import check_writable
@@ -67,7 +68,7 @@ def _explain(context: click.Context, _parameter: click.Parameter, wanted: bool) 
 
 
 @click.command("run", cls=PanelCommand, panels=PANELS)
-@click.argument("scenario", default=USUAL)
+@click.argument("scenario", default=USUAL, shell_complete=scenarios)
 @click.option(
     "--list", is_flag=True, is_eager=True, expose_value=False, callback=_explain, help="explain the scenarios"
 )

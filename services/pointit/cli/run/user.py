@@ -6,6 +6,7 @@ from typing import Any
 
 import click
 
+from pointit.cli.common.completed_names import scenarios
 from pointit.cli.common.panels import PanelCommand
 from pointit.cli.run.execution import execute
 from pointit.cli.run.run_options import PERSON_PANELS, choices_of, joining, shared_options
@@ -25,7 +26,11 @@ from pointit.schemas.system import check_user
 @click.command("add", cls=PanelCommand, panels=PERSON_PANELS)
 @click.argument("name")
 @shared_options
-@click.option("--scenario", help=f"scenario with the parameters  [default: the one that runs, or {USUAL}]")
+@click.option(
+    "--scenario",
+    shell_complete=scenarios,
+    help=f"scenario with the parameters  [default: the one that runs, or {USUAL}]",
+)
 @click.option(
     "--place",
     type=click.IntRange(min=1),

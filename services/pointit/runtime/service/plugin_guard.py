@@ -81,7 +81,7 @@ class PluginGuard:
             log.error("%s failed at its end: %s", self.label, describe(error))
 
     def made(self, make: Callable[[], T]) -> T:
-        """Return what `make` of the plug-in returns.
+        """Return the result of `make` of the plug-in.
 
         Raises:
             ConfigError: If it raises anything else.

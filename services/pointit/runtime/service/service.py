@@ -92,7 +92,7 @@ class Service(ABC, Generic[C]):
         """
 
     def surroundings(self, kind: str, name: str, user: str = "") -> Surroundings:
-        """Return what its plug-in `name` of a `kind`, such as `imu_sources`, may use for `user`."""
+        """Return the surroundings of the plug-in `name` of a `kind`, such as `imu_sources`, for `user`."""
         user = user or self.user
         folder = plugin_folder(self.bus.site, user, kind, name)
         return Surroundings(clock=self.clock, health=self.bus, folder=folder, user=user)

@@ -73,6 +73,8 @@ class ImuBridge(Service[ImuBridgeConfig]):
         self._button_count = 0
         self._guard = guard_of(SOURCES, config.source, self.bus)
         self._check = ReadingCheck()
+        self._problem = ""
+        """Reported problem of its readings."""
         self._source: Source | None = self._guard.made(self._make_source)
         self._samples = self.bus.publisher(IMU, self.user)
         self._buttons = self.bus.publisher(BUTTON, self.user)
@@ -87,7 +89,7 @@ class ImuBridge(Service[ImuBridgeConfig]):
         SOURCES.get(config.source).check(config.section(config.source))
 
     async def run(self) -> None:
-        """Publish the readings of the source. It is made anew if it fails."""
+        """Publish the readings of the source. If it fails, a new one is made."""
         await self._guard.keep_running(self._run_source)
 
     async def _run_source(self) -> None:
@@ -107,7 +109,9 @@ class ImuBridge(Service[ImuBridgeConfig]):
             self._epoch.reconnected()
             return
         problem = self._check.problem(item, self.clock.now_ns())
-        self.bus.warn("readings", f"{self._guard.label} {problem}" if problem else "")
+        if problem != self._problem:
+            self._problem = problem
+            self.bus.warn("readings", f"{self._guard.label} {problem}" if problem else "")
         if self._check.is_refused:
             return
         is_held_back = self._has_page

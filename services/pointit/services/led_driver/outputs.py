@@ -105,7 +105,7 @@ OUTPUTS = PluginGroup("pointit.led_outputs", LedOutput, "LED output")
 
 
 class GuardedOutput:
-    """An output whose faults are reported and cost the others nothing. It is made anew if it fails."""
+    """An output whose faults are reported and cost the others nothing. If it fails, a new one is made."""
 
     def __init__(self, make: Callable[[], Output], guard: PluginGuard) -> None:
         """Make the output.

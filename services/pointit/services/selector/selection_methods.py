@@ -45,7 +45,7 @@ class Progress(NamedTuple):
 class PersonMethod(Protocol):
     """A method for one person. It decides from the stamps of the cursors.
 
-    It is made anew when it must forget everything, since the stamps went back or its parameters changed.
+    A new one is made when it must forget everything, since stamps went back or parameters changed.
     """
 
     @property

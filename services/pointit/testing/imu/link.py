@@ -9,7 +9,7 @@ from pointit.testing.check import CheckFailedError
 from pointit.testing.common import require_nothing_left, require_responsive
 from pointit.testing.imu.harness import ImuHarness, ImuTrial
 from pointit.testing.imu.suite import IMU_SUITE, connected, notices_loss, sends
-from pointit.testing.trial import Trial, require_quick_end
+from pointit.testing.trial import TRIES, Trial, require_quick_end
 
 ABSENT_S = 0.2
 SILENCE_S = 0.6
@@ -95,12 +95,15 @@ async def warns(harness: ImuHarness) -> None:
 async def silence(harness: ImuHarness) -> None:
     """See the promise."""
     async with connected(harness) as trial:
-        await asyncio.sleep(0.1)
-        began_s, cpu_s = time.monotonic(), time.process_time()
-        await asyncio.sleep(VIRTUAL_SILENCE_S if harness.virtual_time else SILENCE_S)
-        used = (time.process_time() - cpu_s) / max(time.monotonic() - began_s, 1e-3)
-        trial.require_running()
-        if used > MOST_CPU and not harness.virtual_time:
+        used = 0.0
+        for _ in range(TRIES):
+            began_s, cpu_s = time.monotonic(), time.process_time()
+            await asyncio.sleep(VIRTUAL_SILENCE_S if harness.virtual_time else SILENCE_S)
+            used = (time.process_time() - cpu_s) / max(time.monotonic() - began_s, 1e-3)
+            trial.require_running()
+            if used <= MOST_CPU or harness.virtual_time:
+                break
+        else:
             raise CheckFailedError(f"while nothing arrived it used {used:.0%} of a processor core")
         if sends(harness):
             await trial.hear("after a silence, no reading was delivered")

@@ -23,7 +23,7 @@ NOT_UNIT: tuple[Quaternion, ...] = (
     (1e20, 1e20, 1e20, 1e20),
 )
 BURST = 3000
-FLOOD_BYTES = 4_000_000
+FLOOD_BYTES = 1_500_000
 PIECE_BYTES = 8192
 SETTLE_S = 0.1
 """Time for the source to read what has been sent, s."""

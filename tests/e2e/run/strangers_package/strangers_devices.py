@@ -1,25 +1,38 @@
-"""A wrist that waves and a light that writes a file, as a package outside PointIt would have them."""
+"""A wrist, a light, a selection method and a service, as a package outside PointIt would have them."""
 
 import asyncio
 import math
 from collections.abc import Sequence
 from pathlib import Path
+from typing import ClassVar
 
-from pydantic import Field
+from pydantic import BaseModel, Field
 
 from pointit.plugins import (
     NS_PER_S,
     Config,
+    Context,
+    Cursor,
     Deliver,
+    Delivery,
     ImuSource,
     LedOutput,
+    Message,
+    MethodConfig,
     OutputConfig,
+    Pointing,
+    Progress,
     Reading,
+    SelectionMethod,
+    Service,
+    ServicePlugin,
     Strip,
     StripsFrame,
     Surroundings,
+    Topic,
     rotation,
     sleep,
+    topics,
 )
 
 
@@ -78,6 +91,77 @@ class Notebook:
             file.write(f"{line}\n")
 
 
+class Chosen(BaseModel):
+    """Stored by the method for each person."""
+
+    dwell_s: float
+
+
+class Eager:
+    """A method that selects at first sight."""
+
+    def __init__(self, config: MethodConfig, surroundings: Surroundings) -> None:
+        surroundings.kept(Chosen).write(Chosen(dwell_s=config.dwell_s))
+        self.latched: set[str] = set()
+
+    def step(self, pointing: Pointing) -> Progress:
+        """Select what is under the cursor, once."""
+        under = pointing.under
+        if under is None or under in self.latched or not pointing.acts(under):
+            return Progress(under)
+        self.latch(under)
+        return Progress(under, fired=under)
+
+    def latch(self, object_id: str) -> None:
+        """Ignore it from now on."""
+        self.latched.add(object_id)
+
+
+class Witnessed(Message):
+    """Number of cursors of a person."""
+
+    cursors: int = 0
+
+
+WITNESSED = Topic(
+    key="witnessed/{user}",
+    message=Witnessed,
+    delivery=Delivery.STATE,
+    rate_hz=None,
+    writers=("witness",),
+    about="number of cursors",
+)
+
+
+class WitnessConfig(Config):
+    """Parameters of the service."""
+
+    path: str = Field(default="", description="file that gets the number of cursors of each report")
+
+
+class Witness(Service[WitnessConfig]):
+    """Counts cursors and reads its own reports."""
+
+    NAME: ClassVar[str] = "witness"
+    SCOPE: ClassVar = "site"
+    CONFIG = WitnessConfig
+
+    def __init__(self, config: WitnessConfig, context: Context) -> None:
+        super().__init__(config, context)
+        self._count = 0
+        self._reports = self.bus.publisher(WITNESSED, "user1")
+        self.bus.subscribe(WITNESSED, self._on_report)
+        self.bus.subscribe(topics.CURSOR, self._on_cursor)
+
+    def _on_cursor(self, cursor: Cursor, _user: str) -> None:
+        self._count += 1
+        self._reports.put(Witnessed(stamp_ns=cursor.stamp_ns, cursors=self._count))
+
+    def _on_report(self, report: Witnessed, user: str) -> None:
+        with Path(self.config.path).open("a") as file:
+            file.write(f"{user} {report.cursors}\n")
+
+
 WAVING = ImuSource(
     summary="an arm that waves",
     config=WavingConfig,
@@ -89,4 +173,12 @@ NOTEBOOK = LedOutput(
     config=NotebookConfig,
     make=Notebook,
     argument="path",
+)
+EAGER = SelectionMethod(summary="selects at first sight", config=MethodConfig, make=Eager)
+WITNESS = ServicePlugin(
+    summary="counts cursors",
+    config=WitnessConfig,
+    make=Witness,
+    reads=(topics.CURSOR, WITNESSED),
+    writes=(WITNESSED,),
 )

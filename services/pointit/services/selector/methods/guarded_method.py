@@ -1,12 +1,9 @@
-"""A person's selection method whose faults stay with it: it is left out for a while, then made anew."""
+"""A person's selection method whose faults stay with it: it is left out for a while, then replaced."""
 
 from collections.abc import Callable, Collection
-from typing import TypeVar
 
 from pointit.schemas import NS_PER_S
 from pointit.services.selector.selection_methods import PersonMethod, Pointing, Progress
-
-T = TypeVar("T")
 
 FIRST_WAIT_NS = NS_PER_S
 """Time for which it is left out after its first failure, ns. It doubles with each further one."""
@@ -31,14 +28,26 @@ class GuardedMethod:
     @property
     def latched(self) -> Collection[str]:
         """Return the objects that fired and were not left since."""
-        return self._latched if self._method is None else self._call(lambda method: method.latched, ())
+        if self._method is None:
+            return self._latched
+        try:
+            return self._method.latched
+        except Exception as error:  # noqa: BLE001 - code of others, which may raise anything
+            self._on_failure(error)
+            return ()
 
     def step(self, pointing: Pointing) -> Progress:
         """Return the method's result, or that of an object without progress while it is left out."""
         self._now_ns = pointing.cursor.stamp_ns
         if self._method is None and self._now_ns < self._retry_ns:
             return Progress(pointing.under)
-        result = self._call(lambda method: _checked(method.step(pointing)), Progress(pointing.under))
+        try:
+            result = (self._method or self._made()).step(pointing)
+            if not 0.0 <= result.progress <= 1.0:
+                raise ValueError(f"progress {result.progress}, expected 0 to 1")  # noqa: TRY301 - as if it did
+        except Exception as error:  # noqa: BLE001 - code of others, which may raise anything
+            self._on_failure(error)
+            return Progress(pointing.under)
         if self._failures and self._now_ns - self._retry_ns > MAX_WAIT_NS:
             self._failures, self.fault = 0, ""
         return result
@@ -47,26 +56,21 @@ class GuardedMethod:
         """Ignore `object_id` until it is left."""
         if self._method is None:
             self._latched = {*self._latched, object_id}
-        else:
-            self._call(lambda method: method.latch(object_id), None)
-
-    def _call(self, function: Callable[[PersonMethod], T], otherwise: T) -> T:
+            return
         try:
-            if self._method is None:
-                self._method = self._make()
-                for object_id in self._latched:
-                    self._method.latch(object_id)
-            return function(self._method)
+            self._method.latch(object_id)
         except Exception as error:  # noqa: BLE001 - code of others, which may raise anything
-            wait_ns = min(FIRST_WAIT_NS * 2 ** min(self._failures, 10), MAX_WAIT_NS)
-            self._failures += 1
-            self._method, self._latched, self._retry_ns = None, (), self._now_ns + wait_ns
-            times = f", {self._failures} times now" if self._failures > 1 else ""
-            self.fault = f"{type(error).__name__}: {error}".partition("\n")[0][:200] + times
-            return otherwise
+            self._on_failure(error)
 
+    def _made(self) -> PersonMethod:
+        self._method = method = self._make()
+        for object_id in self._latched:
+            method.latch(object_id)
+        return method
 
-def _checked(result: Progress) -> Progress:
-    if not 0.0 <= result.progress <= 1.0:
-        raise ValueError(f"progress {result.progress}, expected 0 to 1")
-    return result
+    def _on_failure(self, error: Exception) -> None:
+        wait_ns = min(FIRST_WAIT_NS * 2 ** min(self._failures, 10), MAX_WAIT_NS)
+        self._failures += 1
+        self._method, self._latched, self._retry_ns = None, (), self._now_ns + wait_ns
+        times = f", {self._failures} times now" if self._failures > 1 else ""
+        self.fault = f"{type(error).__name__}: {error}".partition("\n")[0][:200] + times

@@ -10,7 +10,7 @@ from pointit.plugins import ConfigError, LedOutput, OutputConfig, Strip, StripsF
 
 RETRY_S = 0.5
 CONNECT_S = 3.0
-KEEP_ALIVE_S = 1.0
+KEEP_ALIVE_S = 0.5
 DARK_S = 0.5
 
 

@@ -1,0 +1,18 @@
+"""Harness of the service, for tests and `pointit plugin check`: what it hears, and what it must do."""
+
+from pointit.plugins import SelectionEvent, topics
+from pointit.testing import ServiceHarness, ServiceTrial
+from pointit.testing.templates.service import COUNT, SERVICE, Count
+
+EVENT = SelectionEvent(stamp_ns=1, seq=1, event="selected", object_id="package-1", user="anna")
+
+
+async def counts(trial: ServiceTrial) -> None:
+    """Check that a selection is counted."""
+    heard: list[Count] = []
+    trial.bus.subscribe(COUNT, lambda count, _name: heard.append(count))
+    trial.bus.publisher(topics.SELECTION_EVENTS).put(EVENT)
+    await trial.until(lambda: bool(heard) and heard[-1].selected == 1, "a selection was not counted")
+
+
+DEVICE = ServiceHarness(plugin=SERVICE, messages=((topics.SELECTION_EVENTS, EVENT),), works=counts)

@@ -1,0 +1,157 @@
+"""Completion in a shell: names, options, what it loads, and its installation."""
+
+import os
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import click
+import pytest
+from click.shell_completion import ShellComplete
+from click.testing import CliRunner
+
+from pointit.cli.common.lazy import COMPLETE
+from pointit.cli.main import command
+from pointit.launch.plan.scenario import scenario_names
+from pointit.maps.file import shipped_maps
+from pointit.services.registry import PROCESSES
+
+
+@pytest.fixture(autouse=True)
+def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    for variable in ("XDG_CACHE_HOME", "XDG_CONFIG_HOME", "XDG_DATA_HOME", "ZDOTDIR"):
+        monkeypatch.delenv(variable, raising=False)
+    monkeypatch.setenv("HOME", str(tmp_path))
+    return tmp_path
+
+
+def completed(words: str) -> list[str]:
+    """Return the completions of the last of `words`, which may be empty."""
+    *before, last = words.split(" ")
+    found = ShellComplete(command, {}, "pointit", COMPLETE).get_completions(before, last)
+    return [each.value for each in found if each.type == "plain"]
+
+
+def parameters(*words: str) -> Sequence[click.Parameter]:
+    found: click.Command | None = command
+    with click.Context(command) as context:
+        for word in words:
+            assert isinstance(found, click.Group)
+            found = found.get_command(context, word)
+    assert found is not None
+    return found.params
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        ("do", ["doctor"]),
+        ("topic ", ["list", "echo", "hz", "schema"]),
+        ("person calibrate m", ["mounting"]),
+        ("run sc", [name for name in scenario_names() if name.startswith("sc")]),
+        ("person add anna --scenario ", scenario_names()),
+        ("map check ", list(shipped_maps())),
+        ("service run ", [row.name for row in PROCESSES]),
+        ("run --users 2 --method g", ["gauge"]),
+        ("service run pui --toler", ["--tolerance-deg", "--tolerance-m"]),
+        ("echo --coun", ["--count"]),  # the old spelling of `topic echo`
+    ],
+)
+def test_names_and_options_are_completed(words: str, expected: list[str]) -> None:
+    assert completed(words) == expected
+    assert completed(words) == expected  # as remembered
+
+
+@pytest.mark.parametrize("words", ["run", "person add", "service run led-driver", "topic hz"])
+def test_remembered_options_are_those_of_the_command(words: str) -> None:
+    options = {
+        name
+        for one in parameters(*words.split())
+        if isinstance(one, click.Option) and not one.hidden
+        for name in one.opts
+        if name.startswith("--")
+    }
+    for _ in range(2):
+        assert set(completed(f"{words} --")) - {"--help"} == options
+
+
+def test_a_damaged_memory_is_replaced_and_a_full_disk_is_no_error(
+    home: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert completed("topic hz --al") == ["--all"]
+    (path,) = (home / ".cache/pointit/completion").iterdir()
+    whole = path.read_text()
+    path.write_text(whole[:40])
+    assert completed("topic hz --al") == ["--all"]
+    assert path.read_text() == whole
+    monkeypatch.setenv("HOME", "/dev/null")
+    assert completed("topic hz --al") == ["--all"]
+
+
+@pytest.mark.parametrize("words", ["pointit service run pui --", "pointit run ", "pointit "])
+def test_the_shell_gets_what_it_asks_for_without_heavy_modules(words: str) -> None:
+    script = (
+        "import atexit, sys; sys.argv = ['pointit']\n"
+        "atexit.register(lambda: print(*sys.modules, file=sys.stderr))\n"
+        "from pointit.cli.__main__ import begin; begin()"
+    )
+    completed(words.removeprefix("pointit "))  # remembers it
+    variables = {COMPLETE: "bash_complete", "COMP_WORDS": words, "COMP_CWORD": str(len(words.split(" ")) - 1)}
+    done = subprocess.run(
+        [sys.executable, "-c", script],
+        env={**os.environ, **variables},
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=60,
+    )
+    assert done.returncode == 0
+    assert any(line.startswith("plain,") for line in done.stdout.splitlines())
+    assert not set(done.stderr.split()) & {"zenoh", "pydantic", "numpy", "rich", "yaml"}
+
+
+@pytest.mark.parametrize(
+    ("shell", "script", "start"),
+    [
+        ("bash", ".local/share/pointit/completion.bash", ".bashrc"),
+        ("zsh", ".local/share/pointit/completion.zsh", ".zshrc"),
+        ("fish", ".config/fish/completions/pointit.fish", None),
+    ],
+)
+def test_it_is_installed_once(home: Path, shell: str, script: str, start: str | None) -> None:
+    if start is not None:
+        (home / start).write_text("alias l=ls\n")
+    for _ in range(2):
+        result = CliRunner().invoke(command, ["completion"], env={"SHELL": f"/usr/bin/{shell}"})
+        assert result.exit_code == 0, result.output
+        assert str(home / script) in result.output
+    assert COMPLETE in (home / script).read_text()
+    if start is not None:
+        text = (home / start).read_text()
+        assert text == f'alias l=ls\n\n# completion of pointit\nsource "{home / script}"\n'
+
+
+def test_bash_completes_with_the_installed_line(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    CliRunner().invoke(command, ["completion", "bash"])
+    program = home / "bin" / "pointit"
+    program.parent.mkdir()
+    program.write_text(f'#!/bin/sh\nexec "{sys.executable}" -m pointit.cli "$@"\n')
+    program.chmod(0o755)
+    monkeypatch.setenv("PATH", str(program.parent), prepend=os.pathsep)
+    script = "source ~/.bashrc; COMP_WORDS=('pointit' topic e) COMP_CWORD=2; _pointit_completion 'pointit'"
+    done = subprocess.run(
+        ["/bin/bash", "-c", f"{script}; echo ${{COMPREPLY[@]}}"],
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=60,
+    )
+    assert (done.stdout, done.stderr) == ("echo\n", "")
+
+
+def test_the_script_can_be_printed_and_other_shells_are_refused(home: Path) -> None:
+    assert COMPLETE in CliRunner().invoke(command, ["completion", "zsh", "--print"]).output
+    error = CliRunner().invoke(command, ["completion"], env={"SHELL": "/bin/tcsh"}).exception
+    assert str(error) == "SHELL: tcsh is not supported; name one of bash, zsh, fish"
+    assert list(home.iterdir()) == []

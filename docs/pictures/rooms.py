@@ -9,7 +9,7 @@ from xml.sax.saxutils import escape
 
 import grimp
 
-import pointit  # noqa: F401 - with it loaded, all its three folders are seen
+import pointit  # noqa: F401 # pyright: ignore[reportUnusedImport] - loads all its three folders
 
 ROOT = Path(__file__).resolve().parents[2]
 WIDTH, HEIGHT = 1270, 898

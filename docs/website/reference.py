@@ -1,5 +1,6 @@
 """Pages of the reference, generated from the code whenever the site is built."""
 
+import typing
 from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
@@ -95,7 +96,7 @@ def _models(annotation: Any) -> Iterator[type[BaseModel]]:
     """Yield the models in a type."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         yield annotation
-    for inner in getattr(annotation, "__args__", ()):
+    for inner in typing.get_args(annotation):
         yield from _models(inner)
 
 
@@ -111,9 +112,9 @@ def _type(shape: dict[str, Any]) -> str:
     if "const" in shape:
         return f"`{shape['const']}`"
     if shape.get("type") == "array":
-        inner = shape.get("items") or (shape.get("prefixItems") or [{}])[0]
+        items: list[dict[str, Any]] = [shape["items"]] if "items" in shape else shape["prefixItems"]
         count = shape.get("maxItems") if shape.get("maxItems") == shape.get("minItems") else None
-        return f"{_type(inner)}\\[{'' if count is None else count}\\]"
+        return f"{_type(items[0])}\\[{'' if count is None else count}\\]"
     if shape.get("type") == "object" and isinstance(shape.get("additionalProperties"), dict):
         return f"mapping to {_type(shape['additionalProperties'])}"
     return str(shape.get("type", "any"))
@@ -153,7 +154,7 @@ def scenarios() -> Iterator[str]:
         yield f"Services: {services}."
     yield "## Maps"
     yield "`--set pui.map=NAME` uses one, or the path of [a file of your own](maps.md)."
-    rows = []
+    rows: list[tuple[str, ...]] = []
     for name in shipped_maps():
         room = load_map(name, 0)
         pixels = sum(strip.pixels for strip in room.strips)
@@ -170,12 +171,10 @@ def scenarios() -> Iterator[str]:
 
 def api() -> Iterator[str]:
     """Yield the public names of the package, which mkdocstrings documents."""
-    yield "# API"
+    yield "# Names of the API"
     yield (
-        "`import pointit` gives Python programs a running site, or starts one. [The tutorial]"
-        "(../tutorial/index.md#2-a-lamp-of-your-own-reacts) begins with it, "
-        "[the examples](../how-to/examples.md) go on. "
-        "What sites send are the classes of [messages](messages.md), `pointit.schemas`."
+        "Every public name of `import pointit`. [Python API](api.md) says how to use them; what sites "
+        "send are the classes of [messages](messages.md), `pointit.schemas`."
     )
     for name in dir(pointit):
         public = getattr(pointit, name)
@@ -241,7 +240,7 @@ def _paragraph(docstring: str | None) -> str:
 
 
 PAGES: dict[str, Callable[[], Iterator[str]]] = {
-    "reference/api.md": api,
+    "reference/api-names.md": api,
     "reference/parameters.md": parameters,
     "reference/messages.md": messages,
     "reference/commands.md": commands,

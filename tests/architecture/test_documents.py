@@ -30,11 +30,12 @@ TOP = (
     "requirements/",
 )
 GENERATED = {ROOT / "docs" / page for page in PAGES}
-MADE_BY_READERS = {"deploy/.env"}
+MADE_BY_READERS = {"deploy/.env", "fake.py", "src/my_wrist/__init__.py", "src/my_wrist/fake.py"}
 MODULES = (
     *all_modules(),
     *(ROOT / "examples").rglob("*.py"),
     *(ROOT / "docs").rglob("*.py"),
+    *(ROOT / "examples").rglob("*.py"),
     *(ROOT / "bridges/pointit/bridges/web/client/src").rglob("*.ts"),
 )
 documents = pytest.mark.parametrize(

@@ -27,6 +27,7 @@ GENERATED = {"__pycache__", "node_modules", "static"}
 EXEMPT = (
     "schemas/catalogue/messages/",  # versions of messages are kept as they were
     "tests/unit/cli/test_old_spellings.py",
+    "tests/unit/launch/test_strangers_service.py",  # a service of another package
     "tests/architecture/test_command_spellings.py",
 )
 

@@ -53,6 +53,8 @@ class RootGroup(LazyGroup):
         """Run the command; error messages are wrapped to the terminal's width, if there is one."""
         try:
             return super().invoke(ctx)
+        except (click.exceptions.Exit, click.exceptions.Abort):  # help, or Ctrl-C
+            raise
         except click.ClickException as error:
             text = wrap_message(error.format_message())
             vars(error)["format_message"] = lambda: text

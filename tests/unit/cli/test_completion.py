@@ -53,7 +53,7 @@ def parameters(*words: str) -> Sequence[click.Parameter]:
         ("person add anna --scenario ", scenario_names()),
         ("map check ", list(shipped_maps())),
         ("service run ", [row.name for row in PROCESSES]),
-        ("run --users 2 --method g", ["gauge"]),
+        ("run --users 2 --hand r", ["right"]),
         ("service run pui --toler", ["--tolerance-deg", "--tolerance-m"]),
         ("echo --coun", ["--count"]),  # the old spelling of `topic echo`
     ],

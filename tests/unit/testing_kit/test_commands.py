@@ -78,8 +78,6 @@ def test_plugin_without_a_fake_device_is_told_how_to_get_one(
     ("kind", "some"),
     [
         ("imu-source", "delivers or parameters"),
-        ("led-output", "shows or parameters"),
-        ("selection-method", "selects or parameters"),
         ("service", "works or parameters"),
     ],
 )

@@ -49,6 +49,9 @@ class Shell:
         Raises:
             BlockError: If it fails, or prints something other than the page shows.
         """
+        for terminal in self._terminals.values():
+            if terminal.block.terminal != block.terminal:
+                await self._check_running(terminal)
         self._count += 1
         code, output = (self._folder / f"{self._count}.{kind}" for kind in ("sh", "out"))
         code.write_text(block.code, encoding="utf-8")
@@ -89,9 +92,12 @@ class Shell:
         self._terminals[block.terminal] = Terminal(block=block, process=int(process), output=output)
         async with asyncio.timeout(PATIENCE_S):
             while not (printed := _read(output)) or (block.output and difference(block.output, printed)):
-                if await self._say(f"kill -0 {process} 2>&- || printf ended", block):
-                    raise BlockError(f"{block.place}: ended and printed\n{_read(output)}")
+                await self._check_running(self._terminals[block.terminal])
                 await asyncio.sleep(0.05)
+
+    async def _check_running(self, terminal: Terminal) -> None:
+        if await self._say(f"kill -0 {terminal.process} 2>&- || printf ended", terminal.block):
+            raise BlockError(f"{terminal.block.place}: ended and printed\n{_read(terminal.output)}")
 
     async def _stop(self, name: str) -> None:
         terminal = self._terminals.pop(name)

@@ -26,6 +26,10 @@ async def follow(text: str, folder: Path) -> None:
             "```sh terminal 1\ntrap 'exit 4' INT; echo begun; while sleep 0.01; do :; done\n```",
             "ended with 4",
         ),
+        (
+            "```sh terminal 1\necho begun\n```\n\n```sh\nsleep .2\n```\n\n```sh\ntrue\n```",
+            "ended and printed\nbegun",
+        ),
         ("```python\nraise SystemExit(2)\n```", "failed"),
         ("```sh\nexit 0\n```", "ended the shell"),
     ],

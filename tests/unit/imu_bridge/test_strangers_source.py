@@ -10,8 +10,7 @@ from pointit.runtime.service import plugin_guard
 from pointit.schemas import NS_PER_S
 from pointit.schemas.topics import HEALTH, IMU
 from pointit.services.imu_bridge.config import ImuBridgeConfig
-from pointit.services.imu_bridge.reading import Press, Reading
-from pointit.services.imu_bridge.reading_check import MAX_ITEMS_PER_S, SHOWN_NS, ReadingCheck
+from pointit.services.imu_bridge.reading import MAX_ITEMS_PER_S, SHOWN_NS, Press, Reading, ReadingCheck
 from pointit.services.imu_bridge.service import ImuBridge
 from tests.support import strangers
 from tests.support.bench import memory_bench, until

@@ -27,8 +27,7 @@ from pointit.services.imu_bridge.arm_frame import ArmFrame
 from pointit.services.imu_bridge.config import ImuBridgeConfig
 from pointit.services.imu_bridge.page_health import DEVICE_NAMES, figures, warnings
 from pointit.services.imu_bridge.page_wrist import PageWrist
-from pointit.services.imu_bridge.reading import Item, Press, Reading, Reconnected, Source
-from pointit.services.imu_bridge.reading_check import ReadingCheck
+from pointit.services.imu_bridge.reading import Item, Press, Reading, ReadingCheck, Reconnected, Source
 from pointit.services.imu_bridge.sources import SOURCES
 from pointit.services.imu_bridge.stored_mounting import PURPOSE, MountingSelection, StoredMountings
 from pointit.services.imu_bridge.yaw_epoch import YawEpoch

@@ -2,6 +2,7 @@
 
 import asyncio
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,7 @@ from pointit.runtime.clock import WallClock
 from pointit.runtime.config.config import Config
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.service import plugin_guard
-from pointit.runtime.service.service import Launch, Service, run_services
+from pointit.runtime.service.service import Launch, Service, check_launches, run_services
 from pointit.schemas import SelectionEvent
 from pointit.schemas.topics import (
     HEALTH,
@@ -56,7 +57,7 @@ class ResetReply(Reply):
     pass
 
 class CounterConfig(Config):
-    start: int = Field(default=0, description="first number")
+    start: int = Field(default=0, ge=-1, description="first number; -1: it cannot check it")
     lives: int = Field(default=0, description="number of events after which it fails; 0: never")
 
 def topic(key, *writers):
@@ -83,12 +84,21 @@ class Counter(Service[CounterConfig]):
         if self.count == self.config.lives:
             self.failed.set()
 
+    @classmethod
+    def validate_config(cls, config):
+        if config.start < 0:
+            raise LookupError("no such number")
+
     async def reset(self, query, name):
         self.count = 0
         return ResetReply()
 
     async def run(self):
         await self.failed.wait()
+        if self.config.start:
+            once = self.bus.publisher(COUNTS, "once")
+            once.close()
+            once.put(Count(stamp_ns=1))
         raise ValueError("it has lived long enough")
 
 COUNTER = ServicePlugin(
@@ -258,6 +268,35 @@ def test_its_rows_are_in_the_tables_and_give_it_its_rights() -> None:
     uses = {row["use"]: row["about"] for row in plugins().rows}
     assert uses["--with counter"] == "counts selections"
     assert "cannot be imported" in uses["--with lost"]
+
+
+def test_service_that_raises_in_its_check_is_refused_in_one_sentence() -> None:
+    launch = replace(counter(), config=registry.process("counter").config()(start=-1))
+    with pytest.raises(ConfigError, match=r"counter: service 'counter' .*\(LookupError: no such number\)"):
+        check_launches([launch])
+
+
+async def test_service_that_uses_a_publisher_it_closed_ends_nothing_else(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(plugin_guard, "FIRST_WAIT_S", 0.001)
+    bus = MemoryBus(LocalBroker())
+    warnings: list[str] = []
+    bus.subscribe(HEALTH, lambda health, _name: warnings.extend(health.warnings), "counter")
+    launch = replace(counter(), config=registry.process("counter").config()(start=1, lives=2))
+    events = bus.publisher(SELECTION_EVENTS)
+    work = asyncio.create_task(run_services([launch], bus, WallClock()))
+
+    def select(_round: Any = None) -> bool:
+        events.put(SelectionEvent(stamp_ns=1, event="selected", object_id="a", user="anna"))
+        return bool(warnings) or work.done()
+
+    await until(select, what="its warning")
+    assert not work.done()
+    assert "failed (BusClosedError: " in warnings[0]
+    await bus.close()
+    await asyncio.wait({work})
+    assert not work.cancelled()
 
 
 async def test_service_that_fails_is_named_and_restarted_and_ends_nothing_else(

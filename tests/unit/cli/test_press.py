@@ -41,8 +41,8 @@ async def test_what_changes_nothing_is_answered_too() -> None:
         await bench.settle()
         first = await press(bench.bus, SiteClock(bench.bus), ANNA, "press")
         second = await press(
-            bench.bus, bench.clock, ANNA, "press"
-        )  # refused for the same reason: a cue, no news
+            bench.bus, SiteClock(bench.bus), ANNA, "press"
+        )  # for the same reason: only a cue
         assert "not known" in first.reason
         assert first == second
         assert (await press(bench.bus, SiteClock(bench.bus), ANNA, "double", patience_s=0.1)).state == "idle"

@@ -122,10 +122,17 @@ def run(
         localize=localize,
         imu=imu,
         leds=leds,
-        settings=[f"{name}={json.dumps(value)}" for name, value in (settings or {}).items()],
+        settings=[_setting(name, value) for name, value in (settings or {}).items()],
     )
     plan = _Plan(scenario=str(scenario), users=users, choices=choices, listen=listen)
     return Run(plan, virtual=virtual)
+
+
+def _setting(name: str, value: object) -> str:
+    try:
+        return f"{name}={json.dumps(value)}"
+    except (TypeError, ValueError) as error:
+        raise ConfigError(f"settings: {name} cannot be {value!r}: {error}") from error
 
 
 @contextlib.asynccontextmanager

@@ -74,16 +74,22 @@ R = TypeVar("R", bound=Reply)
 class _Present:
     """The names that are present, and those who follow them."""
 
-    def __init__(self, names: set[str]) -> None:
-        self.names = frozenset(names)
+    def __init__(self) -> None:
+        self.names = frozenset[str]()
+        self._gone = set[str]()
         self.inboxes = weakref.WeakSet[Inbox[frozenset[str]]]()
 
     def on_change(self, name: str, is_there: bool) -> None:  # noqa: FBT001 - the bus's signature
+        (self._gone.discard if is_there else self._gone.add)(name)
         names = self.names | {name} if is_there else self.names - {name}
         if names != self.names:
             self.names = names
             for inbox in self.inboxes:
                 inbox.put(names, "")
+
+    def merge(self, listed: set[str]) -> None:
+        """Add who was listed while changes already came, except those who left meanwhile."""
+        self.names |= listed - self._gone
 
 
 class Site:
@@ -98,7 +104,7 @@ class Site:
         self._bus = bus
         self._clock = clock
         self._inboxes = weakref.WeakSet[Inbox[Any]]()
-        self._trackers: list[Tracker] = []
+        self._trackers = set[Tracker]()
         self._failure: Exception | None = None
         self._is_closed = False
         self._present: dict[str, _Present] = {}
@@ -124,8 +130,9 @@ class Site:
         site = cls(bus, clock, portal)
         try:
             for presence in (USER_ALIVE, SERVICE_ALIVE):
-                found = site._present[presence.key] = _Present(await bus.list_present(presence))
+                found = site._present[presence.key] = _Present()
                 site._watches.append(bus.watch(presence, found.on_change))
+                found.merge(await bus.list_present(presence))
             yield site
         finally:
             site._close()
@@ -189,6 +196,8 @@ class Site:
 
     def messages(self, topic: Topic[M], name: str | None = None) -> Feed[M]:
         """Return an iterator over the messages of any row of the topic table, or of a plug-in's own."""
+        if name is not None:
+            topic.at(name)
         return self._feed(topic, (ANY if topic.placeholder else "") if name is None else name, None)
 
     async def call(
@@ -207,8 +216,8 @@ class Site:
     def tracker(self, name: str) -> Tracker:
         """Return the tracker `name`, which publishes objects."""
         self._check_open()
-        tracker = Tracker(self._bus, name, self._clock.now_ns)
-        self._trackers.append(tracker)
+        tracker = Tracker(self._bus, name, self._clock.now_ns, self._trackers.discard)
+        self._trackers.add(tracker)
         if self._bus.is_restricted:
             self._bus.spawn(self._check_writing(tracker, name), f"access to {OBJECTS.key}")
         return tracker
@@ -238,7 +247,7 @@ class Site:
 
     def _close(self) -> None:
         """End all iterators and trackers."""
-        for tracker in self._trackers:
+        for tracker in list(self._trackers):
             if not self._bus.is_closed:
                 tracker.close()
         self._is_closed = True

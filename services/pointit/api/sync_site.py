@@ -43,7 +43,7 @@ from pointit.schemas import (
     TrackedObjects,
     UserPose,
 )
-from pointit.schemas.topics import LAMP_COLOR, Request, Topic
+from pointit.schemas.topics import LAMP_COLOR, Request, Topic, check_name
 
 M = TypeVar("M", bound=Message)
 Q = TypeVar("Q", bound=Query)
@@ -108,10 +108,12 @@ class SyncTracker:
             stamp_ns: time of capture, Unix ns. None: now, by the site's clock.
 
         Raises:
+            SchemaError: If an object is wrong.
             BusClosedError: If the tracker or the site is closed.
             AccessDeniedError: If this identity may not write them, which is known after some seconds.
         """
-        self._portal.do(lambda: self._tracker.update(objects, stamp_ns=stamp_ns))
+        listed = tuple(objects)  # here: a generator may use the site
+        self._portal.do(lambda: self._tracker.update(listed, stamp_ns=stamp_ns))
 
     def close(self) -> None:
         """Publish that all objects have left, and end."""
@@ -236,6 +238,7 @@ class SyncSite:
 
     def lamp(self, name: str) -> Lamp[Done, SyncFeed[LampColor]]:
         """Return the lamp `name` of the map."""
+        check_name(name, "lamp")
         return Lamp(name, self.leds, lambda lamp: self.messages(LAMP_COLOR, lamp))
 
     def press(self, user: str, gesture: Literal["press", "double", "hold"] = "press") -> Interaction:

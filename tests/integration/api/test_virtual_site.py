@@ -119,6 +119,7 @@ def test_a_service_that_fails_is_named_to_who_waits(monkeypatch: pytest.MonkeyPa
         ({"scenario": "scenario_9"}, "no scenario 'scenario_9'"),
         ({"settings": {"selector.dwel_s": 1}}, "dwel_s"),
         ({"settings": {"nothing.at_all": 1}}, "'nothing' is no service"),
+        ({"settings": {"selector.dwell_s": object()}}, "settings: selector.dwell_s cannot be <object"),
         ({"users": ["an na"]}, "use 1 to 64 letters"),
         ({"imu": ["none"]}, "--imu 'none'"),
         ({"listen": "tcp/127.0.0.1:7447"}, "nobody can join a site in virtual time"),

@@ -2,6 +2,7 @@
 
 import asyncio
 import gc
+import weakref
 from collections.abc import AsyncIterator
 
 import pytest
@@ -13,7 +14,7 @@ from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.clock import WallClock
 from pointit.runtime.errors import BusClosedError, NoMessageError
 from pointit.schemas import Cursor, KeyNameError, SelectionEvent, UserPose
-from pointit.schemas.topics import CURSOR, POSE, SELECTION_EVENTS, USER_ALIVE
+from pointit.schemas.topics import CURSOR, POSE, SELECTION_EVENTS, USER_ALIVE, Presence
 from tests.support.bench import until
 
 
@@ -146,6 +147,34 @@ async def test_people_are_told_at_once_and_on_each_change(bus: MemoryBus) -> Non
         anna.close()
         assert await anext(people) == {"ben"}
         assert await anext(site.people()) == {"ben"}
+
+
+async def test_who_leaves_while_people_are_listed_is_gone(
+    bus: MemoryBus, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    anna = bus.announce(USER_ALIVE, "anna")
+    bus.announce(USER_ALIVE, "ben")
+    list_present = bus.list_present
+
+    async def slowly(presence: Presence) -> set[str]:
+        listed = await list_present(presence)
+        anna.close()
+        bus.announce(USER_ALIVE, "cleo")
+        await asyncio.sleep(0.01)
+        return listed
+
+    monkeypatch.setattr(bus, "list_present", slowly)
+    async with Site.on(bus, WallClock()) as site:
+        assert await anext(site.people()) == {"ben", "cleo"}
+
+
+async def test_a_closed_tracker_is_not_kept(site: Site) -> None:
+    tracker = site.tracker("camera")
+    closed = weakref.ref(tracker)
+    tracker.close()
+    del tracker
+    gc.collect()
+    assert closed() is None
 
 
 async def test_the_latest_is_kept_from_the_first_use_on(bus: MemoryBus, site: Site) -> None:

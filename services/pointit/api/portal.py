@@ -35,9 +35,7 @@ class LoopThread:
         """
         if threading.current_thread() is self._thread:
             work.close()
-            raise RuntimeError(
-                "this runs in the loop of the site, which cannot wait for itself; call it outside"
-            )
+            raise RuntimeError("the loop of the site cannot wait for itself; call this from another thread")
         counted = self._count(work)
         try:
             call = asyncio.run_coroutine_threadsafe(counted, self._loop)

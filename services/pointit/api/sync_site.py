@@ -20,6 +20,7 @@ from pointit.api.requests import (
     SelectRequests,
 )
 from pointit.api.site import Site
+from pointit.api.sync_latest import SyncLatest
 from pointit.api.tracker import Tracker
 from pointit.runtime.bus.contract import REQUEST_TIMEOUT_S
 from pointit.schemas import (
@@ -137,7 +138,7 @@ class SyncSite:
             portal.close()
             raise
         atexit.register(self.close)
-        self.latest = self._site.latest
+        self.latest = SyncLatest(self._site.latest, portal)
         """The newest messages by topic and name. The first one of a name is waited for, up to 2 s."""
         ask = self._ask
         self.select = SelectRequests[Done, SetMethodReply, ReadHistoryReply](ask)
@@ -183,7 +184,7 @@ class SyncSite:
         return self._portal.do(self._site.now_ns)
 
     def sleep(self, seconds: float) -> None:
-        """Wait until so many seconds of the site's time have passed."""
+        """Wait until so many seconds of the site's time have passed; see `Site.sleep`."""
         self._portal.call(self._site.sleep(seconds))
 
     def cursors(self, user: str | None = None) -> SyncFeed[Cursor]:

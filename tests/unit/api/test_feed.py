@@ -9,12 +9,12 @@ import pytest
 import pytest_asyncio
 
 from pointit.api.site import Site
-from pointit.runtime.bus.contract import EVENT_CAPACITY
+from pointit.runtime.bus.contract import EVENT_CAPACITY, AnyTopic
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.clock import WallClock
-from pointit.runtime.errors import BusClosedError, NoMessageError
-from pointit.schemas import Cursor, KeyNameError, SelectionEvent, UserPose
-from pointit.schemas.topics import CURSOR, POSE, SELECTION_EVENTS, USER_ALIVE, Presence
+from pointit.runtime.errors import AccessDeniedError, BusClosedError, NoMessageError, VersionError
+from pointit.schemas import Cursor, KeyNameError, Selection, SelectionEvent, UserPose
+from pointit.schemas.topics import CURSOR, POSE, SELECTION, SELECTION_EVENTS, USER_ALIVE, Presence
 from tests.support.bench import until
 
 
@@ -191,4 +191,43 @@ async def test_the_latest_is_kept_from_the_first_use_on(bus: MemoryBus, site: Si
     with pytest.raises(NoMessageError, match=r"nothing came on users/ben/pose within 0\.01 s"):
         await site.latest.pose.wait("ben", patience_s=0.01)
     with pytest.raises(NoMessageError, match="nothing has come on selection yet"):
-        _ = site.latest.selection
+        _ = site.latest.selection.value
+    bus.publisher(SELECTION).put(Selection(stamp_ns=1))
+    assert (await site.latest.selection.wait()).stamp_ns == 1 == site.latest.selection.value.stamp_ns
+
+
+async def test_the_latest_ends_with_the_site(bus: MemoryBus, site: Site) -> None:
+    bus.publisher(POSE, "anna").put(UserPose(stamp_ns=1, position_m=(1.0, 2.0, 0.0), yaw_rad=0.0))
+    poses = site.latest.pose
+    assert (await poses.wait("anna")).stamp_ns == 1
+    sleeping = asyncio.create_task(site.sleep(3600.0))
+    await asyncio.sleep(0)
+    site.fail(ValueError("broken"))
+    for use in (
+        lambda: poses["anna"],
+        lambda: poses.get("ben"),
+        lambda: dict(poses),
+        lambda: site.latest.map,
+    ):
+        with pytest.raises(ValueError, match="broken"):
+            use()
+    with pytest.raises(ValueError, match="broken"):
+        await poses.wait("anna")
+    with pytest.raises(ValueError, match="broken"):
+        await sleeping
+
+
+async def test_the_latest_says_why_nothing_comes(
+    bus: MemoryBus, site: Site, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rays = site.latest.ray
+    rays._subscription.traffic.invalid = 3
+    with pytest.raises(VersionError, match="3 messages came and none could be read"):
+        await rays.wait("anna", patience_s=0.01)
+
+    async def deny(verb: str, topic: AnyTopic, name: str) -> str:
+        return f"{verb} {topic.at(name)}"
+
+    monkeypatch.setattr(bus, "denial_reason", deny)
+    with pytest.raises(AccessDeniedError, match=r"reads users/\*/ray"):
+        await rays.wait("anna", patience_s=0.01)

@@ -40,7 +40,7 @@ def test_objects_may_come_from_a_generator_that_uses_the_site(site: SyncSite) ->
 
 
 def test_the_thread_of_the_site_does_not_wait_for_itself(site: SyncSite) -> None:
-    with pytest.raises(RuntimeError, match="the loop of the site, which cannot wait for itself"):
+    with pytest.raises(RuntimeError, match="the loop of the site cannot wait for itself"):
         site._portal.do(site.now_ns)
 
 

@@ -260,7 +260,7 @@ class Site:
 
     def _feed(self, topic: Topic[M], name: str, fits: Callable[[M], bool] | None) -> Feed[M]:
         self._check_open()
-        inbox = Inbox[M](topic.delivery)
+        inbox = Inbox[M](topic.delivery, one_writer=name != ANY)
         reference = weakref.ref(inbox)
 
         def on_message(message: M, its_name: str) -> None:
@@ -280,6 +280,7 @@ class Site:
     async def _check_access(self, inbox: Inbox[Any], topic: Topic[Any], name: str) -> None:
         if denied := await self._bus.denial_reason("reads", topic, name):
             inbox.end(AccessDeniedError(denied))
+            inbox.close()
 
     async def _check_writing(self, tracker: Tracker, name: str) -> None:
         if denied := await self._bus.denial_reason("writes", OBJECTS, name):

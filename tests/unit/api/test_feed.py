@@ -8,6 +8,7 @@ from collections.abc import AsyncIterator
 import pytest
 import pytest_asyncio
 
+from pointit.api import feed
 from pointit.api.site import Site
 from pointit.runtime.bus.contract import EVENT_CAPACITY, AnyTopic
 from pointit.runtime.bus.memory_bus import MemoryBus
@@ -135,6 +136,44 @@ async def test_who_is_no_longer_iterated_over_is_unsubscribed(bus: MemoryBus, si
     closed.close()
     assert len(readers) == 0
     assert [cursor async for cursor in closed] == []
+
+
+@pytest.mark.parametrize("user", ["anna", None])
+async def test_unreadable_messages_end_only_a_loop_over_one_person(
+    bus: MemoryBus,
+    site: Site,
+    user: str | None,
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    monkeypatch.setattr(feed, "DOUBT_S", 0.01)
+    cursors = site.cursors(user)
+    assert cursors._inbox.source is not None
+    cursors._inbox.source.traffic.invalid = 1
+    taking = asyncio.create_task(anext(cursors))
+    await asyncio.sleep(0.1)
+    assert not taking.done()  # a stray one
+    cursors._inbox.source.traffic.invalid = 7
+    if user is not None:
+        with pytest.raises(VersionError, match="7 messages came and none could be read"):
+            await taking
+        return
+    await until(lambda: "7 messages came" in caplog.text, what="a warning")
+    put_cursor(bus, "anna", 1)
+    assert (await taking).seq == 1
+
+
+async def test_a_denied_loop_receives_nothing_more(
+    bus: MemoryBus, site: Site, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def deny(verb: str, topic: AnyTopic, name: str) -> str:
+        return f"{verb} {topic.at(name)}"
+
+    monkeypatch.setattr(bus, "denial_reason", deny)
+    monkeypatch.setattr(MemoryBus, "is_restricted", True)
+    with pytest.raises(AccessDeniedError, match="reads users/anna/cursor"):
+        await anext(site.cursors("anna"))
+    assert len(bus.exchange.readers_of(CURSOR)) == 0
 
 
 async def test_people_are_told_at_once_and_on_each_change(bus: MemoryBus) -> None:

@@ -1,4 +1,4 @@
-"""What a method of another package returns is checked before the selector uses it."""
+"""Results of a method of another package: checked before the selector uses them."""
 
 from typing import Any, cast
 

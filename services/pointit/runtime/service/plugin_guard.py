@@ -28,11 +28,14 @@ abandoned: set[asyncio.Task[None]] = set()
 """Plug-ins that did not end when they were cancelled. They end with the process."""
 
 
-def guard_of(plugins: PluginGroup[Any], name: str, health: WarningSink) -> "PluginGuard":
-    """Return the guard of the plug-in `name`, which is also watched for blocking the event loop."""
+def guard_of(plugins: PluginGroup[Any], name: str, health: WarningSink, which: str = "") -> "PluginGuard":
+    """Return the guard of the plug-in `name`, which is also watched for blocking the event loop.
+
+    `which` distinguishes it in warnings from others of that name.
+    """
     label = plugins.label(name)
     watch_for_stalls(plugins.module(name), label, health)
-    return PluginGuard(label, health)
+    return PluginGuard(f"{label} ({which})" if which else label, health)
 
 
 class PluginGuard:

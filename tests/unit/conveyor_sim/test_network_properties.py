@@ -4,7 +4,7 @@ import contextlib
 import math
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from pointit.maps.file import load_map
@@ -157,7 +157,24 @@ def test_nothing_overlaps_jumps_or_is_lost_and_all_comes_out_in_the_end(
     check_run(EVERYWHERE[name], actions, bays, feeder, name)
 
 
+BRIDGES_TO_ONE_START = room(
+    [belt("0", (0.0, 0.0), (1.5, 0.0)), belt("1", (0.0, 1.5), (1.5, 1.5)), belt("3", (0.0, 4.5), (5.0, 4.5))],
+    [
+        BeltLink(source="1", target="3", target_position_m=0.0),
+        BeltLink(source="0", target="3", source_position_m=0.25, target_position_m=0.0),
+    ],
+    b1="3",
+)
+"""Packages on either bridge wait at one arc length before the belt, and do not overlap."""
+
+
 @settings(max_examples=25)
+@example(
+    BRIDGES_TO_ONE_START,
+    [("step", 0.01)] * 8 + [("step", 0.5)] * 40,
+    ("1", "3"),
+    {"interval_s": 0.3, "length_m": 0.15, "initial": 0, "count": 25},
+)
 @given(networks(), st.lists(action, min_size=10, max_size=40), bay_pairs, feeders)
 def test_nothing_overlaps_or_is_lost_on_any_network(
     environment: Environment,

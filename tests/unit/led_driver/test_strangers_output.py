@@ -16,6 +16,8 @@ from tests.unit.led_driver.driving import MAP_MESSAGE, cursor
 MODULE = """
 import asyncio
 
+from pydantic import BaseModel, Field
+
 from pointit.plugins import LedOutput, OutputConfig
 
 class Broken:
@@ -49,14 +51,38 @@ class Counting(Broken):
     async def run(self):
         await asyncio.Event().wait()
 
+class NumberedConfig(OutputConfig):
+    number: int = Field(default=0, description="its number")
+
+class Kept(BaseModel):
+    number: int
+
+class Numbered(Counting):
+    def __init__(self, config, surroundings):
+        super().__init__(config, surroundings)
+        self.number = config.number
+        self.file = surroundings.kept(Kept)
+        self.file.write(Kept(number=self.number))
+        if self.number == 1:
+            self.health.warn("device", "number 1 is lost")
+
+    def show(self, frame, age_s=0.0):
+        self.health.set_metric("number", self.file.read().number)
+        if self.number == 1:
+            raise ConnectionError("gone")
+        self.health.clear("device")
+
 BROKEN = LedOutput(summary="", config=OutputConfig, make=Broken)
 COUNTING = LedOutput(summary="", config=OutputConfig, make=Counting)
+NUMBERED = LedOutput(summary="", config=NumberedConfig, make=Numbered)
 """
 
 
 @pytest.fixture(autouse=True)
 def _installed(tmp_path: Path) -> Iterator[None]:  # pyright: ignore[reportUnusedFunction]
-    entries = "broken = strangers_outputs:BROKEN\ncounting = strangers_outputs:COUNTING"
+    entries = "\n".join(
+        f"{name.lower()} = strangers_outputs:{name}" for name in ("BROKEN", "COUNTING", "NUMBERED")
+    )
     with strangers.installed(tmp_path, "strangers_outputs", MODULE, led_outputs=entries):
         yield
 
@@ -81,3 +107,23 @@ async def test_output_that_fails_is_named_and_costs_frames_and_other_outputs_not
             r": show failed \(ConnectionError: gone\): .*",
         ):
             assert any(re.fullmatch(re.escape(label) + problem, each) for each in said), problem
+
+
+async def test_two_outputs_of_one_kind_share_neither_warnings_nor_metrics_nor_stored_state() -> None:
+    clock = ManualClock()
+    async with memory_bench(clock) as bench:
+        frames, health = bench.collect(STRIPS_FRAME), bench.collect(HEALTH, "led-driver")
+        outputs = [{"kind": "numbered", "number": 1}, {"kind": "numbered", "number": 2}]
+        bench.start(LedDriver, LedDriverConfig.model_validate({"outputs": outputs}))
+        await bench.settle()
+        bench.put(MAP, MAP_MESSAGE)
+        bench.put(CURSOR, cursor(clock, 0.5), "anna")
+        await until(lambda: len(frames) >= 1)
+        await until(
+            lambda: any("number" in figure.name for figure in health[-1].figures) if health else False
+        )
+        numbers = {f.name: f.value for f in health[-1].figures if f.name.startswith("number")}
+        assert numbers == {"number of numbered": 1.0, "number of numbered 2": 2.0}
+        failure, lost = sorted(health[-1].warnings)
+        assert lost == "number 1 is lost"
+        assert failure.startswith("LED output 'numbered' of strangers-parts (outputs.0): show failed (Conn")

@@ -12,6 +12,7 @@ from pointit.runtime.bus.contract import EVENT_CAPACITY
 from pointit.runtime.bus.local_broker import LocalBroker
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.health.service_bus import ServiceBus
+from pointit.runtime.health.surroundings import PluginHealth
 from pointit.schemas import ButtonEvent, Health, ImuSample, KeyHealth
 from pointit.schemas.topics import BUTTON, IMU, SERVICE_ALIVE, USER_ALIVE
 from tests.support.bench import ManualClock, until
@@ -163,6 +164,32 @@ class Order:
 
     def close_nowait(self) -> None:
         self.close()
+
+
+async def test_plugin_reaches_neither_the_bus_nor_what_others_show(bench: Bench) -> None:
+    one, other = PluginHealth(bench.view, "one"), PluginHealth(bench.view, "other")
+    assert {name for name in dir(one) if not name.startswith("_")} == {
+        "warn",
+        "clear",
+        "set_metric",
+        "reached",
+    }
+    bench.view.warn("mounting", "the service's own")
+    bench.view.set_metric("drift", 1.0)
+    for part, value in ((one, 2.0), (other, 3.0)):
+        part.warn("mounting", f"of {value}")
+        part.set_metric("drift", value)
+    one.set_metric("battery", 82.0, "%")
+    health = bench.view.report()
+    assert set(health.warnings) == {"the service's own", "of 2.0", "of 3.0"}
+    metrics = {figure.name: figure.value for figure in health.figures}
+    assert metrics == {"drift": 1.0, "drift of one": 2.0, "drift of other": 3.0, "battery": 82.0}
+    one.warn("mounting", "")
+    other.clear("mounting")
+    one.set_metric("drift", None)
+    health = bench.view.report()
+    assert set(health.warnings) == {"the service's own"}
+    assert {figure.name for figure in health.figures} == {"drift", "drift of other", "battery"}
 
 
 async def test_closing_takes_everything_back_in_reverse_and_presence_last(

@@ -2,6 +2,7 @@
 
 import asyncio
 import contextlib
+import functools
 import importlib
 import re
 import sys
@@ -154,6 +155,25 @@ def test_call_that_raises_is_reported_until_it_works(guard: PluginGuard, sink: S
     assert len(sink.shown) == 1
     assert guard.call("show", lambda: 7) == 7
     assert not sink.shown
+
+
+def test_calls_that_raise_in_turn_for_each_frame_are_logged_once_in_a_while(
+    guard: PluginGuard, sink: Sink, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    def lost(frame: int) -> None:
+        raise ConnectionError(f"port lost at frame {frame}")
+
+    def show(first: int) -> None:
+        for frame in range(first, first + 60):
+            guard.call("light_s", lambda: 1 // 0)
+            guard.call("show", functools.partial(lost, frame))
+
+    show(0)
+    assert [record.getMessage().partition(" failed")[0] for record in caplog.records] == list(sink.shown)
+    assert "frame 59" in sink.shown["part 'mine' of strangers: show"]  # health has the newest
+    monkeypatch.setattr(plugin_guard, "LOG_PERIOD_S", 0.0)
+    show(60)
+    assert len(caplog.records) == 2 + 120
 
 
 def test_plugin_that_cannot_be_made_is_a_mistake_of_the_configuration(guard: PluginGuard) -> None:

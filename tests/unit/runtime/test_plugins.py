@@ -2,10 +2,11 @@
 
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from pointit.runtime.config.plugins import Plugin, PluginGroup
+from pointit.runtime.config.plugins import Plugin, PluginConfig, PluginGroup
 from pointit.runtime.errors import ConfigError
 
 MODULE = """
@@ -75,13 +76,28 @@ def test_plugin_that_cannot_be_used_is_refused_in_one_sentence(
         parts.choose(text)
 
 
-def test_name_that_two_packages_use_is_refused(parts: PluginGroup[Plugin], tmp_path: Path) -> None:
-    other = tmp_path / "others-2.0.dist-info"
-    other.mkdir()
-    (other / "METADATA").write_text("Metadata-Version: 2.1\nName: others\nVersion: 2.0\n")
-    (other / "entry_points.txt").write_text("[pointit.test_parts]\nmine = others:MINE\n")
-    with pytest.raises(ConfigError, match="part 'mine' is in two packages: uninstall "):
-        parts.get("mine")
+def install(name: str, entry: str, folder: Path) -> None:
+    info = folder / f"{name}-2.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: 2.0\n")
+    (info / "entry_points.txt").write_text(f"[pointit.test_parts]\n{entry}\n")
+
+
+def test_name_that_two_packages_use_is_refused_and_no_other(
+    parts: PluginGroup[Plugin], tmp_path: Path
+) -> None:
+    install("others", "number = others:NUMBER", tmp_path)
+    with pytest.raises(ConfigError, match="part 'number' is in two packages: uninstall others or strangers"):
+        parts.get("number")
+    assert parts.names == ("lacking", "mine", "number", "raising")
+    assert parts.get("mine").summary == "my own"
+    assert [*parts.configs()] == ["mine"]
+
+
+def test_name_of_ours_stays_ours(parts: PluginGroup[Plugin], tmp_path: Path) -> None:
+    install("pointit", "raising = strangers_parts:MINE", tmp_path)
+    assert parts.package("raising") == "pointit"
+    assert parts.get("raising").summary == "my own"
 
 
 def test_group_without_any_plugin_says_what_to_install() -> None:
@@ -91,3 +107,20 @@ def test_group_without_any_plugin_says_what_to_install() -> None:
 
 def test_broken_plugins_do_not_hide_the_others(parts: PluginGroup[Plugin]) -> None:
     assert [*parts.configs()] == ["mine"]
+
+
+class ServiceConfig(PluginConfig):
+    number: int = 3
+
+    @classmethod
+    def plugins(cls) -> PluginGroup[Any]:
+        return PluginGroup("pointit.test_parts", Plugin, "part")
+
+
+@pytest.mark.usefixtures("parts")
+def test_plugin_with_the_name_of_a_parameter_is_refused() -> None:
+    config = ServiceConfig(number=4)  # of the service
+    assert [*config.sections()] == ["mine"]
+    with pytest.raises(ConfigError, match="part 'number' of strangers has the name of a parameter"):
+        config.section("number")
+    assert config.section("mine").model_dump() == {"address": "", "speed": 3}

@@ -101,6 +101,23 @@ def test_name_that_cannot_be_a_package_is_refused(name: str) -> None:
         CliRunner().invoke(new.command, ["imu-source", name], catch_exceptions=False)
 
 
+@pytest.mark.parametrize(
+    ("kind", "name", "problem"),
+    [
+        ("imu-source", "serial", "IMU source 'serial' of pointit is installed"),
+        ("selection-method", "hold", "selection method 'hold' of pointit is installed"),
+        ("imu-source", "source", "'source' is a parameter"),
+        ("selection-method", "journal", "'journal' is a parameter"),
+    ],
+)
+def test_name_that_is_taken_is_refused(kind: str, name: str, problem: str, tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=f"^{problem}.*: choose another name$"):
+        CliRunner().invoke(
+            new.command, [kind, name, "--folder", str(tmp_path / "new")], catch_exceptions=False
+        )
+    assert not (tmp_path / "new").exists()
+
+
 def test_present_files_are_not_overwritten(tmp_path: Path) -> None:
     (tmp_path / "notes.txt").write_text("mine")
     with pytest.raises(ConfigError, match="is there already"):

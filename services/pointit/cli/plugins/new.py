@@ -9,7 +9,10 @@ from string import Template
 
 import click
 
+from pointit.plugins import GROUPS
 from pointit.runtime.errors import ConfigError
+from pointit.services.imu_bridge.config import ImuBridgeConfig
+from pointit.services.selector.config import SelectorConfig
 
 KINDS = {
     "imu-source": ("imu_source", "pointit.imu_sources", "SOURCE", "run --imu $name:HOST"),
@@ -18,6 +21,9 @@ KINDS = {
     "service": ("service", "pointit.services", "SERVICE", "run --with $name"),
 }
 """Kinds of plug-ins: template, group of the entry point, name of the object, and command that uses it."""
+
+PARAMETERS = {"imu-source": ImuBridgeConfig.model_fields, "selection-method": SelectorConfig.model_fields}
+"""Parameters beside which those of a plug-in have a section, by kind."""
 
 TEMPLATES = "pointit.testing.templates"
 COMMON = ("pyproject.toml", "README.md", ".github/workflows/test.yml", "tests/test_promises.py")
@@ -44,6 +50,7 @@ def command(*, kind: str, name: str, folder: Path | None) -> None:
     module = name.replace("-", "_")
     if not NAME.match(name) or keyword.iskeyword(module) or module in sys.stdlib_module_names | {"pointit"}:
         raise ConfigError(f"{name!r} cannot be a package's name: use a-z, 0-9 and -, such as my-wrist")
+    check_free(kind, name)
     target = folder or Path(name)
     if target.exists() and (not target.is_dir() or any(target.iterdir())):
         raise ConfigError(f"{target} is there already: give another --folder, or move it away")
@@ -64,6 +71,19 @@ def command(*, kind: str, name: str, folder: Path | None) -> None:
         f"  pointit plugin check {name}\n"
         f"  pointit {use}"
     )
+
+
+def check_free(kind: str, name: str) -> None:
+    """Check that a plug-in of a `kind` can be found by `name` beside those that are installed.
+
+    Raises:
+        ConfigError: If it cannot.
+    """
+    group = GROUPS[kind]
+    if name in group.names:
+        raise ConfigError(f"{group.label(name)} is installed: choose another name")
+    if name.replace("-", "_") in PARAMETERS.get(kind, {}):
+        raise ConfigError(f"{name!r} is a parameter of the service that would use it: choose another name")
 
 
 def package(kind: str, name: str, module: str) -> dict[str, str]:

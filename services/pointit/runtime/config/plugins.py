@@ -42,6 +42,9 @@ class Plugin:
         return f":{self.example or self.argument.upper()}" if self.argument else ""
 
 
+OURS = "pointit"
+"""This project's package, whose names no other can take."""
+
 P = TypeVar("P", bound=Plugin)
 
 
@@ -61,23 +64,27 @@ class PluginGroup(Generic[P]):
         self._type = kind
 
     @cached_property
-    def _entries(self) -> dict[str, EntryPoint]:
+    def _entries(self) -> dict[str, tuple[EntryPoint, ...]]:
         return self.find()
 
-    def find(self) -> dict[str, EntryPoint]:
-        """Return the entry points of all installed packages, by name.
+    def find(self) -> dict[str, tuple[EntryPoint, ...]]:
+        """Return the entry points of all installed packages, by name: several if packages share it.
+
+        A name that this project uses is its own.
 
         Raises:
-            ConfigError: If two packages use one name, or there is none where there must be.
+            ConfigError: If there is none where there must be.
         """
-        found: dict[str, EntryPoint] = {}
-        for entry in sorted(entry_points(group=self.group), key=lambda entry: entry.name):
-            other = found.setdefault(entry.name, entry)
-            if other.value != entry.value:
-                raise ConfigError(
-                    f"{self.noun} {entry.name!r} is in two packages: uninstall {_package(other)} or "
-                    f"{_package(entry)}"
-                )
+        found: dict[str, tuple[EntryPoint, ...]] = {}
+        entries = entry_points(group=self.group)
+        for entry in sorted(
+            entries, key=lambda entry: (entry.name, _package(entry) != OURS, _package(entry))
+        ):
+            others = found.get(entry.name, ())
+            if entry.value not in [other.value for other in others] and not (
+                others and _package(others[0]) == OURS
+            ):
+                found[entry.name] = (*others, entry)
         if not found and self._has_ours:
             raise ConfigError(
                 f"no {self.noun} is installed, not even those of pointit: install it again (in a checkout: "
@@ -94,12 +101,17 @@ class PluginGroup(Generic[P]):
         """Import and return the plug-in `name`.
 
         Raises:
-            ConfigError: If none is installed under that name, or it cannot be imported.
+            ConfigError: If none is installed under that name, or several, or it cannot be imported.
         """
-        entry = self._entries.get(name)
+        entry, *others = self._entries.get(name, (None,))
         if entry is None:
             known = ", ".join(self.names) or "none"
             raise ConfigError(f"no {self.noun} {name!r} is installed; there are {known}")
+        if others:
+            raise ConfigError(
+                f"{self.noun} {name!r} is in two packages: uninstall {_package(entry)} or "
+                f"{_package(others[0])}"
+            )
         try:
             plugin = entry.load()
         except Exception as error:  # code of others, which may raise anything when it is imported
@@ -118,11 +130,11 @@ class PluginGroup(Generic[P]):
 
     def module(self, name: str) -> str:
         """Return the module of the plug-in `name`, without importing it."""
-        return self._entries[name].module
+        return self._entries[name][0].module
 
     def package(self, name: str) -> str:
         """Return the package that brings the plug-in `name`, without importing it."""
-        return _package(self._entries[name])
+        return _package(self._entries[name][0])
 
     def choose(self, text: str) -> tuple[str, dict[str, Any]]:
         """Return the name and the parameters that `NAME` or `NAME:VALUE` chooses.
@@ -197,14 +209,26 @@ class PluginConfig(Config, extra="allow"):
     @classmethod
     def sections(cls) -> Mapping[str, type[Config]]:
         """Return the parameters of all installed plug-ins by name, but for those that read the service's."""
-        return {name: config for name, config in cls.plugins().configs().items() if config is not cls}
+        configs = cls.plugins().configs().items()
+        return {name: config for name, config in configs if config is not cls and not cls._is_shadowed(name)}
+
+    @classmethod
+    def _is_shadowed(cls, name: str) -> bool:
+        """Return True if `name`, of another package's plug-in, is that of a parameter of the service."""
+        plugins = cls.plugins()
+        return name in cls.model_fields and name in plugins.names and plugins.package(name) != OURS
 
     def section(self, name: str) -> Config:
         """Return the parameters of the plug-in `name`: those configured, else its defaults.
 
         Raises:
-            ConfigError: If it cannot be imported.
+            ConfigError: If it cannot be imported, or has the name of a parameter of the service.
         """
+        if self._is_shadowed(name):
+            raise ConfigError(
+                f"{self.plugins().label(name)} has the name of a parameter, so that its own cannot be set: "
+                "rename its entry point"
+            )
         given: Config | None = (self.__pydantic_extra__ or {}).get(name)
         if given is not None:
             return given

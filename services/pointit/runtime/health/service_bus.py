@@ -8,6 +8,7 @@ import os
 import socket
 import time
 import weakref
+from collections import Counter
 from collections.abc import Callable, Sequence
 from typing import Any, Protocol, TypeVar
 
@@ -67,7 +68,7 @@ class ServiceBus:
         self._publishers: list[Publisher[Any]] = []
         self._tokens: list[Closable] = []
         self._warnings: dict[str, str] = {}
-        self._figures: dict[str, Figure] = {}
+        self._figures: dict[tuple[str, str], Figure] = {}
         self._errors = 0
         """Watchers and timers that raised."""
         self._timers: weakref.WeakSet[asyncio.TimerHandle] = weakref.WeakSet()
@@ -218,12 +219,22 @@ class ServiceBus:
         """Take the warning about `topic` back."""
         self._warnings.pop(topic, None)
 
-    def set_metric(self, name: str, value: float | None, unit: str = "") -> None:
-        """Show a metric of the service, as in `("drift", 0.4, "°/min")`. None removes it."""
+    def set_metric(self, name: str, value: float | None, unit: str = "", part: str = "") -> None:
+        """Show a metric, as in `("drift", 0.4, "°/min")`, of the service or a `part`. None removes it."""
         if value is None or not math.isfinite(value):
-            self._figures.pop(name, None)
+            self._figures.pop((name, part), None)
         else:
-            self._figures[name] = Figure(name=name, value=value, unit=unit)
+            self._figures[name, part] = Figure(name=name, value=value, unit=unit)
+
+    def _shown_metrics(self) -> tuple[Figure, ...]:
+        """Return the metrics. Where several have one name, those of parts are also called after the part."""
+        uses = Counter(name for name, _ in self._figures)
+        return tuple(
+            figure.model_copy(update={"name": f"{name} of {part}"[:64]})
+            if part and uses[name] > 1
+            else figure
+            for (name, part), figure in list(self._figures.items())
+        )
 
     def report(self) -> Health:
         """Return the account of the time since the last report."""
@@ -265,7 +276,7 @@ class ServiceBus:
             errors=errors,
             status="degraded" if warnings else "ok",
             warnings=warnings,
-            figures=tuple(self._figures.values()),
+            figures=self._shown_metrics(),
         )
 
     def health_publisher(self) -> Publisher[Health]:

@@ -9,14 +9,14 @@ from pydantic import BaseModel
 from pointit.geometry import rotation
 from pointit.geometry.rotation import Quaternion
 from pointit.runtime.clock import Clock, WallClock
-from pointit.runtime.health.service_bus import WarningSink
+from pointit.runtime.health.service_bus import ServiceBus, WarningSink
 from pointit.runtime.host.state_file import StateFile, state_directory
 
 T = TypeVar("T", bound=BaseModel)
 
 
 class HealthSink(WarningSink, Protocol):
-    """Receiver of a plug-in's warnings and metrics, such as `ServiceBus`."""
+    """Receiver of a plug-in's warnings and metrics."""
 
     def set_metric(self, name: str, value: float | None, unit: str = "") -> None:
         """Show a metric, as in `("battery", 82.0, "%")`. None removes it."""
@@ -25,6 +25,34 @@ class HealthSink(WarningSink, Protocol):
     def reached(self, latency_s: float) -> None:
         """Record the age of captured data at the moment at which it becomes visible."""
         ...
+
+
+class PluginHealth:
+    """Part of a service's health that is one plug-in's: what others show there, it cannot change."""
+
+    def __init__(self, health: ServiceBus, part: str) -> None:
+        """Show what the plug-in `part`, which no other of the service is called, has to say in `health`."""
+        self._health = health
+        self._part = part
+
+    def warn(self, topic: str, sentence: str) -> None:
+        """Show a warning until it is cleared, by `clear` or `""`."""
+        self._health.warn(self._topic(topic), str(sentence))
+
+    def clear(self, topic: str) -> None:
+        """Take a warning back."""
+        self._health.clear(self._topic(topic))
+
+    def set_metric(self, name: str, value: float | None, unit: str = "") -> None:
+        """Show a metric, with the plug-in's name if another part of the service has one of this name."""
+        self._health.set_metric(name, value, unit, self._part)
+
+    def reached(self, latency_s: float) -> None:
+        """Record the age of captured data at the moment at which it becomes visible."""
+        self._health.reached(latency_s)
+
+    def _topic(self, topic: str) -> str:
+        return f"plug-in {self._part}: {topic}"
 
 
 class DiscardedHealth:

@@ -2,6 +2,7 @@
 
 import asyncio
 import logging
+import time
 from collections.abc import Awaitable, Callable
 from typing import Any, TypeVar, cast
 
@@ -20,16 +21,21 @@ MAX_WAIT_S = 30.0
 """Longest wait, s. After running for as long without a failure, a plug-in counts as sound again."""
 END_PATIENCE_S = 1.0
 """Time in which a plug-in must end when it is cancelled, s."""
+LOG_PERIOD_S = 30.0
+"""At most one log record about a call that raises in this time, s; it may be made for each frame."""
 
 abandoned: set[asyncio.Task[None]] = set()
 """Plug-ins that did not end when they were cancelled. They end with the process."""
 
 
-def guard_of(plugins: PluginGroup[Any], name: str, health: WarningSink) -> "PluginGuard":
-    """Return the guard of the plug-in `name`, which is also watched for blocking the event loop."""
+def guard_of(plugins: PluginGroup[Any], name: str, health: WarningSink, which: str = "") -> "PluginGuard":
+    """Return the guard of the plug-in `name`, which is also watched for blocking the event loop.
+
+    `which` distinguishes it in warnings from others of that name.
+    """
     label = plugins.label(name)
     watch_for_stalls(plugins.module(name), label, health)
-    return PluginGuard(label, health)
+    return PluginGuard(f"{label} ({which})" if which else label, health)
 
 
 class PluginGuard:
@@ -40,7 +46,7 @@ class PluginGuard:
         self.label = label
         self._health = health
         self._failures = 0
-        self._said = ""
+        self._logged_s: dict[str, float] = {}
         self.problem = ""
         """Problem of its last run, or `""`."""
 
@@ -100,8 +106,13 @@ class PluginGuard:
         topic = f"{self.label}: {what}"
         try:
             result = function()
-        except Exception as error:  # noqa: BLE001 - code of others, which may raise anything
-            self._warn(topic, f"{topic} failed ({describe(error)}): update or remove it", error)
+        except Exception as error:  # code of others, which may raise anything
+            sentence = f"{topic} failed ({describe(error)}): update or remove it"
+            self._health.warn(topic, sentence)
+            now_s, before_s = time.monotonic(), self._logged_s.get(topic)
+            if before_s is None or now_s - before_s >= LOG_PERIOD_S:
+                self._logged_s[topic] = now_s
+                log.exception("%s", sentence, exc_info=error if before_s is None else None)
             return None
         self._health.clear(topic)
         return result
@@ -113,19 +124,14 @@ class PluginGuard:
         how = "ended by itself" if error is None else f"failed ({describe(error)})"
         times = f", {self._failures} times now" if self._failures > 1 else ""
         self.problem = f"{self.label} {how}{times}; it is started again after {wait_s:g} s"
-        self._warn(self.label, self.problem, error)
+        self._health.warn(self.label, self.problem)
+        log.error("%s", self.problem, exc_info=error if self._failures == 1 else None)
         return wait_s
 
     def clear(self) -> None:
         """Take the warning back: it runs well again."""
         self._failures, self.problem = 0, ""
         self._health.clear(self.label)
-
-    def _warn(self, topic: str, sentence: str, error: BaseException | None) -> None:
-        self._health.warn(topic, sentence)
-        if sentence != self._said:  # once, not for each frame
-            self._said = sentence
-            log.error("%s", sentence, exc_info=error if self._failures <= 1 else None)
 
 
 def describe(error: BaseException) -> str:

@@ -7,13 +7,14 @@ from abc import ABC
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, Generic, Literal, TypeVar
+from urllib.parse import quote
 
 from pointit.runtime.bus.contract import Bus, Publisher
 from pointit.runtime.clock import MAX_SLEW_S, Clock, SteadyClock
 from pointit.runtime.config.config import Config
 from pointit.runtime.errors import BusClosedError, ConfigError
 from pointit.runtime.health.service_bus import ServiceBus
-from pointit.runtime.health.surroundings import DiscardedHealth, Surroundings
+from pointit.runtime.health.surroundings import DiscardedHealth, PluginHealth, Surroundings
 from pointit.runtime.host.state_file import plugin_folder
 from pointit.runtime.service.instance_takeover import TakeoverMonitor
 from pointit.runtime.service.plugin_guard import PluginGuard, describe, first_cause
@@ -91,11 +92,17 @@ class Service(ABC, Generic[C]):
         The state of a service that is running stays.
         """
 
-    def surroundings(self, kind: str, name: str, user: str = "") -> Surroundings:
-        """Return the surroundings of the plug-in `name` of a `kind`, such as `imu_sources`, for `user`."""
+    def surroundings(self, kind: str, name: str, user: str = "", which: str = "") -> Surroundings:
+        """Return the surroundings of the plug-in `name` of a `kind`, such as `imu_sources`, for `user`.
+
+        `which` distinguishes several of one name in this service, such as by their addresses.
+        """
+        health = PluginHealth(self.bus, " ".join(filter(None, (name, which, user))))
         user = user or self.user
-        folder = plugin_folder(self.bus.site, user, kind, name)
-        return Surroundings(clock=self.clock, health=self.bus, folder=folder, user=user)
+        folder = plugin_folder(
+            self.bus.site, user, kind, f"{name}@{quote(which, safe='')}" if which else name
+        )
+        return Surroundings(clock=self.clock, health=health, folder=folder, user=user)
 
     async def run(self) -> None:
         """Run until cancelled. Services that only react need not override it."""

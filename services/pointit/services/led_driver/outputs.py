@@ -1,6 +1,7 @@
 """Controllers of LED strips by name: ours, and those of installed packages."""
 
 import functools
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol, Self, cast
@@ -10,6 +11,7 @@ from pydantic import Field, field_validator, model_validator
 from pointit.runtime.config.config import Config
 from pointit.runtime.config.plugins import Plugin, PluginGroup
 from pointit.runtime.errors import ConfigError
+from pointit.runtime.health.service_bus import WarningSink
 from pointit.runtime.health.surroundings import Surroundings
 from pointit.runtime.service.plugin_guard import PluginGuard, guard_of
 from pointit.schemas import Strip, StripsFrame
@@ -163,23 +165,31 @@ def validate_output(value: object) -> object:
 
 
 def make_outputs(
-    configs: Sequence[OutputConfig], surroundings: Callable[[str, str], Surroundings]
+    configs: Sequence[OutputConfig],
+    surroundings: Callable[[str, str, str, str], Surroundings],
+    health: WarningSink,
 ) -> list[Output]:
     """Return the outputs that `configs` describe, none of them open yet.
 
     Args:
         configs: parameters of each output.
-        surroundings: returns what the plug-in of a kind and a name may use.
+        surroundings: returns what the plug-in of a kind and a name may use, for a person and by what
+            distinguishes it from others of that name.
+        health: names outputs that fail.
 
     Raises:
         ConfigError: If an address is missing or used twice.
     """
     made: list[Output] = []
     taken: set[tuple[str, str]] = set()
+    uses = Counter(config.kind for config in configs)
+    seen = Counter[str]()
     for number, config in enumerate(configs):
         if config.kind == NONE:
             continue
         plugin = OUTPUTS.get(config.kind)
+        seen[config.kind] += 1
+        which = str(seen[config.kind]) if seen[config.kind] > 1 else ""
         if plugin.argument:
             address = str(getattr(config, plugin.argument))
             where = f"outputs.{number}.{plugin.argument}"
@@ -188,7 +198,9 @@ def make_outputs(
             if (config.kind, address) in taken:
                 raise ConfigError(f"{where}: {address} is used by two outputs: remove one")
             taken.add((config.kind, address))
-        around = surroundings(OUTPUTS.kind, config.kind)
-        guard = guard_of(OUTPUTS, config.kind, around.health)
+            which = address
+        around = surroundings(OUTPUTS.kind, config.kind, "", which)
+        told = (which if plugin.argument else f"outputs.{number}") if uses[config.kind] > 1 else ""
+        guard = guard_of(OUTPUTS, config.kind, health, told)
         made.append(GuardedOutput(functools.partial(plugin.make, config, around), guard))
     return made

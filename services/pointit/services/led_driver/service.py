@@ -89,7 +89,7 @@ class LedDriver(Service[LedDriverConfig]):
         """Leases and targets as last published."""
         self._lease_seq = 0
         self._ended = False
-        self._outputs = make_outputs(config.outputs, self.surroundings)
+        self._outputs = make_outputs(config.outputs, self.surroundings, self.bus)
         self._frames = self.bus.publisher(STRIPS_FRAME, timed=not self._outputs)
         self._leases = self.bus.publisher(LAMP_LEASES)
         self.bus.set_metric("brightness", self._lights.brightness)

@@ -1,5 +1,6 @@
 """A person's selection method whose faults stay with it: it is left out for a while, then replaced."""
 
+import math
 from collections.abc import Callable, Collection
 
 from pointit.schemas import NS_PER_S
@@ -31,7 +32,7 @@ class GuardedMethod:
         if self._method is None:
             return self._latched
         try:
-            return self._method.latched
+            return frozenset(self._method.latched)
         except Exception as error:  # noqa: BLE001 - code of others, which may raise anything
             self._on_failure(error)
             return ()
@@ -43,8 +44,7 @@ class GuardedMethod:
             return Progress(pointing.under)
         try:
             result = (self._method or self._made()).step(pointing)
-            if not 0.0 <= result.progress <= 1.0:
-                raise ValueError(f"progress {result.progress}, expected 0 to 1")  # noqa: TRY301 - as if it did
+            check_progress(result)
         except Exception as error:  # noqa: BLE001 - code of others, which may raise anything
             self._on_failure(error)
             return Progress(pointing.under)
@@ -74,3 +74,19 @@ class GuardedMethod:
         self._method, self._latched, self._retry_ns = None, (), self._now_ns + wait_ns
         times = f", {self._failures} times now" if self._failures > 1 else ""
         self.fault = f"{type(error).__name__}: {error}".partition("\n")[0][:200] + times
+
+
+def check_progress(result: Progress) -> None:
+    """Check what a method returned.
+
+    Raises:
+        TypeError: If a value is of another type.
+        ValueError: If a number is out of range.
+    """
+    for name, value in (("object_id", result.object_id), ("fired", result.fired)):
+        if not (value is None or isinstance(value, str)):
+            raise TypeError(f"{name} {value!r}, expected text or None")
+    if not 0.0 <= result.progress <= 1.0:
+        raise ValueError(f"progress {result.progress}, expected 0 to 1")
+    if result.spent_s is not None and not 0.0 <= result.spent_s < math.inf:
+        raise ValueError(f"spent_s {result.spent_s}, expected 0 or more")

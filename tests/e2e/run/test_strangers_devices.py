@@ -50,8 +50,9 @@ async def test_package_of_a_stranger_adds_one_of_each_kind(
     )
     ended = await run.end(60)
     assert ended.code == 0, ended.err
-    strips, *frames, dark = shown.read_text().splitlines()
-    assert (strips, dark) == ("2 strips", "dark")
+    strips, *frames = shown.read_text().splitlines()
+    assert strips == "2 strips"
+    assert frames.count("dark") == 1  # a frame may still be shown while the service ends
     assert any(frame.startswith("255 ") for frame in frames), frames  # the cursor is white
     assert seen.read_text().startswith("user1 ")
     stored = state / "users/user1/plugins/selection_methods/eager/state.json"

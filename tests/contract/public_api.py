@@ -2,21 +2,25 @@
 
 import ast
 import asyncio
+import contextlib
+import dataclasses
 import inspect
 import re
 import sys
 import textwrap
-from collections.abc import Iterator
+from collections.abc import AsyncGenerator, Iterator
 from pathlib import Path
 from typing import Any
 
 import pointit
-from pointit import errors
+from pointit import errors, plugins, testing
 from pointit.api.feed import Feed
 from pointit.api.lamp import Lamp
-from pointit.api.latest import Latest, Newest
+from pointit.api.latest import Latest, Newest, NewestOne
+from pointit.api.portal import LoopThread
 from pointit.api.run import Run
 from pointit.api.site import Site
+from pointit.api.sync_latest import SyncLatest, SyncNewest, SyncNewestOne
 from pointit.api.sync_site import SyncFeed, SyncSite, SyncTracker
 from pointit.api.tracker import Tracker
 from pointit.runtime.bus.memory_bus import MemoryBus
@@ -25,25 +29,46 @@ from pointit.runtime.clock import WallClock
 LISTING = Path(__file__).with_name("public_api.txt")
 CHANGELOG = Path(__file__).parents[2] / "CHANGELOG.md"
 FUNCTIONS = ("connect", "open", "run", "run_virtually")
-CLASSES = (Site, SyncSite, Feed, SyncFeed, Latest, Newest, Tracker, SyncTracker, Lamp, Run)
+CLASSES = (
+    *(Site, Feed, Latest, Newest, NewestOne, Tracker, Lamp, Run),
+    *(SyncSite, SyncFeed, SyncLatest, SyncNewest, SyncNewestOne, SyncTracker),
+)
 BLOCKS = ("__aenter__", "__enter__", "__getitem__", "__anext__", "__next__")
 """Methods with names of Python's own whose types are part of the API."""
 INTERNAL = {"Site": {"on", "fail"}, "Tracker": {"deny"}}
 """Methods that other modules of the API call."""
 
 
+@contextlib.asynccontextmanager
+async def in_memory() -> AsyncGenerator[Site]:
+    """Yield a site without services."""
+    bus = MemoryBus()
+    try:
+        async with Site.on(bus, WallClock()) as site:
+            yield site
+    finally:
+        await bus.close()
+
+
 def groups() -> dict[str, Any]:
     """Return the objects of `Site` whose methods are requests, by attribute."""
 
-    async def made() -> Site:
-        bus = MemoryBus()
-        try:
-            return Site(bus, WallClock())
-        finally:
-            await bus.close()
+    async def made() -> dict[str, Any]:
+        async with in_memory() as site:
+            return groups_of(site)
 
-    found = vars(asyncio.run(made()))
-    return {name: value for name, value in found.items() if type(value).__name__.endswith("Requests")}
+    return asyncio.run(made())
+
+
+def sync_groups() -> dict[str, Any]:
+    """Return those of `SyncSite`."""
+    with SyncSite(in_memory(), LoopThread()) as site:
+        return groups_of(site)
+
+
+def groups_of(site: Site | SyncSite) -> dict[str, Any]:
+    """Return the objects of `site` whose methods are requests, by attribute."""
+    return {name: value for name, value in vars(site).items() if type(value).__name__.endswith("Requests")}
 
 
 def listing() -> list[str]:
@@ -55,24 +80,54 @@ def listing() -> list[str]:
         lines.append(f"pointit.errors.{name}({bases})")
     for kind in CLASSES:
         lines += members(kind, kind.__name__, INTERNAL.get(kind.__name__, set()))
-    lines.append("Site.latest: Latest")
+    lines += ["Site.latest: Latest", "SyncSite.latest: SyncLatest"]
     for name, group in groups().items():
-        arguments = re.sub(r"[\w.]+\.", "", str(group.__orig_class__))
-        lines += [f"Site.{name}: {arguments}", *members(group.__class__, f"Site.{name}", set())]
+        lines += [group_line("Site", name, group), *members(group.__class__, f"Site.{name}", set())]
+    lines += [group_line("SyncSite", name, group) for name, group in sync_groups().items()]
+    for module in (plugins, testing):
+        for name in module.__all__:
+            lines += for_authors(getattr(module, name), f"{module.__name__}.{name}")
     return sorted(lines)
+
+
+def group_line(site: str, name: str, group: Any) -> str:
+    """Return the line of a group of requests, with the types of its replies."""
+    arguments = re.sub(r"[\w.]+\.", "", str(group.__orig_class__))
+    return f"{site}.{name}: {arguments}"
+
+
+def for_authors(value: Any, path: str) -> Iterator[str]:
+    """Yield the lines of a name for authors of plug-ins; the fields of messages are in the catalogue."""
+    if inspect.isfunction(value):
+        yield f"{path}{signature(value)}"
+        return
+    yield path
+    if not inspect.isclass(value) or value.__module__.startswith("pointit.schemas"):
+        return
+    yield from members(value, path, set())
+    is_written = not (dataclasses.is_dataclass(value) or getattr(value, "_is_protocol", False))
+    if "__init__" in vars(value) and is_written:
+        yield f"{path}.__init__{signature(value.__init__)}"
+    (node,) = ast.parse(textwrap.dedent(inspect.getsource(value))).body
+    assert isinstance(node, ast.ClassDef)
+    for field in node.body:
+        if isinstance(field, ast.AnnAssign) and not (name := ast.unparse(field.target)).startswith("_"):
+            default = " = ..." if field.value else ""
+            yield f"{path}.{name}: {ast.unparse(field.annotation)}{default}"
 
 
 def members(kind: Any, path: str, internal: set[str]) -> Iterator[str]:
     """Yield a line for each public member of `kind`."""
+    ours = [base for base in kind.__mro__ if base.__module__.startswith("pointit.")]
     for name, value in inspect.getmembers(kind):
         if name in internal or (name.startswith("_") and name not in BLOCKS):
             continue
-        if name not in vars(kind):  # such as those of `Mapping`
+        if not any(name in vars(base) for base in ours):  # such as those of `Mapping`
             continue
         if isinstance(value, property):
             assert value.fget is not None
             yield f"{path}.{name}: {signature(value.fget).partition(' -> ')[2]}"
-        elif inspect.isfunction(value):
+        elif inspect.isfunction(value) and value.__name__ == name:  # a default may be a function, too
             yield f"{path}.{name}{signature(value)}"
 
 
@@ -89,7 +144,7 @@ def signature(function: Any) -> str:
         if parameter.kind is parameter.KEYWORD_ONLY and "*" not in shown:
             shown.append("*")
         default = "" if parameter.default is parameter.empty else f" = {parameter.default!r}"
-        shown.append(f"{name}: {types[name]}{default}")
+        shown.append(f"{name}: {types.get(name, '')}{default}")
     result = ast.unparse(node.returns).strip("'") if node.returns else ""
     awaited = "async " if isinstance(node, ast.AsyncFunctionDef) else ""
     return f"({', '.join(shown)}) -> {awaited}{result}"

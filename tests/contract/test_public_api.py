@@ -97,6 +97,15 @@ def choices(annotation: Any) -> set[Any]:
     return found.union(*(choices(each) for each in arguments))
 
 
+def test_scripts_get_the_replies_themselves() -> None:
+    awaited = {
+        name: tuple(typing.get_args(reply)[0] for reply in typing.get_args(group.__orig_class__))
+        for name, group in GROUPS.items()
+    }
+    plain = {name: typing.get_args(group.__orig_class__) for name, group in public_api.sync_groups().items()}
+    assert plain == awaited
+
+
 def test_there_are_no_other_requests() -> None:
     methods = {
         (name, method)

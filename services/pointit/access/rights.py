@@ -119,7 +119,7 @@ def _user(name: str) -> Rights:
         asks=_sorted(
             [
                 *(request.at(name) for request in REQUESTS if _is_personal(request)),
-                *_anywhere([RECALLED, *_asked(mine)]),
+                *_anywhere([RECALLED, (row for row in _asked(mine) if not _is_personal(row))]),
             ]
         ),
         announces=_sorted([USER_ALIVE.at(name), *(SERVICE_ALIVE.at(instance) for instance in instances)]),
@@ -138,7 +138,7 @@ def _services() -> Rights:
         ),
         reads=_anywhere([*(row.reads for row in shared), shown()]),
         serves=_anywhere([*(row.serves for row in shared), (RUN_SCENARIO,)]),
-        asks=_anywhere([RECALLED, *_asked(shared)]),
+        asks=_anywhere([RECALLED, _asked(shared)]),
         keeps=_anywhere([[topic for topic in TOPICS if topic.delivery is Delivery.STATE]]),
         announces=_sorted(
             [
@@ -153,9 +153,9 @@ def _of_scope(scope: Literal["site", "user"]) -> Sequence[Process]:
     return [row for row in PROCESSES if row.scope == scope]
 
 
-def _asked(rows: Iterable[Process]) -> list[tuple[Request[Any, Any], ...]]:
+def _asked(rows: Iterable[Process]) -> list[Request[Any, Any]]:
     """Return the requests that services of other packages send. Ours send none."""
-    return [row.plugin.asks for row in rows if row.plugin is not None]
+    return [request for row in rows if row.plugin is not None for request in row.plugin.asks]
 
 
 def _is_personal(row: Topic[Any] | Request[Any, Any]) -> bool:

@@ -63,7 +63,7 @@ def open(  # noqa: A001 - `pointit.open`
     `connect`.
     """
     portal = LoopThread()
-    return SyncSite(_join(address, site, credentials, patience_s, portal), portal)
+    return SyncSite(_join(address, site, credentials, patience_s), portal)
 
 
 @contextlib.asynccontextmanager
@@ -72,7 +72,6 @@ async def _join(
     site: str,
     credentials: str | Path | None,
     patience_s: float | None,
-    portal: LoopThread | None = None,
 ) -> AsyncGenerator[Site]:
     if is_virtual():
         raise ConfigError("a site that runs elsewhere cannot be joined in virtual time; start one with `run`")
@@ -80,7 +79,7 @@ async def _join(
     bus = await ZenohBus.open(link, patience_s=patience_s)
     try:
         await _check_site(bus)
-        async with Site.on(bus, SiteClock(bus), portal) as joined:
+        async with Site.on(bus, SiteClock(bus)) as joined:
             yield joined
     finally:
         await bus.close()

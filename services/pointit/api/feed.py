@@ -17,12 +17,16 @@ U = TypeVar("U")
 
 DOUBT_S = 1.0
 """Time without a readable message after which unreadable ones count as those of another version."""
+STRAYS = 3
+"""So many unreadable ones do not yet."""
 
 
 class Inbox(Generic[U]):
     """Holds what came, by name, until it is taken. Use in the event loop only."""
 
-    def __init__(self, delivery: Delivery) -> None:
+    def __init__(self, delivery: Delivery, *, one_writer: bool = False) -> None:
+        self._may_doubt = one_writer and delivery is not Delivery.EVENT
+        self._strays = 0 if delivery is Delivery.STATE else STRAYS
         self._newest: dict[str, U] | None = None if delivery is Delivery.EVENT else {}
         self._events: collections.deque[tuple[str, U]] = collections.deque(maxlen=EVENT_CAPACITY)
         self._changed = asyncio.Event()
@@ -30,6 +34,7 @@ class Inbox(Generic[U]):
         self._error: Exception | None = None
         self._overflowed = 0
         self._is_heard = False
+        self._is_told = False
         self.source: Subscription | None = None
         """The subscription that fills it."""
 
@@ -96,8 +101,16 @@ class Inbox(Generic[U]):
             async with asyncio.timeout(DOUBT_S):
                 await self._changed.wait()
         except TimeoutError:
-            if self.source.traffic.invalid:
-                self.end(VersionError(unreadable(self.source.traffic)))
+            if self.source.traffic.invalid > self._strays:
+                self._doubt(self.source.traffic)
+
+    def _doubt(self, traffic: SubscriptionStats) -> None:
+        if self._may_doubt:
+            self.end(VersionError(unreadable(traffic)))
+            self.close()
+        elif not self._is_told:  # others may write what can be read
+            self._is_told = True
+            log.warning("%s", unreadable(traffic))
 
 
 def unreadable(traffic: SubscriptionStats) -> str:
@@ -116,7 +129,8 @@ class Feed(Generic[T]):
 
     Raises, in the loop:
         AccessDeniedError: If this identity may not read it.
-        VersionError: If what arrives cannot be read.
+        VersionError: If what arrives cannot be read, where one name writes all and not only events. Elsewhere
+            a warning is logged and the loop goes on.
     """
 
     def __init__(

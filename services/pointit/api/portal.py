@@ -31,7 +31,11 @@ class LoopThread:
 
         Raises:
             BusClosedError: If the thread has ended.
+            RuntimeError: If this is the thread itself, which would wait for itself.
         """
+        if threading.current_thread() is self._thread:
+            work.close()
+            raise RuntimeError("the loop of the site cannot wait for itself; call this from another thread")
         counted = self._count(work)
         try:
             call = asyncio.run_coroutine_threadsafe(counted, self._loop)
@@ -71,6 +75,10 @@ class LoopThread:
         try:
             with asyncio.Runner(loop_factory=make) as runner:
                 runner.run(self._until_closed())
+        except BaseException as error:
+            if self._ready.done():
+                raise
+            self._ready.set_exception(error)  # such as too many open files
         finally:
             for call in list(self._calls):
                 call.cancel()

@@ -73,7 +73,7 @@ class Run:
 
     def __enter__(self) -> SyncSite:
         portal = LoopThread(virtual=self._virtual)
-        self._sync = SyncSite(_live(self._plan, portal), portal)
+        self._sync = SyncSite(_live(self._plan), portal)
         return self._sync
 
     def __exit__(
@@ -122,14 +122,21 @@ def run(
         localize=localize,
         imu=imu,
         leds=leds,
-        settings=[f"{name}={json.dumps(value)}" for name, value in (settings or {}).items()],
+        settings=[_setting(name, value) for name, value in (settings or {}).items()],
     )
     plan = _Plan(scenario=str(scenario), users=users, choices=choices, listen=listen)
     return Run(plan, virtual=virtual)
 
 
+def _setting(name: str, value: object) -> str:
+    try:
+        return f"{name}={json.dumps(value)}"
+    except (TypeError, ValueError) as error:
+        raise ConfigError(f"settings: {name} cannot be {value!r}: {error}") from error
+
+
 @contextlib.asynccontextmanager
-async def _live(plan: _Plan, portal: LoopThread | None = None) -> AsyncGenerator[Site]:
+async def _live(plan: _Plan) -> AsyncGenerator[Site]:
     if plan.listen and is_virtual():
         raise ConfigError(f"listen={plan.listen!r}: nobody can join a site in virtual time; leave it out")
     launches = await asyncio.to_thread(plan.launches)
@@ -137,7 +144,7 @@ async def _live(plan: _Plan, portal: LoopThread | None = None) -> AsyncGenerator
     clock = VirtualClock() if is_virtual() else WallClock()
     try:
         with tempfile.TemporaryDirectory(prefix="pointit-") as folder:
-            async with Site.on(bus, clock, portal) as site:
+            async with Site.on(bus, clock) as site:
 
                 def on_end() -> None:
                     try:

@@ -1,5 +1,6 @@
 """A site as asyncio code sees it."""
 
+import asyncio
 import contextlib
 import functools
 import weakref
@@ -8,8 +9,9 @@ from typing import Any, Literal, Self, TypeVar
 
 from pointit.api.feed import Feed, Inbox, feed_of
 from pointit.api.lamp import Lamp
-from pointit.api.latest import Latest, Portal
+from pointit.api.latest import Latest
 from pointit.api.portal import closed_error
+from pointit.api.presence import Present
 from pointit.api.press import press
 from pointit.api.requests import (
     ConveyorRequests,
@@ -24,7 +26,7 @@ from pointit.api.requests import (
 from pointit.api.tracker import Tracker
 from pointit.runtime.bus.contract import REQUEST_TIMEOUT_S, Closable, Subscription
 from pointit.runtime.bus.memory_bus import MemoryBus
-from pointit.runtime.clock import Clock, sleep
+from pointit.runtime.clock import Clock
 from pointit.runtime.errors import AccessDeniedError
 from pointit.schemas import (
     AddPackageReply,
@@ -71,21 +73,6 @@ Q = TypeVar("Q", bound=Query)
 R = TypeVar("R", bound=Reply)
 
 
-class _Present:
-    """The names that are present, and those who follow them."""
-
-    def __init__(self, names: set[str]) -> None:
-        self.names = frozenset(names)
-        self.inboxes = weakref.WeakSet[Inbox[frozenset[str]]]()
-
-    def on_change(self, name: str, is_there: bool) -> None:  # noqa: FBT001 - the bus's signature
-        names = self.names | {name} if is_there else self.names - {name}
-        if names != self.names:
-            self.names = names
-            for inbox in self.inboxes:
-                inbox.put(names, "")
-
-
 class Site:
     """A joined site. Use it in the event loop that joined it, until the block of `connect` or `run` ends.
 
@@ -93,17 +80,18 @@ class Site:
     `service` name one of many. Without them an iterator has all, and `items()` tells whose each item is.
     """
 
-    def __init__(self, bus: MemoryBus, clock: Clock, portal: Portal | None = None) -> None:
-        """Use `bus`, which stays open; `on` is the way in. With a `portal`, `latest` waits in its caller."""
+    def __init__(self, bus: MemoryBus, clock: Clock) -> None:
+        """Use `bus`, which stays open; `on` is the way in."""
         self._bus = bus
         self._clock = clock
         self._inboxes = weakref.WeakSet[Inbox[Any]]()
-        self._trackers: list[Tracker] = []
+        self._trackers = set[Tracker]()
         self._failure: Exception | None = None
         self._is_closed = False
-        self._present: dict[str, _Present] = {}
+        self._ended = asyncio.Event()
+        self._present: dict[str, Present] = {}
         self._watches: list[Closable] = []
-        self.latest = Latest(bus, portal)
+        self.latest = Latest(bus, self._check_open)
         """The newest messages by topic and name."""
         ask = self._ask
         self.select = SelectRequests[Awaitable[Done], Awaitable[SetMethodReply], Awaitable[ReadHistoryReply]](
@@ -119,13 +107,14 @@ class Site:
 
     @classmethod
     @contextlib.asynccontextmanager
-    async def on(cls, bus: MemoryBus, clock: Clock, portal: Portal | None = None) -> AsyncGenerator[Self]:
+    async def on(cls, bus: MemoryBus, clock: Clock) -> AsyncGenerator[Self]:
         """Yield the site of `bus`, as soon as it is known who is there."""
-        site = cls(bus, clock, portal)
+        site = cls(bus, clock)
         try:
             for presence in (USER_ALIVE, SERVICE_ALIVE):
-                found = site._present[presence.key] = _Present(await bus.list_present(presence))
+                found = site._present[presence.key] = Present()
                 site._watches.append(bus.watch(presence, found.on_change))
+                found.merge(await bus.list_present(presence))
             yield site
         finally:
             site._close()
@@ -145,8 +134,17 @@ class Site:
         return self._clock.now_ns()
 
     async def sleep(self, seconds: float) -> None:
-        """Wait until so many seconds of the site's time have passed."""
-        await sleep(self._clock, seconds)
+        """Wait until so many seconds of the site's time have passed.
+
+        Raises:
+            BusClosedError: If the site is closed, as soon as it is.
+            PointItError: If a service of `run` has failed, as soon as it has.
+        """
+        self._check_open()
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(seconds / self._clock.speed):
+                await self._ended.wait()
+        self._check_open()
 
     def cursors(self, user: str | None = None) -> Feed[Cursor]:
         """Return an iterator over cursors: where the ray meets the room. Newest wins."""
@@ -189,6 +187,8 @@ class Site:
 
     def messages(self, topic: Topic[M], name: str | None = None) -> Feed[M]:
         """Return an iterator over the messages of any row of the topic table, or of a plug-in's own."""
+        if name is not None:
+            topic.at(name)
         return self._feed(topic, (ANY if topic.placeholder else "") if name is None else name, None)
 
     async def call(
@@ -207,8 +207,8 @@ class Site:
     def tracker(self, name: str) -> Tracker:
         """Return the tracker `name`, which publishes objects."""
         self._check_open()
-        tracker = Tracker(self._bus, name, self._clock.now_ns)
-        self._trackers.append(tracker)
+        tracker = Tracker(self._bus, name, self._clock.now_ns, self._trackers.discard)
+        self._trackers.add(tracker)
         if self._bus.is_restricted:
             self._bus.spawn(self._check_writing(tracker, name), f"access to {OBJECTS.key}")
         return tracker
@@ -233,15 +233,17 @@ class Site:
     def fail(self, error: Exception) -> None:
         """End all iterators with `error`."""
         self._failure = error
+        self._ended.set()
         for inbox in list(self._inboxes):
             inbox.end(error)
 
     def _close(self) -> None:
         """End all iterators and trackers."""
-        for tracker in self._trackers:
+        for tracker in list(self._trackers):
             if not self._bus.is_closed:
                 tracker.close()
         self._is_closed = True
+        self._ended.set()
         for watch in self._watches:
             watch.close()
         for inbox in list(self._inboxes):
@@ -258,7 +260,7 @@ class Site:
 
     def _feed(self, topic: Topic[M], name: str, fits: Callable[[M], bool] | None) -> Feed[M]:
         self._check_open()
-        inbox = Inbox[M](topic.delivery)
+        inbox = Inbox[M](topic.delivery, one_writer=name != ANY)
         reference = weakref.ref(inbox)
 
         def on_message(message: M, its_name: str) -> None:
@@ -278,6 +280,7 @@ class Site:
     async def _check_access(self, inbox: Inbox[Any], topic: Topic[Any], name: str) -> None:
         if denied := await self._bus.denial_reason("reads", topic, name):
             inbox.end(AccessDeniedError(denied))
+            inbox.close()
 
     async def _check_writing(self, tracker: Tracker, name: str) -> None:
         if denied := await self._bus.denial_reason("writes", OBJECTS, name):

@@ -20,6 +20,7 @@ from pointit.api.requests import (
     SelectRequests,
 )
 from pointit.api.site import Site
+from pointit.api.sync_latest import SyncLatest
 from pointit.api.tracker import Tracker
 from pointit.runtime.bus.contract import REQUEST_TIMEOUT_S
 from pointit.schemas import (
@@ -43,7 +44,7 @@ from pointit.schemas import (
     TrackedObjects,
     UserPose,
 )
-from pointit.schemas.topics import LAMP_COLOR, Request, Topic
+from pointit.schemas.topics import LAMP_COLOR, Request, Topic, check_name
 
 M = TypeVar("M", bound=Message)
 Q = TypeVar("Q", bound=Query)
@@ -108,10 +109,12 @@ class SyncTracker:
             stamp_ns: time of capture, Unix ns. None: now, by the site's clock.
 
         Raises:
+            SchemaError: If an object is wrong.
             BusClosedError: If the tracker or the site is closed.
             AccessDeniedError: If this identity may not write them, which is known after some seconds.
         """
-        self._portal.do(lambda: self._tracker.update(objects, stamp_ns=stamp_ns))
+        listed = tuple(objects)  # here: a generator may use the site
+        self._portal.do(lambda: self._tracker.update(listed, stamp_ns=stamp_ns))
 
     def close(self) -> None:
         """Publish that all objects have left, and end."""
@@ -135,7 +138,7 @@ class SyncSite:
             portal.close()
             raise
         atexit.register(self.close)
-        self.latest = self._site.latest
+        self.latest = SyncLatest(self._site.latest, portal)
         """The newest messages by topic and name. The first one of a name is waited for, up to 2 s."""
         ask = self._ask
         self.select = SelectRequests[Done, SetMethodReply, ReadHistoryReply](ask)
@@ -181,7 +184,7 @@ class SyncSite:
         return self._portal.do(self._site.now_ns)
 
     def sleep(self, seconds: float) -> None:
-        """Wait until so many seconds of the site's time have passed."""
+        """Wait until so many seconds of the site's time have passed; see `Site.sleep`."""
         self._portal.call(self._site.sleep(seconds))
 
     def cursors(self, user: str | None = None) -> SyncFeed[Cursor]:
@@ -236,6 +239,7 @@ class SyncSite:
 
     def lamp(self, name: str) -> Lamp[Done, SyncFeed[LampColor]]:
         """Return the lamp `name` of the map."""
+        check_name(name, "lamp")
         return Lamp(name, self.leds, lambda lamp: self.messages(LAMP_COLOR, lamp))
 
     def press(self, user: str, gesture: Literal["press", "double", "hold"] = "press") -> Interaction:

@@ -2,17 +2,23 @@
 
 from collections.abc import Callable, Iterable
 
+from pydantic import ValidationError
+
 from pointit.runtime.bus.contract import Bus
 from pointit.runtime.errors import AccessDeniedError
-from pointit.schemas import TrackedObject, TrackedObjects
+from pointit.schemas import SchemaError, TrackedObject, TrackedObjects, summarize_validation_error
 from pointit.schemas.topics import OBJECTS
 
 
 class Tracker:
     """Publishes the objects of one tracker, which lists its own under its own name."""
 
-    def __init__(self, bus: Bus, name: str, now_ns: Callable[[], int]) -> None:
+    def __init__(
+        self, bus: Bus, name: str, now_ns: Callable[[], int], on_close: Callable[["Tracker"], None]
+    ) -> None:
         self._publisher = bus.publisher(OBJECTS, name)
+        self._key = OBJECTS.at(name)
+        self._on_close = on_close
         self._now_ns = now_ns
         self._seq = 0
         self._is_open = True
@@ -26,19 +32,19 @@ class Tracker:
             stamp_ns: time of capture, Unix ns. None: now, by the site's clock.
 
         Raises:
+            SchemaError: If an object is wrong.
             BusClosedError: If the tracker or the site is closed.
             AccessDeniedError: If this identity may not write them, which is known after some seconds.
         """
         if self._denial is not None:
             raise self._denial
+        stamp_ns = self._now_ns() if stamp_ns is None else stamp_ns
+        try:
+            message = TrackedObjects(stamp_ns=stamp_ns, seq=self._seq + 1, objects=tuple(objects))
+        except ValidationError as error:
+            raise SchemaError(f"{self._key}: {summarize_validation_error(error)}") from error
         self._seq += 1
-        self._publisher.put(
-            TrackedObjects(
-                stamp_ns=self._now_ns() if stamp_ns is None else stamp_ns,
-                seq=self._seq,
-                objects=tuple(objects),
-            )
-        )
+        self._publisher.put(message)
 
     def deny(self, error: AccessDeniedError) -> None:
         """Raise `error` from now on."""
@@ -51,3 +57,4 @@ class Tracker:
             if self._denial is None:
                 self.update(())
             self._publisher.close()
+            self._on_close(self)

@@ -318,9 +318,10 @@ def process(name: str) -> Process:
     plugin = SERVICES.get(name)
     try:
         plugin.check(name)
-    except ConfigError as error:
+    except Exception as error:  # an object of others, whose fields may be of any type
+        reason = str(error) if isinstance(error, ConfigError) else f"{type(error).__name__}: {error}"
         raise ConfigError(
-            f"{SERVICES.label(name)} cannot be used: {error}; update or uninstall it"
+            f"{SERVICES.label(name)} cannot be used: {reason}; update or uninstall it"
         ) from error
     plugin.add_rows()
     row = Process(

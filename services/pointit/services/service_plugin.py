@@ -1,11 +1,13 @@
 """Services of installed packages: processes with rows of the tables of their own."""
 
+import re
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, cast, get_args
 
 from pointit.runtime.config.plugins import Plugin, PluginGroup
 from pointit.runtime.errors import ConfigError
-from pointit.runtime.service.service import Service
+from pointit.runtime.service.service import Scope, Service
+from pointit.schemas.table_types import NAME
 from pointit.schemas.topics import (
     CLOCK,
     DEPLOYMENT,
@@ -23,12 +25,19 @@ Row = Topic[Any] | Request[Any, Any]
 SYSTEM = (CLOCK, DEPLOYMENT, HEALTH)
 """Topics that the runtime writes itself."""
 
+OURS = (*TOPICS, *REQUESTS)
+"""Rows of PointIt itself."""
+
+PLACEHOLDER = re.compile(r"\{\w+\}\Z")
+
 
 @dataclass(frozen=True, kw_only=True)
 class ServicePlugin(Plugin):
     """A service, and the topics and requests that it uses: ours, or new ones of its package.
 
-    On a secured site it may do what these rows say, and nothing else.
+    On a secured site these rows are added to the rights of a role: `user`, of each person's identity, if its
+    scope is `user`, else `services`. It runs with all rights of that role, and other services of the role get
+    its rows, too.
     """
 
     make: type[Service[Any]]
@@ -46,28 +55,67 @@ class ServicePlugin(Plugin):
         Raises:
             ConfigError: If not. The message names the attribute, topic or request.
         """
+        self._check_class(name)
+        is_personal = self.make.SCOPE == "user"
+        for row in (*self.writes, *self.serves):
+            if is_personal and row.placeholder != "user":
+                raise ConfigError(f"its SCOPE is 'user', so its key {row.key} must contain {{user}}")
+        for topic in self.writes:
+            is_ours = topic in OURS
+            if topic in SYSTEM or (not is_ours and name not in topic.writers):
+                raise ConfigError(
+                    f"it cannot write {topic.key}, whose writers are {', '.join(topic.writers)}"
+                )
+            if is_ours and topic.placeholder == "user" and not is_personal:
+                raise ConfigError(f"it cannot write {topic.key} of all people: its SCOPE must be 'user'")
+        for request in self.serves:
+            if request.server != name:
+                raise ConfigError(f"it cannot answer {request.key}, whose server is {request.server}")
+        rows: tuple[Row, ...] = (*self.reads, *self.writes, *self.serves, *self.asks)
+        for row in rows:
+            if row not in OURS:
+                _check_key(row)
+
+    def _check_class(self, name: str) -> None:
+        """Check the service's class and its attributes."""
+        make = cast("object", self.make)
+        if not (isinstance(make, type) and issubclass(make, Service)):
+            raise ConfigError("its make must be a subclass of Service")
         if name != self.make.NAME or self.make.CONFIG is not self.config:
             raise ConfigError(
                 f"NAME of {self.make.__name__} must be {name!r}, and its CONFIG the plug-in's config"
             )
-        for topic in self.writes:
-            if topic in SYSTEM or (topic not in TOPICS and name not in topic.writers):
-                raise ConfigError(
-                    f"it cannot write {topic.key}, whose writers are {', '.join(topic.writers)}"
-                )
-        for request in self.serves:
-            if request.server != name:
-                raise ConfigError(f"it cannot answer {request.key}, whose server is {request.server}")
-        for row in (*self.reads, *self.writes, *self.serves, *self.asks):
-            others: tuple[Row | Presence, ...] = (*TOPICS, *REQUESTS, *PRESENCES)
-            taken = [other.key for other in others if other is not row and _overlap(row.key, other.key)]
-            if taken:
-                raise ConfigError(f"its key {row.key} is that of another row of the tables, {taken[0]}")
+        if "." in name or not NAME.match(name):  # NAME.USER is the instance of a person
+            raise ConfigError(f"its NAME {name!r} must be of letters, digits, '_' and '-' only")
+        if self.make.SCOPE not in get_args(Scope):
+            raise ConfigError(f"SCOPE of {self.make.__name__} must be 'site' or 'user'")
 
     def add_rows(self) -> None:
         """Add its topics and requests to the tables, unless they are there already."""
         TOPICS.extend(topic for topic in (*self.reads, *self.writes) if topic not in TOPICS)
         REQUESTS.extend(request for request in (*self.serves, *self.asks) if request not in REQUESTS)
+
+
+def _check_key(row: Row) -> None:
+    """Check that `row`, which is not ours, has a key that begins with its owner's name and is its alone.
+
+    Raises:
+        ConfigError: If not. The message names the key.
+    """
+    first, *others = row.key.split("/")
+    owners = row.writers if isinstance(row, Topic) else (row.server,)
+    if first.replace("_", "-") not in {owner.replace("_", "-") for owner in owners}:
+        raise ConfigError(f"its key {row.key} must begin with {owners[0]}/, the name of its service")
+    words = [part for part in others if not NAME.match(part)]
+    if len(words) > 1 or not all(PLACEHOLDER.match(word) for word in words):
+        raise ConfigError(
+            f"its key {row.key} must consist of names of letters, digits, '_', '-' and '.', one of which may "
+            "be a placeholder such as {user}"
+        )
+    rows: tuple[Row | Presence, ...] = (*TOPICS, *REQUESTS, *PRESENCES)
+    taken = [other.key for other in rows if other != row and _overlap(row.key, other.key)]
+    if taken:
+        raise ConfigError(f"its key {row.key} is that of another row of the tables, {taken[0]}")
 
 
 def _overlap(one: str, other: str) -> bool:

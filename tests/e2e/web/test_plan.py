@@ -1,5 +1,6 @@
 """The plan: the view of browsers without WebGL, and selection without a mouse and without sight."""
 
+import asyncio
 import re
 
 import pytest
@@ -9,8 +10,8 @@ from pointit.schemas import SelectionEvent
 from pointit.schemas.topics import SELECTION_EVENTS
 from tests.e2e.web.axe import violations
 from tests.e2e.web.site import SitePage
-from tests.support.bench import until
 from tests.support.commands import onlooker
+from tests.support.pace import Patience
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(300)]
 
@@ -62,16 +63,16 @@ async def test_a_package_is_selected_by_the_keyboard_alone(browser: Browser, sha
         await expect(page.get_by_role("radio", name="Mouse")).to_be_checked()
         await page.locator(".plan-list summary").focus()
         await page.keyboard.press("Enter")
-        blue = page.get_by_role("button", name=re.compile("^Point at blue package")).first
-        await expect(blue).to_be_visible(timeout=60_000)
+        blue = page.get_by_role("button", name=re.compile("^Point at blue package"))
+        chosen = page.get_by_role("button", name=re.compile("^Point at blue package"), pressed=True)
+        await expect(blue.first).to_be_visible(timeout=60_000)
         events.clear()
-        await blue.focus()
-        await page.keyboard.press("Enter")
-        await expect(blue).to_have_attribute("aria-pressed", "true")
-        # only a person who chose it from the list wants a blue one
-        await until(
-            lambda: any(event.event == "selected" and event.kind == "blue" for event in events),
-            20,
-            "a selection",
-        )
+        patience = Patience(30.0)
+        # only a person who chose it from the list wants a blue one; one that leaves is followed by the next
+        while not any(event.event == "selected" and event.kind == "blue" for event in events):
+            assert not patience.is_over(), "no blue package was selected"
+            if not await chosen.count():
+                await blue.first.focus()
+                await page.keyboard.press("Enter")
+            await asyncio.sleep(0.5)
     assert faults == []

@@ -46,13 +46,21 @@ def test_a_script_sees_people_point_and_sends_requests() -> None:
         found = [event for event in events.during(0) if event.event == "selected"]
         assert found
         assert {user for user, _ in site.cursors().items().during(0.1)} == {"user1", "user2"}
-        assert {event.id for event in site.latest.selection.objects} <= {event.object_id for event in found}
+        assert {event.id for event in site.latest.selection.value.objects} <= {
+            event.object_id for event in found
+        }
         assert "deselected" in site.select.undo(found[-1].user).message
         assert site.select.method(dwell_s=0.5).dwell_s == 0.5
         assert site.select.method(name="hold").method == "hold"
         assert site.latest.cursor["user1"].stamp_ns > began_ns
         with pytest.raises(NoMessageError, match="nothing came on users/nobody/cursor within 2 s"):
             _ = site.latest.cursor["nobody"]
+        waited_ns = site.now_ns()
+        assert site.latest.cursor.get("nobody") is None
+        assert "nobody" not in site.latest.cursor
+        assert set(site.latest.cursor) == {"user1", "user2"}
+        assert site.now_ns() == waited_ns
+        assert site.latest.pose.wait("user1", patience_s=5.0).stamp_ns > 0
         with pytest.raises(RefusedError, match="nothing to take back"):
             site.select.undo("nobody")
         with pytest.raises(SchemaError, match="brightness: Input should be less than or equal to 1"):
@@ -73,7 +81,7 @@ def test_objects_and_lamps_of_a_script() -> None:
         assert next(things).objects == ()
         with pytest.raises(BusClosedError):
             tracker.update([])
-        lamp = site.lamp(site.latest.map.lamps[0].id)
+        lamp = site.lamp(site.latest.map.value.lamps[0].id)
         colors = lamp.colors()
         assert next(colors).color == (0, 0, 0)
         assert lamp.set("#ff8800").message == f"lamp {lamp.name} shows #ff8800"
@@ -119,6 +127,7 @@ def test_a_service_that_fails_is_named_to_who_waits(monkeypatch: pytest.MonkeyPa
         ({"scenario": "scenario_9"}, "no scenario 'scenario_9'"),
         ({"settings": {"selector.dwel_s": 1}}, "dwel_s"),
         ({"settings": {"nothing.at_all": 1}}, "'nothing' is no service"),
+        ({"settings": {"selector.dwell_s": object()}}, "settings: selector.dwell_s cannot be <object"),
         ({"users": ["an na"]}, "use 1 to 64 letters"),
         ({"imu": ["none"]}, "--imu 'none'"),
         ({"listen": "tcp/127.0.0.1:7447"}, "nobody can join a site in virtual time"),

@@ -2,18 +2,20 @@
 
 import asyncio
 import gc
+import weakref
 from collections.abc import AsyncIterator
 
 import pytest
 import pytest_asyncio
 
+from pointit.api import feed
 from pointit.api.site import Site
-from pointit.runtime.bus.contract import EVENT_CAPACITY
+from pointit.runtime.bus.contract import EVENT_CAPACITY, AnyTopic
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.clock import WallClock
-from pointit.runtime.errors import BusClosedError, NoMessageError
-from pointit.schemas import Cursor, KeyNameError, SelectionEvent, UserPose
-from pointit.schemas.topics import CURSOR, POSE, SELECTION_EVENTS, USER_ALIVE
+from pointit.runtime.errors import AccessDeniedError, BusClosedError, NoMessageError, VersionError
+from pointit.schemas import Cursor, KeyNameError, Selection, SelectionEvent, UserPose
+from pointit.schemas.topics import CURSOR, POSE, SELECTION, SELECTION_EVENTS, USER_ALIVE, Presence
 from tests.support.bench import until
 
 
@@ -136,6 +138,44 @@ async def test_who_is_no_longer_iterated_over_is_unsubscribed(bus: MemoryBus, si
     assert [cursor async for cursor in closed] == []
 
 
+@pytest.mark.parametrize("user", ["anna", None])
+async def test_unreadable_messages_end_only_a_loop_over_one_person(
+    bus: MemoryBus,
+    site: Site,
+    user: str | None,
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    monkeypatch.setattr(feed, "DOUBT_S", 0.01)
+    cursors = site.cursors(user)
+    assert cursors._inbox.source is not None
+    cursors._inbox.source.traffic.invalid = 1
+    taking = asyncio.create_task(anext(cursors))
+    await asyncio.sleep(0.1)
+    assert not taking.done()  # a stray one
+    cursors._inbox.source.traffic.invalid = 7
+    if user is not None:
+        with pytest.raises(VersionError, match="7 messages came and none could be read"):
+            await taking
+        return
+    await until(lambda: "7 messages came" in caplog.text, what="a warning")
+    put_cursor(bus, "anna", 1)
+    assert (await taking).seq == 1
+
+
+async def test_a_denied_loop_receives_nothing_more(
+    bus: MemoryBus, site: Site, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def deny(verb: str, topic: AnyTopic, name: str) -> str:
+        return f"{verb} {topic.at(name)}"
+
+    monkeypatch.setattr(bus, "denial_reason", deny)
+    monkeypatch.setattr(MemoryBus, "is_restricted", True)
+    with pytest.raises(AccessDeniedError, match="reads users/anna/cursor"):
+        await anext(site.cursors("anna"))
+    assert len(bus.exchange.readers_of(CURSOR)) == 0
+
+
 async def test_people_are_told_at_once_and_on_each_change(bus: MemoryBus) -> None:
     anna = bus.announce(USER_ALIVE, "anna")
     async with Site.on(bus, WallClock()) as site:
@@ -146,6 +186,34 @@ async def test_people_are_told_at_once_and_on_each_change(bus: MemoryBus) -> Non
         anna.close()
         assert await anext(people) == {"ben"}
         assert await anext(site.people()) == {"ben"}
+
+
+async def test_who_leaves_while_people_are_listed_is_gone(
+    bus: MemoryBus, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    anna = bus.announce(USER_ALIVE, "anna")
+    bus.announce(USER_ALIVE, "ben")
+    list_present = bus.list_present
+
+    async def slowly(presence: Presence) -> set[str]:
+        listed = await list_present(presence)
+        anna.close()
+        bus.announce(USER_ALIVE, "cleo")
+        await asyncio.sleep(0.01)
+        return listed
+
+    monkeypatch.setattr(bus, "list_present", slowly)
+    async with Site.on(bus, WallClock()) as site:
+        assert await anext(site.people()) == {"ben", "cleo"}
+
+
+async def test_a_closed_tracker_is_not_kept(site: Site) -> None:
+    tracker = site.tracker("camera")
+    closed = weakref.ref(tracker)
+    tracker.close()
+    del tracker
+    gc.collect()
+    assert closed() is None
 
 
 async def test_the_latest_is_kept_from_the_first_use_on(bus: MemoryBus, site: Site) -> None:
@@ -162,4 +230,43 @@ async def test_the_latest_is_kept_from_the_first_use_on(bus: MemoryBus, site: Si
     with pytest.raises(NoMessageError, match=r"nothing came on users/ben/pose within 0\.01 s"):
         await site.latest.pose.wait("ben", patience_s=0.01)
     with pytest.raises(NoMessageError, match="nothing has come on selection yet"):
-        _ = site.latest.selection
+        _ = site.latest.selection.value
+    bus.publisher(SELECTION).put(Selection(stamp_ns=1))
+    assert (await site.latest.selection.wait()).stamp_ns == 1 == site.latest.selection.value.stamp_ns
+
+
+async def test_the_latest_ends_with_the_site(bus: MemoryBus, site: Site) -> None:
+    bus.publisher(POSE, "anna").put(UserPose(stamp_ns=1, position_m=(1.0, 2.0, 0.0), yaw_rad=0.0))
+    poses = site.latest.pose
+    assert (await poses.wait("anna")).stamp_ns == 1
+    sleeping = asyncio.create_task(site.sleep(3600.0))
+    await asyncio.sleep(0)
+    site.fail(ValueError("broken"))
+    for use in (
+        lambda: poses["anna"],
+        lambda: poses.get("ben"),
+        lambda: dict(poses),
+        lambda: site.latest.map,
+    ):
+        with pytest.raises(ValueError, match="broken"):
+            use()
+    with pytest.raises(ValueError, match="broken"):
+        await poses.wait("anna")
+    with pytest.raises(ValueError, match="broken"):
+        await sleeping
+
+
+async def test_the_latest_says_why_nothing_comes(
+    bus: MemoryBus, site: Site, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rays = site.latest.ray
+    rays._subscription.traffic.invalid = 3
+    with pytest.raises(VersionError, match="3 messages came and none could be read"):
+        await rays.wait("anna", patience_s=0.01)
+
+    async def deny(verb: str, topic: AnyTopic, name: str) -> str:
+        return f"{verb} {topic.at(name)}"
+
+    monkeypatch.setattr(bus, "denial_reason", deny)
+    with pytest.raises(AccessDeniedError, match=r"reads users/\*/ray"):
+        await rays.wait("anna", patience_s=0.01)

@@ -7,11 +7,11 @@ import pytest
 
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.service import plugin_guard
+from pointit.runtime.service.service import Launch, check_launches
 from pointit.schemas import NS_PER_S
 from pointit.schemas.topics import HEALTH, IMU
 from pointit.services.imu_bridge.config import ImuBridgeConfig
-from pointit.services.imu_bridge.reading import Press, Reading
-from pointit.services.imu_bridge.reading_check import MAX_ITEMS_PER_S, SHOWN_NS, ReadingCheck
+from pointit.services.imu_bridge.reading import MAX_ITEMS_PER_S, SHOWN_NS, Press, Reading, ReadingCheck
 from pointit.services.imu_bridge.service import ImuBridge
 from tests.support import strangers
 from tests.support.bench import memory_bench, until
@@ -38,6 +38,7 @@ class Mortal:
 
 MORTAL = ImuSource(summary="dies soon", config=Config, make=Mortal)
 UNMADE = ImuSource(summary="", config=Config, make=lambda config, surroundings: 1 // 0)
+UNCHECKED = ImuSource(summary="", config=Config, make=Mortal, check=lambda config: 1 // 0)
 """
 LABEL = "IMU source 'mortal' of strangers-parts"
 
@@ -45,7 +46,8 @@ LABEL = "IMU source 'mortal' of strangers-parts"
 @pytest.fixture(autouse=True)
 def installed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     monkeypatch.setenv("POINTIT_STATE", str(tmp_path / "state"))
-    entries = "mortal = strangers_sources:MORTAL\nunmade = strangers_sources:UNMADE"
+    names = ("mortal", "unmade", "unchecked")
+    entries = "\n".join(f"{name} = strangers_sources:{name.upper()}" for name in names)
     with strangers.installed(tmp_path, "strangers_sources", MODULE, imu_sources=entries):
         yield
 
@@ -72,6 +74,12 @@ async def test_source_that_cannot_be_made_stops_the_start_with_a_sentence() -> N
         with pytest.raises(ConfigError, match=r"'unmade' of strangers-parts cannot be started \(ZeroDiv"):
             launch.result()
         await bench.end(launch)
+
+
+def test_source_that_cannot_check_its_parameters_is_refused_in_one_sentence() -> None:
+    launch = Launch(service=ImuBridge, config=ImuBridgeConfig(source="unchecked"), user="anna")
+    with pytest.raises(ConfigError, match=r"imu-bridge\.anna: .*'unchecked' of strangers-parts .*\(ZeroDiv"):
+        check_launches([launch])
 
 
 def test_flood_is_cut_to_what_the_site_can_take_and_reported_for_a_while() -> None:

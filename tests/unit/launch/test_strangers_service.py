@@ -2,6 +2,7 @@
 
 import asyncio
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,12 +17,24 @@ from pointit.launch.plan.scenario import read_scenario
 from pointit.runtime.bus.local_broker import LocalBroker
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.clock import WallClock
+from pointit.runtime.config.config import Config
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.service import plugin_guard
-from pointit.runtime.service.service import Launch, run_services
+from pointit.runtime.service.service import Launch, Service, check_launches, run_services
 from pointit.schemas import SelectionEvent
-from pointit.schemas.topics import HEALTH, REQUESTS, SELECTION_EVENTS, TOPICS
+from pointit.schemas.topics import (
+    HEALTH,
+    IMU,
+    LAMP_COLOR,
+    MAP,
+    REQUESTS,
+    SELECTION_EVENTS,
+    TOPICS,
+    Delivery,
+    Topic,
+)
 from pointit.services import registry
+from pointit.services.service_plugin import ServicePlugin
 from tests.support import strangers
 from tests.support.bench import until
 
@@ -44,14 +57,14 @@ class ResetReply(Reply):
     pass
 
 class CounterConfig(Config):
-    start: int = Field(default=0, description="first number")
+    start: int = Field(default=0, ge=-1, description="first number; -1: it cannot check it")
     lives: int = Field(default=0, description="number of events after which it fails; 0: never")
 
 def topic(key, *writers):
     return Topic(key=key, message=Count, delivery=Delivery.STATE, rate_hz=None, writers=writers, about="")
 
-COUNTS = topic("counts/{user}", "counter")
-RESET = Request(key="counts/reset", query=Reset, reply=ResetReply, server="counter", about="start again")
+COUNTS = topic("counter/{user}", "counter")
+RESET = Request(key="counter/reset", query=Reset, reply=ResetReply, server="counter", about="start again")
 
 class Counter(Service[CounterConfig]):
     NAME: ClassVar = "counter"
@@ -71,12 +84,21 @@ class Counter(Service[CounterConfig]):
         if self.count == self.config.lives:
             self.failed.set()
 
+    @classmethod
+    def validate_config(cls, config):
+        if config.start < 0:
+            raise LookupError("no such number")
+
     async def reset(self, query, name):
         self.count = 0
         return ResetReply()
 
     async def run(self):
         await self.failed.wait()
+        if self.config.start:
+            once = self.bus.publisher(COUNTS, "once")
+            once.close()
+            once.put(Count(stamp_ns=1))
         raise ValueError("it has lived long enough")
 
 COUNTER = ServicePlugin(
@@ -97,12 +119,22 @@ class Greedy(Counter):
 
 GREEDY = other(make=Greedy, writes=(topic("users/{user}/{user}", "greedy"),))
 MISNAMED = other()
+BROKEN = other(make=print)
+
+class Personal(Counter):
+    NAME: ClassVar = "personal"
+    SCOPE: ClassVar = "user"
+
+OWN = topic("personal/{user}/count", "personal")
+PERSONAL = other(make=Personal, writes=(OWN, topics.POSE), asks=(topics.SET_POSE, topics.SET_SPEED))
 """
 
 ENTRIES = """
 counter = strangers_services:COUNTER
 greedy = strangers_services:GREEDY
 misnamed = strangers_services:MISNAMED
+broken = strangers_services:BROKEN
+personal = strangers_services:PERSONAL
 lost = strangers_services:LOST [ble]
 """
 
@@ -133,29 +165,103 @@ def test_service_is_found_without_importing_any_and_started_on_request() -> None
 @pytest.mark.parametrize(
     ("name", "sentence"),
     [
-        ("absent", "--with absent: no service 'absent'; there are imu-bridge, .*, counter, greedy, lost"),
+        (
+            "absent",
+            "--with absent: no service 'absent'; there are imu-bridge, .*, broken, counter, greedy, l",
+        ),
         ("lost", r"'lost' of strangers-parts cannot be imported \(.*\); install strangers-parts\[ble\]"),
         ("misnamed", "cannot be used: NAME of Counter must be 'misnamed'"),
-        ("greedy", "cannot be used: its key users/{user}/{user} is that of another row of the tables"),
+        ("greedy", "cannot be used: its key users/{user}/{user} must begin with greedy/"),
+        ("broken", "'broken' of strangers-parts cannot be used: its make must be a subclass of Service"),
     ],
 )
 def test_service_that_cannot_be_used_is_refused_in_one_sentence(name: str, sentence: str) -> None:
     with pytest.raises(ConfigError, match=sentence):
         site_launches(read_scenario("scenario_3"), Choices(services=[name]))
     registry.add_installed()
-    assert [row.name for row in registry.PROCESSES if row.plugin is not None] == ["counter"]
+    assert [row.name for row in registry.PROCESSES if row.plugin is not None] == ["counter", "personal"]
+
+
+def made(name: str, scope: str = "site", **rows: Any) -> ServicePlugin:
+    kind = type("Made", (Service,), {"NAME": name, "SCOPE": scope, "CONFIG": Config})
+    return ServicePlugin(summary="", config=Config, make=kind, **rows)
+
+
+def own(key: str, writer: str = "evil") -> Topic[Any]:
+    return Topic(
+        key=key, message=SelectionEvent, delivery=Delivery.EVENT, rate_hz=None, writers=(writer,), about=""
+    )
+
+
+@pytest.mark.parametrize(
+    ("key", "sentence"),
+    [
+        ("**", "must begin with evil/"),
+        ("*/pose", "must begin with evil/"),
+        ("{user}/pose", "must begin with evil/"),
+        ("map/evil", "must begin with evil/"),
+        ("evil/**", "must consist of names"),
+        ("evil/*", "must consist of names"),
+        ("evil/$*", "must consist of names"),
+        ("evil/a{user}", "must consist of names"),
+        ("evil/{user}{user}", "must consist of names"),
+        ("evil/{user}/{led}", "must consist of names"),
+        ("evil//a", "must consist of names"),
+        ("evil/@adv", "must consist of names"),
+    ],
+)
+def test_key_that_others_may_have_is_refused(key: str, sentence: str) -> None:
+    made("evil", writes=(own("evil/{user}/a.b"),)).check("evil")
+    with pytest.raises(ConfigError, match=sentence):
+        made("evil", writes=(own(key),)).check("evil")
+
+
+def test_key_of_a_row_of_the_tables_is_refused() -> None:
+    row = own("leds/{user}", "leds")
+    with pytest.raises(ConfigError, match=r"its key leds/\{user\} is that of another row .*, leds/leases"):
+        made("leds", writes=(row,)).check("leds")
+    with pytest.raises(ConfigError, match="is that of another row"):
+        made("leds", reads=(row,)).check("leds")
+
+
+@pytest.mark.parametrize(
+    ("plugin", "sentence"),
+    [
+        (made("pointing.anna"), "its NAME 'pointing.anna' must be of letters"),
+        (made("a b"), "its NAME 'a b' must be of letters"),
+        (made("evil", "all"), "SCOPE of Made must be 'site' or 'user'"),
+        (made("evil", "user", writes=(MAP,)), "its SCOPE is 'user', so its key map must contain {user}"),
+        (made("evil", "user", writes=(LAMP_COLOR,)), "its key leds/{led}/color must contain {user}"),
+        (made("evil", "user", writes=(own("evil/a"),)), "its key evil/a must contain {user}"),
+        (
+            made("evil", writes=(IMU,)),
+            "cannot write users/{user}/imu of all people: its SCOPE must be",
+        ),
+        (made("evil", writes=(HEALTH,)), "it cannot write health/{service}"),
+    ],
+)
+def test_service_that_would_take_rights_of_others_is_refused(plugin: ServicePlugin, sentence: str) -> None:
+    with pytest.raises(ConfigError, match=sentence):
+        plugin.check(plugin.make.NAME)
+
+
+def test_personal_service_gets_rights_at_its_persons_name_only() -> None:
+    rights = rights_of("user", "anna")
+    assert {"personal/anna/count", "users/anna/pose", "health/personal.anna"} <= set(rights.writes)
+    assert {"localizer/anna/set_pose", "conveyor/set_speed"} <= set(rights.asks)
+    assert not any("*" in key for key in (*rights.writes, *rights.serves, *rights.asks))
 
 
 def test_its_rows_are_in_the_tables_and_give_it_its_rights() -> None:
     before = len(TOPICS), len(REQUESTS)
     rights = rights_of("services", "supervisor")
-    assert (len(TOPICS), len(REQUESTS)) == (before[0] + 1, before[1] + 1)
-    assert {"counts/*", HEALTH.at("counter")} <= set(rights.writes)
-    assert "counts/reset" in rights.serves
+    assert (len(TOPICS), len(REQUESTS)) == (before[0] + 2, before[1] + 1)
+    assert {"counter/*", HEALTH.at("counter")} <= set(rights.writes)
+    assert "counter/reset" in rights.serves
     assert "conveyor/set_speed" in rights.asks
-    assert "counts/*" in rights_of("dashboard", "screen").reads
-    assert "counts/*" not in rights_of("user", "anna").writes
-    ((counts, name),) = resolve("counts/anna")
+    assert "counter/*" in rights_of("dashboard", "screen").reads
+    assert "counter/*" not in rights_of("user", "anna").writes
+    ((counts, name),) = resolve("counter/anna")
     assert name == "anna"
     assert start_command("counter") == "pointit service run counter"
     assert "counter can write it and runs" in silence_reason(counts, "anna", {"counter"})
@@ -164,13 +270,42 @@ def test_its_rows_are_in_the_tables_and_give_it_its_rights() -> None:
     assert "cannot be imported" in uses["--with lost"]
 
 
+def test_service_that_raises_in_its_check_is_refused_in_one_sentence() -> None:
+    launch = replace(counter(), config=registry.process("counter").config()(start=-1))
+    with pytest.raises(ConfigError, match=r"counter: service 'counter' .*\(LookupError: no such number\)"):
+        check_launches([launch])
+
+
+async def test_service_that_uses_a_publisher_it_closed_ends_nothing_else(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(plugin_guard, "FIRST_WAIT_S", 0.001)
+    bus = MemoryBus(LocalBroker())
+    warnings: list[str] = []
+    bus.subscribe(HEALTH, lambda health, _name: warnings.extend(health.warnings), "counter")
+    launch = replace(counter(), config=registry.process("counter").config()(start=1, lives=2))
+    events = bus.publisher(SELECTION_EVENTS)
+    work = asyncio.create_task(run_services([launch], bus, WallClock()))
+
+    def select(_round: Any = None) -> bool:
+        events.put(SelectionEvent(stamp_ns=1, event="selected", object_id="a", user="anna"))
+        return bool(warnings) or work.done()
+
+    await until(select, what="its warning")
+    assert not work.done()
+    assert "failed (BusClosedError: " in warnings[0]
+    await bus.close()
+    await asyncio.wait({work})
+    assert not work.cancelled()
+
+
 async def test_service_that_fails_is_named_and_restarted_and_ends_nothing_else(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(plugin_guard, "FIRST_WAIT_S", 0.001)
     bus = MemoryBus(LocalBroker())
     registry.add_installed()
-    ((counts, _),) = resolve("counts/*")
+    ((counts, _),) = resolve("counter/*")
     seen: list[int] = []
     warnings: list[str] = []
     bus.subscribe(counts, lambda count, _name: seen.append(count.selected))

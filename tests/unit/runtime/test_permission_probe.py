@@ -83,6 +83,27 @@ async def test_a_late_answer_ends_the_denial(what: str) -> None:
         await test.close()
 
 
+async def test_rights_that_were_added_are_answered_by_the_common_test() -> None:
+    router = Router()
+    router.denied = lambda key: "ben" in key
+    test = self_test_at(router)
+    try:
+        keys = [f"users/{user}/cursor" for user in ("anna", "ben", "cleo")]
+        for key in keys:
+            test.add("reads", key)
+        async with asyncio.timeout(30):
+            reasons = await asyncio.gather(*(test.denial_reason("reads", key) for key in keys))
+            assert [bool(reason) for reason in reasons] == [False, True, False]
+            assert "may not read users/ben/cursor" in reasons[1]
+            done = router.tests
+            assert done <= 2  # not one each
+            router.denied = lambda _key: True
+            assert await test.denial_reason("reads", keys[0]) == ""  # it is known
+            assert "may do nothing here" in await test.denial_reason("asks", "leds/brightness")  # it is not
+    finally:
+        await test.close()
+
+
 async def test_it_is_tested_until_it_is_closed() -> None:
     router = Router()
     router.denied = lambda key: "imu" in key

@@ -157,6 +157,11 @@ class Bus(Protocol):
         """Return a message if the bus itself has a problem, else `""`."""
         ...
 
+    @property
+    def is_closed(self) -> bool:
+        """Return True if the bus is closed or closing."""
+        ...
+
     async def close(self) -> None:
         """Close everything that was declared through this bus; no handler runs afterwards."""
         ...

@@ -17,7 +17,7 @@ from pointit.runtime.health.service_bus import ServiceBus
 from pointit.runtime.health.surroundings import DiscardedHealth, PluginHealth, Surroundings
 from pointit.runtime.host.state_file import plugin_folder
 from pointit.runtime.service.instance_takeover import TakeoverMonitor
-from pointit.runtime.service.plugin_guard import PluginGuard, first_cause
+from pointit.runtime.service.plugin_guard import PluginGuard, describe, first_cause
 from pointit.runtime.service.stall_watch import watch_for_stalls
 from pointit.schemas import Health
 from pointit.schemas.system import check_user, instance_of
@@ -144,6 +144,13 @@ def check_launches(launches: Sequence[Launch], addresses: Sequence[str] = ()) ->
             launch.service.validate_link(launch.config, addresses)
         except ConfigError as error:
             raise ConfigError(f"{launch.instance}: {error}") from error
+        except Exception as error:
+            if not launch.plugin:
+                raise
+            raise ConfigError(
+                f"{launch.instance}: {launch.plugin} cannot check its configuration ({describe(error)}); "
+                "update or uninstall it"
+            ) from error
 
 
 async def run_service(launch: Launch, bus: Bus, clock: Clock) -> None:
@@ -162,7 +169,7 @@ async def run_service(launch: Launch, bus: Bus, clock: Clock) -> None:
         try:
             end = await _run_once(launch, bus, steady, guard)
         except Exception as raised:
-            if guard is None or first_cause(raised, BusClosedError) is not None:
+            if guard is None or bus.is_closed:  # its own closed publishers raise BusClosedError, too
                 raise
             end, error = "ended", first_cause(raised)
         if end == "set back":

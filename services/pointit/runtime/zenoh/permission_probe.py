@@ -66,6 +66,9 @@ class PermissionProbe:
         self._loop = asyncio.get_running_loop()
         self._wanted: set[Right] = set()
         self._untested: set[Right] = set()
+        self._testing: set[Right] = set()
+        self._tested = asyncio.Event()
+        """Set, and replaced, at the end of each test."""
         self._denied: set[Right] = set()
         self._is_nobody = False
         self._denials = 0
@@ -93,7 +96,24 @@ class PermissionProbe:
         self._is_due.set()
 
     async def denial_reason(self, verb: str, key: str) -> str:
-        """Return the reason if this right is denied, or `""` if it is not, or if that is unknown."""
+        """Return the reason if this right is denied, or `""` if it is not, or if that is unknown.
+
+        A right that was added is tested together with others, once while it holds.
+        """
+        right = (verb, key)
+        was_pending = self._is_pending(right)
+        for _ in range(2):  # it may have been added during a test
+            if self._is_pending(right) and self._is_up():
+                await self._tested.wait()
+        if right in self._wanted and not self._is_pending(right):
+            if right not in self._denied:
+                return ""
+            if was_pending:
+                return (
+                    _nobody(self._credentials)
+                    if self._is_nobody
+                    else _sentence(self._credentials, verb, [key])
+                )
         arrived = await self._arrived({(verb, key)})
         if arrived is None or (verb, key) in arrived:
             return ""
@@ -116,9 +136,20 @@ class PermissionProbe:
             if self._untested and self._is_up():
                 await self._test()
 
+    def _is_pending(self, right: Right) -> bool:
+        return right in self._untested or right in self._testing
+
     async def _test(self) -> None:
         rights, self._untested = self._untested, set[Right]()
-        arrived = await self._arrived(rights)
+        self._testing = rights
+        try:
+            self._learn(rights, await self._arrived(rights))
+        finally:
+            self._testing = set()
+            tested, self._tested = self._tested, asyncio.Event()
+            tested.set()
+
+    def _learn(self, rights: set[Right], arrived: set[Right] | None) -> None:
         if arrived is None:
             self._untested |= rights
             if self._is_up():  # otherwise `retest` follows when it is back

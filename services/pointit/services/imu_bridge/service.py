@@ -8,8 +8,9 @@ from dataclasses import replace
 from typing import ClassVar
 
 from pointit.runtime.errors import ConfigError, RefusedError
+from pointit.runtime.health.surroundings import DiscardedHealth
 from pointit.runtime.host.state_file import StateFile
-from pointit.runtime.service.plugin_guard import guard_of
+from pointit.runtime.service.plugin_guard import PluginGuard, guard_of
 from pointit.runtime.service.service import Context, Scope, Service
 from pointit.runtime.timer import Timer
 from pointit.schemas import (
@@ -27,8 +28,7 @@ from pointit.services.imu_bridge.arm_frame import ArmFrame
 from pointit.services.imu_bridge.config import ImuBridgeConfig
 from pointit.services.imu_bridge.page_health import DEVICE_NAMES, figures, warnings
 from pointit.services.imu_bridge.page_wrist import PageWrist
-from pointit.services.imu_bridge.reading import Item, Press, Reading, Reconnected, Source
-from pointit.services.imu_bridge.reading_check import ReadingCheck
+from pointit.services.imu_bridge.reading import Item, Press, Reading, ReadingCheck, Reconnected, Source
 from pointit.services.imu_bridge.sources import SOURCES
 from pointit.services.imu_bridge.stored_mounting import PURPOSE, MountingSelection, StoredMountings
 from pointit.services.imu_bridge.yaw_epoch import YawEpoch
@@ -86,7 +86,9 @@ class ImuBridge(Service[ImuBridgeConfig]):
     @classmethod
     def validate_config(cls, config: ImuBridgeConfig) -> None:
         """Check the parameters of the source."""
-        SOURCES.get(config.source).check(config.section(config.source))
+        source, parameters = SOURCES.get(config.source), config.section(config.source)
+        guard = PluginGuard(SOURCES.label(config.source), DiscardedHealth())
+        guard.made(lambda: source.check(parameters))
 
     async def run(self) -> None:
         """Publish the readings of the source. If it fails, a new one is made."""

@@ -3,6 +3,7 @@
 import asyncio
 import math
 import random
+import re
 
 from pointit.geometry.rotation import Quaternion
 from pointit.testing.check import CheckFailedError
@@ -53,6 +54,7 @@ async def bad_bytes(harness: ImuHarness) -> None:
         b"nonsense,,,,\r\n",
         b"x" * 100_000,
         b"\n" * 100,
+        re.sub(rb"\d+", b"9" * 400, good),
         *(noise.randbytes(size) for size in (1, 7, 16, 100, 4096)),
     )
     async with connected(harness) as trial:

@@ -124,7 +124,7 @@ class Witnessed(Message):
 
 
 WITNESSED = Topic(
-    key="witnessed/{user}",
+    key="witness/{user}",
     message=Witnessed,
     delivery=Delivery.STATE,
     rate_hz=None,

@@ -1,0 +1,68 @@
+"""A site without asyncio, on a bus in memory."""
+
+import asyncio
+import contextlib
+from collections.abc import AsyncGenerator, Iterator
+
+import pytest
+
+from pointit.api.portal import LoopThread
+from pointit.api.site import Site
+from pointit.api.sync_site import SyncSite
+from pointit.errors import KeyNameError, SchemaError
+from pointit.runtime.bus.memory_bus import MemoryBus
+from pointit.runtime.clock import WallClock
+from pointit.schemas import TrackedObject
+
+CUP = TrackedObject(id="cup", kind="red", position_m=(1.0, 2.0, 0.8))
+
+
+@contextlib.asynccontextmanager
+async def in_memory() -> AsyncGenerator[Site]:
+    bus = MemoryBus()
+    try:
+        async with Site.on(bus, WallClock()) as site:
+            yield site
+    finally:
+        await bus.close()
+
+
+@pytest.fixture
+def site() -> Iterator[SyncSite]:
+    with SyncSite(in_memory(), LoopThread()) as site:
+        yield site
+
+
+def test_objects_may_come_from_a_generator_that_uses_the_site(site: SyncSite) -> None:
+    things = site.objects("camera")
+    site.tracker("camera").update(CUP for _ in [site.now_ns()])
+    assert next(things).objects == (CUP,)
+
+
+def test_the_thread_of_the_site_does_not_wait_for_itself(site: SyncSite) -> None:
+    with pytest.raises(RuntimeError, match="the loop of the site cannot wait for itself"):
+        site._portal.do(site.now_ns)
+
+
+def test_a_loop_that_cannot_be_made_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail() -> asyncio.AbstractEventLoop:
+        raise OSError("too many open files")
+
+    monkeypatch.setattr(asyncio, "new_event_loop", fail)
+    with pytest.raises(OSError, match="too many open files"):
+        LoopThread()
+
+
+@pytest.mark.parametrize(("objects", "stamp_ns"), [([CUP], -1), ([7], 1)])
+def test_wrong_objects_are_named(site: SyncSite, objects: list[TrackedObject], stamp_ns: int) -> None:
+    with pytest.raises(SchemaError, match="objects/camera: "):
+        site.tracker("camera").update(objects, stamp_ns=stamp_ns)
+
+
+def test_an_empty_name_is_not_everybodys(site: SyncSite) -> None:
+    with pytest.raises(KeyNameError, match="user ''"):
+        site.cursors("")
+    with pytest.raises(KeyNameError, match="user ''"):
+        site.selections("")
+    with pytest.raises(KeyNameError, match="lamp ''"):
+        site.lamp("")

@@ -313,17 +313,9 @@ def process(name: str) -> Process:
             return row
     if name not in names():
         raise KeyError(f"no service {name!r}; there are {', '.join(names())}")
-    from pointit.services.service_plugin import SERVICES  # noqa: PLC0415 - only if there is one
+    from pointit.services.service_plugin import SERVICES, usable  # noqa: PLC0415 - only if there is one
 
-    plugin = SERVICES.get(name)
-    try:
-        plugin.check(name)
-    except Exception as error:  # an object of others, whose fields may be of any type
-        reason = str(error) if isinstance(error, ConfigError) else f"{type(error).__name__}: {error}"
-        raise ConfigError(
-            f"{SERVICES.label(name)} cannot be used: {reason}; update or uninstall it"
-        ) from error
-    plugin.add_rows()
+    plugin = usable(name)
     row = Process(
         name=name,
         scope=plugin.make.SCOPE,

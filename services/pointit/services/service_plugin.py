@@ -1,5 +1,6 @@
 """Services of installed packages: processes with rows of the tables of their own."""
 
+import contextlib
 import re
 from dataclasses import dataclass
 from typing import Any, cast, get_args
@@ -127,3 +128,28 @@ def _overlap(one: str, other: str) -> bool:
 
 
 SERVICES = PluginGroup("pointit.services", ServicePlugin, "service", has_ours=False)
+
+
+def usable(name: str) -> ServicePlugin:
+    """Return the installed plug-in `name`, whose rows are in the tables from now on.
+
+    Raises:
+        ConfigError: If it cannot be imported or used.
+    """
+    plugin = SERVICES.get(name)
+    try:
+        plugin.check(name)
+    except Exception as error:  # an object of others, whose fields may be of any type
+        reason = str(error) if isinstance(error, ConfigError) else f"{type(error).__name__}: {error}"
+        raise ConfigError(
+            f"{SERVICES.label(name)} cannot be used: {reason}; update or uninstall it"
+        ) from error
+    plugin.add_rows()
+    return plugin
+
+
+def add_all_rows() -> None:
+    """Add the rows of all installed plug-ins that can be used. The others are reported if named."""
+    for name in SERVICES.names:
+        with contextlib.suppress(ConfigError):
+            usable(name)

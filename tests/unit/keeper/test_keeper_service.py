@@ -13,12 +13,28 @@ from pointit.runtime.bus.local_broker import LocalBroker
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.health.timeliness import ClockSkewMonitor
 from pointit.runtime.service.service import Launch, run_service
-from pointit.schemas import Health, Selection, UserProfile
-from pointit.schemas.topics import HEALTH, PROFILE, SELECTION, USER_ALIVE
+from pointit.schemas import Health, Message, Selection, UserProfile
+from pointit.schemas.topics import HEALTH, PROFILE, SELECTION, SERVICE_ALIVE, USER_ALIVE, topic_of
 from pointit.services.keeper.config import FileConfig, KeeperConfig
 from pointit.services.keeper.service import SETTLE_S, Keeper
+from tests.support import strangers
 from tests.support.bench import ManualClock, until
 
+MODULE = """
+from pointit.plugins import Config, Delivery, Service, ServicePlugin, Topic
+from pointit.schemas import Selection
+
+NOTE = Topic(
+    key="noted/note", message=Selection, delivery=Delivery.STATE, rate_hz=None, writers=("noted",), about=""
+)
+
+class Noted(Service[Config]):
+    NAME = "noted"
+    SCOPE = "site"
+    CONFIG = Config
+
+NOTED = ServicePlugin(summary="", config=Config, make=Noted, writes=(NOTE,))
+"""
 QUICK = KeeperConfig(file=FileConfig(write_every_s=0.01))
 
 
@@ -82,6 +98,25 @@ async def room() -> AsyncIterator[Room]:
     yield made
     await made.end()
     await made.bus.close()
+
+
+async def test_late_subscriber_gets_the_state_of_a_service_of_another_package(
+    room: Room, tmp_path: Path
+) -> None:
+    with strangers.installed(tmp_path, "strangers_states", MODULE, services="noted = strangers_states:NOTED"):
+        await room.start()
+        note = topic_of("noted/note")
+        assert note is not None
+        writing = MemoryBus(room.exchange)
+        writing.publisher(note).put(Selection(stamp_ns=1, seq=7))
+        held = writing.announce(SERVICE_ALIVE, "noted")
+        await asyncio.sleep(0.01)
+        held.close()
+        await writing.close()
+        seen: list[Message] = []
+        room.bus.subscribe(note, lambda message, _name: seen.append(message))
+        await until(lambda: bool(seen))
+        assert seen == [Selection(stamp_ns=1, seq=7)]
 
 
 async def test_late_subscriber_gets_the_state_of_a_killed_writer(room: Room) -> None:

@@ -34,7 +34,7 @@ from pointit.schemas.topics import (
     Topic,
 )
 from pointit.services.keeper.config import KeeperConfig
-from pointit.services.keeper.ownership import RETAINED
+from pointit.services.keeper.ownership import retained
 from pointit.services.keeper.record import KeptState, Record
 from pointit.services.keeper.retained_states import RetainedStates
 
@@ -62,7 +62,7 @@ def held(kept: RetainedStates, topic: Topic[Any]) -> dict[str, Message]:
 
 def test_every_state_is_retained_but_the_time_of_a_run_and_the_queue_for_lamps() -> None:
     states = [topic for topic in TOPICS if topic.delivery is Delivery.STATE]
-    assert [topic for topic in states if topic not in RETAINED] == [LAMP_LEASES, CLOCK]
+    assert [topic for topic in states if topic not in retained()] == [LAMP_LEASES, CLOCK]
 
 
 def test_the_newest_is_what_came_last_whatever_its_stamp() -> None:

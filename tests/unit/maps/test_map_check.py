@@ -380,7 +380,7 @@ def test_the_guides_example_is_in_order(tmp_path: Path) -> None:
         "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\n"
         "end_header\n1 2 3\n"
     )
-    example = GUIDE.partition("```yaml title=\"site.yaml\"\n")[2].partition("```")[0]
+    example = GUIDE.partition('```yaml title="site.yaml"\n')[2].partition("```")[0]
     assert found(tmp_path, example) == []
     data = yaml.safe_load(example)
     assert set(data) == set(MapFile.model_fields)

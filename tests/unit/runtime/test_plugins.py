@@ -26,6 +26,7 @@ ENTRY_POINTS = """
 mine = strangers_parts:MINE
 number = strangers_parts:NUMBER
 raising = strangers_raising:MINE
+exiting = strangers_exiting:MINE
 lacking = strangers_lacking:MINE [ble]
 """
 
@@ -35,6 +36,7 @@ def parts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> PluginGroup[Plugin
     """Return the plug-ins of a package that is installed for this test."""
     (tmp_path / "strangers_parts.py").write_text(MODULE)
     (tmp_path / "strangers_raising.py").write_text("1 / 0\n")
+    (tmp_path / "strangers_exiting.py").write_text("import sys\nsys.exit('no such device')\n")
     (tmp_path / "strangers_lacking.py").write_text("import a_library_that_is_absent\n")
     info = tmp_path / "strangers-1.0.dist-info"
     info.mkdir()
@@ -45,7 +47,7 @@ def parts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> PluginGroup[Plugin
 
 
 def test_plugin_of_another_package_is_chosen_and_validated(parts: PluginGroup[Plugin]) -> None:
-    assert parts.names == ("lacking", "mine", "number", "raising")
+    assert parts.names == ("exiting", "lacking", "mine", "number", "raising")
     assert parts.package("mine") == "strangers"
     name, chosen = parts.choose("mine:[::1]:80")
     assert chosen == {"address": "[::1]:80"}
@@ -58,12 +60,13 @@ def test_plugin_of_another_package_is_chosen_and_validated(parts: PluginGroup[Pl
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [
-        ("absent", "no part 'absent' is installed; there are lacking, mine, number, raising"),
+        ("absent", "no part 'absent' is installed; there are exiting, lacking, mine, number, raising"),
         ("number", "part 'number': strangers_parts:NUMBER is no Plugin"),
         (
             "raising",
             r"part 'raising' of strangers cannot be imported \(ZeroDivisionError: .*\); update or uninstall",
         ),
+        ("exiting", r"part 'exiting' of strangers cannot be imported \(SystemExit: no such device\); update"),
         ("lacking", r"part 'lacking' of strangers cannot be imported \(.*\); install strangers\[ble\]"),
         ("mine", "write mine:HOST"),
         ("mine:", "write mine:HOST"),
@@ -89,7 +92,7 @@ def test_name_that_two_packages_use_is_refused_and_no_other(
     install("others", "number = others:NUMBER", tmp_path)
     with pytest.raises(ConfigError, match="part 'number' is in two packages: uninstall others or strangers"):
         parts.get("number")
-    assert parts.names == ("lacking", "mine", "number", "raising")
+    assert parts.names == ("exiting", "lacking", "mine", "number", "raising")
     assert parts.get("mine").summary == "my own"
     assert [*parts.configs()] == ["mine"]
 

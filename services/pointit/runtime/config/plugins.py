@@ -1,4 +1,8 @@
-"""Parts of a service that installed packages add: declared as entry points, imported when they are used."""
+"""Parts of a service that installed packages add: declared as entry points, found without importing any.
+
+A plug-in is imported when it is used. All of a kind are imported where the parameters of all are listed, such
+as the options of a service that runs as a process of its own.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -114,7 +118,7 @@ class PluginGroup(Generic[P]):
             )
         try:
             plugin = entry.load()
-        except Exception as error:  # code of others, which may raise anything when it is imported
+        except (Exception, SystemExit) as error:  # code of others, which may raise anything when imported
             package = _package(entry)
             extras = ",".join(entry.extras)
             remedy = f"install {package}[{extras}]" if extras else f"update or uninstall {package}"

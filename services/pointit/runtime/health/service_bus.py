@@ -193,6 +193,11 @@ class ServiceBus:
         """Return a message if the bus itself has a problem, else `""`."""
         return self._bus.problem
 
+    @property
+    def is_closed(self) -> bool:
+        """Return True if the bus below is closed."""
+        return self._bus.is_closed
+
     async def close(self) -> None:
         """Undeclare everything of this service, its presence last; the bus itself goes on."""
         for timer in self._timers:

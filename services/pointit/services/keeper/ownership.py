@@ -20,10 +20,12 @@ from typing import Any
 from pointit.schemas import Deployment, Localization, Message, UserPose
 from pointit.schemas.topics import CLOCK, DEPLOYMENT, LAMP_LEASES, TOPICS, Delivery, Topic
 
-RETAINED: tuple[Topic[Any], ...] = tuple(
-    topic for topic in TOPICS if topic.delivery is Delivery.STATE and topic not in (CLOCK, LAMP_LEASES)
-)
-"""Topics of retained states."""
+
+def retained() -> tuple[Topic[Any], ...]:
+    """Return the topics of retained states, with those that services of other packages have added."""
+    return tuple(
+        topic for topic in TOPICS if topic.delivery is Delivery.STATE and topic not in (CLOCK, LAMP_LEASES)
+    )
 
 
 def dies_with_writer(message: Message) -> bool:

@@ -12,16 +12,14 @@ from pointit.schemas import NS_PER_S, Deployment, Environment, Message, SchemaEr
 from pointit.schemas.topics import DEPLOYMENT, LAMP_COLOR, Topic
 from pointit.services.keeper.config import KeeperConfig
 from pointit.services.keeper.ownership import (
-    RETAINED,
     dies_with_writer,
     has_owner,
     is_personal,
     is_shared,
     is_superseded,
+    retained,
 )
 from pointit.services.keeper.record import KeptState, Record
-
-_ROWS = {topic.key: topic for topic in RETAINED}
 
 
 @dataclass(slots=True)
@@ -109,8 +107,9 @@ class RetainedStates:
     def restore(self, record: Record, now_ns: int) -> int:
         """Restore the states of `record` that are not replaced yet. Return the number of unusable ones."""
         broken = 0
+        rows = {topic.key: topic for topic in retained()}
         for state in record.states:
-            topic = _ROWS.get(state.key)
+            topic = rows.get(state.key)
             if topic is None:
                 broken += 1
                 continue

@@ -16,9 +16,10 @@ from pointit.runtime.service.service import Context, Scope, Service
 from pointit.schemas import NS_PER_S, Health, Message
 from pointit.schemas.topics import HEALTH, SERVICE_ALIVE, USER_ALIVE
 from pointit.services.keeper.config import KeeperConfig
-from pointit.services.keeper.ownership import RETAINED
+from pointit.services.keeper.ownership import retained
 from pointit.services.keeper.record import FILE, read, write
 from pointit.services.keeper.retained_states import RetainedStates
+from pointit.services.service_plugin import add_all_rows
 
 SETTLE_S = 0.5
 """Wall time after the start until presence and living writers' states are known, and queries are answered."""
@@ -43,6 +44,8 @@ class Keeper(Service[KeeperConfig]):
 
     def __init__(self, config: KeeperConfig, context: Context) -> None:
         super().__init__(config, context)
+        add_all_rows()  # their services may run in other processes
+        self._topics = retained()
         self._retained = RetainedStates(config)
         self._path = _path(self.bus.site)
         self._written = 0
@@ -56,7 +59,7 @@ class Keeper(Service[KeeperConfig]):
             self._restore()
         self.bus.watch(USER_ALIVE, self._on_user)
         self.bus.watch(SERVICE_ALIVE, self._on_service)
-        for topic in RETAINED:
+        for topic in self._topics:
             self.bus.subscribe(topic, functools.partial(self._on_state, topic), kept=False)
         self.bus.subscribe(HEALTH, self._on_health)
 
@@ -64,7 +67,7 @@ class Keeper(Service[KeeperConfig]):
         """Answer queries once presence is known; expire states and write changes."""
         try:
             await asyncio.sleep(SETTLE_S)
-            self.bus.serve_retained(RETAINED, self._retained.lookup)
+            self.bus.serve_retained(self._topics, self._retained.lookup)
             async with asyncio.TaskGroup() as group:
                 group.create_task(self._expire(), name="keeper forgets")
                 if self.config.file.enabled:

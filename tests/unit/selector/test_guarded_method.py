@@ -24,8 +24,13 @@ class Method:
 
 
 def stepped(method: Method) -> tuple[GuardedMethod, Progress]:
-    guarded = GuardedMethod(lambda: method)
-    return guarded, guarded.step(Pointing(pointing(1.0, 5.0), "a", None, lambda _object_id: True))
+    made: Any = method
+    guarded = GuardedMethod(lambda: made)
+
+    def acts(_object_id: str) -> bool:
+        return True
+
+    return guarded, guarded.step(Pointing(pointing(1.0, 5.0), "a", None, acts))
 
 
 @pytest.mark.parametrize(

@@ -83,8 +83,8 @@ def check_progress(result: Progress) -> None:
         TypeError: If a value is of another type.
         ValueError: If a number is out of range.
     """
-    ids: tuple[tuple[str, object], ...] = (("object_id", result.object_id), ("fired", result.fired))
-    for name, value in ids:  # of others, whose types nobody has checked
+    for name in ("object_id", "fired"):
+        value: Any = getattr(result, name)  # of others, whose types nobody has checked
         if not (value is None or isinstance(value, str)):
             raise TypeError(f"{name} {value!r}, expected text or None")
     if not 0.0 <= result.progress <= 1.0:

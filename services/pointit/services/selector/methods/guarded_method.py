@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Collection
+from typing import Any
 
 from pointit.schemas import NS_PER_S
 from pointit.services.selector.selection_methods import PersonMethod, Pointing, Progress

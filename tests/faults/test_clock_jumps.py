@@ -34,7 +34,7 @@ async def test_of_a_persons_machine(site: Site, account: Account, tmp_path: Path
         await seen.begins(site)
         before = seen.processes()
         environment = {**site.environment("anna"), **clock.environment}
-        anna = site.commands.start("person", "add", "anna", "--no-view", environment=environment)
+        anna = site.commands.start_program("person", "add", "anna", "--no-view", environment=environment)
         await seen.flows("anna")
         for ahead_s in JUMPS_S:
             jump_ns, jump_s = time.time_ns(), time.monotonic()

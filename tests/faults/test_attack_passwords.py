@@ -209,7 +209,7 @@ async def test_no_password_is_seen_where_it_does_not_belong(password_site: Site)
     async with besieged(site):
         operator = {**site.environment("operator"), "RUST_LOG": "trace"}
         commands = [
-            site.commands.start(*arguments, environment=operator)
+            site.commands.start_program(*arguments, environment=operator)
             for arguments in (
                 ("doctor", "--json"),
                 ("site", "show", "--json", "--folder", str(site.folder.path)),

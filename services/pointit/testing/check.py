@@ -1,4 +1,4 @@
-"""Checks: what must hold, what to do if it does not, and the trial that finds out."""
+"""Checks: what must hold, what to do if it does not, and the function that finds out."""
 
 from collections.abc import Callable, Coroutine, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -13,7 +13,7 @@ H = TypeVar("H")
 AT_ONCE = 16
 """Checks that run at the same time: most of them wait."""
 
-Trial = Callable[[H], Coroutine[Any, Any, None]]
+CheckFunction = Callable[[H], Coroutine[Any, Any, None]]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,41 +69,38 @@ def problem(check: Check) -> str:
 
 
 @dataclass(frozen=True)
-class _Kind(Generic[H]):
-    name: str
-    promise: str
+class _Definition(Generic[H]):
+    function: CheckFunction[H]
     remedy: str
     applies: Callable[[H], bool]
     alone: bool
-    trial: Trial[H]
+
+    @property
+    def promise(self) -> str:
+        sentence = self.function.__doc__ or ""
+        return f"{sentence[:1].lower()}{sentence[1:].removesuffix('.')}"
 
 
 class Suite(Generic[H]):
     """The checks of one kind of plug-in, each a function of its harness."""
 
     def __init__(self) -> None:
-        self._kinds: list[_Kind[H]] = []
+        self._definitions: list[_Definition[H]] = []
 
     def add(
-        self,
-        promise: str,
-        remedy: str,
-        applies: Callable[[H], bool] = lambda _harness: True,
-        *,
-        alone: bool = False,
-    ) -> Callable[[Trial[H]], Trial[H]]:
-        """Add the decorated function as a check of its name.
+        self, remedy: str, applies: Callable[[H], bool] = lambda _harness: True, *, alone: bool = False
+    ) -> Callable[[CheckFunction[H]], CheckFunction[H]]:
+        """Add the decorated function as a check of its name. Its docstring is the promise.
 
         Args:
-            promise: what must hold.
-            remedy: what to do otherwise.
+            remedy: what to do if it does not hold.
             applies: returns False for a harness with which it cannot be found out.
             alone: True if it measures the whole process.
         """
 
-        def added(trial: Trial[H]) -> Trial[H]:
-            self._kinds.append(_Kind(trial.__name__, promise, remedy, applies, alone, trial))
-            return trial
+        def added(function: CheckFunction[H]) -> CheckFunction[H]:
+            self._definitions.append(_Definition(function, remedy, applies, alone))
+            return function
 
         return added
 
@@ -111,18 +108,18 @@ class Suite(Generic[H]):
         """Return the checks that apply to `harness`; each fails after `limit_s` of wall time."""
         return [
             Check(
-                name=kind.name,
-                promise=kind.promise,
-                remedy=kind.remedy,
-                alone=kind.alone,
-                function=partial(_run, kind.trial, harness, limit_s, virtual_time=virtual_time),
+                name=each.function.__name__,
+                promise=each.promise,
+                remedy=each.remedy,
+                alone=each.alone,
+                function=partial(_run, each.function, harness, limit_s, virtual_time=virtual_time),
             )
-            for kind in self._kinds
-            if kind.applies(harness)
+            for each in self._definitions
+            if each.applies(harness)
         ]
 
 
-def _run(trial: Trial[H], harness: H, limit_s: float, *, virtual_time: bool) -> None:
-    hung = run_in_own_loop(lambda: trial(harness), limit_s=limit_s, virtual_time=virtual_time)
+def _run(function: CheckFunction[H], harness: H, limit_s: float, *, virtual_time: bool) -> None:
+    hung = run_in_own_loop(lambda: function(harness), limit_s=limit_s, virtual_time=virtual_time)
     if hung:
         raise CheckFailedError(f"did not come to an end within {limit_s:g} s: {hung}")

@@ -18,13 +18,9 @@ MOST_CPU = 0.15
 """Share of one core above which a source that gets nothing is said to spin. Waiting takes 0.02."""
 
 
-@IMU_SUITE.add(
-    "waits for a device that is not there yet",
-    "Catch OSError around connecting, and try again after a pause",
-    sends,
-)
+@IMU_SUITE.add("Catch OSError around connecting, and try again after a pause", sends)
 async def waits_for_device(harness: ImuHarness) -> None:
-    """See the promise."""
+    """Waits for a device that is not there yet."""
     async with ImuTrial(harness) as trial:
         trial.start()
         await asyncio.sleep(ABSENT_S)
@@ -33,13 +29,9 @@ async def waits_for_device(harness: ImuHarness) -> None:
         await trial.hear("the device came, and no reading was delivered")
 
 
-@IMU_SUITE.add(
-    "reconnects after the device has vanished",
-    "Connect in a loop: end of file and OSError lead back to connecting, after a pause",
-    sends,
-)
+@IMU_SUITE.add("Connect in a loop: end of file and OSError lead back to connecting, after a pause", sends)
 async def reconnects(harness: ImuHarness) -> None:
-    """See the promise."""
+    """Reconnects after the device has vanished."""
     async with connected(harness) as trial:
         for time_no in ("first", "second"):
             await trial.device.unplug()
@@ -49,13 +41,12 @@ async def reconnects(harness: ImuHarness) -> None:
 
 
 @IMU_SUITE.add(
-    "tells that the device was connected again",
     "Call `deliver(Reconnected())` whenever a connection is open, since a restarted device may have turned "
     "its yaw",
     notices_loss,
 )
 async def tells_reconnection(harness: ImuHarness) -> None:
-    """See the promise."""
+    """Tells that the device was connected again."""
     async with connected(harness) as trial:
         before = trial.reconnections
         await trial.device.unplug()
@@ -69,12 +60,11 @@ async def tells_reconnection(harness: ImuHarness) -> None:
 
 
 @IMU_SUITE.add(
-    "warns while the device is away, and no longer when it is back",
     "Call `surroundings.health.warn(topic, sentence)`, which says what to do, and later `clear(topic)`",
     sends,
 )
 async def warns(harness: ImuHarness) -> None:
-    """See the promise."""
+    """Warns while the device is away, and no longer when it is back."""
     async with ImuTrial(harness) as trial:
         trial.start()
         await trial.until(lambda: bool(trial.health.warnings), "the device was away and no warning said so")
@@ -88,12 +78,11 @@ async def warns(harness: ImuHarness) -> None:
 
 
 @IMU_SUITE.add(
-    "waits through silence, without using the processor",
     "Await the next bytes instead of asking for them in a loop, and take silence for no error",
     alone=True,
 )
 async def silence(harness: ImuHarness) -> None:
-    """See the promise."""
+    """Waits through silence, without using the processor."""
     async with connected(harness) as trial:
         used = 0.0
         for _ in range(TRIES):
@@ -109,12 +98,9 @@ async def silence(harness: ImuHarness) -> None:
             await trial.hear("after a silence, no reading was delivered")
 
 
-@IMU_SUITE.add(
-    "ends within 1 s of being cancelled",
-    "Await only what can be cancelled, do not catch CancelledError, and join no thread for longer",
-)
+@IMU_SUITE.add("Await only what can be cancelled, do not catch CancelledError, and join no thread for longer")
 async def cancels(harness: ImuHarness) -> None:
-    """See the promise."""
+    """Ends within 1 s of being cancelled."""
 
     @asynccontextmanager
     async def absent() -> AsyncGenerator[Trial]:
@@ -129,13 +115,12 @@ async def cancels(harness: ImuHarness) -> None:
 
 
 @IMU_SUITE.add(
-    "does not hold up the event loop",
     "Call nothing that waits, such as `time.sleep` or a blocking read: use asyncio's streams, or "
     "`asyncio.to_thread` and a thread of its own",
     alone=True,
 )
 async def does_not_block(harness: ImuHarness) -> None:
-    """See the promise."""
+    """Does not hold up the event loop."""
 
     async def live() -> None:
         async with ImuTrial(harness) as trial:
@@ -151,12 +136,11 @@ async def does_not_block(harness: ImuHarness) -> None:
 
 
 @IMU_SUITE.add(
-    "leaves no task, thread, file or socket when it has ended",
     "Close in `finally` or `async with` what `run` opens, and cancel and await its tasks",
     alone=True,
 )
 async def leaves_nothing(harness: ImuHarness) -> None:
-    """See the promise."""
+    """Leaves no task, thread, file or socket when it has ended."""
 
     async def round_trip() -> None:
         async with connected(harness) as trial:

@@ -31,13 +31,12 @@ SETTLE_S = 0.1
 
 
 @IMU_SUITE.add(
-    "survives bytes that are no reading, and goes on with the next that is one",
     "Treat what cannot be parsed as one bad reading: catch the parser's error there, and limit a message's "
     "length",
     sends,
 )
 async def bad_bytes(harness: ImuHarness) -> None:
-    """See the promise."""
+    """Survives bytes that are no reading, and goes on with the next that is one."""
     encode = harness.encode
     if encode is None:
         return
@@ -79,33 +78,24 @@ async def _odd(harness: ImuHarness, orientations: tuple[Quaternion, ...]) -> Non
             raise CheckFailedError(trial.wrong)
 
 
-@IMU_SUITE.add(
-    "delivers no orientation with NaN or infinity",
-    "Drop a reading unless `math.isfinite` holds for all its numbers",
-    sends,
-)
+@IMU_SUITE.add("Drop a reading unless `math.isfinite` holds for all its numbers", sends)
 async def not_finite(harness: ImuHarness) -> None:
-    """See the promise."""
+    """Delivers no orientation with NaN or infinity."""
     await _odd(harness, NOT_FINITE)
 
 
-@IMU_SUITE.add(
-    "delivers no orientation whose norm is not 1",
-    "Normalize what is nearly a unit quaternion, and drop what is not, such as four zeros",
-    sends,
-)
+@IMU_SUITE.add("Normalize what is nearly a unit quaternion, and drop what is not, such as four zeros", sends)
 async def not_unit(harness: ImuHarness) -> None:
-    """See the promise."""
+    """Delivers no orientation whose norm is not 1."""
     await _odd(harness, NOT_UNIT)
 
 
 @IMU_SUITE.add(
-    "catches up after a burst of readings",
     "Deliver what has arrived at once, without a pause for each reading; drop old ones rather than lag",
     sends,
 )
 async def burst(harness: ImuHarness) -> None:
-    """See the promise."""
+    """Catches up after a burst of readings."""
     encode = harness.encode
     if encode is None:
         return
@@ -116,14 +106,13 @@ async def burst(harness: ImuHarness) -> None:
 
 
 @IMU_SUITE.add(
-    "needs no more memory the longer it runs",
     "Keep no list of readings; bound every buffer and queue (`deque(maxlen=…)`), also that of an unfinished "
     "message",
     sends,
     alone=True,
 )
 async def bounded_memory(harness: ImuHarness) -> None:
-    """See the promise."""
+    """Needs no more memory the longer it runs."""
     encode = harness.encode
     if encode is None:
         return

@@ -7,21 +7,17 @@ from pointit.testing.imu.suite import IMU_SUITE, connected, delivers_readings, s
 from pointit.testing.trial import Trial
 
 
-@IMU_SUITE.add(
-    "has a summary of one line and a description for each parameter",
-    "Operators see them in `pointit list plugins` and in the help of imu-bridge",
-)
+@IMU_SUITE.add("Operators see them in `pointit list plugins` and in the help of imu-bridge")
 async def parameters(harness: ImuHarness) -> None:
-    """See the promise."""
+    """Has a summary of one line and a description for each parameter."""
     require_parameters(harness.plugin)
 
 
 @IMU_SUITE.add(
-    "refuses parameters that cannot work, with ConfigError and nothing else",
     "Raise pointit.plugins.ConfigError from `check` or `make`, with one sentence: what, where, what to do",
 )
 async def config_errors(harness: ImuHarness) -> None:
-    """See the promise."""
+    """Refuses parameters that cannot work, with ConfigError and nothing else."""
     plugin = harness.plugin
     around = Trial(harness.device(), harness.patience_s)
 
@@ -37,13 +33,12 @@ async def config_errors(harness: ImuHarness) -> None:
 
 
 @IMU_SUITE.add(
-    "delivers the orientation that the device sends, as a unit quaternion x, y, z, w",
     "Call `deliver(Reading(stamp_ns, (x, y, z, w)))` for each reading; `encode` of the harness and the "
     "source must agree on the order of numbers",
     delivers_readings,
 )
 async def delivers(harness: ImuHarness) -> None:
-    """See the promise."""
+    """Delivers the orientation that the device sends, as a unit quaternion x, y, z, w."""
     async with connected(harness) as trial:
         if sends(harness):
             await trial.hear("a second orientation was not delivered", OTHER_POSTURE)
@@ -52,12 +47,11 @@ async def delivers(harness: ImuHarness) -> None:
 
 
 @IMU_SUITE.add(
-    "stamps readings with the clock of its surroundings, at capture or arrival",
     "Take `stamp_ns` from `surroundings.clock.now_ns()`; the device's own time belongs in `device_time_ns`",
     delivers_readings,
 )
 async def stamps(harness: ImuHarness) -> None:
-    """See the promise."""
+    """Stamps readings with the clock of its surroundings, at capture or arrival."""
     trial = ImuTrial(harness)
     began_ns = trial.clock.now_ns()
     async with trial:
@@ -76,12 +70,9 @@ async def stamps(harness: ImuHarness) -> None:
             last_ns = each.stamp_ns
 
 
-@IMU_SUITE.add(
-    "calls `deliver` and reports health in the event loop's thread",
-    "From another thread use `loop.call_soon_threadsafe(deliver, reading)`",
-)
+@IMU_SUITE.add("From another thread use `loop.call_soon_threadsafe(deliver, reading)`")
 async def calls_in_the_loop(harness: ImuHarness) -> None:
-    """See the promise."""
+    """Calls `deliver` and reports health in the event loop's thread."""
     async with connected(harness) as trial:
         if not trial.in_loop:
             raise CheckFailedError("`deliver` was called from another thread")

@@ -20,22 +20,18 @@ FRAMES = 300
 
 
 @LED_SUITE.add(
-    "has a summary of one line, a description for each parameter, and those of every output",
     "Derive the parameters from pointit.plugins.OutputConfig; operators see them in `pointit list plugins`",
 )
 async def parameters(harness: LedHarness) -> None:
-    """See the promise."""
+    """Has a summary of one line, a description for each parameter, and those of every output."""
     if not issubclass(harness.plugin.config, OutputConfig):
         raise CheckFailedError(f"{harness.plugin.config.__name__} is no OutputConfig")
     require_parameters(harness.plugin)
 
 
-@LED_SUITE.add(
-    "refuses parameters that cannot work, with ConfigError and nothing else, and opens nothing yet",
-    "Raise pointit.plugins.ConfigError from `make`, with one sentence; connect in `run`",
-)
+@LED_SUITE.add("Raise pointit.plugins.ConfigError from `make`, with one sentence; connect in `run`")
 async def config_errors(harness: LedHarness) -> None:
-    """See the promise."""
+    """Refuses parameters that cannot work, with ConfigError and nothing else, and opens nothing yet."""
     async with LedTrial(harness) as around:  # made while the device is away
 
         def make(config: object) -> None:
@@ -47,25 +43,18 @@ async def config_errors(harness: LedHarness) -> None:
                 raise CheckFailedError(f"the parameters {dict(values)!r} were accepted")
 
 
-@LED_SUITE.add(
-    "shows frames: each strip's pixels arrive, red, green, blue",
-    "`decode` of the harness and the output must agree on the order of strips and colours",
-)
+@LED_SUITE.add("`decode` of the harness and the output must agree on the order of strips and colours")
 async def shows(harness: LedHarness) -> None:
-    """See the promise."""
+    """Shows frames: each strip's pixels arrive, red, green, blue."""
     async with lit(harness) as trial:
         for number in (5, 2**20 + 2**31 + 3, 2**50 + 1):
             trial.show(pattern(number))
             await trial.see(pattern(number), "a later frame did not reach the device")
 
 
-@LED_SUITE.add(
-    "returns at once from `show`, also while the device is away or stuck",
-    "Keep the frame in `show` and send it from `run`",
-    alone=True,
-)
+@LED_SUITE.add("Keep the frame in `show` and send it from `run`", alone=True)
 async def show_returns_at_once(harness: LedHarness) -> None:
-    """See the promise."""
+    """Returns at once from `show`, also while the device is away or stuck."""
 
     def require_quick(trial: LedTrial, state: str) -> None:
         took_s: list[float] = []
@@ -88,12 +77,11 @@ async def show_returns_at_once(harness: LedHarness) -> None:
 
 
 @LED_SUITE.add(
-    "sends the newest frame and drops those that it replaced",
     "Keep one frame, not a queue: `show` replaces it, and `run` sends it when the device takes more",
     can_stall,
 )
 async def newest_wins(harness: LedHarness) -> None:
-    """See the promise."""
+    """Sends the newest frame and drops those that it replaced."""
     async with lit(harness) as trial:
         before = len(trial.shown())
         for number in range(2, FRAMES + 2):
@@ -104,12 +92,9 @@ async def newest_wins(harness: LedHarness) -> None:
             raise CheckFailedError(f"of {FRAMES} frames shown at once, {sent} were sent, not just the newest")
 
 
-@LED_SUITE.add(
-    "survives frames that do not fit: without strips, of unknown strips, too short, too long, too early",
-    "Look strips up by their id in what `set_strips` gave last; cut or fill their pixels",
-)
+@LED_SUITE.add("Look strips up by their id in what `set_strips` gave last; cut or fill their pixels")
 async def odd_frames(harness: LedHarness) -> None:
-    """See the promise."""
+    """Survives frames that do not fit: without strips, of unknown strips, too short, too long, too early."""
     odd: tuple[list[StripFrame], ...] = (
         [],
         [StripFrame(id="unknown", rgb=b"\xff" * 30)],
@@ -136,11 +121,10 @@ async def odd_frames(harness: LedHarness) -> None:
 
 
 @LED_SUITE.add(
-    "has an honest `light_s`: 0.0 before the first frame, then the time from `show` to the wire",
     "Take the time in `show` and after the last byte was sent, in seconds; leave 0.0 if it is not measured",
 )
 async def light_s(harness: LedHarness) -> None:
-    """See the promise."""
+    """Has an honest `light_s`: 0.0 before the first frame, then the time from `show` to the wire."""
     loop = asyncio.get_running_loop()
     async with LedTrial(harness) as trial:
         if trial.output.light_s != 0.0:

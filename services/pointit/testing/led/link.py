@@ -16,12 +16,11 @@ MANY = 8000
 
 
 @LED_SUITE.add(
-    "shows the newest frame on a device that comes late, or came back",
     "Connect in a loop, and send the kept frame whenever a connection is open: nobody shows it again",
     notices_loss,
 )
 async def reconnects(harness: LedHarness) -> None:
-    """See the promise."""
+    """Shows the newest frame on a device that comes late, or came back."""
     async with LedTrial(harness) as trial:
         trial.start()
         trial.show(pattern(1))
@@ -38,12 +37,11 @@ async def reconnects(harness: LedHarness) -> None:
 
 
 @LED_SUITE.add(
-    "warns while the device is away, and no longer when it is back",
     "Call `surroundings.health.warn(topic, sentence)`, which says what to do, and later `clear(topic)`",
     notices_loss,
 )
 async def warns(harness: LedHarness) -> None:
-    """See the promise."""
+    """Warns while the device is away, and no longer when it is back."""
     async with LedTrial(harness) as trial:
         trial.start()
         trial.show(pattern(1))
@@ -56,11 +54,10 @@ async def warns(harness: LedHarness) -> None:
 
 
 @LED_SUITE.add(
-    "ends within 1 s of being cancelled",
     "Await only what can be cancelled, do not catch CancelledError, and limit the time of the last frame",
 )
 async def cancels(harness: LedHarness) -> None:
-    """See the promise."""
+    """Ends within 1 s of being cancelled."""
 
     @asynccontextmanager
     async def absent() -> AsyncGenerator[Trial]:
@@ -85,24 +82,20 @@ async def cancels(harness: LedHarness) -> None:
         await require_quick_end(stuck, "while the device read nothing")
 
 
-@LED_SUITE.add(
-    "switches the strips off when it ends",
-    "Send a dark frame in `finally` of `run`, and wait until it has left",
-)
+@LED_SUITE.add("Send a dark frame in `finally` of `run`, and wait until it has left")
 async def dark_at_end(harness: LedHarness) -> None:
-    """See the promise."""
+    """Switches the strips off when it ends."""
     async with lit(harness) as trial:
         await trial.end()
         await trial.until(lambda: trial.shown()[-1:] == [DARK], "the strips were left lit")
 
 
 @LED_SUITE.add(
-    "needs no more memory the longer it runs",
     "Keep the newest frame alone; a queue without limit grows while the device is away or slow",
     alone=True,
 )
 async def bounded_memory(harness: LedHarness) -> None:
-    """See the promise."""
+    """Needs no more memory the longer it runs."""
     async with LedTrial(harness) as trial:
         trial.start()
         trial.show(pattern(1))
@@ -119,12 +112,11 @@ async def bounded_memory(harness: LedHarness) -> None:
 
 
 @LED_SUITE.add(
-    "does not hold up the event loop",
     "Call nothing that waits, such as `time.sleep` or a blocking write: use asyncio's streams, or a thread",
     alone=True,
 )
 async def does_not_block(harness: LedHarness) -> None:
-    """See the promise."""
+    """Does not hold up the event loop."""
 
     async def live() -> None:
         async with LedTrial(harness) as trial:
@@ -141,12 +133,11 @@ async def does_not_block(harness: LedHarness) -> None:
 
 
 @LED_SUITE.add(
-    "leaves no task, thread, file or socket when it has ended",
     "Close in `finally` or `async with` what `run` opens, and cancel and await its tasks",
     alone=True,
 )
 async def leaves_nothing(harness: LedHarness) -> None:
-    """See the promise."""
+    """Leaves no task, thread, file or socket when it has ended."""
 
     async def round_trip() -> None:
         async with lit(harness) as trial:

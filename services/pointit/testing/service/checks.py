@@ -43,11 +43,10 @@ async def _live(trial: ServiceTrial, harness: ServiceHarness) -> None:
 
 
 @SERVICE_SUITE.add(
-    "has a summary of one line, a description for each parameter, and rows that it may use",
     "NAME, and `writers` or `server` of its own rows, are the entry point's name; no key is another row's",
 )
 async def parameters(harness: ServiceHarness) -> None:
-    """See the promise."""
+    """Has a summary of one line, a description for each parameter, and rows that it may use."""
     require_parameters(harness.plugin)
     try:
         harness.plugin.check(harness.plugin.make.NAME)
@@ -56,11 +55,10 @@ async def parameters(harness: ServiceHarness) -> None:
 
 
 @SERVICE_SUITE.add(
-    "refuses parameters that cannot work, with ConfigError and nothing else",
     "Raise pointit.plugins.ConfigError from `validate_config`, with one sentence: what, where, what to do",
 )
 async def config_errors(harness: ServiceHarness) -> None:
-    """See the promise."""
+    """Refuses parameters that cannot work, with ConfigError and nothing else."""
 
     def make(config: Config) -> None:
         harness.plugin.make.validate_config(config)
@@ -72,11 +70,10 @@ async def config_errors(harness: ServiceHarness) -> None:
 
 
 @SERVICE_SUITE.add(
-    "starts, also while its device is away, and runs until it is cancelled",
     "Declare everything in the constructor, and wait in `run`: do not return, and catch what a device raises",
 )
 async def starts(harness: ServiceHarness) -> None:
-    """See the promise."""
+    """Starts, also while its device is away, and runs until it is cancelled."""
     async with ServiceTrial(harness) as trial:
         await trial.start()
         await asyncio.sleep(LIVES_S)
@@ -84,24 +81,22 @@ async def starts(harness: ServiceHarness) -> None:
 
 
 @SERVICE_SUITE.add(
-    "answers the requests that it serves",
     "Call `self.bus.serve` for each in the constructor; raise RefusedError with a sentence if it must refuse",
     lambda harness: bool(harness.plugin.serves),
 )
 async def answers(harness: ServiceHarness) -> None:
-    """See the promise."""
+    """Answers the requests that it serves."""
     async with started(harness) as trial:
         for request in harness.plugin.serves:
             await trial.ask(request)
 
 
 @SERVICE_SUITE.add(
-    "takes the messages that it reads, also many of them",
     "Handle every message that its type allows; what a handler raises is counted in health, and logged",
     lambda harness: bool(harness.plugin.reads),
 )
 async def hears(harness: ServiceHarness) -> None:
-    """See the promise."""
+    """Takes the messages that it reads, also many of them."""
     async with started(harness) as trial:
         for _ in range(MESSAGES):
             trial.put_messages()
@@ -113,11 +108,10 @@ async def hears(harness: ServiceHarness) -> None:
 
 
 @SERVICE_SUITE.add(
-    "uses only topics and requests that it declares",
     "Name each in `reads`, `writes`, `serves` or `asks` of the plug-in: a secured site allows only these",
 )
 async def uses_declared_rows(harness: ServiceHarness) -> None:
-    """See the promise."""
+    """Uses only topics and requests that it declares."""
     async with started(harness) as trial:
         await _live(trial, harness)
         if harness.works is not None:
@@ -129,24 +123,19 @@ async def uses_declared_rows(harness: ServiceHarness) -> None:
                 raise CheckFailedError(f"`{what}` does not name {', '.join(extra)}, which it uses")
 
 
-@SERVICE_SUITE.add(
-    "does what its author's own test says",
-    "See the test `works` in the harness",
-    lambda harness: harness.works is not None,
-)
+@SERVICE_SUITE.add("See the test `works` in the harness", lambda harness: harness.works is not None)
 async def works(harness: ServiceHarness) -> None:
-    """See the promise."""
+    """Does what its author's own test says."""
     async with started(harness) as trial:
         if harness.works is not None:
             await harness.works(trial)
 
 
 @SERVICE_SUITE.add(
-    "ends within 1 s of being cancelled",
     "Await only what can be cancelled, do not catch CancelledError, and join no thread for longer",
 )
 async def cancels(harness: ServiceHarness) -> None:
-    """See the promise."""
+    """Ends within 1 s of being cancelled."""
 
     @asynccontextmanager
     async def absent() -> AsyncGenerator[Trial]:
@@ -164,12 +153,11 @@ async def cancels(harness: ServiceHarness) -> None:
 
 
 @SERVICE_SUITE.add(
-    "does not hold up the event loop",
     "Call nothing that waits, such as `time.sleep` or a blocking read: use asyncio, or `asyncio.to_thread`",
     alone=True,
 )
 async def does_not_block(harness: ServiceHarness) -> None:
-    """See the promise."""
+    """Does not hold up the event loop."""
 
     async def live() -> None:
         async with started(harness) as trial:
@@ -179,12 +167,11 @@ async def does_not_block(harness: ServiceHarness) -> None:
 
 
 @SERVICE_SUITE.add(
-    "leaves no task, thread, file or socket when it has ended",
     "Close in `finally` or `async with` what `run` opens, and cancel and await its tasks",
     alone=True,
 )
 async def leaves_nothing(harness: ServiceHarness) -> None:
-    """See the promise."""
+    """Leaves no task, thread, file or socket when it has ended."""
 
     async def round_trip() -> None:
         async with started(harness) as trial:

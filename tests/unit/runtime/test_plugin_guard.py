@@ -14,6 +14,7 @@ from pathlib import Path
 import pytest
 
 from pointit.runtime.errors import ConfigError
+from pointit.runtime.health.service_bus import WarningSink
 from pointit.runtime.service import plugin_guard, stall_watch
 from pointit.runtime.service.plugin_guard import PluginGuard
 from pointit.services.imu_bridge.sources import SOURCES
@@ -191,9 +192,8 @@ def test_plugin_that_cannot_be_made_is_a_mistake_of_the_configuration(guard: Plu
 def test_a_loop_that_closes_during_a_stall_ends_the_watch_quietly(sink: Sink) -> None:
     loop = asyncio.new_event_loop()
     watch = stall_watch.StallWatch(loop)
-    watch._packages = {
-        "tests": weakref.WeakKeyDictionary[stall_watch.WarningSink, str]({sink: "part 'mine'"})
-    }
+    sinks = weakref.WeakKeyDictionary[WarningSink, str]({sink: "part 'mine'"})
+    watch._packages = {"tests": sinks}
     loop.close()
     runs_again = threading.Event()
     runs_again.set()

@@ -192,7 +192,8 @@ def test_plugin_that_cannot_be_made_is_a_mistake_of_the_configuration(guard: Plu
 def test_a_loop_that_closes_during_a_stall_ends_the_watch_quietly(sink: Sink) -> None:
     loop = asyncio.new_event_loop()
     watch = stall_watch.StallWatch(loop)
-    sinks = weakref.WeakKeyDictionary[WarningSink, str]({sink: "part 'mine'"})
+    sinks = weakref.WeakKeyDictionary[WarningSink, str]()
+    sinks[sink] = "part 'mine'"
     watch._packages = {"tests": sinks}
     loop.close()
     runs_again = threading.Event()

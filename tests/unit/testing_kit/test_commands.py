@@ -5,6 +5,7 @@ import sys
 import tomllib
 from pathlib import Path
 
+import click
 import pytest
 from click.testing import CliRunner, Result
 
@@ -13,11 +14,14 @@ from pointit.plugins import GROUPS, PluginGroup
 from pointit.runtime.errors import ConfigError
 
 
+def invoke(command: click.Command, *arguments: str) -> Result:
+    return CliRunner().invoke(command, arguments, catch_exceptions=False)
+
+
 def written(kind: str, name: str, folder: Path) -> Path:
     """Return the folder of a new package."""
     target = folder / name
-    result = CliRunner().invoke(new.command, [kind, name, "--folder", str(target)], catch_exceptions=False)
-    assert f"pointit plugin check {name}" in result.output
+    assert f"pointit plugin check {name}" in invoke(new.command, kind, name, "--folder", str(target)).output
     return target
 
 
@@ -39,13 +43,9 @@ def install(package: Path, patch: pytest.MonkeyPatch) -> None:
         patch.setattr(group, "_entries", vars(PluginGroup)["_entries"].func(group))
 
 
-def checked(*arguments: str) -> Result:
-    return CliRunner().invoke(check.command, arguments, catch_exceptions=False)
-
-
 def test_new_package_is_found_and_keeps_its_promises(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     install(written("selection-method", "my-way", tmp_path), monkeypatch)
-    result = checked()  # all of other packages
+    result = invoke(check.command)  # all of other packages
     assert result.exit_code == 0, result.output
     assert "kept   selection-method my-way: selects the object" in result.output
     assert "11 of 11 promises are kept" in result.output
@@ -56,7 +56,7 @@ def test_broken_promise_is_named_with_its_remedy(tmp_path: Path, monkeypatch: py
     module = package / "src/my_wrong_way/__init__.py"
     module.write_text(module.read_text().replace("0 <= step_ns <= LONGEST_GAP_NS", "step_ns >= 0"))
     install(package, monkeypatch)
-    result = checked("my-wrong-way")
+    result = invoke(check.command, "my-wrong-way")
     assert result.exit_code == 1
     assert "broken selection-method my-wrong-way: takes a gap between cursors for no stay" in result.output
     assert "'object 3', and it fired. Begin again" in result.output
@@ -69,17 +69,13 @@ def test_plugin_without_a_fake_device_is_told_how_to_get_one(
     project = package / "pyproject.toml"
     project.write_text(project.read_text().replace("pointit.fake_devices", "somebody.elses"))
     install(package, monkeypatch)
-    result = checked("my-bare-wrist")
+    result = invoke(check.command, "my-bare-wrist")
     assert result.exit_code == 1
     assert "add an entry point 'my-bare-wrist' of the group pointit.fake_devices" in result.output
 
 
 @pytest.mark.parametrize(
-    ("kind", "some"),
-    [
-        ("imu-source", "delivers or parameters"),
-        ("service", "works or parameters"),
-    ],
+    ("kind", "some"), [("imu-source", "delivers or parameters"), ("service", "works or parameters")]
 )
 def test_tests_of_a_new_package_pass_as_written(kind: str, some: str, tmp_path: Path) -> None:
     # all of its promises are checked in test_shipped.py
@@ -98,7 +94,7 @@ def test_tests_of_a_new_package_pass_as_written(kind: str, some: str, tmp_path: 
 @pytest.mark.parametrize("name", ["My Wrist", "1st", "../x", "json", "pointit", "class", "a--b"])
 def test_name_that_cannot_be_a_package_is_refused(name: str) -> None:
     with pytest.raises(ConfigError, match="cannot be a package's name"):
-        CliRunner().invoke(new.command, ["imu-source", name], catch_exceptions=False)
+        invoke(new.command, "imu-source", name)
 
 
 @pytest.mark.parametrize(
@@ -112,15 +108,11 @@ def test_name_that_cannot_be_a_package_is_refused(name: str) -> None:
 )
 def test_name_that_is_taken_is_refused(kind: str, name: str, problem: str, tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=f"^{problem}.*: choose another name$"):
-        CliRunner().invoke(
-            new.command, [kind, name, "--folder", str(tmp_path / "new")], catch_exceptions=False
-        )
+        invoke(new.command, kind, name, "--folder", str(tmp_path / "new"))
     assert not (tmp_path / "new").exists()
 
 
 def test_present_files_are_not_overwritten(tmp_path: Path) -> None:
     (tmp_path / "notes.txt").write_text("mine")
     with pytest.raises(ConfigError, match="is there already"):
-        CliRunner().invoke(
-            new.command, ["imu-source", "my-wrist", "--folder", str(tmp_path)], catch_exceptions=False
-        )
+        invoke(new.command, "imu-source", "my-wrist", "--folder", str(tmp_path))

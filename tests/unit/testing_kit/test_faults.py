@@ -9,13 +9,9 @@ import pytest
 from pointit.testing import checks, run_checks
 from tests.support.pace import MOST, slowness
 from tests.unit.testing_kit import faulty_methods, faulty_outputs, faulty_services, faulty_sources
+from tests.unit.testing_kit.faults import FAULTS
 
-FAULTS = {
-    **{f"source_{name}": fault for name, fault in faulty_sources.FAULTS.items()},
-    **{f"output_{name}": fault for name, fault in faulty_outputs.FAULTS.items()},
-    **{f"method_{name}": fault for name, fault in faulty_methods.FAULTS.items()},
-    **{f"service_{name}": fault for name, fault in faulty_services.FAULTS.items()},
-}
+assert all((faulty_methods, faulty_outputs, faulty_services, faulty_sources))  # they fill FAULTS
 
 
 def reports_of(names: Iterable[str], patience: float = 1.0) -> dict[str, str]:

@@ -1,5 +1,7 @@
 """The plug-ins that come with PointIt, and those that `pointit plugin new` writes, keep all promises."""
 
+from typing import Any
+
 import pytest
 
 from pointit.plugins import GROUPS
@@ -23,7 +25,7 @@ TEMPLATES = [
 
 
 @pytest.mark.parametrize("harness", [*OURS, *TEMPLATES])
-def test_plugin_keeps_all_promises(harness: Harness | None) -> None:
+def test_plugin_keeps_all_promises(harness: Harness[Any] | None) -> None:
     assert harness is not None, "declare its fake device in pyproject.toml"
     found = dict(run_checks(checks(harness)))
     assert len(found) >= 7

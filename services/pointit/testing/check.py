@@ -1,16 +1,17 @@
 """Checks: what must hold, what to do if it does not, and the function that finds out."""
 
-from collections.abc import Callable, Coroutine, Generator, Iterator, Sequence
+from collections.abc import Callable, Coroutine, Generator, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, Generic, TypeVar
 
-from pointit.testing.harness import Harness
+from pointit.plugins import Plugin
 from pointit.testing.own_loop import run_in_own_loop
 
-H = TypeVar("H", bound=Harness[Any])
+P = TypeVar("P", bound=Plugin)
+H = TypeVar("H", bound="Harness[Any]")
 
 AT_ONCE = 16
 """Checks that run at the same time: most of them wait."""
@@ -18,6 +19,19 @@ PATIENCES = 6.0
 """A check that has not come to an end within this many times the harness's patience hangs."""
 
 CheckFunction = Callable[[H], Coroutine[Any, Any, None]]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Harness(Generic[P]):
+    """A plug-in, and what its checks must know about it."""
+
+    plugin: P
+    wrong_parameters: tuple[Mapping[str, object], ...] = ()
+    """Parameters that the plug-in must refuse."""
+    virtual_time: bool = False
+    """True if plug-in and device wait for timers of the event loop alone: checks then take no time."""
+    patience_s: float = 10.0
+    """Time that the plug-in may take to start, to connect, to notice a loss, and to warn, s."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -12,8 +12,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from pointit.plugins import Config, ConfigError, Plugin
-from pointit.testing.check import CheckFailedError
-from pointit.testing.harness import Harness
+from pointit.testing.check import CheckFailedError, Harness
 from pointit.testing.own_loop import current_watch
 
 MEMORY_BYTES = 400_000

@@ -29,8 +29,7 @@ async def warns(harness: DeviceHarness[Any]) -> None:
         await trial.until(
             lambda: not trial.health.warnings, "the device was back and a warning stayed", trial.exchange
         )
-        if not trial.health.in_loop:
-            raise CheckFailedError("health was reported from another thread than the event loop's")
+        trial.health.require_in_loop()
 
 
 async def cancels(harness: DeviceHarness[Any]) -> None:

@@ -14,9 +14,8 @@ from typing import Any, Self, TypeVar
 from pointit.plugins import Surroundings
 from pointit.runtime.service.plugin_guard import first_cause
 from pointit.runtime.virtual_time import START_NS
-from pointit.testing.check import CheckFailedError
+from pointit.testing.check import CheckFailedError, Harness, P
 from pointit.testing.devices.device import FakeDevice
-from pointit.testing.harness import Harness, P
 
 T = TypeVar("T", bound="Trial")
 
@@ -46,17 +45,24 @@ class TrialHealth:
     def __init__(self) -> None:
         self.warnings: dict[str, str] = {}
         """Present warnings by topic."""
-        self.in_loop = True
-        """False once it was called from another thread."""
+        self._elsewhere = ""
         self._thread = threading.get_ident()
 
-    def note_thread(self) -> None:
-        """Remember whether this is the loop's thread."""
-        self.in_loop = self.in_loop and threading.get_ident() == self._thread
+    def note_thread(self, function: str) -> None:
+        """Remember `function`, which the plug-in has called, if this is not the event loop's thread."""
+        if threading.get_ident() != self._thread:
+            self._elsewhere = self._elsewhere or function
+
+    def require_in_loop(self) -> None:
+        """Raise CheckFailedError if the plug-in has called something from another thread."""
+        if self._elsewhere:
+            raise CheckFailedError(
+                f"`{self._elsewhere}` was called from another thread than the event loop's"
+            )
 
     def warn(self, topic: str, sentence: str) -> None:
         """Show a warning until it is cleared, by `clear` or `""`."""
-        self.note_thread()
+        self.note_thread("health.warn")
         if sentence:
             self.warnings[topic] = sentence
         else:
@@ -68,11 +74,11 @@ class TrialHealth:
 
     def set_metric(self, name: str, value: float | None, unit: str = "") -> None:  # noqa: ARG002 - as the bus
         """Take a metric."""
-        self.note_thread()
+        self.note_thread("health.set_metric")
 
     def reached(self, latency_s: float) -> None:  # noqa: ARG002 - as the bus
         """Take a latency."""
-        self.note_thread()
+        self.note_thread("health.reached")
 
 
 @dataclass(frozen=True, kw_only=True)

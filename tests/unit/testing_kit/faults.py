@@ -7,7 +7,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
-from pointit.plugins import HealthSink
 from pointit.testing import Harness
 
 C = TypeVar("C", bound=Callable[..., Any])
@@ -67,18 +66,3 @@ def seed_in_run(caught_by: CaughtBy, plugin: type[Any]) -> None:
         (cannot_be_cancelled, "cancels", "still ran"),
     ):
         caught_by(check, words)(type(run.__name__, (plugin,), {"run": run}))
-
-
-class Silently:
-    """Health of which only what is named is told."""
-
-    def __init__(self, health: HealthSink, *told: str) -> None:
-        self._health = health
-        self._told = told
-
-    def __getattr__(self, name: str) -> Callable[..., None]:
-        return getattr(self._health, name) if name in self._told else self._nothing
-
-    @staticmethod
-    def _nothing(*_: object) -> None:
-        """Tell nobody."""

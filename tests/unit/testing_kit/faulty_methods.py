@@ -3,8 +3,6 @@
 import random
 import time
 
-from pydantic import Field
-
 from pointit.plugins import Config, MethodConfig, Pointing, Progress, Surroundings
 from pointit.testing.templates.selection_method import Method
 from pointit.testing.templates.selection_method.fake import DEVICE
@@ -123,10 +121,4 @@ class NeverForgets(Method):
         return super().step(pointing)
 
 
-class DwellConfig(Config):
-    """Without the time that every method has."""
-
-    seconds: float = Field(default=0.8, description="time")
-
-
-caught_by("parameters", "`dwell_s` is None", config=DwellConfig)(Method)
+caught_by("parameters", "`dwell_s` is None", config=Config)(Method)

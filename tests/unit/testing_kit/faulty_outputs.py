@@ -5,12 +5,13 @@ import socket
 import time
 from collections import deque
 from collections.abc import Sequence
-from typing import Any
+from dataclasses import replace
 
 from pointit.plugins import Config, Strip, StripsFrame, Surroundings
+from pointit.runtime.health.surroundings import NullHealth
 from pointit.testing.templates.led_output import Output, OutputParameters
 from pointit.testing.templates.led_output.fake import DEVICE
-from tests.unit.testing_kit.faults import CaughtBy, Silently, seed_in_run
+from tests.unit.testing_kit.faults import CaughtBy, seed_in_run
 
 caught_by = CaughtBy(DEVICE)
 
@@ -123,13 +124,8 @@ class TrustsTheMap(Output):
 @caught_by("warns", "no warning said so")
 class NeverWarns(Output):
     def __init__(self, config: OutputParameters, surroundings: Surroundings) -> None:
-        super().__init__(config, surroundings)
-        self._health: Any = Silently(surroundings.health, "reached")
+        super().__init__(config, replace(surroundings, health=NullHealth()))
 
 
-class PlainConfig(Config, extra="allow"):
-    """Not that of an output."""
-
-
-caught_by("parameters", "is no OutputConfig", config=PlainConfig)(Output)
+caught_by("parameters", "is no OutputConfig", config=Config)(Output)
 seed_in_run(caught_by, Output)

@@ -2,8 +2,6 @@
 
 import asyncio
 
-from pydantic import Field
-
 from pointit.plugins import Context, SelectionEvent, topics
 from pointit.testing.templates.service import (
     COUNT,
@@ -75,23 +73,13 @@ class UndescribedConfig(ServiceConfig):
     gain: float = 1.0
 
 
-class StrictConfig(ServiceConfig):
-    limit: int = Field(default=0, description="greatest number")
-
-
-@caught_by("config_errors", "raised KeyError", config=StrictConfig)
+@caught_by("config_errors", "raised KeyError")
 class RaisesKeyError(SelectionCounter):
-    CONFIG = StrictConfig
-
     @classmethod
     def validate_config(cls, config: ServiceConfig) -> None:
         raise KeyError(config.first)
 
 
-@caught_by("parameters", "without a description: gain", config=UndescribedConfig)
-class Undescribed(SelectionCounter):
-    CONFIG = UndescribedConfig
-
-
+caught_by("parameters", "without a description: gain", config=UndescribedConfig)(SelectionCounter)
 caught_by("parameters", "cannot write health", writes=(COUNT, topics.HEALTH))(SelectionCounter)
 seed_in_run(caught_by, SelectionCounter)

@@ -8,12 +8,11 @@ import time
 from dataclasses import replace
 from typing import Any
 
-from pydantic import Field
-
 from pointit.plugins import Config, Deliver, Quaternion, Reading, Reconnected, Surroundings
+from pointit.runtime.health.surroundings import NullHealth
 from pointit.testing.templates.imu_source import Source, SourceConfig, parse
 from pointit.testing.templates.imu_source.fake import DEVICE
-from tests.unit.testing_kit.faults import CaughtBy, Silently, seed_in_run
+from tests.unit.testing_kit.faults import CaughtBy, seed_in_run
 
 caught_by = CaughtBy(DEVICE)
 
@@ -42,15 +41,15 @@ class ConcealsRestarts(Source):
 @caught_by("warns", "no warning said so")
 class NeverWarns(Source):
     def __init__(self, config: SourceConfig, surroundings: Surroundings) -> None:
-        super().__init__(config, surroundings)
-        self._health: Any = Silently(surroundings.health)
+        super().__init__(config, replace(surroundings, health=NullHealth()))
 
 
 @caught_by("warns", "a warning stayed")
 class NeverStopsWarning(Source):
     def __init__(self, config: SourceConfig, surroundings: Surroundings) -> None:
-        super().__init__(config, surroundings)
-        self._health: Any = Silently(surroundings.health, "warn")
+        health: Any = NullHealth()
+        health.warn = surroundings.health.warn
+        super().__init__(config, replace(surroundings, health=health))
 
 
 @caught_by("cancels", "raised RuntimeError when it was cancelled")
@@ -247,19 +246,14 @@ class UndescribedConfig(SourceConfig):
     gain: float = 1.0
 
 
-class StrictConfig(Config):
-    host: str = Field(default="", description="name of the device")
-    port: int = Field(default=1, description="port of the device")
-
-
 def _accept(_config: Config) -> None:
     """Accept any parameters."""
 
 
-@caught_by("config_errors", "raised KeyError", config=StrictConfig, check=_accept)
-def _key_error(config: StrictConfig, surroundings: Surroundings) -> Source:
-    ports: dict[int, int] = {}
-    return Source(SourceConfig(host=config.host, port=ports[config.port]), surroundings)
+@caught_by("config_errors", "raised KeyError", check=_accept)
+class RaisesKeyError(Source):
+    def __init__(self, config: SourceConfig, _surroundings: Surroundings) -> None:
+        raise KeyError(config.port)
 
 
 caught_by("parameters", "without a description: gain", config=UndescribedConfig, check=_accept)(Source)

@@ -2,7 +2,6 @@
 
 import asyncio
 import math
-import threading
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -58,13 +57,10 @@ class ImuTrial(Trial):
     def __init__(self, harness: ImuHarness) -> None:
         super().__init__(harness)
         self.harness = harness
-        self._thread = threading.get_ident()
         self.readings: deque[Reading] = deque(maxlen=KEPT)
         self.count = 0
         self.reconnections = 0
         """Number of `Reconnected` so far."""
-        self.in_loop = True
-        """False once something was delivered from another thread."""
         self.wrong = ""
         """First delivered thing that was wrong in itself, in words."""
 
@@ -108,7 +104,7 @@ class ImuTrial(Trial):
         await self.until(heard, failure, lambda: self.send(orientation_xyzw))
 
     def _deliver(self, item: Reading | Press | Reconnected) -> None:
-        self.in_loop = self.in_loop and threading.get_ident() == self._thread
+        self.health.note_thread("deliver")
         if isinstance(item, Reconnected):
             self.reconnections += 1
         elif isinstance(item, Reading):

@@ -10,8 +10,7 @@ from pointit.geometry.vector import Vec3
 from pointit.plugins import NS_PER_S, Cursor, Pointing, Progress, SelectionMethod, Surroundings, View
 from pointit.runtime.virtual_time import START_NS
 from pointit.services.selector.objects.view import VisibleObject
-from pointit.testing.check import called
-from pointit.testing.harness import Harness
+from pointit.testing.check import Harness, called
 
 RATE_HZ = 50
 APART_RAD = math.radians(15)

@@ -16,11 +16,11 @@ import pointit
 from pointit import errors, plugins, testing
 from pointit.api.feed import Feed
 from pointit.api.lamp import Lamp
-from pointit.api.latest import Latest, Newest, NewestOne
+from pointit.api.latest import Latest, Newest
 from pointit.api.portal import LoopThread
 from pointit.api.run import Run
 from pointit.api.site import Site
-from pointit.api.sync_latest import SyncLatest, SyncNewest, SyncNewestOne
+from pointit.api.sync_latest import SyncLatest, SyncNewest
 from pointit.api.sync_site import SyncFeed, SyncSite, SyncTracker
 from pointit.api.tracker import Tracker
 from pointit.runtime.bus.memory_bus import MemoryBus
@@ -30,8 +30,8 @@ LISTING = Path(__file__).with_name("public_api.txt")
 CHANGELOG = Path(__file__).parents[2] / "CHANGELOG.md"
 FUNCTIONS = ("connect", "open", "run", "run_virtually")
 CLASSES = (
-    *(Site, Feed, Latest, Newest, NewestOne, Tracker, Lamp, Run),
-    *(SyncSite, SyncFeed, SyncLatest, SyncNewest, SyncNewestOne, SyncTracker),
+    *(Site, Feed, Latest, Newest, Tracker, Lamp, Run),
+    *(SyncSite, SyncFeed, SyncLatest, SyncNewest, SyncTracker),
 )
 BLOCKS = ("__aenter__", "__enter__", "__getitem__", "__anext__", "__next__")
 """Methods with names of Python's own whose types are part of the API."""
@@ -81,6 +81,7 @@ def listing() -> list[str]:
     for kind in CLASSES:
         lines += members(kind, kind.__name__, INTERNAL.get(kind.__name__, set()))
     lines += ["Site.latest: Latest", "SyncSite.latest: SyncLatest"]
+    lines += newest_lines()
     for name, group in groups().items():
         lines += [group_line("Site", name, group), *members(group.__class__, f"Site.{name}", set())]
     lines += [group_line("SyncSite", name, group) for name, group in sync_groups().items()]
@@ -88,6 +89,18 @@ def listing() -> list[str]:
         for name in module.__all__:
             lines += for_authors(getattr(module, name), f"{module.__name__}.{name}")
     return sorted(lines)
+
+
+def newest_lines() -> Iterator[str]:
+    """Yield the lines of `site.latest`, with the types of its messages."""
+    with SyncSite(in_memory(), LoopThread()) as site:
+        for name, newest in vars(site._site.latest).items():
+            if isinstance(newest, Newest):
+                message = newest._topic.message.__name__
+                its_twin = getattr(site.latest, name)
+                assert its_twin._newest is newest
+                yield f"Latest.{name}: Newest[{message}]"
+                yield f"SyncLatest.{name}: {type(its_twin).__name__}[{message}]"
 
 
 def group_line(site: str, name: str, group: Any) -> str:

@@ -17,7 +17,7 @@ from pointit import errors, plugins, testing
 from pointit.api.feed import Feed
 from pointit.api.lamp import Lamp
 from pointit.api.latest import Latest, Newest
-from pointit.api.portal import LoopThread
+from pointit.api.loop_thread import LoopThread
 from pointit.api.run import Run
 from pointit.api.site import Site
 from pointit.api.sync_latest import SyncLatest, SyncNewest

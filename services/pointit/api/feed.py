@@ -21,7 +21,7 @@ STRAYS = 3
 """So many unreadable ones do not yet."""
 
 
-class Inbox(Generic[U]):
+class ReceiveBuffer(Generic[U]):
     """Holds what came, by name, until it is taken. Use in the event loop only."""
 
     def __init__(self, delivery: Delivery, *, one_writer: bool = False) -> None:
@@ -134,9 +134,9 @@ class Feed(Generic[T]):
     """
 
     def __init__(
-        self, inbox: Inbox[Any], pick: Callable[[tuple[str, Any]], T], speed: Callable[[], float]
+        self, buffer: ReceiveBuffer[Any], pick: Callable[[tuple[str, Any]], T], speed: Callable[[], float]
     ) -> None:
-        self._inbox = inbox
+        self._buffer = buffer
         self._pick = pick
         self._speed = speed
         self._duration_s: float | None = None
@@ -147,12 +147,12 @@ class Feed(Generic[T]):
     @property
     def lost(self) -> int:
         """Return the number of events that were lost on the way, or because the loop was too slow."""
-        return self._inbox.lost
+        return self._buffer.lost
 
     def items(self) -> "Feed[tuple[str, T]]":
         """Return the same with the name of each item: the person, tracker, service or lamp."""
         pick = self._pick
-        named = Feed(self._inbox, lambda pair: (pair[0], pick(pair)), self._speed)
+        named = Feed(self._buffer, lambda pair: (pair[0], pick(pair)), self._speed)
         named._duration_s = self._duration_s
         return named
 
@@ -161,41 +161,41 @@ class Feed(Generic[T]):
 
         `during(0)` gives what has come so far.
         """
-        limited = Feed(self._inbox, self._pick, self._speed)
+        limited = Feed(self._buffer, self._pick, self._speed)
         limited._duration_s = seconds
         return limited
 
     def close(self) -> None:
         """Receive nothing more. Unnecessary where the site is closed, or nothing refers to it any more."""
-        self._inbox.close()
+        self._buffer.close()
 
     def __aiter__(self) -> "Feed[T]":
         return self
 
     async def __anext__(self) -> T:
         if self._duration_s is None:
-            return self._pick(await self._inbox.take())
+            return self._pick(await self._buffer.take())
         now_s = asyncio.get_running_loop().time()
         if self._end_s is None:
             self._end_s = now_s + self._duration_s / self._speed()
         if self._left is None and now_s < self._end_s:
             try:
                 async with asyncio.timeout_at(self._end_s):
-                    return self._pick(await self._inbox.take())
+                    return self._pick(await self._buffer.take())
             except TimeoutError:
                 pass
         if self._left is None:
-            self._left = len(self._inbox)
-        if not self._left or not len(self._inbox):
+            self._left = len(self._buffer)
+        if not self._left or not len(self._buffer):
             raise StopAsyncIteration
         self._left -= 1
-        return self._pick(await self._inbox.take())
+        return self._pick(await self._buffer.take())
 
 
-def feed_of(inbox: Inbox[U], speed: Callable[[], float]) -> Feed[U]:
-    """Return the iterator over `inbox`, whose names are left out."""
+def feed_of(buffer: ReceiveBuffer[U], speed: Callable[[], float]) -> Feed[U]:
+    """Return the iterator over `buffer`, whose names are left out."""
 
     def pick(pair: tuple[str, U]) -> U:
         return pair[1]
 
-    return Feed(inbox, pick, speed)
+    return Feed(buffer, pick, speed)

@@ -105,18 +105,12 @@ class SelectRequests(_Requests[D], Generic[D, R, S]):
         """Deselect an object of any person, in the name of `user`; `take_over`: select it for `user`."""
         return self._do(RELEASE_OBJECT, user, object_id=object_id, take_over=take_over)
 
-    def method(
-        self,
-        method: Literal["hold", "fraction", "gauge"] | None = None,
-        *,
-        dwell_s: float | None = None,
-        name: str | None = None,
-    ) -> R:
+    def method(self, name: str | None = None, *, dwell_s: float | None = None) -> R:
         """Set how dwelling selects, and for how long (s). Without values, only return the settings in use.
 
-        `name`: any installed method, instead of `method`.
+        `name`: `hold`, `fraction`, `gauge` or any other installed method. It has its own time unless given.
         """
-        reply: R = self._ask(SET_METHOD, method=method, dwell_s=dwell_s, name=name)
+        reply: R = self._ask(SET_METHOD, name=name, dwell_s=dwell_s)
         return reply
 
     def history(self, *, last: int = 200, since_ns: int = 0) -> S:

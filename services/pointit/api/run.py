@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 
-from pointit.api.portal import LoopThread
+from pointit.api.loop_thread import LoopThread
 from pointit.api.site import Site
 from pointit.api.sync_site import SyncSite
 from pointit.launch.plan.launches import Choices
@@ -72,8 +72,8 @@ class Run:
         return None if running is None else await running.__aexit__(kind, error, trace)
 
     def __enter__(self) -> SyncSite:
-        portal = LoopThread(virtual=self._virtual)
-        self._sync = SyncSite(_live(self._plan), portal)
+        thread = LoopThread(virtual=self._virtual)
+        self._sync = SyncSite(_live(self._plan), thread)
         return self._sync
 
     def __exit__(

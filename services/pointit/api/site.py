@@ -7,11 +7,11 @@ import weakref
 from collections.abc import AsyncGenerator, Awaitable, Callable
 from typing import Any, Literal, Self, TypeVar
 
-from pointit.api.feed import Feed, Inbox, feed_of
+from pointit.api.feed import Feed, ReceiveBuffer, feed_of
 from pointit.api.lamp import Lamp
 from pointit.api.latest import Latest
-from pointit.api.portal import closed_error
-from pointit.api.presence import Present
+from pointit.api.loop_thread import closed_error
+from pointit.api.presence import PresentNames
 from pointit.api.press import press
 from pointit.api.requests import (
     ConveyorRequests,
@@ -84,16 +84,16 @@ class Site:
         """Use `bus`, which stays open; `on` is the way in."""
         self._bus = bus
         self._clock = clock
-        self._inboxes = weakref.WeakSet[Inbox[Any]]()
+        self._buffers = weakref.WeakSet[ReceiveBuffer[Any]]()
         self._trackers = set[Tracker]()
         self._failure: Exception | None = None
         self._is_closed = False
         self._ended = asyncio.Event()
-        self._present: dict[str, Present] = {}
+        self._present: dict[str, PresentNames] = {}
         self._watches: list[Closable] = []
         self.latest = Latest(bus, self._check_open)
         """The newest messages by topic and name."""
-        ask = self._ask
+        ask = self.call
         self.select = SelectRequests[Awaitable[Done], Awaitable[SetMethodReply], Awaitable[ReadHistoryReply]](
             ask
         )
@@ -112,7 +112,7 @@ class Site:
         site = cls(bus, clock)
         try:
             for presence in (USER_ALIVE, SERVICE_ALIVE):
-                found = site._present[presence.key] = Present()
+                found = site._present[presence.key] = PresentNames()
                 site._watches.append(bus.watch(presence, found.on_change))
                 found.merge(await bus.list_present(presence))
             yield site
@@ -234,8 +234,8 @@ class Site:
         """End all iterators with `error`."""
         self._failure = error
         self._ended.set()
-        for inbox in list(self._inboxes):
-            inbox.end(error)
+        for buffer in list(self._buffers):
+            buffer.end(error)
 
     def _close(self) -> None:
         """End all iterators and trackers."""
@@ -246,22 +246,22 @@ class Site:
         self._ended.set()
         for watch in self._watches:
             watch.close()
-        for inbox in list(self._inboxes):
-            inbox.close()
+        for buffer in list(self._buffers):
+            buffer.close()
 
     def _presence(self, presence: Presence) -> Feed[frozenset[str]]:
         self._check_open()
-        inbox = Inbox[frozenset[str]](Delivery.STATE)
+        buffer = ReceiveBuffer[frozenset[str]](Delivery.STATE)
         present = self._present[presence.key]
-        present.inboxes.add(inbox)
-        self._inboxes.add(inbox)
-        inbox.put(present.names, "")
-        return feed_of(inbox, self._speed)
+        present.buffers.add(buffer)
+        self._buffers.add(buffer)
+        buffer.put(present.names, "")
+        return feed_of(buffer, self._speed)
 
     def _feed(self, topic: Topic[M], name: str, fits: Callable[[M], bool] | None) -> Feed[M]:
         self._check_open()
-        inbox = Inbox[M](topic.delivery, one_writer=name != ANY)
-        reference = weakref.ref(inbox)
+        buffer = ReceiveBuffer[M](topic.delivery, one_writer=name != ANY)
+        reference = weakref.ref(buffer)
 
         def on_message(message: M, its_name: str) -> None:
             here = reference()
@@ -271,23 +271,20 @@ class Site:
                 here.put(message, its_name)
 
         subscription: Subscription = self._bus.subscribe(topic, on_message, name or ANY)
-        inbox.source = subscription
-        self._inboxes.add(inbox)
+        buffer.source = subscription
+        self._buffers.add(buffer)
         if self._bus.is_restricted:
-            self._bus.spawn(self._check_access(inbox, topic, name), f"access to {topic.key}")
-        return feed_of(inbox, self._speed)
+            self._bus.spawn(self._check_access(buffer, topic, name), f"access to {topic.key}")
+        return feed_of(buffer, self._speed)
 
-    async def _check_access(self, inbox: Inbox[Any], topic: Topic[Any], name: str) -> None:
+    async def _check_access(self, buffer: ReceiveBuffer[Any], topic: Topic[Any], name: str) -> None:
         if denied := await self._bus.denial_reason("reads", topic, name):
-            inbox.end(AccessDeniedError(denied))
-            inbox.close()
+            buffer.end(AccessDeniedError(denied))
+            buffer.close()
 
     async def _check_writing(self, tracker: Tracker, name: str) -> None:
         if denied := await self._bus.denial_reason("writes", OBJECTS, name):
             tracker.deny(AccessDeniedError(denied))
-
-    def _ask(self, request: Request[Any, R], query: Query, name: str) -> Awaitable[R]:
-        return self.call(request, query, name)
 
     def _speed(self) -> float:
         return self._clock.speed

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any, Generic, TypeVar, overload
 
 from pointit.api.latest import PATIENCE_S, Latest, Newest
-from pointit.api.portal import LoopThread
+from pointit.api.loop_thread import LoopThread
 from pointit.schemas import Message
 
 M = TypeVar("M", bound=Message)
@@ -17,22 +17,22 @@ class SyncNewest(Mapping[str, M], Generic[M]):
     `[name]` and `value` wait up to 2 s for the first message. `get`, `in` and iteration do not wait.
     """
 
-    def __init__(self, newest: Newest[M], portal: LoopThread) -> None:
+    def __init__(self, newest: Newest[M], thread: LoopThread) -> None:
         self._newest = newest
-        self._portal = portal
+        self._thread = thread
 
     def __getitem__(self, name: str) -> M:
         """Return the newest message of `name`, as soon as there is one; see `wait`."""
         return self.wait(name)
 
     def __iter__(self) -> Iterator[str]:
-        return self._portal.do(lambda: iter(self._newest))
+        return self._thread.do(lambda: iter(self._newest))
 
     def __len__(self) -> int:
-        return self._portal.do(lambda: len(self._newest))
+        return self._thread.do(lambda: len(self._newest))
 
     def __contains__(self, name: object) -> bool:
-        return self._portal.do(lambda: name in self._newest)
+        return self._thread.do(lambda: name in self._newest)
 
     @overload
     def get(self, key: str, default: None = None, /) -> M | None: ...
@@ -40,7 +40,7 @@ class SyncNewest(Mapping[str, M], Generic[M]):
     def get(self, key: str, default: M | T, /) -> M | T: ...
     def get(self, key: str, default: Any = None, /) -> Any:
         """Return the newest message of `key`, or `default` if nothing has come yet."""
-        return self._portal.do(lambda: self._newest.get(key, default))
+        return self._thread.do(lambda: self._newest.get(key, default))
 
     @property
     def value(self) -> M:
@@ -49,21 +49,21 @@ class SyncNewest(Mapping[str, M], Generic[M]):
 
     def wait(self, name: str = "", *, patience_s: float = PATIENCE_S) -> M:
         """Return the newest message of `name`, as soon as there is one. Raises what `Newest.wait` raises."""
-        return self._portal.call(self._newest.wait(name, patience_s=patience_s))
+        return self._thread.call(self._newest.wait(name, patience_s=patience_s))
 
 
 class SyncLatest:
     """The newest messages of a site; see `Latest`."""
 
-    def __init__(self, latest: Latest, portal: LoopThread) -> None:
-        self.cursor = SyncNewest(latest.cursor, portal)
-        self.ray = SyncNewest(latest.ray, portal)
-        self.hover = SyncNewest(latest.hover, portal)
-        self.pose = SyncNewest(latest.pose, portal)
-        self.interaction = SyncNewest(latest.interaction, portal)
-        self.objects = SyncNewest(latest.objects, portal)
-        self.health = SyncNewest(latest.health, portal)
-        self.lamp = SyncNewest(latest.lamp, portal)
-        self.selection = SyncNewest(latest.selection, portal)
-        self.map = SyncNewest(latest.map, portal)
-        self.conveyor = SyncNewest(latest.conveyor, portal)
+    def __init__(self, latest: Latest, thread: LoopThread) -> None:
+        self.cursor = SyncNewest(latest.cursor, thread)
+        self.ray = SyncNewest(latest.ray, thread)
+        self.hover = SyncNewest(latest.hover, thread)
+        self.pose = SyncNewest(latest.pose, thread)
+        self.interaction = SyncNewest(latest.interaction, thread)
+        self.objects = SyncNewest(latest.objects, thread)
+        self.health = SyncNewest(latest.health, thread)
+        self.lamp = SyncNewest(latest.lamp, thread)
+        self.selection = SyncNewest(latest.selection, thread)
+        self.map = SyncNewest(latest.map, thread)
+        self.conveyor = SyncNewest(latest.conveyor, thread)

@@ -8,7 +8,7 @@ from typing import Any, Generic, Literal, Self, TypeVar
 
 from pointit.api.feed import Feed
 from pointit.api.lamp import Lamp
-from pointit.api.portal import LoopThread
+from pointit.api.loop_thread import LoopThread
 from pointit.api.requests import (
     ConveyorRequests,
     ImuRequests,
@@ -55,9 +55,9 @@ T = TypeVar("T")
 class SyncFeed(Generic[T]):
     """The messages of a topic from the call that made it on, one per step of `for`. See `Feed`."""
 
-    def __init__(self, feed: Feed[T], portal: LoopThread) -> None:
+    def __init__(self, feed: Feed[T], thread: LoopThread) -> None:
         self._feed = feed
-        self._portal = portal
+        self._thread = thread
 
     @property
     def lost(self) -> int:
@@ -66,18 +66,18 @@ class SyncFeed(Generic[T]):
 
     def items(self) -> "SyncFeed[tuple[str, T]]":
         """Return the same with the name of each item: the person, tracker, service or lamp."""
-        return SyncFeed(self._feed.items(), self._portal)
+        return SyncFeed(self._feed.items(), self._thread)
 
     def during(self, seconds: float) -> "SyncFeed[T]":
         """Return the same, ended after so many seconds of the site's time from the first step on.
 
         `during(0)` gives what has come so far.
         """
-        return SyncFeed(self._feed.during(seconds), self._portal)
+        return SyncFeed(self._feed.during(seconds), self._thread)
 
     def close(self) -> None:
         """Receive nothing more."""
-        self._portal.do(self._feed.close)
+        self._thread.do(self._feed.close)
 
     def __iter__(self) -> Iterator[T]:
         return self
@@ -88,7 +88,7 @@ class SyncFeed(Generic[T]):
                 return (item,)
             return None
 
-        found = self._portal.call(step())
+        found = self._thread.call(step())
         if found is None:
             raise StopIteration
         return found[0]
@@ -97,9 +97,9 @@ class SyncFeed(Generic[T]):
 class SyncTracker:
     """Publishes the objects of one tracker; see `Tracker`."""
 
-    def __init__(self, tracker: Tracker, portal: LoopThread) -> None:
+    def __init__(self, tracker: Tracker, thread: LoopThread) -> None:
         self._tracker = tracker
-        self._portal = portal
+        self._thread = thread
 
     def update(self, objects: Iterable[TrackedObject], *, stamp_ns: int | None = None) -> None:
         """Publish all objects of this tracker, at least once a second; who is no longer listed has left.
@@ -114,11 +114,11 @@ class SyncTracker:
             AccessDeniedError: If this identity may not write them, which is known after some seconds.
         """
         listed = tuple(objects)  # here: a generator may use the site
-        self._portal.do(lambda: self._tracker.update(listed, stamp_ns=stamp_ns))
+        self._thread.do(lambda: self._tracker.update(listed, stamp_ns=stamp_ns))
 
     def close(self) -> None:
         """Publish that all objects have left, and end."""
-        self._portal.do(self._tracker.close)
+        self._thread.do(self._tracker.close)
 
 
 class SyncSite:
@@ -127,20 +127,20 @@ class SyncSite:
     In virtual time, which `pointit.run(..., virtual=True)` starts, time passes only while a call waits.
     """
 
-    def __init__(self, joining: AbstractAsyncContextManager[Site], portal: LoopThread) -> None:
-        """Join in the loop of `portal`, which is closed with the site."""
+    def __init__(self, joining: AbstractAsyncContextManager[Site], thread: LoopThread) -> None:
+        """Join in the loop of `thread`, which is closed with the site."""
         self._joining = joining
-        self._portal = portal
+        self._thread = thread
         self._is_closed = False
         try:
-            self._site = portal.call(joining.__aenter__())
+            self._site = thread.call(joining.__aenter__())
         except BaseException:
-            portal.close()
+            thread.close()
             raise
         atexit.register(self.close)
-        self.latest = SyncLatest(self._site.latest, portal)
+        self.latest = SyncLatest(self._site.latest, thread)
         """The newest messages by topic and name. The first one of a name is waited for, up to 2 s."""
-        ask = self._ask
+        ask = self.call
         self.select = SelectRequests[Done, SetMethodReply, ReadHistoryReply](ask)
         self.conveyor = ConveyorRequests[Done, AddPackageReply](ask)
         self.localizer = LocalizerRequests[Done](ask)
@@ -165,9 +165,9 @@ class SyncSite:
         self._is_closed = True
         atexit.unregister(self.close)
         try:
-            self._portal.call(self._joining.__aexit__(None, None, None))
+            self._thread.call(self._joining.__aexit__(None, None, None))
         finally:
-            self._portal.close()
+            self._thread.close()
 
     @property
     def name(self) -> str:
@@ -177,15 +177,15 @@ class SyncSite:
     @property
     def problem(self) -> str:
         """A message if the connection has a problem, such as a lost router, else `""`."""
-        return self._portal.do(lambda: self._site.problem)
+        return self._thread.do(lambda: self._site.problem)
 
     def now_ns(self) -> int:
         """Return the site's time, Unix ns: wall time, simulated or virtual."""
-        return self._portal.do(self._site.now_ns)
+        return self._thread.do(self._site.now_ns)
 
     def sleep(self, seconds: float) -> None:
         """Wait until so many seconds of the site's time have passed; see `Site.sleep`."""
-        self._portal.call(self._site.sleep(seconds))
+        self._thread.call(self._site.sleep(seconds))
 
     def cursors(self, user: str | None = None) -> SyncFeed[Cursor]:
         """Return an iterator over cursors: where the ray meets the room. Newest wins."""
@@ -231,11 +231,11 @@ class SyncSite:
         self, request: Request[Q, R], query: Q, name: str = "", *, timeout_s: float = REQUEST_TIMEOUT_S
     ) -> R:
         """Return the reply to any row of the request table, or of a plug-in's own; see `Site.call`."""
-        return self._portal.call(self._site.call(request, query, name, timeout_s=timeout_s))
+        return self._thread.call(self._site.call(request, query, name, timeout_s=timeout_s))
 
     def tracker(self, name: str) -> SyncTracker:
         """Return the tracker `name`, which publishes objects."""
-        return SyncTracker(self._portal.do(lambda: self._site.tracker(name)), self._portal)
+        return SyncTracker(self._thread.do(lambda: self._site.tracker(name)), self._thread)
 
     def lamp(self, name: str) -> Lamp[Done, SyncFeed[LampColor]]:
         """Return the lamp `name` of the map."""
@@ -244,10 +244,7 @@ class SyncSite:
 
     def press(self, user: str, gesture: Literal["press", "double", "hold"] = "press") -> Interaction:
         """Press the button of `user`; return the state of the interaction after it; see `Site.press`."""
-        return self._portal.call(self._site.press(user, gesture))
+        return self._thread.call(self._site.press(user, gesture))
 
     def _feed(self, make: Callable[[], Feed[T]]) -> SyncFeed[T]:
-        return SyncFeed(self._portal.do(make), self._portal)
-
-    def _ask(self, request: Request[Any, R], query: Query, name: str) -> R:
-        return self.call(request, query, name)
+        return SyncFeed(self._thread.do(make), self._thread)

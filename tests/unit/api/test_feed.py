@@ -148,12 +148,12 @@ async def test_unreadable_messages_end_only_a_loop_over_one_person(
 ) -> None:
     monkeypatch.setattr(feed, "DOUBT_S", 0.01)
     cursors = site.cursors(user)
-    assert cursors._inbox.source is not None
-    cursors._inbox.source.traffic.invalid = 1
+    assert cursors._buffer.source is not None
+    cursors._buffer.source.traffic.invalid = 1
     taking = asyncio.create_task(anext(cursors))
     await asyncio.sleep(0.1)
     assert not taking.done()  # a stray one
-    cursors._inbox.source.traffic.invalid = 7
+    cursors._buffer.source.traffic.invalid = 7
     if user is not None:
         with pytest.raises(VersionError, match="7 messages came and none could be read"):
             await taking

@@ -117,11 +117,8 @@ def main(
     if "startup" in wanted:
         console.print("start-up …")
         result["startup"] = startup.start()
-        console.print(
-            f"command to first light {result['startup']['command_to_first_light_s']} s, "
-            f"to first cursor {result['startup']['command_to_first_cursor_s']} s, "
-            f"peak memory {result['startup']['memory_peak_mb']} MB"
-        )
+        result["starts_cpu_ms"] = startup.commands()
+        console.print(_startup_lines(result["startup"], result["starts_cpu_ms"]))
     if "cores" in wanted:
         result["cores"] = cores.run()
         for row in result["cores"]:
@@ -240,6 +237,15 @@ def ros2_table(ros2_result: dict[str, Any]) -> Table:
             f"{row['lost']}",
         )
     return table
+
+
+def _startup_lines(run: dict[str, Any], starts_cpu_ms: dict[str, float]) -> str:
+    first = (
+        f"command to first light {run['command_to_first_light_s']} s, "
+        f"to first cursor {run['command_to_first_cursor_s']} s, "
+        f"peak memory {run['memory_peak_mb']} MB"
+    )
+    return "\n".join((first, *(f"{name:<20} {ms:>7} ms of CPU" for name, ms in starts_cpu_ms.items())))
 
 
 if __name__ == "__main__":

@@ -60,7 +60,8 @@ async def processes(rate_hz: float, duration_s: float, endpoint: str) -> list[fl
                 ready.set()
 
             bus.subscribe(POSE, on_pose)
-            await asyncio.wait_for(ready.wait(), 20)
+            async with asyncio.timeout(20):
+                await ready.wait()
             await asyncio.sleep(SETTLE_S)
             return await _drive(bus, rate_hz, duration_s)
     finally:

@@ -78,6 +78,7 @@ class RoundTrips:
             self._began_s = time.perf_counter()
             send()
             with contextlib.suppress(TimeoutError):
-                await asyncio.wait_for(self._came.wait(), LOST_S)
+                async with asyncio.timeout(LOST_S):
+                    await self._came.wait()
             await asyncio.sleep(1.0 / rate_hz)
         return {**Figures.of(self._times_s).as_dict(), "lost": count - len(self._times_s)}

@@ -168,7 +168,8 @@ async def bridged() -> AsyncGenerator[Ends]:
             stderr=subprocess.DEVNULL,
         )
         try:
-            await asyncio.wait_for(found.wait(), PATIENCE_S)
+            async with asyncio.timeout(PATIENCE_S):
+                await found.wait()
             yield Ends(bus, peer, psutil.Process(child.pid), time.perf_counter() - began_s)
         finally:
             child.terminate()

@@ -1,6 +1,8 @@
-"""Time from `pointit run` to the first light and the first cursor, and its memory."""
+"""Time from `pointit run` to the first light and the first cursor, its memory, and CPU times of starts."""
 
 import json
+import os
+import statistics
 import subprocess
 import sys
 import tempfile
@@ -11,6 +13,29 @@ from typing import Any
 import psutil
 
 RUN_S = 6.0
+STARTS = 9
+COMMANDS = {
+    "bare python": ("-c", ""),
+    "import pointit": ("-c", "import pointit"),
+    "its connect": ("-c", "import pointit; pointit.connect"),
+    "pointit --help": ("-m", "pointit.cli", "--help"),
+    "pointit run --help": ("-m", "pointit.cli", "run", "--help"),
+}
+"""What is started, by name, as arguments of Python."""
+
+
+def commands() -> dict[str, float]:
+    """Return the CPU time of each of `COMMANDS`, the median of `STARTS` in turn, ms."""
+    used_ms: dict[str, list[float]] = {name: [] for name in COMMANDS}
+    for _ in range(STARTS):
+        for name, arguments in COMMANDS.items():
+            with subprocess.Popen([sys.executable, *arguments], stdout=subprocess.DEVNULL) as child:
+                _, status, usage = os.wait4(child.pid, 0)
+                child.returncode = os.waitstatus_to_exitcode(status)
+            if child.returncode:
+                raise RuntimeError(f"{name} ended with {child.returncode}")
+            used_ms[name].append(1e3 * (usage.ru_utime + usage.ru_stime))
+    return {name: round(statistics.median(values), 1) for name, values in used_ms.items()}
 
 
 def start(scenario: str = "scenario_3") -> dict[str, Any]:

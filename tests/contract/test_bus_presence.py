@@ -157,7 +157,8 @@ class TestClose:
 
         site.a.serve(SET_BRIGHTNESS, slow)
         call = asyncio.create_task(site.b.call(SET_BRIGHTNESS, SetBrightness(brightness=1), timeout_s=60))
-        await asyncio.wait_for(asked.wait(), 10)
+        async with asyncio.timeout(10):
+            await asked.wait()
         began_s = time.monotonic()
         await site.b.close()
         with pytest.raises(BusClosedError):

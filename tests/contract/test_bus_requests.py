@@ -113,7 +113,8 @@ class TestRequests:
             ):
                 await bus.call(SET_BRIGHTNESS, SetBrightness(brightness=1), timeout_s=0.1)
         go_on.set()
-        await asyncio.wait_for(done.wait(), 10)
+        async with asyncio.timeout(10):
+            await done.wait()
 
     async def test_a_caller_may_give_up(self, site: Site) -> None:
         asked, go_on, done = asyncio.Event(), asyncio.Event(), asyncio.Event()
@@ -130,14 +131,16 @@ class TestRequests:
                 event.clear()
             question = bus.call(SET_BRIGHTNESS, SetBrightness(brightness=1), timeout_s=60)
             call = asyncio.create_task(question)
-            await asyncio.wait_for(asked.wait(), 10)
+            async with asyncio.timeout(10):
+                await asked.wait()
             began_s = time.monotonic()
             call.cancel()
             with pytest.raises(asyncio.CancelledError):
                 await call
             assert time.monotonic() - began_s < 30
             go_on.set()
-            await asyncio.wait_for(done.wait(), 10)
+            async with asyncio.timeout(10):
+                await done.wait()
 
     async def test_a_hundred_calls_at_once_each_get_their_own_reply(self, site: Site) -> None:
         together = asyncio.Barrier(100)

@@ -90,10 +90,15 @@ class Shell:
             await self._stop(block.terminal)
         process = await self._say(f"(. {code}) >{output} 2>&1 </dev/null & printf '%s ' $!", block)
         self._terminals[block.terminal] = Terminal(block=block, process=int(process), output=output)
-        async with asyncio.timeout(PATIENCE_S):
-            while not (printed := _read(output)) or (block.output and difference(block.output, printed)):
-                await self._check_running(self._terminals[block.terminal])
-                await asyncio.sleep(0.05)
+        try:
+            async with asyncio.timeout(PATIENCE_S):
+                while not (printed := _read(output)) or (block.output and difference(block.output, printed)):
+                    await self._check_running(self._terminals[block.terminal])
+                    await asyncio.sleep(0.05)
+        except TimeoutError:
+            raise BlockError(
+                f"{block.place} did not print what is shown within {PATIENCE_S:.0f} s, but\n{_read(output)}"
+            ) from None
 
     async def _check_running(self, terminal: Terminal) -> None:
         if await self._say(f"kill -0 {terminal.process} 2>&- || printf ended", terminal.block):

@@ -87,10 +87,12 @@ async def interrupt(process: asyncio.subprocess.Process) -> tuple[int, float]:
     """Send SIGINT as Ctrl-C does. Return the exit code and the time to end, s on a quiet machine."""
     began_s = time.monotonic()
     process.send_signal(signal.SIGINT)
-    code = await asyncio.wait_for(process.wait(), PATIENCE_S)
+    async with asyncio.timeout(PATIENCE_S):
+        code = await process.wait()
     return code, (time.monotonic() - began_s) / slowness()
 
 
 async def next_line(stream: asyncio.StreamReader | None) -> str:
     assert stream is not None
-    return (await asyncio.wait_for(stream.readline(), PATIENCE_S)).decode()
+    async with asyncio.timeout(PATIENCE_S):
+        return (await stream.readline()).decode()

@@ -133,7 +133,7 @@ class SiteFolder:
                 if known is not None and known.state == "valid":
                     raise ConfigError(
                         f"{name} exists already, as {known.role}; renew its certificate with "
-                        f"`pointit site renew {name}`"
+                        f"`pointit site renew {name} --folder {self.path}`"
                     )
             return self._issue(state, names, now)
 
@@ -196,7 +196,8 @@ class SiteFolder:
             known = state.known(name)
             if known.role == "router":
                 raise ConfigError(
-                    "the router cannot be without a certificate; `pointit site renew router` makes a new one"
+                    "the router cannot be without a certificate; `pointit site renew router "
+                    f"--folder {self.path}` makes a new one"
                 )
             ended = known.model_copy(update={"state": how})
             state = state.model_copy(update={"identities": {**state.identities, name: ended}})

@@ -83,7 +83,8 @@ class _Person:
                     await self._change()
         if self._newest is before and self._is_cued:
             with contextlib.suppress(TimeoutError):
-                await asyncio.wait_for(self._change(), CUE_FIRST_S)
+                async with asyncio.timeout(CUE_FIRST_S):
+                    await self._change()
         return None if self._newest is before and not self._is_cued else self._newest
 
     async def _change(self) -> None:

@@ -125,7 +125,8 @@ class SiteClock:
     async def wait_for_tick(self, patience_s: float) -> bool:
         """Wait for the site's time. Return True if it came, so that nothing sees the jump towards it."""
         try:
-            await asyncio.wait_for(self._ticked.wait(), patience_s)
+            async with asyncio.timeout(patience_s):
+                await self._ticked.wait()
         except TimeoutError:
             return self._ticked.is_set()
         return True

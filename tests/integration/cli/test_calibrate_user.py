@@ -271,7 +271,8 @@ async def test_in_a_terminal_what_was_pointed_at_stands_on_lines_of_its_own(
         stdout=asyncio.subprocess.PIPE,
         env={**os.environ, "TERM": "xterm", "COLUMNS": "80"},
     )
-    out, _ = await asyncio.wait_for(process.communicate(), 30)
+    async with asyncio.timeout(30):
+        out, _ = await process.communicate()
     assert process.returncode == 0, out
     assert localizer.asked == [f"anchor {lamp}" for lamp in LAMPS]
     lines = screen_lines(out.decode())

@@ -82,7 +82,8 @@ async def test_a_reader_that_has_enough_ends_echo_quietly(site: Site) -> None:
         stdout=asyncio.subprocess.PIPE,
         stderr=asyncio.subprocess.PIPE,
     )
-    out, err = await asyncio.wait_for(pipeline.communicate(), 20)
+    async with asyncio.timeout(20):
+        out, err = await pipeline.communicate()
     assert out.startswith(b"users/anna/imu: ")
     assert (pipeline.returncode, out.count(b"\n"), err) == (0, 1, b"")
 

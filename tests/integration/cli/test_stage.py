@@ -283,7 +283,8 @@ async def test_a_run_goes_on_while_somebody_looks_on(monkeypatch: pytest.MonkeyP
         await asyncio.wait({run.task}, timeout=2.0)
         assert not run.task.done()  # four times its duration
         StandIn.newest.bus.set_metric("viewers", 0)  # the page is closed
-        await asyncio.wait_for(run.task, 5.0)
+        async with asyncio.timeout(5.0):
+            await run.task
         assert within(time.monotonic() - began_s, 6.0)
         assert run.run.lasted_s > 2.0
 
@@ -294,14 +295,16 @@ async def test_it_ends_in_time_when_told_to_or_alone(
 ) -> None:
     monkeypatch.setattr(StandIn, "viewers", viewers)
     async with going(plan_of("scenario_2", duration_s=1.5, is_limited=is_limited)) as run:
-        await asyncio.wait_for(run.task, 10.0)
+        async with asyncio.timeout(10.0):
+            await run.task
         assert run.run.lasted_s == pytest.approx(1.5)
 
 
 async def test_a_page_that_cannot_be_is_told_and_costs_nothing(caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level("INFO")
     async with going(plan_of("scenario_2", service=Broken, duration_s=1.5)) as run:
-        await asyncio.wait_for(run.task, 10.0)
+        async with asyncio.timeout(10.0):
+            await run.task
         assert run.stage.monitor.frame_count > 0
     (told,) = (record for record in caplog.records if "page" in record.getMessage())
     assert told.getMessage() == "the page has ended (the port is taken); the run continues without it"
@@ -312,7 +315,8 @@ async def test_the_address_is_told_once_and_nowhere_else(caplog: pytest.LogCaptu
     plan = plan_of("scenario_2", duration_s=1.0)
     assert plan.page is not None
     async with going(plan) as run:
-        await asyncio.wait_for(run.task, 10.0)
+        async with asyncio.timeout(10.0):
+            await run.task
     address, _, token = plan.page.url.partition("?token=")
     texts = [record.getMessage() for record in caplog.records]
     (told,) = [text for text in texts if text.startswith("page: ")]

@@ -133,7 +133,8 @@ async def serving(bench: Bench, **parameters: Any) -> AsyncGenerator[Server]:
     )
     server = Server(port)
     try:
-        await asyncio.wait_for(_listening(port, life), 5.0)
+        async with asyncio.timeout(5.0):
+            await _listening(port, life)
         yield server
     finally:
         life.cancel()

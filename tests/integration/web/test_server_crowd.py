@@ -51,7 +51,8 @@ async def answered(listener: Listener) -> bytes:
     reader, writer = await asyncio.open_connection("127.0.0.1", listener.port)
     writer.write(ASKED.replace(b"Host", b"Connection: close\r\nHost"))
     try:
-        return await asyncio.wait_for(reader.read(), 5.0)
+        async with asyncio.timeout(5.0):
+            return await reader.read()
     finally:
         writer.close()
         with contextlib.suppress(OSError):
@@ -61,7 +62,8 @@ async def answered(listener: Listener) -> bytes:
 async def is_cut(client: socket.socket) -> bool:
     """Return True if the server ends the connection soon."""
     try:
-        return await asyncio.wait_for(asyncio.get_running_loop().sock_recv(client, 10), 2.0) == b""
+        async with asyncio.timeout(2.0):
+            return await asyncio.get_running_loop().sock_recv(client, 10) == b""
     except ConnectionError:
         return True
     except TimeoutError:
@@ -167,7 +169,8 @@ async def test_tls_that_is_never_agreed_keeps_nobody_out(
             trust = ssl.create_default_context(cafile=kept.certificate)
             reader, writer = await asyncio.open_connection("127.0.0.1", listener.port, ssl=trust)
             writer.write(ASKED)
-            assert b"200" in await asyncio.wait_for(reader.readline(), 5.0)
+            async with asyncio.timeout(5.0):
+                assert b"200" in await reader.readline()
             for client in silent:
                 client.setblocking(False)
             assert [await is_cut(client) for client in silent[:50]] == [True] * 50

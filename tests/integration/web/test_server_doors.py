@@ -172,7 +172,8 @@ async def test_nothing_beside_the_bundle_is_served(path: str) -> None:
     async with memory_bench() as bench, serving(bench) as server:
         reader, writer = await asyncio.open_connection(*server.host.split(":"))
         writer.write(f"GET {path} HTTP/1.1\r\nHost: {server.host}\r\nConnection: close\r\n\r\n".encode())
-        answer = await asyncio.wait_for(reader.read(), 5.0)
+        async with asyncio.timeout(5.0):
+            answer = await reader.read()
         writer.close()
         await writer.wait_closed()
         assert answer.startswith(b"HTTP/1.1 404")

@@ -113,7 +113,8 @@ def test_all_is_well_is_exit_code_0(folder: str) -> None:
 
 
 def test_revoked_is_shown(folder: str) -> None:
-    assert "has no rights any more" in site("revoke", "anna", "--folder", folder).output
+    said = site("revoke", "anna", "--folder", folder).output
+    assert said == f"anna has no rights any more; `pointit site renew anna --folder {folder}` restores them\n"
     rows = json.loads(site("show", "--folder", folder, "--json").output)["identities"]
     assert [row["state"] for row in rows if row["name"] == "anna"] == ["revoked"]
 

@@ -27,7 +27,7 @@ class Kept(BaseModel):
 class Mortal:
     def __init__(self, config, surroundings):
         self.clock = surroundings.clock
-        self.file = surroundings.kept(Kept)
+        self.file = surroundings.state_file(Kept)
 
     async def run(self, deliver):
         lives = (self.file.read() or Kept()).lives + 1

@@ -61,7 +61,7 @@ class Numbered(Counting):
     def __init__(self, config, surroundings):
         super().__init__(config, surroundings)
         self.number = config.number
-        self.file = surroundings.kept(Kept)
+        self.file = surroundings.state_file(Kept)
         self.file.write(Kept(number=self.number))
         if self.number == 1:
             self.health.warn("device", "number 1 is lost")

@@ -83,7 +83,8 @@ class TestClaim:
         claiming = asyncio.create_task(claim_names(bus, USER_ALIVE, {"anna"}))
         await asyncio.sleep(0.05)
         token.close()
-        await asyncio.wait_for(claiming, instance_takeover.SILENT_S / 2)
+        async with asyncio.timeout(instance_takeover.SILENT_S / 2):
+            await claiming
 
     async def test_a_silent_instance_loses_the_name_and_the_wait_is_logged(
         self, bus: MemoryBus, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch

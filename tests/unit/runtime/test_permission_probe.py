@@ -22,12 +22,14 @@ class Router:
     def __init__(self) -> None:
         self.denied: Callable[[str], bool] = lambda _key: False
         self.tests = 0
+        self.asked = asyncio.Event()
         self._hear: Callable[[Any], None] = lambda _sample: None
 
     def declare_subscriber(self, _key: str, callback: Callable[[Any], None]) -> None:
         self._hear = callback
 
     def put(self, key: str, _payload: bytes) -> None:
+        self.asked.set()
         if not self.denied(key):
             self._hear(Sample(key))
 
@@ -115,3 +117,15 @@ async def test_it_is_tested_until_it_is_closed() -> None:
     done = router.tests
     await asyncio.sleep(3 * max(permission_probe.RETRY_S))
     assert router.tests == done
+
+
+@pytest.mark.parametrize("turns", range(8))
+async def test_it_closes_while_answers_arrive(turns: int) -> None:
+    router = Router()
+    test = self_test_at(router)
+    test.add("writes", "users/anna/imu")
+    await router.asked.wait()
+    for _ in range(turns):
+        await asyncio.sleep(0)
+    async with asyncio.timeout(5.0):
+        await test.close()

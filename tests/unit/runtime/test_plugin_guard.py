@@ -6,12 +6,15 @@ import functools
 import importlib
 import re
 import sys
+import threading
+import weakref
 from collections.abc import Awaitable, Callable
 from pathlib import Path
 
 import pytest
 
 from pointit.runtime.errors import ConfigError
+from pointit.runtime.health.service_bus import WarningSink
 from pointit.runtime.service import plugin_guard, stall_watch
 from pointit.runtime.service.plugin_guard import PluginGuard
 from pointit.services.imu_bridge.sources import SOURCES
@@ -184,3 +187,16 @@ def test_plugin_that_cannot_be_made_is_a_mistake_of_the_configuration(guard: Plu
         guard.made(lambda: make(KeyError("a")))
     with pytest.raises(ConfigError, match="no port"):
         guard.made(lambda: make(ConfigError("no port")))
+
+
+def test_a_loop_that_closes_during_a_stall_ends_the_watch_quietly(sink: Sink) -> None:
+    loop = asyncio.new_event_loop()
+    watch = stall_watch.StallWatch(loop)
+    sinks = weakref.WeakKeyDictionary[WarningSink, str]()
+    sinks[sink] = "part 'mine'"
+    watch._packages = {"tests": sinks}
+    loop.close()
+    runs_again = threading.Event()
+    runs_again.set()
+    watch._on_stall(runs_again, 0.0)
+    assert sink.shown == {}

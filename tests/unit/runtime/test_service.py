@@ -124,7 +124,8 @@ async def test_a_run_that_returns_ends_the_service(bench: Bench) -> None:
     task = asyncio.create_task(run_service(bench.launch(), bench.bus, ManualClock()))
     await until(lambda: bool(Worker.running))
     Worker.running[0].go_on.set()
-    await asyncio.wait_for(task, 20)
+    async with asyncio.timeout(20):
+        await task
     await until(lambda: bench.alive["worker.anna"] is False)
 
 
@@ -197,7 +198,8 @@ async def test_a_bus_closed_beneath_a_service_ends_it_without_complaint(bench: B
     task = asyncio.create_task(run_service(launch, bench.bus, ManualClock()))
     await until(lambda: bool(bench.health))
     await bench.bus.close()
-    await asyncio.wait_for(task, 20)
+    async with asyncio.timeout(20):
+        await task
 
 
 async def test_its_own_use_of_a_closed_bus_is_its_own_error(bench: Bench) -> None:
@@ -205,7 +207,8 @@ async def test_its_own_use_of_a_closed_bus_is_its_own_error(bench: Bench) -> Non
     await until(lambda: bool(bench.health))
     await bench.bus.close()
     with pytest.raises(ExceptionGroup) as caught:
-        await asyncio.wait_for(task, 20)
+        async with asyncio.timeout(20):
+            await task
     assert caught.group_contains(BusClosedError)
 
 

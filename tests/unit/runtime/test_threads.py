@@ -38,7 +38,8 @@ def test_the_loop_ends_while_the_work_goes_on() -> None:
 
     async def main() -> None:
         with pytest.raises(TimeoutError):
-            await asyncio.wait_for(in_daemon_thread(work, "slow", discard=discard), 0.01)
+            async with asyncio.timeout(0.01):
+                await in_daemon_thread(work, "slow", discard=discard)
 
     began_s = time.monotonic()
     asyncio.run(main())
@@ -103,7 +104,8 @@ from pointit.runtime.host.threads import exit_now, has_running_threads, in_daemo
 
 async def main():
     try:
-        await asyncio.wait_for(in_daemon_thread(threading.Event().wait, "for ever"), 0.01)
+        async with asyncio.timeout(0.01):
+            await in_daemon_thread(threading.Event().wait, "for ever")
     except TimeoutError:
         pass
 
@@ -137,7 +139,8 @@ def work():
 
 async def main():
     try:
-        await asyncio.wait_for(in_daemon_thread(work, "soon"), 0.01)
+        async with asyncio.timeout(0.01):
+            await in_daemon_thread(work, "soon")
     except TimeoutError:
         pass
 

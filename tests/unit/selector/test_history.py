@@ -87,7 +87,8 @@ async def test_while_it_is_read_the_loop_goes_on_and_the_journal_is_written(
     monkeypatch.setattr(history, "recent", slow)
     answer = asyncio.create_task(History(journal.path).answer(ReadHistory(), ""))
     try:
-        await asyncio.wait_for(is_read.wait(), 10.0)
+        async with asyncio.timeout(10.0):
+            await is_read.wait()
         journal.add(selected("a", 1))
         journal.commit(NOW)
         assert journal.problem == ""

@@ -134,7 +134,8 @@ class _Look:
         while not self._is_enough() and (left_s := end_s - time.monotonic()) > 0:
             self._news.clear()
             try:
-                await asyncio.wait_for(self._news.wait(), left_s)
+                async with asyncio.timeout(left_s):
+                    await self._news.wait()
             except TimeoutError:
                 break
         sees_nobody = not self._present and not self._deployments

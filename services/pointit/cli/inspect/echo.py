@@ -55,7 +55,8 @@ async def _echo(
                     _tell_silence(key, wanted, present, any_yet=printer.shown > 0)
                 wait_s = SILENCE_S
             with contextlib.suppress(TimeoutError):
-                await asyncio.wait_for(printer.done.wait(), wait_s)
+                async with asyncio.timeout(wait_s):
+                    await printer.done.wait()
     return 0
 
 

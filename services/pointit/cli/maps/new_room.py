@@ -31,7 +31,7 @@ HEADER = """\
 """
 
 
-class Asked(click.Option):
+class PromptedOption(click.Option):
     """An option that is asked for in a terminal unless it is given; elsewhere its default holds."""
 
     def prompt_for_value(self, ctx: click.Context) -> Any:
@@ -39,18 +39,18 @@ class Asked(click.Option):
         return super().prompt_for_value(ctx) if sys.stdin.isatty() else self.get_default(ctx)
 
 
-def _asked(name: str, kind: "click.ParamType[Any]", default: float, text: str) -> Callable[[F], F]:
+def _prompted(name: str, kind: "click.ParamType[Any]", default: float, text: str) -> Callable[[F], F]:
     return click.option(
-        f"--{name}", cls=Asked, type=kind, default=default, show_default=True, prompt=text, help=text
+        f"--{name}", cls=PromptedOption, type=kind, default=default, show_default=True, prompt=text, help=text
     )
 
 
 @click.command("room")
 @click.argument("file", type=click.Path(path_type=Path, dir_okay=False), default=Path("room.yaml"))
-@_asked("width", Finite(1, 100), 5.0, "width of the room, m")
-@_asked("depth", Finite(1, 100), 4.0, "depth of the room, m")
-@_asked("lamps", click.IntRange(0, 32), 4, "number of lamps")
-@_asked("strips", click.IntRange(0, 8), 2, "number of LED strips")
+@_prompted("width", Finite(1, 100), 5.0, "width of the room, m")
+@_prompted("depth", Finite(1, 100), 4.0, "depth of the room, m")
+@_prompted("lamps", click.IntRange(0, 32), 4, "number of lamps")
+@_prompted("strips", click.IntRange(0, 8), 2, "number of LED strips")
 def command(*, file: Path, width: float, depth: float, lamps: int, strips: int) -> None:
     """Write the map of a room of your own to FILE, room.yaml by default.
 

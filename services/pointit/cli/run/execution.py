@@ -174,7 +174,8 @@ class _Run:
             if left_s is not None and left_s <= 0.0:
                 return
             with contextlib.suppress(TimeoutError):
-                await asyncio.wait_for(self._news.wait(), left_s)
+                async with asyncio.timeout(left_s):
+                    await self._news.wait()
 
     def _on_health(self, health: Health, _instance: str) -> None:
         if self._onlookers.on_health(health, time.monotonic()):

@@ -170,7 +170,8 @@ def remove(names: tuple[str, ...], folder: Path) -> None:
         known = site.state().identities.get(name)
         if known is not None and known.role != "user":
             raise ConfigError(
-                f"{name} is not a person but the site's {known.role}; `pointit site revoke {name}`"
+                f"{name} is not a person but the site's {known.role}; "
+                f"`pointit site revoke {name} --folder {folder}`"
             )
         site.remove(name)
         click.echo(f"{name} is removed")
@@ -228,7 +229,7 @@ def revoke(name: str, folder: Path) -> None:
     Example: pointit site revoke guest2 --folder lab
     """
     SiteFolder(folder).revoke(name)
-    click.echo(f"{name} has no rights any more; `pointit site renew {name}` restores them")
+    click.echo(f"{name} has no rights any more; `pointit site renew {name} --folder {folder}` restores them")
 
 
 @click.command("show")

@@ -55,7 +55,7 @@ class PluginHealth:
         return f"plug-in {self._part}: {topic}"
 
 
-class DiscardedHealth:
+class NullHealth:
     """Health that nobody reads."""
 
     def warn(self, topic: str, sentence: str) -> None:
@@ -86,7 +86,7 @@ class Surroundings:
     sensor_from_arm: Quaternion = rotation.IDENTITY
     """IMU sources: the configured mounting of the sensor."""
 
-    def kept(self, model: type[T]) -> StateFile[T]:
+    def state_file(self, model: type[T]) -> StateFile[T]:
         """Return the one stored value of the plug-in, a `model` in the file `state.json` of its folder."""
         return StateFile[T].at(self.folder / "state.json", model)
 
@@ -94,4 +94,4 @@ class Surroundings:
     def detached(cls, user: str = "") -> Self:
         """Return surroundings outside a site: wall time, and health that nobody reads."""
         folder = state_directory() / "detached" / user
-        return cls(clock=WallClock(), health=DiscardedHealth(), folder=folder, user=user)
+        return cls(clock=WallClock(), health=NullHealth(), folder=folder, user=user)

@@ -14,7 +14,7 @@ from pointit.runtime.clock import MAX_SLEW_S, Clock, SteadyClock
 from pointit.runtime.config.config import Config
 from pointit.runtime.errors import BusClosedError, ConfigError
 from pointit.runtime.health.service_bus import ServiceBus
-from pointit.runtime.health.surroundings import DiscardedHealth, PluginHealth, Surroundings
+from pointit.runtime.health.surroundings import NullHealth, PluginHealth, Surroundings
 from pointit.runtime.host.state_file import plugin_folder
 from pointit.runtime.service.instance_takeover import TakeoverMonitor
 from pointit.runtime.service.plugin_guard import PluginGuard, describe, first_cause
@@ -162,7 +162,7 @@ async def run_service(launch: Launch, bus: Bus, clock: Clock) -> None:
     """
     if launch.user:
         check_user(launch.user)
-    guard = PluginGuard(launch.plugin, DiscardedHealth()) if launch.plugin else None
+    guard = PluginGuard(launch.plugin, NullHealth()) if launch.plugin else None
     while True:
         steady = SteadyClock(clock, may_step=launch.service.TIME_MAY_STEP)
         error: Exception | None = None

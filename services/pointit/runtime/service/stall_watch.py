@@ -1,6 +1,7 @@
 """Watch of an event loop for plug-ins that block it: they are named in the log at once, then in health."""
 
 import asyncio
+import contextlib
 import logging
 import sys
 import threading
@@ -81,8 +82,9 @@ class StallWatch:
             f"{who} has blocked the event loop for {time.monotonic() - asked_s:.1f} s at {where}: "
             "it must call what blocks in a thread"
         )
-        for health in sinks:
-            self._loop.call_soon_threadsafe(self._report, health, sentence)
+        with contextlib.suppress(RuntimeError):  # the loop was closed meanwhile
+            for health in sinks:
+                self._loop.call_soon_threadsafe(self._report, health, sentence)
 
     def _report(self, health: WarningSink, sentence: str) -> None:
         health.warn("event loop", sentence)

@@ -116,7 +116,8 @@ async def open_cancellable(config: zenoh.Config, *, runtime: str = RUNTIME) -> z
 async def close_session(session: zenoh.Session, *, patience_s: float = CLOSE_PATIENCE_S) -> None:
     """Close `session`, in a thread, since that waits for callbacks that run; go on after `patience_s`."""
     with contextlib.suppress(TimeoutError):
-        await asyncio.wait_for(in_daemon_thread(session.close, "zenoh-close"), patience_s)
+        async with asyncio.timeout(patience_s):
+            await in_daemon_thread(session.close, "zenoh-close")
 
 
 def short_reason(error: Exception) -> str:

@@ -128,7 +128,8 @@ class PermissionProbe:
         while True:
             wait_s = RETRY_S[min(max(self._denials, 1), len(RETRY_S)) - 1] if self._denied else None
             try:
-                await asyncio.wait_for(self._is_due.wait(), wait_s)
+                async with asyncio.timeout(wait_s):
+                    await self._is_due.wait()
             except TimeoutError:
                 self._untested |= self._denied
             await asyncio.sleep(SETTLE_S)
@@ -189,7 +190,8 @@ class PermissionProbe:
                     for key in keys.keys() - arrived:
                         self._session.put(key, b"")
                     with contextlib.suppress(TimeoutError):
-                        await asyncio.wait_for(news.wait(), wait_s)
+                        async with asyncio.timeout(wait_s):
+                            await news.wait()
                     if news.is_set():
                         break
         except (PointItError, zenoh.ZError):

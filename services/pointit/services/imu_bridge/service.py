@@ -8,7 +8,7 @@ from dataclasses import replace
 from typing import ClassVar
 
 from pointit.runtime.errors import ConfigError, RefusedError
-from pointit.runtime.health.surroundings import DiscardedHealth
+from pointit.runtime.health.surroundings import NullHealth
 from pointit.runtime.host.state_file import StateFile
 from pointit.runtime.service.plugin_guard import PluginGuard, guard_of
 from pointit.runtime.service.service import Context, Scope, Service
@@ -87,7 +87,7 @@ class ImuBridge(Service[ImuBridgeConfig]):
     def validate_config(cls, config: ImuBridgeConfig) -> None:
         """Check the parameters of the source."""
         source, parameters = SOURCES.get(config.source), config.section(config.source)
-        guard = PluginGuard(SOURCES.label(config.source), DiscardedHealth())
+        guard = PluginGuard(SOURCES.label(config.source), NullHealth())
         guard.made(lambda: source.check(parameters))
 
     async def run(self) -> None:

@@ -47,7 +47,8 @@ class TcpDevice(FakeDevice):
     async def send(self, data: bytes) -> None:
         """Send to the connected program."""
         with contextlib.suppress(TimeoutError):
-            await asyncio.wait_for(self._may_write.wait(), LOST_AFTER_S)
+            async with asyncio.timeout(LOST_AFTER_S):
+                await self._may_write.wait()
         for transport in self._transports:
             transport.write(data)
 

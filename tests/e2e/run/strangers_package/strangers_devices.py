@@ -101,7 +101,7 @@ class Eager:
     """A method that selects at first sight."""
 
     def __init__(self, config: MethodConfig, surroundings: Surroundings) -> None:
-        surroundings.kept(Chosen).write(Chosen(dwell_s=config.dwell_s))
+        surroundings.state_file(Chosen).write(Chosen(dwell_s=config.dwell_s))
         self.latched: set[str] = set()
 
     def step(self, pointing: Pointing) -> Progress:

@@ -35,8 +35,8 @@ PATIENCE_S = 2.0
 class Newest(Mapping[str, M], Generic[M]):
     """The newest message of each person, tracker, service or lamp; kept up to date from the first use on.
 
-    Nothing but `wait` waits, so `[name]`, `get` and `value` find nothing yet at the first use. On a secured site
-    each name is received from its own first use on, since an identity may be permitted to read only some.
+    Nothing but `wait` waits, so `[name]`, `get` and `value` find nothing yet at the first use. On a secured
+    site each name is received from its own first use on, since an identity may read only some.
     """
 
     def __init__(self, bus: MemoryBus, topic: Topic[M], check_open: Callable[[], None]) -> None:
@@ -69,7 +69,7 @@ class Newest(Mapping[str, M], Generic[M]):
 
     @property
     def value(self) -> M:
-        """The newest message of a topic with one writer: selection, map or conveyor. Raises as `[name]` does."""
+        """The newest message of a topic that has one writer, such as the map. Raises as `[name]` does."""
         return self[""]
 
     async def wait(self, name: str = "", *, patience_s: float = PATIENCE_S) -> M:

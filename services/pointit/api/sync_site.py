@@ -4,7 +4,7 @@ import atexit
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import AbstractAsyncContextManager
 from types import TracebackType
-from typing import Any, Generic, Literal, Self, TypeVar
+from typing import Generic, Literal, Self, TypeVar
 
 from pointit.api.feed import Feed
 from pointit.api.lamp import Lamp

@@ -5,9 +5,10 @@ import contextlib
 import functools
 import weakref
 from collections.abc import AsyncGenerator, Awaitable, Callable
+from operator import itemgetter
 from typing import Any, Literal, Self, TypeVar
 
-from pointit.api.feed import Feed, ReceiveBuffer, feed_of
+from pointit.api.feed import Feed, ReceiveBuffer
 from pointit.api.lamp import Lamp
 from pointit.api.latest import Latest
 from pointit.api.loop_thread import closed_error
@@ -235,7 +236,7 @@ class Site:
         self._failure = error
         self._ended.set()
         for buffer in list(self._buffers):
-            buffer.end(error)
+            buffer.close(error)
 
     def _close(self) -> None:
         """End all iterators and trackers."""
@@ -256,7 +257,7 @@ class Site:
         present.buffers.add(buffer)
         self._buffers.add(buffer)
         buffer.put(present.names, "")
-        return feed_of(buffer, self._speed)
+        return Feed(buffer, itemgetter(1), self._speed)
 
     def _feed(self, topic: Topic[M], name: str, fits: Callable[[M], bool] | None) -> Feed[M]:
         self._check_open()
@@ -275,12 +276,11 @@ class Site:
         self._buffers.add(buffer)
         if self._bus.is_restricted:
             self._bus.spawn(self._check_access(buffer, topic, name), f"access to {topic.key}")
-        return feed_of(buffer, self._speed)
+        return Feed(buffer, itemgetter(1), self._speed)
 
     async def _check_access(self, buffer: ReceiveBuffer[Any], topic: Topic[Any], name: str) -> None:
         if denied := await self._bus.denial_reason("reads", topic, name):
-            buffer.end(AccessDeniedError(denied))
-            buffer.close()
+            buffer.close(AccessDeniedError(denied))
 
     async def _check_writing(self, tracker: Tracker, name: str) -> None:
         if denied := await self._bus.denial_reason("writes", OBJECTS, name):

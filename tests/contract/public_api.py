@@ -95,18 +95,21 @@ def newest_lines() -> Iterator[str]:
     """Yield the lines of `site.latest`, with the types of its messages."""
     with SyncSite(in_memory(), LoopThread()) as site:
         for name, newest in vars(site._site.latest).items():
-            if isinstance(newest, Newest):
-                message = newest._topic.message.__name__
-                its_twin = getattr(site.latest, name)
-                assert its_twin._newest is newest
-                yield f"Latest.{name}: Newest[{message}]"
-                yield f"SyncLatest.{name}: {type(its_twin).__name__}[{message}]"
+            its_twin = getattr(site.latest, name)
+            assert its_twin._newest is newest
+            message = newest._topic.message.__name__
+            yield f"Latest.{name}: {type(newest).__name__}[{message}]"
+            yield f"SyncLatest.{name}: {type(its_twin).__name__}[{message}]"
 
 
 def group_line(site: str, name: str, group: Any) -> str:
     """Return the line of a group of requests, with the types of its replies."""
-    arguments = re.sub(r"[\w.]+\.", "", str(group.__orig_class__))
-    return f"{site}.{name}: {arguments}"
+    return f"{site}.{name}: {without_modules(group.__orig_class__)}"
+
+
+def without_modules(annotation: Any) -> str:
+    """Return a type as it is written in a source."""
+    return re.sub(r"[\w.]+\.|~", "", inspect.formatannotation(annotation))
 
 
 def for_authors(value: Any, path: str) -> Iterator[str]:
@@ -160,6 +163,8 @@ def signature(function: Any) -> str:
         shown.append(f"{name}: {types.get(name, '')}{default}")
     result = ast.unparse(node.returns).strip("'") if node.returns else ""
     awaited = "async " if isinstance(node, ast.AsyncFunctionDef) else ""
+    if hasattr(function, "__wrapped__"):  # a method of `Site` as `SyncSite` has it
+        result, awaited = without_modules(inspect.signature(function).return_annotation), ""
     return f"({', '.join(shown)}) -> {awaited}{result}"
 
 

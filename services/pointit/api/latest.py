@@ -9,22 +9,8 @@ from pointit.api.feed import unreadable
 from pointit.runtime.bus.contract import Subscription
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.errors import AccessDeniedError, NoMessageError, VersionError
-from pointit.schemas import Message
-from pointit.schemas.topics import (
-    ANY,
-    CONVEYOR_STATE,
-    CURSOR,
-    HEALTH,
-    HOVER,
-    INTERACTION,
-    LAMP_COLOR,
-    MAP,
-    OBJECTS,
-    POSE,
-    RAY,
-    SELECTION,
-    Topic,
-)
+from pointit.schemas import Message, topics
+from pointit.schemas.topics import ANY, Topic
 
 M = TypeVar("M", bound=Message)
 
@@ -115,25 +101,25 @@ class Latest:
     """The newest messages of a site. Each topic is received from its first use on."""
 
     def __init__(self, bus: MemoryBus, check_open: Callable[[], None]) -> None:
-        self.cursor = Newest(bus, CURSOR, check_open)
+        self.cursor = Newest(bus, topics.CURSOR, check_open)
         """Cursors by person."""
-        self.ray = Newest(bus, RAY, check_open)
+        self.ray = Newest(bus, topics.RAY, check_open)
         """Pointing rays by person."""
-        self.hover = Newest(bus, HOVER, check_open)
+        self.hover = Newest(bus, topics.HOVER, check_open)
         """Objects under cursors by person."""
-        self.pose = Newest(bus, POSE, check_open)
+        self.pose = Newest(bus, topics.POSE, check_open)
         """Poses by person."""
-        self.interaction = Newest(bus, INTERACTION, check_open)
+        self.interaction = Newest(bus, topics.INTERACTION, check_open)
         """States of the interaction by person."""
-        self.objects = Newest(bus, OBJECTS, check_open)
+        self.objects = Newest(bus, topics.OBJECTS, check_open)
         """Objects by tracker."""
-        self.health = Newest(bus, HEALTH, check_open)
+        self.health = Newest(bus, topics.HEALTH, check_open)
         """Reports by service instance."""
-        self.lamp = Newest(bus, LAMP_COLOR, check_open)
+        self.lamp = Newest(bus, topics.LAMP_COLOR, check_open)
         """Colours by lamp."""
-        self.selection = Newest(bus, SELECTION, check_open)
+        self.selection = Newest(bus, topics.SELECTION, check_open)
         """All selected objects."""
-        self.map = Newest(bus, MAP, check_open)
+        self.map = Newest(bus, topics.MAP, check_open)
         """The room."""
-        self.conveyor = Newest(bus, CONVEYOR_STATE, check_open)
+        self.conveyor = Newest(bus, topics.CONVEYOR_STATE, check_open)
         """The state of the conveyor."""

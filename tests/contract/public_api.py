@@ -1,9 +1,9 @@
 """The recorded listing of the public API. `python -m tests.contract.public_api` records what is there now."""
 
 import ast
-import asyncio
 import contextlib
 import dataclasses
+import functools
 import inspect
 import re
 import sys
@@ -50,20 +50,11 @@ async def in_memory() -> AsyncGenerator[Site]:
         await bus.close()
 
 
-def groups() -> dict[str, Any]:
-    """Return the objects of `Site` whose methods are requests, by attribute."""
-
-    async def made() -> dict[str, Any]:
-        async with in_memory() as site:
-            return groups_of(site)
-
-    return asyncio.run(made())
-
-
-def sync_groups() -> dict[str, Any]:
-    """Return those of `SyncSite`."""
-    with SyncSite(in_memory(), LoopThread()) as site:
-        return groups_of(site)
+@functools.cache
+def sites() -> tuple[Site, SyncSite]:
+    """Return a site and its synchronous twin, which are closed."""
+    with SyncSite(in_memory(), LoopThread()) as twin:
+        return twin._site, twin
 
 
 def groups_of(site: Site | SyncSite) -> dict[str, Any]:
@@ -82,9 +73,10 @@ def listing() -> list[str]:
         lines += members(kind, kind.__name__, INTERNAL.get(kind.__name__, set()))
     lines += ["Site.latest: Latest", "SyncSite.latest: SyncLatest"]
     lines += newest_lines()
-    for name, group in groups().items():
-        lines += [group_line("Site", name, group), *members(group.__class__, f"Site.{name}", set())]
-    lines += [group_line("SyncSite", name, group) for name, group in sync_groups().items()]
+    for site in sites():
+        for name, group in groups_of(site).items():
+            lines.append(f"{type(site).__name__}.{name}: {without_modules(group.__orig_class__)}")
+            lines += members(type(group), f"Site.{name}", set()) if isinstance(site, Site) else []
     for module in (plugins, testing):
         for name in module.__all__:
             lines += for_authors(getattr(module, name), f"{module.__name__}.{name}")
@@ -93,18 +85,12 @@ def listing() -> list[str]:
 
 def newest_lines() -> Iterator[str]:
     """Yield the lines of `site.latest`, with the types of its messages."""
-    with SyncSite(in_memory(), LoopThread()) as site:
-        for name, newest in vars(site._site.latest).items():
-            its_twin = getattr(site.latest, name)
-            assert its_twin._newest is newest
-            message = newest._topic.message.__name__
-            yield f"Latest.{name}: {type(newest).__name__}[{message}]"
-            yield f"SyncLatest.{name}: {type(its_twin).__name__}[{message}]"
-
-
-def group_line(site: str, name: str, group: Any) -> str:
-    """Return the line of a group of requests, with the types of its replies."""
-    return f"{site}.{name}: {without_modules(group.__orig_class__)}"
+    site, twin = sites()
+    for name, newest in vars(site.latest).items():
+        its_twin = getattr(twin.latest, name)
+        assert its_twin._newest is newest
+        for kind, each in (("Latest", newest), ("SyncLatest", its_twin)):
+            yield f"{kind}.{name}: {type(each).__name__}[{newest._topic.message.__name__}]"
 
 
 def without_modules(annotation: Any) -> str:

@@ -32,6 +32,17 @@ async def site(bus: MemoryBus) -> AsyncIterator[Site]:
         yield site
 
 
+@pytest.fixture
+def denied(bus: MemoryBus, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Deny everything."""
+
+    async def deny(verb: str, topic: AnyTopic, name: str) -> str:
+        return f"{verb} {topic.at(name)}"
+
+    monkeypatch.setattr(bus, "denial_reason", deny)
+    monkeypatch.setattr(MemoryBus, "is_restricted", True)
+
+
 def put_cursor(bus: MemoryBus, user: str, seq: int) -> None:
     bus.publisher(CURSOR, user).put(Cursor(stamp_ns=seq, seq=seq))
 
@@ -163,14 +174,8 @@ async def test_unreadable_messages_end_only_a_loop_over_one_person(
     assert (await taking).seq == 1
 
 
-async def test_a_denied_loop_receives_nothing_more(
-    bus: MemoryBus, site: Site, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    async def deny(verb: str, topic: AnyTopic, name: str) -> str:
-        return f"{verb} {topic.at(name)}"
-
-    monkeypatch.setattr(bus, "denial_reason", deny)
-    monkeypatch.setattr(MemoryBus, "is_restricted", True)
+@pytest.mark.usefixtures("denied")
+async def test_a_denied_loop_receives_nothing_more(bus: MemoryBus, site: Site) -> None:
     with pytest.raises(AccessDeniedError, match="reads users/anna/cursor"):
         await anext(site.cursors("anna"))
     assert len(bus.exchange.readers_of(CURSOR)) == 0
@@ -256,18 +261,15 @@ async def test_the_latest_ends_with_the_site(bus: MemoryBus, site: Site) -> None
         await sleeping
 
 
-async def test_the_latest_says_why_nothing_comes(
-    bus: MemoryBus, site: Site, monkeypatch: pytest.MonkeyPatch
-) -> None:
+async def test_the_latest_says_that_nothing_can_be_read(site: Site) -> None:
     rays = site.latest.ray
     assert len(rays) == 0
     rays._subscriptions[ANY].traffic.invalid = 3
     with pytest.raises(VersionError, match="3 messages came and none could be read"):
         await rays.wait("anna", patience_s=0.01)
 
-    async def deny(verb: str, topic: AnyTopic, name: str) -> str:
-        return f"{verb} {topic.at(name)}"
 
-    monkeypatch.setattr(bus, "denial_reason", deny)
+@pytest.mark.usefixtures("denied")
+async def test_the_latest_says_that_nothing_may_be_read(site: Site) -> None:
     with pytest.raises(AccessDeniedError, match="reads users/anna/ray"):
-        await rays.wait("anna", patience_s=0.01)
+        await site.latest.ray.wait("anna", patience_s=0.01)

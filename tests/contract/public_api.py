@@ -35,8 +35,8 @@ CLASSES = (
 )
 BLOCKS = ("__aenter__", "__enter__", "__getitem__", "__anext__", "__next__")
 """Methods with names of Python's own whose types are part of the API."""
-INTERNAL = {"Site": {"on", "fail"}, "Tracker": {"deny"}}
-"""Methods that other modules of the API call."""
+INTERNAL = {"on", "fail"}
+"""Methods of `Site` that other modules of the API call; `mkdocs.yml` hides them, too."""
 
 
 @contextlib.asynccontextmanager
@@ -70,13 +70,13 @@ def listing() -> list[str]:
         bases = ", ".join(base.__name__ for base in getattr(errors, name).__bases__)
         lines.append(f"pointit.errors.{name}({bases})")
     for kind in CLASSES:
-        lines += members(kind, kind.__name__, INTERNAL.get(kind.__name__, set()))
+        lines += members(kind, kind.__name__)
     lines += ["Site.latest: Latest", "SyncSite.latest: SyncLatest"]
     lines += newest_lines()
     for site in sites():
         for name, group in groups_of(site).items():
             lines.append(f"{type(site).__name__}.{name}: {without_modules(group.__orig_class__)}")
-            lines += members(type(group), f"Site.{name}", set()) if isinstance(site, Site) else []
+            lines += members(type(group), f"Site.{name}") if isinstance(site, Site) else []
     for module in (plugins, testing):
         for name in module.__all__:
             lines += for_authors(getattr(module, name), f"{module.__name__}.{name}")
@@ -106,7 +106,7 @@ def for_authors(value: Any, path: str) -> Iterator[str]:
     yield path
     if not inspect.isclass(value) or value.__module__.startswith("pointit.schemas"):
         return
-    yield from members(value, path, set())
+    yield from members(value, path)
     is_written = not (dataclasses.is_dataclass(value) or getattr(value, "_is_protocol", False))
     if "__init__" in vars(value) and is_written:
         yield f"{path}.__init__{signature(value.__init__)}"
@@ -118,11 +118,11 @@ def for_authors(value: Any, path: str) -> Iterator[str]:
             yield f"{path}.{name}: {ast.unparse(field.annotation)}{default}"
 
 
-def members(kind: Any, path: str, internal: set[str]) -> Iterator[str]:
+def members(kind: Any, path: str) -> Iterator[str]:
     """Yield a line for each public member of `kind`."""
     ours = [base for base in kind.__mro__ if base.__module__.startswith("pointit.")]
     for name, value in inspect.getmembers(kind):
-        if name in internal or (name.startswith("_") and name not in BLOCKS):
+        if (kind is Site and name in INTERNAL) or (name.startswith("_") and name not in BLOCKS):
             continue
         if not any(name in vars(base) for base in ours):  # such as those of `Mapping`
             continue

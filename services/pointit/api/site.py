@@ -184,8 +184,6 @@ class Site:
         self._check_open()
         tracker = Tracker(self._bus, name, self._clock.now_ns, self._trackers.discard)
         self._trackers.add(tracker)
-        if self._bus.is_restricted:
-            self._bus.spawn(self._check_writing(tracker, name), f"access to {topics.OBJECTS.key}")
         return tracker
 
     def lamp(self, name: str) -> Lamp[Awaitable[Done], Feed[LampColor]]:
@@ -255,10 +253,6 @@ class Site:
     async def _check_access(self, buffer: ReceiveBuffer[Any], topic: Topic[Any], name: str) -> None:
         if denied := await self._bus.denial_reason("reads", topic, name):
             buffer.close(AccessDeniedError(denied))
-
-    async def _check_writing(self, tracker: Tracker, name: str) -> None:
-        if denied := await self._bus.denial_reason("writes", topics.OBJECTS, name):
-            tracker.deny(AccessDeniedError(denied))
 
     def _speed(self) -> float:
         return self._clock.speed

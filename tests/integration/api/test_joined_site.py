@@ -6,7 +6,7 @@ import asyncio
 import contextlib
 import subprocess
 import sys
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncGenerator, AsyncIterator, Callable
 from functools import partial
 from pathlib import Path
 
@@ -50,7 +50,7 @@ async def home(endpoint: str) -> AsyncIterator[ZenohBus]:
 
 
 @contextlib.asynccontextmanager
-async def repeated(put: Callable[[], object]) -> AsyncIterator[None]:
+async def repeated(put: Callable[[], object]) -> AsyncGenerator[None]:
     """Put again and again."""
 
     async def putting() -> None:
@@ -114,7 +114,7 @@ async def test_another_site_is_named(endpoint: str) -> None:
 async def test_messages_of_another_version_are_one_sentence(home: ZenohBus, endpoint: str) -> None:
     async with pointit.connect(endpoint) as site:
         cursors = site.cursors("anna")
-        async with repeated(partial(home.session.put, CURSOR.at("anna"), b"\x81\xa1x\x01")):
+        async with repeated(lambda: home.session.put(CURSOR.at("anna"), b"\x81\xa1x\x01")):
             with pytest.raises(VersionError, match=r"none could be read .*install the same version"):
                 await anext(cursors)
 

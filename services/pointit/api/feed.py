@@ -17,9 +17,9 @@ log = logging.getLogger(__name__)
 T = TypeVar("T")
 U = TypeVar("U")
 
-DOUBT_S = 1.0
+UNREADABLE_TIMEOUT_S = 1.0
 """Time without a readable message after which unreadable ones count as those of another version."""
-STRAYS = 3
+MAX_STRAYS = 3
 """So many unreadable ones do not yet."""
 
 
@@ -28,8 +28,8 @@ class ReceiveBuffer(Generic[U]):
 
     def __init__(self, delivery: Delivery, *, one_writer: bool = False) -> None:
         self._keeps_all = delivery is Delivery.EVENT
-        self._may_doubt = one_writer and not self._keeps_all
-        self._strays = 0 if delivery is Delivery.STATE else STRAYS
+        self._has_one_writer = one_writer and not self._keeps_all
+        self._max_strays = 0 if delivery is Delivery.STATE else MAX_STRAYS
         self._items: collections.OrderedDict[object, tuple[str, U]] = collections.OrderedDict()
         """What came with its name, by name, or by number if it keeps all."""
         self._numbers = itertools.count()
@@ -37,8 +37,8 @@ class ReceiveBuffer(Generic[U]):
         self._is_closed = False
         self._error: Exception | None = None
         self._overflowed = 0
-        self._is_heard = False
-        self._is_told = False
+        self._has_received = False
+        self._has_warned = False
         self.source: Subscription | None = None
         """The subscription that fills it."""
 
@@ -54,7 +54,7 @@ class ReceiveBuffer(Generic[U]):
 
     def put(self, item: U, name: str) -> None:
         """Add what came under `name`, in place of what is still there under it unless all of it counts."""
-        self._is_heard = True
+        self._has_received = True
         self._items[next(self._numbers) if self._keeps_all else name] = (name, item)
         if self._keeps_all and len(self._items) > EVENT_CAPACITY:
             self._items.popitem(last=False)
@@ -86,21 +86,21 @@ class ReceiveBuffer(Generic[U]):
         return self._items.popitem(last=False)[1]
 
     async def _wait(self) -> None:
-        if self._is_heard or self.source is None:
+        if self._has_received or self.source is None:
             await self._changed.wait()
             return
         try:
-            async with asyncio.timeout(DOUBT_S):
+            async with asyncio.timeout(UNREADABLE_TIMEOUT_S):
                 await self._changed.wait()
         except TimeoutError:
-            if self.source.traffic.invalid > self._strays:
-                self._doubt(self.source.traffic)
+            if self.source.traffic.invalid > self._max_strays:
+                self._report_unreadable(self.source.traffic)
 
-    def _doubt(self, traffic: SubscriptionStats) -> None:
-        if self._may_doubt:
+    def _report_unreadable(self, traffic: SubscriptionStats) -> None:
+        if self._has_one_writer:
             self.close(VersionError(unreadable(traffic)))
-        elif not self._is_told:  # others may write what can be read
-            self._is_told = True
+        elif not self._has_warned:  # others may write what can be read
+            self._has_warned = True
             log.warning("%s", unreadable(traffic))
 
 

@@ -23,7 +23,7 @@ Quaternion = tuple[float, float, float, float]
 
 HEX = re.compile(r"#[0-9a-fA-F]{6}")
 
-Ask = Callable[[Request[Any, Any], Query, str], Any]
+SendQuery = Callable[[Request[Any, Any], Query, str], Any]
 """Sends a query, and returns what the method is to return."""
 
 
@@ -55,8 +55,8 @@ def rgb_of(color: str | Rgb | None) -> Rgb | None:
 
 
 class _Requests(Generic[D]):
-    def __init__(self, ask: Ask) -> None:
-        self._send = ask
+    def __init__(self, send: SendQuery) -> None:
+        self._send = send
 
     def _ask(self, request: Request[Any, Any], name: str = "", /, **fields: Any) -> Any:
         return self._send(request, query_of(request, fields), name)

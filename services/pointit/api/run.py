@@ -28,7 +28,7 @@ from pointit.runtime.service.shutdown import first_cause
 from pointit.runtime.virtual_time import VirtualClock, is_virtual
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 
-USUAL = "scenario_4"
+DEFAULT_SCENARIO = "scenario_4"
 
 
 class Run:
@@ -36,7 +36,7 @@ class Run:
 
     def __init__(self, launches: Callable[[], list[Launch]], listen: str, *, virtual: bool) -> None:
         """Start what `launches` returns; others may join at `listen` unless it is `""`."""
-        self._site = functools.partial(_live, launches, listen)
+        self._site = functools.partial(_running_site, launches, listen)
         self._virtual = virtual
         self._running: AbstractAsyncContextManager[Site] | None = None
         self._sync: SyncSite | None = None
@@ -69,7 +69,7 @@ class Run:
 
 
 def run(
-    scenario: str | Path = USUAL,
+    scenario: str | Path = DEFAULT_SCENARIO,
     *,
     users: int | Sequence[str] = 1,
     virtual: bool = False,
@@ -126,7 +126,7 @@ def _setting(name: str, value: object) -> str:
 
 
 @contextlib.asynccontextmanager
-async def _live(launches: Callable[[], list[Launch]], listen: str) -> AsyncGenerator[Site]:
+async def _running_site(launches: Callable[[], list[Launch]], listen: str) -> AsyncGenerator[Site]:
     if listen and is_virtual():
         raise ConfigError(f"listen={listen!r}: nobody can join a site in virtual time; leave it out")
     planned = await asyncio.to_thread(launches)
@@ -144,10 +144,10 @@ async def _live(launches: Callable[[], list[Launch]], listen: str) -> AsyncGener
 
                 group = ServiceGroup(planned, bus, clock, processes=None, on_end=on_end)
                 try:
-                    with _told(), using_state_directory(Path(folder)):
+                    with _failures_named(), using_state_directory(Path(folder)):
                         await group.begin()
                     yield site
-                    with _told():
+                    with _failures_named():
                         group.check()
                 finally:
                     await group.end()
@@ -156,7 +156,7 @@ async def _live(launches: Callable[[], list[Launch]], listen: str) -> AsyncGener
 
 
 @contextlib.contextmanager
-def _told() -> Generator[None]:
+def _failures_named() -> Generator[None]:
     try:
         yield
     except PointItError:

@@ -68,17 +68,17 @@ class Site:
         self._watches: list[Closable] = []
         self.latest = Latest(bus, self._check_open)
         """The newest messages by topic and name."""
-        ask = self.call
+        send = self.call
         self.select = requests.SelectRequests[
             Awaitable[Done], Awaitable[SetMethodReply], Awaitable[ReadHistoryReply]
-        ](ask)
-        self.conveyor = requests.ConveyorRequests[Awaitable[Done], Awaitable[AddPackageReply]](ask)
-        self.localizer = requests.LocalizerRequests[Awaitable[Done]](ask)
-        self.profile = requests.ProfileRequests[Awaitable[Done]](ask)
-        self.pui = requests.PuiRequests[Awaitable[Done], Awaitable[SetToleranceReply]](ask)
-        self.run = requests.RunRequests[Awaitable[Done]](ask)
-        self.leds = requests.LedsRequests[Awaitable[Done]](ask)
-        self.imu = requests.ImuRequests[Awaitable[Done], Awaitable[SetMountingReply]](ask)
+        ](send)
+        self.conveyor = requests.ConveyorRequests[Awaitable[Done], Awaitable[AddPackageReply]](send)
+        self.localizer = requests.LocalizerRequests[Awaitable[Done]](send)
+        self.profile = requests.ProfileRequests[Awaitable[Done]](send)
+        self.pui = requests.PuiRequests[Awaitable[Done], Awaitable[SetToleranceReply]](send)
+        self.run = requests.RunRequests[Awaitable[Done]](send)
+        self.leds = requests.LedsRequests[Awaitable[Done]](send)
+        self.imu = requests.ImuRequests[Awaitable[Done], Awaitable[SetMountingReply]](send)
 
     @classmethod
     @contextlib.asynccontextmanager

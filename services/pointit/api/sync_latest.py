@@ -26,13 +26,13 @@ class SyncNewest(Mapping[str, M], Generic[M]):
         return self.wait(name)
 
     def __iter__(self) -> Iterator[str]:
-        return self._thread.do(lambda: iter(self._newest))
+        return self._thread.call(lambda: iter(self._newest))
 
     def __len__(self) -> int:
-        return self._thread.do(lambda: len(self._newest))
+        return self._thread.call(lambda: len(self._newest))
 
     def __contains__(self, name: object) -> bool:
-        return self._thread.do(lambda: name in self._newest)
+        return self._thread.call(lambda: name in self._newest)
 
     @overload
     def get(self, key: str, default: None = None, /) -> M | None: ...
@@ -40,7 +40,7 @@ class SyncNewest(Mapping[str, M], Generic[M]):
     def get(self, key: str, default: M | T, /) -> M | T: ...
     def get(self, key: str, default: Any = None, /) -> Any:
         """Return the newest message of `key`, or `default` if nothing has come yet."""
-        return self._thread.do(lambda: self._newest.get(key, default))
+        return self._thread.call(lambda: self._newest.get(key, default))
 
     @property
     def value(self) -> M:
@@ -49,7 +49,7 @@ class SyncNewest(Mapping[str, M], Generic[M]):
 
     def wait(self, name: str = "", *, patience_s: float = PATIENCE_S) -> M:
         """Return the newest message of `name`, as soon as there is one. Raises what `Newest.wait` raises."""
-        return self._thread.call(self._newest.wait(name, patience_s=patience_s))
+        return self._thread.run(self._newest.wait(name, patience_s=patience_s))
 
 
 class SyncLatest:

@@ -57,7 +57,7 @@ class SyncFeed(Iterator[T], Generic[T]):
 
     def close(self) -> None:
         """Receive nothing more."""
-        self._thread.do(self._feed.close)
+        self._thread.call(self._feed.close)
 
     def __next__(self) -> T:
         async def step() -> tuple[T, ...]:
@@ -65,7 +65,7 @@ class SyncFeed(Iterator[T], Generic[T]):
                 return (item,)
             return ()
 
-        for item in self._thread.call(step()):
+        for item in self._thread.run(step()):
             return item
         raise StopIteration
 
@@ -80,11 +80,11 @@ class SyncTracker:
     def update(self, objects: Iterable[TrackedObject], *, stamp_ns: int | None = None) -> None:
         """Publish all objects of this tracker, at least once a second; see `Tracker.update`."""
         listed = tuple(objects)  # here: a generator may use the site
-        self._thread.do(lambda: self._tracker.update(listed, stamp_ns=stamp_ns))
+        self._thread.call(lambda: self._tracker.update(listed, stamp_ns=stamp_ns))
 
     def close(self) -> None:
         """Publish that all objects have left, and end."""
-        self._thread.do(self._tracker.close)
+        self._thread.call(self._tracker.close)
 
 
 def _waiting(
@@ -94,7 +94,7 @@ def _waiting(
 
     @functools.wraps(method)
     def waiting(self: "SyncSite", /, *args: P.args, **kwargs: P.kwargs) -> T:
-        return self._thread.call(method(self._site, *args, **kwargs))
+        return self._thread.run(method(self._site, *args, **kwargs))
 
     return waiting
 
@@ -106,7 +106,7 @@ def _iterating(
 
     @functools.wraps(method)
     def iterating(self: "SyncSite", /, *args: P.args, **kwargs: P.kwargs) -> SyncFeed[T]:
-        return SyncFeed(self._thread.do(lambda: method(self._site, *args, **kwargs)), self._thread)
+        return SyncFeed(self._thread.call(lambda: method(self._site, *args, **kwargs)), self._thread)
 
     shown = inspect.signature(method)
     feed = types.GenericAlias(SyncFeed, typing.get_args(shown.return_annotation))
@@ -129,22 +129,22 @@ class SyncSite:
         self._thread = thread
         self._is_closed = False
         try:
-            self._site = thread.call(joining.__aenter__())
+            self._site = thread.run(joining.__aenter__())
         except BaseException:
             thread.close()
             raise
         atexit.register(self.close)
         self.latest = SyncLatest(self._site.latest, thread)
         """The newest messages by topic and name. The first one of a name is waited for, up to 2 s."""
-        ask = self.call
-        self.select = requests.SelectRequests[Done, SetMethodReply, ReadHistoryReply](ask)
-        self.conveyor = requests.ConveyorRequests[Done, AddPackageReply](ask)
-        self.localizer = requests.LocalizerRequests[Done](ask)
-        self.profile = requests.ProfileRequests[Done](ask)
-        self.pui = requests.PuiRequests[Done, SetToleranceReply](ask)
-        self.run = requests.RunRequests[Done](ask)
-        self.leds = requests.LedsRequests[Done](ask)
-        self.imu = requests.ImuRequests[Done, SetMountingReply](ask)
+        send = self.call
+        self.select = requests.SelectRequests[Done, SetMethodReply, ReadHistoryReply](send)
+        self.conveyor = requests.ConveyorRequests[Done, AddPackageReply](send)
+        self.localizer = requests.LocalizerRequests[Done](send)
+        self.profile = requests.ProfileRequests[Done](send)
+        self.pui = requests.PuiRequests[Done, SetToleranceReply](send)
+        self.run = requests.RunRequests[Done](send)
+        self.leds = requests.LedsRequests[Done](send)
+        self.imu = requests.ImuRequests[Done, SetMountingReply](send)
 
     def __enter__(self) -> Self:
         return self
@@ -161,7 +161,7 @@ class SyncSite:
         self._is_closed = True
         atexit.unregister(self.close)
         try:
-            self._thread.call(self._joining.__aexit__(None, None, None))
+            self._thread.run(self._joining.__aexit__(None, None, None))
         finally:
             self._thread.close()
 
@@ -173,11 +173,11 @@ class SyncSite:
     @property
     def problem(self) -> str:
         """A message if the connection has a problem, such as a lost router, else `""`."""
-        return self._thread.do(lambda: self._site.problem)
+        return self._thread.call(lambda: self._site.problem)
 
     def now_ns(self) -> int:
         """Return the site's time, Unix ns: wall time, simulated or virtual."""
-        return self._thread.do(self._site.now_ns)
+        return self._thread.call(self._site.now_ns)
 
     cursors = _iterating(Site.cursors)
     rays = _iterating(Site.rays)
@@ -195,7 +195,7 @@ class SyncSite:
 
     def tracker(self, name: str) -> SyncTracker:
         """Return the tracker `name`, which publishes objects."""
-        return SyncTracker(self._thread.do(lambda: self._site.tracker(name)), self._thread)
+        return SyncTracker(self._thread.call(lambda: self._site.tracker(name)), self._thread)
 
     def lamp(self, name: str) -> Lamp[Done, SyncFeed[LampColor]]:
         """Return the lamp `name` of the map."""

@@ -1,4 +1,4 @@
-# pyright: reportUnknownMemberType=false
+# pyright: reportUnknownMemberType=false, reportUnknownLambdaType=false
 # (the stubs of zenoh leave return types out)
 """Sites that are joined over Zenoh, on this machine's loopback."""
 

@@ -157,7 +157,7 @@ async def test_unreadable_messages_end_only_a_loop_over_one_person(
     monkeypatch: pytest.MonkeyPatch,
     caplog: pytest.LogCaptureFixture,
 ) -> None:
-    monkeypatch.setattr(feed, "DOUBT_S", 0.01)
+    monkeypatch.setattr(feed, "UNREADABLE_TIMEOUT_S", 0.01)
     cursors = site.cursors(user)
     assert cursors._buffer.source is not None
     cursors._buffer.source.traffic.invalid = 1

@@ -31,7 +31,7 @@ class ReceiveBuffer(Generic[U]):
         self._has_one_writer = one_writer and not self._keeps_all
         self._max_strays = 0 if delivery is Delivery.STATE else MAX_STRAYS
         self._items: collections.OrderedDict[object, tuple[str, U]] = collections.OrderedDict()
-        """What came with its name, by name, or by number if it keeps all."""
+        """Items with their names, by name, or by number if it keeps all."""
         self._numbers = itertools.count()
         self._changed = asyncio.Event()
         self._is_closed = False

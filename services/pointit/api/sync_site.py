@@ -115,10 +115,10 @@ def _iterating(
 
 
 class SyncSite:
-    """A joined site, in its own thread. Close it, or use it in a `with` block. More is said at `Site`.
+    """A joined site, in its own thread. Close it, or use it in a `with` block.
 
-    `cursors`, `rays`, `hovers`, `poses`, `objects`, `health`, `selections`, `people`, `services` and
-    `messages` return plain iterators; `call`, `press` and `sleep` wait. Their parameters are those of `Site`.
+    It has the methods of `Site`, with the same parameters: asynchronous iterators are plain ones here, and
+    calls that are awaited there return the result.
 
     In virtual time, which `pointit.run(..., virtual=True)` starts, time passes only while a call waits.
     """

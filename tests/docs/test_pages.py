@@ -42,6 +42,7 @@ PAGES = {str(page.relative_to(ROOT)): blocks(page, page.read_text(encoding="utf-
 
 
 @pytest.mark.slow  # `scripts/docs` runs them
+@pytest.mark.timeout(900)  # of each block: see `PATIENCE_S`
 @pytest.mark.parametrize(
     "page", [name for name, found in PAGES.items() if any(each.language in RUN for each in found)]
 )

@@ -1,13 +1,16 @@
 """Plug-ins of packages: found by name, and reported in one sentence when they cannot be used."""
 
+import contextlib
 import sys
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
+import click
 import pytest
 
 from pointit.runtime.config.plugins import Plugin, PluginConfig, PluginGroup
 from pointit.runtime.errors import ConfigError
+from pointit.runtime.service.process import service_command
 
 MODULE = """
 from pointit.runtime.config.config import Config
@@ -35,7 +38,7 @@ lacking = strangers_lacking:MINE [ble]
 def parts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> PluginGroup[Plugin]:
     """Return the plug-ins of a package that is installed for this test."""
     (tmp_path / "strangers_parts.py").write_text(MODULE)
-    (tmp_path / "strangers_raising.py").write_text("1 / 0\n")
+    (tmp_path / "strangers_raising.py").write_text("open(f'{__file__}.imported', 'w').close()\n1 / 0\n")
     (tmp_path / "strangers_exiting.py").write_text("import sys\nsys.exit('no such device')\n")
     (tmp_path / "strangers_lacking.py").write_text("import a_library_that_is_absent\n")
     info = tmp_path / "strangers-1.0.dist-info"
@@ -127,3 +130,29 @@ def test_plugin_with_the_name_of_a_parameter_is_refused() -> None:
     with pytest.raises(ConfigError, match="part 'number' of strangers has the name of a parameter"):
         config.section("number")
     assert config.section("mine").model_dump() == {"address": "", "speed": 3}
+
+
+class Listening:
+    """Has part plug-ins."""
+
+    NAME = "listening"
+    SCOPE = "site"
+    CONFIG = ServiceConfig
+
+
+@pytest.mark.parametrize(
+    ("arguments", "others"),
+    [
+        (["--number", "4", "--mine.speed", "5"], 0),
+        (["--mine.sped", "5"], 1),  # the error suggests an option
+        (["--help"], 1),
+    ],
+)
+def test_process_imports_only_plugins_that_its_arguments_name(
+    parts: PluginGroup[Plugin], tmp_path: Path, arguments: list[str], others: int
+) -> None:
+    command = service_command(cast("Any", Listening))
+    assert "raising" in parts.names
+    with contextlib.suppress(click.exceptions.Exit, click.NoSuchOption):
+        command.make_context("listening", arguments)
+    assert len(list(tmp_path.glob("*.imported"))) == others

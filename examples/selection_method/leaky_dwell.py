@@ -5,7 +5,14 @@ Unlike `hold` it forgives a shaky hand: a moment off the object costs a moment, 
 
 from pydantic import Field
 
-from pointit.plugins import NS_PER_S, MethodConfig, Pointing, Progress, SelectionMethod, Surroundings
+from pointit.plugins import (
+    NS_PER_S,
+    MethodConfig,
+    PointingSample,
+    SelectionMethod,
+    SelectionProgress,
+    Surroundings,
+)
 
 LONGEST_STEP_S = 0.1
 """Longest time that a step between two cursors counts, s."""
@@ -26,7 +33,7 @@ class Leaky:
         self._stamp_ns = 0
         self.latched = set[str]()
 
-    def step(self, pointing: Pointing) -> Progress:
+    def step(self, pointing: PointingSample) -> SelectionProgress:
         """Return the object under the cursor, its progress, and what to select now."""
         now_ns, under = pointing.cursor.stamp_ns, pointing.under
         passed_s = min((now_ns - self._stamp_ns) / NS_PER_S, LONGEST_STEP_S)
@@ -37,13 +44,13 @@ class Leaky:
                 del self._gathered_s[each]
         self.latched &= {under}  # what has been left can be selected again
         if under is None or under in self.latched or not pointing.acts(under):
-            return Progress(under)
+            return SelectionProgress(under)
         gathered_s = self._gathered_s.get(under, 0.0) + passed_s
         if gathered_s < self._config.dwell_s:
             self._gathered_s[under] = gathered_s
-            return Progress(under, gathered_s / self._config.dwell_s)
+            return SelectionProgress(under, gathered_s / self._config.dwell_s)
         self.latch(under)
-        return Progress(under, 1.0, fired=under)
+        return SelectionProgress(under, 1.0, fired=under)
 
     def latch(self, object_id: str) -> None:
         """Ignore the object until it is left."""

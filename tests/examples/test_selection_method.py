@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 import pointit
-from pointit.plugins import GROUPS, Cursor, Pointing, Surroundings
+from pointit.plugins import GROUPS, Cursor, PointingSample, Surroundings
 from pointit.schemas import SelectionEvent
 from pointit.testing import MethodHarness, checks
 from tests.architecture.sources import ROOT
@@ -40,7 +40,7 @@ def fired(*stays: tuple[str | None, float]) -> Iterator[str]:
     for under, stay_s in stays:
         for _ in range(round(stay_s * 1e9 / STEP_NS)):
             now_ns += STEP_NS
-            found = method.step(Pointing(Cursor(stamp_ns=now_ns), under, None, acts_on_all))
+            found = method.step(PointingSample(Cursor(stamp_ns=now_ns), under, None, acts_on_all))
             assert 0.0 <= found.progress <= 1.0
             if found.fired is not None:
                 yield found.fired

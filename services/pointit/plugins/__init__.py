@@ -70,9 +70,9 @@ from pointit.services.selector.selection_methods import (
     METHODS,
     MethodConfig,
     PersonMethod,
-    Pointing,
-    Progress,
+    PointingSample,
     SelectionMethod,
+    SelectionProgress,
 )
 from pointit.services.service_plugin import SERVICES, ServicePlugin
 
@@ -97,9 +97,8 @@ __all__ = [
     "PersonMethod",
     "Plugin",
     "PluginGroup",
-    "Pointing",
+    "PointingSample",
     "Press",
-    "Progress",
     "Quaternion",
     "Query",
     "Reading",
@@ -109,6 +108,7 @@ __all__ = [
     "Request",
     "SelectionEvent",
     "SelectionMethod",
+    "SelectionProgress",
     "Service",
     "ServicePlugin",
     "Source",

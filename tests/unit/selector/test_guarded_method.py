@@ -5,7 +5,7 @@ from typing import Any, cast
 import pytest
 
 from pointit.services.selector.methods.guarded_method import GuardedMethod
-from pointit.services.selector.selection_methods import Pointing, Progress
+from pointit.services.selector.selection_methods import PointingSample, SelectionProgress
 from tests.unit.selector.room import pointing
 
 
@@ -16,42 +16,42 @@ class Method:
         self._progress = progress
         self.latched = latched
 
-    def step(self, _pointing: Pointing) -> Any:
+    def step(self, _pointing: PointingSample) -> Any:
         return self._progress
 
     def latch(self, object_id: str) -> None:
         raise AssertionError(object_id)
 
 
-def stepped(method: Method) -> tuple[GuardedMethod, Progress]:
+def stepped(method: Method) -> tuple[GuardedMethod, SelectionProgress]:
     made: Any = method
     guarded = GuardedMethod(lambda: made)
 
     def acts(_object_id: str) -> bool:
         return True
 
-    return guarded, guarded.step(Pointing(pointing(1.0, 5.0), "a", None, acts))
+    return guarded, guarded.step(PointingSample(pointing(1.0, 5.0), "a", None, acts))
 
 
 @pytest.mark.parametrize(
     ("progress", "fault"),
     [
-        (Progress(cast("Any", 7)), "TypeError: object_id 7, expected text or None"),
-        (Progress("a", fired=cast("Any", b"a")), "TypeError: fired b'a', expected text or None"),
-        (Progress("a", 1.5), "ValueError: progress 1.5, expected 0 to 1"),
-        (Progress("a", 0.5, None, -1.0), "ValueError: spent_s -1.0, expected 0 or more"),
+        (SelectionProgress(cast("Any", 7)), "TypeError: object_id 7, expected text or None"),
+        (SelectionProgress("a", fired=cast("Any", b"a")), "TypeError: fired b'a', expected text or None"),
+        (SelectionProgress("a", 1.5), "ValueError: progress 1.5, expected 0 to 1"),
+        (SelectionProgress("a", 0.5, None, -1.0), "ValueError: spent_s -1.0, expected 0 or more"),
         (None, "AttributeError: "),
     ],
 )
-def test_wrong_result_is_a_fault_and_selects_nothing(progress: Progress | None, fault: str) -> None:
+def test_wrong_result_is_a_fault_and_selects_nothing(progress: SelectionProgress | None, fault: str) -> None:
     guarded, shown = stepped(Method(progress))
     assert guarded.fault.startswith(fault)
-    assert shown == Progress("a")
+    assert shown == SelectionProgress("a")
 
 
 @pytest.mark.parametrize("latched", [lambda: {"a"}, None, [["a"]]], ids=["method", "none", "lists"])
 def test_latched_that_is_no_collection_of_objects_is_a_fault(latched: object) -> None:
-    guarded, _ = stepped(Method(Progress("a"), latched))
+    guarded, _ = stepped(Method(SelectionProgress("a"), latched))
     assert guarded.fault == ""
     assert set(guarded.latched) == set()
     assert guarded.fault.startswith("TypeError: ")

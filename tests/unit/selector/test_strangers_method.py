@@ -18,7 +18,7 @@ from tests.unit.selector.room import Room, package
 from tests.unit.selector.test_selector_service import stay
 
 MODULE = """
-from pointit.plugins import NS_PER_S, MethodConfig, Progress, SelectionMethod
+from pointit.plugins import NS_PER_S, MethodConfig, SelectionProgress, SelectionMethod
 
 class Patient:
     def __init__(self, config, surroundings):
@@ -29,18 +29,18 @@ class Patient:
 
     def step(self, pointing):
         if self.is_faulty:
-            return Progress(pointing.under, float("nan"))
+            return SelectionProgress(pointing.under, float("nan"))
         now_ns = pointing.cursor.stamp_ns
         if pointing.under != self.hovered:
             self.latched.discard(self.hovered)
             self.hovered, self.since_ns = pointing.under, now_ns
         if self.hovered is None or self.hovered in self.latched or not pointing.acts(self.hovered):
-            return Progress(self.hovered)
+            return SelectionProgress(self.hovered)
         share = (now_ns - self.since_ns) / self.dwell_ns
         if share < 1:
-            return Progress(self.hovered, share)
+            return SelectionProgress(self.hovered, share)
         self.latch(self.hovered)
-        return Progress(self.hovered, fired=self.hovered)
+        return SelectionProgress(self.hovered, fired=self.hovered)
 
     def latch(self, object_id):
         self.latched.add(object_id)

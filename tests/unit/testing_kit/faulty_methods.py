@@ -3,7 +3,7 @@
 import random
 import time
 
-from pointit.plugins import Config, MethodConfig, Pointing, Progress, Surroundings
+from pointit.plugins import Config, MethodConfig, PointingSample, SelectionProgress, Surroundings
 from pointit.testing.templates.selection_method import Method
 from pointit.testing.templates.selection_method.fake import DEVICE
 from tests.unit.testing_kit.faults import CaughtBy
@@ -13,14 +13,14 @@ caught_by = CaughtBy(DEVICE)
 
 @caught_by("selects", "there fired nothing")
 class UsesTheClock(Method):
-    def step(self, pointing: Pointing) -> Progress:
+    def step(self, pointing: PointingSample) -> SelectionProgress:
         cursor = pointing.cursor.model_copy(update={"stamp_ns": time.time_ns()})
         return super().step(pointing._replace(cursor=cursor))
 
 
 @caught_by("selects", "'object 3', 'object 3'")
 class NeverLatches(Method):
-    def step(self, pointing: Pointing) -> Progress:
+    def step(self, pointing: PointingSample) -> SelectionProgress:
         result = super().step(pointing)
         self._latched = None
         return result
@@ -34,7 +34,7 @@ class IgnoresLatch(Method):
 
 @caught_by("latches", "stayed latched")
 class LatchesForEver(Method):
-    def step(self, pointing: Pointing) -> Progress:
+    def step(self, pointing: PointingSample) -> SelectionProgress:
         latched = self._latched
         result = super().step(pointing)
         self._latched = self._latched or latched
@@ -47,10 +47,10 @@ class FiresTheLast(Method):
 
     last: str | None = None
 
-    def step(self, pointing: Pointing) -> Progress:
+    def step(self, pointing: PointingSample) -> SelectionProgress:
         result = super().step(pointing)
         if pointing.under is None:
-            result, self.last = Progress(fired=self.last if self._gone() else None), self.last
+            result, self.last = SelectionProgress(fired=self.last if self._gone() else None), self.last
         else:
             self.last, self.since = pointing.under, 0
         return result
@@ -62,7 +62,7 @@ class FiresTheLast(Method):
 
 @caught_by("passes", "on each of many objects")
 class AddsUpPassing(Method):
-    def step(self, pointing: Pointing) -> Progress:
+    def step(self, pointing: PointingSample) -> SelectionProgress:
         spent_ns, self._object = self._spent_ns, pointing.under
         result = super().step(pointing)
         self._spent_ns = max(self._spent_ns, spent_ns)
@@ -71,7 +71,7 @@ class AddsUpPassing(Method):
 
 @caught_by("progress", "a progress was")
 class ReportsSeconds(Method):
-    def step(self, pointing: Pointing) -> Progress:
+    def step(self, pointing: PointingSample) -> SelectionProgress:
         return super().step(pointing)._replace(progress=self._spent_ns / 1e8)
 
 
@@ -79,7 +79,7 @@ class ReportsSeconds(Method):
 class SharesState(Method):
     everybody = 0
 
-    def step(self, pointing: Pointing) -> Progress:
+    def step(self, pointing: PointingSample) -> SelectionProgress:
         SharesState.everybody += pointing.under == "object 1"
         result = super().step(pointing)
         return result if self.everybody < 400 else result._replace(progress=1.0)
@@ -87,14 +87,14 @@ class SharesState(Method):
 
 @caught_by("deterministic", "gave other results")
 class ThrowsDice(Method):
-    def step(self, pointing: Pointing) -> Progress:
+    def step(self, pointing: PointingSample) -> SelectionProgress:
         result = super().step(pointing)
         return result._replace(progress=result.progress * random.random())
 
 
 @caught_by("gaps", "and it fired")
 class CountsGaps(Method):
-    def step(self, pointing: Pointing) -> Progress:
+    def step(self, pointing: PointingSample) -> SelectionProgress:
         stamp_ns = pointing.cursor.stamp_ns
         if self._stamp_ns is not None and self._object == pointing.under and stamp_ns > self._stamp_ns:
             self._spent_ns += stamp_ns - self._stamp_ns
@@ -104,7 +104,7 @@ class CountsGaps(Method):
 
 @caught_by("odd_cursors", "raised ZeroDivisionError")
 class DividesByTheStep(Method):
-    def step(self, pointing: Pointing) -> Progress:
+    def step(self, pointing: PointingSample) -> SelectionProgress:
         if self._stamp_ns is not None:
             self.rate_hz = 1e9 / (pointing.cursor.stamp_ns - self._stamp_ns)
         return super().step(pointing)
@@ -116,7 +116,7 @@ class NeverForgets(Method):
         super().__init__(config, surroundings)
         self.spent: dict[str | None, list[int]] = {}
 
-    def step(self, pointing: Pointing) -> Progress:
+    def step(self, pointing: PointingSample) -> SelectionProgress:
         self.spent.setdefault(pointing.under, []).append(pointing.cursor.stamp_ns)
         return super().step(pointing)
 

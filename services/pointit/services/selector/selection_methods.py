@@ -16,7 +16,7 @@ MAX_DWELL_S = 10.0
 """Upper limit of the dwell time by any method, s."""
 
 
-class Pointing(NamedTuple):
+class PointingSample(NamedTuple):
     """One cursor of a person, later than the one before, and the objects that it is about."""
 
     cursor: Cursor
@@ -29,7 +29,7 @@ class Pointing(NamedTuple):
     """Returns True if staying on an object has an effect."""
 
 
-class Progress(NamedTuple):
+class SelectionProgress(NamedTuple):
     """A method's result for one cursor."""
 
     object_id: str | None = None
@@ -53,7 +53,7 @@ class PersonMethod(Protocol):
         """Return the objects that fired or were latched, and were not left since. They do not fire again."""
         ...
 
-    def step(self, pointing: Pointing) -> Progress:
+    def step(self, pointing: PointingSample) -> SelectionProgress:
         """Process a cursor."""
         ...
 

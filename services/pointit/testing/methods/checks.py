@@ -54,8 +54,8 @@ async def config_errors(harness: MethodHarness) -> None:
 
 
 @METHOD_SUITE.check(
-    "Return `Progress(object_id, fired=object_id)` when the person has stayed for the dwell time by the "
-    "cursors' stamps",
+    "Return `SelectionProgress(object_id, fired=object_id)` when the person has stayed for the dwell time by "
+    "the cursors' stamps",
 )
 async def selects(harness: MethodHarness) -> None:
     """Selects the object that a person stays on, once."""

@@ -7,7 +7,15 @@ from typing import Any
 
 from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
-from pointit.plugins import NS_PER_S, Cursor, Pointing, Progress, SelectionMethod, Surroundings, View
+from pointit.plugins import (
+    NS_PER_S,
+    Cursor,
+    PointingSample,
+    SelectionMethod,
+    SelectionProgress,
+    Surroundings,
+    View,
+)
 from pointit.runtime.virtual_time import START_NS
 from pointit.services.selector.objects.view import VisibleObject
 from pointit.testing.check import Harness, called
@@ -51,7 +59,7 @@ class Person:
         with called("make"):
             self.method = plugin.make(config, Surroundings.detached(name))
         self.now_ns = START_NS
-        self.results: list[Progress] = []
+        self.results: list[SelectionProgress] = []
         """Results so far."""
         self.unprovoked = ""
         """First selection of an object that was not pointed at in the last `RECENT_NS`, in words, or `""`."""
@@ -78,7 +86,7 @@ class Person:
             self.step(target, prefix)
         return [result.fired for result in self.results[before:] if result.fired is not None]
 
-    def step(self, target: str, prefix: str = "object ", *, has_ray: bool = True) -> Progress:
+    def step(self, target: str, prefix: str = "object ", *, has_ray: bool = True) -> SelectionProgress:
         """Process one cursor now. Return the method's result.
 
         Raises:
@@ -99,7 +107,7 @@ class Person:
         view = _view(direction, prefix) if self._by_angle and has_ray else None
         under = None if target == BESIDE or view is not None else f"{prefix}{number:g}"
         with called("step"):
-            result = self.method.step(Pointing(cursor, under, view, _acts))
+            result = self.method.step(PointingSample(cursor, under, view, _acts))
         self.results.append(result)
         self._pointed_ns[target] = self.now_ns
         fired = result.fired

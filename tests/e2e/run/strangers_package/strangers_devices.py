@@ -20,10 +20,10 @@ from pointit.plugins import (
     Message,
     MethodConfig,
     OutputConfig,
-    Pointing,
-    Progress,
+    PointingSample,
     Reading,
     SelectionMethod,
+    SelectionProgress,
     Service,
     ServicePlugin,
     Strip,
@@ -104,13 +104,13 @@ class Eager:
         surroundings.state_file(Chosen).write(Chosen(dwell_s=config.dwell_s))
         self.latched: set[str] = set()
 
-    def step(self, pointing: Pointing) -> Progress:
+    def step(self, pointing: PointingSample) -> SelectionProgress:
         """Select what is under the cursor, once."""
         under = pointing.under
         if under is None or under in self.latched or not pointing.acts(under):
-            return Progress(under)
+            return SelectionProgress(under)
         self.latch(under)
-        return Progress(under, fired=under)
+        return SelectionProgress(under, fired=under)
 
     def latch(self, object_id: str) -> None:
         """Ignore it from now on."""

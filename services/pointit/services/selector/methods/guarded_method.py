@@ -5,7 +5,7 @@ from collections.abc import Callable, Collection
 from typing import Any
 
 from pointit.schemas import NS_PER_S
-from pointit.services.selector.selection_methods import PersonMethod, Pointing, Progress
+from pointit.services.selector.selection_methods import PersonMethod, PointingSample, SelectionProgress
 
 FIRST_WAIT_NS = NS_PER_S
 """Time for which it is left out after its first failure, ns. It doubles with each further one."""
@@ -38,17 +38,17 @@ class GuardedMethod:
             self._on_failure(error)
             return ()
 
-    def step(self, pointing: Pointing) -> Progress:
+    def step(self, pointing: PointingSample) -> SelectionProgress:
         """Return the method's result, or that of an object without progress while it is left out."""
         self._now_ns = pointing.cursor.stamp_ns
         if self._method is None and self._now_ns < self._retry_ns:
-            return Progress(pointing.under)
+            return SelectionProgress(pointing.under)
         try:
             result = (self._method or self._made()).step(pointing)
             check_progress(result)
         except Exception as error:  # noqa: BLE001 - code of others, which may raise anything
             self._on_failure(error)
-            return Progress(pointing.under)
+            return SelectionProgress(pointing.under)
         if self._failures and self._now_ns - self._retry_ns > MAX_WAIT_NS:
             self._failures, self.fault = 0, ""
         return result
@@ -77,7 +77,7 @@ class GuardedMethod:
         self.fault = f"{type(error).__name__}: {error}".partition("\n")[0][:200] + times
 
 
-def check_progress(result: Progress) -> None:
+def check_progress(result: SelectionProgress) -> None:
     """Check what a method returned.
 
     Raises:

@@ -9,7 +9,7 @@ from pointit.services.selector.config import SelectorConfig
 from pointit.services.selector.methods.guarded_method import GuardedMethod
 from pointit.services.selector.methods.method import MakeMethod, make_method
 from pointit.services.selector.objects.view import View
-from pointit.services.selector.selection_methods import Pointing, Progress
+from pointit.services.selector.selection_methods import PointingSample, SelectionProgress
 
 CLOCK_STEP_NS = 2 * NS_PER_S
 """A stamp earlier by more than this means that the wrist's clock was set back. One by less is late."""
@@ -83,7 +83,7 @@ class PersonPointer:
             acts: returns True if staying on an object has an effect.
         """
         self._stamp_ns = cursor.stamp_ns
-        pointed = self._result(self._method.step(Pointing(cursor, under, view, acts)))
+        pointed = self._result(self._method.step(PointingSample(cursor, under, view, acts)))
         self.hovered = pointed.object_id
         if pointed.fired is not None and self._config.confirm == "press":
             self._ready = pointed.fired
@@ -121,7 +121,7 @@ class PersonPointer:
         self._dwell_s = config.dwell_s
         self._method = GuardedMethod(lambda: self._make(config, self._user))
 
-    def _result(self, made: Progress) -> PointerResult:
+    def _result(self, made: SelectionProgress) -> PointerResult:
         spent_s = made.spent_s
         if spent_s is None and made.progress > 0.0:
             spent_s = made.progress * self._dwell_s

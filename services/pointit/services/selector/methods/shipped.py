@@ -9,7 +9,7 @@ from pointit.services.selector.config import SelectorConfig
 from pointit.services.selector.methods.dwell import Dwell
 from pointit.services.selector.methods.gauge import Gauges
 from pointit.services.selector.methods.ray_speed import RaySpeedEstimator
-from pointit.services.selector.selection_methods import Pointing, Progress, SelectionMethod
+from pointit.services.selector.selection_methods import PointingSample, SelectionMethod, SelectionProgress
 
 
 class DwellMethod:
@@ -31,13 +31,13 @@ class DwellMethod:
         """Return the objects that fired and were not left since."""
         return self._dwell.latched
 
-    def step(self, pointing: Pointing) -> Progress:
+    def step(self, pointing: PointingSample) -> SelectionProgress:
         """Process a cursor."""
         under = pointing.under
         fired = self._dwell.step(pointing.cursor.stamp_ns, under)
         if under is None or not pointing.acts(under):
-            return Progress(under, fired=fired)
-        return Progress(under, self._dwell.progress(under), fired)
+            return SelectionProgress(under, fired=fired)
+        return SelectionProgress(under, self._dwell.progress(under), fired)
 
 
 class GaugeMethod:
@@ -65,7 +65,7 @@ class GaugeMethod:
         """Return the objects that fired and were not left since."""
         return self._gauges.latched
 
-    def step(self, pointing: Pointing) -> Progress:
+    def step(self, pointing: PointingSample) -> SelectionProgress:
         """Process a cursor."""
         cursor, hovered, view, acts = pointing
         gauge = self._config
@@ -92,8 +92,8 @@ class GaugeMethod:
         fired = gauges.step(cursor.stamp_ns, hovered, fills=fills, full_s=full_s, near=near)
         self._hovered = hovered
         if hovered is None:
-            return Progress(None, fired=fired)
-        return Progress(hovered, gauges.fill(hovered), fired, gauges.filled_s(hovered))
+            return SelectionProgress(None, fired=fired)
+        return SelectionProgress(hovered, gauges.fill(hovered), fired, gauges.filled_s(hovered))
 
 
 HOLD = SelectionMethod(

@@ -2,7 +2,14 @@
 
 from collections.abc import Collection
 
-from pointit.plugins import NS_PER_S, MethodConfig, Pointing, Progress, SelectionMethod, Surroundings
+from pointit.plugins import (
+    NS_PER_S,
+    MethodConfig,
+    PointingSample,
+    SelectionMethod,
+    SelectionProgress,
+    Surroundings,
+)
 
 LONGEST_GAP_NS = 250_000_000
 """Cursors further apart are no stay, ns."""
@@ -27,7 +34,7 @@ class Method:
         """Ignore `object_id` until it is left."""
         self._latched = object_id
 
-    def step(self, pointing: Pointing) -> Progress:
+    def step(self, pointing: PointingSample) -> SelectionProgress:
         """Process a cursor."""
         stamp_ns, under = pointing.cursor.stamp_ns, pointing.under
         step_ns = 0 if self._stamp_ns is None else stamp_ns - self._stamp_ns
@@ -38,11 +45,11 @@ class Method:
             self._latched = None
         if under is None or under == self._latched or not pointing.acts(under):
             self._spent_ns = 0
-            return Progress(under)
+            return SelectionProgress(under)
         if self._spent_ns < self._dwell_ns:
-            return Progress(under, self._spent_ns / self._dwell_ns)
+            return SelectionProgress(under, self._spent_ns / self._dwell_ns)
         self._latched = under
-        return Progress(under, 1.0, fired=under)
+        return SelectionProgress(under, 1.0, fired=under)
 
 
 METHOD = SelectionMethod(

@@ -1,0 +1,22 @@
+"""A site on a bus in memory."""
+
+from collections.abc import AsyncIterator
+
+import pytest_asyncio
+
+from pointit.api.site import Site
+from pointit.runtime.bus.memory_bus import MemoryBus
+from pointit.runtime.clock import WallClock
+
+
+@pytest_asyncio.fixture
+async def bus() -> AsyncIterator[MemoryBus]:
+    bus = MemoryBus()
+    yield bus
+    await bus.close()
+
+
+@pytest_asyncio.fixture
+async def site(bus: MemoryBus) -> AsyncIterator[Site]:
+    async with Site.on(bus, WallClock()) as site:
+        yield site

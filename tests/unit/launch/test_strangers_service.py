@@ -29,6 +29,7 @@ from pointit.schemas.topics import (
     MAP,
     REQUESTS,
     SELECTION_EVENTS,
+    SET_SPEED,
     TOPICS,
     Delivery,
     Topic,
@@ -136,6 +137,7 @@ misnamed = strangers_services:MISNAMED
 broken = strangers_services:BROKEN
 personal = strangers_services:PERSONAL
 lost = strangers_services:LOST [ble]
+selector = strangers_services:COUNTER
 """
 
 
@@ -153,6 +155,7 @@ def counter() -> Launch:
 
 def test_service_is_found_without_importing_any_and_started_on_request() -> None:
     assert {"counter", "lost"} < set(registry.names())
+    assert registry.names().count("selector") == 1  # ours stays ours
     assert all(row.plugin is None for row in registry.PROCESSES)
     launch = counter()
     assert (launch.instance, launch.plugin) == ("counter", "service 'counter' of strangers-parts")
@@ -212,6 +215,7 @@ def own(key: str, writer: str = "evil") -> Topic[Any]:
 )
 def test_key_that_others_may_have_is_refused(key: str, sentence: str) -> None:
     made("evil", writes=(own("evil/{user}/a.b"),)).check("evil")
+    made("my-lamp", writes=(own("my_lamp/a", "my-lamp"),)).check("my-lamp")
     with pytest.raises(ConfigError, match=sentence):
         made("evil", writes=(own(key),)).check("evil")
 
@@ -238,6 +242,11 @@ def test_key_of_a_row_of_the_tables_is_refused() -> None:
             "cannot write users/{user}/imu of all people: its SCOPE must be",
         ),
         (made("evil", writes=(HEALTH,)), "it cannot write health/{service}"),
+        (made("evil", writes=(own("lamp/a", "lamp"),)), "it cannot write lamp/a, whose writers are lamp"),
+        (
+            made("evil", serves=(SET_SPEED,)),
+            "it cannot answer conveyor/set_speed, whose server is conveyor-sim",
+        ),
     ],
 )
 def test_service_that_would_take_rights_of_others_is_refused(plugin: ServicePlugin, sentence: str) -> None:

@@ -42,6 +42,8 @@ def test_an_old_spelling_does_what_the_new_one_does_after_a_note(old: str, new: 
 def test_every_old_spelling_leads_to_a_command_of_the_help_and_is_not_shown_itself() -> None:
     assert set(OLD_SPELLINGS.values()) <= set(PATHS)
     assert not {(word,) for word in OLD_SPELLINGS} & set(PATHS)
+    renamed = {old: new[-1] for old, new in OLD_SPELLINGS.items() if old != new[-1]}
+    assert renamed == {"topics": "list", "user": "add"}
 
 
 def test_a_misspelt_action_is_not_taken_for_a_service() -> None:

@@ -27,6 +27,7 @@ from pointit.schemas.topics import (
     IMU,
     LAMP_COLOR,
     MAP,
+    POSE,
     REQUESTS,
     SELECTION_EVENTS,
     SET_SPEED,
@@ -259,6 +260,7 @@ def test_personal_service_gets_rights_at_its_persons_name_only() -> None:
     assert {"personal/anna/count", "users/anna/pose", "health/personal.anna"} <= set(rights.writes)
     assert {"localizer/anna/set_pose", "conveyor/set_speed"} <= set(rights.asks)
     assert not any("*" in key for key in (*rights.writes, *rights.serves, *rights.asks))
+    assert "personal.anna can write it and runs" in silence_reason(POSE, "anna", {"personal.anna"})
 
 
 def test_its_rows_are_in_the_tables_and_give_it_its_rights() -> None:

@@ -23,12 +23,8 @@ class Method:
         raise AssertionError(object_id)
 
 
-def acts(_object_id: str) -> bool:
-    return True
-
-
 def at(now_s: float) -> Pointing:
-    return Pointing(pointing(now_s, 5.0), "a", None, acts)
+    return Pointing(pointing(now_s, 5.0), "a", None, bool)
 
 
 def stepped(method: Method) -> tuple[GuardedMethod, Progress]:

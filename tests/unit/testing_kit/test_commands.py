@@ -1,5 +1,6 @@
 """`pointit plugin new` writes packages that work, and `pointit plugin check` finds and checks them."""
 
+import json
 import subprocess
 import sys
 import tomllib
@@ -9,8 +10,11 @@ import pytest
 from click.testing import CliRunner, Result
 
 from pointit.cli.plugins import check, new
-from pointit.plugins import GROUPS, PluginGroup
+from pointit.plugins import GROUPS, Config, Plugin, PluginGroup
 from pointit.runtime.errors import ConfigError
+from pointit.testing import run_checks
+from pointit.testing.check import Check, CheckFailedError
+from pointit.testing.common import require_parameters
 
 
 def written(kind: str, name: str, folder: Path) -> Path:
@@ -51,15 +55,36 @@ def test_new_package_is_found_and_keeps_its_promises(tmp_path: Path, monkeypatch
     assert "11 of 11 promises are kept" in result.output
 
 
-def test_broken_promise_is_named_with_its_remedy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    package = written("selection-method", "my-wrong-way", tmp_path)
-    module = package / "src/my_wrong_way/__init__.py"
-    module.write_text(module.read_text().replace("0 <= step_ns <= LONGEST_GAP_NS", "step_ns >= 0"))
+@pytest.mark.parametrize(
+    ("name", "wrong", "said"),
+    [
+        (
+            "my-wrong-way",
+            ("0 <= step_ns <= LONGEST_GAP_NS", "step_ns >= 0"),
+            ("takes a gap between cursors for no stay", "'object 3', and it fired. Begin again"),
+        ),
+        (
+            "my-lost-way",
+            ("pointit.plugins", "pointit.lost"),
+            ("can be imported", "No module named 'pointit.lost'"),
+        ),
+    ],
+)
+def test_broken_promise_is_named_with_its_remedy(
+    name: str,
+    wrong: tuple[str, str],
+    said: tuple[str, str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    package = written("selection-method", name, tmp_path)
+    module = package / "src" / name.replace("-", "_") / "__init__.py"
+    module.write_text(module.read_text().replace(*wrong))
     install(package, monkeypatch)
-    result = checked("my-wrong-way")
+    result = checked(name)
     assert result.exit_code == 1
-    assert "broken selection-method my-wrong-way: takes a gap between cursors for no stay" in result.output
-    assert "'object 3', and it fired. Begin again" in result.output
+    assert f"broken selection-method {name}: {said[0]}" in result.output
+    assert said[1] in result.output
 
 
 def test_plugin_without_a_fake_device_is_told_how_to_get_one(
@@ -69,9 +94,32 @@ def test_plugin_without_a_fake_device_is_told_how_to_get_one(
     project = package / "pyproject.toml"
     project.write_text(project.read_text().replace("pointit.fake_devices", "somebody.elses"))
     install(package, monkeypatch)
-    result = checked("my-bare-wrist")
+    result = checked("my-bare-wrist", "--json")
     assert result.exit_code == 1
-    assert "add an entry point 'my-bare-wrist' of the group pointit.fake_devices" in result.output
+    (row,) = json.loads(result.output)
+    assert (row["plugin"], row["check"]) == ("imu-source my-bare-wrist", "fake_device")
+    assert "add an entry point 'my-bare-wrist' of the group pointit.fake_devices" in row["problem"]
+
+
+@pytest.mark.parametrize(
+    ("plugin", "problem"),
+    [
+        (Plugin(summary="two\nlines", config=Config), "the summary is no line"),
+        (Plugin(summary="long " * 21, config=Config), "the summary is no line"),
+        (Plugin(summary="fine", config=Config, argument="host"), "the argument 'host' is no parameter"),
+    ],
+)
+def test_plugin_that_no_list_can_show_is_refused(plugin: Plugin, problem: str) -> None:
+    with pytest.raises(CheckFailedError, match=problem):
+        require_parameters(plugin)
+
+
+def test_harness_that_raises_is_named() -> None:
+    def fail() -> None:
+        raise ZeroDivisionError
+
+    check = Check(name="works", promise="", remedy="", alone=False, function=fail)
+    assert list(run_checks([check])) == [(check, "works: the harness raised ZeroDivisionError: . Correct it")]
 
 
 @pytest.mark.parametrize(
@@ -108,6 +156,7 @@ def test_name_that_cannot_be_a_package_is_refused(name: str) -> None:
         ("selection-method", "hold", "selection method 'hold' of pointit is installed"),
         ("imu-source", "source", "'source' is a parameter"),
         ("selection-method", "journal", "'journal' is a parameter"),
+        ("selection-method", "window-s", "'window-s' is a parameter"),
     ],
 )
 def test_name_that_is_taken_is_refused(kind: str, name: str, problem: str, tmp_path: Path) -> None:

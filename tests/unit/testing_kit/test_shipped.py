@@ -1,5 +1,7 @@
 """The plug-ins that come with PointIt, and those that `pointit plugin new` writes, keep all promises."""
 
+from dataclasses import replace
+
 import pytest
 
 from pointit.plugins import GROUPS
@@ -20,6 +22,12 @@ TEMPLATES = [
     pytest.param(fake.DEVICE, id=fake.__name__.split(".")[-2])
     for fake in (imu_source, led_output, selection_method, service)
 ]
+
+
+def test_fake_device_of_another_plugin_of_that_name_is_not_used() -> None:
+    serial = GROUPS["imu-source"].get("serial")
+    assert installed_harness("serial", serial) is not None
+    assert installed_harness("serial", replace(serial)) is None
 
 
 @pytest.mark.parametrize("harness", [*OURS, *TEMPLATES])

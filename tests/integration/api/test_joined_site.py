@@ -23,8 +23,9 @@ from pointit.errors import (
 )
 from pointit.runtime.link.link import Link
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
-from pointit.schemas import SelectionEvent, TrackedObject, UserPose
-from pointit.schemas.topics import CURSOR, POSE, SELECTION_EVENTS, SERVICE_ALIVE
+from pointit.schemas import SelectionEvent, TrackedObject
+from pointit.schemas.topics import CURSOR, SELECTION_EVENTS, SERVICE_ALIVE
+from tests.examples.running import running
 from tests.integration.access.secured import make_site, routed
 from tests.support.bench import until
 
@@ -74,12 +75,8 @@ async def test_loops_go_on_after_the_router_was_lost(home: ZenohBus, endpoint: s
                     publisher.put(SelectionEvent(stamp_ns=1, event="selected", object_id="1"))
                     await asyncio.sleep(0.05)
 
-            putting = asyncio.create_task(put())
-            try:
+            async with running(put()):
                 assert (await anext(events)).object_id == "1"
-            finally:
-                putting.cancel()
-                await asyncio.gather(putting, return_exceptions=True)
         finally:
             await again.close()
 
@@ -111,30 +108,21 @@ async def test_messages_of_another_version_are_one_sentence(home: ZenohBus, endp
                 home.session.put(CURSOR.at("anna"), b"\x81\xa1x\x01")
                 await asyncio.sleep(0.05)
 
-        putting = asyncio.create_task(put())
-        try:
+        async with running(put()):
             with pytest.raises(VersionError, match=r"none could be read .*install the same version"):
                 await anext(cursors)
-        finally:
-            putting.cancel()
-            await asyncio.gather(putting, return_exceptions=True)
 
 
-async def test_an_exception_in_a_loop_leaves_nothing_behind(home: ZenohBus, endpoint: str) -> None:
-    async def fail() -> None:
-        async with pointit.connect(endpoint) as site:
-            home.publisher(POSE, "anna").put(UserPose(stamp_ns=1, position_m=(0.0, 0.0, 0.0), yaw_rad=0.0))
-            async for _pose in site.poses():
-                raise ZeroDivisionError
-
-    with pytest.raises(ZeroDivisionError):
-        await fail()
-
-
-async def test_who_may_not_is_told(tmp_path: Path) -> None:
+async def test_who_may_not_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
     folder = make_site(tmp_path / "lab", names={"anna": "user", "dashboard1": "dashboard", "guest": "user"})
     with routed(folder):
-        async with pointit.connect(credentials=folder.identity_folder("dashboard1")) as site:
+        monkeypatch.setenv("POINTIT_CREDENTIALS", str(folder.identity_folder("dashboard1")))
+        with pytest.raises(ConfigError, match=r"^tcp/host:1: credentials are for encrypted addresses only"):
+            await asyncio.to_thread(pointit.open, "tcp/host:1")
+        assert "the credentials of dashboard1 end on" in caplog.text
+        async with pointit.connect() as site:
             assert site.name == "lab"
             with pytest.raises(AccessDeniedError, match=r"dashboard1.* may not read users/anna/ray"):
                 await anext(site.rays("anna"))

@@ -5,7 +5,6 @@ import asyncio
 import pytest
 
 from pointit.api.site import Site
-from pointit.runtime.bus.contract import AnyTopic
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.errors import AccessDeniedError, NoMessageError, VersionError
 from pointit.schemas import PointingRay, Selection, UserPose
@@ -54,7 +53,7 @@ async def test_the_latest_ends_with_the_site(bus: MemoryBus, site: Site) -> None
 
 
 async def test_the_latest_says_why_nothing_comes(
-    bus: MemoryBus, site: Site, monkeypatch: pytest.MonkeyPatch
+    bus: MemoryBus, site: Site, request: pytest.FixtureRequest
 ) -> None:
     rays = site.latest.ray
     rays._subscription.traffic.invalid = 3
@@ -65,10 +64,6 @@ async def test_the_latest_says_why_nothing_comes(
     assert await rays.wait("ben") == ray
     with pytest.raises(NoMessageError):
         await rays.wait("anna", patience_s=0.01)
-
-    async def deny(verb: str, topic: AnyTopic, name: str) -> str:
-        return f"{verb} {topic.at(name)}"
-
-    monkeypatch.setattr(bus, "denial_reason", deny)
+    request.getfixturevalue("denied")
     with pytest.raises(AccessDeniedError, match=r"reads users/\*/ray"):
         await rays.wait("anna", patience_s=0.01)

@@ -287,42 +287,22 @@ def test_service_that_raises_in_its_check_is_refused_in_one_sentence() -> None:
         check_launches([launch])
 
 
-async def test_service_that_uses_a_publisher_it_closed_ends_nothing_else(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr(plugin_guard, "FIRST_WAIT_S", 0.001)
-    bus = MemoryBus(LocalBroker())
-    warnings: list[str] = []
-    bus.subscribe(HEALTH, lambda health, _name: warnings.extend(health.warnings), "counter")
-    launch = replace(counter(), config=registry.process("counter").config()(start=1, lives=2))
-    events = bus.publisher(SELECTION_EVENTS)
-    work = asyncio.create_task(run_services([launch], bus, WallClock()))
-
-    def select(_round: Any = None) -> bool:
-        events.put(SelectionEvent(stamp_ns=1, event="selected", object_id="a", user="anna"))
-        return bool(warnings) or work.done()
-
-    await until(select, what="its warning")
-    assert not work.done()
-    assert "failed (BusClosedError: " in warnings[0]
-    await bus.close()
-    await asyncio.wait({work})
-    assert not work.cancelled()
-
-
+@pytest.mark.parametrize(
+    ("start", "failure"), [(0, "ValueError: it has lived long enough"), (1, "BusClosedError: ")]
+)
 async def test_service_that_fails_is_named_and_restarted_and_ends_nothing_else(
-    monkeypatch: pytest.MonkeyPatch,
+    start: int, failure: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(plugin_guard, "FIRST_WAIT_S", 0.001)
     bus = MemoryBus(LocalBroker())
-    registry.add_installed()
+    launch = replace(counter(), config=registry.process("counter").config()(start=start, lives=2))
     ((counts, _),) = resolve("counter/*")
     seen: list[int] = []
     warnings: list[str] = []
     bus.subscribe(counts, lambda count, _name: seen.append(count.selected))
     bus.subscribe(HEALTH, lambda health, _name: warnings.extend(health.warnings), "counter")
     events = bus.publisher(SELECTION_EVENTS)
-    work = asyncio.create_task(run_services([counter()], bus, WallClock()))
+    work = asyncio.create_task(run_services([launch], bus, WallClock()))
 
     def select(_round: Any = None) -> bool:
         events.put(SelectionEvent(stamp_ns=1, event="selected", object_id="a", user="anna"))
@@ -330,11 +310,12 @@ async def test_service_that_fails_is_named_and_restarted_and_ends_nothing_else(
 
     await until(select, what="a second life")
     await until(lambda: bool(warnings), what="a warning")
-    assert warnings[0].startswith(
-        "service 'counter' of strangers-parts failed (ValueError: it has lived long enough)"
-    )
+    assert warnings[0].startswith(f"service 'counter' of strangers-parts failed ({failure}")
     assert not work.done()
-    work.cancel()
+    if start:
+        await bus.close()
+    else:
+        work.cancel()
     await asyncio.wait({work})
-    assert work.cancelled()
+    assert work.cancelled() is not bus.is_closed
     await bus.close()

@@ -2,14 +2,15 @@
 
 import asyncio
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
 from pointit.runtime.health.surroundings import NullHealth
 from pointit.runtime.service import plugin_guard
-from pointit.schemas import Strip, StripsFrame
 from pointit.schemas.topics import CURSOR, HEALTH, MAP, STRIPS_FRAME
 from pointit.services.led_driver.config import LedDriverConfig
 from pointit.services.led_driver.outputs import GuardedOutput
@@ -114,35 +115,24 @@ async def test_output_that_fails_is_named_and_costs_frames_and_other_outputs_not
             assert any(re.fullmatch(re.escape(label) + problem, each) for each in said), problem
 
 
-class Short:
-    """An output whose life is short."""
-
-    light_s = 0.0
-    strips: Sequence[Strip] = ()
-
-    def set_strips(self, strips: Sequence[Strip]) -> None:
-        self.strips = strips
-
-    def show(self, frame: StripsFrame, age_s: float = 0.0) -> None: ...
-
-    async def run(self) -> None: ...
-
-
 async def test_output_that_is_made_again_gets_the_strips(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(plugin_guard, "FIRST_WAIT_S", 0.001)
-    made: list[Short] = []
+    given: list[list[object]] = []
 
-    def make() -> Short:
-        made.append(Short())
-        return made[-1]
+    async def ends() -> None:
+        pass
+
+    def make() -> Any:
+        given.append([])
+        return SimpleNamespace(set_strips=given[-1].append, run=ends)
 
     output = GuardedOutput(make, plugin_guard.PluginGuard("mine", NullHealth()))
     output.set_strips(MAP_MESSAGE.strips)
     work = asyncio.create_task(output.run())
-    await until(lambda: len(made) > 2)
+    await until(lambda: len(given) > 2)
     work.cancel()
     await asyncio.wait({work})
-    assert made[1].strips == MAP_MESSAGE.strips
+    assert given[1] == [MAP_MESSAGE.strips]
 
 
 async def test_two_outputs_of_one_kind_share_neither_warnings_nor_metrics_nor_stored_state() -> None:

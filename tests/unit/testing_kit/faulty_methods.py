@@ -1,6 +1,5 @@
 """Selection methods with one fault each, made from the template, and the check that must catch it."""
 
-import random
 import time
 from dataclasses import replace
 from typing import Any
@@ -79,12 +78,6 @@ class SharesState(Method):
         return result if self.everybody < 400 else result._replace(progress=1.0)
 
 
-class ThrowsDice(Method):
-    def step(self, pointing: Pointing) -> Progress:
-        result = super().step(pointing)
-        return result._replace(progress=result.progress * random.random())
-
-
 class CountsGaps(Method):
     def step(self, pointing: Pointing) -> Progress:
         stamp_ns = pointing.cursor.stamp_ns
@@ -131,7 +124,6 @@ FAULTS: dict[str, Fault] = {
     "adds_up_passing": fault("passes", "on each of many objects", AddsUpPassing),
     "reports_seconds": fault("progress", "a progress was", ReportsSeconds),
     "shares_state": fault("deterministic", "gave other results", SharesState),
-    "throws_dice": fault("deterministic", "gave other results", ThrowsDice),
     "counts_gaps": fault("gaps", "and it fired", CountsGaps),
     "divides_by_the_step": fault("odd_cursors", "raised ZeroDivisionError", DividesByTheStep),
     "never_forgets": fault("many_objects", "it held", NeverForgets),

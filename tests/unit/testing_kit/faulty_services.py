@@ -130,5 +130,7 @@ FAULTS: dict[str, Fault] = {
     "takes_the_row_of_another": fault(
         "parameters", "cannot write health", SelectionCounter, writes=(COUNT, topics.HEALTH)
     ),
+    "long_summary": fault("parameters", "the summary is no line", SelectionCounter, summary="long " * 21),
+    "unknown_argument": fault("parameters", "'host' is no parameter", SelectionCounter, argument="host"),
     "raises_key_error": fault("config_errors", "raised KeyError", RaisesKeyError),
 }

@@ -89,11 +89,6 @@ class ChangesReadings(Source):
         await super().run(changed)
 
 
-class StampsWithWallTime(ChangesReadings):
-    def change(self, reading: Reading) -> Reading:
-        return replace(reading, stamp_ns=time.time_ns())
-
-
 class StampsWithDeviceTime(ChangesReadings):
     def change(self, reading: Reading) -> Reading:
         return replace(reading, stamp_ns=12345)
@@ -291,14 +286,12 @@ def fault(
 
 FAULTS: dict[str, Fault] = {
     "dies_without_device": fault("waits_for_device", "`run` raised Connection", DiesWithoutDevice),
-    "dies_of_a_loss": fault("reconnects", "raised|returned", DiesWithoutDevice),
     "connects_once": fault("reconnects", "after the first loss", ConnectsOnce),
     "conceals_restarts": fault("tells_reconnection", "no `Reconnected`", ConcealsRestarts),
     "never_warns": fault("warns", "no warning said so", NeverWarns),
     "never_stops_warning": fault("warns", "a warning stayed", NeverStopsWarning),
     "cannot_be_cancelled": fault("cancels", "still ran", CannotBeCancelled),
     "raises_at_its_end": fault("cancels", "raised RuntimeError when it was cancelled", RaisesAtItsEnd),
-    "stamps_with_wall_time": fault("stamps", "has the stamp", StampsWithWallTime),
     "stamps_with_device_time": fault("stamps", "has the stamp 12345", StampsWithDeviceTime),
     "scalar_first": fault("delivers", "no reading of the device", ScalarFirst),
     "delivers_from_a_thread": fault("calls_in_the_loop", "another thread", DeliversFromAThread),

@@ -1,20 +1,21 @@
 """`pointit plugin new` writes packages that work, and `pointit plugin check` finds and checks them."""
 
+import contextlib
 import json
 import subprocess
 import sys
 import tomllib
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 from click.testing import CliRunner, Result
 
 from pointit.cli.plugins import check, new
-from pointit.plugins import GROUPS, Config, Plugin, PluginGroup
 from pointit.runtime.errors import ConfigError
 from pointit.testing import run_checks
-from pointit.testing.check import Check, CheckFailedError
-from pointit.testing.common import require_parameters
+from pointit.testing.check import Check
+from tests.support import strangers
 
 
 def written(kind: str, name: str, folder: Path) -> Path:
@@ -25,30 +26,28 @@ def written(kind: str, name: str, folder: Path) -> Path:
     return target
 
 
-def install(package: Path, patch: pytest.MonkeyPatch) -> None:
+@pytest.fixture
+def stack() -> Iterator[contextlib.ExitStack]:
+    with contextlib.ExitStack() as stack:
+        yield stack
+
+
+def install(package: Path, stack: contextlib.ExitStack) -> None:
     """Make the package importable, and its entry points visible, for one test."""
-    source = package / "src"
-    project = tomllib.loads((package / "pyproject.toml").read_text())["project"]
-    info = source / f"{project['name'].replace('-', '_')}-{project['version']}.dist-info"
-    info.mkdir()
-    (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {project['name']}\nVersion: 0.1.0\n")
-    lines: list[str] = []
-    for group, entries in project["entry-points"].items():
-        lines += [f"[{group}]", *(f"{name} = {value}" for name, value in entries.items())]
-    (info / "entry_points.txt").write_text("\n".join(lines))
-    for group in GROUPS.values():
-        assert "my-way" not in group.names  # found without the package, to which the end of the test returns
-    patch.setattr(sys, "path", [str(source), *sys.path])
-    for group in GROUPS.values():
-        patch.setattr(group, "_entries", vars(PluginGroup)["_entries"].func(group))
+    groups = tomllib.loads((package / "pyproject.toml").read_text())["project"]["entry-points"]
+    entries = {
+        group.removeprefix("pointit."): "\n".join(f"{name} = {value}" for name, value in found.items())
+        for group, found in groups.items()
+    }
+    stack.enter_context(strangers.installed(package / "src", "no_module", "", **entries))
 
 
 def checked(*arguments: str) -> Result:
     return CliRunner().invoke(check.command, arguments, catch_exceptions=False)
 
 
-def test_new_package_is_found_and_keeps_its_promises(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    install(written("selection-method", "my-way", tmp_path), monkeypatch)
+def test_new_package_is_found_and_keeps_its_promises(tmp_path: Path, stack: contextlib.ExitStack) -> None:
+    install(written("selection-method", "my-way", tmp_path), stack)
     result = checked()  # all of other packages
     assert result.exit_code == 0, result.output
     assert "kept   selection-method my-way: selects the object" in result.output
@@ -75,12 +74,12 @@ def test_broken_promise_is_named_with_its_remedy(
     wrong: tuple[str, str],
     said: tuple[str, str],
     tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
+    stack: contextlib.ExitStack,
 ) -> None:
     package = written("selection-method", name, tmp_path)
     module = package / "src" / name.replace("-", "_") / "__init__.py"
     module.write_text(module.read_text().replace(*wrong))
-    install(package, monkeypatch)
+    install(package, stack)
     result = checked(name)
     assert result.exit_code == 1
     assert f"broken selection-method {name}: {said[0]}" in result.output
@@ -88,30 +87,17 @@ def test_broken_promise_is_named_with_its_remedy(
 
 
 def test_plugin_without_a_fake_device_is_told_how_to_get_one(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, stack: contextlib.ExitStack
 ) -> None:
     package = written("imu-source", "my-bare-wrist", tmp_path)
     project = package / "pyproject.toml"
     project.write_text(project.read_text().replace("pointit.fake_devices", "somebody.elses"))
-    install(package, monkeypatch)
+    install(package, stack)
     result = checked("my-bare-wrist", "--json")
     assert result.exit_code == 1
     (row,) = json.loads(result.output)
     assert (row["plugin"], row["check"]) == ("imu-source my-bare-wrist", "fake_device")
     assert "add an entry point 'my-bare-wrist' of the group pointit.fake_devices" in row["problem"]
-
-
-@pytest.mark.parametrize(
-    ("plugin", "problem"),
-    [
-        (Plugin(summary="two\nlines", config=Config), "the summary is no line"),
-        (Plugin(summary="long " * 21, config=Config), "the summary is no line"),
-        (Plugin(summary="fine", config=Config, argument="host"), "the argument 'host' is no parameter"),
-    ],
-)
-def test_plugin_that_no_list_can_show_is_refused(plugin: Plugin, problem: str) -> None:
-    with pytest.raises(CheckFailedError, match=problem):
-        require_parameters(plugin)
 
 
 def test_harness_that_raises_is_named() -> None:

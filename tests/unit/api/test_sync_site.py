@@ -1,30 +1,17 @@
 """A site without asyncio, on a bus in memory."""
 
 import asyncio
-import contextlib
-from collections.abc import AsyncGenerator, Iterator
+from collections.abc import Iterator
 
 import pytest
 
 from pointit.api.portal import LoopThread
-from pointit.api.site import Site
 from pointit.api.sync_site import SyncSite
 from pointit.errors import KeyNameError, SchemaError
-from pointit.runtime.bus.memory_bus import MemoryBus
-from pointit.runtime.clock import WallClock
 from pointit.schemas import TrackedObject
+from tests.contract.public_api import in_memory
 
 CUP = TrackedObject(id="cup", kind="red", position_m=(1.0, 2.0, 0.8))
-
-
-@contextlib.asynccontextmanager
-async def in_memory() -> AsyncGenerator[Site]:
-    bus = MemoryBus()
-    try:
-        async with Site.on(bus, WallClock()) as site:
-            yield site
-    finally:
-        await bus.close()
 
 
 @pytest.fixture

@@ -74,7 +74,11 @@ async def cancels_itself() -> None:
     ],
 )
 async def test_plugin_that_ends_is_named_and_restarted_until_it_runs(
-    run: Callable[[], Awaitable[None]], how: str, guard: PluginGuard, sink: Sink
+    run: Callable[[], Awaitable[None]],
+    how: str,
+    guard: PluginGuard,
+    sink: Sink,
+    caplog: pytest.LogCaptureFixture,
 ) -> None:
     runs = 0
 
@@ -82,7 +86,9 @@ async def test_plugin_that_ends_is_named_and_restarted_until_it_runs(
         nonlocal runs
         runs += 1
         if runs > 3:
-            await asyncio.Event().wait()
+            with contextlib.suppress(asyncio.CancelledError):
+                await asyncio.Event().wait()
+            raise ValueError("port lost")
         await run()
 
     work = asyncio.create_task(guard.keep_running(third_time_lucky))
@@ -95,6 +101,7 @@ async def test_plugin_that_ends_is_named_and_restarted_until_it_runs(
     work.cancel()
     await asyncio.wait({work})
     assert work.cancelled()
+    assert "part 'mine' of strangers failed at its end: ValueError: port lost" in caplog.text
 
 
 def test_plugin_that_does_not_end_when_cancelled_is_abandoned_and_does_not_hold_up_the_end(
@@ -122,23 +129,6 @@ def test_plugin_that_does_not_end_when_cancelled_is_abandoned_and_does_not_hold_
         await until(lambda: not plugin_guard.abandoned)
 
     asyncio.run(site())
-
-
-async def test_failure_of_a_plugin_that_is_cancelled_is_logged(
-    guard: PluginGuard, caplog: pytest.LogCaptureFixture
-) -> None:
-    async def fails_at_its_end() -> None:
-        with contextlib.suppress(asyncio.CancelledError):
-            await asyncio.Event().wait()
-        raise ValueError("port lost")
-
-    work = asyncio.create_task(guard.keep_running(fails_at_its_end))
-    await asyncio.sleep(0)
-    await asyncio.sleep(0)
-    work.cancel()
-    await asyncio.wait({work})
-    assert work.cancelled()
-    assert "part 'mine' of strangers failed at its end: ValueError: port lost" in caplog.text
 
 
 async def test_plugin_that_blocks_the_loop_is_named_with_the_line_for_a_while(

@@ -1,6 +1,7 @@
 """IMU sources with one fault each, made from the template, and the check that must catch it."""
 
 import asyncio
+import contextlib
 import math
 import threading
 import time
@@ -146,12 +147,10 @@ class TrustsTheNorm(OwnLoop):
 
 class LetsNanThrough(OwnLoop):
     def orientation(self, line: bytes) -> Quaternion | None:
-        try:
+        with contextlib.suppress(ValueError):
             w, x, y, z = map(float, line.split(b","))
-        except ValueError:
-            return None
-        norm = math.hypot(w, x, y, z)
-        return None if abs(norm - 1.0) > 0.1 else (x / norm, y / norm, z / norm, w / norm)
+            return None if abs(math.hypot(w, x, y, z) - 1.0) > 0.1 else (x, y, z, w)
+        return None
 
 
 class DiesOfBadBytes(OwnLoop):

@@ -141,7 +141,6 @@ def test_name_that_cannot_be_a_package_is_refused(name: str) -> None:
         ("imu-source", "serial", "IMU source 'serial' of pointit is installed"),
         ("selection-method", "hold", "selection method 'hold' of pointit is installed"),
         ("imu-source", "source", "'source' is a parameter"),
-        ("selection-method", "journal", "'journal' is a parameter"),
         ("selection-method", "window-s", "'window-s' is a parameter"),
     ],
 )

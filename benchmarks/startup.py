@@ -21,7 +21,7 @@ COMMANDS = {
     "pointit --help": ("-m", "pointit.cli", "--help"),
     "pointit run --help": ("-m", "pointit.cli", "run", "--help"),
 }
-"""What is started, by name, as arguments of Python."""
+"""Programs to start, by name, as arguments of Python."""
 
 
 def commands() -> dict[str, float]:

@@ -12,7 +12,7 @@ from pointit import errors
 from pointit.api import requests
 from pointit.api.feed import Feed
 from pointit.api.lamp import Lamp
-from pointit.api.latest import Latest, Newest, NewestOne
+from pointit.api.latest import Latest, Newest
 from pointit.api.tracker import Tracker
 from pointit.cli.main import front
 from pointit.launch.plan.scenario import read_scenario, scenario_names
@@ -182,7 +182,7 @@ def api() -> Iterator[str]:
         if is_ours and name[0] != "_" and name != "PointItError":
             yield _documented(f"{public.__module__}.{public.__qualname__}", f"pointit.{name}")
     yield "# Parts of a site"
-    for part in (Feed, Lamp, Tracker, Latest, Newest, NewestOne, *_request_classes()):
+    for part in (Feed, Lamp, Tracker, Latest, Newest, *_request_classes()):
         yield _documented(f"{part.__module__}.{part.__qualname__}", part.__qualname__)
     yield "# Errors"
     yield "`pointit.errors`: each is a `PointItError`, whose text is one sentence: what, where, what to do."

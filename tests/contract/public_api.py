@@ -1,9 +1,9 @@
 """The recorded listing of the public API. `python -m tests.contract.public_api` records what is there now."""
 
 import ast
-import asyncio
 import contextlib
 import dataclasses
+import functools
 import inspect
 import re
 import sys
@@ -16,11 +16,11 @@ import pointit
 from pointit import errors, plugins, testing
 from pointit.api.feed import Feed
 from pointit.api.lamp import Lamp
-from pointit.api.latest import Latest, Newest, NewestOne
-from pointit.api.portal import LoopThread
+from pointit.api.latest import Latest, Newest
+from pointit.api.loop_thread import LoopThread
 from pointit.api.run import Run
 from pointit.api.site import Site
-from pointit.api.sync_latest import SyncLatest, SyncNewest, SyncNewestOne
+from pointit.api.sync_latest import SyncLatest, SyncNewest
 from pointit.api.sync_site import SyncFeed, SyncSite, SyncTracker
 from pointit.api.tracker import Tracker
 from pointit.runtime.bus.memory_bus import MemoryBus
@@ -30,13 +30,13 @@ LISTING = Path(__file__).with_name("public_api.txt")
 CHANGELOG = Path(__file__).parents[2] / "CHANGELOG.md"
 FUNCTIONS = ("connect", "open", "run", "run_virtually")
 CLASSES = (
-    *(Site, Feed, Latest, Newest, NewestOne, Tracker, Lamp, Run),
-    *(SyncSite, SyncFeed, SyncLatest, SyncNewest, SyncNewestOne, SyncTracker),
+    *(Site, Feed, Latest, Newest, Tracker, Lamp, Run),
+    *(SyncSite, SyncFeed, SyncLatest, SyncNewest, SyncTracker),
 )
 BLOCKS = ("__aenter__", "__enter__", "__getitem__", "__anext__", "__next__")
 """Methods with names of Python's own whose types are part of the API."""
-INTERNAL = {"Site": {"on", "fail"}, "Tracker": {"deny"}}
-"""Methods that other modules of the API call."""
+INTERNAL = {"on", "fail"}
+"""Methods of `Site` that other modules of the API call; `mkdocs.yml` hides them, too."""
 
 
 @contextlib.asynccontextmanager
@@ -50,20 +50,11 @@ async def in_memory() -> AsyncGenerator[Site]:
         await bus.close()
 
 
-def groups() -> dict[str, Any]:
-    """Return the objects of `Site` whose methods are requests, by attribute."""
-
-    async def made() -> dict[str, Any]:
-        async with in_memory() as site:
-            return groups_of(site)
-
-    return asyncio.run(made())
-
-
-def sync_groups() -> dict[str, Any]:
-    """Return those of `SyncSite`."""
-    with SyncSite(in_memory(), LoopThread()) as site:
-        return groups_of(site)
+@functools.cache
+def sites() -> tuple[Site, SyncSite]:
+    """Return a site and its synchronous twin, which are closed."""
+    with SyncSite(in_memory(), LoopThread()) as twin:
+        return twin._site, twin
 
 
 def groups_of(site: Site | SyncSite) -> dict[str, Any]:
@@ -79,21 +70,32 @@ def listing() -> list[str]:
         bases = ", ".join(base.__name__ for base in getattr(errors, name).__bases__)
         lines.append(f"pointit.errors.{name}({bases})")
     for kind in CLASSES:
-        lines += members(kind, kind.__name__, INTERNAL.get(kind.__name__, set()))
+        lines += members(kind, kind.__name__)
     lines += ["Site.latest: Latest", "SyncSite.latest: SyncLatest"]
-    for name, group in groups().items():
-        lines += [group_line("Site", name, group), *members(group.__class__, f"Site.{name}", set())]
-    lines += [group_line("SyncSite", name, group) for name, group in sync_groups().items()]
+    lines += newest_lines()
+    for site in sites():
+        for name, group in groups_of(site).items():
+            lines.append(f"{type(site).__name__}.{name}: {without_modules(group.__orig_class__)}")
+            lines += members(type(group), f"Site.{name}") if isinstance(site, Site) else []
     for module in (plugins, testing):
         for name in module.__all__:
             lines += for_authors(getattr(module, name), f"{module.__name__}.{name}")
     return sorted(lines)
 
 
-def group_line(site: str, name: str, group: Any) -> str:
-    """Return the line of a group of requests, with the types of its replies."""
-    arguments = re.sub(r"[\w.]+\.", "", str(group.__orig_class__))
-    return f"{site}.{name}: {arguments}"
+def newest_lines() -> Iterator[str]:
+    """Yield the lines of `site.latest`, with the types of its messages."""
+    site, twin = sites()
+    for name, newest in vars(site.latest).items():
+        its_twin = getattr(twin.latest, name)
+        assert its_twin._newest is newest
+        for kind, each in (("Latest", newest), ("SyncLatest", its_twin)):
+            yield f"{kind}.{name}: {type(each).__name__}[{newest._topic.message.__name__}]"
+
+
+def without_modules(annotation: Any) -> str:
+    """Return a type as it is written in a source."""
+    return re.sub(r"[\w.]+\.|~", "", inspect.formatannotation(annotation))
 
 
 def for_authors(value: Any, path: str) -> Iterator[str]:
@@ -104,7 +106,7 @@ def for_authors(value: Any, path: str) -> Iterator[str]:
     yield path
     if not inspect.isclass(value) or value.__module__.startswith("pointit.schemas"):
         return
-    yield from members(value, path, set())
+    yield from members(value, path)
     is_written = not (dataclasses.is_dataclass(value) or getattr(value, "_is_protocol", False))
     if "__init__" in vars(value) and is_written:
         yield f"{path}.__init__{signature(value.__init__)}"
@@ -116,11 +118,11 @@ def for_authors(value: Any, path: str) -> Iterator[str]:
             yield f"{path}.{name}: {ast.unparse(field.annotation)}{default}"
 
 
-def members(kind: Any, path: str, internal: set[str]) -> Iterator[str]:
+def members(kind: Any, path: str) -> Iterator[str]:
     """Yield a line for each public member of `kind`."""
     ours = [base for base in kind.__mro__ if base.__module__.startswith("pointit.")]
     for name, value in inspect.getmembers(kind):
-        if name in internal or (name.startswith("_") and name not in BLOCKS):
+        if (kind is Site and name in INTERNAL) or (name.startswith("_") and name not in BLOCKS):
             continue
         if not any(name in vars(base) for base in ours):  # such as those of `Mapping`
             continue
@@ -147,6 +149,8 @@ def signature(function: Any) -> str:
         shown.append(f"{name}: {types.get(name, '')}{default}")
     result = ast.unparse(node.returns).strip("'") if node.returns else ""
     awaited = "async " if isinstance(node, ast.AsyncFunctionDef) else ""
+    if hasattr(function, "__wrapped__"):  # a method of `Site` as `SyncSite` has it
+        result, awaited = without_modules(inspect.signature(function).return_annotation), ""
     return f"({', '.join(shown)}) -> {awaited}{result}"
 
 

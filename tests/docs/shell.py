@@ -10,9 +10,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from tests.docs.blocks import ROOT, Block, difference
+from tests.support.pace import Patience
 
 PATIENCE_S = 60.0
-"""Longest time of a block."""
+"""Longest time of a block on a quiet machine."""
 STOPPED = {0, 128 + signal.SIGINT}
 """Exit codes after Ctrl-C."""
 NAMESPACES = ("unshare", "--net", "--pid", "--fork", "--kill-child", "--mount-proc")
@@ -90,15 +91,14 @@ class Shell:
             await self._stop(block.terminal)
         process = await self._say(f"(. {code}) >{output} 2>&1 </dev/null & printf '%s ' $!", block)
         self._terminals[block.terminal] = Terminal(block=block, process=int(process), output=output)
-        try:
-            async with asyncio.timeout(PATIENCE_S):
-                while not (printed := _read(output)) or (block.output and difference(block.output, printed)):
-                    await self._check_running(self._terminals[block.terminal])
-                    await asyncio.sleep(0.05)
-        except TimeoutError:
-            raise BlockError(
-                f"{block.place} did not print what is shown within {PATIENCE_S:.0f} s, but\n{_read(output)}"
-            ) from None
+        patience = Patience(PATIENCE_S)
+        while not (printed := _read(output)) or (block.output and difference(block.output, printed)):
+            await self._check_running(self._terminals[block.terminal])
+            await asyncio.sleep(0.05)
+            if patience.is_over():
+                raise BlockError(
+                    f"{block.place} did not print what is shown within {patience}, but\n{printed}"
+                )
 
     async def _check_running(self, terminal: Terminal) -> None:
         if await self._say(f"kill -0 {terminal.process} 2>&- || printf ended", terminal.block):
@@ -119,13 +119,13 @@ class Shell:
         assert self._bash.stdin is not None
         assert self._bash.stdout is not None
         self._bash.stdin.write(f"{command}; echo\n".encode())
-        try:
-            async with asyncio.timeout(PATIENCE_S):
-                line = await self._bash.stdout.readline()
-        except TimeoutError:
-            raise BlockError(
-                f"{block.place} did not end within {PATIENCE_S:.0f} s; is it `terminal 1`?"
-            ) from None
+        patience = Patience(PATIENCE_S)
+        reading = asyncio.ensure_future(self._bash.stdout.readline())
+        while not (await asyncio.wait({reading}, timeout=1.0))[0]:
+            if patience.is_over():
+                reading.cancel()
+                raise BlockError(f"{block.place} did not end within {patience}; is it `terminal 1`?")
+        line = await reading
         if not line:
             raise BlockError(f"{block.place} ended the shell")
         return line.decode().strip()

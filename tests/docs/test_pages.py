@@ -41,6 +41,8 @@ READERS: dict[str, Callable[[str], Any]] = {"yaml": yaml.safe_load, "json": json
 PAGES = {str(page.relative_to(ROOT)): blocks(page, page.read_text(encoding="utf-8")) for page in pages()}
 
 
+@pytest.mark.slow  # `scripts/docs` runs them
+@pytest.mark.timeout(900)  # of each block: see `PATIENCE_S`
 @pytest.mark.parametrize(
     "page", [name for name, found in PAGES.items() if any(each.language in RUN for each in found)]
 )

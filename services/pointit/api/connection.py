@@ -7,7 +7,7 @@ import os
 from collections.abc import AsyncGenerator, Sequence
 from pathlib import Path
 
-from pointit.api.portal import LoopThread
+from pointit.api.loop_thread import LoopThread
 from pointit.api.site import Site
 from pointit.api.sync_site import SyncSite
 from pointit.runtime.clock import SiteClock
@@ -62,8 +62,8 @@ def open(  # noqa: A001 - `pointit.open`
     The site is also a context manager. Without `with`, close it at the end. Arguments and errors are those of
     `connect`.
     """
-    portal = LoopThread()
-    return SyncSite(_join(address, site, credentials, patience_s), portal)
+    thread = LoopThread()
+    return SyncSite(_join(address, site, credentials, patience_s), thread)
 
 
 @contextlib.asynccontextmanager

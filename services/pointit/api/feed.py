@@ -2,8 +2,10 @@
 
 import asyncio
 import collections
+import contextlib
+import itertools
 import logging
-from collections.abc import Callable
+from collections.abc import AsyncIterator, Callable
 from typing import Any, Generic, TypeVar
 
 from pointit.runtime.bus.contract import EVENT_CAPACITY, Subscription, SubscriptionStats
@@ -15,64 +17,59 @@ log = logging.getLogger(__name__)
 T = TypeVar("T")
 U = TypeVar("U")
 
-DOUBT_S = 1.0
+UNREADABLE_TIMEOUT_S = 1.0
 """Time without a readable message after which unreadable ones count as those of another version."""
-STRAYS = 3
+MAX_STRAYS = 3
 """So many unreadable ones do not yet."""
 
 
-class Inbox(Generic[U]):
+class ReceiveBuffer(Generic[U]):
     """Holds what came, by name, until it is taken. Use in the event loop only."""
 
     def __init__(self, delivery: Delivery, *, one_writer: bool = False) -> None:
-        self._may_doubt = one_writer and delivery is not Delivery.EVENT
-        self._strays = 0 if delivery is Delivery.STATE else STRAYS
-        self._newest: dict[str, U] | None = None if delivery is Delivery.EVENT else {}
-        self._events: collections.deque[tuple[str, U]] = collections.deque(maxlen=EVENT_CAPACITY)
+        self._keeps_all = delivery is Delivery.EVENT
+        self._has_one_writer = one_writer and not self._keeps_all
+        self._max_strays = 0 if delivery is Delivery.STATE else MAX_STRAYS
+        self._items: collections.OrderedDict[object, tuple[str, U]] = collections.OrderedDict()
+        """Items with their names, by name, or by number if it keeps all."""
+        self._numbers = itertools.count()
         self._changed = asyncio.Event()
-        self._has_ended = False
+        self._is_closed = False
         self._error: Exception | None = None
         self._overflowed = 0
-        self._is_heard = False
-        self._is_told = False
+        self._has_received = False
+        self._has_warned = False
         self.source: Subscription | None = None
         """The subscription that fills it."""
 
     def __len__(self) -> int:
-        return len(self._events) if self._newest is None else len(self._newest)
+        return len(self._items)
 
     @property
     def lost(self) -> int:
         """Return the number of events that were not received or not taken in time."""
-        if self._newest is not None:
+        if not self._keeps_all or self.source is None:
             return 0
-        traffic = None if self.source is None else self.source.traffic
-        return self._overflowed + (0 if traffic is None else traffic.lost + traffic.dropped)
+        return self._overflowed + self.source.traffic.lost + self.source.traffic.dropped
 
     def put(self, item: U, name: str) -> None:
         """Add what came under `name`, in place of what is still there under it unless all of it counts."""
-        self._is_heard = True
-        if self._newest is not None:
-            self._newest[name] = item
-        else:
-            if len(self._events) == EVENT_CAPACITY:
-                self._overflowed += 1
-                if self._overflowed == 1:
-                    log.warning("events come faster than they are taken: the oldest ones are lost")
-            self._events.append((name, item))
+        self._has_received = True
+        self._items[next(self._numbers) if self._keeps_all else name] = (name, item)
+        if self._keeps_all and len(self._items) > EVENT_CAPACITY:
+            self._items.popitem(last=False)
+            self._overflowed += 1
+            if self._overflowed == 1:
+                log.warning("events come faster than they are taken: the oldest ones are lost")
         self._changed.set()
 
-    def end(self, error: Exception | None = None) -> None:
-        """Add nothing any more; who takes gets what is there, then `error` or the end."""
-        if not self._has_ended:
-            self._has_ended, self._error = True, error
+    def close(self, error: Exception | None = None) -> None:
+        """Stop filling it; who takes gets what is there, then `error` or the end."""
+        if not self._is_closed:
+            self._is_closed, self._error = True, error
             self._changed.set()
-
-    def close(self) -> None:
-        """Stop filling it."""
-        if self.source is not None:
-            self.source.close()
-        self.end()
+            if self.source is not None:
+                self.source.close()
 
     async def take(self) -> tuple[str, U]:
         """Return the oldest of what is there, or wait for it.
@@ -81,35 +78,29 @@ class Inbox(Generic[U]):
             StopAsyncIteration: If nothing more comes.
             PointItError: If nothing more comes because of that.
         """
-        while not len(self):
-            if self._error is not None:
-                raise self._error
-            if self._has_ended:
-                raise StopAsyncIteration
+        while not self._items:
+            if self._is_closed:
+                raise self._error or StopAsyncIteration
             self._changed.clear()
             await self._wait()
-        if self._newest is None:
-            return self._events.popleft()
-        name = next(iter(self._newest))
-        return name, self._newest.pop(name)
+        return self._items.popitem(last=False)[1]
 
     async def _wait(self) -> None:
-        if self._is_heard or self.source is None:
+        if self._has_received or self.source is None:
             await self._changed.wait()
             return
         try:
-            async with asyncio.timeout(DOUBT_S):
+            async with asyncio.timeout(UNREADABLE_TIMEOUT_S):
                 await self._changed.wait()
         except TimeoutError:
-            if self.source.traffic.invalid > self._strays:
-                self._doubt(self.source.traffic)
+            if self.source.traffic.invalid > self._max_strays:
+                self._report_unreadable(self.source.traffic)
 
-    def _doubt(self, traffic: SubscriptionStats) -> None:
-        if self._may_doubt:
-            self.end(VersionError(unreadable(traffic)))
-            self.close()
-        elif not self._is_told:  # others may write what can be read
-            self._is_told = True
+    def _report_unreadable(self, traffic: SubscriptionStats) -> None:
+        if self._has_one_writer:
+            self.close(VersionError(unreadable(traffic)))
+        elif not self._has_warned:  # others may write what can be read
+            self._has_warned = True
             log.warning("%s", unreadable(traffic))
 
 
@@ -121,7 +112,7 @@ def unreadable(traffic: SubscriptionStats) -> str:
     )
 
 
-class Feed(Generic[T]):
+class Feed(AsyncIterator[T], Generic[T]):
     """The messages of a topic from the call that made it on, one per step of `async for`.
 
     A slow loop gets the newest of each name, or of events every one, up to 1024 that wait. The loop ends when
@@ -134,12 +125,16 @@ class Feed(Generic[T]):
     """
 
     def __init__(
-        self, inbox: Inbox[Any], pick: Callable[[tuple[str, Any]], T], speed: Callable[[], float]
+        self,
+        buffer: ReceiveBuffer[Any],
+        pick: Callable[[tuple[str, Any]], T],
+        speed: Callable[[], float],
+        duration_s: float | None = None,
     ) -> None:
-        self._inbox = inbox
+        self._buffer = buffer
         self._pick = pick
         self._speed = speed
-        self._duration_s: float | None = None
+        self._duration_s = duration_s
         self._end_s: float | None = None
         self._left: int | None = None
         """Items to give after the end of the duration."""
@@ -147,55 +142,35 @@ class Feed(Generic[T]):
     @property
     def lost(self) -> int:
         """Return the number of events that were lost on the way, or because the loop was too slow."""
-        return self._inbox.lost
+        return self._buffer.lost
 
     def items(self) -> "Feed[tuple[str, T]]":
         """Return the same with the name of each item: the person, tracker, service or lamp."""
         pick = self._pick
-        named = Feed(self._inbox, lambda pair: (pair[0], pick(pair)), self._speed)
-        named._duration_s = self._duration_s
-        return named
+        return Feed(self._buffer, lambda pair: (pair[0], pick(pair)), self._speed, self._duration_s)
 
     def during(self, seconds: float) -> "Feed[T]":
         """Return the same, ended after so many seconds of the site's time from the first step on.
 
         `during(0)` gives what has come so far.
         """
-        limited = Feed(self._inbox, self._pick, self._speed)
-        limited._duration_s = seconds
-        return limited
+        return Feed(self._buffer, self._pick, self._speed, seconds)
 
     def close(self) -> None:
         """Receive nothing more. Unnecessary where the site is closed, or nothing refers to it any more."""
-        self._inbox.close()
-
-    def __aiter__(self) -> "Feed[T]":
-        return self
+        self._buffer.close()
 
     async def __anext__(self) -> T:
-        if self._duration_s is None:
-            return self._pick(await self._inbox.take())
         now_s = asyncio.get_running_loop().time()
-        if self._end_s is None:
+        if self._end_s is None and self._duration_s is not None:
             self._end_s = now_s + self._duration_s / self._speed()
-        if self._left is None and now_s < self._end_s:
-            try:
+        if self._end_s is None or now_s < self._end_s:
+            with contextlib.suppress(TimeoutError):
                 async with asyncio.timeout_at(self._end_s):
-                    return self._pick(await self._inbox.take())
-            except TimeoutError:
-                pass
+                    return self._pick(await self._buffer.take())
         if self._left is None:
-            self._left = len(self._inbox)
-        if not self._left or not len(self._inbox):
+            self._left = len(self._buffer)
+        if not self._left or not len(self._buffer):
             raise StopAsyncIteration
         self._left -= 1
-        return self._pick(await self._inbox.take())
-
-
-def feed_of(inbox: Inbox[U], speed: Callable[[], float]) -> Feed[U]:
-    """Return the iterator over `inbox`, whose names are left out."""
-
-    def pick(pair: tuple[str, U]) -> U:
-        return pair[1]
-
-    return Feed(inbox, pick, speed)
+        return self._pick(await self._buffer.take())

@@ -3,40 +3,14 @@
 import asyncio
 import contextlib
 from collections.abc import Callable, Iterator, Mapping
-from typing import Any, Generic, TypeVar
+from typing import Generic, TypeVar
 
 from pointit.api.feed import unreadable
+from pointit.runtime.bus.contract import Subscription
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.errors import AccessDeniedError, NoMessageError, VersionError
-from pointit.schemas import (
-    ConveyorState,
-    Cursor,
-    Environment,
-    Health,
-    Hover,
-    Interaction,
-    LampColor,
-    Message,
-    PointingRay,
-    Selection,
-    TrackedObjects,
-    UserPose,
-)
-from pointit.schemas.topics import (
-    ANY,
-    CONVEYOR_STATE,
-    CURSOR,
-    HEALTH,
-    HOVER,
-    INTERACTION,
-    LAMP_COLOR,
-    MAP,
-    OBJECTS,
-    POSE,
-    RAY,
-    SELECTION,
-    Topic,
-)
+from pointit.schemas import Message, topics
+from pointit.schemas.topics import ANY, Topic
 
 M = TypeVar("M", bound=Message)
 
@@ -47,7 +21,8 @@ PATIENCE_S = 2.0
 class Newest(Mapping[str, M], Generic[M]):
     """The newest message of each person, tracker, service or lamp; kept up to date from the first use on.
 
-    Nothing but `wait` waits, so `[name]` and `get` find nothing yet at the first use.
+    Nothing but `wait` waits, so `[name]`, `get` and `value` find nothing yet at the first use. On a secured
+    site each name is received from its own first use on, since an identity may read only some.
     """
 
     def __init__(self, bus: MemoryBus, topic: Topic[M], check_open: Callable[[], None]) -> None:
@@ -56,7 +31,7 @@ class Newest(Mapping[str, M], Generic[M]):
         self._check_open = check_open
         self._values: dict[str, M] = {}
         self._changed = asyncio.Event()
-        self._subscription = bus.subscribe(topic, self._on_message)
+        self._subscriptions: dict[str, Subscription] = {}
 
     def __getitem__(self, name: str) -> M:
         """Return the newest message of `name`.
@@ -65,21 +40,26 @@ class Newest(Mapping[str, M], Generic[M]):
             NoMessageError: If nothing has come yet.
             BusClosedError: If the site is closed.
         """
-        self._check_open()
+        self._receive(name)
         if name in self._values:
             return self._values[name]
         raise NoMessageError(f"nothing has come on {self._topic.at(name)} yet; `wait` for it")
 
     def __iter__(self) -> Iterator[str]:
-        self._check_open()
+        self._receive(ANY)
         return iter(list(self._values))
 
     def __len__(self) -> int:
-        self._check_open()
+        self._receive(ANY)
         return len(self._values)
 
-    async def wait(self, name: str, *, patience_s: float = PATIENCE_S) -> M:
-        """Return the newest message of `name`, as soon as there is one.
+    @property
+    def value(self) -> M:
+        """The newest message of a topic that has one writer, such as the map. Raises as `[name]` does."""
+        return self[""]
+
+    async def wait(self, name: str = "", *, patience_s: float = PATIENCE_S) -> M:
+        """Return the newest message of `name`, or of the one writer, as soon as there is one.
 
         Raises:
             NoMessageError: If none has come within `patience_s`.
@@ -87,8 +67,7 @@ class Newest(Mapping[str, M], Generic[M]):
             VersionError: If none of what came can be read.
             BusClosedError: If the site is closed.
         """
-        self._check_open()
-        key = self._topic.at(name)
+        subscription = self._receive(name)
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(patience_s):
                 while name not in self._values:
@@ -97,104 +76,50 @@ class Newest(Mapping[str, M], Generic[M]):
         self._check_open()
         if name in self._values:
             return self._values[name]
-        if denied := await self._bus.denial_reason("reads", self._topic, ANY):
+        if denied := await self._bus.denial_reason("reads", self._topic, name):
             raise AccessDeniedError(denied)
-        if self._subscription.traffic.invalid and not self._values:
-            raise VersionError(unreadable(self._subscription.traffic))
+        if subscription.traffic.invalid and not self._values:
+            raise VersionError(unreadable(subscription.traffic))
+        key = self._topic.at(name)
         raise NoMessageError(f"nothing came on {key} within {patience_s:g} s; see `pointit doctor`")
+
+    def _receive(self, name: str) -> Subscription:
+        """Return the subscription by which `name` comes."""
+        self._check_open()
+        self._topic.at(name)
+        which = (self._bus.is_restricted and name) or ANY
+        if which not in self._subscriptions:
+            self._subscriptions[which] = self._bus.subscribe(self._topic, self._on_message, which)
+        return self._subscriptions[which]
 
     def _on_message(self, message: M, name: str) -> None:
         self._values[name] = message
         self._changed.set()
 
 
-class NewestOne(Generic[M]):
-    """The newest message of a topic that has one writer; kept up to date from the first use on."""
-
-    def __init__(self, newest: Newest[M]) -> None:
-        self._newest = newest
-
-    @property
-    def value(self) -> M:
-        """The newest message.
-
-        Raises:
-            NoMessageError: If nothing has come yet, as always at the first use.
-            BusClosedError: If the site is closed.
-        """
-        return self._newest[""]
-
-    async def wait(self, *, patience_s: float = PATIENCE_S) -> M:
-        """Return the newest message, as soon as there is one. Raises what `Newest.wait` raises."""
-        return await self._newest.wait("", patience_s=patience_s)
-
-
 class Latest:
     """The newest messages of a site. Each topic is received from its first use on."""
 
     def __init__(self, bus: MemoryBus, check_open: Callable[[], None]) -> None:
-        self._bus = bus
-        self._check_open = check_open
-        self._followed: dict[str, Newest[Any]] = {}
-
-    @property
-    def cursor(self) -> Newest[Cursor]:
+        self.cursor = Newest(bus, topics.CURSOR, check_open)
         """Cursors by person."""
-        return self._of(CURSOR)
-
-    @property
-    def ray(self) -> Newest[PointingRay]:
+        self.ray = Newest(bus, topics.RAY, check_open)
         """Pointing rays by person."""
-        return self._of(RAY)
-
-    @property
-    def hover(self) -> Newest[Hover]:
+        self.hover = Newest(bus, topics.HOVER, check_open)
         """Objects under cursors by person."""
-        return self._of(HOVER)
-
-    @property
-    def pose(self) -> Newest[UserPose]:
+        self.pose = Newest(bus, topics.POSE, check_open)
         """Poses by person."""
-        return self._of(POSE)
-
-    @property
-    def interaction(self) -> Newest[Interaction]:
+        self.interaction = Newest(bus, topics.INTERACTION, check_open)
         """States of the interaction by person."""
-        return self._of(INTERACTION)
-
-    @property
-    def objects(self) -> Newest[TrackedObjects]:
+        self.objects = Newest(bus, topics.OBJECTS, check_open)
         """Objects by tracker."""
-        return self._of(OBJECTS)
-
-    @property
-    def health(self) -> Newest[Health]:
+        self.health = Newest(bus, topics.HEALTH, check_open)
         """Reports by service instance."""
-        return self._of(HEALTH)
-
-    @property
-    def lamp(self) -> Newest[LampColor]:
+        self.lamp = Newest(bus, topics.LAMP_COLOR, check_open)
         """Colours by lamp."""
-        return self._of(LAMP_COLOR)
-
-    @property
-    def selection(self) -> NewestOne[Selection]:
+        self.selection = Newest(bus, topics.SELECTION, check_open)
         """All selected objects."""
-        return NewestOne(self._of(SELECTION))
-
-    @property
-    def map(self) -> NewestOne[Environment]:
+        self.map = Newest(bus, topics.MAP, check_open)
         """The room."""
-        return NewestOne(self._of(MAP))
-
-    @property
-    def conveyor(self) -> NewestOne[ConveyorState]:
+        self.conveyor = Newest(bus, topics.CONVEYOR_STATE, check_open)
         """The state of the conveyor."""
-        return NewestOne(self._of(CONVEYOR_STATE))
-
-    def _of(self, topic: Topic[M]) -> Newest[M]:
-        found = self._followed.get(topic.key)
-        if found is None:
-            self._check_open()
-            found = self._followed[topic.key] = Newest(self._bus, topic, self._check_open)
-        return found

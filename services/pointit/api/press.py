@@ -2,7 +2,7 @@
 
 import asyncio
 import contextlib
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from typing import Literal
 
 from pointit.runtime.bus.contract import Bus
@@ -66,10 +66,7 @@ class _Person:
 
     async def first(self, patience_s: float) -> Interaction:
         """Return the interaction as soon as it and the supervisor are known."""
-        with contextlib.suppress(TimeoutError):
-            async with asyncio.timeout(patience_s):
-                while self._newest is None or self.supervisor not in self._present:
-                    await self._change()
+        await self._until(lambda: bool(self._newest and self.supervisor in self._present), patience_s)
         if self._newest is None or self.supervisor not in self._present:
             raise NoAnswerError(f"{self._user} has no supervisor: {self._advice()}")
         return self._newest
@@ -77,19 +74,17 @@ class _Person:
     async def next(self, patience_s: float) -> Interaction | None:
         """Return the interaction after the next Interaction or cue, or None if neither arrives."""
         before, self._is_cued = self._newest, False
-        with contextlib.suppress(TimeoutError):
-            async with asyncio.timeout(patience_s):
-                while self._newest is before and not self._is_cued:
-                    await self._change()
-        if self._newest is before and self._is_cued:
-            with contextlib.suppress(TimeoutError):
-                async with asyncio.timeout(CUE_FIRST_S):
-                    await self._change()
+        await self._until(lambda: self._newest is not before or self._is_cued, patience_s)
+        if self._is_cued:
+            await self._until(lambda: self._newest is not before, CUE_FIRST_S)
         return None if self._newest is before and not self._is_cued else self._newest
 
-    async def _change(self) -> None:
-        self._changed.clear()
-        await self._changed.wait()
+    async def _until(self, condition: Callable[[], bool], patience_s: float) -> None:
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(patience_s):
+                while not condition():
+                    self._changed.clear()
+                    await self._changed.wait()
 
     def _advice(self) -> str:
         people = sorted(

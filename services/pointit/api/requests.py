@@ -10,33 +10,9 @@ from typing import Any, Generic, Literal, TypeVar
 
 from pydantic import ValidationError
 
-from pointit.schemas import PointingOffset, Query, SchemaError, summarize_validation_error
+from pointit.schemas import PointingOffset, Query, SchemaError, summarize_validation_error, topics
 from pointit.schemas.base import Rgb
-from pointit.schemas.topics import (
-    ADD_PACKAGE,
-    CANCEL_LOCALIZATION,
-    CLEAR_SELECTION,
-    POINT_ANCHOR,
-    READ_HISTORY,
-    RELEASE_OBJECT,
-    RESET_CONVEYOR,
-    RUN_SCENARIO,
-    SET_BRIGHTNESS,
-    SET_FEEDING,
-    SET_HEADING,
-    SET_LAMP,
-    SET_METHOD,
-    SET_MOUNTING,
-    SET_OFFSET,
-    SET_POSE,
-    SET_SPEED,
-    SET_TOLERANCE,
-    SET_WORKSPACE,
-    SET_YAW_ORIGIN,
-    START_LOCALIZATION,
-    UNDO_SELECTION,
-    Request,
-)
+from pointit.schemas.topics import Request
 
 D = TypeVar("D")
 R = TypeVar("R")
@@ -47,7 +23,7 @@ Quaternion = tuple[float, float, float, float]
 
 HEX = re.compile(r"#[0-9a-fA-F]{6}")
 
-Ask = Callable[[Request[Any, Any], Query, str], Any]
+SendQuery = Callable[[Request[Any, Any], Query, str], Any]
 """Sends a query, and returns what the method is to return."""
 
 
@@ -79,8 +55,8 @@ def rgb_of(color: str | Rgb | None) -> Rgb | None:
 
 
 class _Requests(Generic[D]):
-    def __init__(self, ask: Ask) -> None:
-        self._send = ask
+    def __init__(self, send: SendQuery) -> None:
+        self._send = send
 
     def _ask(self, request: Request[Any, Any], name: str = "", /, **fields: Any) -> Any:
         return self._send(request, query_of(request, fields), name)
@@ -95,33 +71,27 @@ class SelectRequests(_Requests[D], Generic[D, R, S]):
 
     def clear(self, user: str) -> D:
         """Deselect everything that `user` has selected."""
-        return self._do(CLEAR_SELECTION, user)
+        return self._do(topics.CLEAR_SELECTION, user)
 
     def undo(self, user: str) -> D:
         """Undo the last selection or deselection of `user`."""
-        return self._do(UNDO_SELECTION, user)
+        return self._do(topics.UNDO_SELECTION, user)
 
     def release(self, user: str, object_id: str, *, take_over: bool = False) -> D:
         """Deselect an object of any person, in the name of `user`; `take_over`: select it for `user`."""
-        return self._do(RELEASE_OBJECT, user, object_id=object_id, take_over=take_over)
+        return self._do(topics.RELEASE_OBJECT, user, object_id=object_id, take_over=take_over)
 
-    def method(
-        self,
-        method: Literal["hold", "fraction", "gauge"] | None = None,
-        *,
-        dwell_s: float | None = None,
-        name: str | None = None,
-    ) -> R:
+    def method(self, name: str | None = None, *, dwell_s: float | None = None) -> R:
         """Set how dwelling selects, and for how long (s). Without values, only return the settings in use.
 
-        `name`: any installed method, instead of `method`.
+        `name`: `hold`, `fraction`, `gauge` or any other installed method. It has its own time unless given.
         """
-        reply: R = self._ask(SET_METHOD, method=method, dwell_s=dwell_s, name=name)
+        reply: R = self._ask(topics.SET_METHOD, name=name, dwell_s=dwell_s)
         return reply
 
     def history(self, *, last: int = 200, since_ns: int = 0) -> S:
         """Return the last selection events from the journal, none before `since_ns`."""
-        reply: S = self._ask(READ_HISTORY, last=last, since_ns=since_ns)
+        reply: S = self._ask(topics.READ_HISTORY, last=last, since_ns=since_ns)
         return reply
 
 
@@ -132,20 +102,20 @@ class ConveyorRequests(_Requests[D], Generic[D, R]):
         self, kind: str, *, lane: str = "", length_m: float = 0.3, position: float | None = None
     ) -> R:
         """Put an object on a lane, at `position` (0 to 1 of its length) or at the feed point."""
-        reply: R = self._ask(ADD_PACKAGE, kind=kind, lane=lane, length_m=length_m, position=position)
+        reply: R = self._ask(topics.ADD_PACKAGE, kind=kind, lane=lane, length_m=length_m, position=position)
         return reply
 
     def set_speed(self, speed_mps: float, *, belts: Sequence[str] = ()) -> D:
         """Set the speed of all belts, or of `belts`, m/s. 0 stops them, below 0 they run backwards."""
-        return self._do(SET_SPEED, speed_mps=speed_mps, belts=belts)
+        return self._do(topics.SET_SPEED, speed_mps=speed_mps, belts=belts)
 
     def set_feeding(self, feeding: bool) -> D:  # noqa: FBT001 - its only argument
         """Start or stop the feeders."""
-        return self._do(SET_FEEDING, feeding=feeding)
+        return self._do(topics.SET_FEEDING, feeding=feeding)
 
     def reset(self) -> D:
         """Remove all objects and start the feeders again."""
-        return self._do(RESET_CONVEYOR)
+        return self._do(topics.RESET_CONVEYOR)
 
 
 class LocalizerRequests(_Requests[D]):
@@ -153,11 +123,11 @@ class LocalizerRequests(_Requests[D]):
 
     def start(self, user: str, method: Literal["static_targets", "moving_target"] | None = None) -> D:
         """Begin to localize `user`, by the configured method unless one is given."""
-        return self._do(START_LOCALIZATION, user, method=method)
+        return self._do(topics.START_LOCALIZATION, user, method=method)
 
     def cancel(self, user: str) -> D:
         """Stop localizing and keep the last pose."""
-        return self._do(CANCEL_LOCALIZATION, user)
+        return self._do(topics.CANCEL_LOCALIZATION, user)
 
     def set_pose(
         self,
@@ -171,7 +141,7 @@ class LocalizerRequests(_Requests[D]):
     ) -> D:
         """Set the pose of `user`; `covariance` of (x, y, yaw), row by row, if it is not exact."""
         return self._do(
-            SET_POSE,
+            topics.SET_POSE,
             user,
             position_m=position_m,
             yaw_rad=yaw_rad,
@@ -182,11 +152,11 @@ class LocalizerRequests(_Requests[D]):
 
     def set_heading(self, user: str, azimuth_rad: float) -> D:
         """Set the yaw of `user`, who points in the direction `azimuth_rad` of {W} now."""
-        return self._do(SET_HEADING, user, azimuth_rad=azimuth_rad)
+        return self._do(topics.SET_HEADING, user, azimuth_rad=azimuth_rad)
 
     def point_anchor(self, user: str, lamp: str = "") -> D:
         """Ask `user` to point at one lamp without a cursor, to correct the pose; `""`: the best one."""
-        return self._do(POINT_ANCHOR, user, lamp=lamp)
+        return self._do(topics.POINT_ANCHOR, user, lamp=lamp)
 
 
 class ProfileRequests(_Requests[D]):
@@ -194,7 +164,7 @@ class ProfileRequests(_Requests[D]):
 
     def set_offset(self, user: str, offset: PointingOffset | None = None) -> D:
         """Keep the pointing offset of `user`, or remove it."""
-        return self._do(SET_OFFSET, user, offset=offset)
+        return self._do(topics.SET_OFFSET, user, offset=offset)
 
 
 class PuiRequests(_Requests[D], Generic[D, R]):
@@ -210,11 +180,13 @@ class PuiRequests(_Requests[D], Generic[D, R]):
         point_m: Vector | None = None,
     ) -> D:
         """Let the cursor of `user` move on a surface about them, through `anchor`; `none`: on the map."""
-        return self._do(SET_WORKSPACE, user, kind=kind, anchor=anchor, object_id=object_id, point_m=point_m)
+        return self._do(
+            topics.SET_WORKSPACE, user, kind=kind, anchor=anchor, object_id=object_id, point_m=point_m
+        )
 
     def tolerance(self, tolerance_rad: float | None = None) -> R:
         """Set how far a ray may pass its target. Without a value, only return the tolerance in use."""
-        reply: R = self._ask(SET_TOLERANCE, tolerance_rad=tolerance_rad)
+        reply: R = self._ask(topics.SET_TOLERANCE, tolerance_rad=tolerance_rad)
         return reply
 
 
@@ -223,7 +195,7 @@ class RunRequests(_Requests[D]):
 
     def scenario(self, scenario: str, *, users: int | None = None, localizes: bool | None = None) -> D:
         """Replace the running scenario by another, with as many people and as localized unless given."""
-        return self._do(RUN_SCENARIO, scenario=scenario, users=users, localizes=localizes)
+        return self._do(topics.RUN_SCENARIO, scenario=scenario, users=users, localizes=localizes)
 
 
 class LedsRequests(_Requests[D]):
@@ -231,11 +203,11 @@ class LedsRequests(_Requests[D]):
 
     def brightness(self, brightness: float, *, strips: Sequence[str] = ()) -> D:
         """Dim all strips, or `strips`, to `brightness`, 0 to 1."""
-        return self._do(SET_BRIGHTNESS, brightness=brightness, strips=strips)
+        return self._do(topics.SET_BRIGHTNESS, brightness=brightness, strips=strips)
 
     def set_color(self, lamp: str, color: str | Rgb | None = None) -> D:
         """Show `color` on `lamp`: `#rrggbb` or (red, green, blue). None gives it back to the site."""
-        return self._do(SET_LAMP, lamp, color=rgb_of(color))
+        return self._do(topics.SET_LAMP, lamp, color=rgb_of(color))
 
 
 class ImuRequests(_Requests[D], Generic[D, R]):
@@ -243,13 +215,13 @@ class ImuRequests(_Requests[D], Generic[D, R]):
 
     def set_yaw_origin(self, user: str, yaw_rad: float = 0.0) -> D:
         """Turn the IMU of `user` so that it reads `yaw_rad` now."""
-        return self._do(SET_YAW_ORIGIN, user, yaw_rad=yaw_rad)
+        return self._do(topics.SET_YAW_ORIGIN, user, yaw_rad=yaw_rad)
 
     def set_mounting(
         self, user: str, sensor_from_arm_xyzw: Quaternion | None = None, *, is_relative: bool = False
     ) -> R:
         """Set the mounting of the sensor on the arm, as a rotation of arm vectors into the sensor."""
         reply: R = self._ask(
-            SET_MOUNTING, user, sensor_from_arm_xyzw=sensor_from_arm_xyzw, is_relative=is_relative
+            topics.SET_MOUNTING, user, sensor_from_arm_xyzw=sensor_from_arm_xyzw, is_relative=is_relative
         )
         return reply

@@ -2,15 +2,15 @@
 
 import asyncio
 import contextlib
+import functools
 import json
 import tempfile
-from collections.abc import AsyncGenerator, Generator, Mapping, Sequence
+from collections.abc import AsyncGenerator, Callable, Generator, Mapping, Sequence
 from contextlib import AbstractAsyncContextManager
-from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 
-from pointit.api.portal import LoopThread
+from pointit.api.loop_thread import LoopThread
 from pointit.api.site import Site
 from pointit.api.sync_site import SyncSite
 from pointit.launch.plan.launches import Choices
@@ -28,30 +28,15 @@ from pointit.runtime.service.shutdown import first_cause
 from pointit.runtime.virtual_time import VirtualClock, is_virtual
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 
-USUAL = "scenario_4"
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Plan:
-    scenario: str
-    users: int | Sequence[str]
-    choices: Choices
-    listen: str
-
-    def launches(self) -> list[Launch]:
-        """Return the services to start, checked. Reads files."""
-        scenario = read_scenario(self.scenario)
-        launches = scenario_launches(scenario, self.choices, self.users)
-        check_settings({launch.service.NAME for launch in launches}, self.choices)
-        check_launches(launches, (self.listen,) if self.listen else ())
-        return launches
+DEFAULT_SCENARIO = "scenario_4"
 
 
 class Run:
     """A site that `pointit.run` starts: a `Site` in an `async with` block, a `SyncSite` in a `with` block."""
 
-    def __init__(self, plan: _Plan, *, virtual: bool) -> None:
-        self._plan = plan
+    def __init__(self, launches: Callable[[], list[Launch]], listen: str, *, virtual: bool) -> None:
+        """Start what `launches` returns; others may join at `listen` unless it is `""`."""
+        self._site = functools.partial(_running_site, launches, listen)
         self._virtual = virtual
         self._running: AbstractAsyncContextManager[Site] | None = None
         self._sync: SyncSite | None = None
@@ -62,7 +47,7 @@ class Run:
                 "virtual time needs a loop of its own: use `with pointit.run(...)`, or run this coroutine by "
                 "`pointit.run_virtually(main())`"
             )
-        self._running = _live(self._plan)
+        self._running = self._site()
         return await self._running.__aenter__()
 
     async def __aexit__(
@@ -72,8 +57,7 @@ class Run:
         return None if running is None else await running.__aexit__(kind, error, trace)
 
     def __enter__(self) -> SyncSite:
-        portal = LoopThread(virtual=self._virtual)
-        self._sync = SyncSite(_live(self._plan), portal)
+        self._sync = SyncSite(self._site(), LoopThread(virtual=self._virtual))
         return self._sync
 
     def __exit__(
@@ -85,7 +69,7 @@ class Run:
 
 
 def run(
-    scenario: str | Path = USUAL,
+    scenario: str | Path = DEFAULT_SCENARIO,
     *,
     users: int | Sequence[str] = 1,
     virtual: bool = False,
@@ -117,15 +101,21 @@ def run(
         ListenError: On entering, if the address is in use.
         PointItError: On leaving, if a service of the site has failed.
     """
-    choices = Choices(
-        seed=seed,
-        localize=localize,
-        imu=imu,
-        leds=leds,
-        settings=[_setting(name, value) for name, value in (settings or {}).items()],
-    )
-    plan = _Plan(scenario=str(scenario), users=users, choices=choices, listen=listen)
-    return Run(plan, virtual=virtual)
+
+    def launches() -> list[Launch]:
+        choices = Choices(
+            seed=seed,
+            localize=localize,
+            imu=imu,
+            leds=leds,
+            settings=[_setting(name, value) for name, value in (settings or {}).items()],
+        )
+        planned = scenario_launches(read_scenario(str(scenario)), choices, users)
+        check_settings({launch.service.NAME for launch in planned}, choices)
+        check_launches(planned, (listen,) if listen else ())
+        return planned
+
+    return Run(launches, listen, virtual=virtual)
 
 
 def _setting(name: str, value: object) -> str:
@@ -136,11 +126,11 @@ def _setting(name: str, value: object) -> str:
 
 
 @contextlib.asynccontextmanager
-async def _live(plan: _Plan) -> AsyncGenerator[Site]:
-    if plan.listen and is_virtual():
-        raise ConfigError(f"listen={plan.listen!r}: nobody can join a site in virtual time; leave it out")
-    launches = await asyncio.to_thread(plan.launches)
-    bus = await ZenohBus.open(Link(listen=(plan.listen,)), patience_s=0.0) if plan.listen else MemoryBus()
+async def _running_site(launches: Callable[[], list[Launch]], listen: str) -> AsyncGenerator[Site]:
+    if listen and is_virtual():
+        raise ConfigError(f"listen={listen!r}: nobody can join a site in virtual time; leave it out")
+    planned = await asyncio.to_thread(launches)
+    bus = await ZenohBus.open(Link(listen=(listen,)), patience_s=0.0) if listen else MemoryBus()
     clock = VirtualClock() if is_virtual() else WallClock()
     try:
         with tempfile.TemporaryDirectory(prefix="pointit-") as folder:
@@ -152,12 +142,12 @@ async def _live(plan: _Plan) -> AsyncGenerator[Site]:
                     except Exception as error:  # noqa: BLE001 - whatever it was, the site is told
                         site.fail(_failure(error))
 
-                group = ServiceGroup(launches, bus, clock, processes=None, on_end=on_end)
+                group = ServiceGroup(planned, bus, clock, processes=None, on_end=on_end)
                 try:
-                    with _told(), using_state_directory(Path(folder)):
+                    with _failures_named(), using_state_directory(Path(folder)):
                         await group.begin()
                     yield site
-                    with _told():
+                    with _failures_named():
                         group.check()
                 finally:
                     await group.end()
@@ -166,7 +156,7 @@ async def _live(plan: _Plan) -> AsyncGenerator[Site]:
 
 
 @contextlib.contextmanager
-def _told() -> Generator[None]:
+def _failures_named() -> Generator[None]:
     try:
         yield
     except PointItError:

@@ -5,24 +5,16 @@ import contextlib
 import functools
 import weakref
 from collections.abc import AsyncGenerator, Awaitable, Callable
+from operator import itemgetter
 from typing import Any, Literal, Self, TypeVar
 
-from pointit.api.feed import Feed, Inbox, feed_of
+from pointit.api import requests
+from pointit.api.feed import Feed, ReceiveBuffer
 from pointit.api.lamp import Lamp
 from pointit.api.latest import Latest
-from pointit.api.portal import closed_error
-from pointit.api.presence import Present
+from pointit.api.loop_thread import closed_error
+from pointit.api.presence import PresentNames
 from pointit.api.press import press
-from pointit.api.requests import (
-    ConveyorRequests,
-    ImuRequests,
-    LedsRequests,
-    LocalizerRequests,
-    ProfileRequests,
-    PuiRequests,
-    RunRequests,
-    SelectRequests,
-)
 from pointit.api.tracker import Tracker
 from pointit.runtime.bus.contract import REQUEST_TIMEOUT_S, Closable, Subscription
 from pointit.runtime.bus.memory_bus import MemoryBus
@@ -47,26 +39,9 @@ from pointit.schemas import (
     SetToleranceReply,
     TrackedObjects,
     UserPose,
+    topics,
 )
-from pointit.schemas.topics import (
-    ANY,
-    BUTTON,
-    CURSOR,
-    HEALTH,
-    HOVER,
-    LAMP_COLOR,
-    OBJECTS,
-    POSE,
-    RAY,
-    SELECTION_EVENTS,
-    SERVICE_ALIVE,
-    USER_ALIVE,
-    Delivery,
-    Presence,
-    Request,
-    Topic,
-    check_name,
-)
+from pointit.schemas.topics import ANY, Delivery, Presence, Request, Topic, check_name
 
 M = TypeVar("M", bound=Message)
 Q = TypeVar("Q", bound=Query)
@@ -84,26 +59,26 @@ class Site:
         """Use `bus`, which stays open; `on` is the way in."""
         self._bus = bus
         self._clock = clock
-        self._inboxes = weakref.WeakSet[Inbox[Any]]()
+        self._buffers = weakref.WeakSet[ReceiveBuffer[Any]]()
         self._trackers = set[Tracker]()
         self._failure: Exception | None = None
         self._is_closed = False
         self._ended = asyncio.Event()
-        self._present: dict[str, Present] = {}
+        self._present: dict[str, PresentNames] = {}
         self._watches: list[Closable] = []
         self.latest = Latest(bus, self._check_open)
         """The newest messages by topic and name."""
-        ask = self._ask
-        self.select = SelectRequests[Awaitable[Done], Awaitable[SetMethodReply], Awaitable[ReadHistoryReply]](
-            ask
-        )
-        self.conveyor = ConveyorRequests[Awaitable[Done], Awaitable[AddPackageReply]](ask)
-        self.localizer = LocalizerRequests[Awaitable[Done]](ask)
-        self.profile = ProfileRequests[Awaitable[Done]](ask)
-        self.pui = PuiRequests[Awaitable[Done], Awaitable[SetToleranceReply]](ask)
-        self.run = RunRequests[Awaitable[Done]](ask)
-        self.leds = LedsRequests[Awaitable[Done]](ask)
-        self.imu = ImuRequests[Awaitable[Done], Awaitable[SetMountingReply]](ask)
+        send = self.call
+        self.select = requests.SelectRequests[
+            Awaitable[Done], Awaitable[SetMethodReply], Awaitable[ReadHistoryReply]
+        ](send)
+        self.conveyor = requests.ConveyorRequests[Awaitable[Done], Awaitable[AddPackageReply]](send)
+        self.localizer = requests.LocalizerRequests[Awaitable[Done]](send)
+        self.profile = requests.ProfileRequests[Awaitable[Done]](send)
+        self.pui = requests.PuiRequests[Awaitable[Done], Awaitable[SetToleranceReply]](send)
+        self.run = requests.RunRequests[Awaitable[Done]](send)
+        self.leds = requests.LedsRequests[Awaitable[Done]](send)
+        self.imu = requests.ImuRequests[Awaitable[Done], Awaitable[SetMountingReply]](send)
 
     @classmethod
     @contextlib.asynccontextmanager
@@ -111,8 +86,8 @@ class Site:
         """Yield the site of `bus`, as soon as it is known who is there."""
         site = cls(bus, clock)
         try:
-            for presence in (USER_ALIVE, SERVICE_ALIVE):
-                found = site._present[presence.key] = Present()
+            for presence in (topics.USER_ALIVE, topics.SERVICE_ALIVE):
+                found = site._present[presence.key] = PresentNames()
                 site._watches.append(bus.watch(presence, found.on_change))
                 found.merge(await bus.list_present(presence))
             yield site
@@ -148,42 +123,42 @@ class Site:
 
     def cursors(self, user: str | None = None) -> Feed[Cursor]:
         """Return an iterator over cursors: where the ray meets the room. Newest wins."""
-        return self.messages(CURSOR, user)
+        return self.messages(topics.CURSOR, user)
 
     def rays(self, user: str | None = None) -> Feed[PointingRay]:
         """Return an iterator over pointing rays in the person's frame {H}. Newest wins."""
-        return self.messages(RAY, user)
+        return self.messages(topics.RAY, user)
 
     def hovers(self, user: str | None = None) -> Feed[Hover]:
         """Return an iterator over the objects under cursors, and the progress of selecting. Newest wins."""
-        return self.messages(HOVER, user)
+        return self.messages(topics.HOVER, user)
 
     def poses(self, user: str | None = None) -> Feed[UserPose]:
         """Return an iterator over poses, the last one at once. Newest wins."""
-        return self.messages(POSE, user)
+        return self.messages(topics.POSE, user)
 
     def objects(self, tracker: str | None = None) -> Feed[TrackedObjects]:
         """Return an iterator over the objects of trackers. Newest wins."""
-        return self.messages(OBJECTS, tracker)
+        return self.messages(topics.OBJECTS, tracker)
 
     def health(self, service: str | None = None) -> Feed[Health]:
         """Return an iterator over the reports of services, such as `pointing.anna`. Newest wins."""
-        return self.messages(HEALTH, service)
+        return self.messages(topics.HEALTH, service)
 
     def selections(self, user: str | None = None) -> Feed[SelectionEvent]:
         """Return an iterator over every event of objects: selected, deselected, refused, left, dispatched."""
         if user is None:
-            return self.messages(SELECTION_EVENTS)
+            return self.messages(topics.SELECTION_EVENTS)
         check_name(user, "user")
-        return self._feed(SELECTION_EVENTS, "", lambda event: event.user == user)
+        return self._feed(topics.SELECTION_EVENTS, "", lambda event: event.user == user)
 
     def people(self) -> Feed[frozenset[str]]:
         """Return an iterator over the people who are present: now, and after each change."""
-        return self._presence(USER_ALIVE)
+        return self._presence(topics.USER_ALIVE)
 
     def services(self) -> Feed[frozenset[str]]:
         """Return an iterator over the service instances that are present: now, and after each change."""
-        return self._presence(SERVICE_ALIVE)
+        return self._presence(topics.SERVICE_ALIVE)
 
     def messages(self, topic: Topic[M], name: str | None = None) -> Feed[M]:
         """Return an iterator over the messages of any row of the topic table, or of a plug-in's own."""
@@ -209,14 +184,12 @@ class Site:
         self._check_open()
         tracker = Tracker(self._bus, name, self._clock.now_ns, self._trackers.discard)
         self._trackers.add(tracker)
-        if self._bus.is_restricted:
-            self._bus.spawn(self._check_writing(tracker, name), f"access to {OBJECTS.key}")
         return tracker
 
     def lamp(self, name: str) -> Lamp[Awaitable[Done], Feed[LampColor]]:
         """Return the lamp `name` of the map."""
         check_name(name, "lamp")
-        return Lamp(name, self.leds, functools.partial(self.messages, LAMP_COLOR))
+        return Lamp(name, self.leds, functools.partial(self.messages, topics.LAMP_COLOR))
 
     async def press(self, user: str, gesture: Literal["press", "double", "hold"] = "press") -> Interaction:
         """Press the button of `user`; return the state of the interaction after it.
@@ -226,7 +199,7 @@ class Site:
             AccessDeniedError: If this identity may not press it.
         """
         self._check_open()
-        if denied := await self._bus.denial_reason("writes", BUTTON, user):
+        if denied := await self._bus.denial_reason("writes", topics.BUTTON, user):
             raise AccessDeniedError(denied)
         return await press(self._bus, self._clock, user, gesture)
 
@@ -234,8 +207,8 @@ class Site:
         """End all iterators with `error`."""
         self._failure = error
         self._ended.set()
-        for inbox in list(self._inboxes):
-            inbox.end(error)
+        for buffer in list(self._buffers):
+            buffer.close(error)
 
     def _close(self) -> None:
         """End all iterators and trackers."""
@@ -246,22 +219,22 @@ class Site:
         self._ended.set()
         for watch in self._watches:
             watch.close()
-        for inbox in list(self._inboxes):
-            inbox.close()
+        for buffer in list(self._buffers):
+            buffer.close()
 
     def _presence(self, presence: Presence) -> Feed[frozenset[str]]:
         self._check_open()
-        inbox = Inbox[frozenset[str]](Delivery.STATE)
+        buffer = ReceiveBuffer[frozenset[str]](Delivery.STATE)
         present = self._present[presence.key]
-        present.inboxes.add(inbox)
-        self._inboxes.add(inbox)
-        inbox.put(present.names, "")
-        return feed_of(inbox, self._speed)
+        present.buffers.add(buffer)
+        self._buffers.add(buffer)
+        buffer.put(present.names, "")
+        return Feed(buffer, itemgetter(1), self._speed)
 
     def _feed(self, topic: Topic[M], name: str, fits: Callable[[M], bool] | None) -> Feed[M]:
         self._check_open()
-        inbox = Inbox[M](topic.delivery, one_writer=name != ANY)
-        reference = weakref.ref(inbox)
+        buffer = ReceiveBuffer[M](topic.delivery, one_writer=name != ANY)
+        reference = weakref.ref(buffer)
 
         def on_message(message: M, its_name: str) -> None:
             here = reference()
@@ -271,23 +244,15 @@ class Site:
                 here.put(message, its_name)
 
         subscription: Subscription = self._bus.subscribe(topic, on_message, name or ANY)
-        inbox.source = subscription
-        self._inboxes.add(inbox)
+        buffer.source = subscription
+        self._buffers.add(buffer)
         if self._bus.is_restricted:
-            self._bus.spawn(self._check_access(inbox, topic, name), f"access to {topic.key}")
-        return feed_of(inbox, self._speed)
+            self._bus.spawn(self._check_access(buffer, topic, name), f"access to {topic.key}")
+        return Feed(buffer, itemgetter(1), self._speed)
 
-    async def _check_access(self, inbox: Inbox[Any], topic: Topic[Any], name: str) -> None:
+    async def _check_access(self, buffer: ReceiveBuffer[Any], topic: Topic[Any], name: str) -> None:
         if denied := await self._bus.denial_reason("reads", topic, name):
-            inbox.end(AccessDeniedError(denied))
-            inbox.close()
-
-    async def _check_writing(self, tracker: Tracker, name: str) -> None:
-        if denied := await self._bus.denial_reason("writes", OBJECTS, name):
-            tracker.deny(AccessDeniedError(denied))
-
-    def _ask(self, request: Request[Any, R], query: Query, name: str) -> Awaitable[R]:
-        return self.call(request, query, name)
+            buffer.close(AccessDeniedError(denied))
 
     def _speed(self) -> float:
         return self._clock.speed

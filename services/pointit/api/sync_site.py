@@ -1,63 +1,46 @@
 """A site as scripts and notebooks see it: plain iterators, and calls that wait."""
+# pyright: reportPrivateUsage=false
+# (functions below are the methods of `SyncSite`)
 
 import atexit
-from collections.abc import Callable, Iterable, Iterator
+import functools
+import inspect
+import types
+import typing
+from collections.abc import Callable, Coroutine, Iterable, Iterator
 from contextlib import AbstractAsyncContextManager
 from types import TracebackType
-from typing import Any, Generic, Literal, Self, TypeVar
+from typing import Any, Concatenate, Generic, ParamSpec, Self, TypeVar
 
+from pointit.api import requests
 from pointit.api.feed import Feed
 from pointit.api.lamp import Lamp
-from pointit.api.portal import LoopThread
-from pointit.api.requests import (
-    ConveyorRequests,
-    ImuRequests,
-    LedsRequests,
-    LocalizerRequests,
-    ProfileRequests,
-    PuiRequests,
-    RunRequests,
-    SelectRequests,
-)
+from pointit.api.loop_thread import LoopThread
 from pointit.api.site import Site
 from pointit.api.sync_latest import SyncLatest
 from pointit.api.tracker import Tracker
-from pointit.runtime.bus.contract import REQUEST_TIMEOUT_S
 from pointit.schemas import (
     AddPackageReply,
-    Cursor,
     Done,
-    Health,
-    Hover,
-    Interaction,
     LampColor,
-    Message,
-    PointingRay,
-    Query,
     ReadHistoryReply,
-    Reply,
-    SelectionEvent,
     SetMethodReply,
     SetMountingReply,
     SetToleranceReply,
     TrackedObject,
-    TrackedObjects,
-    UserPose,
 )
-from pointit.schemas.topics import LAMP_COLOR, Request, Topic, check_name
+from pointit.schemas.topics import LAMP_COLOR, check_name
 
-M = TypeVar("M", bound=Message)
-Q = TypeVar("Q", bound=Query)
-R = TypeVar("R", bound=Reply)
+P = ParamSpec("P")
 T = TypeVar("T")
 
 
-class SyncFeed(Generic[T]):
+class SyncFeed(Iterator[T], Generic[T]):
     """The messages of a topic from the call that made it on, one per step of `for`. See `Feed`."""
 
-    def __init__(self, feed: Feed[T], portal: LoopThread) -> None:
+    def __init__(self, feed: Feed[T], thread: LoopThread) -> None:
         self._feed = feed
-        self._portal = portal
+        self._thread = thread
 
     @property
     def lost(self) -> int:
@@ -65,90 +48,103 @@ class SyncFeed(Generic[T]):
         return self._feed.lost
 
     def items(self) -> "SyncFeed[tuple[str, T]]":
-        """Return the same with the name of each item: the person, tracker, service or lamp."""
-        return SyncFeed(self._feed.items(), self._portal)
+        """Return the same with the name of each item; see `Feed.items`."""
+        return SyncFeed(self._feed.items(), self._thread)
 
     def during(self, seconds: float) -> "SyncFeed[T]":
-        """Return the same, ended after so many seconds of the site's time from the first step on.
-
-        `during(0)` gives what has come so far.
-        """
-        return SyncFeed(self._feed.during(seconds), self._portal)
+        """Return the same, ended after so many seconds of the site's time; see `Feed.during`."""
+        return SyncFeed(self._feed.during(seconds), self._thread)
 
     def close(self) -> None:
         """Receive nothing more."""
-        self._portal.do(self._feed.close)
-
-    def __iter__(self) -> Iterator[T]:
-        return self
+        self._thread.call(self._feed.close)
 
     def __next__(self) -> T:
-        async def step() -> tuple[T] | None:
+        async def step() -> tuple[T, ...]:
             async for item in self._feed:
                 return (item,)
-            return None
+            return ()
 
-        found = self._portal.call(step())
-        if found is None:
-            raise StopIteration
-        return found[0]
+        for item in self._thread.run(step()):
+            return item
+        raise StopIteration
 
 
 class SyncTracker:
     """Publishes the objects of one tracker; see `Tracker`."""
 
-    def __init__(self, tracker: Tracker, portal: LoopThread) -> None:
+    def __init__(self, tracker: Tracker, thread: LoopThread) -> None:
         self._tracker = tracker
-        self._portal = portal
+        self._thread = thread
 
     def update(self, objects: Iterable[TrackedObject], *, stamp_ns: int | None = None) -> None:
-        """Publish all objects of this tracker, at least once a second; who is no longer listed has left.
-
-        Args:
-            objects: with centres in {W} at `stamp_ns`, m.
-            stamp_ns: time of capture, Unix ns. None: now, by the site's clock.
-
-        Raises:
-            SchemaError: If an object is wrong.
-            BusClosedError: If the tracker or the site is closed.
-            AccessDeniedError: If this identity may not write them, which is known after some seconds.
-        """
+        """Publish all objects of this tracker, at least once a second; see `Tracker.update`."""
         listed = tuple(objects)  # here: a generator may use the site
-        self._portal.do(lambda: self._tracker.update(listed, stamp_ns=stamp_ns))
+        self._thread.call(lambda: self._tracker.update(listed, stamp_ns=stamp_ns))
 
     def close(self) -> None:
         """Publish that all objects have left, and end."""
-        self._portal.do(self._tracker.close)
+        self._thread.call(self._tracker.close)
+
+
+def _waiting(
+    method: Callable[Concatenate[Site, P], Coroutine[Any, Any, T]],
+) -> Callable[Concatenate["SyncSite", P], T]:
+    """Return `method` as one that waits for its result."""
+
+    @functools.wraps(method)
+    def waiting(self: "SyncSite", /, *args: P.args, **kwargs: P.kwargs) -> T:
+        return self._thread.run(method(self._site, *args, **kwargs))
+
+    return waiting
+
+
+def _iterating(
+    method: Callable[Concatenate[Site, P], Feed[T]],
+) -> Callable[Concatenate["SyncSite", P], SyncFeed[T]]:
+    """Return `method` as one that returns a plain iterator."""
+
+    @functools.wraps(method)
+    def iterating(self: "SyncSite", /, *args: P.args, **kwargs: P.kwargs) -> SyncFeed[T]:
+        return SyncFeed(self._thread.call(lambda: method(self._site, *args, **kwargs)), self._thread)
+
+    shown = inspect.signature(method)
+    feed = types.GenericAlias(SyncFeed, typing.get_args(shown.return_annotation))
+    vars(iterating)["__signature__"] = shown.replace(return_annotation=feed)
+    return iterating
 
 
 class SyncSite:
-    """A joined site, in its own thread. Close it, or use it in a `with` block. More is said at `Site`.
+    """A joined site, in its own thread. Close it, or use it in a `with` block.
+
+    It has the methods of `Site`, with the same parameters: asynchronous iterators are plain ones here, and
+    calls that are awaited there return the result.
 
     In virtual time, which `pointit.run(..., virtual=True)` starts, time passes only while a call waits.
     """
 
-    def __init__(self, joining: AbstractAsyncContextManager[Site], portal: LoopThread) -> None:
-        """Join in the loop of `portal`, which is closed with the site."""
+    def __init__(self, joining: AbstractAsyncContextManager[Site], thread: LoopThread) -> None:
+        """Join in the loop of `thread`, which is closed with the site."""
         self._joining = joining
-        self._portal = portal
+        self._thread = thread
         self._is_closed = False
         try:
-            self._site = portal.call(joining.__aenter__())
+            self._site = thread.run(joining.__aenter__())
         except BaseException:
-            portal.close()
+            thread.close()
             raise
         atexit.register(self.close)
-        self.latest = SyncLatest(self._site.latest, portal)
+        self.latest = SyncLatest(self._site.latest, thread)
         """The newest messages by topic and name. The first one of a name is waited for, up to 2 s."""
-        ask = self._ask
-        self.select = SelectRequests[Done, SetMethodReply, ReadHistoryReply](ask)
-        self.conveyor = ConveyorRequests[Done, AddPackageReply](ask)
-        self.localizer = LocalizerRequests[Done](ask)
-        self.profile = ProfileRequests[Done](ask)
-        self.pui = PuiRequests[Done, SetToleranceReply](ask)
-        self.run = RunRequests[Done](ask)
-        self.leds = LedsRequests[Done](ask)
-        self.imu = ImuRequests[Done, SetMountingReply](ask)
+        send = self.call
+        self.select = requests.SelectRequests[Done, SetMethodReply, ReadHistoryReply](send)
+        self.conveyor = requests.ConveyorRequests[Done, AddPackageReply](send)
+        self.localizer = requests.LocalizerRequests[Done](send)
+        self.profile = requests.ProfileRequests[Done](send)
+        self.pui = requests.PuiRequests[Done, SetToleranceReply](send)
+        self.run = requests.RunRequests[Done](send)
+        self.leds = requests.LedsRequests[Done](send)
+        self.imu = requests.ImuRequests[Done, SetMountingReply](send)
 
     def __enter__(self) -> Self:
         return self
@@ -165,9 +161,9 @@ class SyncSite:
         self._is_closed = True
         atexit.unregister(self.close)
         try:
-            self._portal.call(self._joining.__aexit__(None, None, None))
+            self._thread.run(self._joining.__aexit__(None, None, None))
         finally:
-            self._portal.close()
+            self._thread.close()
 
     @property
     def name(self) -> str:
@@ -177,77 +173,31 @@ class SyncSite:
     @property
     def problem(self) -> str:
         """A message if the connection has a problem, such as a lost router, else `""`."""
-        return self._portal.do(lambda: self._site.problem)
+        return self._thread.call(lambda: self._site.problem)
 
     def now_ns(self) -> int:
         """Return the site's time, Unix ns: wall time, simulated or virtual."""
-        return self._portal.do(self._site.now_ns)
+        return self._thread.call(self._site.now_ns)
 
-    def sleep(self, seconds: float) -> None:
-        """Wait until so many seconds of the site's time have passed; see `Site.sleep`."""
-        self._portal.call(self._site.sleep(seconds))
-
-    def cursors(self, user: str | None = None) -> SyncFeed[Cursor]:
-        """Return an iterator over cursors: where the ray meets the room. Newest wins."""
-        return self._feed(lambda: self._site.cursors(user))
-
-    def rays(self, user: str | None = None) -> SyncFeed[PointingRay]:
-        """Return an iterator over pointing rays in the person's frame {H}. Newest wins."""
-        return self._feed(lambda: self._site.rays(user))
-
-    def hovers(self, user: str | None = None) -> SyncFeed[Hover]:
-        """Return an iterator over the objects under cursors, and the progress of selecting. Newest wins."""
-        return self._feed(lambda: self._site.hovers(user))
-
-    def poses(self, user: str | None = None) -> SyncFeed[UserPose]:
-        """Return an iterator over poses, the last one at once. Newest wins."""
-        return self._feed(lambda: self._site.poses(user))
-
-    def objects(self, tracker: str | None = None) -> SyncFeed[TrackedObjects]:
-        """Return an iterator over the objects of trackers. Newest wins."""
-        return self._feed(lambda: self._site.objects(tracker))
-
-    def health(self, service: str | None = None) -> SyncFeed[Health]:
-        """Return an iterator over the reports of services, such as `pointing.anna`. Newest wins."""
-        return self._feed(lambda: self._site.health(service))
-
-    def selections(self, user: str | None = None) -> SyncFeed[SelectionEvent]:
-        """Return an iterator over every event of objects: selected, deselected, refused, left, dispatched."""
-        return self._feed(lambda: self._site.selections(user))
-
-    def people(self) -> SyncFeed[frozenset[str]]:
-        """Return an iterator over the people who are present: now, and after each change."""
-        return self._feed(self._site.people)
-
-    def services(self) -> SyncFeed[frozenset[str]]:
-        """Return an iterator over the service instances that are present: now, and after each change."""
-        return self._feed(self._site.services)
-
-    def messages(self, topic: Topic[M], name: str | None = None) -> SyncFeed[M]:
-        """Return an iterator over the messages of any row of the topic table, or of a plug-in's own."""
-        return self._feed(lambda: self._site.messages(topic, name))
-
-    def call(
-        self, request: Request[Q, R], query: Q, name: str = "", *, timeout_s: float = REQUEST_TIMEOUT_S
-    ) -> R:
-        """Return the reply to any row of the request table, or of a plug-in's own; see `Site.call`."""
-        return self._portal.call(self._site.call(request, query, name, timeout_s=timeout_s))
+    cursors = _iterating(Site.cursors)
+    rays = _iterating(Site.rays)
+    hovers = _iterating(Site.hovers)
+    poses = _iterating(Site.poses)
+    objects = _iterating(Site.objects)
+    health = _iterating(Site.health)
+    selections = _iterating(Site.selections)
+    people = _iterating(Site.people)
+    services = _iterating(Site.services)
+    messages = _iterating(Site.messages)
+    sleep = _waiting(Site.sleep)
+    call = _waiting(Site.call)
+    press = _waiting(Site.press)
 
     def tracker(self, name: str) -> SyncTracker:
         """Return the tracker `name`, which publishes objects."""
-        return SyncTracker(self._portal.do(lambda: self._site.tracker(name)), self._portal)
+        return SyncTracker(self._thread.call(lambda: self._site.tracker(name)), self._thread)
 
     def lamp(self, name: str) -> Lamp[Done, SyncFeed[LampColor]]:
         """Return the lamp `name` of the map."""
         check_name(name, "lamp")
         return Lamp(name, self.leds, lambda lamp: self.messages(LAMP_COLOR, lamp))
-
-    def press(self, user: str, gesture: Literal["press", "double", "hold"] = "press") -> Interaction:
-        """Press the button of `user`; return the state of the interaction after it; see `Site.press`."""
-        return self._portal.call(self._site.press(user, gesture))
-
-    def _feed(self, make: Callable[[], Feed[T]]) -> SyncFeed[T]:
-        return SyncFeed(self._portal.do(make), self._portal)
-
-    def _ask(self, request: Request[Any, R], query: Query, name: str) -> R:
-        return self.call(request, query, name)

@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterable
 
 from pydantic import ValidationError
 
-from pointit.runtime.bus.contract import Bus
+from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.errors import AccessDeniedError
 from pointit.schemas import SchemaError, TrackedObject, TrackedObjects, summarize_validation_error
 from pointit.schemas.topics import OBJECTS
@@ -14,8 +14,10 @@ class Tracker:
     """Publishes the objects of one tracker, which lists its own under its own name."""
 
     def __init__(
-        self, bus: Bus, name: str, now_ns: Callable[[], int], on_close: Callable[["Tracker"], None]
+        self, bus: MemoryBus, name: str, now_ns: Callable[[], int], on_close: Callable[["Tracker"], None]
     ) -> None:
+        self._bus = bus
+        self._name = name
         self._publisher = bus.publisher(OBJECTS, name)
         self._key = OBJECTS.at(name)
         self._on_close = on_close
@@ -23,6 +25,8 @@ class Tracker:
         self._seq = 0
         self._is_open = True
         self._denial: AccessDeniedError | None = None
+        if bus.is_restricted:
+            bus.spawn(self._check_access(), f"access to {self._key}")
 
     def update(self, objects: Iterable[TrackedObject], *, stamp_ns: int | None = None) -> None:
         """Publish all objects of this tracker, at least once a second; who is no longer listed has left.
@@ -46,10 +50,6 @@ class Tracker:
         self._seq += 1
         self._publisher.put(message)
 
-    def deny(self, error: AccessDeniedError) -> None:
-        """Raise `error` from now on."""
-        self._denial = error
-
     def close(self) -> None:
         """Publish that all objects have left, and end."""
         if self._is_open:
@@ -58,3 +58,7 @@ class Tracker:
                 self.update(())
             self._publisher.close()
             self._on_close(self)
+
+    async def _check_access(self) -> None:
+        if denied := await self._bus.denial_reason("writes", OBJECTS, self._name):
+            self._denial = AccessDeniedError(denied)

@@ -1,11 +1,13 @@
-# pyright: reportUnknownMemberType=false
+# pyright: reportUnknownMemberType=false, reportUnknownLambdaType=false
 # (the stubs of zenoh leave return types out)
 """Sites that are joined over Zenoh, on this machine's loopback."""
 
 import asyncio
+import contextlib
 import subprocess
 import sys
-from collections.abc import AsyncIterator
+from collections.abc import AsyncGenerator, AsyncIterator, Callable
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -23,10 +25,9 @@ from pointit.errors import (
 )
 from pointit.runtime.link.link import Link
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
-from pointit.schemas import SelectionEvent, TrackedObject
-from pointit.schemas.topics import CURSOR, SELECTION_EVENTS, SERVICE_ALIVE
-from tests.examples.running import running
-from tests.integration.access.secured import make_site, routed
+from pointit.schemas import PointingRay, SelectionEvent, TrackedObject
+from pointit.schemas.topics import CURSOR, RAY, SELECTION_EVENTS, SERVICE_ALIVE
+from tests.integration.access.secured import link_of, make_site, routed
 from tests.support.bench import until
 
 FORGETFUL = """
@@ -46,6 +47,23 @@ async def home(endpoint: str) -> AsyncIterator[ZenohBus]:
     bus.announce(SERVICE_ALIVE, "pui")
     yield bus
     await bus.close()
+
+
+@contextlib.asynccontextmanager
+async def repeated(put: Callable[[], object]) -> AsyncGenerator[None]:
+    """Put again and again."""
+
+    async def putting() -> None:
+        while True:
+            put()
+            await asyncio.sleep(0.05)
+
+    task = asyncio.create_task(putting())
+    try:
+        yield
+    finally:
+        task.cancel()
+        await asyncio.gather(task, return_exceptions=True)
 
 
 async def test_a_whole_site_is_joined_and_answers(endpoint: str) -> None:
@@ -68,14 +86,8 @@ async def test_loops_go_on_after_the_router_was_lost(home: ZenohBus, endpoint: s
         again = await ZenohBus.open(Link(listen=(endpoint,)), patience_s=10)
         try:
             await until(lambda: site.problem == "", what="the connection to be back")
-            publisher = again.publisher(SELECTION_EVENTS)
-
-            async def put() -> None:
-                while True:
-                    publisher.put(SelectionEvent(stamp_ns=1, event="selected", object_id="1"))
-                    await asyncio.sleep(0.05)
-
-            async with running(put()):
+            event = SelectionEvent(stamp_ns=1, event="selected", object_id="1")
+            async with repeated(partial(again.publisher(SELECTION_EVENTS).put, event)):
                 assert (await anext(events)).object_id == "1"
         finally:
             await again.close()
@@ -102,13 +114,7 @@ async def test_another_site_is_named(endpoint: str) -> None:
 async def test_messages_of_another_version_are_one_sentence(home: ZenohBus, endpoint: str) -> None:
     async with pointit.connect(endpoint) as site:
         cursors = site.cursors("anna")
-
-        async def put() -> None:
-            while True:
-                home.session.put(CURSOR.at("anna"), b"\x81\xa1x\x01")
-                await asyncio.sleep(0.05)
-
-        async with running(put()):
+        async with repeated(lambda: home.session.put(CURSOR.at("anna"), b"\x81\xa1x\x01")):
             with pytest.raises(VersionError, match=r"none could be read .*install the same version"):
                 await anext(cursors)
 
@@ -140,6 +146,21 @@ async def test_who_may_not_is_told(
     with routed(folder), pytest.raises(AccessDeniedError, match="it was revoked"):
         async with pointit.connect(credentials=folder.identity_folder("guest")):
             pass
+
+
+async def test_a_person_has_the_latest_of_their_own_on_a_secured_site(tmp_path: Path) -> None:
+    folder = make_site(tmp_path / "lab", names={"anna": "user"})
+    with routed(folder):
+        wrist = await ZenohBus.open(link_of(folder, "anna"), patience_s=10)
+        ray = PointingRay(stamp_ns=1, origin_m=(0, 0, 1), direction=(1, 0, 0))
+        try:
+            async with (
+                pointit.connect(credentials=folder.identity_folder("anna")) as site,
+                repeated(partial(wrist.publisher(RAY, "anna").put, ray)),
+            ):
+                assert await site.latest.ray.wait("anna", patience_s=60) == site.latest.ray["anna"]
+        finally:
+            await wrist.close()
 
 
 async def until_denied(tracker: Tracker) -> None:

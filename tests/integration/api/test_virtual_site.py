@@ -52,7 +52,7 @@ def test_a_script_sees_people_point_and_sends_requests() -> None:
         assert set() < selected <= {event.object_id for event in found}
         assert "deselected" in site.select.undo(found[-1].user).message
         assert site.select.method(dwell_s=0.5).dwell_s == 0.5
-        assert site.select.method(name="hold").method == "hold"
+        assert site.select.method("hold").name == "hold"
         assert site.latest.cursor["user1"].stamp_ns > began_ns
         with pytest.raises(NoMessageError, match="nothing came on users/nobody/cursor within 2 s"):
             _ = site.latest.cursor["nobody"]

@@ -5,6 +5,7 @@ import socket
 import time
 from collections.abc import AsyncIterator
 
+import click
 import pytest
 import pytest_asyncio
 
@@ -263,8 +264,6 @@ async def test_it_ends_at_once_with_a_viewer_connected_and_the_port_is_free() ->
 
 def test_help_says_how_to_open_it() -> None:
     command = service_command(SERVICE)
-    text = " ".join(
-        [command.help or "", *(getattr(parameter, "help", "") or "" for parameter in command.params)]
-    )
+    text = " ".join(command.get_help(click.Context(command)).split()).replace("read- only", "read-only")
     assert "read-only" in text
     assert "ws://127.0.0.1:8765 and import the layout" in text

@@ -121,16 +121,19 @@ class Page:
             await self.say(kind="ack", n=n, latency_ms=12.5)
 
 
+async def serve(bench: Bench, port: int, **parameters: Any) -> None:
+    """Run the service on `bench` until it ends."""
+    config = WebConfig.model_validate(
+        {"port": port, "operator_token": OPERATOR, "viewer_token": VIEWER, **parameters}
+    )
+    await run_service(Launch(service=service.SERVICE, config=config), bench.bus, bench.clock)
+
+
 @asynccontextmanager
 async def serving(bench: Bench, **parameters: Any) -> AsyncGenerator[Server]:
     """Run the service on `bench`; it has ended, and its port is free again, afterwards."""
     port = parameters.pop("port", None) or free_port()
-    config = WebConfig.model_validate(
-        {"port": port, "operator_token": OPERATOR, "viewer_token": VIEWER, **parameters}
-    )
-    life = asyncio.create_task(
-        run_service(Launch(service=service.SERVICE, config=config), bench.bus, bench.clock)
-    )
+    life = asyncio.create_task(serve(bench, port, **parameters))
     server = Server(port)
     try:
         async with asyncio.timeout(5.0):

@@ -13,7 +13,7 @@ from pointit.bridges.web.server import access, exposure_check
 from pointit.bridges.web.service import Web
 from pointit.bridges.web.wire import Role
 from pointit.runtime.errors import ConfigError, ListenError
-from tests.integration.web.pages import INDEX, OPERATOR, VIEWER, Server, built, serving
+from tests.integration.web.pages import INDEX, OPERATOR, VIEWER, Server, built, serve, serving
 from tests.support.bench import memory_bench
 from tests.support.links import link_in
 
@@ -184,8 +184,8 @@ async def test_a_taken_port_is_said_in_a_sentence() -> None:
     async with memory_bench() as bench, serving(bench) as server:
         port = int(server.host.rpartition(":")[2])
         with pytest.raises(ListenError, match=rf"port {port} of 127\.0\.0\.1 .*--port"):
-            async with serving(bench, port=port):
-                pass
+            async with asyncio.timeout(10.0):
+                await serve(bench, port)
 
 
 @pytest.mark.parametrize(

@@ -26,7 +26,7 @@ async def site(bus: MemoryBus) -> AsyncIterator[Site]:
 
 @pytest.fixture
 def denied(bus: MemoryBus, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Let `bus` deny everything from now on."""
+    """Deny everything."""
 
     async def deny(verb: str, topic: AnyTopic, name: str) -> str:
         return f"{verb} {topic.at(name)}"

@@ -83,8 +83,8 @@ async def test_events_that_nobody_takes_are_counted(
         put_event(bus, str(number))
         await asyncio.sleep(0)
     assert events.lost == 7
-    assert events._inbox.source is not None
-    events._inbox.source.traffic.lost = 2  # on the way
+    assert events._buffer.source is not None
+    events._buffer.source.traffic.lost = 2  # on the way
     assert events.lost == 9
     assert (await anext(events)).object_id == "7"
     assert "the oldest ones are lost" in caplog.text
@@ -148,7 +148,7 @@ async def test_who_is_no_longer_iterated_over_is_unsubscribed(bus: MemoryBus, si
 
 @pytest.fixture
 def _quick_to_doubt(monkeypatch: pytest.MonkeyPatch) -> None:  # pyright: ignore[reportUnusedFunction]
-    monkeypatch.setattr(feed, "DOUBT_S", 0.01)
+    monkeypatch.setattr(feed, "UNREADABLE_TIMEOUT_S", 0.01)
 
 
 @pytest.mark.usefixtures("_quick_to_doubt")
@@ -165,8 +165,8 @@ async def test_unreadable_messages_end_only_a_loop_over_what_one_name_writes(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     messages = site.messages(*row)
-    assert messages._inbox.source is not None
-    traffic = messages._inbox.source.traffic
+    assert messages._buffer.source is not None
+    traffic = messages._buffer.source.traffic
     traffic.invalid = strays
     taking = asyncio.create_task(anext(messages))
     await asyncio.sleep(0.1)
@@ -188,8 +188,8 @@ async def test_unreadable_messages_after_a_readable_one_end_no_loop(bus: MemoryB
     cursors = site.cursors("anna")
     put_cursor(bus, "anna", 1)
     assert (await anext(cursors)).seq == 1
-    assert cursors._inbox.source is not None
-    cursors._inbox.source.traffic.invalid = 7
+    assert cursors._buffer.source is not None
+    cursors._buffer.source.traffic.invalid = 7
     taking = asyncio.create_task(anext(cursors))
     await asyncio.sleep(0.1)
     put_cursor(bus, "anna", 2)

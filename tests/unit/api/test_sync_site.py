@@ -5,7 +5,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from pointit.api.portal import LoopThread
+from pointit.api.loop_thread import LoopThread
 from pointit.api.sync_site import SyncSite
 from pointit.errors import KeyNameError, SchemaError
 from pointit.schemas import TrackedObject
@@ -28,7 +28,7 @@ def test_objects_may_come_from_a_generator_that_uses_the_site(site: SyncSite) ->
 
 def test_the_thread_of_the_site_does_not_wait_for_itself(site: SyncSite) -> None:
     with pytest.raises(RuntimeError, match="the loop of the site cannot wait for itself"):
-        site._portal.do(site.now_ns)
+        site._thread.call(site.now_ns)
 
 
 def test_a_loop_that_cannot_be_made_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:

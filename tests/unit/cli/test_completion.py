@@ -41,7 +41,7 @@ def parameters(*words: str) -> Sequence[click.Parameter]:
             assert isinstance(found, click.Group)
             found = found.get_command(context, word)
     assert found is not None
-    return found.params
+    return found.get_params(click.Context(found, help_option_names=[]))
 
 
 @pytest.mark.parametrize(

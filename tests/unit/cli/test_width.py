@@ -28,7 +28,7 @@ def test_every_option_is_explained(page: tuple[str, ...]) -> None:
             sub = found.get_command(context, name)
             assert sub is not None
             found = sub
-    for parameter in found.params:
+    for parameter in found.get_params(click.Context(found)):
         if isinstance(parameter, click.Option):
             assert parameter.help, parameter.name
 

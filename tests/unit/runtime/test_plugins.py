@@ -1,13 +1,16 @@
 """Plug-ins of packages: found by name, and reported in one sentence when they cannot be used."""
 
+import contextlib
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
+import click
 import pytest
 
 from pointit.runtime.config.plugins import Plugin, PluginConfig, PluginGroup
 from pointit.runtime.errors import ConfigError
+from pointit.runtime.service.process import service_command
 from tests.support import strangers
 
 MODULE = """
@@ -34,7 +37,7 @@ lacking = strangers_lacking:MINE [ble]
 @pytest.fixture
 def parts(tmp_path: Path) -> Iterator[PluginGroup[Plugin]]:
     """Yield the plug-ins of a package that is installed for this test."""
-    (tmp_path / "strangers_raising.py").write_text("1 / 0\n")
+    (tmp_path / "strangers_raising.py").write_text("open(f'{__file__}.imported', 'w').close()\n1 / 0\n")
     (tmp_path / "strangers_exiting.py").write_text("import sys\nsys.exit('no such device')\n")
     (tmp_path / "strangers_lacking.py").write_text("import a_library_that_is_absent\n")
     with strangers.installed(tmp_path, "strangers_mine", MODULE, test_parts=ENTRIES):
@@ -115,3 +118,29 @@ def test_plugin_with_the_name_of_a_parameter_is_refused() -> None:
     with pytest.raises(ConfigError, match="part 'number' of strangers-parts has the name of a parameter"):
         config.section("number")
     assert config.section("mine").model_dump() == {"address": "", "speed": 3}
+
+
+class Listening:
+    """Has part plug-ins."""
+
+    NAME = "listening"
+    SCOPE = "site"
+    CONFIG = ServiceConfig
+
+
+@pytest.mark.parametrize(
+    ("arguments", "others"),
+    [
+        (["--number", "4", "--mine.speed", "5"], 0),
+        (["--mine.sped", "5"], 1),  # the error suggests an option
+        (["--help"], 1),
+    ],
+)
+def test_process_imports_only_plugins_that_its_arguments_name(
+    parts: PluginGroup[Plugin], tmp_path: Path, arguments: list[str], others: int
+) -> None:
+    command = service_command(cast("Any", Listening))
+    assert "raising" in parts.names
+    with contextlib.suppress(click.exceptions.Exit, click.NoSuchOption):
+        command.make_context("listening", arguments)
+    assert len(list(tmp_path.glob("*.imported"))) == others

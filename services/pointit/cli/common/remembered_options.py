@@ -60,7 +60,7 @@ def _state_of_sources() -> list[Any]:
 def _described(command: click.Command) -> dict[str, Any]:
     """Return names, help and values of a command's parameters, and names and help of its commands."""
     parameters: list[dict[str, Any]] = []
-    for one in command.params:
+    for one in command.get_params(click.Context(command, help_option_names=[])):  # every command adds its own
         completion = getattr(one, "_custom_shell_complete", None)
         parameters.append(
             {

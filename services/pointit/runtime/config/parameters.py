@@ -2,7 +2,7 @@
 
 import types
 import typing
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -43,8 +43,10 @@ class ParameterInfo:
         return _type_name(self.field.annotation)
 
 
-def iter_parameters(kind: type[BaseModel], prefix: tuple[str, ...] = ()) -> Iterator[ParameterInfo]:
-    """Yield the parameters of `kind`, nested trees flattened, those of installed plug-ins last."""
+def iter_parameters(
+    kind: type[BaseModel], prefix: tuple[str, ...] = (), *, plugins: Collection[str] | None = None
+) -> Iterator[ParameterInfo]:
+    """Yield the parameters of `kind`, nested trees flattened, and last those of `plugins`, by default all."""
     for name, field in kind.model_fields.items():
         annotation = field.annotation
         if isinstance(annotation, type) and issubclass(annotation, BaseModel):
@@ -52,7 +54,7 @@ def iter_parameters(kind: type[BaseModel], prefix: tuple[str, ...] = ()) -> Iter
         else:
             yield ParameterInfo((*prefix, name), field)
     if issubclass(kind, PluginConfig):
-        for name, section in kind.sections().items():
+        for name, section in kind.sections(plugins).items():
             yield from iter_parameters(section, (*prefix, name))
 
 

@@ -1,10 +1,10 @@
 """Parts of a service that installed packages add: declared as entry points, found without importing any.
 
 A plug-in is imported when it is used. All of a kind are imported where the parameters of all are listed, such
-as the options of a service that runs as a process of its own.
+as in the help of a service.
 """
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from importlib.metadata import EntryPoint, entry_points
@@ -152,10 +152,12 @@ class PluginGroup(Generic[P]):
             raise ConfigError(f"write {name}{plugin.value}")
         return name, {plugin.argument: value} if plugin.argument else {}
 
-    def configs(self) -> dict[str, type[Config]]:
-        """Return the parameters of all that can be imported, by name."""
+    def configs(self, among: Collection[str] | None = None) -> dict[str, type[Config]]:
+        """Return parameters of all that can be imported, by name; `among` as in `PluginConfig.sections`."""
         found: dict[str, type[Config]] = {}
         for name in self.names:
+            if among is not None and name.replace("_", "-") not in among:
+                continue
             try:
                 found[name] = self.get(name).config
             except ConfigError:
@@ -211,9 +213,12 @@ class PluginConfig(Config, extra="allow"):
             extra[name] = plugins.validate(name, values, (name,))
 
     @classmethod
-    def sections(cls) -> Mapping[str, type[Config]]:
-        """Return the parameters of all installed plug-ins by name, but for those that read the service's."""
-        configs = cls.plugins().configs().items()
+    def sections(cls, among: Collection[str] | None = None) -> Mapping[str, type[Config]]:
+        """Return the parameters of installed plug-ins by name, but for those that read the service's.
+
+        `among`: names of the plug-ins to import, with hyphens as in options. None: all.
+        """
+        configs = cls.plugins().configs(among).items()
         return {name: config for name, config in configs if config is not cls and not cls._is_shadowed(name)}
 
     @classmethod

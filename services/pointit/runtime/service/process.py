@@ -34,6 +34,8 @@ log = logging.getLogger(__name__)
 EXIT_USAGE = 2
 EXIT_FAULT = 70
 """An unforeseen error (sysexits' EX_SOFTWARE)."""
+SETS = "set_"
+"""Prefix of the names of options that set a parameter."""
 CLOCK_PATIENCE_S = 0.3
 """Time to wait for the site's simulated time before a service starts. It usually takes ms."""
 ASKED_CLOCK_PATIENCE_S = 2.0
@@ -100,7 +102,7 @@ def service_command(service: type[AnyService], plugin: str = "") -> click.Comman
         config = load_config(
             service,
             [options["config"]] if options["config"] else [],
-            {leaf.path: options[_parameter(leaf.path)] for leaf in iter_parameters(service.CONFIG)},
+            {path: value for name, value in options.items() if (path := _path(name))},
         )
         link = link_of(options["site"], options["connect"], options["listen"])
         launch = Launch(service=service, config=config, user=user, plugin=plugin)
@@ -151,18 +153,47 @@ def _command(
         parameters.insert(
             0, click.Option(["--user"], required=True, help="whose service it is, the key's {user}")
         )
-    for leaf in iter_parameters(config):
-        description = leaf.field.description or ""
-        parameters.append(
+    prefix = environment_prefix(name)
+    note = f"Every parameter may also stand in a YAML file (--config) or in a variable {prefix}<PARAMETER>."
+    return _ServiceCommand(
+        name, config=config, callback=callback, params=parameters, help=f"{about}\n\n{note}"
+    )
+
+
+class _ServiceCommand(click.Command):
+    """The command of a service: `params`, and an option for each parameter of its configuration.
+
+    Plug-ins are imported if the arguments name them, all of them for the help.
+    """
+
+    def __init__(self, name: str, *, config: type[Config], **attributes: Any) -> None:
+        super().__init__(name, **attributes)
+        self._config = config
+        self._named: set[str] | None = None
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Parse `args`, with the options of the plug-ins that they name."""
+        if "--help" in args:
+            return super().parse_args(ctx, args)
+        self._named = {word[2:].partition(".")[0] for word in args if word.startswith("--")}
+        try:
+            return super().parse_args(ctx, [*args])
+        except click.NoSuchOption:
+            self._named = None  # the error suggests an option of any
+            return super().parse_args(ctx, args)
+
+    def get_params(self, ctx: click.Context) -> list[click.Parameter]:
+        """Return all options."""
+        options: list[click.Parameter] = [
             click.Option(
                 [_parameter(leaf.path), leaf.option],
                 metavar=f"<{leaf.type_name}>",
-                help=f"{description}  [default: {leaf.default}]",
+                help=f"{leaf.field.description or ''}  [default: {leaf.default}]",
             )
-        )
-    prefix = environment_prefix(name)
-    note = f"Every parameter may also stand in a YAML file (--config) or in a variable {prefix}<PARAMETER>."
-    return click.Command(name, callback=callback, params=parameters, help=f"{about}\n\n{note}")
+            for leaf in iter_parameters(self._config, plugins=self._named)
+        ]
+        common = super().get_params(ctx)
+        return [*common[: len(self.params)], *options, *common[len(self.params) :]]
 
 
 def load_config(
@@ -227,4 +258,9 @@ async def _site_clock(bus: ZenohBus, patience_s: float) -> Clock:
 
 
 def _parameter(path: tuple[str, ...]) -> str:
-    return "set_" + "__".join(path)
+    return SETS + "__".join(path)
+
+
+def _path(parameter: str) -> tuple[str, ...]:
+    """Return the inverse of `_parameter`, or `()` for other options."""
+    return tuple(parameter.removeprefix(SETS).split("__")) if parameter.startswith(SETS) else ()

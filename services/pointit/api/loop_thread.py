@@ -19,14 +19,15 @@ class LoopThread:
         """Start the thread."""
         self._virtual = virtual
         self._calls: set[concurrent.futures.Future[Any]] = set()
-        self._ready: concurrent.futures.Future[asyncio.AbstractEventLoop] = concurrent.futures.Future()
+        self._loop: asyncio.AbstractEventLoop
+        self._ready: concurrent.futures.Future[None] = concurrent.futures.Future()
         self._stop = asyncio.Event()
         self._waiting = 0
-        self._thread = threading.Thread(target=self._live, name="pointit", daemon=True)
+        self._thread = threading.Thread(target=self._run_loop, name="pointit", daemon=True)
         self._thread.start()
-        self._loop = self._ready.result()
+        self._ready.result()
 
-    def call(self, work: Coroutine[Any, Any, T]) -> T:
+    def run(self, work: Coroutine[Any, Any, T]) -> T:
         """Return the result of `work`, which is cancelled by Ctrl-C.
 
         Raises:
@@ -36,7 +37,7 @@ class LoopThread:
         if threading.current_thread() is self._thread:
             work.close()
             raise RuntimeError("the loop of the site cannot wait for itself; call this from another thread")
-        counted = self._count(work)
+        counted = self._counted(work)
         try:
             call = asyncio.run_coroutine_threadsafe(counted, self._loop)
         except RuntimeError as error:  # the loop is closed
@@ -56,13 +57,13 @@ class LoopThread:
         finally:
             self._calls.discard(call)
 
-    def do(self, work: Callable[[], T]) -> T:
+    def call(self, work: Callable[[], T]) -> T:
         """Return the result of `work`, called in the loop."""
 
         async def called() -> T:
             return work()
 
-        return self.call(called())
+        return self.run(called())
 
     def close(self) -> None:
         """End the loop with all its tasks, and the thread."""
@@ -70,7 +71,7 @@ class LoopThread:
             self._loop.call_soon_threadsafe(self._end)
             self._thread.join()
 
-    def _live(self) -> None:
+    def _run_loop(self) -> None:
         make = VirtualTimeLoop if self._virtual else asyncio.new_event_loop
         try:
             with asyncio.Runner(loop_factory=make) as runner:
@@ -84,29 +85,26 @@ class LoopThread:
                 call.cancel()
 
     async def _until_closed(self) -> None:
-        loop = asyncio.get_running_loop()
-        self._pause(loop, is_paused=True)
-        self._ready.set_result(loop)
+        self._loop = asyncio.get_running_loop()
+        self._count_waiting(0)
+        self._ready.set_result(None)
         await self._stop.wait()
 
     def _end(self) -> None:
-        self._waiting += 1  # time passes until all has ended
-        self._pause(self._loop, is_paused=False)
+        self._count_waiting(1)  # time passes until all has ended
         self._stop.set()
 
-    async def _count(self, work: Coroutine[Any, Any, T]) -> T:
-        self._waiting += 1
-        self._pause(self._loop, is_paused=False)
+    async def _counted(self, work: Coroutine[Any, Any, T]) -> T:
+        self._count_waiting(1)
         try:
             return await work
         finally:
-            self._waiting -= 1
-            self._pause(self._loop, is_paused=not self._waiting)
+            self._count_waiting(-1)
 
-    @staticmethod
-    def _pause(loop: asyncio.AbstractEventLoop, *, is_paused: bool) -> None:
-        if isinstance(loop, VirtualTimeLoop):
-            loop.pause(is_paused)
+    def _count_waiting(self, change: int) -> None:
+        self._waiting += change
+        if isinstance(self._loop, VirtualTimeLoop):
+            self._loop.pause(not self._waiting)
 
 
 def closed_error() -> BusClosedError:

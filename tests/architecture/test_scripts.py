@@ -166,7 +166,10 @@ def test_tests_need_more_than_the_demo_and_the_demo_less(machine: Machine) -> No
     machine.run("test")
     workers = int(machine.calls[-1].split()[5])
     assert workers > 1
-    assert machine.calls[-1] == f"python -m pytest -q -n {workers} --dist loadfile -m not slow and not long"
+    assert (
+        machine.calls[-1]
+        == f"python -m pytest -q -n {workers} --dist loadfile --no-loadscope-reorder -m not slow and not long"
+    )
     machine.run("demo")
     assert machine.calls == ["pointit run scenario_4"]
 

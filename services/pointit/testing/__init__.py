@@ -17,7 +17,9 @@ Declared as an entry point of the group `pointit.fake_devices`, under the name o
 found by `pointit plugin check NAME`, too.
 """
 
-from pointit.testing.check import Check, CheckFailedError, run_checks
+from typing import Any
+
+from pointit.testing.check import Check, CheckFailedError, Harness, Suite, run_checks
 from pointit.testing.devices.device import FakeDevice
 from pointit.testing.devices.pty import PtyDevice
 from pointit.testing.devices.tcp import TcpDevice
@@ -26,11 +28,14 @@ from pointit.testing.imu import IMU_SUITE, ImuHarness
 from pointit.testing.led import LED_SUITE, LedHarness
 from pointit.testing.methods import METHOD_SUITE, MethodHarness
 from pointit.testing.service import SERVICE_SUITE, ServiceHarness, ServiceTrial
+from pointit.testing.trial import DeviceHarness
 
 __all__ = [
     "Check",
     "CheckFailedError",
+    "DeviceHarness",
     "FakeDevice",
+    "Harness",
     "ImuHarness",
     "LedHarness",
     "MethodHarness",
@@ -43,19 +48,14 @@ __all__ = [
     "run_checks",
 ]
 
-PATIENCES = 6.0
-"""A check that has not come to an end within this many times the harness's patience hangs."""
+SUITES: dict[type[Harness[Any]], Suite[Any]] = {
+    ImuHarness: IMU_SUITE,
+    LedHarness: LED_SUITE,
+    MethodHarness: METHOD_SUITE,
+    ServiceHarness: SERVICE_SUITE,
+}
 
-Harness = ImuHarness | LedHarness | MethodHarness | ServiceHarness
 
-
-def checks(harness: Harness) -> list[Check]:
+def checks(harness: Harness[Any]) -> list[Check]:
     """Return the checks that can be made with `harness`, for `pytest.mark.parametrize`."""
-    limit_s = PATIENCES * harness.patience_s
-    if isinstance(harness, ImuHarness):
-        return IMU_SUITE.checks(harness, limit_s=limit_s, virtual_time=harness.virtual_time)
-    if isinstance(harness, MethodHarness):
-        return METHOD_SUITE.checks(harness, limit_s=limit_s)
-    if isinstance(harness, ServiceHarness):
-        return SERVICE_SUITE.checks(harness, limit_s=limit_s, virtual_time=harness.virtual_time)
-    return LED_SUITE.checks(harness, limit_s=limit_s)
+    return SUITES[type(harness)].checks(harness)

@@ -1,19 +1,37 @@
-"""Checks: what must hold, what to do if it does not, and the trial that finds out."""
+"""Checks: what must hold, what to do if it does not, and the function that finds out."""
 
-from collections.abc import Callable, Coroutine, Iterator, Sequence
+from collections.abc import Callable, Coroutine, Generator, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, Generic, TypeVar
 
+from pointit.plugins import Plugin
 from pointit.testing.own_loop import run_in_own_loop
 
-H = TypeVar("H")
+P = TypeVar("P", bound=Plugin)
+H = TypeVar("H", bound="Harness[Any]")
 
 AT_ONCE = 16
 """Checks that run at the same time: most of them wait."""
+PATIENCES = 6.0
+"""A check that has not come to an end within this many times the harness's patience hangs."""
 
-Trial = Callable[[H], Coroutine[Any, Any, None]]
+CheckFunction = Callable[[H], Coroutine[Any, Any, None]]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Harness(Generic[P]):
+    """A plug-in, and what its checks must know about it."""
+
+    plugin: P
+    wrong_parameters: tuple[Mapping[str, object], ...] = ()
+    """Parameters that the plug-in must refuse."""
+    virtual_time: bool = False
+    """True if plug-in and device wait for timers of the event loop alone: checks then take no time."""
+    patience_s: float = 10.0
+    """Time that the plug-in may take to start, to connect, to notice a loss, and to warn, s."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,6 +67,15 @@ class CheckFailedError(AssertionError):
     """A plug-in does not keep a promise; the message says which, what happened, and what to do."""
 
 
+@contextmanager
+def called(function: str) -> Generator[None]:
+    """Raise CheckFailedError if `function` of the plug-in, which is called in the block, raises anything."""
+    try:
+        yield
+    except Exception as error:
+        raise CheckFailedError(f"`{function}` raised {type(error).__name__}: {error}") from error
+
+
 def run_checks(checks: Sequence[Check]) -> Iterator[tuple[Check, str]]:
     """Run `checks`, most of them at the same time. Yield each with its error message, or `""`."""
     with ThreadPoolExecutor(max_workers=AT_ONCE) as pool:
@@ -68,61 +95,55 @@ def problem(check: Check) -> str:
     return ""
 
 
-@dataclass(frozen=True)
-class _Kind(Generic[H]):
-    name: str
-    promise: str
-    remedy: str
-    applies: Callable[[H], bool]
-    alone: bool
-    trial: Trial[H]
-
-
 class Suite(Generic[H]):
     """The checks of one kind of plug-in, each a function of its harness."""
 
     def __init__(self) -> None:
-        self._kinds: list[_Kind[H]] = []
+        self._rows: list[tuple[Callable[[H], bool], Callable[[H], Check]]] = []
 
     def add(
         self,
-        promise: str,
+        function: CheckFunction[H],
         remedy: str,
         applies: Callable[[H], bool] = lambda _harness: True,
         *,
         alone: bool = False,
-    ) -> Callable[[Trial[H]], Trial[H]]:
-        """Add the decorated function as a check of its name.
+    ) -> None:
+        """Add `function` as a check of its name. Its docstring is the promise.
 
         Args:
-            promise: what must hold.
-            remedy: what to do otherwise.
+            function: raises CheckFailedError, with a clause that says what happened, if it does not hold.
+            remedy: what to do then.
             applies: returns False for a harness with which it cannot be found out.
             alone: True if it measures the whole process.
         """
+        sentence = function.__doc__ or ""
+        promise = f"{sentence[:1].lower()}{sentence[1:].removesuffix('.')}"
 
-        def added(trial: Trial[H]) -> Trial[H]:
-            self._kinds.append(_Kind(trial.__name__, promise, remedy, applies, alone, trial))
-            return trial
-
-        return added
-
-    def checks(self, harness: H, *, limit_s: float, virtual_time: bool = False) -> list[Check]:
-        """Return the checks that apply to `harness`; each fails after `limit_s` of wall time."""
-        return [
-            Check(
-                name=kind.name,
-                promise=kind.promise,
-                remedy=kind.remedy,
-                alone=kind.alone,
-                function=partial(_run, kind.trial, harness, limit_s, virtual_time=virtual_time),
+        def bound(harness: H) -> Check:
+            return Check(
+                name=function.__name__,
+                promise=promise,
+                remedy=remedy,
+                alone=alone,
+                function=partial(_run, function, harness),
             )
-            for kind in self._kinds
-            if kind.applies(harness)
-        ]
+
+        self._rows.append((applies, bound))
+
+    def check(
+        self, remedy: str, applies: Callable[[H], bool] = lambda _harness: True, *, alone: bool = False
+    ) -> Callable[[CheckFunction[H]], None]:
+        """Return a decorator that adds a function, as `add` does."""
+        return partial(self.add, remedy=remedy, applies=applies, alone=alone)
+
+    def checks(self, harness: H) -> list[Check]:
+        """Return the checks that apply to `harness`."""
+        return [bound(harness) for applies, bound in self._rows if applies(harness)]
 
 
-def _run(trial: Trial[H], harness: H, limit_s: float, *, virtual_time: bool) -> None:
-    hung = run_in_own_loop(lambda: trial(harness), limit_s=limit_s, virtual_time=virtual_time)
+def _run(function: CheckFunction[H], harness: H) -> None:
+    limit_s = PATIENCES * harness.patience_s
+    hung = run_in_own_loop(lambda: function(harness), limit_s=limit_s, virtual_time=harness.virtual_time)
     if hung:
         raise CheckFailedError(f"did not come to an end within {limit_s:g} s: {hung}")

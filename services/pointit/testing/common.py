@@ -5,14 +5,14 @@ import gc
 import threading
 import time
 import tracemalloc
-from collections.abc import Awaitable, Callable, Mapping
+from collections.abc import Awaitable, Callable
 from pathlib import Path
 from typing import Any
 
 from pydantic import ValidationError
 
 from pointit.plugins import Config, ConfigError, Plugin
-from pointit.testing.check import CheckFailedError
+from pointit.testing.check import CheckFailedError, Harness
 from pointit.testing.own_loop import current_watch
 
 MEMORY_BYTES = 400_000
@@ -26,11 +26,7 @@ LONGEST_SUMMARY = 100
 
 
 def require_parameters(plugin: Plugin) -> None:
-    """Check that the summary is one line, and that every parameter is described.
-
-    Raises:
-        CheckFailedError: If not.
-    """
+    """Raise CheckFailedError unless the summary is one line and every parameter is described."""
     summary = plugin.summary
     if not summary.strip() or "\n" in summary or len(summary) > LONGEST_SUMMARY:
         raise CheckFailedError(f"the summary is no line of 1 to {LONGEST_SUMMARY} characters: {summary!r}")
@@ -53,25 +49,24 @@ def _undescribed(kind: type[Config], prefix: str = "") -> list[str]:
     return lacking
 
 
-def require_refused(make: Callable[[Any], object], kind: type[Config], values: Mapping[str, object]) -> bool:
-    """Return True if parameters are refused, which only a `ConfigError` or a `ValidationError` may do.
+def require_refusals(harness: Harness[Any], make: Callable[[Any], object]) -> None:
+    """Raise CheckFailedError unless `make` refuses wrong parameters, by ConfigError or ValidationError."""
+    for number, values in enumerate(({}, *harness.wrong_parameters)):
+        try:
+            make(harness.plugin.config.model_validate(dict(values)))
+        except (ConfigError, ValidationError):
+            continue
+        except Exception as error:
+            name = type(error).__name__
+            raise CheckFailedError(
+                f"the parameters {dict(values)!r} raised {name} instead of ConfigError: {error}"
+            ) from error
+        if number > 0:  # the defaults may be accepted or not
+            raise CheckFailedError(f"the parameters {dict(values)!r} were accepted")
 
-    Raises:
-        CheckFailedError: If another exception is raised.
-    """
-    try:
-        make(kind.model_validate(dict(values)))
-    except (ConfigError, ValidationError):
-        return True
-    except Exception as error:
-        raise CheckFailedError(
-            f"the parameters {dict(values)!r} raised {type(error).__name__} instead of ConfigError: {error}"
-        ) from error
-    return False
 
-
-async def memory_growth(act: Callable[[], Awaitable[None]]) -> int:
-    """Return the bytes that Python holds more after `act` than before."""
+async def require_bounded_memory(act: Callable[[], Awaitable[None]], what: str) -> None:
+    """Raise CheckFailedError if Python holds more memory after `act`, in words `what`, than before."""
     gc.collect()
     tracemalloc.start()
     try:
@@ -81,7 +76,8 @@ async def memory_growth(act: Callable[[], Awaitable[None]]) -> int:
         after, _ = tracemalloc.get_traced_memory()
     finally:
         tracemalloc.stop()
-    return after - before
+    if after - before > MEMORY_BYTES:
+        raise CheckFailedError(f"after {what} it held {(after - before) / 1e6:.1f} MB more")
 
 
 def _present() -> tuple[set[str], int]:
@@ -96,11 +92,7 @@ def _present() -> tuple[set[str], int]:
 
 
 async def require_nothing_left(round_trip: Callable[[], Awaitable[None]]) -> None:
-    """Check that a second `round_trip` leaves no more threads, tasks and files than the first.
-
-    Raises:
-        CheckFailedError: If it does.
-    """
+    """Raise CheckFailedError if a second `round_trip` leaves more threads, tasks or files than the first."""
     await round_trip()
     gc.collect()
     gc.disable()  # an object that only the collector closes is one that nobody closed
@@ -124,12 +116,8 @@ async def require_nothing_left(round_trip: Callable[[], Awaitable[None]]) -> Non
 
 
 async def require_responsive(act: Callable[[], Awaitable[None]]) -> None:
-    """Check that the event loop is never held up during `act`.
-
-    Raises:
-        CheckFailedError: If it is. Names the place in the code.
-    """
-    watch = current_watch()
+    """Raise CheckFailedError, which names the place in the code, if `act` holds the event loop up."""
+    watch = current_watch.get()
     watch.start()
     await act()
     watch.stop()

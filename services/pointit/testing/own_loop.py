@@ -8,6 +8,7 @@ import threading
 import time
 import traceback
 from collections.abc import Callable, Coroutine
+from contextvars import ContextVar
 from types import FrameType
 from typing import Any
 
@@ -66,13 +67,8 @@ class LoopWatch:
             self.longest_s, self.where = stood_s, place(self._thread)
 
 
-WATCH: dict[int, LoopWatch] = {}
-"""Watches by the identity of the watched thread."""
-
-
-def current_watch() -> LoopWatch:
-    """Return the watch of the running check."""
-    return WATCH[threading.get_ident()]
+current_watch: ContextVar[LoopWatch] = ContextVar("current_watch")
+"""Watch of the running check."""
 
 
 def place(thread: int) -> str:
@@ -103,7 +99,7 @@ def run_in_own_loop(
     watch = LoopWatch()
 
     async def watched() -> None:
-        WATCH[threading.get_ident()] = watch
+        current_watch.set(watch)
         try:
             await main()
             outcome.append(None)
@@ -130,7 +126,6 @@ def run_in_own_loop(
     thread.join(END_WITHIN_S if outcome else 0.0)
     if thread.is_alive():
         ctypes.pythonapi.PyThreadState_SetAsyncExc(ctypes.c_ulong(identity), ctypes.py_object(SystemExit))
-    WATCH.pop(identity, None)
     if outcome and outcome[0] is not None:
         raise outcome[0]
     return hung

@@ -4,7 +4,6 @@ import zlib
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from pointit.plugins import Quaternion
 from pointit.services.imu_bridge.replay_source import REPLAY
 from pointit.services.imu_bridge.serial_source import SERIAL
 from pointit.services.imu_bridge.simulated import SIMULATED
@@ -17,6 +16,7 @@ from pointit.testing.devices.pty import PtyDevice
 from pointit.testing.imu import ImuHarness
 from pointit.testing.led import LedHarness
 from pointit.testing.methods import MethodHarness
+from pointit.testing.templates.imu_source.fake import encode
 
 RECORDED_S = 60
 CRC_BYTES = 4
@@ -39,11 +39,6 @@ class Recording(FakeDevice):
         self._folder.cleanup()
 
 
-def _line(orientation: Quaternion) -> bytes:
-    x, y, z, w = orientation
-    return f"{w},{x},{y},{z}\n".encode()
-
-
 def frames(received: bytes) -> list[bytes]:
     """Return the frames that an expander has drawn: its channels at each draw command."""
     drawn: list[bytes] = []
@@ -63,7 +58,7 @@ SERIAL_HARNESS = ImuHarness(
     plugin=SERIAL,
     device=PtyDevice,
     parameters=lambda device: {"port": str(device.path)},
-    encode=_line,
+    encode=encode,
     wrong_parameters=({"port": ""}, {"port": "/dev/ttyUSB0", "baud": 0}),
 )
 SIMULATED_HARNESS = ImuHarness(plugin=SIMULATED, virtual_time=True)

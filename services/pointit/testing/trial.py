@@ -2,26 +2,28 @@
 
 import asyncio
 import threading
-from collections.abc import Awaitable, Callable
-from contextlib import AbstractAsyncContextManager
+from abc import ABC, abstractmethod
+from collections.abc import AsyncGenerator, Awaitable, Callable, Mapping
+from contextlib import asynccontextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from types import TracebackType
-from typing import Self, TypeVar
+from typing import Any, Self, TypeVar
 
 from pointit.plugins import Surroundings
 from pointit.runtime.service.plugin_guard import first_cause
 from pointit.runtime.virtual_time import START_NS
-from pointit.testing.check import CheckFailedError
+from pointit.testing.check import CheckFailedError, Harness, P
 from pointit.testing.devices.device import FakeDevice
 
-M = TypeVar("M")
+T = TypeVar("T", bound="Trial")
 
 LOOK_S = 0.02
 CANCEL_S = 1.0
 """Time within which a plug-in must have ended after it was cancelled, s."""
-TRIES = 3
-"""A time is only too long if it is so in each of this many tries: a busy machine makes any of them slow."""
+ABSENT_S = 0.2
+"""Time for which a device is away, s."""
 
 
 class TrialClock:
@@ -43,17 +45,24 @@ class TrialHealth:
     def __init__(self) -> None:
         self.warnings: dict[str, str] = {}
         """Present warnings by topic."""
-        self.in_loop = True
-        """False once it was called from another thread."""
+        self._elsewhere = ""
         self._thread = threading.get_ident()
 
-    def note_thread(self) -> None:
-        """Remember whether this is the loop's thread."""
-        self.in_loop = self.in_loop and threading.get_ident() == self._thread
+    def note_thread(self, function: str) -> None:
+        """Remember `function`, which the plug-in has called, if this is not the event loop's thread."""
+        if threading.get_ident() != self._thread:
+            self._elsewhere = self._elsewhere or function
+
+    def require_in_loop(self) -> None:
+        """Raise CheckFailedError if the plug-in has called something from another thread."""
+        if self._elsewhere:
+            raise CheckFailedError(
+                f"`{self._elsewhere}` was called from another thread than the event loop's"
+            )
 
     def warn(self, topic: str, sentence: str) -> None:
         """Show a warning until it is cleared, by `clear` or `""`."""
-        self.note_thread()
+        self.note_thread("health.warn")
         if sentence:
             self.warnings[topic] = sentence
         else:
@@ -65,19 +74,40 @@ class TrialHealth:
 
     def set_metric(self, name: str, value: float | None, unit: str = "") -> None:  # noqa: ARG002 - as the bus
         """Take a metric."""
-        self.note_thread()
+        self.note_thread("health.set_metric")
 
     def reached(self, latency_s: float) -> None:  # noqa: ARG002 - as the bus
         """Take a latency."""
-        self.note_thread()
+        self.note_thread("health.reached")
 
 
-class Trial:
+@dataclass(frozen=True, kw_only=True)
+class DeviceHarness(Harness[P]):
+    """A plug-in that runs, with a fake device that stands for the real one."""
+
+    device: Callable[[], FakeDevice] = FakeDevice
+    """Makes a device that is not plugged in: `TcpDevice`, `UdpDevice`, `PtyDevice` or one of your own."""
+    parameters: Callable[[Any], Mapping[str, object]] = lambda _device: {}
+    """Parameters of the plug-in that lead it to the device given."""
+
+    def trial(self) -> "Trial":
+        """Return a trial of the plug-in, which has not begun."""
+        raise NotImplementedError
+
+    def example(self) -> FakeDevice:
+        """Return a closed device, which tells what others like it can do."""
+        device = self.device()
+        device.close()
+        return device
+
+
+class Trial(ABC):
     """One run of a plug-in beside its fake device, which is not plugged in yet."""
 
-    def __init__(self, device: FakeDevice, patience_s: float) -> None:
-        self.device = device
-        self.patience_s = patience_s
+    def __init__(self, harness: DeviceHarness[Any]) -> None:
+        self.device = harness.device()
+        self.patience_s = harness.patience_s
+        self.config = harness.plugin.config.model_validate(dict(harness.parameters(self.device)))
         self.clock = TrialClock()
         self.health = TrialHealth()
         self._folder = TemporaryDirectory()
@@ -85,6 +115,38 @@ class Trial:
             clock=self.clock, health=self.health, folder=Path(self._folder.name) / "state", user="anna"
         )
         self.task: asyncio.Task[None] | None = None
+
+    @abstractmethod
+    def make(self, config: Any) -> object:
+        """Make the plug-in. Raises what it raises."""
+
+    @abstractmethod
+    async def start(self) -> None:
+        """Run the plug-in in the background. Raises CheckFailedError if it cannot be made."""
+
+    @abstractmethod
+    async def exchange(self, situation: str = "the device was connected") -> None:
+        """Wait until something passes between plug-in and device, if anything can.
+
+        Raises:
+            CheckFailedError: If nothing passes in the `situation`, a clause.
+        """
+
+    @abstractmethod
+    async def live(self) -> None:
+        """Do all that can happen to the plug-in while it runs. Raises CheckFailedError if it fails."""
+
+    async def plug(self, situation: str = "the device came") -> None:
+        """Plug the device in, and exchange something."""
+        await self.device.plug()
+        await self.exchange(situation)
+
+    async def replug(self) -> None:
+        """Unplug the device for a moment, and exchange something."""
+        await self.device.unplug()
+        await asyncio.sleep(ABSENT_S)
+        self.require_running()
+        await self.plug("the device came back")
 
     async def __aenter__(self) -> Self:
         """Enter."""
@@ -107,28 +169,13 @@ class Trial:
             self._folder.cleanup()
 
     def require_running(self) -> None:
-        """Check that `run` has neither returned nor raised.
-
-        Raises:
-            CheckFailedError: If it has.
-        """
+        """Raise CheckFailedError if `run` has returned or raised."""
         if self.task is None or not self.task.done():
             return
         error = failure_of(self.task)
         if error is None:
             raise CheckFailedError("`run` returned by itself")
         raise CheckFailedError(f"`run` raised {type(error).__name__}: {error}") from error
-
-    def made(self, make: Callable[[], M]) -> M:
-        """Return `make()`.
-
-        Raises:
-            CheckFailedError: If it raises.
-        """
-        try:
-            return make()
-        except Exception as error:
-            raise CheckFailedError(f"`make` raised {type(error).__name__}: {error}") from error
 
     async def until(
         self,
@@ -157,11 +204,7 @@ class Trial:
             await asyncio.sleep(LOOK_S)
 
     async def end(self) -> float:
-        """Cancel `run`. Return the time until it had ended, s.
-
-        Raises:
-            CheckFailedError: If it raises, or does not end.
-        """
+        """Cancel `run`, and return the time until it ends, s. Raises CheckFailedError if it does not."""
         task, self.task = self.task, None
         if task is None:
             return 0.0
@@ -185,20 +228,29 @@ def failure_of(task: asyncio.Task[None]) -> BaseException | None:
     return first_cause(error) if isinstance(error, Exception) else error
 
 
-async def require_quick_end(begin: Callable[[], AbstractAsyncContextManager[Trial]], state: str) -> None:
-    """Check that a plug-in ends within `CANCEL_S` of being cancelled.
+@asynccontextmanager
+async def absent(trial: T) -> AsyncGenerator[T]:
+    """Run the plug-in of `trial` while its device is away."""
+    async with trial:
+        await trial.start()
+        await asyncio.sleep(ABSENT_S)
+        trial.require_running()
+        yield trial
 
-    Args:
-        begin: enters a new trial, in the state.
-        state: the state, in words.
 
-    Raises:
-        CheckFailedError: If it does not.
-    """
-    took_s: list[float] = []
-    for _ in range(TRIES):
-        async with begin() as trial:
-            took_s.append(await trial.end())
-        if took_s[-1] < CANCEL_S:
-            return
-    raise CheckFailedError(f"{state}, it ended {min(took_s):.1f} s after it was cancelled")
+@asynccontextmanager
+async def connected(trial: T) -> AsyncGenerator[T]:
+    """Run the plug-in of `trial` until it uses its device."""
+    async with trial:
+        await trial.device.plug()
+        await trial.start()
+        await trial.exchange()
+        yield trial
+
+
+@asynccontextmanager
+async def lived(trial: T) -> AsyncGenerator[T]:
+    """Run the plug-in of `trial` with its device, and let all happen to it that can."""
+    async with connected(trial):
+        await trial.live()
+        yield trial

@@ -1,23 +1,23 @@
 """Selection methods with one fault each, made from the template, and the check that must catch it."""
 
 import time
-from dataclasses import replace
-from typing import Any
-
-from pydantic import Field
 
 from pointit.plugins import Config, MethodConfig, Pointing, Progress, Surroundings
-from pointit.testing.templates.selection_method import METHOD, Method
+from pointit.testing.templates.selection_method import Method
 from pointit.testing.templates.selection_method.fake import DEVICE
-from tests.unit.testing_kit.faulty_sources import Fault
+from tests.unit.testing_kit.faults import CaughtBy
+
+caught_by = CaughtBy(DEVICE)
 
 
+@caught_by("selects", "there fired nothing")
 class UsesTheClock(Method):
     def step(self, pointing: Pointing) -> Progress:
         cursor = pointing.cursor.model_copy(update={"stamp_ns": time.time_ns()})
         return super().step(pointing._replace(cursor=cursor))
 
 
+@caught_by("selects", "'object 3', 'object 3'")
 class NeverLatches(Method):
     def step(self, pointing: Pointing) -> Progress:
         result = super().step(pointing)
@@ -25,11 +25,13 @@ class NeverLatches(Method):
         return result
 
 
+@caught_by("latches", "was latched, and fired all the same")
 class IgnoresLatch(Method):
     def latch(self, object_id: str) -> None:
         """Do nothing."""
 
 
+@caught_by("latches", "stayed latched")
 class LatchesForEver(Method):
     def step(self, pointing: Pointing) -> Progress:
         latched = self._latched
@@ -38,6 +40,7 @@ class LatchesForEver(Method):
         return result
 
 
+@caught_by("selects_only_hovered", "pointed at 'nothing', and")
 class FiresTheLast(Method):
     """Selects what was left."""
 
@@ -56,6 +59,7 @@ class FiresTheLast(Method):
         return self.since == 20
 
 
+@caught_by("passes", "on each of many objects")
 class AddsUpPassing(Method):
     def step(self, pointing: Pointing) -> Progress:
         spent_ns, self._object = self._spent_ns, pointing.under
@@ -64,11 +68,13 @@ class AddsUpPassing(Method):
         return result
 
 
+@caught_by("progress", "a progress was")
 class ReportsSeconds(Method):
     def step(self, pointing: Pointing) -> Progress:
         return super().step(pointing)._replace(progress=self._spent_ns / 1e8)
 
 
+@caught_by("deterministic", "gave other results")
 class SharesState(Method):
     everybody = 0
 
@@ -78,6 +84,7 @@ class SharesState(Method):
         return result if self.everybody < 400 else result._replace(progress=1.0)
 
 
+@caught_by("gaps", "and it fired")
 class CountsGaps(Method):
     def step(self, pointing: Pointing) -> Progress:
         stamp_ns = pointing.cursor.stamp_ns
@@ -87,6 +94,7 @@ class CountsGaps(Method):
         return super().step(pointing)
 
 
+@caught_by("odd_cursors", "raised ZeroDivisionError")
 class DividesByTheStep(Method):
     def step(self, pointing: Pointing) -> Progress:
         if self._stamp_ns is not None:
@@ -94,6 +102,7 @@ class DividesByTheStep(Method):
         return super().step(pointing)
 
 
+@caught_by("many_objects", "it held")
 class NeverForgets(Method):
     def __init__(self, config: MethodConfig, surroundings: Surroundings) -> None:
         super().__init__(config, surroundings)
@@ -104,28 +113,4 @@ class NeverForgets(Method):
         return super().step(pointing)
 
 
-class DwellConfig(Config):
-    """Without the time that every method has."""
-
-    seconds: float = Field(default=0.8, description="time")
-
-
-def fault(check: str, words: str, make: Any, config: type[Config] = MethodConfig) -> Fault:
-    """Return the template with another method."""
-    return Fault(check, words, replace(DEVICE, plugin=replace(METHOD, make=make, config=config)))
-
-
-FAULTS: dict[str, Fault] = {
-    "uses_the_clock": fault("selects", "there fired nothing", UsesTheClock),
-    "never_latches": fault("selects", "'object 3', 'object 3'", NeverLatches),
-    "ignores_latch": fault("latches", "was latched, and fired all the same", IgnoresLatch),
-    "latches_for_ever": fault("latches", "stayed latched", LatchesForEver),
-    "fires_the_last": fault("selects_only_hovered", "pointed at 'nothing', and", FiresTheLast),
-    "adds_up_passing": fault("passes", "on each of many objects", AddsUpPassing),
-    "reports_seconds": fault("progress", "a progress was", ReportsSeconds),
-    "shares_state": fault("deterministic", "gave other results", SharesState),
-    "counts_gaps": fault("gaps", "and it fired", CountsGaps),
-    "divides_by_the_step": fault("odd_cursors", "raised ZeroDivisionError", DividesByTheStep),
-    "never_forgets": fault("many_objects", "it held", NeverForgets),
-    "no_dwell_time": fault("parameters", "`dwell_s` is None", Method, DwellConfig),
-}
+caught_by("parameters", "`dwell_s` is None", config=Config)(Method)

@@ -5,70 +5,54 @@ import contextlib
 import math
 import threading
 import time
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
-from pydantic import Field
-
-from pointit.plugins import Config, Deliver, HealthSink, Quaternion, Reading, Reconnected, Surroundings
-from pointit.testing.templates.imu_source import SOURCE, Source, SourceConfig, parse
+from pointit.plugins import Config, Deliver, Quaternion, Reading, Reconnected, Surroundings
+from pointit.runtime.health.surroundings import NullHealth
+from pointit.testing.templates.imu_source import Source, SourceConfig, parse
 from pointit.testing.templates.imu_source.fake import DEVICE
+from tests.unit.testing_kit.faults import CaughtBy, seed_in_run
+
+caught_by = CaughtBy(DEVICE)
 
 
+@caught_by("waits_for_device", "`run` raised Connection")
+@caught_by("reconnects", "raised|returned")
 class DiesWithoutDevice(Source):
     async def run(self, deliver: Deliver) -> None:
         while True:
             await self._connect_and_read(deliver)
 
 
+@caught_by("reconnects", "came back, and no reading")
 class ConnectsOnce(Source):
     async def run(self, deliver: Deliver) -> None:
         await super()._connect_and_read(deliver)
         await asyncio.Event().wait()
 
 
+@caught_by("tells_reconnection", "no `Reconnected`")
 class ConcealsRestarts(Source):
     async def run(self, deliver: Deliver) -> None:
         await super().run(lambda item: None if isinstance(item, Reconnected) else deliver(item))
 
 
-class Silently:
-    """Health of which only what is named is told."""
-
-    def __init__(self, health: HealthSink, *told: str) -> None:
-        self._health = health
-        self._told = told
-
-    def __getattr__(self, name: str) -> Callable[..., None]:
-        return getattr(self._health, name) if name in self._told else self._nothing
-
-    @staticmethod
-    def _nothing(*_: object) -> None:
-        """Tell nobody."""
-
-
+@caught_by("warns", "no warning said so")
 class NeverWarns(Source):
     def __init__(self, config: SourceConfig, surroundings: Surroundings) -> None:
-        super().__init__(config, surroundings)
-        self._health: Any = Silently(surroundings.health)
+        super().__init__(config, replace(surroundings, health=NullHealth()))
 
 
+@caught_by("warns", "a warning stayed")
 class NeverStopsWarning(Source):
     def __init__(self, config: SourceConfig, surroundings: Surroundings) -> None:
-        super().__init__(config, surroundings)
-        self._health: Any = Silently(surroundings.health, "warn")
+        health: Any = NullHealth()
+        health.warn = surroundings.health.warn
+        super().__init__(config, replace(surroundings, health=health))
 
 
-class CannotBeCancelled(Source):
-    async def run(self, deliver: Deliver) -> None:
-        while True:
-            try:
-                await super().run(deliver)
-            except asyncio.CancelledError:
-                continue
-
-
+@caught_by("cancels", "raised RuntimeError when it was cancelled")
 class RaisesAtItsEnd(Source):
     async def run(self, deliver: Deliver) -> None:
         try:
@@ -90,17 +74,20 @@ class ChangesReadings(Source):
         await super().run(changed)
 
 
+@caught_by("stamps", "has the stamp 12345")
 class StampsWithDeviceTime(ChangesReadings):
     def change(self, reading: Reading) -> Reading:
         return replace(reading, stamp_ns=12345)
 
 
+@caught_by("delivers", "was connected, and no reading")
 class ScalarFirst(ChangesReadings):
     def change(self, reading: Reading) -> Reading:
         x, y, z, w = reading.world_from_sensor
         return replace(reading, world_from_sensor=(w, x, y, z))
 
 
+@caught_by("calls_in_the_loop", "another thread")
 class DeliversFromAThread(Source):
     async def run(self, deliver: Deliver) -> None:
         def elsewhere(item: Any) -> None:
@@ -136,33 +123,41 @@ class OwnLoop(Source):
         return parse(line)
 
 
+def numbers(line: bytes) -> Quaternion:
+    w, x, y, z = map(float, line.split(b","))
+    return (x, y, z, w)
+
+
+@caught_by("not_unit", "whose norm is 0")
 class TrustsTheNorm(OwnLoop):
     def orientation(self, line: bytes) -> Quaternion | None:
-        try:
-            w, x, y, z = map(float, line.split(b","))
-        except ValueError:
-            return None
-        return (x, y, z, w) if math.isfinite(w + x + y + z) else None
-
-
-class LetsNanThrough(OwnLoop):
-    def orientation(self, line: bytes) -> Quaternion | None:
         with contextlib.suppress(ValueError):
-            w, x, y, z = map(float, line.split(b","))
-            return None if abs(math.hypot(w, x, y, z) - 1.0) > 0.1 else (x, y, z, w)
+            orientation = numbers(line)
+            return orientation if math.isfinite(sum(orientation)) else None
         return None
 
 
+@caught_by("not_finite", "whose norm is nan")
+class LetsNanThrough(OwnLoop):
+    def orientation(self, line: bytes) -> Quaternion | None:
+        with contextlib.suppress(ValueError):
+            orientation = numbers(line)
+            return None if abs(math.hypot(*orientation) - 1.0) > 0.1 else orientation
+        return None
+
+
+@caught_by("bad_bytes", "`run` raised ValueError")
 class DiesOfBadBytes(OwnLoop):
     def orientation(self, line: bytes) -> Quaternion | None:
-        w, x, y, z = map(float, line.split(b","))
-        return (x, y, z, w)
+        return numbers(line)
 
 
+@caught_by("bad_bytes", "`run` raised ValueError")
 class DiesOfLongLines(OwnLoop):
     """Has forgotten that `readline` raises ValueError beyond its limit."""
 
 
+@caught_by("burst", "the newest was not delivered")
 class LagsBehind(OwnLoop):
     async def read(self, reader: asyncio.StreamReader, deliver: Deliver) -> None:
         while line := await reader.readline():
@@ -170,6 +165,7 @@ class LagsBehind(OwnLoop):
             await asyncio.sleep(0.02)
 
 
+@caught_by("bounded_memory", "readings it held")
 class KeepsAllReadings(ChangesReadings):
     def __init__(self, config: SourceConfig, surroundings: Surroundings) -> None:
         super().__init__(config, surroundings)
@@ -180,6 +176,7 @@ class KeepsAllReadings(ChangesReadings):
         return reading
 
 
+@caught_by("bounded_memory", "without a reading it held")
 class KeepsALineWithoutEnd(OwnLoop):
     async def read(self, reader: asyncio.StreamReader, deliver: Deliver) -> None:
         rest: bytes = b""
@@ -189,6 +186,7 @@ class KeepsALineWithoutEnd(OwnLoop):
                 self.take(line, deliver)
 
 
+@caught_by("silence", "of a processor core")
 class Polls(OwnLoop):
     async def read(self, reader: asyncio.StreamReader, deliver: Deliver) -> None:
         line = asyncio.ensure_future(reader.readline())
@@ -204,6 +202,7 @@ class Polls(OwnLoop):
             line.cancel()
 
 
+@caught_by("silence", "`run` raised ValueError: no data")
 class EndsInSilence(OwnLoop):
     async def read(self, reader: asyncio.StreamReader, deliver: Deliver) -> None:
         try:
@@ -213,18 +212,14 @@ class EndsInSilence(OwnLoop):
             raise ValueError("no data") from error
 
 
-class SleepsInTheLoop(Source):
-    async def _connect_and_read(self, deliver: Deliver) -> None:
-        time.sleep(0.6)  # noqa: ASYNC251 - the fault
-        await super()._connect_and_read(deliver)
-
-
+@caught_by("waits_for_device", r"come to an end .*Event", patience_s=0.5)
 class Hangs(Source):
     async def run(self, deliver: Deliver) -> None:
         threading.Event().wait(8.0)
         await super().run(deliver)
 
 
+@caught_by("leaves_nothing", "open file")
 class LeavesASocket(Source):
     opened: list[asyncio.StreamWriter] = []  # noqa: RUF012 - the fault
 
@@ -234,15 +229,10 @@ class LeavesASocket(Source):
         await super()._connect_and_read(deliver)
 
 
+@caught_by("leaves_nothing", "thread 'reader")
 class LeavesAThread(Source):
     async def run(self, deliver: Deliver) -> None:
         threading.Thread(target=time.sleep, args=(6.0,), name=f"reader {id(self)}", daemon=True).start()
-        await super().run(deliver)
-
-
-class LeavesATask(Source):
-    async def run(self, deliver: Deliver) -> None:
-        self.task = asyncio.create_task(asyncio.sleep(3600))
         await super().run(deliver)
 
 
@@ -250,67 +240,16 @@ class UndescribedConfig(SourceConfig):
     gain: float = 1.0
 
 
-class StrictConfig(Config):
-    host: str = Field(default="", description="name of the device")
-    port: int = Field(default=1, description="port of the device")
-
-
 def _accept(_config: Config) -> None:
     """Accept any parameters."""
 
 
-def _key_error(config: StrictConfig, surroundings: Surroundings) -> Source:
-    ports: dict[int, int] = {}
-    return Source(SourceConfig(host=config.host, port=ports[config.port]), surroundings)
+@caught_by("config_errors", "raised KeyError", check=_accept)
+class RaisesKeyError(Source):
+    def __init__(self, config: SourceConfig, _surroundings: Surroundings) -> None:
+        raise KeyError(config.port)
 
 
-@dataclass(frozen=True)
-class Fault:
-    """A faulty plug-in, the check that catches it, and words of the report."""
-
-    check: str
-    words: str
-    harness: Any
-
-
-def fault(
-    check: str, words: str, make: Any, *, config: type[Config] | None = None, wait_s: float = 5.0
-) -> Fault:
-    """Return the template with another source, and without its check if there is another `config`."""
-    plugin = replace(SOURCE, make=make)
-    if config is not None:
-        plugin = replace(plugin, config=config, check=_accept)
-    return Fault(check, words, replace(DEVICE, plugin=plugin, patience_s=wait_s))
-
-
-FAULTS: dict[str, Fault] = {
-    "dies_without_device": fault("waits_for_device", "`run` raised Connection", DiesWithoutDevice),
-    "connects_once": fault("reconnects", "after the first loss", ConnectsOnce),
-    "conceals_restarts": fault("tells_reconnection", "no `Reconnected`", ConcealsRestarts),
-    "never_warns": fault("warns", "no warning said so", NeverWarns),
-    "never_stops_warning": fault("warns", "a warning stayed", NeverStopsWarning),
-    "cannot_be_cancelled": fault("cancels", "still ran", CannotBeCancelled),
-    "raises_at_its_end": fault("cancels", "raised RuntimeError when it was cancelled", RaisesAtItsEnd),
-    "stamps_with_device_time": fault("stamps", "has the stamp 12345", StampsWithDeviceTime),
-    "scalar_first": fault("delivers", "no reading of the device", ScalarFirst),
-    "delivers_from_a_thread": fault("calls_in_the_loop", "another thread", DeliversFromAThread),
-    "trusts_the_norm": fault("not_unit", "whose norm is 0", TrustsTheNorm),
-    "lets_nan_through": fault("not_finite", "whose norm is nan", LetsNanThrough),
-    "dies_of_bad_bytes": fault("bad_bytes", "`run` raised ValueError", DiesOfBadBytes),
-    "dies_of_long_lines": fault("bad_bytes", "`run` raised ValueError", DiesOfLongLines),
-    "lags_behind": fault("burst", "the newest was not delivered", LagsBehind),
-    "keeps_all_readings": fault("bounded_memory", "readings it held", KeepsAllReadings),
-    "keeps_a_line_without_end": fault("bounded_memory", "without a reading it held", KeepsALineWithoutEnd),
-    "polls": fault("silence", "of a processor core", Polls),
-    "ends_in_silence": fault("silence", "`run` raised ValueError: no data", EndsInSilence),
-    "sleeps_in_the_loop": fault("does_not_block", r"stood still .*time\.sleep", SleepsInTheLoop),
-    "hangs": fault("waits_for_device", r"come to an end .*Event", Hangs, wait_s=0.5),
-    "leaves_a_socket": fault("leaves_nothing", "open file", LeavesASocket),
-    "leaves_a_thread": fault("leaves_nothing", "thread 'reader", LeavesAThread),
-    "leaves_a_task": fault("leaves_nothing", "task", LeavesATask),
-    "undescribed_parameter": fault(
-        "parameters", "without a description: gain", Source, config=UndescribedConfig
-    ),
-    "raises_key_error": fault("config_errors", "raised KeyError", _key_error, config=StrictConfig),
-    "accepts_no_address": fault("config_errors", "were accepted", Source, config=SourceConfig),
-}
+caught_by("parameters", "without a description: gain", config=UndescribedConfig, check=_accept)(Source)
+caught_by("config_errors", "were accepted", check=_accept)(Source)
+seed_in_run(caught_by, Source)

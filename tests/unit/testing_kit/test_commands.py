@@ -8,6 +8,7 @@ import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 
+import click
 import pytest
 from click.testing import CliRunner, Result
 
@@ -18,11 +19,14 @@ from pointit.testing.check import Check
 from tests.support import strangers
 
 
+def invoke(command: click.Command, *arguments: str) -> Result:
+    return CliRunner().invoke(command, arguments, catch_exceptions=False)
+
+
 def written(kind: str, name: str, folder: Path) -> Path:
     """Return the folder of a new package."""
     target = folder / name
-    result = CliRunner().invoke(new.command, [kind, name, "--folder", str(target)], catch_exceptions=False)
-    assert f"pointit plugin check {name}" in result.output
+    assert f"pointit plugin check {name}" in invoke(new.command, kind, name, "--folder", str(target)).output
     return target
 
 
@@ -42,13 +46,9 @@ def install(package: Path, stack: contextlib.ExitStack) -> None:
     stack.enter_context(strangers.installed(package / "src", "no_module", "", **entries))
 
 
-def checked(*arguments: str) -> Result:
-    return CliRunner().invoke(check.command, arguments, catch_exceptions=False)
-
-
 def test_new_package_is_found_and_keeps_its_promises(tmp_path: Path, stack: contextlib.ExitStack) -> None:
     install(written("selection-method", "my-way", tmp_path), stack)
-    result = checked()  # all of other packages
+    result = invoke(check.command)  # all of other packages
     assert result.exit_code == 0, result.output
     assert "kept   selection-method my-way: selects the object" in result.output
     assert "11 of 11 promises are kept" in result.output
@@ -80,7 +80,7 @@ def test_broken_promise_is_named_with_its_remedy(
     module = package / "src" / name.replace("-", "_") / "__init__.py"
     module.write_text(module.read_text().replace(*wrong))
     install(package, stack)
-    result = checked(name)
+    result = invoke(check.command, name)
     assert result.exit_code == 1
     assert f"broken selection-method {name}: {said[0]}" in result.output
     assert said[1] in result.output
@@ -93,7 +93,7 @@ def test_plugin_without_a_fake_device_is_told_how_to_get_one(
     project = package / "pyproject.toml"
     project.write_text(project.read_text().replace("pointit.fake_devices", "somebody.elses"))
     install(package, stack)
-    result = checked("my-bare-wrist", "--json")
+    result = invoke(check.command, "my-bare-wrist", "--json")
     assert result.exit_code == 1
     (row,) = json.loads(result.output)
     assert (row["plugin"], row["check"]) == ("imu-source my-bare-wrist", "fake_device")
@@ -109,11 +109,7 @@ def test_harness_that_raises_is_named() -> None:
 
 
 @pytest.mark.parametrize(
-    ("kind", "some"),
-    [
-        ("imu-source", "delivers or parameters"),
-        ("service", "works or parameters"),
-    ],
+    ("kind", "some"), [("imu-source", "delivers or parameters"), ("service", "works or parameters")]
 )
 def test_tests_of_a_new_package_pass_as_written(kind: str, some: str, tmp_path: Path) -> None:
     # all of its promises are checked in test_shipped.py
@@ -132,7 +128,7 @@ def test_tests_of_a_new_package_pass_as_written(kind: str, some: str, tmp_path: 
 @pytest.mark.parametrize("name", ["My Wrist", "1st", "../x", "json", "pointit", "class", "a--b"])
 def test_name_that_cannot_be_a_package_is_refused(name: str) -> None:
     with pytest.raises(ConfigError, match="cannot be a package's name"):
-        CliRunner().invoke(new.command, ["imu-source", name], catch_exceptions=False)
+        invoke(new.command, "imu-source", name)
 
 
 @pytest.mark.parametrize(
@@ -146,15 +142,11 @@ def test_name_that_cannot_be_a_package_is_refused(name: str) -> None:
 )
 def test_name_that_is_taken_is_refused(kind: str, name: str, problem: str, tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=f"^{problem}.*: choose another name$"):
-        CliRunner().invoke(
-            new.command, [kind, name, "--folder", str(tmp_path / "new")], catch_exceptions=False
-        )
+        invoke(new.command, kind, name, "--folder", str(tmp_path / "new"))
     assert not (tmp_path / "new").exists()
 
 
 def test_present_files_are_not_overwritten(tmp_path: Path) -> None:
     (tmp_path / "notes.txt").write_text("mine")
     with pytest.raises(ConfigError, match="is there already"):
-        CliRunner().invoke(
-            new.command, ["imu-source", "my-wrist", "--folder", str(tmp_path)], catch_exceptions=False
-        )
+        invoke(new.command, "imu-source", "my-wrist", "--folder", str(tmp_path))

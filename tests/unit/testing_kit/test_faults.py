@@ -6,16 +6,15 @@ from dataclasses import replace
 
 import pytest
 
+from pointit.plugins import ConfigError, MethodConfig, Surroundings
 from pointit.testing import checks, run_checks
+from pointit.testing.templates.selection_method import METHOD, Method
+from pointit.testing.templates.selection_method.fake import DEVICE
 from tests.support.pace import MOST, slowness
 from tests.unit.testing_kit import faulty_methods, faulty_outputs, faulty_services, faulty_sources
+from tests.unit.testing_kit.faults import FAULTS
 
-FAULTS = {
-    **{f"source_{name}": fault for name, fault in faulty_sources.FAULTS.items()},
-    **{f"output_{name}": fault for name, fault in faulty_outputs.FAULTS.items()},
-    **{f"method_{name}": fault for name, fault in faulty_methods.FAULTS.items()},
-    **{f"service_{name}": fault for name, fault in faulty_services.FAULTS.items()},
-}
+assert all((faulty_methods, faulty_outputs, faulty_services, faulty_sources))  # they fill FAULTS
 
 
 def reports_of(names: Iterable[str], patience: float = 1.0) -> dict[str, str]:
@@ -49,3 +48,14 @@ def test_seeded_fault_is_caught(name: str, reports: dict[str, str]) -> None:
     (check,) = [each for each in checks(fault.harness) if each.name == fault.check]
     assert re.search(fault.words, reports[name]), reports[name]
     assert check.remedy in reports[name]
+
+
+def test_make_of_a_method_may_refuse_parameters() -> None:
+    def make(config: MethodConfig, surroundings: Surroundings) -> Method:
+        if config.dwell_s > 5.0:
+            raise ConfigError("dwell_s: is too long; give at most 5 s")
+        return Method(config, surroundings)
+
+    harness = replace(DEVICE, plugin=replace(METHOD, make=make), wrong_parameters=({"dwell_s": 6.0},))
+    (check,) = [each for each in checks(harness) if each.name == "config_errors"]
+    check.run()

@@ -18,7 +18,7 @@ from pointit.testing.installed import FAKE_DEVICES, installed_harness
 
 
 @dataclass(frozen=True)
-class Row:
+class CheckResult:
     """Result of one check."""
 
     plugin: str
@@ -39,21 +39,21 @@ def command(*, name: str | None, as_json: bool) -> None:
 
     Example: pointit plugin check serial
     """
-    rows: list[Row] = []
+    results: list[CheckResult] = []
     logging.disable()  # devices come and go on purpose
     try:
         for kind, found in chosen(name):
-            for row in examined(kind, found):
-                rows.append(row)
+            for result in examined(kind, found):
+                results.append(result)
                 if not as_json:
-                    _print(row)
+                    _print(result)
     finally:
         logging.disable(logging.NOTSET)
-    broken = sum(bool(row.problem) for row in rows)
+    broken = sum(bool(result.problem) for result in results)
     if as_json:
-        print_json([vars(row) for row in rows])
+        print_json([vars(result) for result in results])
     else:
-        click.echo(f"{len(rows) - broken} of {len(rows)} promises are kept")
+        click.echo(f"{len(results) - broken} of {len(results)} promises are kept")
     if broken:
         raise SystemExit(1)
 
@@ -81,24 +81,24 @@ def chosen(name: str | None) -> list[tuple[str, str]]:
     )
 
 
-def examined(kind: str, name: str) -> Iterator[Row]:
+def examined(kind: str, name: str) -> Iterator[CheckResult]:
     """Yield the results of the checks of a plug-in."""
     title = f"{kind} {name}"
     try:
         plugin: Plugin = GROUPS[kind].get(name)
         harness = installed_harness(name, plugin)
     except ConfigError as error:
-        yield Row(title, "import", "can be imported", str(error))
+        yield CheckResult(title, "import", "can be imported", str(error))
         return
     if harness is not None:
         for check, problem in run_checks(checks(harness)):
-            yield Row(title, check.name, check.promise, problem)
+            yield CheckResult(title, check.name, check.promise, problem)
         return
     try:
         require_parameters(plugin)
     except CheckFailedError as error:
-        yield Row(title, "parameters", "describes itself and its parameters", str(error))
-    yield Row(
+        yield CheckResult(title, "parameters", "describes itself and its parameters", str(error))
+    yield CheckResult(
         title,
         "fake_device",
         "has a fake device, with which the other promises can be checked",
@@ -107,8 +107,10 @@ def examined(kind: str, name: str) -> Iterator[Row]:
     )
 
 
-def _print(row: Row) -> None:
-    verdict = click.style("broken", fg="red", bold=True) if row.problem else click.style("kept  ", fg="green")
-    click.echo(f"{verdict} {row.plugin}: {row.promise}")
-    if row.problem:
-        click.echo(f"       {row.problem}")
+def _print(result: CheckResult) -> None:
+    verdict = (
+        click.style("broken", fg="red", bold=True) if result.problem else click.style("kept  ", fg="green")
+    )
+    click.echo(f"{verdict} {result.plugin}: {result.promise}")
+    if result.problem:
+        click.echo(f"       {result.problem}")

@@ -1,6 +1,5 @@
 """The device's side of a link, as checks use it."""
 
-import contextlib
 import socket
 from typing import ClassVar
 
@@ -39,16 +38,19 @@ class FakeDevice:
         """Free what was reserved for it, at the end."""
 
 
-class ReservedPort:
-    """A port of 127.0.0.1 that stays ours while nothing listens on it."""
+class NetworkDevice(FakeDevice):
+    """A device on a port of this machine, which stays its own while nothing listens there."""
+
+    host = "127.0.0.1"
 
     def __init__(self, kind: socket.SocketKind) -> None:
-        self._socket = socket.socket(socket.AF_INET, kind)
-        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        self._socket.bind(("127.0.0.1", 0))
-        self.number: int = self._socket.getsockname()[1]
+        super().__init__()
+        self._reserved = socket.socket(socket.AF_INET, kind)
+        self._reserved.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        self._reserved.bind((self.host, 0))
+        self.port: int = self._reserved.getsockname()[1]
+        """Port of the device."""
 
     def close(self) -> None:
-        """Free it."""
-        with contextlib.suppress(OSError):
-            self._socket.close()
+        """Free the port."""
+        self._reserved.close()

@@ -4,24 +4,20 @@ import asyncio
 import socket
 from typing import ClassVar
 
-from pointit.testing.devices.device import FakeDevice, ReservedPort
+from pointit.testing.devices.device import NetworkDevice
 
 
-class UdpDevice(FakeDevice):
+class UdpDevice(NetworkDevice):
     """A sender to `program_port`, on which the program listens, and a receiver on `port`."""
 
     is_connected: ClassVar[bool] = False
-    host = "127.0.0.1"
 
     def __init__(self) -> None:
-        super().__init__()
-        self._reserved = ReservedPort(socket.SOCK_DGRAM)
-        self.port = self._reserved.number
-        """Port to which the program sends."""
-        free = ReservedPort(socket.SOCK_DGRAM)
-        self.program_port = free.number
-        """Port on which the program listens."""
-        free.close()
+        super().__init__(socket.SOCK_DGRAM)
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
+            free.bind((self.host, 0))
+            self.program_port: int = free.getsockname()[1]
+            """Port on which the program listens."""
         self.datagrams: list[bytes] = []
         """Datagrams received since it was plugged in. `received` has their bytes."""
         self._transport: asyncio.DatagramTransport | None = None
@@ -47,10 +43,6 @@ class UdpDevice(FakeDevice):
         """Send one datagram."""
         if self._transport is not None:
             self._transport.sendto(data, (self.host, self.program_port))
-
-    def close(self) -> None:
-        """Free the port."""
-        self._reserved.close()
 
 
 class _Receiver(asyncio.DatagramProtocol):

@@ -1,7 +1,6 @@
 """Checks of IMU sources."""
 
 from pointit.testing.imu import link, load, readings
-from pointit.testing.imu.harness import ImuHarness
-from pointit.testing.imu.suite import IMU_SUITE
+from pointit.testing.imu.harness import IMU_SUITE, ImuHarness
 
 __all__ = ["IMU_SUITE", "ImuHarness", "link", "load", "readings"]

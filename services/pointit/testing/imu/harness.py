@@ -2,17 +2,16 @@
 
 import asyncio
 import math
-import threading
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 from pointit.geometry import rotation
 from pointit.geometry.rotation import Quaternion
 from pointit.plugins import ImuSource, Press, Reading, Reconnected, Source
-from pointit.testing.devices.device import FakeDevice
-from pointit.testing.trial import Trial
+from pointit.testing.check import Suite, called
+from pointit.testing.trial import DeviceHarness, Trial
 
 POSTURE: Quaternion = rotation.from_azimuth_elevation(0.7, -0.3)
 """Orientation that the fake device sends unless told otherwise."""
@@ -22,96 +21,93 @@ KEPT = 64
 
 
 @dataclass(frozen=True, kw_only=True)
-class ImuHarness:
+class ImuHarness(DeviceHarness[ImuSource]):
     """An IMU source with a fake device that stands for the real one."""
 
-    plugin: ImuSource
-    device: Callable[[], FakeDevice] = FakeDevice
-    """Makes a device that is not plugged in: `TcpDevice`, `UdpDevice`, `PtyDevice` or one of your own."""
-    parameters: Callable[[Any], Mapping[str, object]] = lambda _device: {}
-    """Parameters of the source that lead it to the device given."""
     encode: Callable[[Quaternion], bytes] | None = None
     """Returns the bytes that the device sends for the orientation x, y, z, w. Raises ValueError if its format
     cannot express it. None if there is no device that sends."""
-    wrong_parameters: tuple[Mapping[str, object], ...] = ()
-    """Parameters that the source must refuse."""
     delivers: bool = True
     """False for a source without readings of its own."""
-    virtual_time: bool = False
-    """True if source and device wait for timers of the event loop alone: checks then take no time."""
-    patience_s: float = 10.0
-    """Time that the source may take to connect, to notice a loss, and to warn, s."""
 
-    def makes(self, holds: Callable[[FakeDevice], bool]) -> bool:
-        """Return True if `holds` of the device."""
-        device = self.device()
-        try:
-            return holds(device)
-        finally:
-            device.close()
+    def trial(self) -> "ImuTrial":
+        """Return a trial of the source, which has not begun."""
+        return ImuTrial(self)
+
+
+IMU_SUITE: Suite[ImuHarness] = Suite()
+
+
+def sends(harness: ImuHarness) -> bool:
+    """Return True if there is a fake device that sends."""
+    return harness.encode is not None
+
+
+def encoded(harness: ImuHarness, orientation_xyzw: Quaternion) -> bytes:
+    """Return the bytes of a reading, none if the device's format cannot express it."""
+    try:
+        return harness.encode(orientation_xyzw) if harness.encode is not None else b""
+    except (ValueError, OverflowError):
+        return b""
 
 
 class ImuTrial(Trial):
     """One run of an IMU source."""
 
     def __init__(self, harness: ImuHarness) -> None:
-        super().__init__(harness.device(), harness.patience_s)
-        self._harness = harness
-        self._thread = threading.get_ident()
+        super().__init__(harness)
+        self.harness = harness
         self.readings: deque[Reading] = deque(maxlen=KEPT)
         self.count = 0
-        self.presses = 0
         self.reconnections = 0
         """Number of `Reconnected` so far."""
-        self.in_loop = True
-        """False once something was delivered from another thread."""
         self.wrong = ""
         """First delivered thing that was wrong in itself, in words."""
 
-    def start(self) -> None:
-        """Make the source, and run it in the background."""
-        plugin = self._harness.plugin
-        config = plugin.config.model_validate(dict(self._harness.parameters(self.device)))
+    def make(self, config: Any) -> Source:
+        """Check the parameters, and make the source."""
+        self.harness.plugin.check(config)
+        return self.harness.plugin.make(config, self.surroundings)
 
-        def make() -> Source:
-            plugin.check(config)
-            return plugin.make(config, self.surroundings)
-
-        source = self.made(make)
+    async def start(self) -> None:
+        """Run the source in the background."""
+        with called("make"):
+            source = self.make(self.config)
         self.task = asyncio.create_task(source.run(self._deliver))
+
+    async def exchange(self, situation: str = "the device was connected") -> None:
+        """Wait until a reading is delivered, if the source has any."""
+        failure = f"{situation}, and no reading was delivered"
+        if sends(self.harness):
+            await self.hear(failure)
+        elif self.harness.delivers:
+            await self.until(lambda: self.count > 0, failure)
+
+    async def live(self) -> None:
+        """Let the device vanish and come back, if there is one."""
+        if sends(self.harness):
+            await self.replug()
 
     async def send(self, orientation_xyzw: Quaternion = POSTURE) -> None:
         """Send one reading, if the device's format can express it."""
-        if self._harness.encode is None:
-            return
-        try:
-            data = self._harness.encode(orientation_xyzw)
-        except (ValueError, OverflowError):
-            return
-        await self.device.send(data)
+        data = encoded(self.harness, orientation_xyzw)
+        if data:
+            await self.device.send(data)
 
-    async def hear(self, failure: str, orientation_xyzw: Quaternion = POSTURE) -> Reading:
-        """Send a reading until it is delivered, and return it.
-
-        Raises:
-            CheckFailedError: If it is not.
-        """
-        before = self.count
+    async def hear(self, failure: str, orientation_xyzw: Quaternion = POSTURE) -> None:
+        """Send a reading until it is delivered. Raises CheckFailedError if it is not."""
+        self.readings.clear()
 
         def heard() -> bool:
-            new = list(self.readings)[-(self.count - before) :] if self.count > before else []
-            return any(angle_rad(each.world_from_sensor, orientation_xyzw) < 0.05 for each in new)
+            return any(is_near(each.world_from_sensor, orientation_xyzw) for each in self.readings)
 
         await self.until(heard, failure, lambda: self.send(orientation_xyzw))
-        return self.readings[-1]
 
     def _deliver(self, item: Reading | Press | Reconnected) -> None:
-        self.in_loop = self.in_loop and threading.get_ident() == self._thread
+        self.health.note_thread("deliver")
         if isinstance(item, Reconnected):
             self.reconnections += 1
-        elif isinstance(item, Press):
-            self.presses += 1
-        else:
+        elif isinstance(item, Reading):
             self.count += 1
             self.readings.append(item)
             self.wrong = self.wrong or problem(item)
@@ -128,7 +124,6 @@ def problem(reading: Reading) -> str:
     return ""
 
 
-def angle_rad(one: Quaternion, other: Quaternion) -> float:
-    """Return the angle between two orientations, rad."""
-    dot = abs(sum(a * b for a, b in zip(one, other, strict=True)))
-    return 2.0 * math.acos(min(1.0, dot)) if math.isfinite(dot) else math.inf
+def is_near(one: Quaternion, other: Quaternion) -> bool:
+    """Return True if two orientations differ by less than 0.05 rad."""
+    return abs(sum(a * b for a, b in zip(one, other, strict=True))) > math.cos(0.05 / 2)

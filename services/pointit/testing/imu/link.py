@@ -2,101 +2,61 @@
 
 import asyncio
 import time
-from collections.abc import AsyncGenerator
-from contextlib import asynccontextmanager
 
+from pointit.testing import lifecycle
 from pointit.testing.check import CheckFailedError
-from pointit.testing.common import require_nothing_left, require_responsive
-from pointit.testing.imu.harness import ImuHarness, ImuTrial
-from pointit.testing.imu.suite import IMU_SUITE, connected, notices_loss, sends
-from pointit.testing.trial import TRIES, Trial, require_quick_end
+from pointit.testing.imu.harness import IMU_SUITE, ImuHarness, sends
+from pointit.testing.trial import absent, connected
 
-ABSENT_S = 0.2
 SILENCE_S = 0.6
 VIRTUAL_SILENCE_S = 120.0
 MOST_CPU = 0.15
 """Share of one core above which a source that gets nothing is said to spin. Waiting takes 0.02."""
 
 
-@IMU_SUITE.add(
-    "waits for a device that is not there yet",
-    "Catch OSError around connecting, and try again after a pause",
-    sends,
-)
+@IMU_SUITE.check("Catch OSError around connecting, and try again after a pause", sends)
 async def waits_for_device(harness: ImuHarness) -> None:
-    """See the promise."""
-    async with ImuTrial(harness) as trial:
-        trial.start()
-        await asyncio.sleep(ABSENT_S)
-        trial.require_running()
-        await trial.device.plug()
-        await trial.hear("the device came, and no reading was delivered")
+    """Waits for a device that is not there yet."""
+    async with absent(harness.trial()) as trial:
+        await trial.plug()
 
 
-@IMU_SUITE.add(
-    "reconnects after the device has vanished",
-    "Connect in a loop: end of file and OSError lead back to connecting, after a pause",
-    sends,
-)
+@IMU_SUITE.check("Connect in a loop: end of file and OSError lead back to connecting, after a pause", sends)
 async def reconnects(harness: ImuHarness) -> None:
-    """See the promise."""
-    async with connected(harness) as trial:
-        for time_no in ("first", "second"):
-            await trial.device.unplug()
-            await asyncio.sleep(ABSENT_S)
-            await trial.device.plug()
-            await trial.hear(f"after the {time_no} loss, the device came back and no reading was delivered")
+    """Reconnects after the device has vanished."""
+    async with connected(harness.trial()) as trial:
+        for _ in range(2):
+            await trial.replug()
 
 
-@IMU_SUITE.add(
-    "tells that the device was connected again",
+@IMU_SUITE.check(
     "Call `deliver(Reconnected())` whenever a connection is open, since a restarted device may have turned "
     "its yaw",
-    notices_loss,
+    lambda harness: sends(harness) and harness.example().is_connected,
 )
 async def tells_reconnection(harness: ImuHarness) -> None:
-    """See the promise."""
-    async with connected(harness) as trial:
+    """Tells that the device was connected again."""
+    async with connected(harness.trial()) as trial:
         before = trial.reconnections
-        await trial.device.unplug()
-        await asyncio.sleep(ABSENT_S)
-        await trial.device.plug()
-        await trial.hear("the device came back and no reading was delivered")
+        await trial.replug()
         if trial.reconnections == before:
             raise CheckFailedError(
                 "the device came back and no `Reconnected` was delivered before its reading"
             )
 
 
-@IMU_SUITE.add(
-    "warns while the device is away, and no longer when it is back",
-    "Call `surroundings.health.warn(topic, sentence)`, which says what to do, and later `clear(topic)`",
-    sends,
-)
-async def warns(harness: ImuHarness) -> None:
-    """See the promise."""
-    async with ImuTrial(harness) as trial:
-        trial.start()
-        await trial.until(lambda: bool(trial.health.warnings), "the device was away and no warning said so")
-        await trial.device.plug()
-        await trial.hear("the device came, and no reading was delivered")
-        await trial.until(
-            lambda: not trial.health.warnings,
-            "the device was back and a warning stayed",
-            trial.send,
-        )
+IMU_SUITE.add(lifecycle.warns, lifecycle.WARN, sends)
 
 
-@IMU_SUITE.add(
-    "waits through silence, without using the processor",
+@IMU_SUITE.check(
     "Await the next bytes instead of asking for them in a loop, and take silence for no error",
     alone=True,
 )
 async def silence(harness: ImuHarness) -> None:
-    """See the promise."""
-    async with connected(harness) as trial:
+    """Waits through silence, without using the processor."""
+    async with connected(harness.trial()) as trial:
         used = 0.0
-        for _ in range(TRIES):
+        for _ in range(lifecycle.TRIES):
             began_s, cpu_s = time.monotonic(), time.process_time()
             await asyncio.sleep(VIRTUAL_SILENCE_S if harness.virtual_time else SILENCE_S)
             used = (time.process_time() - cpu_s) / max(time.monotonic() - began_s, 1e-3)
@@ -105,65 +65,17 @@ async def silence(harness: ImuHarness) -> None:
                 break
         else:
             raise CheckFailedError(f"while nothing arrived it used {used:.0%} of a processor core")
-        if sends(harness):
-            await trial.hear("after a silence, no reading was delivered")
+        await trial.exchange("a silence ended")
 
 
-@IMU_SUITE.add(
-    "ends within 1 s of being cancelled",
+IMU_SUITE.add(
+    lifecycle.cancels,
     "Await only what can be cancelled, do not catch CancelledError, and join no thread for longer",
 )
-async def cancels(harness: ImuHarness) -> None:
-    """See the promise."""
-
-    @asynccontextmanager
-    async def absent() -> AsyncGenerator[Trial]:
-        async with ImuTrial(harness) as trial:
-            trial.start()
-            await asyncio.sleep(ABSENT_S)
-            yield trial
-
-    if sends(harness):
-        await require_quick_end(absent, "while it waited for the device")
-    await require_quick_end(lambda: connected(harness), "while the device was connected")
-
-
-@IMU_SUITE.add(
-    "does not hold up the event loop",
+IMU_SUITE.add(
+    lifecycle.does_not_block,
     "Call nothing that waits, such as `time.sleep` or a blocking read: use asyncio's streams, or "
     "`asyncio.to_thread` and a thread of its own",
     alone=True,
 )
-async def does_not_block(harness: ImuHarness) -> None:
-    """See the promise."""
-
-    async def live() -> None:
-        async with ImuTrial(harness) as trial:
-            trial.start()
-            await asyncio.sleep(ABSENT_S)
-            await trial.device.plug()
-            if sends(harness):
-                await trial.hear("the device came, and no reading was delivered")
-                await trial.device.unplug()
-            await asyncio.sleep(ABSENT_S)
-
-    await require_responsive(live)
-
-
-@IMU_SUITE.add(
-    "leaves no task, thread, file or socket when it has ended",
-    "Close in `finally` or `async with` what `run` opens, and cancel and await its tasks",
-    alone=True,
-)
-async def leaves_nothing(harness: ImuHarness) -> None:
-    """See the promise."""
-
-    async def round_trip() -> None:
-        async with connected(harness) as trial:
-            if sends(harness):
-                await trial.device.unplug()
-                await asyncio.sleep(ABSENT_S)
-                await trial.device.plug()
-                await trial.hear("the device came back and no reading was delivered")
-
-    await require_nothing_left(round_trip)
+IMU_SUITE.add(lifecycle.leaves_nothing, lifecycle.CLOSE, alone=True)

@@ -1,68 +1,48 @@
 """Checks of what an IMU source delivers, and of its parameters."""
 
+from pointit.testing import lifecycle
 from pointit.testing.check import CheckFailedError
-from pointit.testing.common import require_parameters, require_refused
-from pointit.testing.imu.harness import OTHER_POSTURE, ImuHarness, ImuTrial
-from pointit.testing.imu.suite import IMU_SUITE, connected, delivers_readings, sends
-from pointit.testing.trial import Trial
+from pointit.testing.common import require_parameters
+from pointit.testing.imu.harness import IMU_SUITE, OTHER_POSTURE, ImuHarness, sends
+from pointit.testing.trial import connected
 
 
-@IMU_SUITE.add(
-    "has a summary of one line and a description for each parameter",
-    "Operators see them in `pointit list plugins` and in the help of imu-bridge",
-)
+@IMU_SUITE.check("Operators see them in `pointit list plugins` and in the help of imu-bridge")
 async def parameters(harness: ImuHarness) -> None:
-    """See the promise."""
+    """Has a summary of one line and a description for each parameter."""
     require_parameters(harness.plugin)
 
 
-@IMU_SUITE.add(
-    "refuses parameters that cannot work, with ConfigError and nothing else",
+IMU_SUITE.add(
+    lifecycle.config_errors,
     "Raise pointit.plugins.ConfigError from `check` or `make`, with one sentence: what, where, what to do",
 )
-async def config_errors(harness: ImuHarness) -> None:
-    """See the promise."""
-    plugin = harness.plugin
-    around = Trial(harness.device(), harness.patience_s)
-
-    def make(config: object) -> None:
-        plugin.check(config)
-        plugin.make(config, around.surroundings)
-
-    async with around:
-        require_refused(make, plugin.config, {})  # they may be refused, but only so
-        for values in harness.wrong_parameters:
-            if not require_refused(make, plugin.config, values):
-                raise CheckFailedError(f"the parameters {dict(values)!r} were accepted")
 
 
-@IMU_SUITE.add(
-    "delivers the orientation that the device sends, as a unit quaternion x, y, z, w",
+@IMU_SUITE.check(
     "Call `deliver(Reading(stamp_ns, (x, y, z, w)))` for each reading; `encode` of the harness and the "
     "source must agree on the order of numbers",
-    delivers_readings,
+    lambda harness: harness.delivers,
 )
 async def delivers(harness: ImuHarness) -> None:
-    """See the promise."""
-    async with connected(harness) as trial:
+    """Delivers the orientation that the device sends, as a unit quaternion x, y, z, w."""
+    async with connected(harness.trial()) as trial:
         if sends(harness):
             await trial.hear("a second orientation was not delivered", OTHER_POSTURE)
         if trial.wrong:
             raise CheckFailedError(trial.wrong)
 
 
-@IMU_SUITE.add(
-    "stamps readings with the clock of its surroundings, at capture or arrival",
+@IMU_SUITE.check(
     "Take `stamp_ns` from `surroundings.clock.now_ns()`; the device's own time belongs in `device_time_ns`",
-    delivers_readings,
+    lambda harness: harness.delivers,
 )
 async def stamps(harness: ImuHarness) -> None:
-    """See the promise."""
-    trial = ImuTrial(harness)
-    began_ns = trial.clock.now_ns()
-    async with trial:
+    """Stamps readings with the clock of its surroundings, at capture or arrival."""
+    async with harness.trial() as trial:
+        began_ns = trial.clock.now_ns()
         await trial.device.plug()
-        trial.start()
+        await trial.start()
         await trial.until(lambda: trial.count > 4, "fewer than five readings were delivered", trial.send)
         now_ns = trial.clock.now_ns()
         last_ns = began_ns
@@ -76,14 +56,8 @@ async def stamps(harness: ImuHarness) -> None:
             last_ns = each.stamp_ns
 
 
-@IMU_SUITE.add(
-    "calls `deliver` and reports health in the event loop's thread",
-    "From another thread use `loop.call_soon_threadsafe(deliver, reading)`",
-)
+@IMU_SUITE.check("From another thread use `loop.call_soon_threadsafe(deliver, reading)`")
 async def calls_in_the_loop(harness: ImuHarness) -> None:
-    """See the promise."""
-    async with connected(harness) as trial:
-        if not trial.in_loop:
-            raise CheckFailedError("`deliver` was called from another thread")
-        if not trial.health.in_loop:
-            raise CheckFailedError("health was reported from another thread")
+    """Calls `deliver` and reports health in the event loop's thread."""
+    async with connected(harness.trial()) as trial:
+        trial.health.require_in_loop()

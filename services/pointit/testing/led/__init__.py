@@ -1,7 +1,6 @@
 """Checks of LED outputs."""
 
 from pointit.testing.led import frames, link
-from pointit.testing.led.harness import LedHarness
-from pointit.testing.led.suite import LED_SUITE
+from pointit.testing.led.harness import LED_SUITE, LedHarness
 
 __all__ = ["LED_SUITE", "LedHarness", "frames", "link"]

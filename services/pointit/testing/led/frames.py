@@ -7,10 +7,11 @@ import time
 
 from pointit.plugins import OutputConfig
 from pointit.schemas import StripFrame
-from pointit.testing.check import CheckFailedError
-from pointit.testing.common import require_parameters, require_refused
-from pointit.testing.led.harness import STRIPS, LedHarness, LedTrial, pattern
-from pointit.testing.led.suite import LED_SUITE, can_stall, lit, notices_loss
+from pointit.testing import lifecycle
+from pointit.testing.check import CheckFailedError, called
+from pointit.testing.common import require_parameters
+from pointit.testing.led.harness import LED_SUITE, STRIPS, LedHarness, notices_loss
+from pointit.testing.trial import absent, connected
 
 LATE_S = 0.5
 SHOWS = 21
@@ -19,97 +20,72 @@ SHOW_S = 0.02
 FRAMES = 300
 
 
-@LED_SUITE.add(
-    "has a summary of one line, a description for each parameter, and those of every output",
+@LED_SUITE.check(
     "Derive the parameters from pointit.plugins.OutputConfig; operators see them in `pointit list plugins`",
 )
 async def parameters(harness: LedHarness) -> None:
-    """See the promise."""
+    """Has a summary of one line, a description for each parameter, and those of every output."""
     if not issubclass(harness.plugin.config, OutputConfig):
         raise CheckFailedError(f"{harness.plugin.config.__name__} is no OutputConfig")
     require_parameters(harness.plugin)
 
 
-@LED_SUITE.add(
-    "refuses parameters that cannot work, with ConfigError and nothing else, and opens nothing yet",
-    "Raise pointit.plugins.ConfigError from `make`, with one sentence; connect in `run`",
-)
+@LED_SUITE.check("Raise pointit.plugins.ConfigError from `make`, with one sentence; connect in `run`")
 async def config_errors(harness: LedHarness) -> None:
-    """See the promise."""
-    async with LedTrial(harness) as around:  # made while the device is away
-
-        def make(config: object) -> None:
-            harness.plugin.make(config, around.surroundings)
-
-        require_refused(make, harness.plugin.config, {})
-        for values in harness.wrong_parameters:
-            if not require_refused(make, harness.plugin.config, values):
-                raise CheckFailedError(f"the parameters {dict(values)!r} were accepted")
+    """Refuses parameters that cannot work, with ConfigError and nothing else, and opens nothing yet."""
+    await lifecycle.config_errors(harness)  # made while the device is away
 
 
-@LED_SUITE.add(
-    "shows frames: each strip's pixels arrive, red, green, blue",
-    "`decode` of the harness and the output must agree on the order of strips and colours",
-)
+@LED_SUITE.check("`decode` of the harness and the output must agree on the order of strips and colours")
 async def shows(harness: LedHarness) -> None:
-    """See the promise."""
-    async with lit(harness) as trial:
+    """Shows frames: each strip's pixels arrive, red, green, blue."""
+    async with connected(harness.trial()) as trial:
         for number in (5, 2**20 + 2**31 + 3, 2**50 + 1):
-            trial.show(pattern(number))
-            await trial.see(pattern(number), "a later frame did not reach the device")
+            trial.show(number)
+            await trial.exchange()
 
 
-@LED_SUITE.add(
-    "returns at once from `show`, also while the device is away or stuck",
-    "Keep the frame in `show` and send it from `run`",
-    alone=True,
-)
+@LED_SUITE.check("Keep the frame in `show` and send it from `run`", alone=True)
 async def show_returns_at_once(harness: LedHarness) -> None:
-    """See the promise."""
+    """Returns at once from `show`, also while the device is away or stuck."""
 
-    def require_quick(trial: LedTrial, state: str) -> None:
+    def show_often(state: str) -> None:
         took_s: list[float] = []
         for number in range(1, SHOWS + 1):
             began_s = time.perf_counter()
-            trial.show(pattern(number))
+            trial.show(number)
             took_s.append(time.perf_counter() - began_s)
         if statistics.median(took_s) > SHOW_S:
             raise CheckFailedError(f"{state}, `show` took {statistics.median(took_s) * 1e3:.0f} ms")
 
-    async with LedTrial(harness) as trial:
-        trial.start()
-        require_quick(trial, "while the device was away")
-        await trial.device.plug()
-        await trial.see(pattern(SHOWS), "the device came, and did not get the newest frame")
-        require_quick(trial, "while the device was connected")
+    async with absent(harness.trial()) as trial:
+        show_often("while the device was away")
+        await trial.plug()
+        show_often("while the device was connected")
         if trial.device.can_stall:
             trial.device.stall()
-            require_quick(trial, "while the device read nothing")
+            show_often("while the device read nothing")
 
 
-@LED_SUITE.add(
-    "sends the newest frame and drops those that it replaced",
+@LED_SUITE.check(
     "Keep one frame, not a queue: `show` replaces it, and `run` sends it when the device takes more",
-    can_stall,
+    lambda harness: harness.example().can_stall,
 )
 async def newest_wins(harness: LedHarness) -> None:
-    """See the promise."""
-    async with lit(harness) as trial:
+    """Sends the newest frame and drops those that it replaced."""
+    async with connected(harness.trial()) as trial:
         before = len(trial.shown())
         for number in range(2, FRAMES + 2):
-            trial.show(pattern(number))
-        await trial.see(pattern(FRAMES + 1), "the newest of many frames did not reach the device")
+            trial.show(number)
+        await trial.exchange("many frames were shown")
         sent = len(trial.shown()) - before
         if sent > FRAMES / 2:
             raise CheckFailedError(f"of {FRAMES} frames shown at once, {sent} were sent, not just the newest")
 
 
-@LED_SUITE.add(
-    "survives frames that do not fit: without strips, of unknown strips, too short, too long, too early",
-    "Look strips up by their id in what `set_strips` gave last; cut or fill their pixels",
-)
+@LED_SUITE.check("Look strips up by their id in what `set_strips` gave last; cut or fill their pixels")
 async def odd_frames(harness: LedHarness) -> None:
-    """See the promise."""
+    """Survives frames that do not fit: without strips, of unknown strips, too short, too long, too early."""
     odd: tuple[list[StripFrame], ...] = (
         [],
         [StripFrame(id="unknown", rgb=b"\xff" * 30)],
@@ -117,41 +93,36 @@ async def odd_frames(harness: LedHarness) -> None:
         [StripFrame(id="a", rgb=b"\xff" * 3000), StripFrame(id="b", rgb=b"")],
         [StripFrame(id="b", rgb=b"\xff" * 21)],
     )
-    async with LedTrial(harness) as trial:
+    async with harness.trial() as trial:
         for frames in odd:  # before there are strips
             trial.show_frames(frames)
         await trial.device.plug()
-        trial.start()
+        await trial.start()
         for strips in (STRIPS[:1], (), STRIPS[::-1], STRIPS):
-            try:
+            with called("set_strips"):
                 trial.output.set_strips(strips)
-            except Exception as error:
-                raise CheckFailedError(f"`set_strips` raised {type(error).__name__}: {error}") from error
             for frames in odd:
                 trial.show_frames(frames)
                 await asyncio.sleep(0.005)
                 trial.require_running()
-        trial.show(pattern(7))
-        await trial.see(pattern(7), "after frames that do not fit, a good one did not reach the device")
+        trial.show(7)
+        await trial.exchange("frames did not fit")
 
 
-@LED_SUITE.add(
-    "has an honest `light_s`: 0.0 before the first frame, then the time from `show` to the wire",
+@LED_SUITE.check(
     "Take the time in `show` and after the last byte was sent, in seconds; leave 0.0 if it is not measured",
 )
 async def light_s(harness: LedHarness) -> None:
-    """See the promise."""
+    """Has an honest `light_s`: 0.0 before the first frame, then the time from `show` to the wire."""
     loop = asyncio.get_running_loop()
-    async with LedTrial(harness) as trial:
+    async with harness.trial() as trial:
         if trial.output.light_s != 0.0:
             raise CheckFailedError(f"before the first frame it was {trial.output.light_s!r}, not 0.0")
-        trial.start()
         shown_s = loop.time()
-        trial.show(pattern(1))
+        await trial.start()
         await asyncio.sleep(LATE_S)
         late_s = loop.time() - shown_s
-        await trial.device.plug()
-        await trial.see(pattern(1), "the frame did not reach the device")
+        await trial.plug()
         await asyncio.sleep(0.05)  # it may be measured after the last byte has arrived here
         measured_s, passed_s = trial.output.light_s, loop.time() - shown_s
         if not (math.isfinite(measured_s) and 0.0 <= measured_s <= passed_s):

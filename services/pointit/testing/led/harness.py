@@ -1,15 +1,14 @@
 """Harness of an LED output, given by its author, and one run of the output."""
 
 import asyncio
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from pointit.plugins import LedOutput
+from pointit.plugins import LedOutput, Output
 from pointit.schemas import Strip, StripFrame, StripsFrame
-from pointit.testing.check import CheckFailedError
-from pointit.testing.devices.device import FakeDevice
-from pointit.testing.trial import Trial
+from pointit.testing.check import Suite, called
+from pointit.testing.trial import DeviceHarness, Trial
 
 STRIPS = (
     Strip(id="a", line_m=((0.0, 0.0, 0.0), (1.0, 0.0, 0.0)), pixels=10),
@@ -19,30 +18,25 @@ PIXELS = sum(strip.pixels for strip in STRIPS)
 DARK = bytes(3 * PIXELS)
 
 
+LED_SUITE: "Suite[LedHarness]" = Suite()
+
+
 @dataclass(frozen=True, kw_only=True)
-class LedHarness:
+class LedHarness(DeviceHarness[LedOutput]):
     """An LED output with a fake device that stands for the real one."""
 
-    plugin: LedOutput
-    device: Callable[[], FakeDevice]
-    """Makes a device that is not plugged in: `TcpDevice`, `UdpDevice`, `PtyDevice` or one of your own."""
-    parameters: Callable[[Any], Mapping[str, object]]
-    """Parameters of the output that lead it to the device given."""
     decode: Callable[[bytes], Sequence[bytes]]
     """Returns the complete frames in what the device has received since it was connected, in their order.
     Each is the pixels of all strips: 3 bytes a pixel, red, green, blue. The checks use only 0 and 255."""
-    wrong_parameters: tuple[Mapping[str, object], ...] = ()
-    """Parameters that the output must refuse."""
-    patience_s: float = 10.0
-    """Time that the output may take to connect, to notice a loss, and to warn, s."""
 
-    def makes(self, holds: Callable[[FakeDevice], bool]) -> bool:
-        """Return True if `holds` of the device."""
-        device = self.device()
-        try:
-            return holds(device)
-        finally:
-            device.close()
+    def trial(self) -> "LedTrial":
+        """Return a trial of the output, which is made at once. Raises CheckFailedError if it cannot be."""
+        return LedTrial(self)
+
+
+def notices_loss(harness: LedHarness) -> bool:
+    """Return True if the output can notice that its device has vanished."""
+    return harness.example().is_connected
 
 
 def pattern(number: int) -> bytes:
@@ -51,30 +45,45 @@ def pattern(number: int) -> bytes:
 
 
 class LedTrial(Trial):
-    """One run of an LED output."""
+    """One run of an LED output, which is made at once."""
 
     def __init__(self, harness: LedHarness) -> None:
-        super().__init__(harness.device(), harness.patience_s)
-        self._harness = harness
-        plugin = harness.plugin
-        config = plugin.config.model_validate(dict(harness.parameters(self.device)))
-        self.output = self.made(lambda: plugin.make(config, self.surroundings))
+        super().__init__(harness)
+        self.harness = harness
+        self._newest = b""
+        with called("make"):
+            self.output = self.make(self.config)
 
-    def start(self) -> None:
-        """Set the strips, and run the output in the background."""
+    def make(self, config: Any) -> Output:
+        """Make an output."""
+        return self.harness.plugin.make(config, self.surroundings)
+
+    async def start(self) -> None:
+        """Set the strips, run the output in the background, and show the first pattern."""
         self.output.set_strips(STRIPS)
         self.task = asyncio.create_task(self.output.run())
+        self.show(1)
 
-    def show(self, pixels: bytes) -> None:
-        """Show `pixels`, those of all strips.
+    async def exchange(self, situation: str = "the device was connected") -> None:
+        """Wait until the newest frame of the device is the pattern that was shown last."""
+        await self.until(
+            lambda: self.shown()[-1:] == [self._newest], f"{situation}, and did not get the newest frame"
+        )
 
-        Raises:
-            CheckFailedError: If the output raises.
-        """
+    async def live(self) -> None:
+        """Show another pattern, and let the device vanish and come back, if that can be noticed."""
+        self.show(2)
+        await self.exchange()
+        if self.device.is_connected:
+            await self.replug()
+
+    def show(self, number: int) -> None:
+        """Show the pattern of a number."""
+        self._newest = rest = pattern(number)
         frames: list[StripFrame] = []
         for strip in STRIPS:
-            frames.append(StripFrame(id=strip.id, rgb=pixels[: 3 * strip.pixels]))
-            pixels = pixels[3 * strip.pixels :]
+            frames.append(StripFrame(id=strip.id, rgb=rest[: 3 * strip.pixels]))
+            rest = rest[3 * strip.pixels :]
         self.show_frames(frames)
 
     def show_frames(self, frames: Sequence[StripFrame]) -> None:
@@ -84,19 +93,9 @@ class LedTrial(Trial):
             CheckFailedError: If the output raises.
         """
         frame = StripsFrame(stamp_ns=self.clock.now_ns(), seq=1, strips=tuple(frames))
-        try:
+        with called("show"):
             self.output.show(frame, 0.01)
-        except Exception as error:
-            raise CheckFailedError(f"`show` raised {type(error).__name__}: {error}") from error
 
     def shown(self) -> list[bytes]:
         """Return the frames that the device has received since it was connected."""
-        return list(self._harness.decode(bytes(self.device.received)))
-
-    async def see(self, pixels: bytes, failure: str) -> None:
-        """Wait until the newest frame of the device is `pixels`.
-
-        Raises:
-            CheckFailedError: If it does not come.
-        """
-        await self.until(lambda: self.shown()[-1:] == [pixels], failure)
+        return list(self.harness.decode(bytes(self.device.received)))

@@ -5,9 +5,9 @@ import random
 import statistics
 import time
 
-from pointit.plugins import NS_PER_S, Config
+from pointit.plugins import NS_PER_S, Surroundings
 from pointit.testing.check import CheckFailedError, Suite
-from pointit.testing.common import MEMORY_BYTES, memory_growth, require_parameters, require_refused
+from pointit.testing.common import require_bounded_memory, require_parameters, require_refusals
 from pointit.testing.methods.harness import BESIDE, COUNT, RATE_HZ, MethodHarness, Person
 
 PATIENT_DWELLS = 4.0
@@ -35,12 +35,9 @@ def _wander(person: Person, seed: int) -> None:
         person.stay(target, chance.uniform(0.02, 3.0 * person.dwell_s))
 
 
-@METHOD_SUITE.add(
-    "has a summary of one line, a description for each parameter, and a dwell time",
-    "Derive the parameters from pointit.plugins.MethodConfig, or give them a `dwell_s`",
-)
+@METHOD_SUITE.check("Derive the parameters from pointit.plugins.MethodConfig, or give them a `dwell_s`")
 async def parameters(harness: MethodHarness) -> None:
-    """See the promise."""
+    """Has a summary of one line, a description for each parameter, and a dwell time."""
     require_parameters(harness.plugin)
     config: object = harness.plugin.config.model_validate(dict(harness.parameters))
     dwell_s = getattr(config, "dwell_s", None)
@@ -48,29 +45,20 @@ async def parameters(harness: MethodHarness) -> None:
         raise CheckFailedError(f"`dwell_s` is {dwell_s!r}, expected seconds, above 0 and up to 10")
 
 
-@METHOD_SUITE.add(
-    "refuses parameters that cannot work, with ConfigError and nothing else",
-    "Limit parameters by `Field(gt=…, le=…)`, or raise pointit.plugins.ConfigError from `make`",
+@METHOD_SUITE.check(
+    "Limit parameters by `Field(gt=…, le=…)`, or raise pointit.plugins.ConfigError from `make`"
 )
 async def config_errors(harness: MethodHarness) -> None:
-    """See the promise."""
-
-    def make(_config: Config) -> Person:
-        return Person(harness)
-
-    require_refused(make, harness.plugin.config, {})
-    for values in harness.wrong_parameters:
-        if not require_refused(make, harness.plugin.config, values):
-            raise CheckFailedError(f"the parameters {dict(values)!r} were accepted")
+    """Refuses parameters that cannot work, with ConfigError and nothing else."""
+    require_refusals(harness, lambda config: harness.plugin.make(config, Surroundings.detached()))
 
 
-@METHOD_SUITE.add(
-    "selects the object that a person stays on, once",
+@METHOD_SUITE.check(
     "Return `Progress(object_id, fired=object_id)` when the person has stayed for the dwell time by the "
     "cursors' stamps",
 )
 async def selects(harness: MethodHarness) -> None:
-    """See the promise."""
+    """Selects the object that a person stays on, once."""
     person = Person(harness)
     person.stay(BESIDE, 1.0)
     fired = _selects(person, "object 3")
@@ -80,12 +68,9 @@ async def selects(harness: MethodHarness) -> None:
         raise CheckFailedError("'object 3' fired, and is not in `latched`")
 
 
-@METHOD_SUITE.add(
-    "selects again only after the object was left",
-    "Keep an object that fired or was latched in `latched` until the person points elsewhere",
-)
+@METHOD_SUITE.check("Keep an object that fired or was latched in `latched` until the person points elsewhere")
 async def latches(harness: MethodHarness) -> None:
-    """See the promise."""
+    """Selects again only after the object was left."""
     person = Person(harness)
     person.stay(BESIDE, 1.0)
     person.stay("object 3", 0.1)
@@ -99,31 +84,22 @@ async def latches(harness: MethodHarness) -> None:
         raise CheckFailedError("the person left 'object 3' and came back, and it did not fire")
 
 
-@METHOD_SUITE.add(
-    "selects nothing that is not pointed at",
-    "Return as `fired` only an object that is hovered, and None while nothing is",
-)
+@METHOD_SUITE.check("Return as `fired` only an object that is hovered, and None while nothing is")
 async def selects_only_hovered(harness: MethodHarness) -> None:
-    """See the promise."""
+    """Selects nothing that is not pointed at."""
     for seed in range(5):
-        chance = random.Random(seed)  # noqa: S311 - the same path in each run
         person = Person(harness)
-        for _ in range(40):
-            target = BESIDE if chance.random() < 0.4 else f"object {chance.randrange(COUNT)}"
-            person.stay(target, chance.uniform(0.02, 3.0 * person.dwell_s))
-            if person.unprovoked:
-                raise CheckFailedError(f"the person pointed at {target!r}, and {person.unprovoked!r} fired")
+        _wander(person, seed)
+        if person.unprovoked:
+            raise CheckFailedError(person.unprovoked)
     person = Person(harness)
     if person.stay(BESIDE, 10 * person.dwell_s):
         raise CheckFailedError("the person pointed at nothing, and something fired")
 
 
-@METHOD_SUITE.add(
-    "selects nothing that the person passes",
-    "Count only time that is spent on the same object, and forget it when the object is left",
-)
+@METHOD_SUITE.check("Count only time that is spent on the same object, and forget it when the object is left")
 async def passes(harness: MethodHarness) -> None:
-    """See the promise."""
+    """Selects nothing that the person passes."""
     person = Person(harness)
     for number in range(4 * COUNT):
         fired = person.stay(f"object {number % COUNT}", PASSING_SHARE * person.dwell_s)
@@ -134,12 +110,9 @@ async def passes(harness: MethodHarness) -> None:
             )
 
 
-@METHOD_SUITE.add(
-    "reports a progress of 0 to 1 that grows while a person stays",
-    "Return the share of the dwell time that has passed as `progress`, at most 1.0",
-)
+@METHOD_SUITE.check("Return the share of the dwell time that has passed as `progress`, at most 1.0")
 async def progress(harness: MethodHarness) -> None:
-    """See the promise."""
+    """Reports a progress of 0 to 1 that grows while a person stays."""
     person = Person(harness)
     person.stay(BESIDE, 1.0)
     _selects(person, "object 3")
@@ -151,12 +124,11 @@ async def progress(harness: MethodHarness) -> None:
         raise CheckFailedError("no progress between 0 and 1 was reported")
 
 
-@METHOD_SUITE.add(
-    "gives the same results for the same cursors, beside other people, too",
+@METHOD_SUITE.check(
     "Keep all state in the object that `make` returns; use no clock, no chance and no variable of the class",
 )
 async def deterministic(harness: MethodHarness) -> None:
-    """See the promise."""
+    """Gives the same results for the same cursors, beside other people, too."""
     alone = Person(harness)
     _wander(alone, 7)
     _selects(alone, "object 1")
@@ -169,12 +141,9 @@ async def deterministic(harness: MethodHarness) -> None:
         raise CheckFailedError("the same cursors gave other results while another person pointed, too")
 
 
-@METHOD_SUITE.add(
-    "takes a gap between cursors for no stay",
-    "Begin again from zero when two stamps are further apart than some tenths of a second",
-)
+@METHOD_SUITE.check("Begin again from zero when two stamps are further apart than some tenths of a second")
 async def gaps(harness: MethodHarness) -> None:
-    """See the promise."""
+    """Takes a gap between cursors for no stay."""
     person = Person(harness)
     person.stay(BESIDE, 1.0)
     for _ in range(5):
@@ -184,12 +153,11 @@ async def gaps(harness: MethodHarness) -> None:
         raise CheckFailedError(f"two cursors {GAP_S:g} s apart were on 'object 3', and it fired")
 
 
-@METHOD_SUITE.add(
-    "survives stamps that go back or stand still, and cursors without a ray",
+@METHOD_SUITE.check(
     "Use differences of stamps only if they are above 0, and `pointing.under` if `pointing.view` is None",
 )
 async def odd_cursors(harness: MethodHarness) -> None:
-    """See the promise."""
+    """Survives stamps that go back or stand still, and cursors without a ray."""
     person = Person(harness)
     person.stay("object 3", person.dwell_s / 2)
     for back_ns in (0, 1, NS_PER_S, 100 * NS_PER_S):
@@ -204,13 +172,9 @@ async def odd_cursors(harness: MethodHarness) -> None:
         raise CheckFailedError("afterwards a new person stayed on 'object 5', and it did not fire")
 
 
-@METHOD_SUITE.add(
-    "stays quick and small, however many objects pass",
-    "Keep only what concerns objects that are near or were just left",
-    alone=True,
-)
+@METHOD_SUITE.check("Keep only what concerns objects that are near or were just left", alone=True)
 async def many_objects(harness: MethodHarness) -> None:
-    """See the promise."""
+    """Stays quick and small, however many objects pass."""
     person = Person(harness)
     took_s: list[float] = []
 
@@ -221,8 +185,6 @@ async def many_objects(harness: MethodHarness) -> None:
             took_s.append(time.perf_counter() - began_s)
             person.results.clear()
 
-    grown = await memory_growth(pass_by)
-    if grown > MEMORY_BYTES:
-        raise CheckFailedError(f"after {MANY} objects it held {grown / 1e6:.1f} MB more")
+    await require_bounded_memory(pass_by, f"{MANY} objects")
     if statistics.median(took_s) > STEP_S:
         raise CheckFailedError(f"a `step` took {statistics.median(took_s) * 1e3:.1f} ms")

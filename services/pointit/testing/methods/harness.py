@@ -3,8 +3,6 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
-from tempfile import gettempdir
 from typing import Any
 
 from pointit.geometry import vector
@@ -12,8 +10,7 @@ from pointit.geometry.vector import Vec3
 from pointit.plugins import NS_PER_S, Cursor, Pointing, Progress, SelectionMethod, Surroundings, View
 from pointit.runtime.virtual_time import START_NS
 from pointit.services.selector.objects.view import VisibleObject
-from pointit.testing.check import CheckFailedError
-from pointit.testing.trial import TrialHealth
+from pointit.testing.check import Harness, called
 
 RATE_HZ = 50
 APART_RAD = math.radians(15)
@@ -31,26 +28,11 @@ BESIDE = "nothing"
 
 
 @dataclass(frozen=True, kw_only=True)
-class MethodHarness:
+class MethodHarness(Harness[SelectionMethod]):
     """A selection method. It has no device: the checks point by themselves."""
 
-    plugin: SelectionMethod
     parameters: Mapping[str, object] = field(default_factory=dict[str, object])
     """Parameters with which it is checked."""
-    wrong_parameters: tuple[Mapping[str, object], ...] = ()
-    """Parameters that the method must refuse."""
-    patience_s: float = 10.0
-    """Time within which each check must end, s, a sixth of it."""
-
-
-class FixedClock:
-    """A clock that stands still: a method decides by the stamps of cursors."""
-
-    speed = 1.0
-
-    def now_ns(self) -> int:
-        """Return the same time for ever."""
-        return START_NS
 
 
 class Person:
@@ -66,18 +48,13 @@ class Person:
         self._by_angle = plugin.by_angle
         config: Any = plugin.config.model_validate(dict(harness.parameters))
         self.dwell_s: float = config.dwell_s
-        around = Surroundings(
-            clock=FixedClock(), health=TrialHealth(), folder=Path(gettempdir()) / "unused", user=name
-        )
-        try:
-            self.method = plugin.make(config, around)
-        except Exception as error:
-            raise CheckFailedError(f"`make` raised {type(error).__name__}: {error}") from error
+        with called("make"):
+            self.method = plugin.make(config, Surroundings.detached(name))
         self.now_ns = START_NS
         self.results: list[Progress] = []
         """Results so far."""
         self.unprovoked = ""
-        """First object that fired without being pointed at in the last `RECENT_NS`, or `""`."""
+        """First selection of an object that was not pointed at in the last `RECENT_NS`, in words, or `""`."""
         self._pointed_ns: dict[str, int] = {}
 
     @property
@@ -108,7 +85,7 @@ class Person:
             CheckFailedError: If the method raises.
         """
         number = 0.5 if target == BESIDE else float(target.rpartition(" ")[2])
-        direction = _direction(number * APART_RAD)
+        direction = vector.direction(number * APART_RAD, 0.0)
         cursor = Cursor(
             stamp_ns=self.now_ns,
             seq=len(self.results),
@@ -121,15 +98,13 @@ class Person:
         )
         view = _view(direction, prefix) if self._by_angle and has_ray else None
         under = None if target == BESIDE or view is not None else f"{prefix}{number:g}"
-        try:
+        with called("step"):
             result = self.method.step(Pointing(cursor, under, view, _acts))
-        except Exception as error:
-            raise CheckFailedError(f"`step` raised {type(error).__name__}: {error}") from error
         self.results.append(result)
         self._pointed_ns[target] = self.now_ns
         fired = result.fired
         if fired is not None and abs(self.now_ns - self._pointed_ns.get(fired, 0)) > RECENT_NS:
-            self.unprovoked = self.unprovoked or fired
+            self.unprovoked = self.unprovoked or f"the person pointed at {target!r}, and {fired!r} fired"
         return result
 
 
@@ -137,14 +112,10 @@ def _acts(_object_id: str) -> bool:
     return True
 
 
-def _direction(azimuth_rad: float) -> Vec3:
-    return (math.cos(azimuth_rad), math.sin(azimuth_rad), 0.0)
-
-
 def _view(direction: Vec3, prefix: str) -> View:
     seen: list[VisibleObject] = []
     for number in range(COUNT):
-        center_m = vector.scale(_direction(number * APART_RAD), RANGE_M)
+        center_m = vector.scale(vector.direction(number * APART_RAD, 0.0), RANGE_M)
         angle_rad = vector.angle_between(direction, center_m)
         if angle_rad < NEAR_RAD:
             still = (0.0, 0.0, 0.0)

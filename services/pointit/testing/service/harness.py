@@ -1,10 +1,10 @@
 """Harness of a service, given by its author, and one run of the service on a bus of its own."""
 
 import asyncio
-from collections.abc import Awaitable, Callable, Mapping
+from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 from pydantic import ValidationError
 
@@ -14,32 +14,30 @@ from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.service.service import Launch, run_service
 from pointit.schemas import Health
 from pointit.schemas.topics import HEALTH, SERVICE_ALIVE
-from pointit.testing.check import CheckFailedError
-from pointit.testing.devices.device import FakeDevice
-from pointit.testing.trial import Trial
+from pointit.testing.check import CheckFailedError, Suite
+from pointit.testing.trial import DeviceHarness, Trial
+
+LIVES_S = 0.3
+"""Time for a service to process what it gets, s."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class ServiceHarness:
+class ServiceHarness(DeviceHarness[ServicePlugin]):
     """A service, checked on a bus within the process."""
 
-    plugin: ServicePlugin
-    device: Callable[[], FakeDevice] = FakeDevice
-    """Makes its device that is not plugged in, if it has one."""
-    parameters: Callable[[Any], Mapping[str, object]] = lambda _device: {}
-    """Parameters of the service that lead it to the device given."""
-    wrong_parameters: tuple[Mapping[str, object], ...] = ()
-    """Parameters that the service must refuse."""
     messages: tuple[tuple[Topic[Any], Message], ...] = ()
     """Messages that it reads, where those with default values do not exist or say too little."""
     queries: tuple[tuple[Request[Any, Any], Query], ...] = ()
     """Requests that it answers, where those with default values do not exist or say too little."""
     works: "Callable[[ServiceTrial], Awaitable[None]] | None" = None
     """Its author's own test of the running service: puts messages on `trial.bus`, and waits `until`."""
-    virtual_time: bool = False
-    """True if it waits for timers of the event loop alone: checks then take no time."""
-    patience_s: float = 10.0
-    """Time that the service may take to start and to answer, s."""
+
+    def trial(self) -> "ServiceTrial":
+        """Return a trial of the service, which has not begun."""
+        return ServiceTrial(self)
+
+
+SERVICE_SUITE: Suite[ServiceHarness] = Suite()
 
 
 class NotedBus(MemoryBus):
@@ -75,8 +73,8 @@ class ServiceTrial(Trial):
     """One run of a service."""
 
     def __init__(self, harness: ServiceHarness) -> None:
-        super().__init__(harness.device(), harness.patience_s)
-        self._harness = harness
+        super().__init__(harness)
+        self.harness = harness
         broker = LocalBroker()
         self.own_bus = NotedBus(broker)
         self.bus = MemoryBus(broker)
@@ -84,8 +82,7 @@ class ServiceTrial(Trial):
         plugin = harness.plugin
         self.user = "anna" if plugin.make.SCOPE == "user" else ""
         """Person of the service, or `""` for one of the site."""
-        config = plugin.config.model_validate(dict(harness.parameters(self.device)))
-        self._launch = Launch(service=plugin.make, config=config, user=self.user)
+        self._launch = Launch(service=plugin.make, config=self.config, user=self.user)
         self.present = False
         """True while the service is present, which means that it is ready."""
         self.errors = 0
@@ -101,30 +98,39 @@ class ServiceTrial(Trial):
             await self.own_bus.close()
             await self.bus.close()
 
-    async def start(self) -> Self:
-        """Run the service in the background, and wait until it is ready.
+    def make(self, config: Any) -> None:
+        """Validate the parameters, which is all that may refuse them."""
+        self.harness.plugin.make.validate_config(config)
 
-        Raises:
-            CheckFailedError: If it does not get ready.
-        """
+    async def start(self) -> None:
+        """Run the service in the background, and wait until it is ready."""
         self.bus.watch(SERVICE_ALIVE, self._on_service)
         self.bus.subscribe(HEALTH, self._on_health, self._launch.instance)
         self.task = asyncio.create_task(run_service(self._launch, self.own_bus, self.clock))
         await self.until(lambda: self.present, "it did not get ready")
-        return self
+
+    async def exchange(self, situation: str = "") -> None:
+        """Do nothing: no service promises anything about its device."""
+
+    async def live(self) -> None:
+        """Put messages, send requests, and give the service some time."""
+        self.put_messages()
+        for request in self.harness.plugin.serves:
+            await self.ask(request)
+        await asyncio.sleep(LIVES_S)
 
     def put_messages(self) -> None:
         """Put a message of each topic that it reads, those of the harness instead where there are some."""
-        given = {topic.key for topic, _ in self._harness.messages}
-        pairs = [*self._harness.messages]
-        for topic in self._harness.plugin.reads:
-            message = (
-                None if topic.key in given else _default(topic.message, stamp_ns=self.clock.now_ns(), seq=1)
-            )
+        given = {topic.key for topic, _ in self.harness.messages}
+        now_ns = self.clock.now_ns()
+        others = [
+            (topic, _default(topic.message, stamp_ns=now_ns, seq=1))
+            for topic in self.harness.plugin.reads
+            if topic.key not in given
+        ]
+        for topic, message in (*self.harness.messages, *others):
             if message is not None:
-                pairs.append((topic, message))
-        for topic, message in pairs:
-            self.bus.publisher(topic, self._name(topic)).put(message)
+                self.bus.publisher(topic, self._name(topic)).put(message)
 
     async def ask(self, request: Request[Any, Any]) -> None:
         """Send `request` if there is a query for it. A reply and a refusal are both answers.
@@ -132,7 +138,7 @@ class ServiceTrial(Trial):
         Raises:
             CheckFailedError: If there is none, or the service fails on it.
         """
-        given = [query for each, query in self._harness.queries if each.key == request.key]
+        given = [query for each, query in self.harness.queries if each.key == request.key]
         query = given[0] if given else _default(request.query)
         if query is None:
             return

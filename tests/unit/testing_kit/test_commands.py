@@ -65,7 +65,7 @@ def test_new_package_is_found_and_keeps_its_promises(tmp_path: Path, stack: cont
         (
             "my-lost-way",
             ("pointit.plugins", "pointit.lost"),
-            ("can be imported", "No module named 'pointit.lost'"),
+            ("can be imported", "No module named 'pointit.l"),
         ),
     ],
 )

@@ -70,11 +70,7 @@ def test_new_package_is_found_and_keeps_its_promises(tmp_path: Path, stack: cont
     ],
 )
 def test_broken_promise_is_named_with_its_remedy(
-    name: str,
-    wrong: tuple[str, str],
-    said: tuple[str, str],
-    tmp_path: Path,
-    stack: contextlib.ExitStack,
+    name: str, wrong: tuple[str, str], said: tuple[str, str], tmp_path: Path, stack: contextlib.ExitStack
 ) -> None:
     package = written("selection-method", name, tmp_path)
     module = package / "src" / name.replace("-", "_") / "__init__.py"

@@ -11,6 +11,7 @@ import pytest
 from pydantic.fields import FieldInfo
 
 import pointit
+from pointit.api import requests as api_requests
 from pointit.schemas.topics import REQUESTS, SET_METHOD, Request
 from tests.contract import public_api
 
@@ -87,6 +88,18 @@ def test_each_request_is_a_method_with_its_fields(row: Request[Any, Any]) -> Non
     )
     (reply,) = typing.get_args(arguments[inspect.signature(method).return_annotation])
     assert reply is row.reply
+
+
+@requests
+def test_each_method_sends_its_request_with_what_it_is_given(
+    row: Request[Any, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    group, method = method_of(row)
+    monkeypatch.setattr(api_requests, "query_of", lambda _request, fields: fields)
+    monkeypatch.setattr(group, "_send", lambda *sent: sent)
+    given = {name: object() for name in inspect.signature(method).parameters}
+    fields = {name: given[name] for name in row.query.model_fields if name in given}
+    assert method(**given) == (row, fields, next(iter(given.values())) if row.placeholder else "")
 
 
 def choices(annotation: Any) -> set[Any]:

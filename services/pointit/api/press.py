@@ -40,14 +40,14 @@ async def press(
         person = _Person(bus, user, declared)
         button = bus.publisher(BUTTON, user)
         declared.callback(button.close)
-        before = await person.first(patience_s)
+        await person.first(patience_s)
         button.put(ButtonEvent(stamp_ns=clock.now_ns(), seq=1, gesture=gesture, source="keyboard"))
         after = await person.next(patience_s)
-    if after is None and not (gesture == "double" and before.state == "idle"):
+    if after is None:
         raise NoAnswerError(
             f"{person.supervisor} did not answer within {patience_s:g} s; see `pointit doctor`"
         )
-    return after or before
+    return after
 
 
 class _Person:

@@ -39,16 +39,8 @@ async def test_two_systems_on_one_router_do_not_see_each_other(commands: Command
             assert {health.pid for health in a.health.values()} == {runs["a"].process.pid}
             assert {health.pid for health in b.health.values()} == {runs["b"].process.pid}
             echo = await commands.pointit(
-                "topic",
-                "echo",
-                "objects/*",
-                "--count",
-                "5",
-                "--json",
-                "--site",
-                "b",
-                "--connect",
-                router.endpoint,
+                *("topic", "echo", "objects/*", "--count", "5", "--json"),
+                *("--site", "b", "--connect", router.endpoint),
             )
             assert echo.code == 0, echo.err
             await until(lambda: bool(a.object_ids()), what="objects of a")

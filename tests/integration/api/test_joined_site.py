@@ -25,8 +25,8 @@ from pointit.errors import (
 )
 from pointit.runtime.link.link import Link
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
-from pointit.schemas import PointingRay, SelectionEvent, TrackedObject, UserPose
-from pointit.schemas.topics import CURSOR, POSE, RAY, SELECTION_EVENTS, SERVICE_ALIVE
+from pointit.schemas import PointingRay, SelectionEvent, TrackedObject
+from pointit.schemas.topics import CURSOR, RAY, SELECTION_EVENTS, SERVICE_ALIVE
 from tests.integration.access.secured import link_of, make_site, routed
 from tests.support.bench import until
 
@@ -119,21 +119,16 @@ async def test_messages_of_another_version_are_one_sentence(home: ZenohBus, endp
                 await anext(cursors)
 
 
-async def test_an_exception_in_a_loop_leaves_nothing_behind(home: ZenohBus, endpoint: str) -> None:
-    async def fail() -> None:
-        async with pointit.connect(endpoint) as site:
-            home.publisher(POSE, "anna").put(UserPose(stamp_ns=1, position_m=(0.0, 0.0, 0.0), yaw_rad=0.0))
-            async for _pose in site.poses():
-                raise ZeroDivisionError
-
-    with pytest.raises(ZeroDivisionError):
-        await fail()
-
-
-async def test_who_may_not_is_told(tmp_path: Path) -> None:
+async def test_who_may_not_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
     folder = make_site(tmp_path / "lab", names={"anna": "user", "dashboard1": "dashboard", "guest": "user"})
     with routed(folder):
-        async with pointit.connect(credentials=folder.identity_folder("dashboard1")) as site:
+        monkeypatch.setenv("POINTIT_CREDENTIALS", str(folder.identity_folder("dashboard1")))
+        with pytest.raises(ConfigError, match=r"^tcp/host:1: credentials are for encrypted addresses only"):
+            await asyncio.to_thread(pointit.open, "tcp/host:1")
+        assert "the credentials of dashboard1 end on" in caplog.text
+        async with pointit.connect() as site:
             assert site.name == "lab"
             with pytest.raises(AccessDeniedError, match=r"dashboard1.* may not read users/anna/ray"):
                 await anext(site.rays("anna"))

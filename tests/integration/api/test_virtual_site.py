@@ -1,6 +1,8 @@
 """Whole sites in this process, in virtual time."""
 
+import asyncio
 import threading
+from collections.abc import Awaitable, Callable
 from pathlib import Path
 from typing import Any
 
@@ -46,9 +48,8 @@ def test_a_script_sees_people_point_and_sends_requests() -> None:
         found = [event for event in events.during(0) if event.event == "selected"]
         assert found
         assert {user for user, _ in site.cursors().items().during(0.1)} == {"user1", "user2"}
-        assert {event.id for event in site.latest.selection.value.objects} <= {
-            event.object_id for event in found
-        }
+        selected = {each.id for each in site.latest.selection.value.objects}
+        assert set() < selected <= {event.object_id for event in found}
         assert "deselected" in site.select.undo(found[-1].user).message
         assert site.select.method(dwell_s=0.5).dwell_s == 0.5
         assert site.select.method("hold").name == "hold"
@@ -109,16 +110,26 @@ async def fails(_service: Any) -> None:
     raise ValueError("no light")
 
 
-def test_a_service_that_fails_is_named_to_who_waits(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    "act", [lambda site: anext(site.selections()), lambda _site: asyncio.sleep(1.0)], ids=["waits", "leaves"]
+)
+def test_a_service_that_fails_is_named_to_who(
+    act: Callable[[pointit.Site], Awaitable[object]], monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(LedDriver, "run", fails)
 
     async def wait() -> None:
         async with pointit.run("scenario_2") as site:
-            async for _ in site.selections():
-                pass
+            await act(site)
 
     with pytest.raises(PointItError, match=r"a service of the site has failed \(ValueError: no light\)"):
         pointit.run_virtually(wait())
+
+
+def test_people_may_have_to_be_located() -> None:
+    with pointit.run("scenario_2", virtual=True, localize=True) as site:
+        site.sleep(3)
+        assert site.latest.interaction["user1"].state == "localizing"
 
 
 @pytest.mark.parametrize(
@@ -127,6 +138,7 @@ def test_a_service_that_fails_is_named_to_who_waits(monkeypatch: pytest.MonkeyPa
         ({"scenario": "scenario_9"}, "no scenario 'scenario_9'"),
         ({"settings": {"selector.dwel_s": 1}}, "dwel_s"),
         ({"settings": {"nothing.at_all": 1}}, "'nothing' is no service"),
+        ({"scenario": "scenario_1", "settings": {"selector.dwell_s": 1}}, "selector is not among what this"),
         ({"settings": {"selector.dwell_s": object()}}, "settings: selector.dwell_s cannot be <object"),
         ({"users": ["an na"]}, "use 1 to 64 letters"),
         ({"imu": ["none"]}, "--imu 'none'"),

@@ -24,6 +24,7 @@ from tests.support.commands import PATIENCE_S
 from tests.support.pty_device import PtyDevice, pty_device
 
 ANNA = "anna"
+MOUNTING = ("person", "calibrate", "mounting", ANNA)
 WORN = from_roll_pitch_yaw(math.radians(-92), math.radians(15), math.radians(4))
 """Rotation of the sensor against its configured mounting: arm_from_true."""
 AHEAD, UP = 0.0, math.pi / 2
@@ -78,17 +79,7 @@ async def test_two_poses_set_the_mounting_right_and_it_can_be_shown_and_erased(
         try:
             start_bridge(site, device)
             await site.arrived("imu-bridge.anna")
-            arguments = (
-                "person",
-                "calibrate",
-                "mounting",
-                ANNA,
-                "--non-interactive",
-                "--seconds",
-                "0.5",
-                "--json",
-            )
-            async with site.command(*arguments) as process:
+            async with site.command(*MOUNTING, "--non-interactive", "--seconds", "0.5", "--json") as process:
                 assert "straight ahead, with the arm stretched and the palm down, and rest for 0.5 s" in (
                     await next_line(process.stderr)
                 )
@@ -105,10 +96,10 @@ async def test_two_poses_set_the_mounting_right_and_it_can_be_shown_and_erased(
             assert angle_between(tuple(found["sensor_from_arm_xyzw"]), expected()) < 0.002
             # Samples come another way than the command's end: the first with the new mounting may be on it.
             await until(lambda: finger_height(samples[-1]) > 0.9999, PATIENCE_S, "the arm points straight up")
-            shown = await site.pointit("person", "calibrate", "mounting", ANNA, "--show")
+            shown = await site.pointit(*MOUNTING, "--show")
             assert (shown.code, shown.out[:35]) == (0, "anna: the mounting is as measured (")
             assert (own_state / "users" / ANNA / "mounting.json").is_file()
-            erased = await site.pointit("person", "calibrate", "mounting", ANNA, "--erase")
+            erased = await site.pointit(*MOUNTING, "--erase")
             assert erased.out == "anna: the mounting is as configured (metamotion)\n"
             assert not (own_state / "users" / ANNA / "mounting.json").exists()
         finally:
@@ -123,26 +114,14 @@ async def test_an_arm_that_does_not_move_or_no_keyboard_is_one_sentence(site: Si
         try:
             start_bridge(site, device)
             await site.arrived("imu-bridge.anna")
-            ended = await site.pointit(
-                *(
-                    "person",
-                    "calibrate",
-                    "mounting",
-                    ANNA,
-                    "--non-interactive",
-                    "--seconds",
-                    "0.3",
-                    "--timeout",
-                    "1",
-                )
-            )
+            ended = await site.pointit(*MOUNTING, "--non-interactive", "--seconds", "0.3", "--timeout", "1")
             assert ended.code == 1
             assert "Error: the arm of anna did not rest up within 1 s" in ended.err
             if not sys.stdin.isatty():  # the command has the tests' own
-                ended = await site.pointit("person", "calibrate", "mounting", ANNA)
+                ended = await site.pointit(*MOUNTING)
                 assert ended.code == 2
                 assert "no keyboard to press Enter on; use --non-interactive" in ended.err
-            async with site.command("person", "calibrate", "mounting", ANNA, "--non-interactive") as process:
+            async with site.command(*MOUNTING, "--non-interactive") as process:
                 await next_line(process.stderr)
                 code, took_s = await interrupt(process)
             assert code == 130
@@ -155,7 +134,7 @@ async def test_an_arm_that_does_not_move_or_no_keyboard_is_one_sentence(site: Si
 async def test_a_simulated_person_wears_no_sensor(site: Site) -> None:
     site.start(UserSim, ANNA)
     await site.arrived("user-sim.anna")
-    ended = await site.pointit("person", "calibrate", "mounting", ANNA, "--non-interactive")
+    ended = await site.pointit(*MOUNTING, "--non-interactive")
     assert ended.code == 1
     assert "imu-bridge.anna is not present" in ended.err
     assert "a simulated person wears none" in ended.err
@@ -164,7 +143,7 @@ async def test_a_simulated_person_wears_no_sensor(site: Site) -> None:
 async def test_with_nobody_there_the_file_on_this_machine_is_shown_and_erased(
     site: Site, own_state: Path
 ) -> None:
-    shown = await site.pointit("person", "calibrate", "mounting", ANNA, "--show")
+    shown = await site.pointit(*MOUNTING, "--show")
     assert shown.code == 0
     assert "no service runs, and no mounting is stored on this machine" in shown.out
     site.start(ImuBridge, ANNA)
@@ -174,9 +153,9 @@ async def test_with_nobody_there_the_file_on_this_machine_is_shown_and_erased(
     (task,) = site._tasks
     task.cancel()
     await asyncio.wait({task})
-    shown = await site.pointit("person", "calibrate", "mounting", ANNA, "--show")
+    shown = await site.pointit(*MOUNTING, "--show")
     assert "source simulated, measured with mounting=plus_x" in shown.out
     assert "z 1.000" in shown.out
-    erased = await site.pointit("person", "calibrate", "mounting", ANNA, "--erase", "--json")
+    erased = await site.pointit(*MOUNTING, "--erase", "--json")
     assert json.loads(erased.out)["erased"] is True
     assert not list((own_state / "users").rglob("*.json"))

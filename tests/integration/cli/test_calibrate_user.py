@@ -255,15 +255,8 @@ async def test_in_a_terminal_what_was_pointed_at_stands_on_lines_of_its_own(
     site: Site, localizer: ErringLocalizer
 ) -> None:
     words = (
-        sys.executable,
-        "-m",
-        "pointit.cli",
-        "person",
-        "calibrate",
-        "user",
-        ANNA,
-        "--connect",
-        site.endpoint,
+        *(sys.executable, "-m", "pointit.cli"),
+        *("person", "calibrate", "user", ANNA, "--connect", site.endpoint),
     )
     process = await asyncio.create_subprocess_exec(
         *("script", "-qec", shlex.join(words), "/dev/null"),

@@ -212,16 +212,15 @@ def test_the_router_says_where_it_listens_and_ends_on_a_signal(number: int) -> N
         assert (code, is_quick) == (0, True)
 
 
+def routed(endpoint: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "pointit.cli", "router", "--listen", endpoint]
+    return subprocess.run(command, capture_output=True, text=True, timeout=20, check=False)
+
+
 def test_a_router_on_a_taken_port_says_so_in_a_sentence() -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         endpoint = f"tcp/127.0.0.1:{taken.getsockname()[1]}"
-        done = subprocess.run(
-            [sys.executable, "-m", "pointit.cli", "router", "--listen", endpoint],
-            capture_output=True,
-            text=True,
-            timeout=20,
-            check=False,
-        )
+        done = routed(endpoint)
     assert done.returncode == 1
     assert done.stdout == ""
     assert done.stderr.startswith(f"Error: cannot listen on {endpoint}: ")
@@ -230,13 +229,7 @@ def test_a_router_on_a_taken_port_says_so_in_a_sentence() -> None:
 
 
 def test_a_router_reports_an_invalid_address() -> None:
-    done = subprocess.run(
-        [sys.executable, "-m", "pointit.cli", "router", "--listen", "over there"],
-        capture_output=True,
-        text=True,
-        timeout=20,
-        check=False,
-    )
+    done = routed("over there")
     assert done.returncode == 2
     assert "over there" in done.stderr
     assert "tcp/127.0.0.1:7447" in done.stderr

@@ -40,4 +40,3 @@ async def test_rays_go_on_within_three_seconds_after_the_clock_was_set_back(back
             await until(lambda: len(health) >= count + 4, what="the restart")
         await go_on(3.0)
         assert clock.now_ns() < before_ns
-        assert clock.now_ns() - before_ns > -back_s * 1e9

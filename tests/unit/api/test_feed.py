@@ -3,44 +3,19 @@
 import asyncio
 import gc
 import weakref
-from collections.abc import AsyncIterator
 
 import pytest
-import pytest_asyncio
 
 from pointit.api import feed
 from pointit.api.site import Site
 from pointit.runtime.bus.contract import EVENT_CAPACITY, AnyTopic
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.clock import WallClock
-from pointit.runtime.errors import AccessDeniedError, BusClosedError, NoMessageError, VersionError
-from pointit.schemas import Cursor, KeyNameError, Selection, SelectionEvent, UserPose
-from pointit.schemas.topics import ANY, CURSOR, POSE, SELECTION, SELECTION_EVENTS, USER_ALIVE, Presence
+from pointit.runtime.errors import AccessDeniedError, BusClosedError, NoAnswerError, VersionError
+from pointit.runtime.virtual_time import VirtualClock, run_virtually
+from pointit.schemas import Cursor, Done, KeyNameError, SelectionEvent, SetSpeed, TrackedObject
+from pointit.schemas.topics import CURSOR, POSE, SELECTION_EVENTS, SET_SPEED, USER_ALIVE, Presence
 from tests.support.bench import until
-
-
-@pytest_asyncio.fixture
-async def bus() -> AsyncIterator[MemoryBus]:
-    bus = MemoryBus()
-    yield bus
-    await bus.close()
-
-
-@pytest_asyncio.fixture
-async def site(bus: MemoryBus) -> AsyncIterator[Site]:
-    async with Site.on(bus, WallClock()) as site:
-        yield site
-
-
-@pytest.fixture
-def denied(bus: MemoryBus, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Deny everything."""
-
-    async def deny(verb: str, topic: AnyTopic, name: str) -> str:
-        return f"{verb} {topic.at(name)}"
-
-    monkeypatch.setattr(bus, "denial_reason", deny)
-    monkeypatch.setattr(MemoryBus, "is_restricted", True)
 
 
 def put_cursor(bus: MemoryBus, user: str, seq: int) -> None:
@@ -58,7 +33,7 @@ async def test_a_slow_loop_gets_the_newest_cursor_of_each_person(bus: MemoryBus,
         put_cursor(bus, "anna", seq)
         put_cursor(bus, "ben", 10 * seq)
         await asyncio.sleep(0)
-    found = [(user, cursor.seq) async for user, cursor in cursors.items().during(0)]
+    found = [(user, cursor.seq) async for user, cursor in cursors.during(0).items()]
     assert found == [("anna", 3), ("ben", 30)]
     assert cursors.lost == 0
 
@@ -89,6 +64,9 @@ async def test_events_that_nobody_takes_are_counted(
         put_event(bus, str(number))
         await asyncio.sleep(0)
     assert events.lost == 7
+    assert events._buffer.source is not None
+    events._buffer.source.traffic.lost = 2  # on the way
+    assert events.lost == 9
     assert (await anext(events)).object_id == "7"
     assert "the oldest ones are lost" in caplog.text
 
@@ -149,29 +127,54 @@ async def test_who_is_no_longer_iterated_over_is_unsubscribed(bus: MemoryBus, si
     assert [cursor async for cursor in closed] == []
 
 
-@pytest.mark.parametrize("user", ["anna", None])
-async def test_unreadable_messages_end_only_a_loop_over_one_person(
+@pytest.fixture
+def _quick_to_doubt(monkeypatch: pytest.MonkeyPatch) -> None:  # pyright: ignore[reportUnusedFunction]
+    monkeypatch.setattr(feed, "UNREADABLE_TIMEOUT_S", 0.01)
+
+
+@pytest.mark.usefixtures("_quick_to_doubt")
+@pytest.mark.parametrize(
+    ("row", "strays"),
+    [((CURSOR, "anna"), 3), ((POSE, "anna"), 0), ((CURSOR, None), 3), ((SELECTION_EVENTS, None), 3)],
+    ids=["one person's", "one state", "everybody's", "events"],
+)
+async def test_unreadable_messages_end_only_a_loop_over_what_one_name_writes(
     bus: MemoryBus,
     site: Site,
-    user: str | None,
-    monkeypatch: pytest.MonkeyPatch,
+    row: tuple[AnyTopic, str | None],
+    strays: int,
     caplog: pytest.LogCaptureFixture,
 ) -> None:
-    monkeypatch.setattr(feed, "UNREADABLE_TIMEOUT_S", 0.01)
-    cursors = site.cursors(user)
-    assert cursors._buffer.source is not None
-    cursors._buffer.source.traffic.invalid = 1
-    taking = asyncio.create_task(anext(cursors))
+    messages = site.messages(*row)
+    assert messages._buffer.source is not None
+    traffic = messages._buffer.source.traffic
+    traffic.invalid = strays
+    taking = asyncio.create_task(anext(messages))
     await asyncio.sleep(0.1)
-    assert not taking.done()  # a stray one
-    cursors._buffer.source.traffic.invalid = 7
-    if user is not None:
-        with pytest.raises(VersionError, match="7 messages came and none could be read"):
+    assert not taking.done()
+    traffic.invalid += 1
+    sentence = f"{traffic.invalid} messages came and none could be read"
+    if row[1] is not None:
+        with pytest.raises(VersionError, match=sentence):
             await taking
         return
-    await until(lambda: "7 messages came" in caplog.text, what="a warning")
+    await until(lambda: sentence in caplog.text, what="a warning")
     put_cursor(bus, "anna", 1)
-    assert (await taking).seq == 1
+    put_event(bus, "1")
+    assert (await taking).schema_name().startswith(row[0].message.__name__)
+
+
+@pytest.mark.usefixtures("_quick_to_doubt")
+async def test_unreadable_messages_after_a_readable_one_end_no_loop(bus: MemoryBus, site: Site) -> None:
+    cursors = site.cursors("anna")
+    put_cursor(bus, "anna", 1)
+    assert (await anext(cursors)).seq == 1
+    assert cursors._buffer.source is not None
+    cursors._buffer.source.traffic.invalid = 7
+    taking = asyncio.create_task(anext(cursors))
+    await asyncio.sleep(0.1)
+    put_cursor(bus, "anna", 2)
+    assert (await taking).seq == 2
 
 
 @pytest.mark.usefixtures("denied")
@@ -212,6 +215,15 @@ async def test_who_leaves_while_people_are_listed_is_gone(
         assert await anext(site.people()) == {"ben", "cleo"}
 
 
+async def test_objects_leave_with_the_site_that_tracks_them(bus: MemoryBus, site: Site) -> None:
+    things = site.objects()
+    async with Site.on(bus, WallClock()) as tracking:
+        tracking.tracker("camera").update([TrackedObject(id="cup", kind="red", position_m=(1.0, 2.0, 0.8))])
+        first = await anext(things)
+    last = await anext(things)
+    assert [(list(each.objects) != [], each.seq) for each in (first, last)] == [(True, 1), (False, 2)]
+
+
 async def test_a_closed_tracker_is_not_kept(site: Site) -> None:
     tracker = site.tracker("camera")
     closed = weakref.ref(tracker)
@@ -221,55 +233,29 @@ async def test_a_closed_tracker_is_not_kept(site: Site) -> None:
     assert closed() is None
 
 
-async def test_the_latest_is_kept_from_the_first_use_on(bus: MemoryBus, site: Site) -> None:
-    poses = bus.publisher(POSE, "anna")
-    poses.put(UserPose(stamp_ns=1, position_m=(1.0, 2.0, 0.0), yaw_rad=0.0))
-    with pytest.raises(NoMessageError) as raised:
-        _ = site.latest.pose["anna"]
-    assert str(raised.value).startswith("nothing has come on users/anna/pose yet")
-    assert (await site.latest.pose.wait("anna")).stamp_ns == 1
-    poses.put(UserPose(stamp_ns=2, position_m=(1.0, 2.0, 0.0), yaw_rad=0.0))
-    await until(lambda: site.latest.pose["anna"].stamp_ns == 2, what="the newer pose")
-    assert dict(site.latest.pose).keys() == {"anna"}
-    assert site.latest.pose.get("ben") is None
-    with pytest.raises(NoMessageError, match=r"nothing came on users/ben/pose within 0\.01 s"):
-        await site.latest.pose.wait("ben", patience_s=0.01)
-    with pytest.raises(NoMessageError, match="nothing has come on selection yet"):
-        _ = site.latest.selection.value
-    bus.publisher(SELECTION).put(Selection(stamp_ns=1))
-    assert (await site.latest.selection.wait()).stamp_ns == 1 == site.latest.selection.value.stamp_ns
+class FastClock(VirtualClock):
+    speed = 4.0
 
 
-async def test_the_latest_ends_with_the_site(bus: MemoryBus, site: Site) -> None:
-    bus.publisher(POSE, "anna").put(UserPose(stamp_ns=1, position_m=(1.0, 2.0, 0.0), yaw_rad=0.0))
-    poses = site.latest.pose
-    assert (await poses.wait("anna")).stamp_ns == 1
-    sleeping = asyncio.create_task(site.sleep(3600.0))
-    await asyncio.sleep(0)
-    site.fail(ValueError("broken"))
-    for use in (
-        lambda: poses["anna"],
-        lambda: poses.get("ben"),
-        lambda: dict(poses),
-        lambda: site.latest.map.value,
-    ):
-        with pytest.raises(ValueError, match="broken"):
-            use()
-    with pytest.raises(ValueError, match="broken"):
-        await poses.wait("anna")
-    with pytest.raises(ValueError, match="broken"):
-        await sleeping
+def test_durations_are_of_the_sites_time_and_time_limits_are_not() -> None:
+    async def never(_query: SetSpeed, _name: str) -> Done:
+        await asyncio.Event().wait()
+        raise AssertionError
 
+    async def main() -> list[float]:
+        bus, loop = MemoryBus(), asyncio.get_running_loop()
+        bus.serve(SET_SPEED, never)
+        async with Site.on(bus, FastClock()) as site:
+            await site.sleep(8.0)
+            ends_s = [loop.time()]
+            assert [cursor async for cursor in site.cursors().during(8.0)] == []
+            ends_s.append(loop.time())
+            with pytest.raises(NoAnswerError):
+                await site.call(SET_SPEED, SetSpeed(speed_mps=0.1), timeout_s=7.0)
+            ends_s.append(loop.time())
+            with pytest.raises(NoAnswerError):
+                await site.conveyor.set_speed(0.1, belts=["a list"])
+        await bus.close()
+        return ends_s
 
-async def test_the_latest_says_that_nothing_can_be_read(site: Site) -> None:
-    rays = site.latest.ray
-    assert len(rays) == 0
-    rays._subscriptions[ANY].traffic.invalid = 3
-    with pytest.raises(VersionError, match="3 messages came and none could be read"):
-        await rays.wait("anna", patience_s=0.01)
-
-
-@pytest.mark.usefixtures("denied")
-async def test_the_latest_says_that_nothing_may_be_read(site: Site) -> None:
-    with pytest.raises(AccessDeniedError, match="reads users/anna/ray"):
-        await site.latest.ray.wait("anna", patience_s=0.01)
+    assert run_virtually(main()) == [2.0, 4.0, 11.0]

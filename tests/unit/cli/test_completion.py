@@ -1,5 +1,6 @@
 """Completion in a shell: names, options, what it loads, and its installation."""
 
+import json
 import os
 import subprocess
 import sys
@@ -27,10 +28,10 @@ def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def completed(words: str) -> list[str]:
-    """Return the completions of the last of `words`, which may be empty."""
+    """Return the completions of the last of `words`, which may be empty; "file" stands for files."""
     *before, last = words.split(" ")
     found = ShellComplete(command, {}, "pointit", COMPLETE).get_completions(before, last)
-    return [each.value for each in found if each.type == "plain"]
+    return [each.value if each.type == "plain" else each.type for each in found]
 
 
 def parameters(*words: str) -> Sequence[click.Parameter]:
@@ -49,9 +50,9 @@ def parameters(*words: str) -> Sequence[click.Parameter]:
         ("do", ["doctor"]),
         ("topic ", ["list", "echo", "hz", "schema"]),
         ("person calibrate m", ["mounting"]),
-        ("run sc", [name for name in scenario_names() if name.startswith("sc")]),
-        ("person add anna --scenario ", scenario_names()),
-        ("map check ", list(shipped_maps())),
+        ("run sc", ["file", *(name for name in scenario_names() if name.startswith("sc"))]),
+        ("person add anna --scenario ", ["file", *scenario_names()]),
+        ("map check ", ["file", *shipped_maps()]),
         ("service run ", [row.name for row in PROCESSES]),
         ("run --users 2 --hand r", ["right"]),
         ("service run pui --toler", ["--tolerance-deg", "--tolerance-m"]),
@@ -76,15 +77,16 @@ def test_remembered_options_are_those_of_the_command(words: str) -> None:
         assert set(completed(f"{words} --")) - {"--help"} == options
 
 
-def test_a_damaged_memory_is_replaced_and_a_full_disk_is_no_error(
+def test_a_damaged_or_old_memory_is_replaced_and_a_full_disk_is_no_error(
     home: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     assert completed("topic hz --al") == ["--all"]
     (path,) = (home / ".cache/pointit/completion").iterdir()
     whole = path.read_text()
-    path.write_text(whole[:40])
-    assert completed("topic hz --al") == ["--all"]
-    assert path.read_text() == whole
+    for wrong in (whole[:40], json.dumps({**json.loads(whole), "state": ["0.1"], "parameters": []})):
+        path.write_text(wrong)
+        assert completed("topic hz --al") == ["--all"]
+        assert path.read_text() == whole
     monkeypatch.setenv("HOME", "/dev/null")
     assert completed("topic hz --al") == ["--all"]
 

@@ -66,6 +66,7 @@ def test_commands_that_report_print_json(words: str) -> None:
 def test_an_unknown_command_gets_one_sentence_with_the_near_ones() -> None:
     assert invoke("toppics") == (2, "Error: no command 'toppics'; did you mean topic?\n")
     assert invoke("plott") == (2, "Error: no command 'plott'; did you mean map plot?\n")
+    assert invoke("lst") == (2, "Error: no command 'lst'; did you mean list?\n")
     assert invoke("topic", "echoo") == (2, "Error: no action 'echoo'; did you mean echo?\n")
     assert "--users" in invoke("run", "--user", "2")[1]
     code, text = invoke("xyzzy")

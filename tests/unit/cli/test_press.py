@@ -64,6 +64,9 @@ async def test_nobody_who_answers_is_one_sentence() -> None:
         bench.bus.announce(SERVICE_ALIVE, "supervisor.ben")
         with pytest.raises(NoAnswerError, match=r"anna has no supervisor: there is ben; add them with"):
             await press(bench.bus, SiteClock(bench.bus), ANNA, "press", patience_s=0.05)
+        bench.bus.announce(SERVICE_ALIVE, "supervisor.anne")
+        with pytest.raises(NoAnswerError, match=r"did you mean anne, or add them with .* add anna`\?"):
+            await press(bench.bus, SiteClock(bench.bus), ANNA, "press", patience_s=0.05)
 
 
 async def test_a_supervisor_that_hangs_is_one_sentence() -> None:
@@ -73,5 +76,6 @@ async def test_a_supervisor_that_hangs_is_one_sentence() -> None:
             await press(bench.bus, SiteClock(bench.bus), ANNA, "press", patience_s=0.05)
         interaction = Interaction(stamp_ns=1, state="idle", next_step="Press.", reason="")
         bench.put(INTERACTION, interaction, ANNA)
-        with pytest.raises(NoAnswerError, match=r"supervisor\.anna did not answer within 0\.05 s"):
-            await press(bench.bus, SiteClock(bench.bus), ANNA, "press", patience_s=0.05)
+        for gesture in ("press", "double"):
+            with pytest.raises(NoAnswerError, match=r"supervisor\.anna did not answer within 0\.05 s"):
+                await press(bench.bus, SiteClock(bench.bus), ANNA, gesture, patience_s=0.05)

@@ -28,8 +28,11 @@ class Mortal:
     def __init__(self, config, surroundings):
         self.clock = surroundings.clock
         self.file = surroundings.state_file(Kept)
+        self.is_dead = False
 
     async def run(self, deliver):
+        assert not self.is_dead
+        self.is_dead = True
         lives = (self.file.read() or Kept()).lives + 1
         self.file.write(Kept(lives=lives))
         deliver(Reading(self.clock.now_ns(), (float("nan"), 0.0, 0.0, 1.0)))

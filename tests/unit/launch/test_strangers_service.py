@@ -27,8 +27,10 @@ from pointit.schemas.topics import (
     IMU,
     LAMP_COLOR,
     MAP,
+    POSE,
     REQUESTS,
     SELECTION_EVENTS,
+    SET_SPEED,
     TOPICS,
     Delivery,
     Topic,
@@ -136,6 +138,7 @@ misnamed = strangers_services:MISNAMED
 broken = strangers_services:BROKEN
 personal = strangers_services:PERSONAL
 lost = strangers_services:LOST [ble]
+selector = strangers_services:COUNTER
 """
 
 
@@ -153,6 +156,7 @@ def counter() -> Launch:
 
 def test_service_is_found_without_importing_any_and_started_on_request() -> None:
     assert {"counter", "lost"} < set(registry.names())
+    assert registry.names().count("selector") == 1  # ours stays ours
     assert all(row.plugin is None for row in registry.PROCESSES)
     launch = counter()
     assert (launch.instance, launch.plugin) == ("counter", "service 'counter' of strangers-parts")
@@ -212,6 +216,7 @@ def own(key: str, writer: str = "evil") -> Topic[Any]:
 )
 def test_key_that_others_may_have_is_refused(key: str, sentence: str) -> None:
     made("evil", writes=(own("evil/{user}/a.b"),)).check("evil")
+    made("my-lamp", writes=(own("my_lamp/a", "my-lamp"),)).check("my-lamp")
     with pytest.raises(ConfigError, match=sentence):
         made("evil", writes=(own(key),)).check("evil")
 
@@ -238,6 +243,11 @@ def test_key_of_a_row_of_the_tables_is_refused() -> None:
             "cannot write users/{user}/imu of all people: its SCOPE must be",
         ),
         (made("evil", writes=(HEALTH,)), "it cannot write health/{service}"),
+        (made("evil", writes=(own("lamp/a", "lamp"),)), "it cannot write lamp/a, whose writers are lamp"),
+        (
+            made("evil", serves=(SET_SPEED,)),
+            "it cannot answer conveyor/set_speed, whose server is conveyor-sim",
+        ),
     ],
 )
 def test_service_that_would_take_rights_of_others_is_refused(plugin: ServicePlugin, sentence: str) -> None:
@@ -250,6 +260,7 @@ def test_personal_service_gets_rights_at_its_persons_name_only() -> None:
     assert {"personal/anna/count", "users/anna/pose", "health/personal.anna"} <= set(rights.writes)
     assert {"localizer/anna/set_pose", "conveyor/set_speed"} <= set(rights.asks)
     assert not any("*" in key for key in (*rights.writes, *rights.serves, *rights.asks))
+    assert "personal.anna can write it and runs" in silence_reason(POSE, "anna", {"personal.anna"})
 
 
 def test_its_rows_are_in_the_tables_and_give_it_its_rights() -> None:
@@ -276,42 +287,22 @@ def test_service_that_raises_in_its_check_is_refused_in_one_sentence() -> None:
         check_launches([launch])
 
 
-async def test_service_that_uses_a_publisher_it_closed_ends_nothing_else(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr(plugin_guard, "FIRST_WAIT_S", 0.001)
-    bus = MemoryBus(LocalBroker())
-    warnings: list[str] = []
-    bus.subscribe(HEALTH, lambda health, _name: warnings.extend(health.warnings), "counter")
-    launch = replace(counter(), config=registry.process("counter").config()(start=1, lives=2))
-    events = bus.publisher(SELECTION_EVENTS)
-    work = asyncio.create_task(run_services([launch], bus, WallClock()))
-
-    def select(_round: Any = None) -> bool:
-        events.put(SelectionEvent(stamp_ns=1, event="selected", object_id="a", user="anna"))
-        return bool(warnings) or work.done()
-
-    await until(select, what="its warning")
-    assert not work.done()
-    assert "failed (BusClosedError: " in warnings[0]
-    await bus.close()
-    await asyncio.wait({work})
-    assert not work.cancelled()
-
-
+@pytest.mark.parametrize(
+    ("start", "failure"), [(0, "ValueError: it has lived long enough"), (1, "BusClosedError: ")]
+)
 async def test_service_that_fails_is_named_and_restarted_and_ends_nothing_else(
-    monkeypatch: pytest.MonkeyPatch,
+    start: int, failure: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(plugin_guard, "FIRST_WAIT_S", 0.001)
     bus = MemoryBus(LocalBroker())
-    registry.add_installed()
+    launch = replace(counter(), config=registry.process("counter").config()(start=start, lives=2))
     ((counts, _),) = resolve("counter/*")
     seen: list[int] = []
     warnings: list[str] = []
     bus.subscribe(counts, lambda count, _name: seen.append(count.selected))
     bus.subscribe(HEALTH, lambda health, _name: warnings.extend(health.warnings), "counter")
     events = bus.publisher(SELECTION_EVENTS)
-    work = asyncio.create_task(run_services([counter()], bus, WallClock()))
+    work = asyncio.create_task(run_services([launch], bus, WallClock()))
 
     def select(_round: Any = None) -> bool:
         events.put(SelectionEvent(stamp_ns=1, event="selected", object_id="a", user="anna"))
@@ -319,11 +310,12 @@ async def test_service_that_fails_is_named_and_restarted_and_ends_nothing_else(
 
     await until(select, what="a second life")
     await until(lambda: bool(warnings), what="a warning")
-    assert warnings[0].startswith(
-        "service 'counter' of strangers-parts failed (ValueError: it has lived long enough)"
-    )
+    assert warnings[0].startswith(f"service 'counter' of strangers-parts failed ({failure}")
     assert not work.done()
-    work.cancel()
+    if start:
+        await bus.close()
+    else:
+        work.cancel()
     await asyncio.wait({work})
-    assert work.cancelled()
+    assert work.cancelled() is not bus.is_closed
     await bus.close()

@@ -3,7 +3,7 @@
 import dataclasses
 import math
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import pytest
 from hypothesis import given
@@ -128,10 +128,8 @@ def test_confidence_depends_on_the_worst_direction_only(a_m: float, b_m: float, 
     assert confidence(spread(a_m, across_m=b_m, turned_rad=turned_rad)) == pytest.approx(expected, rel=1e-6)
 
 
-def test_confidence_is_1_for_a_position_that_is_set_and_never_more() -> None:
+def test_confidence_is_1_for_a_position_that_is_set() -> None:
     assert confidence(spread(0.0)) == 1.0
-    assert confidence(spread(0.08)) < 1.0 + 1e-12
-    assert confidence(spread(100.0)) < 1e-4
 
 
 def test_the_head_is_at_the_eyes_and_the_hips_at_half_their_height(table: Routes) -> None:
@@ -172,16 +170,19 @@ def test_the_shoulder_turns_an_arm_as_the_reference_model_does(
     assert found == pytest.approx(wanted, abs=1e-9)
 
 
-def test_joints_are_those_of_the_pointing_arm_and_all_others_are_zero(table: Routes) -> None:
+@pytest.mark.parametrize(("hand", "outward"), [("left", 1.0), ("right", -1.0)])
+def test_joints_are_those_of_the_pointing_arm_and_all_others_are_zero(
+    table: Routes, hand: Literal["left", "right"], outward: float
+) -> None:
     scene = here("anna")
-    scene.take("anna", TALL, NOW_NS)
-    (joints,) = sent(out(table, "joint_states"), arm(1.2, 0.0), scene, "anna")
+    scene.take("anna", TALL.model_copy(update={"hand": hand}), NOW_NS)
+    scene.take("anna", arm(1.2, 0.0), NOW_NS)  # where she faces
+    (joints,) = sent(out(table, "joint_states"), arm(1.2 + outward * 0.4, 1.5), scene, "anna")
     angles = dict(zip(joints.name, joints.position, strict=True))
     assert set(angles) == {f"{name}_anna_body" for name in JOINTS}
     moved = {name: angle for name, angle in angles.items() if angle}
-    assert moved == pytest.approx(
-        {"l_y_shoulder_anna_body": math.pi / 2, "l_p_shoulder_anna_body": math.pi / 2}
-    )
+    turn, lift = f"{hand[0]}_y_shoulder_anna_body", f"{hand[0]}_p_shoulder_anna_body"
+    assert moved == pytest.approx({turn: math.pi / 2 - 0.4, lift: math.pi / 2 + 1.5})
 
 
 def test_a_body_is_matched_with_its_person_under_another_id(table: Routes) -> None:

@@ -27,9 +27,10 @@ class Sink:
 
     def __init__(self) -> None:
         self.shown: dict[str, str] = {}
+        self.last = ""
 
     def warn(self, topic: str, sentence: str) -> None:
-        self.shown[topic] = sentence
+        self.shown[topic] = self.last = sentence
 
     def clear(self, topic: str) -> None:
         self.shown.pop(topic, None)
@@ -73,7 +74,11 @@ async def cancels_itself() -> None:
     ],
 )
 async def test_plugin_that_ends_is_named_and_restarted_until_it_runs(
-    run: Callable[[], Awaitable[None]], how: str, guard: PluginGuard, sink: Sink
+    run: Callable[[], Awaitable[None]],
+    how: str,
+    guard: PluginGuard,
+    sink: Sink,
+    caplog: pytest.LogCaptureFixture,
 ) -> None:
     runs = 0
 
@@ -81,7 +86,9 @@ async def test_plugin_that_ends_is_named_and_restarted_until_it_runs(
         nonlocal runs
         runs += 1
         if runs > 3:
-            await asyncio.Event().wait()
+            with contextlib.suppress(asyncio.CancelledError):
+                await asyncio.Event().wait()
+            raise ValueError("port lost")
         await run()
 
     work = asyncio.create_task(guard.keep_running(third_time_lucky))
@@ -94,6 +101,7 @@ async def test_plugin_that_ends_is_named_and_restarted_until_it_runs(
     work.cancel()
     await asyncio.wait({work})
     assert work.cancelled()
+    assert "part 'mine' of strangers failed at its end: ValueError: port lost" in caplog.text
 
 
 def test_plugin_that_does_not_end_when_cancelled_is_abandoned_and_does_not_hold_up_the_end(
@@ -123,11 +131,15 @@ def test_plugin_that_does_not_end_when_cancelled_is_abandoned_and_does_not_hold_
     asyncio.run(site())
 
 
-async def test_plugin_that_blocks_the_loop_is_named_with_the_line(
+async def test_plugin_that_blocks_the_loop_is_named_with_the_line_for_a_while(
     tmp_path: Path, sink: Sink, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     monkeypatch.setattr(stall_watch, "STALL_S", 0.05)
     monkeypatch.setattr(stall_watch, "PERIOD_S", 0.001)
+    monkeypatch.setattr(stall_watch, "SHOWN_S", 0.01)
+    plugin_guard.guard_of(SOURCES, "serial", sink)
+    assert asyncio.get_running_loop() not in stall_watch._watches, "ours are not watched"
+    other = Sink()
     entries = "blocking = strangers_blocking:BLOCKING"
     source = """
 def block(stop):
@@ -137,15 +149,32 @@ def block(stop):
     with strangers.installed(tmp_path, "strangers_blocking", source, imu_sources=entries):
         block = importlib.import_module("strangers_blocking").block
         plugin_guard.guard_of(SOURCES, "blocking", sink)
+        plugin_guard.guard_of(SOURCES, "blocking", other)
         block(lambda: "blocks the event loop" in caplog.text)
         label = "IMU source 'blocking' of strangers-parts"
         assert f"{label} blocks the event loop, and all services of this process, at " in caplog.text
-        await until(lambda: bool(sink.shown))
-        sentence = sink.shown["event loop"]
+        await until(lambda: bool(sink.last and other.last))
         assert re.fullmatch(
             rf"{label} has blocked the event loop for [\d.]+ s at strangers_blocking.py:[34] in block: it .*",
-            sentence,
+            sink.last,
         )
+        assert other.last == sink.last
+        await until(lambda: not (sink.shown or other.shown))
+        called = find_culprit_in(block)
+        assert called == ("strangers_blocking", "strangers_blocking.py:3 in block"), (
+            "also below what it calls"
+        )
+
+
+def find_culprit_in(block: Callable[[Callable[[], object]], None]) -> tuple[str, str] | None:
+    found: list[tuple[str, str] | None] = []
+
+    def look() -> bool:
+        found.append(stall_watch.find_culprit(sys._getframe(), {"strangers_blocking"}))
+        return True
+
+    block(look)
+    return found[0]
 
 
 def test_call_that_raises_is_reported_until_it_works(guard: PluginGuard, sink: Sink) -> None:
@@ -189,7 +218,9 @@ def test_plugin_that_cannot_be_made_is_a_mistake_of_the_configuration(guard: Plu
         guard.made(lambda: make(ConfigError("no port")))
 
 
-def test_a_loop_that_closes_during_a_stall_ends_the_watch_quietly(sink: Sink) -> None:
+def test_a_loop_that_closes_during_a_stall_ends_the_watch_quietly(
+    sink: Sink, caplog: pytest.LogCaptureFixture
+) -> None:
     loop = asyncio.new_event_loop()
     watch = stall_watch.StallWatch(loop)
     sinks = weakref.WeakKeyDictionary[WarningSink, str]()
@@ -199,4 +230,5 @@ def test_a_loop_that_closes_during_a_stall_ends_the_watch_quietly(sink: Sink) ->
     runs_again = threading.Event()
     runs_again.set()
     watch._on_stall(runs_again, 0.0)
+    assert "part 'mine' blocks the event loop" in caplog.text
     assert sink.shown == {}

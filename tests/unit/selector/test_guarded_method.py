@@ -13,24 +13,24 @@ class Method:
     """A method whose results are those of a test."""
 
     def __init__(self, progress: Any, latched: Any = ()) -> None:
-        self._progress = progress
+        self.progress = progress
         self.latched = latched
 
     def step(self, _pointing: PointingSample) -> Any:
-        return self._progress
+        return self.progress
 
     def latch(self, object_id: str) -> None:
         raise AssertionError(object_id)
 
 
+def at(now_s: float) -> PointingSample:
+    return PointingSample(pointing(now_s, 5.0), "a", None, bool)
+
+
 def stepped(method: Method) -> tuple[GuardedMethod, SelectionProgress]:
     made: Any = method
     guarded = GuardedMethod(lambda: made)
-
-    def acts(_object_id: str) -> bool:
-        return True
-
-    return guarded, guarded.step(PointingSample(pointing(1.0, 5.0), "a", None, acts))
+    return guarded, guarded.step(at(1.0))
 
 
 @pytest.mark.parametrize(
@@ -55,3 +55,26 @@ def test_latched_that_is_no_collection_of_objects_is_a_fault(latched: object) ->
     assert guarded.fault == ""
     assert set(guarded.latched) == set()
     assert guarded.fault.startswith("TypeError: ")
+
+
+def test_method_that_works_for_a_while_counts_as_sound_again() -> None:
+    method: Any = Method(None)
+    guarded = GuardedMethod(lambda: method)
+    guarded.step(at(1.0))
+    method.progress = SelectionProgress("a", 0.5)
+    assert [guarded.step(at(now_s)).progress for now_s in (1.9, 2.0, 31.9)] == [0.0, 0.5, 0.5]
+    assert guarded.fault.startswith("AttributeError: ")
+    guarded.step(at(32.1))
+    assert guarded.fault == ""
+
+
+def test_objects_that_are_latched_before_the_first_cursor_are_latched_in_the_method() -> None:
+    method: Any = Method(SelectionProgress("a"))
+    latched = method.latched = set[str]()
+    method.latch = latched.add
+    guarded = GuardedMethod(lambda: method)
+    for object_id in ("a", "b"):
+        guarded.latch(object_id)
+    assert set(guarded.latched) == {"a", "b"}
+    guarded.step(at(1.0))
+    assert latched == {"a", "b"}

@@ -37,7 +37,8 @@ class CaughtBy:
 
         def seeded(make: C) -> C:
             plugin = replace(self._template.plugin, make=make, **changes)
-            name = f"{type(plugin).__name__}-{make.__name__}-{check}"
+            name = f"{type(plugin).__name__}-{make.__name__}-{check}-{words}"
+            assert name not in FAULTS
             FAULTS[name] = Fault(check, words, replace(self._template, plugin=plugin, patience_s=patience_s))
             return make
 

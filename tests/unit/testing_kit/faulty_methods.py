@@ -1,6 +1,5 @@
 """Selection methods with one fault each, made from the template, and the check that must catch it."""
 
-import random
 import time
 
 from pointit.plugins import Config, MethodConfig, PointingSample, SelectionProgress, Surroundings
@@ -83,13 +82,6 @@ class SharesState(Method):
         SharesState.everybody += pointing.under == "object 1"
         result = super().step(pointing)
         return result if self.everybody < 400 else result._replace(progress=1.0)
-
-
-@caught_by("deterministic", "gave other results")
-class ThrowsDice(Method):
-    def step(self, pointing: PointingSample) -> SelectionProgress:
-        result = super().step(pointing)
-        return result._replace(progress=result.progress * random.random())
 
 
 @caught_by("gaps", "and it fired")

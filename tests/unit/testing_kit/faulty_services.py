@@ -82,4 +82,6 @@ class RaisesKeyError(SelectionCounter):
 
 caught_by("parameters", "without a description: gain", config=UndescribedConfig)(SelectionCounter)
 caught_by("parameters", "cannot write health", writes=(COUNT, topics.HEALTH))(SelectionCounter)
+caught_by("parameters", "the summary is no line", summary="long " * 21)(SelectionCounter)
+caught_by("parameters", "'host' is no parameter", argument="host")(SelectionCounter)
 seed_in_run(caught_by, SelectionCounter)

@@ -74,12 +74,6 @@ class ChangesReadings(Source):
         await super().run(changed)
 
 
-@caught_by("stamps", "has the stamp")
-class StampsWithWallTime(ChangesReadings):
-    def change(self, reading: Reading) -> Reading:
-        return replace(reading, stamp_ns=time.time_ns())
-
-
 @caught_by("stamps", "has the stamp 12345")
 class StampsWithDeviceTime(ChangesReadings):
     def change(self, reading: Reading) -> Reading:

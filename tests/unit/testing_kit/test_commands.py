@@ -1,8 +1,11 @@
 """`pointit plugin new` writes packages that work, and `pointit plugin check` finds and checks them."""
 
+import contextlib
+import json
 import subprocess
 import sys
 import tomllib
+from collections.abc import Iterator
 from pathlib import Path
 
 import click
@@ -10,8 +13,10 @@ import pytest
 from click.testing import CliRunner, Result
 
 from pointit.cli.plugins import check, new
-from pointit.plugins import GROUPS, PluginGroup
 from pointit.runtime.errors import ConfigError
+from pointit.testing import run_checks
+from pointit.testing.check import Check
+from tests.support import strangers
 
 
 def invoke(command: click.Command, *arguments: str) -> Result:
@@ -25,53 +30,78 @@ def written(kind: str, name: str, folder: Path) -> Path:
     return target
 
 
-def install(package: Path, patch: pytest.MonkeyPatch) -> None:
+@pytest.fixture
+def stack() -> Iterator[contextlib.ExitStack]:
+    with contextlib.ExitStack() as stack:
+        yield stack
+
+
+def install(package: Path, stack: contextlib.ExitStack) -> None:
     """Make the package importable, and its entry points visible, for one test."""
-    source = package / "src"
-    project = tomllib.loads((package / "pyproject.toml").read_text())["project"]
-    info = source / f"{project['name'].replace('-', '_')}-{project['version']}.dist-info"
-    info.mkdir()
-    (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {project['name']}\nVersion: 0.1.0\n")
-    lines: list[str] = []
-    for group, entries in project["entry-points"].items():
-        lines += [f"[{group}]", *(f"{name} = {value}" for name, value in entries.items())]
-    (info / "entry_points.txt").write_text("\n".join(lines))
-    for group in GROUPS.values():
-        assert "my-way" not in group.names  # found without the package, to which the end of the test returns
-    patch.setattr(sys, "path", [str(source), *sys.path])
-    for group in GROUPS.values():
-        patch.setattr(group, "_entries", vars(PluginGroup)["_entries"].func(group))
+    groups = tomllib.loads((package / "pyproject.toml").read_text())["project"]["entry-points"]
+    entries = {
+        group.removeprefix("pointit."): "\n".join(f"{name} = {value}" for name, value in found.items())
+        for group, found in groups.items()
+    }
+    stack.enter_context(strangers.installed(package / "src", "no_module", "", **entries))
 
 
-def test_new_package_is_found_and_keeps_its_promises(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    install(written("selection-method", "my-way", tmp_path), monkeypatch)
+def test_new_package_is_found_and_keeps_its_promises(tmp_path: Path, stack: contextlib.ExitStack) -> None:
+    install(written("selection-method", "my-way", tmp_path), stack)
     result = invoke(check.command)  # all of other packages
     assert result.exit_code == 0, result.output
     assert "kept   selection-method my-way: selects the object" in result.output
     assert "11 of 11 promises are kept" in result.output
 
 
-def test_broken_promise_is_named_with_its_remedy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    package = written("selection-method", "my-wrong-way", tmp_path)
-    module = package / "src/my_wrong_way/__init__.py"
-    module.write_text(module.read_text().replace("0 <= step_ns <= LONGEST_GAP_NS", "step_ns >= 0"))
-    install(package, monkeypatch)
-    result = invoke(check.command, "my-wrong-way")
+@pytest.mark.parametrize(
+    ("name", "wrong", "said"),
+    [
+        (
+            "my-wrong-way",
+            ("0 <= step_ns <= LONGEST_GAP_NS", "step_ns >= 0"),
+            ("takes a gap between cursors for no stay", "'object 3', and it fired. Begin again"),
+        ),
+        (
+            "my-lost-way",
+            ("pointit.plugins", "pointit.lost"),
+            ("can be imported", "No module named 'pointit.l"),
+        ),
+    ],
+)
+def test_broken_promise_is_named_with_its_remedy(
+    name: str, wrong: tuple[str, str], said: tuple[str, str], tmp_path: Path, stack: contextlib.ExitStack
+) -> None:
+    package = written("selection-method", name, tmp_path)
+    module = package / "src" / name.replace("-", "_") / "__init__.py"
+    module.write_text(module.read_text().replace(*wrong))
+    install(package, stack)
+    result = invoke(check.command, name)
     assert result.exit_code == 1
-    assert "broken selection-method my-wrong-way: takes a gap between cursors for no stay" in result.output
-    assert "'object 3', and it fired. Begin again" in result.output
+    assert f"broken selection-method {name}: {said[0]}" in result.output
+    assert said[1] in result.output
 
 
 def test_plugin_without_a_fake_device_is_told_how_to_get_one(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, stack: contextlib.ExitStack
 ) -> None:
     package = written("imu-source", "my-bare-wrist", tmp_path)
     project = package / "pyproject.toml"
     project.write_text(project.read_text().replace("pointit.fake_devices", "somebody.elses"))
-    install(package, monkeypatch)
-    result = invoke(check.command, "my-bare-wrist")
+    install(package, stack)
+    result = invoke(check.command, "my-bare-wrist", "--json")
     assert result.exit_code == 1
-    assert "add an entry point 'my-bare-wrist' of the group pointit.fake_devices" in result.output
+    (row,) = json.loads(result.output)
+    assert (row["plugin"], row["check"]) == ("imu-source my-bare-wrist", "fake_device")
+    assert "add an entry point 'my-bare-wrist' of the group pointit.fake_devices" in row["problem"]
+
+
+def test_harness_that_raises_is_named() -> None:
+    def fail() -> None:
+        raise ZeroDivisionError
+
+    check = Check(name="works", promise="", remedy="", alone=False, function=fail)
+    assert list(run_checks([check])) == [(check, "works: the harness raised ZeroDivisionError: . Correct it")]
 
 
 @pytest.mark.parametrize(
@@ -103,7 +133,7 @@ def test_name_that_cannot_be_a_package_is_refused(name: str) -> None:
         ("imu-source", "serial", "IMU source 'serial' of pointit is installed"),
         ("selection-method", "hold", "selection method 'hold' of pointit is installed"),
         ("imu-source", "source", "'source' is a parameter"),
-        ("selection-method", "journal", "'journal' is a parameter"),
+        ("selection-method", "window-s", "'window-s' is a parameter"),
     ],
 )
 def test_name_that_is_taken_is_refused(kind: str, name: str, problem: str, tmp_path: Path) -> None:

@@ -1,5 +1,6 @@
 """The plug-ins that come with PointIt, and those that `pointit plugin new` writes, keep all promises."""
 
+from dataclasses import replace
 from importlib import import_module
 from typing import Any
 
@@ -20,6 +21,11 @@ TEMPLATES = [
     pytest.param(import_module(f"{new.TEMPLATES}.{template}.fake").DEVICE, id=template)
     for template, *_ in new.KINDS.values()
 ]
+
+
+def test_fake_device_of_another_plugin_of_that_name_is_not_used() -> None:
+    serial = GROUPS["imu-source"].get("serial")
+    assert installed_harness("serial", replace(serial)) is None
 
 
 @pytest.mark.parametrize("harness", [*OURS, *TEMPLATES])

@@ -156,10 +156,12 @@ async def test_virtual_time_needs_a_loop_of_its_own() -> None:
             pass
 
 
-def test_nothing_elsewhere_can_be_joined_in_virtual_time() -> None:
+def test_nothing_elsewhere_can_be_joined_or_waited_for_in_virtual_time() -> None:
     async def join() -> None:
         async with pointit.connect():
             pass
 
     with pytest.raises(ConfigError, match="cannot be joined in virtual time"):
         pointit.run_virtually(join())
+    with pytest.raises(RuntimeError, match="everything waits for something that will never happen"):
+        pointit.run_virtually(asyncio.Event().wait())

@@ -94,9 +94,15 @@ def test_each_request_is_a_method_with_its_fields(row: Request[Any, Any]) -> Non
 def test_each_method_sends_its_request_with_what_it_is_given(
     row: Request[Any, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    def fields_of(_row: Request[Any, Any], fields: dict[str, Any]) -> dict[str, Any]:
+        return fields
+
+    def send(*sent: object) -> tuple[object, ...]:
+        return sent
+
     group, method = method_of(row)
-    monkeypatch.setattr(api_requests, "query_of", lambda _request, fields: fields)
-    monkeypatch.setattr(group, "_send", lambda *sent: sent)
+    monkeypatch.setattr(api_requests, "query_of", fields_of)
+    monkeypatch.setattr(group, "_send", send)
     given = {name: object() for name in inspect.signature(method).parameters}
     fields = {name: given[name] for name in row.query.model_fields if name in given}
     assert method(**given) == (row, fields, next(iter(given.values())) if row.placeholder else "")

@@ -110,9 +110,15 @@ async def fails(_service: Any) -> None:
     raise ValueError("no light")
 
 
-@pytest.mark.parametrize(
-    "act", [lambda site: anext(site.selections()), lambda _site: asyncio.sleep(1.0)], ids=["waits", "leaves"]
-)
+async def waits(site: pointit.Site) -> None:
+    await anext(site.selections())
+
+
+async def leaves(_site: pointit.Site) -> None:
+    await asyncio.sleep(1.0)
+
+
+@pytest.mark.parametrize("act", [waits, leaves])
 def test_a_service_that_fails_is_named_to_who(
     act: Callable[[pointit.Site], Awaitable[object]], monkeypatch: pytest.MonkeyPatch
 ) -> None:

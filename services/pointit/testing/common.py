@@ -1,11 +1,12 @@
 """Parts of checks that all kinds of plug-ins share: parameters, memory, leaks, a blocked loop."""
 
 import asyncio
+import contextlib
 import gc
 import threading
 import time
 import tracemalloc
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Generator
 from pathlib import Path
 from typing import Any
 
@@ -68,16 +69,34 @@ def require_refusals(harness: Harness[Any], make: Callable[[Any], object]) -> No
 async def require_bounded_memory(act: Callable[[], Awaitable[None]], what: str) -> None:
     """Raise CheckFailedError if Python holds more memory after `act`, in words `what`, than before."""
     gc.collect()
-    tracemalloc.start()
-    try:
+    with _traced_memory():
         before, _ = tracemalloc.get_traced_memory()
         await act()
         gc.collect()
         after, _ = tracemalloc.get_traced_memory()
-    finally:
-        tracemalloc.stop()
     if after - before > MEMORY_BYTES:
         raise CheckFailedError(f"after {what} it held {(after - before) / 1e6:.1f} MB more")
+
+
+_tracing_lock = threading.Lock()
+_tracing = 0
+"""Number of checks that trace memory: one that was given up may end during the next."""
+
+
+@contextlib.contextmanager
+def _traced_memory() -> Generator[None]:
+    """Trace what Python holds, until the last one that traces ends."""
+    global _tracing  # noqa: PLW0603 - tracemalloc is one for the process
+    with _tracing_lock:
+        _tracing += 1
+        tracemalloc.start()
+    try:
+        yield
+    finally:
+        with _tracing_lock:
+            _tracing -= 1
+            if not _tracing:
+                tracemalloc.stop()
 
 
 def _present() -> tuple[set[str], int]:

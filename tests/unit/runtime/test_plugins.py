@@ -134,6 +134,7 @@ class Listening:
         (["--number", "4", "--mine.speed", "5"], 0),
         (["--mine.sped", "5"], 1),  # the error suggests an option
         (["--help"], 1),
+        (["-h"], 1),
     ],
 )
 def test_process_imports_only_plugins_that_its_arguments_name(
@@ -142,5 +143,5 @@ def test_process_imports_only_plugins_that_its_arguments_name(
     command = service_command(cast("Any", Listening))
     assert "raising" in parts.names
     with contextlib.suppress(click.exceptions.Exit, click.NoSuchOption):
-        command.make_context("listening", arguments)
+        command.make_context("listening", arguments, help_option_names=["-h", "--help"])
     assert len(list(tmp_path.glob("*.imported"))) == others

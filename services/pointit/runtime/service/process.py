@@ -173,7 +173,7 @@ class _ServiceCommand(click.Command):
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Parse `args`, with the options of the plug-ins that they name."""
-        if "--help" in args:
+        if not {*ctx.help_option_names}.isdisjoint(args):
             return super().parse_args(ctx, args)
         self._named = {word[2:].partition(".")[0] for word in args if word.startswith("--")}
         try:

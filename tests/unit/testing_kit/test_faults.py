@@ -1,5 +1,6 @@
 """Each seeded fault is caught by the check that is made for it."""
 
+import asyncio
 import re
 from collections.abc import Iterable
 from dataclasses import replace
@@ -7,7 +8,8 @@ from dataclasses import replace
 import pytest
 
 from pointit.plugins import ConfigError, MethodConfig, Surroundings
-from pointit.testing import checks, run_checks
+from pointit.testing import CheckFailedError, checks, run_checks
+from pointit.testing.common import require_bounded_memory
 from pointit.testing.templates.selection_method import METHOD, Method
 from pointit.testing.templates.selection_method.fake import DEVICE
 from tests.support.pace import MOST, slowness
@@ -59,3 +61,23 @@ def test_make_of_a_method_may_refuse_parameters() -> None:
     harness = replace(DEVICE, plugin=replace(METHOD, make=make), wrong_parameters=({"dwell_s": 6.0},))
     (check,) = [each for each in checks(harness) if each.name == "config_errors"]
     check.run()
+
+
+async def test_memory_check_outlasts_one_that_was_given_up() -> None:
+    begun, given_up = asyncio.Event(), asyncio.Event()
+    kept: list[bytes] = []
+
+    async def idle() -> None:
+        begun.set()
+        await given_up.wait()
+
+    async def keep() -> None:
+        kept.append(bytes(1_000_000))
+        given_up.set()
+        await asyncio.gather(other, return_exceptions=True)  # its own verdict does not matter
+
+    other = asyncio.create_task(require_bounded_memory(idle, "nothing"))
+    await begun.wait()
+    with pytest.raises(CheckFailedError, match=r"after much it held 1\.0 MB more"):
+        await require_bounded_memory(keep, "much")
+    assert kept

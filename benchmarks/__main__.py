@@ -6,6 +6,7 @@ import os
 import socket
 import sys
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,13 +14,24 @@ import click
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks import against, bare_chain, cores, our_chain, page, ros2, sample_path, startup, users
+from benchmarks import (
+    against,
+    bare_chain,
+    cores,
+    our_chain,
+    page,
+    recorder,
+    ros2,
+    sample_path,
+    startup,
+    users,
+)
 from benchmarks.statistics import Figures, machine
 from pointit.runtime.host.state_file import VARIABLE
 from pointit.runtime.service.shutdown import SWITCH_INTERVAL_S
 
 RATE_HZ = 100.0
-PARTS = ("latency", "users", "calls", "startup", "cores", "page", "ros2")
+PARTS = ("latency", "users", "calls", "startup", "cores", "page", "ros2", "recorder")
 COMPARISON_ROUNDS = 3
 ROUNDS = 3
 """Alternations of baseline and ours, so that both have the same machine load."""
@@ -125,6 +137,18 @@ def main(
             core, room, us, times = row["core"], row["map"], row["us"], row.get("times_ours", 1.0)
             ratio = f", {times} x ours" if times != 1.0 else ""
             console.print(f"{core:<50} {room:<6} {us:>8} µs{ratio}")
+    _measure_bridges(wanted, duration, result, console)
+    result["after"] = machine()
+    console.print(
+        f"machine: {result['before']['cores']} cores, load {result['before']['load_average']} before"
+    )
+    _write(path, result)
+
+
+def _measure_bridges(
+    wanted: Sequence[str], duration: float, result: dict[str, Any], console: Console
+) -> None:
+    """Measure what runs beside the services: page, ROS bridge, recorder."""
     if "page" in wanted:
         console.print("page: browsers and bare clients of a run …")
         result["page"] = asyncio.run(page.measure(max(duration, page.MIN_S)))
@@ -133,11 +157,14 @@ def main(
         console.print("ROS 2: the bridge as a process, a node beside it …")
         result["ros2"] = asyncio.run(ros2.measure(duration))
         console.print(ros2_table(result["ros2"]))
-    result["after"] = machine()
-    console.print(
-        f"machine: {result['before']['cores']} cores, load {result['before']['load_average']} before"
-    )
-    _write(path, result)
+    if "recorder" in wanted:
+        console.print("recorder: of a run with four people …")
+        result["recorder"] = asyncio.run(recorder.measure(duration))
+        console.print(
+            "{messages_per_s:.0f} messages/s: {recorder_process:.1%} of a core as a process, "
+            "which costs the run {cost_to_recorded_run:+.1%}; {cost_in_one_process:+.1%} in the run's own "
+            "process, which takes {run:.1%} without".format(**result["recorder"])
+        )
 
 
 def _write(path: Path | None, result: dict[str, Any]) -> None:

@@ -1,6 +1,7 @@
 """Draws the rooms and their imports, docs/explanation/rooms.svg: `python docs/pictures/rooms.py`.
 
-An arrow is drawn where no longer way leads to the same room. All other imports are listed in the room's box.
+An arrow is drawn where no longer way leads to the same room. The most frequent of the other imports are
+listed in the room's box.
 """
 
 from collections import Counter
@@ -12,26 +13,31 @@ import grimp
 import pointit  # noqa: F401 # pyright: ignore[reportUnusedImport] - loads all its three folders
 
 ROOT = Path(__file__).resolve().parents[2]
-WIDTH, HEIGHT = 1270, 898
+WIDTH, HEIGHT = 1650, 980
 BOX_HEIGHT = 66
 ROOMS = {
-    "cli": (640, 16, 1000, "the commands of the program pointit"),
-    "api": (1040, 114, 430, "a site from Python: import pointit"),
-    "launch": (1040, 212, 430, "a scenario becomes running services"),
-    "evaluation": (210, 310, 400, "estimates beside baselines"),
-    "testing": (600, 310, 360, "checks of plug-ins"),
-    "bridges": (1040, 310, 430, "web page, ROS 2, Foxglove"),
-    "diagnosis": (1080, 408, 280, "faults of a site, and remedies"),
-    "access": (800, 408, 240, "rights and certificates"),
-    "plugins": (520, 408, 280, "names for authors of plug-ins"),
-    "services": (640, 506, 620, "one folder per process"),
-    "sim": (440, 604, 260, "recordings, simulated arms"),
-    "maps": (840, 604, 260, "map files and checks"),
-    "runtime": (440, 702, 260, "bus, clock, configuration, health"),
-    "schemas": (440, 800, 260, "messages, codec, topic table"),
-    "geometry": (840, 800, 260, "pure mathematics"),
+    "cli": (750, 16, 1180, "the commands of the program pointit"),
+    "api": (1400, 114, 430, "a site from Python: import pointit"),
+    "launch": (1400, 212, 430, "a scenario becomes running services"),
+    "conversion": (860, 310, 270, "export and import of recordings"),
+    "evaluation": (220, 408, 340, "estimates beside baselines"),
+    "replay": (570, 408, 310, "a recording in virtual time"),
+    "testing": (1060, 408, 310, "checks of plug-ins"),
+    "bridges": (1430, 408, 360, "web page, ROS 2, Foxglove"),
+    "plugins": (1010, 506, 290, "names for authors of plug-ins"),
+    "access": (1280, 506, 230, "rights and certificates"),
+    "diagnosis": (1530, 506, 220, "faults of a site, and remedies"),
+    "services": (740, 604, 1000, "one folder per process"),
+    "sim": (400, 702, 260, "recordings, simulated arms"),
+    "recording": (740, 702, 260, "files of messages (MCAP)"),
+    "maps": (1080, 702, 260, "map files and checks"),
+    "runtime": (640, 800, 260, "bus, clock, configuration, health"),
+    "schemas": (640, 898, 260, "messages, codec, topic table"),
+    "geometry": (1080, 898, 260, "pure mathematics"),
 }
 """Middle x, top y and width of each room's box, px, and its purpose. The order is that of the layers."""
+MOST_OTHERS = 3
+"""Number of imports in the room's box, the most frequent ones."""
 STYLE = """
 text{font:13px system-ui,sans-serif;text-anchor:middle;fill:#1c2733}
 .name{font-weight:600;font-size:15px}
@@ -100,7 +106,7 @@ def picture() -> str:
             f"{target} {count}"
             for (source, target), count in sorted(arrows.items(), key=lambda each: (-each[1], each[0]))
             if source == room != target and (source, target) not in drawn
-        ]
+        ][:MOST_OTHERS]
         parts += [
             f'<rect x="{x - width / 2:.0f}" y="{y}" width="{width}" height="{BOX_HEIGHT}" rx="6"/>',
             f'<text class="name" x="{x}" y="{y + 20}">{room}</text>',

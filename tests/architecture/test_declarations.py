@@ -30,6 +30,10 @@ def with_a_recording(kind: type[Config], folder: Path) -> Config:
     return kind.model_validate({"recording": str(path)})
 
 
+def to_a_file_of_its_own(kind: type[Config], folder: Path) -> Config:
+    return kind.model_validate({"file": str(folder / "session.mcap")})
+
+
 def at_any_port(kind: type[Config], _folder: Path) -> Config:
     return kind.model_validate({"port": 0})
 
@@ -38,7 +42,13 @@ def in_a_graph_of_its_own(kind: type[Config], _folder: Path) -> Config:
     return kind.model_validate({"backend": {"mode": "router", "endpoint": "tcp/127.0.0.1:0"}})
 
 
+def without_a_broker(kind: type[Config], _folder: Path) -> Config:
+    return kind.model_validate({"broker": "127.0.0.1:1"})
+
+
 CONFIGURATIONS: dict[str, Callable[[type[Config], Path], Config]] = {
+    "agv-tracker": without_a_broker,
+    "recorder": to_a_file_of_its_own,
     "robot-replay": with_a_recording,
     "ros2": in_a_graph_of_its_own,
     "web": at_any_port,

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from packaging.requirements import Requirement
 
-from pointit.runtime.config import extras
+from pointit.runtime.host import extras
 from tests.architecture.sources import ROOT
 
 PAGE = ROOT / "docs" / "reference" / "extras.md"

@@ -24,9 +24,52 @@ OUTSIDERS = {"cli", "external", "every service"}
 """Writers that are no row of the process table."""
 
 DEVICES = {
-    "imu-bridge": {"replay_source.py", "serial_source.py", "simulated.py", "sources.py"},
+    "imu-bridge": {
+        "ble/discovery.py",
+        "ble/link.py",
+        "ble/metamotion.py",
+        "ble/radio.py",
+        "ble/timed_button.py",
+        "ble/witmotion_ble.py",
+        "ble/xsens_dot.py",
+        "network/datagram_source.py",
+        "network/slimevr.py",
+        "network/slimevr_search.py",
+        "network/udp_server.py",
+        "network/ximu3.py",
+        "replay_source.py",
+        "serial/ports.py",
+        "serial/source.py",
+        "simulated.py",
+        "sources.py",
+    },
     "keeper": {"record.py"},
-    "led-driver": {"output/expander.py", "outputs.py"},
+    "recorder": {"file_series.py", "sink.py"},
+    "led-driver": {
+        "guarded_output.py",
+        "outputs.py",
+        "output/serial_port/adalight.py",
+        "output/datagram_sender.py",
+        "output/ddp.py",
+        "output/dmx/artnet.py",
+        "output/dmx/artnet_discovery.py",
+        "output/dmx/e131.py",
+        "output/serial_port/expander.py",
+        "output/mqtt/mqtt_output.py",
+        "output/mqtt/search.py",
+        "output/network_output.py",
+        "output/output_health.py",
+        "output/serial_port/serial_output.py",
+        "output/spotlight/spotlight.py",
+        "output/wled_search.py",
+    },
+    "robot": {
+        "drivers/sim/sim_driver.py",
+        "drivers/vda5050/agv.py",
+        "drivers/vda5050/driver.py",
+        "drivers/vda5050/search.py",
+        "robot_driver.py",
+    },
     "selector": {"selection_methods.py", "store/history.py"},
     "web": {
         "pages/request_dispatcher.py",
@@ -43,7 +86,12 @@ DEVICES = {
         "wrists/phone_connection.py",
         "server/listener.py",
         "pages/session.py",
+        "playback/file_past.py",
+        "playback/past_page.py",
+        "playback/server.py",
+        "playback/visits.py",
         "wrists/wrist_motion.py",
+        "wrists/found_wrists.py",
     },
     "ros2": {
         "graph/backends.py",
@@ -56,6 +104,8 @@ DEVICES = {
         "graph/graph_monitor.py",
         "parameters/map_of_node.py",
         "parameters/node_parameters.py",
+        "robot/driver.py",
+        "robot/navigator.py",
         "routing/site.py",
         "over_rclpy/backend.py",
         "over_rclpy/seat.py",
@@ -73,8 +123,11 @@ HARMLESS = (
     "pointit.runtime.config",
     "pointit.runtime.errors",
     "pointit.runtime.health.timeliness",
+    "pointit.runtime.host.extras",
     "pointit.runtime.host.store",
     "pointit.runtime.link",
+    "pointit.runtime.mqtt.agv_messages",
+    "pointit.runtime.mqtt.broker_config",
 )
 """Parts of the runtime that cores may import: they know no bus, no clock and no loop."""
 
@@ -218,7 +271,9 @@ def test_services_do_not_import_the_registry_or_each_other() -> None:
 
 def test_keys_stand_in_the_topic_table_only() -> None:
     find = keys.finder(keys.patterns())
-    tables = {ROOT / "schemas/pointit/schemas" / name for name in ("topics.py", "request_table.py")}
+    tables = {
+        ROOT / "schemas/pointit/schemas" / name for name in ("topics.py", "request_table.py", "robots.py")
+    }
     found = [
         f"{shown(path, literal)} {literal.value!r}"
         for path in sources.shipped()

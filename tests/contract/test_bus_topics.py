@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from pointit.runtime.bus.contract import EVENT_CAPACITY
+from pointit.runtime.bus.contract import EVENT_CAPACITY, Tap, Undecoded
 from pointit.runtime.errors import BusClosedError
 from pointit.schemas import (
     ButtonEvent,
@@ -66,7 +66,7 @@ class TestLatest:
         sink = Sink()
         site.b.subscribe(IMU, sink)
         await site.settle()
-        deadline_s = time.monotonic() + 5
+        deadline_s = time.monotonic() + 30
         while not sink.seen and time.monotonic() < deadline_s:
             writer.put(imu(2))
             await asyncio.sleep(0.01)
@@ -297,3 +297,48 @@ class TestReaders:
         await site.settle()
         site.a.publisher(BUTTON, "anna").put(press(4))
         await until(lambda: sink.seen == [("anna", 4)])
+
+
+class TestTap:
+    async def test_every_message_comes_also_where_readers_get_the_newest_alone(self, site: Site) -> None:
+        sinks = [Sink() for _ in site.buses]
+        for bus, sink in zip(site.buses, sinks, strict=True):
+            bus.tap(IMU, tapped(sink))
+        writer = site.a.publisher(IMU, "anna")
+        await reached(writer, *sinks)
+        for seq in range(1, 101):
+            writer.put(imu(seq))
+        expected = [("anna", seq) for seq in range(1, 101)]
+        await until(lambda: all(sink.seen[-100:] == expected for sink in sinks))
+
+    async def test_states_from_before_come_once(self, site: Site) -> None:
+        writer = site.a.publisher(PROFILE, "anna")
+        writer.put(profile(1))
+        await site.settle()
+        sinks = [Sink() for _ in site.buses]
+        for bus, sink in zip(site.buses, sinks, strict=True):
+            bus.tap(PROFILE, tapped(sink))
+        await until(lambda: all(sink.seen == [("anna", 1)] for sink in sinks))
+        writer.put(profile(2))
+        await until(lambda: all(sink.seen == [("anna", 1), ("anna", 2)] for sink in sinks))
+
+    async def test_nothing_comes_after_it_is_closed(self, site: Site) -> None:
+        closed, open_one = Sink(), Sink()
+        tap = site.b.tap(IMU, tapped(closed), "anna")
+        site.b.tap(IMU, tapped(open_one))
+        writer = site.a.publisher(IMU, "anna")
+        await reached(writer, closed, open_one)
+        seen = len(closed.seen)
+        tap.close()
+        writer.put(imu(1000))
+        await until(lambda: open_one.seen[-1:] == [("anna", 1000)])
+        assert len(closed.seen) == seen
+
+
+def tapped(sink: Sink) -> Tap:
+    """Return a handler that decodes at once, on whatever thread it is."""
+
+    def take(arrived: Message | Undecoded, name: str) -> None:
+        sink(arrived if isinstance(arrived, Message) else arrived.decode(), name)
+
+    return take

@@ -3,8 +3,6 @@
 import asyncio
 import contextlib
 import json
-import shutil
-import subprocess
 from collections.abc import AsyncGenerator, Iterator
 from pathlib import Path
 from typing import Any
@@ -17,25 +15,16 @@ from examples import mqtt_relay
 from pointit.schemas.topics import CONVEYOR_STATE
 from tests.examples.running import running
 from tests.support.bench import until
-from tests.support.buses import free_port, is_listening
+from tests.support.buses import is_listening
+from tests.support.mqtt import broker
 
 PATIENCE_S = 60.0
-BROKER = shutil.which("mosquitto")
 
 
 @pytest.fixture
 def broker_port(tmp_path: Path) -> Iterator[int]:
-    """Run a broker for this test alone, open to this machine."""
-    if BROKER is None:
-        pytest.skip("mosquitto is not installed")
-    port = free_port()
-    with (tmp_path / "broker.log").open("wb") as log:
-        process = subprocess.Popen([BROKER, "-p", str(port)], stdout=log, stderr=log)
-        try:
-            yield port
-        finally:
-            process.terminate()
-            process.wait(10)
+    with broker(tmp_path) as port:
+        yield port
 
 
 @contextlib.asynccontextmanager

@@ -104,7 +104,7 @@ async def test_of_the_conveyors_and_selectors_machine(
         await until(lambda: len(seen.told()) > told, 30.0, "selecting to go on")
         await until(lambda: len(seen.events) > dispatched, 30.0, "dispatching to go on")
         recovered_s = time.monotonic() - right_s
-        seen.keeps(selected)
+        await seen.keeps(selected)
         await seen.agrees(site)
         seen.is_undisturbed(before)
         account.add(

@@ -112,7 +112,7 @@ async def test_nobody_takes_a_recording_for_new(site: Site, account: Account) ->
         await seen.flows()
         await seen.agrees(site)
         assert len(seen.told()) >= count
-        seen.keeps(selected)
+        await seen.keeps(selected)
         seen.is_undisturbed(before)
         await until(lambda: not any(complains(seen, each) for each in READERS), FLOWS_S, "all to be well")
         account.add(

@@ -51,7 +51,7 @@ async def test_a_killed_service_is_noticed_and_starts_again(
         assert within(recovered_s, BACK_S)
         assert seen.health[instance].pid == again.process.pid
         seen.is_undisturbed(before, instance)
-        seen.keeps(selected)
+        await seen.keeps(selected)
         await seen.agrees(site)
         growth_mb = Memory.now(memory.of).growth_mb(memory)
         assert growth_mb < GROWTH_MB
@@ -86,8 +86,8 @@ async def test_a_killed_router_is_noticed_and_comes_back(site: Site, account: Ac
         await seen.flows()
         recovered_s = time.monotonic() - began_s
         assert within(recovered_s, BACK_S)
-        seen.is_undisturbed(before)
-        seen.keeps(selected)
+        seen.is_undisturbed(before, "router")  # which reports its own health
+        await seen.keeps(selected)
         await seen.agrees(site)
         growth_mb = Memory.now(memory.of).growth_mb(memory)
         assert growth_mb < GROWTH_MB

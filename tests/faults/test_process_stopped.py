@@ -56,7 +56,7 @@ async def test_a_stopped_process_goes_on_with_what_is_new(
         assert within(recovered_s, BACK_S)
         await until(lambda: not seen.findings(instance), BACK_S, f"nothing to be found of {instance}")
         seen.is_undisturbed(before)
-        seen.keeps(selected)
+        await seen.keeps(selected)
         await seen.agrees(site)
         stale = seen.stale(woken_ns)
         growth_mb = max(growth_mb, Memory.now(pids.values()).growth_mb(memory))

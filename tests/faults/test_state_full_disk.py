@@ -79,7 +79,7 @@ async def test_selecting_goes_on_and_nothing_is_lost(small: Site, account: Accou
         recovered_s = time.monotonic() - room_s
         await seen.agrees(small)
         seen.is_undisturbed(before)
-        seen.keeps(selected)
+        await seen.keeps(selected)
         growth_mb = Memory.now(memory.of).growth_mb(memory)
         assert growth_mb < GROWTH_MB
         account.add(
@@ -116,7 +116,7 @@ async def test_a_selector_that_begins_on_a_full_disk_says_so(small: Site, accoun
             await seen.hears("selector")
             told = len(seen.events)
             await until(lambda: len(seen.events) > told, 30.0, "selecting to go on")
-            seen.keeps(selected)
+            await seen.keeps(selected)
             await until(lambda: complains(seen, "selector"), NOTICED_S, "the new selector to say so")
             noticed_s = time.monotonic() - began_s
         finally:

@@ -4,7 +4,7 @@ import argparse
 import time
 from pathlib import Path
 
-from tests.golden.record import read_hashes, write_hashes
+from tests.golden.record import Record, read_hashes, write_hashes
 from tests.golden.sessions import SESSIONS, play
 
 
@@ -17,7 +17,7 @@ def main() -> None:
     hashes = read_hashes()
     for name in options.sessions or SESSIONS:
         began_s = time.process_time()
-        record = play(SESSIONS[name])
+        record = play(SESSIONS[name], Record)
         if options.dump:
             record.dump(options.dump / f"{name}.jsonl")
         else:

@@ -9,10 +9,10 @@ from typing import Any, cast
 
 from pointit.runtime.bus.contract import Bus
 from pointit.schemas import Message
-from pointit.schemas.topics import HEALTH, TOPICS, Delivery, Topic, topic_of
+from pointit.schemas.topics import ACCOUNTS, TOPICS, Delivery, Topic, topic_of
 
-TOPICS_HASHED: tuple[Topic[Any], ...] = tuple(topic for topic in TOPICS if topic is not HEALTH)
-"""All but health, which reports load and delays of this machine in wall time."""
+TOPICS_HASHED: tuple[Topic[Any], ...] = tuple(topic for topic in TOPICS if topic not in ACCOUNTS)
+"""All but what the runtime reports: load and delays of this machine, parameters, requests."""
 
 DECIMALS = 6
 """Floats are rounded before hashing: last digits differ between versions of Python and NumPy, and CPUs."""

@@ -22,9 +22,9 @@ from pointit.runtime.errors import BusClosedError
 from pointit.runtime.service.service import Launch, run_services
 from pointit.runtime.virtual_time import START_NS, VirtualClock, run_virtually
 from pointit.schemas import NS_PER_S, Message
-from pointit.schemas.topics import ANY, Delivery, Topic
-from tests.golden.record import Record
+from pointit.schemas.topics import ANY, TOPICS, Delivery, Topic
 
+L = TypeVar("L")
 M = TypeVar("M", bound=Message)
 
 ROBOT = "robot.csv"
@@ -63,9 +63,16 @@ class BadLink(MemoryBus):
         self._random = random.Random(1)
 
     def subscribe(
-        self, topic: Topic[M], handler: Callable[[M, str], None], name: str = ANY, *, kept: bool = True
+        self,
+        topic: Topic[M],
+        handler: Callable[[M, str], None],
+        name: str = ANY,
+        *,
+        kept: bool = True,
+        every: bool = False,
     ) -> Subscription:
         loop = asyncio.get_running_loop()
+        may_be_lost = any(row.key == topic.key and row.delivery is Delivery.LATEST for row in TOPICS)
 
         def deliver(message: M, its_name: str) -> None:
             with contextlib.suppress(BusClosedError):  # the reader may have ended meanwhile
@@ -73,16 +80,17 @@ class BadLink(MemoryBus):
 
         def on_arrival(message: M, its_name: str) -> None:
             late_s = self.LATE_S
-            if topic.delivery is Delivery.LATEST:
+            if may_be_lost:
                 if self._random.random() < self.LOST:
                     return
                 late_s += self._random.uniform(-self.JITTER_S, self.JITTER_S)
             loop.call_later(late_s, deliver, message, its_name)
 
-        return super().subscribe(topic, on_arrival, name, kept=kept)
+        return super().subscribe(topic, on_arrival, name, kept=kept, every=every)
 
 
-def _choices(*settings: str, localize: bool = False, **chosen: Any) -> Choices:
+def choices(*settings: str, localize: bool = False, **chosen: Any) -> Choices:
+    """Return the choices of a session, with its seed."""
     return Choices(seed=1, localize=localize, settings=settings, **chosen)
 
 
@@ -102,14 +110,14 @@ SESSIONS: dict[str, Session] = {
     "scenario 3, hold": Session(
         scenario="scenario_3",
         duration_s=20.0,
-        choices=_choices(method="hold"),
+        choices=choices(method="hold"),
         happens=("selection/events=selected",),
     ),
     "send_a_robot": Session(scenario="send_a_robot", duration_s=30.0, happens=("users/anna/goal",)),
     "localized by lamps": Session(
         scenario="scenario_2",
         duration_s=60.0,
-        choices=_choices(
+        choices=choices(
             "user-sim.aim.elevation_bias_deg=10", "user-sim.wristband.yaw_drift_degpmin=40", localize=True
         ),
         happens=("users/anna/pose=static_targets", "users/anna/anchor", "users/anna/cursor=strip"),
@@ -117,14 +125,14 @@ SESSIONS: dict[str, Session] = {
     "localized by a robot": Session(
         scenario="scenario_2",
         duration_s=30.0,
-        choices=_choices("localizer.method=moving_target", localize=True),
+        choices=choices("localizer.method=moving_target", localize=True),
         site={"robot-replay": {"recording": ROBOT}},
         happens=("users/anna/pose=moving_target", "users/anna/cursor=strip"),
     ),
     "two people": Session(
         scenario="scenario_3",
         duration_s=45.0,
-        choices=_choices(localize=True),
+        choices=choices(localize=True),
         users=("anna", "ben"),
         happens=(
             "users/anna/pose=static_targets",
@@ -147,13 +155,17 @@ SESSIONS: dict[str, Session] = {
 }
 
 
-def play(session: Session) -> Record:
-    """Run `session` without stored state and `POINTIT_*` variables. Return the messages of its services."""
+def play(session: Session, listen: Callable[[MemoryBus], L], *, through_link: bool = False) -> L:
+    """Run `session` without stored state and `POINTIT_*` variables.
+
+    Return what `listen` made of a bus on which all messages of its services can be read, as they were sent,
+    or `through_link` as they arrive.
+    """
     others = {name: value for name, value in os.environ.items() if not name.startswith("POINTIT_")}
     with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
         _write_robot(Path(ROBOT))
         with mock.patch.dict(os.environ, others | {"POINTIT_STATE": folder}, clear=True):
-            return run_virtually(_play(session))
+            return run_virtually(_play(session, listen, through_link=through_link))
 
 
 def _write_robot(path: Path) -> None:
@@ -167,15 +179,16 @@ def _write_robot(path: Path) -> None:
             rows.writerow([f"{number:.4f}" for number in (tick / 25, 1, 0, 0, 0, x, y, 0.1)])
 
 
-async def _play(session: Session) -> Record:
+async def _play(session: Session, listen: Callable[[MemoryBus], L], *, through_link: bool) -> L:
     plan = read_scenario(session.scenario)
     plan = plan.model_copy(update={"site": {**plan.site, **session.site}})
     launches = site_launches(plan, session.choices)
     for index, user in enumerate(session.users):
         launches += user_launches(plan, session.choices, user, index)
     exchange = LocalBroker()
-    onlooker, bus = MemoryBus(exchange), session.link(exchange)
-    record = Record(onlooker)
+    onlooker = (session.link if through_link else MemoryBus)(exchange)
+    bus = session.link(exchange)
+    heard = listen(onlooker)
     lives = [asyncio.create_task(_live(launch, bus)) for launch in launches]
     if session.restarts:
         await _restart_each(launches, lives, bus, session.duration_s)
@@ -187,7 +200,7 @@ async def _play(session: Session) -> Record:
     await asyncio.sleep(1.0)
     await bus.close()
     await onlooker.close()
-    return record
+    return heard
 
 
 async def _live(launch: Launch, bus: MemoryBus) -> None:

@@ -32,7 +32,7 @@ HELP = "; the docstring of tests/golden/test_golden.py says how to look at the c
 @pytest.mark.parametrize("name", SESSIONS)
 def test_messages_are_those_recorded(name: str) -> None:
     session = SESSIONS[name]
-    record = play(session)
+    record = play(session, Record)
     assert [what for what in session.happens if not record.has(what)] == [], "the session shows too little"
     changed = difference(read_hashes().get(name, {}), record.hashes())
     assert not changed, f"{name}: {changed}{HELP}"

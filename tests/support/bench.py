@@ -1,9 +1,10 @@
 """A bench for one or more services: a bus, a clock that stands still until moved, collected output."""
 
 import asyncio
-from collections.abc import AsyncGenerator, Callable
+import functools
+from collections.abc import AsyncGenerator, Callable, Coroutine
 from contextlib import asynccontextmanager
-from typing import Any, TypeVar
+from typing import Any, ParamSpec, TypeVar
 
 from pointit.runtime.bus.contract import Bus
 from pointit.runtime.bus.local_broker import LocalBroker
@@ -11,13 +12,16 @@ from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.clock import Clock
 from pointit.runtime.config.config import Config
 from pointit.runtime.service.service import AnyService, Launch, run_service
+from pointit.runtime.virtual_time import run_virtually
 from pointit.schemas import Message
 from pointit.schemas.topics import ANY, Topic
 from tests.support.pace import Patience
 
 M = TypeVar("M", bound=Message)
+P = ParamSpec("P")
 
-PATIENCE_S = 5.0
+PATIENCE_S = 30.0
+"""A condition that comes true ends its wait at once: long patience costs time in a test that fails only."""
 SHORTEST_WAIT_S = 0.002
 LONGEST_WAIT_S = 0.02
 """Conditions read logs and whole reports. Polled more often, they would slow down what they wait for."""
@@ -40,15 +44,29 @@ class ManualClock:
         return self.time_ns
 
 
+def in_virtual_time(test: Callable[P, Coroutine[Any, Any, None]]) -> Callable[P, None]:
+    """Run an asynchronous test in virtual time, in which a busy machine holds nothing up.
+
+    Its clock is a `VirtualClock`.
+    """
+
+    @functools.wraps(test)
+    def run(*args: P.args, **kwargs: P.kwargs) -> None:
+        run_virtually(test(*args, **kwargs))
+
+    return run
+
+
 async def until(condition: Callable[[], bool], patience_s: float = PATIENCE_S, what: str = "") -> None:
     """Wait for `condition`; fail, saying `what`, if it does not come true in time.
 
     Args:
         condition: polled every few milliseconds, less often the longer it takes.
-        patience_s: time that is enough on a quiet machine.
+        patience_s: time that is enough on a quiet machine. A machine whose cores are all busy may hold up
+            another process for seconds, so that less than `PATIENCE_S` counts as `PATIENCE_S`.
         what: description of the condition.
     """
-    patience, wait_s = Patience(patience_s), SHORTEST_WAIT_S
+    patience, wait_s = Patience(max(patience_s, PATIENCE_S)), SHORTEST_WAIT_S
     while not condition():
         if patience.is_over():
             raise AssertionError(f"waited {patience} in vain{': ' + what if what else ''}")

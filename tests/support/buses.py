@@ -2,8 +2,10 @@
 
 import asyncio
 import contextlib
+import fcntl
 import itertools
 import os
+import secrets
 import signal
 import socket
 import tempfile
@@ -25,6 +27,10 @@ from tests.support.forked import ForkedProcess
 
 KINDS = ("memory", "zenoh-peer", "zenoh-router")
 """In one process; clients of a listening process; clients of a router."""
+
+TEST_PORTS = range(15000, 32000)
+"""Ports below those that Linux gives to who asks for any (`net.ipv4.ip_local_port_range`)."""
+PORT_LOCKS = Path(tempfile.gettempdir(), "pointit-test-ports")
 
 _marks = itertools.count()
 
@@ -79,18 +85,39 @@ async def site_of(kind: str, name: str = "lab") -> AsyncGenerator[Site]:
             else:
                 await stack.enter_async_context(running_router(endpoint))
             for link in links:
-                buses.append(await ZenohBus.open(link, patience_s=5))
+                buses.append(await ZenohBus.open(link, patience_s=30))
         for bus in buses:
             stack.push_async_callback(bus.close)
         yield Site(kind, *buses)
 
 
 def free_port() -> int:
-    """Return a free port of 127.0.0.1."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port: int = probe.getsockname()[1]
-    return port
+    """Return a free port of 127.0.0.1, which no other test gets while this process lives."""
+    return _reserved_port(socket.SOCK_STREAM)
+
+
+def free_udp_port() -> int:
+    """Return a free UDP port of 127.0.0.1, which no other test gets while this process lives."""
+    return _reserved_port(socket.SOCK_DGRAM)
+
+
+def _reserved_port(kind: socket.SocketKind) -> int:
+    """Lock a port among the tests of this machine, in all their processes.
+
+    The system gives none of these to who asks for any port, so that none is taken before it is used.
+    """
+    PORT_LOCKS.mkdir(exist_ok=True)
+    while True:
+        port = secrets.choice(TEST_PORTS)
+        lock = os.open(PORT_LOCKS / f"{port}", os.O_RDWR | os.O_CREAT, 0o666)
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)  # until this process ends
+            with socket.socket(socket.AF_INET, kind) as probe:
+                probe.bind(("127.0.0.1", port))
+        except OSError:
+            os.close(lock)
+        else:
+            return port
 
 
 def is_listening(port: int) -> bool:

@@ -29,8 +29,12 @@ class Site:
     _tasks: list[asyncio.Task[None]] = field(default_factory=list[asyncio.Task[None]])
 
     def start(self, service: type[AnyService], user: str = "") -> None:
-        launch = Launch(service=service, config=service.CONFIG(), user=user)
-        self._tasks.append(asyncio.create_task(run_service(launch, self.bus, WallClock())))
+        self.launch(Launch(service=service, config=service.CONFIG(), user=user))
+
+    def launch(self, *launches: Launch) -> None:
+        self._tasks += [
+            asyncio.create_task(run_service(launch, self.bus, WallClock())) for launch in launches
+        ]
 
     def feed_imu(self, user: str, rate_hz: float = 50) -> asyncio.Task[None]:
         """Put a level arm's orientation until the end, or until the task is cancelled."""

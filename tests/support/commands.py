@@ -31,8 +31,9 @@ from pointit.schemas.topics import (
 )
 from tests.support.bench import until
 from tests.support.forked import ForkedProcess
+from tests.support.pace import Patience
 
-PATIENCE_S = 30.0
+PATIENCE_S = 60.0
 START_S = 0.1
 """Start time of a command on a quiet machine, s."""
 _numbers = itertools.count()
@@ -272,3 +273,15 @@ def summary_of(ended: Ended) -> dict[str, Any]:
     """Return the summary that a run with --json has printed."""
     summary: dict[str, Any] = json.loads(ended.out)
     return summary
+
+
+async def doctor_is_content(commands: Commands, endpoint: str) -> None:
+    """Ask until all is well: a service that was held up may still say so for a moment."""
+    patience = Patience(20)
+    while True:
+        ended = await commands.pointit("doctor", "--json", "--connect", endpoint)
+        report = json.loads(ended.out)
+        if ended.code == 0:
+            assert report["healthy"] is True
+            return
+        assert not patience.is_over(), f"doctor still finds {report['findings']}"

@@ -78,17 +78,21 @@ from pointit.schemas.requests import (
     SetWorkspace,
     SetYawOrigin,
     StartLocalization,
+    StopRobot,
     UndoSelection,
 )
+from pointit.schemas.robots import RobotKind, RobotPhase, RobotPlan, RobotState, Steering
 from pointit.schemas.selection import ReservedObject, SelectedObject, Selection, SelectionEvent
 from pointit.schemas.system import (
     ClockTick,
+    Configuration,
     Deployment,
     ExpectedService,
     Figure,
     Health,
     KeyHealth,
     Quantiles,
+    ServedRequest,
 )
 
 __all__ = [
@@ -111,6 +115,7 @@ __all__ = [
     "ClearSelection",
     "ClockTick",
     "Cloud",
+    "Configuration",
     "ConveyorState",
     "Cursor",
     "Cylinder",
@@ -149,12 +154,17 @@ __all__ = [
     "Reply",
     "ReservedObject",
     "ResetConveyor",
+    "RobotKind",
+    "RobotPhase",
+    "RobotPlan",
+    "RobotState",
     "RunScenario",
     "SchemaError",
     "SchemaModel",
     "SelectedObject",
     "Selection",
     "SelectionEvent",
+    "ServedRequest",
     "SetBrightness",
     "SetFeeding",
     "SetHeading",
@@ -172,6 +182,8 @@ __all__ = [
     "SetYawOrigin",
     "Sphere",
     "StartLocalization",
+    "Steering",
+    "StopRobot",
     "Strip",
     "StripFrame",
     "StripsFrame",

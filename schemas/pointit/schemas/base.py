@@ -78,7 +78,9 @@ Many = Annotated[tuple[T, ...], FailFast()]
 class SchemaModel(BaseModel):
     """A piece of a message: frozen, strict, finite, nothing unknown."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
+    model_config = ConfigDict(
+        frozen=True, extra="forbid", strict=True, allow_inf_nan=False, val_json_bytes="base64"
+    )
 
     max_bytes: ClassVar[int] = 16 * 1024
     """A longer payload is refused unread: it can be no honest message, and to read it takes time."""

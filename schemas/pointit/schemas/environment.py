@@ -13,6 +13,7 @@ from pointit.schemas.base import (
     Message,
     Name,
     Ns,
+    QuaternionXyzw,
     Real,
     Rgb,
     SchemaModel,
@@ -120,10 +121,33 @@ class Cloud(SchemaModel):
     high_m: Annotated[Vec3, Field(description="greatest x, y, z")]
 
 
+class Fence(SchemaModel):
+    """An upright volume for robots: each stays inside every `keep_in`, and outside every `keep_out`."""
+
+    id: Name
+    kind: Literal["keep_in", "keep_out"]
+    outline_m: Annotated[
+        Many[tuple[Real, Real]],
+        Field(min_length=3, description="x, y of its corners in {W}, in either order; it closes itself"),
+    ]
+    low_m: Annotated[Real | None, Field(description="least height in {W}, None if unbounded")] = None
+    high_m: Annotated[Real | None, Field(description="greatest height in {W}, None if unbounded")] = None
+
+
+class Frame(SchemaModel):
+    """The coordinates of a tracker, or of a robot: where their origin is in {W}, and their rotation."""
+
+    id: Name
+    position_m: Annotated[Vec3, Field(description="of its origin in {W}")]
+    orientation_xyzw: Annotated[
+        QuaternionXyzw, Field(description="rotates vectors of the frame into {W}")
+    ] = (0.0, 0.0, 0.0, 1.0)
+
+
 class Environment(Message):
     """The map of the room in {W}; the ROS toolkit's `belts`, `leds`, `strips`, `links`, and more."""
 
-    version: ClassVar[int] = 2
+    version: ClassVar[int] = 3
 
     max_bytes: ClassVar[int] = 1024 * 1024
     """Room for 10 000 strips."""
@@ -139,6 +163,8 @@ class Environment(Message):
     cylinders: Many[Cylinder] = ()
     spheres: Many[Sphere] = ()
     clouds: Many[Cloud] = ()
+    fences: Many[Fence] = ()
+    frames: Many[Frame] = ()
 
 
 KIND_COLORS: dict[str, Rgb] = {
@@ -178,14 +204,18 @@ class TrackedObject(SchemaModel):
             "late; None if no limit is known"
         ),
     ] = None
+    yaw_rad: Annotated[Real | None, Field(description="azimuth of its front, if it has one")] = None
+    position_sigma_m: Annotated[
+        Extent | None, Field(description="1 sigma of the position along the worst direction, if known")
+    ] = None
 
 
 class TrackedObjects(Message):
     """All tracked objects of one tracker at one time. An object that is no longer listed has left."""
 
-    version: ClassVar[int] = 3
+    version: ClassVar[int] = 4
 
-    max_bytes: ClassVar[int] = 512 * 1024
+    max_bytes: ClassVar[int] = 640 * 1024
     """Room for 2000 objects with all fields."""
 
     objects: Many[TrackedObject] = ()

@@ -242,6 +242,8 @@ class Goal(Message):
     to be followed.
     """
 
+    version: ClassVar[int] = 2
+
     position_m: Vec3
     yaw_rad: Annotated[Real, Field(description="azimuth from the person to the place: facing on, on arrival")]
     surface_id: Annotated[
@@ -258,6 +260,8 @@ class Goal(Message):
     confirmed_by: Annotated[
         Literal["again", "press"], Field(description="by pointing there once more, or by their button")
     ]
+    robot: Annotated[str, Field(description="that is to go there, or empty if any may")] = ""
+    via_m: Annotated[Many[Vec3], Field(description="way-points before `position_m`, in order, {W}")] = ()
 
 
 class Feedback(Message):

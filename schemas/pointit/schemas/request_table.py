@@ -124,6 +124,13 @@ SET_TOLERANCE = Request(
     server="pui",
     about="how far a ray may pass its target",
 )
+STOP_ROBOT = Request(
+    key="robots/{robot}/stop",
+    query=requests.StopRobot,
+    reply=requests.Done,
+    server="robot",
+    about="stop it where it is, and let nobody steer it until somebody takes it again",
+)
 RUN_SCENARIO = Request(
     key="run/scenario",
     query=requests.RunScenario,
@@ -178,6 +185,7 @@ REQUESTS: list[Request[Any, Any]] = [
     SET_METHOD,
     READ_HISTORY,
     SET_TOLERANCE,
+    STOP_ROBOT,
     RUN_SCENARIO,
     SET_BRIGHTNESS,
     SET_LAMP,

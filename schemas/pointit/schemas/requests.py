@@ -209,6 +209,12 @@ class SetToleranceReply(Reply):
     ] = None
 
 
+class StopRobot(Query):
+    """Stop a robot: nobody steers it any more until somebody takes it again. Not a safety function."""
+
+    reason: Annotated[str, Field(max_length=200, description="why, in a few words, for who steers it")] = ""
+
+
 class RunScenario(Query):
     """Replace the running scenario by another one, on the same site."""
 

@@ -25,15 +25,18 @@ def check_user(name: str) -> str:
     return name
 
 
-def instance_of(service: str, user: str = "") -> str:
-    """Return the name under which a service is present: `selector`, `pointing.anna`."""
-    return f"{service}.{user}" if user else service
+def instance_of(service: str, which: str = "") -> str:
+    """Return the name under which a service is present: `selector`, `pointing.anna`, `robot.quad`.
+
+    `which`: whose it is, or its name among several of a site.
+    """
+    return f"{service}.{which}" if which else service
 
 
 def split_instance(instance: str) -> tuple[str, str]:
-    """Return service and user of an instance: `pointing.anna` is `pointing` of `anna`."""
-    service, _, user = instance.partition(".")
-    return service, user
+    """Return the arguments of `instance_of`: `pointing.anna` is `pointing` of `anna`."""
+    service, _, which = instance.partition(".")
+    return service, which
 
 
 class ClockTick(Message):
@@ -92,18 +95,49 @@ class Health(Message):
     figures: Annotated[Many[Figure], Field(description="further metrics of the service")] = ()
 
 
+class Configuration(Message):
+    """The parameters with which a service has started."""
+
+    max_bytes: ClassVar[int] = 256 * 1024
+
+    service: str
+    instance: str
+    user: str = ""
+    parameters: Annotated[str, Field(description="JSON of all parameters but secrets")] = "{}"
+    release: Annotated[str, Field(description="version of PointIt")] = ""
+
+
+class ServedRequest(Message):
+    """A request that a service has answered; `stamp_ns` is when it got it."""
+
+    max_bytes: ClassVar[int] = 1024 * 1024
+
+    service: str
+    instance: str
+    request: Annotated[str, Field(description="key of the request")]
+    query: Annotated[str, Field(description="JSON")]
+    reply: Annotated[str, Field(description="JSON, or empty if it was refused or too large")] = ""
+    refusal: Annotated[str, Field(description="the reason, or empty if it was not refused")] = ""
+
+
 class ExpectedService(SchemaModel):
     """A service that should be running, and the command that starts it again."""
 
     service: str
     user: str = ""
     command: Many[str] = ()
+    name: Annotated[str, Field(description="among several of its kind on the site, or empty")] = ""
+
+    @property
+    def instance(self) -> str:
+        """Return the name under which it is present."""
+        return instance_of(self.service, self.user or self.name)
 
 
 class Deployment(Message):
     """Services started by `pointit run` or `pointit person add`, by which `doctor` finds missing ones."""
 
-    version: ClassVar[int] = 3
+    version: ClassVar[int] = 4
 
     max_bytes: ClassVar[int] = 512 * 1024
     """Room for 64 people."""

@@ -30,8 +30,10 @@ from pointit.schemas.request_table import (
     SET_WORKSPACE,
     SET_YAW_ORIGIN,
     START_LOCALIZATION,
+    STOP_ROBOT,
     UNDO_SELECTION,
 )
+from pointit.schemas.robots import ROBOT_PLAN, ROBOT_STATE, STEERING
 from pointit.schemas.table_types import (
     ANY,
     NAME,
@@ -44,6 +46,7 @@ from pointit.schemas.table_types import (
 )
 
 __all__ = [
+    "ACCOUNTS",
     "ADD_PACKAGE",
     "ANCHOR",
     "ANY",
@@ -51,6 +54,7 @@ __all__ = [
     "CANCEL_LOCALIZATION",
     "CLEAR_SELECTION",
     "CLOCK",
+    "CONFIGURATION",
     "CONVEYOR_STATE",
     "CURSOR",
     "DEPLOYMENT",
@@ -75,9 +79,12 @@ __all__ = [
     "RELEASE_OBJECT",
     "REQUESTS",
     "RESET_CONVEYOR",
+    "ROBOT_PLAN",
+    "ROBOT_STATE",
     "RUN_SCENARIO",
     "SELECTION",
     "SELECTION_EVENTS",
+    "SERVED",
     "SERVICE_ALIVE",
     "SET_BRIGHTNESS",
     "SET_FEEDING",
@@ -93,6 +100,8 @@ __all__ = [
     "SET_YAW_ORIGIN",
     "STALE_PERIODS",
     "START_LOCALIZATION",
+    "STEERING",
+    "STOP_ROBOT",
     "STRIPS_FRAME",
     "TOPICS",
     "UNDO_SELECTION",
@@ -225,7 +234,7 @@ OBJECTS = Topic(
     message=environment.TrackedObjects,
     delivery=_LATEST,
     rate_hz=25,
-    writers=("conveyor-sim", "robot-replay", "external"),
+    writers=("conveyor-sim", "robot-replay", "robot", "agv-tracker", "ros2", "external"),
     about="moving objects; each tracker lists its own",
 )
 SELECTION = Topic(
@@ -292,6 +301,22 @@ HEALTH = Topic(
     writers=("every service",),
     about="each service's own account; {service} is its instance",
 )
+CONFIGURATION = Topic(
+    key="configuration/{service}",
+    message=system.Configuration,
+    delivery=_STATE,
+    rate_hz=None,
+    writers=("every service",),
+    about="parameters of each service since its start; {service} is its instance",
+)
+SERVED = Topic(
+    key="requests/{service}",
+    message=system.ServedRequest,
+    delivery=_EVENT,
+    rate_hz=None,
+    writers=("every service",),
+    about="requests that each service has answered, with the replies; {service} is its instance",
+)
 DEPLOYMENT = Topic(
     key="deployment/{name}",
     message=system.Deployment,
@@ -315,8 +340,11 @@ TOPICS: list[Topic[Any]] = [
     INTERACTION,
     FEEDBACK,
     GOAL,
+    STEERING,
     MAP,
     OBJECTS,
+    ROBOT_STATE,
+    ROBOT_PLAN,
     SELECTION,
     SELECTION_EVENTS,
     LAMP_COLOR,
@@ -325,9 +353,14 @@ TOPICS: list[Topic[Any]] = [
     CONVEYOR_STATE,
     CLOCK,
     HEALTH,
+    CONFIGURATION,
+    SERVED,
     DEPLOYMENT,
 ]
 """All topics. Services of other packages add theirs when they are loaded (`pointit.services.registry`)."""
+
+ACCOUNTS: tuple[Topic[Any], ...] = (HEALTH, CONFIGURATION, SERVED)
+"""Topics on which the runtime reports for each service, under its instance."""
 
 SERVICE_ALIVE = Presence(key="alive/services/{instance}", about="one service instance runs")
 USER_ALIVE = Presence(key="alive/users/{user}", about="one person's services run")

@@ -6,18 +6,21 @@ from typing import Any, Literal, get_args
 
 from pointit.schemas.system import RUN
 from pointit.schemas.topics import (
+    ACCOUNTS,
     ANY,
     BUTTON,
     CLOCK,
+    CONFIGURATION,
     DEPLOYMENT,
-    HEALTH,
     IMU,
     PRESENCES,
     RAY,
     READ_HISTORY,
     REQUESTS,
     RUN_SCENARIO,
+    SERVED,
     SERVICE_ALIVE,
+    STOP_ROBOT,
     TOPICS,
     USER_ALIVE,
     WRIST,
@@ -25,7 +28,7 @@ from pointit.schemas.topics import (
     Request,
     Topic,
 )
-from pointit.services.registry import PROCESSES, Process, add_installed
+from pointit.services.registry import PROCESSES, RECORDER, Process, add_installed
 
 Role = Literal["user", "services", "web", "ros2", "dashboard", "operator", "supervisor", "router"]
 """Role of an identity: a person's services; the shared services; the page's server; the ROS 2 bridge; a
@@ -33,18 +36,24 @@ viewer; a viewer who may send requests; unlimited; another router of the site.""
 
 ROLES: tuple[Role, ...] = get_args(Role)
 
+INTERNAL: tuple[Topic[Any], ...] = (CONFIGURATION, SERVED)
+"""Topics for who operates the site."""
+
 PRIVATE: tuple[Topic[Any], ...] = (IMU, WRIST, RAY)
 """Topics that viewers and other people never get: a person's movements."""
 
 RECALLED: tuple[Request[Any, Any], ...] = (READ_HISTORY,)
 """Requests open to all roles: they change nothing, and repeat what all may read."""
 
+FOR_ALL = (*RECALLED, STOP_ROBOT)
+"""Requests of all roles: who sees a robot may stop it."""
+
 ALL = "**"
 
 
-def shown() -> list[Topic[Any]]:
-    """Return the topics that viewers get."""
-    return [topic for topic in TOPICS if topic not in PRIVATE]
+def viewer_topics() -> list[Topic[Any]]:
+    """Return the topics that viewers may read; the page and Foxglove show `registry.SHOWN` of them."""
+    return [topic for topic in TOPICS if topic not in (*PRIVATE, *INTERNAL)]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,10 +84,9 @@ def rights_of(role: Role, name: str) -> Rights:
         return _services()
     if role in ("web", "ros2"):
         return _bridge(role)
-    return Rights(
-        reads=_anywhere([shown()]),
-        asks=_anywhere([REQUESTS if role == "operator" else RECALLED]),
-    )
+    if role == "operator":
+        return Rights(reads=_anywhere([viewer_topics(), INTERNAL]), asks=_anywhere([REQUESTS]))
+    return Rights(reads=_anywhere([viewer_topics()]), asks=_anywhere([FOR_ALL]))
 
 
 def _bridge(name: str) -> Rights:
@@ -88,11 +96,18 @@ def _bridge(name: str) -> Rights:
     """
     (row,) = (row for row in PROCESSES if row.name == name)
     return Rights(
-        writes=_sorted([*_anywhere([row.writes]), *_numbered(HEALTH.at(name))]),
-        reads=_anywhere([shown(), row.reads]),
+        writes=_sorted(
+            [*_anywhere([row.writes]), *(key for topic in ACCOUNTS for key in _numbered(topic.at(name)))]
+        ),
+        reads=_anywhere([viewer_topics(), row.reads]),
         asks=_anywhere([REQUESTS]),
         announces=(*_numbered(SERVICE_ALIVE.at(name)), *(presence.at(ANY) for presence in row.announces)),
     )
+
+
+def _instances(key: str, row: Process) -> tuple[str, ...]:
+    """Return the keys of a shared service's instances: one, or those of any name."""
+    return _numbered(key) if row.several else (key,)
 
 
 def _numbered(key: str) -> tuple[str, ...]:
@@ -111,18 +126,24 @@ def _user(name: str) -> Rights:
                 *(topic.at(name) for row in mine for topic in row.writes),
                 BUTTON.at(name),
                 *([] if name.startswith(RUN) else [DEPLOYMENT.at(name)]),
-                *(HEALTH.at(instance) for instance in instances),
+                *(topic.at(instance) for topic in ACCOUNTS for instance in instances),
             ]
         ),
-        reads=_sorted([*reads, *_anywhere([shown()])]),
+        reads=_sorted([*reads, *_anywhere([viewer_topics()])]),
         serves=_sorted(request.at(name) for row in mine for request in row.serves if _is_personal(request)),
         asks=_sorted(
             [
                 *(request.at(name) for request in REQUESTS if _is_personal(request)),
-                *_anywhere([RECALLED, (row for row in _asked(mine) if not _is_personal(row))]),
+                *_anywhere([FOR_ALL, (row for row in _asked(mine) if not _is_personal(row))]),
             ]
         ),
-        announces=_sorted([USER_ALIVE.at(name), *(SERVICE_ALIVE.at(instance) for instance in instances)]),
+        announces=_sorted(
+            [
+                USER_ALIVE.at(name),
+                SERVICE_ALIVE.at(RECORDER),  # nobody records without others seeing it
+                *(SERVICE_ALIVE.at(instance) for instance in instances),
+            ]
+        ),
     )
 
 
@@ -133,16 +154,16 @@ def _services() -> Rights:
             [
                 *_anywhere(row.writes for row in shared),
                 *_anywhere([(CLOCK, DEPLOYMENT)]),
-                *(HEALTH.at(row.name) for row in shared),
+                *(key for topic in ACCOUNTS for row in shared for key in _instances(topic.at(row.name), row)),
             ]
         ),
-        reads=_anywhere([*(row.reads for row in shared), shown()]),
+        reads=_anywhere([*(row.reads for row in shared if row.name != RECORDER), viewer_topics()]),
         serves=_anywhere([*(row.serves for row in shared), (RUN_SCENARIO,)]),
-        asks=_anywhere([RECALLED, _asked(shared)]),
+        asks=_anywhere([FOR_ALL, _asked(shared)]),
         keeps=_anywhere([[topic for topic in TOPICS if topic.delivery is Delivery.STATE]]),
         announces=_sorted(
             [
-                *(SERVICE_ALIVE.at(row.name) for row in shared),
+                *(key for row in shared for key in _instances(SERVICE_ALIVE.at(row.name), row)),
                 *(presence.at(ANY) for presence in PRESENCES if presence not in (SERVICE_ALIVE, USER_ALIVE)),
             ]
         ),

@@ -26,10 +26,10 @@ from pointit.access import router_configuration
 from pointit.access.rights import Role
 from pointit.access.router_configuration import RouterSite, common_name
 from pointit.access.site_state import Identity, SiteState
-from pointit.runtime.config.extras import remedy
 from pointit.runtime.config.validation_message import describe_validation_error
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.atomic_file import read_limited, write_atomically
+from pointit.runtime.host.extras import remedy
 from pointit.runtime.host.store import acquire_lock
 from pointit.runtime.link.credentials import CA, CERTIFICATE, KEY, LINK, PASSWORD
 from pointit.schemas.topics import check_name

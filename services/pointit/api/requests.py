@@ -190,6 +190,14 @@ class PuiRequests(_Requests[D], Generic[D, R]):
         return reply
 
 
+class RobotsRequests(_Requests[D]):
+    """Requests to robots."""
+
+    def stop(self, robot: str, reason: str = "") -> D:
+        """Stop `robot`; nobody steers it until somebody takes it again. `reason`: why, in a few words."""
+        return self._do(topics.STOP_ROBOT, robot, reason=reason)
+
+
 class RunRequests(_Requests[D]):
     """Requests to the run that started the site."""
 

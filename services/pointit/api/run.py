@@ -13,7 +13,7 @@ from types import TracebackType
 from pointit.api.loop_thread import LoopThread
 from pointit.api.site import Site
 from pointit.api.sync_site import SyncSite
-from pointit.launch.plan.launches import Choices
+from pointit.launch.plan.launches import LOCALIZATIONS, Choices, robot_of
 from pointit.launch.plan.scenario import read_scenario
 from pointit.launch.plan.scenario_catalog import scenario_launches
 from pointit.launch.plan.settings import check_settings
@@ -74,7 +74,7 @@ def run(
     users: int | Sequence[str] = 1,
     virtual: bool = False,
     seed: int = 0,
-    localize: bool = False,
+    localize: bool | str = False,
     imu: Sequence[str] = (),
     leds: str = "",
     settings: Mapping[str, object] | None = None,
@@ -90,7 +90,8 @@ def run(
         users: number of people, who are called `user1`, `user2` and so on, or their names.
         virtual: in a `with` block, time passes only while a call waits, and then at once.
         seed: of all random number generators. In virtual time the same seed gives the same run.
-        localize: people are located by pointing at lamps.
+        localize: people are located by pointing: at lamps (True or `lamps`), or by following a robot
+            (`robot` or `robot:NAME`).
         imu: IMU of each person in turn, as for `pointit run --imu`. Others are simulated.
         leds: LED output, as for `pointit run --leds`.
         settings: parameters of services, such as `{"selector.dwell_s": 0.8}`.
@@ -101,17 +102,20 @@ def run(
         ListenError: On entering, if the address is in use.
         PointItError: On leaving, if a service of the site has failed.
     """
+    if isinstance(localize, str) and not LOCALIZATIONS.fullmatch(localize):
+        raise ConfigError(f"localize: {localize!r} is no way to localize; write lamps, robot or robot:NAME")
 
     def launches() -> list[Launch]:
         choices = Choices(
             seed=seed,
-            localize=localize,
+            localize=bool(localize),
+            robot=robot_of(localize) if isinstance(localize, str) else None,
             imu=imu,
             leds=leds,
             settings=[_setting(name, value) for name, value in (settings or {}).items()],
         )
         planned = scenario_launches(read_scenario(str(scenario)), choices, users)
-        check_settings({launch.service.NAME for launch in planned}, choices)
+        check_settings(planned, choices)
         check_launches(planned, (listen,) if listen else ())
         return planned
 

@@ -76,6 +76,7 @@ class Site:
         self.localizer = requests.LocalizerRequests[Awaitable[Done]](send)
         self.profile = requests.ProfileRequests[Awaitable[Done]](send)
         self.pui = requests.PuiRequests[Awaitable[Done], Awaitable[SetToleranceReply]](send)
+        self.robots = requests.RobotsRequests[Awaitable[Done]](send)
         self.run = requests.RunRequests[Awaitable[Done]](send)
         self.leds = requests.LedsRequests[Awaitable[Done]](send)
         self.imu = requests.ImuRequests[Awaitable[Done], Awaitable[SetMountingReply]](send)
@@ -179,10 +180,31 @@ class Site:
         self._check_open()
         return await self._bus.call(request, query, name, timeout_s=timeout_s)
 
-    def tracker(self, name: str) -> Tracker:
-        """Return the tracker `name`, which publishes objects."""
+    def tracker(
+        self, name: str, *, frame: str = "", latency_s: float = 0.0, latency_sigma_s: float | None = None
+    ) -> Tracker:
+        """Return the tracker `name`, which publishes objects.
+
+        Args:
+            name: of the tracker, unique on the site.
+            frame: of the map, in which its positions are. `""`: {W}.
+            latency_s: usual time from capture to `Tracker.update`, subtracted from a stamp that is not given.
+            latency_sigma_s: 1 sigma of the stamps' error, by which following its objects is judged. None:
+                unknown.
+        """
         self._check_open()
-        tracker = Tracker(self._bus, name, self._clock.now_ns, self._trackers.discard)
+        tracker = Tracker(
+            self._bus,
+            name,
+            self._clock.now_ns,
+            self._trackers.discard,
+            room=lambda: self.latest.map.value,
+            frame=frame,
+            latency_s=latency_s,
+            latency_sigma_s=latency_sigma_s,
+        )
+        if frame:
+            self.latest.map.get("")  # received from now on
         self._trackers.add(tracker)
         return tracker
 

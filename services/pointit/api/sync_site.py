@@ -142,6 +142,7 @@ class SyncSite:
         self.localizer = requests.LocalizerRequests[Done](send)
         self.profile = requests.ProfileRequests[Done](send)
         self.pui = requests.PuiRequests[Done, SetToleranceReply](send)
+        self.robots = requests.RobotsRequests[Done](send)
         self.run = requests.RunRequests[Done](send)
         self.leds = requests.LedsRequests[Done](send)
         self.imu = requests.ImuRequests[Done, SetMountingReply](send)
@@ -193,9 +194,18 @@ class SyncSite:
     call = _waiting(Site.call)
     press = _waiting(Site.press)
 
-    def tracker(self, name: str) -> SyncTracker:
-        """Return the tracker `name`, which publishes objects."""
-        return SyncTracker(self._thread.call(lambda: self._site.tracker(name)), self._thread)
+    def tracker(
+        self, name: str, *, frame: str = "", latency_s: float = 0.0, latency_sigma_s: float | None = None
+    ) -> SyncTracker:
+        """Return the tracker `name`, which publishes objects; see `Site.tracker`. Waits for a frame's map."""
+        tracker = self._thread.call(
+            lambda: self._site.tracker(
+                name, frame=frame, latency_s=latency_s, latency_sigma_s=latency_sigma_s
+            )
+        )
+        if frame:
+            self._thread.run(self._site.latest.map.wait())
+        return SyncTracker(tracker, self._thread)
 
     def lamp(self, name: str) -> Lamp[Done, SyncFeed[LampColor]]:
         """Return the lamp `name` of the map."""

@@ -4,9 +4,17 @@ from collections.abc import Callable, Iterable
 
 from pydantic import ValidationError
 
+from pointit.maps.frames import aligned, frame_of
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.errors import AccessDeniedError
-from pointit.schemas import SchemaError, TrackedObject, TrackedObjects, summarize_validation_error
+from pointit.schemas import (
+    NS_PER_S,
+    Environment,
+    SchemaError,
+    TrackedObject,
+    TrackedObjects,
+    summarize_validation_error,
+)
 from pointit.schemas.topics import OBJECTS
 
 
@@ -14,9 +22,22 @@ class Tracker:
     """Publishes the objects of one tracker, which lists its own under its own name."""
 
     def __init__(
-        self, bus: MemoryBus, name: str, now_ns: Callable[[], int], on_close: Callable[["Tracker"], None]
+        self,
+        bus: MemoryBus,
+        name: str,
+        now_ns: Callable[[], int],
+        on_close: Callable[["Tracker"], None],
+        *,
+        room: Callable[[], Environment],
+        frame: str = "",
+        latency_s: float = 0.0,
+        latency_sigma_s: float | None = None,
     ) -> None:
         self._bus = bus
+        self._room = room
+        self._frame = frame
+        self._latency_ns = round(latency_s * NS_PER_S)
+        self._latency_sigma_s = latency_sigma_s
         self._name = name
         self._publisher = bus.publisher(OBJECTS, name)
         self._key = OBJECTS.at(name)
@@ -32,19 +53,29 @@ class Tracker:
         """Publish all objects of this tracker, at least once a second; who is no longer listed has left.
 
         Args:
-            objects: with centres in {W} at `stamp_ns`, m.
-            stamp_ns: time of capture, Unix ns. None: now, by the site's clock.
+            objects: with centres at `stamp_ns`, m, in {W} or in the tracker's frame.
+            stamp_ns: time of capture, Unix ns. None: now, by the site's clock, less the tracker's latency.
 
         Raises:
             SchemaError: If an object is wrong.
+            ConfigError: If the map has not the tracker's frame.
+            NoMessageError: If the tracker has a frame, and the map has not come yet.
             BusClosedError: If the tracker or the site is closed.
             AccessDeniedError: If this identity may not write them, which is known after some seconds.
         """
         if self._denial is not None:
             raise self._denial
-        stamp_ns = self._now_ns() if stamp_ns is None else stamp_ns
+        stamp_ns = self._now_ns() - self._latency_ns if stamp_ns is None else stamp_ns
+        listed = tuple(objects)
         try:
-            message = TrackedObjects(stamp_ns=stamp_ns, seq=self._seq + 1, objects=tuple(objects))
+            if self._frame and listed:
+                listed = aligned(listed, frame_of(self._room(), self._frame))
+            message = TrackedObjects(
+                stamp_ns=stamp_ns,
+                seq=self._seq + 1,
+                objects=listed,
+                latency_sigma_s=self._latency_sigma_s,
+            )
         except ValidationError as error:
             raise SchemaError(f"{self._key}: {summarize_validation_error(error)}") from error
         self._seq += 1

@@ -23,6 +23,13 @@ a known pose. --show prints the stored result and --erase deletes it.
 Example: pointit person calibrate mounting anna && pointit person calibrate user anna
 """
 
+ROBOT = """List the robots of a running site, and stop them.
+
+People steer robots by pointing; see docs/how-to/robots.md.
+
+Example: pointit robot list
+"""
+
 SERVICE = """List services, run one, or send a request to one that runs.
 
 Example: pointit service run selector --help
@@ -68,10 +75,15 @@ Example: pointit site user add carla --folder lab
 
 EVALUATE = """Measure the accuracy of the estimates on recordings of people, compared with known baselines.
 
-The recordings are not part of PointIt; give their folder by --data or POINTIT_DATA. `selection`
-needs none: it simulates people.
+The recordings are not part of PointIt; give their folder by --data or POINTIT_DATA. `selection` and
+`robots` need none: they simulate people.
 
 Example: pointit evaluate localization --data recordings --only-ours
+"""
+
+LEDS = """Test LED strips and how they are connected, and find where a moving head hangs.
+
+Example: pointit leds test scenario_3 --leds ddp:wled-kitchen.local
 """
 
 _ROUTER = command("router", "run a router that joins several machines", "pointit.cli.site.router:command")
@@ -113,6 +125,11 @@ COMMANDS: dict[str, tuple[Entry, ...]] = {
                 ),
             ),
         ),
+        command(
+            "track",
+            "show trackers and objects: rates, latency, positions",
+            "pointit.cli.inspect.track:command",
+        ),
         noun(
             "person",
             "add a person, correct their pose, press their button",
@@ -146,6 +163,19 @@ COMMANDS: dict[str, tuple[Entry, ...]] = {
             ),
         ),
         noun(
+            "robot",
+            "list robots: where they are, who steers them; stop them",
+            ROBOT,
+            (
+                command(
+                    "list",
+                    "show where each robot is, who steers it, and why it stands",
+                    "pointit.cli.inspect.robot:list_robots",
+                ),
+                command("stop", "stop one robot, some, or all", "pointit.cli.inspect.robot:stop"),
+            ),
+        ),
+        noun(
             "service",
             "list services, run one, send a request to one",
             SERVICE,
@@ -171,7 +201,31 @@ COMMANDS: dict[str, tuple[Entry, ...]] = {
             "audit", "show who selected what, when and how confidently", "pointit.cli.inspect.audit:command"
         ),
     ),
+    "Record and replay": (
+        command(
+            "record",
+            "record everything that travels on a site, in a file",
+            "pointit.cli.recordings.record:command",
+        ),
+        command(
+            "replay",
+            "run the services of a recording again, and compare",
+            "pointit.cli.recordings.replay:command",
+        ),
+        command("export", "write a recording as CSV tables", "pointit.cli.recordings.export:command"),
+        command(
+            "import",
+            "make a recording of a CSV file or a ROS 2 bag",
+            "pointit.cli.recordings.import_:command",
+        ),
+        command("page", "open a recording in the page, with a timeline", "pointit.cli.run.page:command"),
+    ),
     "Rooms and devices of your own": (
+        command(
+            "devices",
+            "find wrists and lights within reach, and the options that use them",
+            "pointit.cli.plugins.devices:command",
+        ),
         noun(
             "new",
             "write the map of a room of your own",
@@ -197,6 +251,23 @@ COMMANDS: dict[str, tuple[Entry, ...]] = {
                     "pointit.cli.maps.fetch:command",
                 ),
                 command("list", "list the shipped maps", "pointit.cli.run.list:list_maps"),
+            ),
+        ),
+        noun(
+            "leds",
+            "test LED strips, find where a moving head hangs",
+            LEDS,
+            (
+                command(
+                    "calibrate",
+                    "find the pose of a moving head by pointing its beam at known places",
+                    "pointit.cli.run.leds_calibrate:command",
+                ),
+                command(
+                    "test",
+                    "light the pixels of each strip in turn, and say where the map has them",
+                    "pointit.cli.run.leds_test:command",
+                ),
             ),
         ),
         noun(
@@ -269,6 +340,11 @@ COMMANDS: dict[str, tuple[Entry, ...]] = {
                     "selection",
                     "simulated people select: time, wrong, missed, by method",
                     "pointit.cli.evaluate.selection:selection",
+                ),
+                command(
+                    "robots",
+                    "simulated people steer robots: landing error, time, identification",
+                    "pointit.cli.evaluate.robots:robots",
                 ),
             ),
         ),

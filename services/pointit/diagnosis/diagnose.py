@@ -21,6 +21,7 @@ from pointit.schemas import Health
 from pointit.schemas.system import split_instance
 from pointit.schemas.text import one_line
 from pointit.schemas.topics import TOPICS, Delivery
+from pointit.services.registry import person_of
 
 SLOW_S = 0.1
 """Latency from capture to output, 99th percentile, above which pointing feels detached from the hand, s."""
@@ -118,7 +119,7 @@ def _reports(seen: Observation) -> Iterator[Finding]:
                 severity="warning",
                 code="warning",
                 service=instance,
-                sentence=f"says: “{sentence}”" if split_instance(instance)[1] else sentence,
+                sentence=f"says: “{sentence}”" if person_of(instance) else sentence,
                 remedy="" if _says_what_to_do(sentence) else "look at its log, which has details",
             )
         if health.status == "degraded" and not health.warnings:

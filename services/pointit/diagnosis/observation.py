@@ -6,7 +6,7 @@ from typing import Literal
 
 from pointit.diagnosis.writers import start_command
 from pointit.schemas import Deployment, ExpectedService, Health
-from pointit.schemas.system import RUN, instance_of
+from pointit.schemas.system import RUN
 from pointit.schemas.table_types import NAME
 
 SILENT_S = 3.0
@@ -88,7 +88,7 @@ class Observation:
             instance: _again(service, name.removeprefix(RUN), self.options)
             for name, deployment in self.deployments.items()
             for service in deployment.believed(name).services
-            if NAME.match(instance := instance_of(service.service, service.user))
+            if NAME.match(instance := service.instance)
         }
 
     def newest(self, instance: str) -> Health | None:

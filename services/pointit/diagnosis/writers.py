@@ -6,8 +6,8 @@ from pointit.runtime.bus.contract import AnyTopic
 from pointit.runtime.config.similar_names import did_you_mean
 from pointit.schemas.system import split_instance
 from pointit.schemas.table_types import NAME
-from pointit.schemas.topics import ANY, HEALTH
-from pointit.services.registry import PROCESSES, Process
+from pointit.schemas.topics import ACCOUNTS, ANY
+from pointit.services.registry import PROCESSES, Process, person_of
 
 
 def row_of(service: str) -> Process | None:
@@ -21,28 +21,29 @@ def is_bridge(instance: str) -> bool:
     return row is not None and row.room == "bridges"
 
 
-def start_command(service: str, user: str = "") -> str:
+def start_command(service: str, which: str = "") -> str:
     """Return the command that starts `service`, or `""` if the process table has none of that scope.
 
     Names come from other machines. Only a name of the table and a name that is valid in a key become part of
-    a command.
+    a command. `which`: whose it is, or its name among several.
     """
     row = row_of(service)
-    if row is None or (row.scope == "user") != bool(user):
+    if row is None or ((row.scope == "user") != bool(which) and not row.several):
         return ""
-    if user and (not NAME.match(user) or user.startswith(".")):
+    if which and (not NAME.match(which) or which.startswith(".")):
         return ""
-    return f"pointit service run {service}" + (f" --user {user}" if user else "")
+    option = "--user" if row.scope == "user" else "--name"
+    return f"pointit service run {service}" + (f" {option} {which}" if which else "")
 
 
 def present_writers(topic: AnyTopic, name: str, present: Iterable[str]) -> list[str]:
     """Return the instances among `present` that may write `topic` at `name` (`*` or `""`: any)."""
-    if topic is HEALTH:
+    if topic in ACCOUNTS:
         return sorted(instance for instance in present if name in (ANY, "", instance))
     found: list[str] = []
     for instance in present:
-        service, user = split_instance(instance)
-        other = topic.placeholder == "user" and user and name not in (ANY, "", user)
+        service, which = split_instance(instance)
+        other = topic.placeholder in ("user", service) and which and name not in (ANY, "", which)
         row = None if service in topic.writers else row_of(service)
         writes = service in topic.writers or (row is not None and topic in row.writes)
         if writes and not other:
@@ -60,6 +61,6 @@ def silence_reason(topic: AnyTopic, name: str, present: Collection[str]) -> str:
         return f"it is written by {' or '.join(topic.writers)}"
     user = name if topic.placeholder == "user" and name not in (ANY, "") else ""
     command = f"pointit service run {row.name}" + (f" --user {user or 'NAME'}" if row.scope == "user" else "")
-    near = did_you_mean(user, {other for _, other in map(split_instance, present) if other} - {user})
+    near = did_you_mean(user, {other for other in map(person_of, present) if other} - {user})
     advice = f"{near[:-1]}, or start it with `{command}`?" if near else f"start it with `{command}`"
     return f"no writer is present ({' or '.join(topic.writers)}); {advice}"

@@ -10,6 +10,8 @@ from pointit.geometry.vector import Vec3
 GRAZING_RAD = math.radians(5.0)
 """Angle below which a trembling hand moves the intersection too much (pointing.md §5)."""
 
+FLOOR_RAD = math.radians(5.0)
+"""Slope up to which a plane is a floor on which things stand."""
 LEVEL = 1e-6
 """Inclination of the normal below which a plane is level."""
 
@@ -98,3 +100,8 @@ class PlaneSolid:
             (self._point(-half_u, half_v), along_u),
             (self._point(half_u, -half_v), along_v),
         ]
+
+
+def is_level(normal: Vec3) -> bool:
+    """Return True if a plane with that normal, of any length, is level enough to stand on."""
+    return abs(normal[2]) >= math.cos(FLOOR_RAD) * vector.norm(normal)

@@ -16,6 +16,8 @@ from pointit.schemas.environment import (
     Box,
     Cloud,
     Cylinder,
+    Fence,
+    Frame,
     Lamp,
     Plane,
     Sphere,
@@ -47,6 +49,10 @@ def environment(
         ),
         links=_links(file),
         bays=tuple(Bay(id=key, belt=belt) for key, belt in file.bays.items()),
+        frames=tuple(
+            Frame(id=key, position_m=each.position, orientation_xyzw=each.orientation_xyzw)
+            for key, each in file.frames.items()
+        ),
         boxes=tuple(
             Box(id=key, center_m=box.center, size_m=box.size, yaw_rad=box.yaw_rad)
             for key, box in file.boxes.items()
@@ -70,6 +76,10 @@ def environment(
                 high_m=_vector(points.max(axis=0)),
             )
             for key, points in clouds.items()
+        ),
+        fences=tuple(
+            Fence(id=key, kind=each.kind, outline_m=each.outline, low_m=each.low, high_m=each.high)
+            for key, each in file.fences.items()
         ),
     )
 

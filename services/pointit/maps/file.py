@@ -146,7 +146,9 @@ def _map_of(sections: Mapping[str, Any], path: Path) -> MapFile:
     if mistakes:
         raise MapError(path, mistakes)
     if not any(
-        getattr(file, section) for section in MapFile.model_fields if section not in ("links", "bays")
+        getattr(file, section)
+        for section in MapFile.model_fields
+        if section not in ("links", "bays", "frames")
     ):
         raise ConfigError(f"{path}: the map is empty; give at least one of leds, strips, belts")
     return file

@@ -1,16 +1,20 @@
 """Content of a map file: the sections of the ROS toolkit, with additions. {W}, metres, z up."""
 
 import math
-from typing import Annotated, Literal, cast
+from typing import Annotated, Literal, Self, cast
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
+from pointit.geometry.polygon import Polygon, Vec2
 from pointit.geometry.polyline import SAME_M, Polyline
+from pointit.geometry.rotation import Quaternion, from_yaw
+from pointit.geometry.rotation import normalized as normalized_quaternion
 from pointit.geometry.vector import Vec3, norm, normalized
 from pointit.runtime.config.validation_message import format_value
 from pointit.schemas import FARTHEST
 
 MAX_PIXELS = 4096
+LEAST_AREA_M2 = 1e-4
 
 
 def _number(value: object) -> float:
@@ -47,6 +51,37 @@ def _line(value: object) -> tuple[Vec3, ...]:
     return tuple(vertices)
 
 
+def _outline(value: object) -> tuple[Vec2, ...]:
+    corners: list[Vec2] = []
+    try:
+        for corner in cast("list[object]", value):
+            x, y = (_number(number) for number in cast("list[object]", corner))
+            corners.append((x, y))
+    except (TypeError, ValueError):
+        raise ValueError(
+            f"an outline is a list of corners [x, y] in metres, not {format_value(value)}"
+        ) from None
+    if len(corners) < 3:
+        raise ValueError(f"an outline needs at least three corners [x, y], not {len(corners)}")
+    outline = Polygon(corners)
+    if crossing := outline.crossing():
+        raise ValueError(
+            "the outline crosses itself: the edges from corner {} and corner {} meet; "
+            "list the corners in order around the area".format(*crossing)
+        )
+    if outline.area_m2 < LEAST_AREA_M2:
+        raise ValueError("the outline has no area inside; give its corners in metres")
+    return tuple(corners)
+
+
+def _kind(value: object) -> str:
+    if value not in ("keep_in", "keep_out"):
+        raise ValueError(
+            f"write keep_in (robots stay inside) or keep_out (they stay outside), not {format_value(value)}"
+        )
+    return str(value)
+
+
 def _above_zero(value: object) -> float:
     try:
         number = _number(value)
@@ -72,6 +107,16 @@ def _normal(value: object) -> Vec3:
     if norm(normal) < SAME_M:
         raise ValueError(f"a normal points away from the plane, {format_value(value)} has no direction")
     return normalized(normal)
+
+
+def _rotation(value: object) -> Quaternion:
+    try:
+        x, y, z, w = (_number(number) for number in cast("list[object]", value))
+        return normalized_quaternion((x, y, z, w))
+    except (TypeError, ValueError):
+        raise ValueError(
+            f"a rotation is a quaternion [x, y, z, w] that is not zero, not {format_value(value)}"
+        ) from None
 
 
 def _finite(value: object, unit: str) -> float:
@@ -114,6 +159,7 @@ _Line = Annotated[tuple[Vec3, ...], BeforeValidator(_line)]
 _Metres = Annotated[float, BeforeValidator(_above_zero)]
 _Along = Annotated[float, BeforeValidator(lambda value: _finite(value, "metres along the belt"))]
 _Degrees = Annotated[float, BeforeValidator(lambda value: _finite(value, "degrees"))]
+_Height = Annotated[float, BeforeValidator(lambda value: _finite(value, "metres above the floor"))]
 _Name = Annotated[str, BeforeValidator(_name)]
 
 
@@ -151,6 +197,25 @@ class LinkEntry(_Entry):
     target: Annotated[_Name, Field(alias="to")]
     from_position: _Along | None = None
     to_position: _Along = 0.0
+
+
+class FrameEntry(_Entry):
+    """Coordinates of a tracker: turned by `yaw_deg` about z, or by `orientation`, plus `position`."""
+
+    position: _Point = (0.0, 0.0, 0.0)
+    yaw_deg: _Degrees | None = None
+    orientation: Annotated[Quaternion, BeforeValidator(_rotation)] | None = None
+
+    @model_validator(mode="after")
+    def _is_turned_once(self) -> Self:
+        if self.yaw_deg is not None and self.orientation is not None:
+            raise ValueError("has both yaw_deg and orientation; keep one of them")
+        return self
+
+    @property
+    def orientation_xyzw(self) -> Quaternion:
+        """Return the rotation of its vectors into {W}."""
+        return self.orientation or from_yaw(math.radians(self.yaw_deg or 0.0))
 
 
 class BoxEntry(_Entry):
@@ -198,6 +263,21 @@ class CloudEntry(_Entry):
     position: _Point = (0.0, 0.0, 0.0)
 
 
+class FenceEntry(_Entry):
+    """A volume for robots, upright over `outline`; without `low` or `high` it has no end there."""
+
+    kind: Annotated[Literal["keep_in", "keep_out"], BeforeValidator(_kind)]
+    outline: Annotated[tuple[Vec2, ...], BeforeValidator(_outline)]
+    low: _Height | None = None
+    high: _Height | None = None
+
+    @model_validator(mode="after")
+    def _has_height(self) -> Self:
+        if self.low is not None and self.high is not None and self.low >= self.high:
+            raise ValueError(f"low is {self.low:g} m and high {self.high:g} m; low must be below high")
+        return self
+
+
 class MapFile(_Entry):
     """The whole file. {W}, metres, z up."""
 
@@ -206,11 +286,13 @@ class MapFile(_Entry):
     belts: dict[_Name, BeltEntry] = {}
     links: tuple[LinkEntry, ...] = ()
     bays: dict[_Name, _Name] = {}
+    frames: dict[_Name, FrameEntry] = {}
     boxes: dict[_Name, BoxEntry] = {}
     planes: dict[_Name, PlaneEntry] = {}
     cylinders: dict[_Name, CylinderEntry] = {}
     spheres: dict[_Name, SphereEntry] = {}
     clouds: dict[_Name, CloudEntry] = {}
+    fences: dict[_Name, FenceEntry] = {}
 
 
 ENTRIES: dict[str, type[BaseModel]] = {
@@ -218,10 +300,12 @@ ENTRIES: dict[str, type[BaseModel]] = {
     "strips": StripEntry,
     "belts": BeltEntry,
     "links": LinkEntry,
+    "frames": FrameEntry,
     "boxes": BoxEntry,
     "planes": PlaneEntry,
     "cylinders": CylinderEntry,
     "spheres": SphereEntry,
     "clouds": CloudEntry,
+    "fences": FenceEntry,
 }
 """Models of the entries of each section. `bays` are plain names."""

@@ -25,13 +25,18 @@ Then `pointit run --imu waving` uses it, `--set imu-bridge.waving.rate_hz=100` s
 `pointit list plugins` shows it. The kinds, with the group of their entry points:
 
 - `ImuSource` (`pointit.imu_sources`): a device that gives the orientation of a person's arm.
-- `LedOutput` (`pointit.led_outputs`): a controller that shows frames on strips.
+- `LedOutput` (`pointit.led_outputs`): a controller of strips (`Output`), of single lamps (`LampOutput`), or
+  of a beam (`BeamOutput`).
 - `SelectionMethod` (`pointit.selection_methods`): decides when pointing at an object selects it.
+- `RobotPlugin` (`pointit.robots`): a connection to a robot that people steer (`RobotDriver`).
 - `ServicePlugin` (`pointit.services`): a process with a bus, and topics and requests of its own.
 
 A plug-in gets the values of its parameters, already validated, and its `Surroundings`: the clock of all
 stamps, health, in which it reports problems and metrics, and a folder for what it stores. It has no bus. Only
 a service has one: `make` is its class, and its `Context` holds the bus and the clock.
+
+The field `discover` of a source or an output, if it has one, is a function that finds such devices within
+reach, for `pointit devices`.
 
 Its code runs in the event loop of a service, beside that of others, so it must not block: blocking calls go
 to a thread (`asyncio.to_thread`). `run` ends when it is cancelled, within a second, and at no other time:
@@ -44,6 +49,7 @@ from pointit.geometry import rotation
 from pointit.geometry.rotation import Quaternion
 from pointit.runtime.clock import Clock, sleep, ticks
 from pointit.runtime.config.config import Config
+from pointit.runtime.config.device_plugin import DevicePlugin, Discover, FoundDevice
 from pointit.runtime.config.plugins import Plugin, PluginGroup
 from pointit.runtime.errors import ConfigError, RefusedError
 from pointit.runtime.health.surroundings import HealthSink, Surroundings
@@ -52,6 +58,7 @@ from pointit.runtime.service.service import Context, Service
 from pointit.schemas import (
     NS_PER_S,
     Cursor,
+    Feedback,
     Message,
     Query,
     Reply,
@@ -62,9 +69,40 @@ from pointit.schemas import (
     topics,
 )
 from pointit.schemas.topics import Delivery, Request, Topic
-from pointit.services.imu_bridge.reading import Deliver, Item, Press, Reading, Reconnected, Source
+from pointit.services.imu_bridge.reading import (
+    Battery,
+    CueSource,
+    Deliver,
+    Disconnected,
+    Item,
+    Press,
+    RawReading,
+    Reading,
+    Reconnected,
+    Signal,
+    Source,
+)
 from pointit.services.imu_bridge.sources import SOURCES, ImuSource
-from pointit.services.led_driver.outputs import OUTPUTS, LedOutput, Output, OutputConfig
+from pointit.services.led_driver.outputs import OUTPUTS, LedOutput, OutputConfig
+from pointit.services.led_driver.roles import AnyOutput, BeamOutput, LampOutput, Output
+from pointit.services.led_driver.segment import Segment
+from pointit.services.robot.robot_driver import (
+    ROBOTS,
+    Command,
+    Follow,
+    FollowPath,
+    Land,
+    LinkLost,
+    OrderStatus,
+    Report,
+    ReportItem,
+    RobotDriver,
+    RobotPlugin,
+    RobotReport,
+    RobotSpec,
+    Stop,
+    TakeOff,
+)
 from pointit.services.selector.objects.view import View
 from pointit.services.selector.selection_methods import (
     METHODS,
@@ -79,19 +117,35 @@ from pointit.services.service_plugin import SERVICES, ServicePlugin
 __all__ = [
     "GROUPS",
     "NS_PER_S",
+    "AnyOutput",
+    "Battery",
+    "BeamOutput",
     "Clock",
+    "Command",
     "Config",
     "ConfigError",
     "Context",
+    "CueSource",
     "Cursor",
     "Deliver",
     "Delivery",
+    "DevicePlugin",
+    "Disconnected",
+    "Discover",
+    "Feedback",
+    "Follow",
+    "FollowPath",
+    "FoundDevice",
     "HealthSink",
     "ImuSource",
     "Item",
+    "LampOutput",
+    "Land",
     "LedOutput",
+    "LinkLost",
     "Message",
     "MethodConfig",
+    "OrderStatus",
     "Output",
     "OutputConfig",
     "PersonMethod",
@@ -101,22 +155,33 @@ __all__ = [
     "Press",
     "Quaternion",
     "Query",
+    "RawReading",
     "Reading",
     "Reconnected",
     "RefusedError",
     "Reply",
+    "Report",
+    "ReportItem",
     "Request",
+    "RobotDriver",
+    "RobotPlugin",
+    "RobotReport",
+    "RobotSpec",
+    "Segment",
     "SelectionEvent",
     "SelectionMethod",
     "SelectionProgress",
     "Service",
     "ServicePlugin",
+    "Signal",
     "Source",
     "StateFile",
+    "Stop",
     "Strip",
     "StripFrame",
     "StripsFrame",
     "Surroundings",
+    "TakeOff",
     "Topic",
     "View",
     "rotation",
@@ -128,6 +193,7 @@ __all__ = [
 GROUPS: dict[str, PluginGroup[Any]] = {
     "imu-source": SOURCES,
     "led-output": OUTPUTS,
+    "robot": ROBOTS,
     "selection-method": METHODS,
     "service": SERVICES,
 }

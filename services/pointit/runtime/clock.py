@@ -78,7 +78,15 @@ class SimulatedClock:
         return ClockTick(stamp_ns=time.time_ns(), sim_ns=self.now_ns(), speed=self.speed)
 
 
-async def publish_time(clock: WallClock | SimulatedClock, bus: Bus) -> None:
+class Ticking(Protocol):
+    """A clock that others can follow."""
+
+    def tick(self) -> ClockTick:
+        """Return the tick by which other processes follow."""
+        ...
+
+
+async def publish_time(clock: Ticking, bus: Bus) -> None:
     """Publish the time of `clock` now and every `TICK_PERIOD_S`, until cancelled."""
     publisher = bus.publisher(CLOCK)
     try:

@@ -12,7 +12,9 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from pointit.runtime.errors import ConfigError
 from pointit.schemas import topics
+from pointit.schemas.system import split_instance
 from pointit.schemas.topics import Presence, Request, Topic
+from pointit.services.shown_topics import SHOWN
 
 if TYPE_CHECKING:
     from pointit.services.service_plugin import ServicePlugin
@@ -25,6 +27,8 @@ class Process:
     name: str
     scope: Literal["site", "user"]
     """One instance per site, or one per person."""
+    several: bool = False
+    """True if several may run on a site, each under a name: `robot.quad`."""
     about: str
     reads: tuple[Topic[Any], ...]
     writes: tuple[Topic[Any], ...]
@@ -66,33 +70,15 @@ class Process:
         return importlib.import_module(f"{self.package}.service").SERVICE
 
 
-SHOWN: tuple[Topic[Any], ...] = (
-    topics.PROFILE,
-    topics.POSE,
-    topics.LOCALIZATION,
-    topics.CURSOR,
-    topics.HOVER,
-    topics.INTERACTION,
-    topics.FEEDBACK,
-    topics.GOAL,
-    topics.MAP,
-    topics.OBJECTS,
-    topics.SELECTION,
-    topics.SELECTION_EVENTS,
-    topics.LAMP_COLOR,
-    topics.STRIPS_FRAME,
-    topics.CONVEYOR_STATE,
-    topics.HEALTH,
-    topics.DEPLOYMENT,
-)
-"""Topics for viewers: everything but raw IMU samples and rays."""
+RECORDER = "recorder"
+"""The process that records a site. Only an identity that may read everything records everything."""
 
 PROCESSES: list[Process] = [
     Process(
         name="imu-bridge",
         scope="user",
         about="a wrist's IMU: serial device, recording, simulated movement, or a page's mouse or phone",
-        reads=(topics.WRIST,),
+        reads=(topics.WRIST, topics.FEEDBACK),
         writes=(topics.IMU, topics.BUTTON),
         serves=(topics.SET_YAW_ORIGIN, topics.SET_MOUNTING),
     ),
@@ -112,6 +98,7 @@ PROCESSES: list[Process] = [
             topics.IMU,
             topics.MAP,
             topics.OBJECTS,
+            topics.ROBOT_STATE,
             topics.LAMP_LEASES,
             topics.POSE,
             topics.INTERACTION,
@@ -136,9 +123,17 @@ PROCESSES: list[Process] = [
     Process(
         name="goal",
         scope="user",
-        about="places on the floor, pointed at in two steps, to goals for a robot",
-        reads=(topics.CURSOR, topics.POSE, topics.INTERACTION, topics.BUTTON, topics.MAP),
-        writes=(topics.GOAL, topics.FEEDBACK),
+        about="pointing at robots and places to steering and goals for a robot",
+        reads=(
+            topics.CURSOR,
+            topics.RAY,
+            topics.POSE,
+            topics.INTERACTION,
+            topics.BUTTON,
+            topics.MAP,
+            topics.ROBOT_STATE,
+        ),
+        writes=(topics.GOAL, topics.STEERING, topics.FEEDBACK),
     ),
     Process(
         name="user-sim",
@@ -147,6 +142,7 @@ PROCESSES: list[Process] = [
         reads=(
             topics.MAP,
             topics.OBJECTS,
+            topics.ROBOT_STATE,
             topics.STRIPS_FRAME,
             topics.LAMP_COLOR,
             topics.FEEDBACK,
@@ -217,6 +213,33 @@ PROCESSES: list[Process] = [
         writes=(topics.OBJECTS,),
     ),
     Process(
+        name="agv-tracker",
+        scope="site",
+        room="bridges",
+        extra="mqtt",
+        about="AGVs that others steer, from a broker by VDA 5050, as tracked objects",
+        reads=(topics.MAP,),
+        writes=(topics.OBJECTS,),
+    ),
+    Process(
+        name="robot",
+        scope="site",
+        several=True,
+        about="one robot that people steer: simulated, or a driver's",
+        reads=(
+            topics.STEERING,
+            topics.GOAL,
+            topics.CURSOR,
+            topics.INTERACTION,
+            topics.POSE,
+            topics.MAP,
+            topics.ROBOT_STATE,
+            topics.LOCALIZATION,
+        ),
+        writes=(topics.OBJECTS, topics.ROBOT_STATE, topics.ROBOT_PLAN),
+        serves=(topics.STOP_ROBOT,),
+    ),
+    Process(
         name="keeper",
         scope="site",
         about="the newest of every state, for who comes when its writer is gone; whose clock is apart",
@@ -225,13 +248,23 @@ PROCESSES: list[Process] = [
             topics.POSE,
             topics.LOCALIZATION,
             topics.INTERACTION,
+            topics.STEERING,
             topics.MAP,
+            topics.ROBOT_PLAN,
             topics.SELECTION,
             topics.LAMP_COLOR,
             topics.CONVEYOR_STATE,
             topics.DEPLOYMENT,
             topics.HEALTH,
         ),
+        writes=(),
+    ),
+    Process(
+        name=RECORDER,
+        scope="site",
+        extra="record",
+        about="everything that travels on the site, in a file",
+        reads=tuple(topics.TOPICS),
         writes=(),
     ),
     Process(
@@ -268,8 +301,11 @@ PROCESSES: list[Process] = [
             topics.HOVER,
             topics.INTERACTION,
             topics.GOAL,
+            topics.STEERING,
             topics.MAP,
             topics.OBJECTS,
+            topics.ROBOT_STATE,
+            topics.ROBOT_PLAN,
             topics.SELECTION,
             topics.LAMP_COLOR,
             topics.STRIPS_FRAME,
@@ -285,6 +321,7 @@ PROCESSES: list[Process] = [
             topics.RAY,
             topics.INTERACTION,
             topics.PROFILE,
+            topics.OBJECTS,
         ),
         announces=(topics.USER_ALIVE,),
     ),
@@ -293,6 +330,13 @@ PROCESSES: list[Process] = [
 
 GROUP = "pointit.services"
 """Group of the entry points of services of other packages."""
+
+
+def person_of(instance: str) -> str:
+    """Return the person whose service `instance` is, or `""` if it is a shared one."""
+    service, which = split_instance(instance)
+    is_shared = any(row.name == service and row.scope == "site" for row in PROCESSES)
+    return "" if is_shared else which
 
 
 def names() -> list[str]:
@@ -319,6 +363,7 @@ def process(name: str) -> Process:
     row = Process(
         name=name,
         scope=plugin.make.SCOPE,
+        several=plugin.make.SEVERAL,
         about=plugin.summary,
         reads=plugin.reads,
         writes=plugin.writes,

@@ -10,9 +10,9 @@ from pointit.runtime.errors import ConfigError
 from pointit.runtime.service.service import Scope, Service
 from pointit.schemas.table_types import NAME
 from pointit.schemas.topics import (
+    ACCOUNTS,
     CLOCK,
     DEPLOYMENT,
-    HEALTH,
     PRESENCES,
     REQUESTS,
     TOPICS,
@@ -23,7 +23,7 @@ from pointit.schemas.topics import (
 
 Row = Topic[Any] | Request[Any, Any]
 
-SYSTEM = (CLOCK, DEPLOYMENT, HEALTH)
+SYSTEM = (CLOCK, DEPLOYMENT, *ACCOUNTS)
 """Topics that the runtime writes itself."""
 
 OURS = (*TOPICS, *REQUESTS)

@@ -2,7 +2,7 @@
 
 import csv
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -29,6 +29,10 @@ _TIME = "t"
 _ORIENTATION = ("qx", "qy", "qz", "qw")
 _ROBOT = ("robot_x", "robot_y", "robot_z")
 _HEAD = ("head_x", "head_y", "head_z")
+_FLOOR = ("px", "py")
+
+MARKER_OVER_EYES_M = 0.115
+"""Height of the head's marker over the eyes in recordings of points on the floor."""
 
 OPERATOR = BodyMeasures(
     footprint_to_neck_m=1.47, neck_to_eyes_m=0.22, shoulder_to_wrist_m=0.52, wrist_to_finger_m=0.17
@@ -37,14 +41,12 @@ OPERATOR = BodyMeasures(
 
 
 @dataclass(frozen=True, kw_only=True)
-class ImuRecording:
-    """A recorded wrist, its time starting at 0, with motion capture."""
+class Motion:
+    """Motion capture, its time starting at 0."""
 
     path: Path
     t_s: Array
     """n, never falling, the first is 0."""
-    orientation_xyzw: Array
-    """n x 4, norm 1, as recorded: rotates vectors of the *sensor* (not of the arm) into {H}."""
     robot_m: Array | None = None
     """n x 3, {W}."""
     head_m: Array | None = None
@@ -54,6 +56,53 @@ class ImuRecording:
     def duration_s(self) -> float:
         """Return the time of the last sample."""
         return float(self.t_s[-1])
+
+
+@dataclass(frozen=True, kw_only=True)
+class ImuRecording(Motion):
+    """A recorded wrist with motion capture."""
+
+    orientation_xyzw: Array
+    """n x 4, norm 1, as recorded: rotates vectors of the *sensor* (not of the arm) into {H}."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class FloorRecording(Motion):
+    """The recorded points at which a person's rays meet the floor, with motion capture."""
+
+    floor_m: Array
+    """n x 2, {H}; NaN where the ray does not meet the floor."""
+    eye_height_m: float
+
+
+def is_floor_csv(path: Path) -> bool:
+    """Return True if the CSV file at `path` has points on the floor instead of orientations."""
+    try:
+        with path.open(encoding="utf-8-sig", newline="") as file:
+            header = [name.strip() for name in next(csv.reader(file), _EMPTY)]
+    except (OSError, UnicodeDecodeError, csv.Error):
+        return False
+    return set(_FLOOR) <= set(header) and not set(_ORIENTATION) & set(header)
+
+
+def read_floor_csv(path: Path) -> FloorRecording:
+    """Return the recording in a CSV file with the columns `t,px,py,robot_x,…,head_x,…`.
+
+    Raises:
+        ConfigError: As `read_imu_csv`. Cells of `px` and `py` may be empty.
+    """
+    columns, values = _read(path, (_TIME, *_FLOOR, *_ROBOT, *_HEAD), (), gaps=_FLOOR)
+    table = np.array(values, dtype=np.float64)
+    t_s = _times_s(path, columns, table)
+    part = _parts(columns, table)
+    return FloorRecording(
+        path=path,
+        t_s=t_s,
+        floor_m=part(_FLOOR),
+        robot_m=part(_ROBOT),
+        head_m=part(_HEAD),
+        eye_height_m=float(np.mean(part(_HEAD)[:, 2])) - MARKER_OVER_EYES_M,
+    )
 
 
 def read_imu_csv(path: Path) -> ImuRecording:
@@ -66,6 +115,14 @@ def read_imu_csv(path: Path) -> ImuRecording:
             within bounds, a quaternion is far from norm 1, the time goes backwards, or there are no rows.
             Names file, line, column and value.
     """
+    columns, values = _read(path, (_TIME, *_ORIENTATION), (_ROBOT, _HEAD))
+    return _recording(path, columns, values)
+
+
+def _read(
+    path: Path, wanted: Sequence[str], optional: Sequence[Sequence[str]], gaps: Sequence[str] = ()
+) -> tuple[dict[str, int], list[list[float]]]:
+    """Return the indices of the columns that are used, and their numbers; NaN for empty cells of `gaps`."""
     try:
         size = path.stat().st_size
         if size > MAX_BYTES:
@@ -76,21 +133,20 @@ def read_imu_csv(path: Path) -> ImuRecording:
         with path.open(encoding="utf-8-sig", newline="") as file:
             rows = csv.reader(file)
             header = [name.strip() for name in next(rows, _EMPTY)]
-            columns = _columns(path, header)
-            values = _values(path, rows, columns)
+            columns = _columns(path, header, wanted, optional)
+            values = _values(path, rows, columns, gaps)
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read ({error.strerror or error})") from error
     except (UnicodeDecodeError, csv.Error) as error:
         raise ConfigError(f"{path}: is not a CSV text file ({error})") from error
-    return _recording(path, columns, values)
+    return columns, values
 
 
-def _columns(path: Path, header: Sequence[str]) -> dict[str, int]:
+def _columns(
+    path: Path, header: Sequence[str], wanted: Sequence[str], optional: Sequence[Sequence[str]]
+) -> dict[str, int]:
     """Return the indices of the columns that are used, in file order."""
-    wanted = [_TIME, *_ORIENTATION]
-    for optional in (_ROBOT, _HEAD):
-        if any(name in header for name in optional):
-            wanted += optional
+    wanted = [*wanted, *(name for group in optional if set(group) & set(header) for name in group)]
     for name in wanted:
         if name not in header:
             found = ", ".join(header) or "nothing"
@@ -100,7 +156,9 @@ def _columns(path: Path, header: Sequence[str]) -> dict[str, int]:
     return {name: header.index(name) for name in wanted}
 
 
-def _values(path: Path, rows: Iterator[list[str]], columns: dict[str, int]) -> list[list[float]]:
+def _values(
+    path: Path, rows: Iterator[list[str]], columns: dict[str, int], gaps: Sequence[str]
+) -> list[list[float]]:
     """Return the numbers of `columns`, row by row, with the line number in front."""
     line = 1
     values: list[list[float]] = []
@@ -110,6 +168,9 @@ def _values(path: Path, rows: Iterator[list[str]], columns: dict[str, int]) -> l
         numbers = [float(line)]
         for name, index in columns.items():
             text = row[index] if index < len(row) else ""
+            if not text and name in gaps:
+                numbers.append(math.nan)
+                continue
             try:
                 number = float(text)
             except ValueError:
@@ -130,12 +191,36 @@ def _values(path: Path, rows: Iterator[list[str]], columns: dict[str, int]) -> l
 def _recording(path: Path, columns: dict[str, int], values: list[list[float]]) -> ImuRecording:
     table = np.array(values, dtype=np.float64)
     lines = table[:, 0].astype(int)
+    t_s = _times_s(path, columns, table)
+    part = _parts(columns, table)
+    orientation = part(_ORIENTATION)
+    norms = np.linalg.norm(orientation, axis=1)
+    off = np.flatnonzero(np.abs(norms - 1.0) > UNIT_TOLERANCE)
+    if len(off):
+        row = int(off[0])
+        raise ConfigError(
+            f"{path}, line {lines[row]}, columns 'qw' to 'qz': a quaternion of norm 1 was expected, "
+            f"got norm {norms[row]:.6g}"
+        )
+    return ImuRecording(
+        path=path,
+        t_s=t_s,
+        orientation_xyzw=orientation / norms[:, None],
+        robot_m=part(_ROBOT) if _ROBOT[0] in columns else None,
+        head_m=part(_HEAD) if _HEAD[0] in columns else None,
+    )
+
+
+def _parts(columns: dict[str, int], table: Array) -> Callable[[Sequence[str]], Array]:
+    """Return a function that returns the named columns side by side."""
     where = {name: index for index, name in enumerate(columns, start=1)}
+    return lambda names: table[:, [where[name] for name in names]]
 
-    def part(names: Sequence[str]) -> Array:
-        return table[:, [where[name] for name in names]]
 
-    t_s = table[:, where[_TIME]]
+def _times_s(path: Path, columns: dict[str, int], table: Array) -> Array:
+    """Return the times from the first one on."""
+    lines = table[:, 0].astype(int)
+    t_s = _parts(columns, table)([_TIME])[:, 0]
     back = np.flatnonzero(np.diff(t_s) < 0.0)
     if len(back):
         row = int(back[0]) + 1
@@ -148,19 +233,4 @@ def _recording(path: Path, columns: dict[str, int], values: list[list[float]]) -
             f"{path}, line {lines[-1]}, column {_TIME!r}: the recording is {t_s[-1] - t_s[0]:g} s long and "
             f"at most {LONGEST_S:g} s can be played; is its time in seconds?"
         )
-    orientation = part(_ORIENTATION)
-    norms = np.linalg.norm(orientation, axis=1)
-    off = np.flatnonzero(np.abs(norms - 1.0) > UNIT_TOLERANCE)
-    if len(off):
-        row = int(off[0])
-        raise ConfigError(
-            f"{path}, line {lines[row]}, columns 'qw' to 'qz': a quaternion of norm 1 was expected, "
-            f"got norm {norms[row]:.6g}"
-        )
-    return ImuRecording(
-        path=path,
-        t_s=t_s - t_s[0],
-        orientation_xyzw=orientation / norms[:, None],
-        robot_m=part(_ROBOT) if _ROBOT[0] in where else None,
-        head_m=part(_HEAD) if _HEAD[0] in where else None,
-    )
+    return np.asarray(t_s - t_s[0], dtype=np.float64)

@@ -1,4 +1,4 @@
-r"""Checks of plug-ins: what every IMU source, LED output, selection method and service promises.
+r"""Checks of plug-ins: what each kind promises, such as an IMU source or a robot driver.
 
 The author of a plug-in says once how its device can be faked, and gets one test for each promise:
 
@@ -27,6 +27,7 @@ from pointit.testing.devices.udp import UdpDevice
 from pointit.testing.imu import IMU_SUITE, ImuHarness
 from pointit.testing.led import LED_SUITE, LedHarness
 from pointit.testing.methods import METHOD_SUITE, MethodHarness
+from pointit.testing.robot import ROBOT_SUITE, RobotHarness
 from pointit.testing.service import SERVICE_SUITE, ServiceHarness, ServiceTrial
 from pointit.testing.trial import DeviceHarness
 
@@ -40,6 +41,7 @@ __all__ = [
     "LedHarness",
     "MethodHarness",
     "PtyDevice",
+    "RobotHarness",
     "ServiceHarness",
     "ServiceTrial",
     "TcpDevice",
@@ -52,6 +54,7 @@ SUITES: dict[type[Harness[Any]], Suite[Any]] = {
     ImuHarness: IMU_SUITE,
     LedHarness: LED_SUITE,
     MethodHarness: METHOD_SUITE,
+    RobotHarness: ROBOT_SUITE,
     ServiceHarness: SERVICE_SUITE,
 }
 

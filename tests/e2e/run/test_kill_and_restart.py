@@ -9,8 +9,8 @@ import psutil
 import pytest
 
 from tests.support.bench import until
-from tests.support.commands import Commands, Ended, Onlooker, onlooker, start_delay_s
-from tests.support.pace import Patience, within
+from tests.support.commands import Commands, Ended, Onlooker, doctor_is_content, onlooker, start_delay_s
+from tests.support.pace import within
 
 SERVICES = (
     "pui",
@@ -28,17 +28,6 @@ NOTICED_S = 5.0
 def reported(ended: Ended) -> dict[str, Any]:
     report: dict[str, Any] = json.loads(ended.out)
     return report
-
-
-async def doctor_is_content(commands: Commands, endpoint: str) -> None:
-    """Ask until all is well: services that waited for the restarted one may still say so for a moment."""
-    patience = Patience(20)
-    while True:
-        ended = await commands.pointit("doctor", "--json", "--connect", endpoint)
-        if ended.code == 0:
-            assert reported(ended)["healthy"] is True
-            return
-        assert not patience.is_over(), f"doctor still finds {reported(ended)['findings']}"
 
 
 async def all_have_reported(seen: Onlooker) -> None:

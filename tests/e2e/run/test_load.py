@@ -10,7 +10,7 @@ from tests.support.bench import until
 from tests.support.commands import Commands, Ended, onlooker
 from tests.support.pace import within
 
-SHORT = ("--users", "2", "--rate", "50", "--duration", "1")
+SHORT = ("--users", "2", "--rate", "50", "--duration", "2")
 
 
 def row_of(ended: Ended) -> dict[str, Any]:
@@ -41,7 +41,7 @@ async def test_every_layout(commands: Commands, options: tuple[str, ...], proces
     assert [process["name"] for process in row["processes"]] == processes
     assert all(process["memory_mb"] > 10 for process in row["processes"])
     assert sum(process["cpu"] for process in row["processes"]) > 0
-    assert 20 < row["sent"] <= 100, "a busy machine leaves some out"
+    assert 20 < row["sent"] <= 200, "a busy machine leaves some out"
     assert row["cursors"] > 20
     assert row["frames"] > 2
     assert 0 < row["light_p50_ms"] <= row["light_p99_ms"]

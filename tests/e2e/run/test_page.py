@@ -11,7 +11,7 @@ import pytest
 
 from pointit.runtime.errors import RefusedError
 from pointit.schemas import Deployment, Environment, RunScenario, SelectionEvent
-from pointit.schemas.topics import DEPLOYMENT, MAP, RUN_SCENARIO, SELECTION_EVENTS
+from pointit.schemas.topics import DEPLOYMENT, MAP, RUN_SCENARIO, SELECTION_EVENTS, STOP_ROBOT
 from tests.e2e.run.visitor import entered, looking_on
 from tests.support.bench import until
 from tests.support.buses import free_port
@@ -19,10 +19,10 @@ from tests.support.commands import Command, Commands, onlooker, summary_of
 from tests.support.links import link_in
 from tests.support.pace import within
 
-CHANGE_S = 20.0
+CHANGE_S = 40.0
 START_S = 60.0
 """Fourteen processes on a busy machine."""
-END_S = 2.0
+END_S = 4.0
 """Limit of the time to end on a quiet machine."""
 PERSON = ("imu-bridge", "pointing", "localizer", "supervisor", "user-sim")
 
@@ -121,7 +121,7 @@ async def test_another_scenario_takes_its_place(
 async def test_a_run_goes_on_while_a_page_is_open(commands: Commands, endpoint: str, tmp_path: Path) -> None:
     own = tmp_path / "mine.yaml"
     own.write_text(
-        "about: mine\nduration_s: 4\nplaces: [{position_m: [2.0, 0.5, 0.0], yaw_deg: 20.0}]\n"
+        "about: mine\nduration_s: 8\nplaces: [{position_m: [2.0, 0.5, 0.0], yaw_deg: 20.0}]\n"
         "site: {pui: {map: lab, surfaces: [strip]}, led-driver: {}}\n"
         "user: {pointing: {}, localizer: {}, supervisor: {}, user-sim: {think_s: 0.1, behaviour: strips}}\n"
     )
@@ -129,22 +129,24 @@ async def test_a_run_goes_on_while_a_page_is_open(commands: Commands, endpoint: 
     url = await address_of(command)
     async with looking_on(url), onlooker(endpoint) as seen:
         await until(
-            lambda: "web" in seen.health and seen.health["web"].uptime_s > 8, CHANGE_S, "twice its duration"
+            lambda: "web" in seen.health and seen.health["web"].uptime_s > 12,
+            CHANGE_S,
+            "more than its duration",
         )
         assert command.is_running
-    ended = await command.end(10)
+    ended = await command.end()
     assert ended.code == 0, ended.err
-    assert summary_of(ended)["duration_s"] > 8
+    assert summary_of(ended)["duration_s"] > 12
 
 
 async def test_a_duration_that_was_asked_for_ends_it_whoever_looks_on(
     commands: Commands, endpoint: str
 ) -> None:
-    command = run(commands, endpoint, "scenario_2", "--duration", "4", "--json")
+    command = run(commands, endpoint, "scenario_2", "--duration", "8", "--json")
     async with looking_on(await address_of(command)):
-        ended = await command.end(15)
+        ended = await command.end()
     assert ended.code == 0, ended.err
-    assert 4.0 <= summary_of(ended)["duration_s"] + 0.1 < 6.0
+    assert 8.0 <= summary_of(ended)["duration_s"] + 0.1 < 12.0
 
 
 @pytest.mark.parametrize(
@@ -228,7 +230,7 @@ async def test_a_dashboard_that_is_started_late_shows_what_happened_before(
         await until(lambda: any(each.event == "selected" for each in events), START_S, "a selection")
     first = next(each for each in events if each.event == "selected")
     dashboard = commands.start("dashboard", "--connect", endpoint, "--port", "0")
-    async with looking_on(await address_of(dashboard)) as (socket, _), asyncio.timeout(CHANGE_S):
+    async with looking_on(await address_of(dashboard)) as (socket, _), asyncio.timeout(START_S):
         while isinstance(message := await socket.recv(), str):
             pass
     n, _, _, _, told, _ = msgpack.unpackb(message)
@@ -242,7 +244,7 @@ async def test_a_link_for_who_may_only_look_on(commands: Commands, endpoint: str
     commands.start("run", "scenario_2", "--no-view", "--listen", endpoint)
     dashboard = commands.start("dashboard", "--connect", endpoint, "--port", "0", "--view-only")
     async with looking_on(await address_of(dashboard)) as (_, hello):
-        assert (hello["role"], hello["requests"]) == ("viewer", [])
+        assert (hello["role"], hello["requests"]) == ("viewer", [STOP_ROBOT.key])
 
 
 async def test_a_dashboard_waits_for_a_site_and_is_refused_to_a_network(

@@ -7,8 +7,9 @@ from typing import Any
 
 import pytest
 
-from pointit.schemas import Localization, SelectionEvent, UserPose
-from pointit.schemas.topics import LOCALIZATION, POSE, SELECTION_EVENTS
+from pointit.recording.reader import Recording
+from pointit.schemas import ImuSample, Localization, SelectionEvent, UserPose
+from pointit.schemas.topics import LOCALIZATION, POSE, SELECTION_EVENTS, SERVICE_ALIVE
 from tests.support.bench import until
 from tests.support.buses import free_port
 from tests.support.commands import Commands, onlooker, summary_of
@@ -77,7 +78,7 @@ async def test_a_cursor_moves_over_both_strips(commands: Commands) -> None:
 
 
 async def test_the_person_meets_the_lamps(commands: Commands) -> None:
-    arguments = ("run", "scenario_1", "--speed", "4", "--duration", "24", "--no-view", "--json")
+    arguments = ("run", "scenario_1", "--speed", "4", "--duration", "48", "--no-view", "--json")
     ended = await commands.pointit(*arguments, *listen())
     assert ended.code == 0, ended.err
     met = summary_of(ended)["lamps_missed_by_deg"]
@@ -85,19 +86,29 @@ async def test_the_person_meets_the_lamps(commands: Commands) -> None:
     assert max(met.values()) < 12.0  # they point without a cursor
 
 
-async def test_a_short_run_ends_by_itself(commands: Commands) -> None:
-    ended = await commands.pointit("run", "scenario_2", "--duration", "3", "--no-view", "--json", *listen())
+async def test_a_short_run_ends_by_itself_and_is_recorded_whole(commands: Commands, tmp_path: Path) -> None:
+    path = tmp_path / "session.mcap"
+    options = ("--duration", "8", "--no-view", "--json", "--record", str(path))
+    ended = await commands.pointit("run", "scenario_2", *options, *listen())
     assert ended.code == 0, ended.err
     summary = summary_of(ended)
-    assert 3.0 <= summary["duration_s"] + 0.1 < 5.0
-    assert ended.took_s > 3
-    assert within(ended.took_s, 8.0)
+    assert 8.0 <= summary["duration_s"] + 0.1 < 12.0
+    assert ended.took_s > 8
+    assert within(ended.took_s, 16.0)
     assert summary["latency_ms"]["p50"] is not None
+    assert f"recorded in {path}" in ended.err
+    with Recording.open(path) as recording:
+        assert (recording.problem, recording.head.seed) == ("", 0)
+        entries = list(recording.entries())
+    samples = [each.body.seq for each in entries if isinstance(each.body, ImuSample)]
+    assert samples == list(range(1, len(samples) + 1))
+    alive = {each.name: each.body for each in entries if each.row is SERVICE_ALIVE}
+    assert {name for name, present in alive.items() if not present} >= person("user1") | {"pui"}
 
 
 @pytest.mark.slow
 async def test_localizing_two_people_and_the_other_ways_to_run(commands: Commands, tmp_path: Path) -> None:
-    common = ("--speed", "4", "--duration", "44", "--no-view", "--json")
+    common = ("--speed", "4", "--duration", "64", "--no-view", "--json")
     localizing = commands.start("run", "scenario_3", "--localize", *common, *listen())
     option, endpoint = listen()
     two = commands.start("run", "scenario_3", "--users", "2", *common, option, endpoint)
@@ -166,7 +177,7 @@ async def test_no_cursor_is_a_failure(commands: Commands) -> None:
 
 async def test_what_was_missed_is_told_and_is_no_failure_of_the_run(commands: Commands) -> None:
     """A person who holds too short: the run did its job, and the summary gives the result."""
-    arguments = ("--duration", "40", "--speed", "8", "--set", "selector.window_s=10", "--no-view", "--json")
+    arguments = ("--duration", "80", "--speed", "8", "--set", "selector.window_s=10", "--no-view", "--json")
     ended = await commands.pointit("run", "scenario_3", *arguments, *listen())
     assert ended.code == 0, ended.err
     summary = summary_of(ended)

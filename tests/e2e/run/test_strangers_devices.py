@@ -43,12 +43,12 @@ async def test_package_of_a_stranger_adds_one_of_each_kind(
 ) -> None:
     shown, seen, state = tmp_path / "shown.txt", tmp_path / "seen.txt", tmp_path / "state"
     run = commands.start_program(
-        *("run", "scenario_3", "--duration", "4", "--no-view"),
+        *("run", "scenario_3", "--duration", "10", "--no-view"),
         *("--imu", "waving:40", "--leds", f"notebook:{shown}", "--method", "eager", "--with", "witness"),
         *("--set", f"witness.path={seen}", "--set", "selector.eager.dwell_s=0.2"),
         environment=installed | {"POINTIT_STATE": str(state)},
     )
-    ended = await run.end(60)
+    ended = await run.end()
     assert ended.code == 0, ended.err
     strips, *frames = shown.read_text().splitlines()
     assert strips == "2 strips"

@@ -93,7 +93,7 @@ class Terminal:
 
     def close(self) -> None:
         self.process.kill()
-        self.process.wait(10)
+        self.process.wait(30)
         os.close(self.master)
         os.close(self._slave)
 
@@ -136,7 +136,7 @@ async def test_it_draws_and_leaves_the_terminal_as_it_was(endpoint: str, columns
         shown.press_ctrl_c()
         pressed_s = time.monotonic()
         assert await shown.end() == 0
-        assert within(time.monotonic() - pressed_s, 2.0)
+        assert within(time.monotonic() - pressed_s, 4.0)
         assert "Traceback" not in shown.text
         assert shown.read().rstrip().rpartition(HIDE)[2].count(SHOW) == 1  # the cursor is back
         assert shown.after == shown.before
@@ -147,7 +147,7 @@ async def test_it_draws_and_leaves_the_terminal_as_it_was(endpoint: str, columns
 async def test_the_page_stays_in_view_and_the_run_goes_on_for_it(endpoint: str, tmp_path: Path) -> None:
     own = tmp_path / "mine.yaml"
     own.write_text(
-        "about: mine\nduration_s: 4\nplaces: [{position_m: [2.0, 0.5, 0.0], yaw_deg: 20.0}]\n"
+        "about: mine\nduration_s: 10\nplaces: [{position_m: [2.0, 0.5, 0.0], yaw_deg: 20.0}]\n"
         "site: {pui: {map: lab, surfaces: [strip]}, led-driver: {}}\n"
         "user: {pointing: {}, localizer: {}, supervisor: {}, user-sim: {think_s: 0.1, behaviour: strips}}\n"
     )
@@ -216,10 +216,10 @@ async def test_logs_stand_above_the_view(
 
 @pytest.mark.parametrize(("kind", "option"), [("dumb", ()), ("xterm", ("--no-view",))])
 async def test_without_a_view_it_logs_lines(endpoint: str, kind: str, option: tuple[str, ...]) -> None:
-    arguments = ("run", "scenario_2", "--duration", "2", "--listen", endpoint, *option)
+    arguments = ("run", "scenario_2", "--duration", "12", "--listen", endpoint, *option)
     with terminal(100, 30, *arguments, kind=kind) as shown:
-        assert await shown.end() == 0
+        assert await shown.end() == 0, shown.text
         assert "scenario_2 of site lab at" in shown.text
-        assert "scenario_2 ran 2 s" in shown.text
+        assert "scenario_2 ran 12 s" in shown.text
         assert "╭" not in shown.text
         assert HIDE not in shown.read()

@@ -95,7 +95,7 @@ class PhonePage:
         await self.turn(yaw_deg, pitch_deg)
         await self.page.get_by_role("button", name="Start").tap()
         running = self.page.locator("#running")
-        patience = Patience(6.0)
+        patience = Patience(30.0)
         for i in itertools.count():
             await self.turn(yaw_deg + 0.5 * (i % 2), pitch_deg)
             if await running.is_visible() or patience.is_over():

@@ -36,7 +36,7 @@ def azimuth(cursor: Cursor) -> float:
     return math.degrees(math.atan2(cursor.direction[1], cursor.direction[0]))
 
 
-async def sweeps_the_ray(phone: PhonePage, seen: Onlooker, patience_s: float = 20.0) -> None:
+async def sweeps_the_ray(phone: PhonePage, seen: Onlooker, patience_s: float = 30.0) -> None:
     """Turn the phone left and right, and wait until the ray does the same."""
     begin = 0.0
     for yaw in (0.0, 30.0):
@@ -129,7 +129,7 @@ async def test_it_is_the_persons_button_and_tells_them_what_happens(browser: Bro
 
 async def until_evaluated(phone: PhonePage, condition: str) -> None:
     """Wait for a condition of the page, without `eval`, which its policy forbids to functions that wait."""
-    patience = Patience(5.0)
+    patience = Patience(30.0)
     while not await phone.page.evaluate(condition):
         assert not patience.is_over(), f"never: {condition}"
         await asyncio.sleep(0.05)
@@ -161,7 +161,7 @@ async def rests(phone: PhonePage, seen: Onlooker, yaw_deg: float) -> float:
     """Hold the phone like this until the ray rests; return where it goes, degrees."""
     await phone.turn(yaw_deg, -10)
     turned_ns = time.time_ns()  # on a busy machine cursors of how it was held before come later than this
-    patience = Patience(20.0)
+    patience = Patience(30.0)
     while True:
         seen.cursors[USER].clear()
         for i in range(10):

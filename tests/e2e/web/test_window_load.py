@@ -48,7 +48,7 @@ async def test_a_stuck_page_gets_the_newest_at_once_and_nothing_old(browser: Bro
     stuck_ns = await window.page.evaluate(STUCK) * 1e6
     free_ns = time.time_ns()
     grown_bytes += server.memory_info().rss
-    patience = Patience(10)
+    patience = Patience(30)
     while True:
         sent_ns = [msgpack.unpackb(batch)[1] for batch in window.batches]
         if sent_ns and sent_ns[-1] >= free_ns:
@@ -59,7 +59,7 @@ async def test_a_stuck_page_gets_the_newest_at_once_and_nothing_old(browser: Bro
     # sent in the midst of it; a batch's own time may pass at either end
     stale = [at_ns for at_ns in sent_ns if stuck_ns <= at_ns < free_ns - 300e6]
     assert len(stale) <= IN_FLIGHT, [(at_ns - free_ns) / 1e9 for at_ns in stale]
-    assert within(came_s, 1.5)
+    assert within(came_s, 3.0)
     assert grown_bytes < MOST_GROWN_BYTES
     assert await window.page.evaluate("window.pointit.site.traffic.dropped") == 0
     assert window.faults == []

@@ -14,7 +14,7 @@ from playwright.async_api import Browser, Page, WebSocket, expect
 
 from tests.support.pace import Patience
 
-PATIENCE_S = 15.0
+PATIENCE_S = 30.0
 LEAST_PLACES = 10
 MOST_OFF_PX = 12.0
 VIOLATIONS = """
@@ -151,7 +151,7 @@ class Window:
         for down in (0.3, 0.45, 0.6, 0.75):
             for across in (0.15, 0.35, 0.5, 0.65, 0.85):
                 x, y = box["x"] + across * box["width"], box["y"] + down * box["height"]
-                if (at_m := await self.aimed_at(x, y, 1.0 + settle_s, settle_s)) is not None:
+                if (at_m := await self.aimed_at(x, y, 2.0 + settle_s, settle_s)) is not None:
                     places.append(((x, y), at_m))
         return Lens.through(places)
 

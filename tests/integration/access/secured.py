@@ -31,7 +31,7 @@ from tests.support.buses import free_port
 from tests.support.forked import ForkedProcess
 from tests.support.pace import Patience
 
-PATIENCE_S = 10.0
+PATIENCE_S = 30.0
 NAMES: dict[str, Role] = {
     "anna": "user",
     "ben": "user",
@@ -239,7 +239,7 @@ class RouterProgram:
 
     def ends(self) -> tuple[int, str]:
         """Wait for the end; return the exit code and all that it has said."""
-        code = self._process.wait(10)
+        code = self._process.wait(60)
         assert code is not None, "it goes on"
         said = self.said
         self._folder.cleanup()

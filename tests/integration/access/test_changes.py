@@ -61,8 +61,8 @@ def is_silent(listener: Member, speaker: Member, key: str, witness: Member, know
 async def test_the_router_follows_who_comes_and_goes(tmp_path: Path) -> None:
     folder = make_site(tmp_path / "lab", names=FEW)
     with RouterProgram("--config", str(folder.path / "router" / "router.json5")):
-        anna = await ZenohBus.open(link_of(folder, "anna"), patience_s=5)
-        services = await ZenohBus.open(link_of(folder, "services"), patience_s=5)
+        anna = await ZenohBus.open(link_of(folder, "anna"), patience_s=30)
+        services = await ZenohBus.open(link_of(folder, "services"), patience_s=30)
         anna.publisher(IMU, "anna").put(ImuSample(stamp_ns=1, orientation_xyzw=(0, 0, 0, 1)))
         old = carried(folder, tmp_path / "old")
 
@@ -75,7 +75,7 @@ async def test_the_router_follows_who_comes_and_goes(tmp_path: Path) -> None:
         assert services.problem == ""
 
         folder.renew(["anna"], now())
-        again = await ZenohBus.open(link_of(folder, "anna"), patience_s=5)
+        again = await ZenohBus.open(link_of(folder, "anna"), patience_s=30)
         again.publisher(IMU, "anna")
         with Member(folder, "supervisor") as supervisor, Member(folder, "anna") as new:
             hears(supervisor, IMU.at("anna"), new)
@@ -230,7 +230,7 @@ async def test_the_operator_sees_who_was_refused_what_and_nobody_can_say_so_but_
     present: set[str] = set()
     long = IMU.message.max_bytes + 1
     with RouterProgram("--site-folder", str(folder.path)), Member(folder, "anna") as anna:
-        operator = await ZenohBus.open(link_of(folder, "operator"), patience_s=5)
+        operator = await ZenohBus.open(link_of(folder, "operator"), patience_s=30)
         operator.subscribe(HEALTH, lambda health, instance: seen.update({instance: health}))
         operator.watch(SERVICE_ALIVE, lambda instance, _here: present.add(instance))
         await until(lambda: "router" in seen and "router" in present, 10, "the router's account")

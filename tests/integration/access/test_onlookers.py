@@ -37,8 +37,8 @@ async def buses(
     site = make_site(tmp_path_factory.mktemp("site") / "lab", names={"supervisor": "supervisor"})
     with routed(site):
         link = link_of(site, "supervisor")
-        mine = await ZenohBus.open(looking_on(link, role), patience_s=5)
-        other = await ZenohBus.open(link, patience_s=5)
+        mine = await ZenohBus.open(looking_on(link, role), patience_s=30)
+        other = await ZenohBus.open(link, patience_s=30)
         yield role, mine, other
         await other.close()
         await mine.close()

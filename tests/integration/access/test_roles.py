@@ -8,17 +8,20 @@ import pytest
 
 from pointit.access.site_folder import SiteFolder
 from pointit.schemas.topics import (
+    ACCOUNTS,
     ANY,
     BUTTON,
     CLOCK,
+    CONFIGURATION,
     DEPLOYMENT,
-    HEALTH,
     IMU,
     RAY,
     READ_HISTORY,
     REQUESTS,
     RUN_SCENARIO,
+    SERVED,
     SERVICE_ALIVE,
+    STOP_ROBOT,
     TOPICS,
     USER_ALIVE,
     WRIST,
@@ -60,7 +63,7 @@ def may_write(me: str, topic: object, name: str) -> bool:
     """Return True if `me` may write `topic` for `name`, computed independently of the code under test."""
     role = NAMES[me]
     writers = [row for row in PROCESSES if topic in row.writes]
-    if topic is HEALTH:
+    if topic in ACCOUNTS:
         personal = [f"{row.name}.{me}" for row in PROCESSES if row.scope == "user"]
         shared = [row.name for row in PROCESSES if row.scope == "site" and row.room == "services"]
         return name in {"user": personal, "services": shared, "web": ["web"]}.get(role, [])
@@ -80,6 +83,8 @@ def may_read(me: str, topic: object, name: str) -> bool:
         if NAMES[me] == "user":
             return name == me
         return NAMES[me] == "services" and topic is RAY  # pui needs rays; nobody shared needs the rest
+    if topic in (CONFIGURATION, SERVED):
+        return NAMES[me] == "operator"
     return True
 
 
@@ -147,7 +152,7 @@ def test_requests_are_answered_for_whom_they_may_be(members: dict[str, Member]) 
                 key
                 for key, (row, name) in keys.items()
                 if NAMES[me] in ("operator", "web")
-                or row is READ_HISTORY
+                or row in (READ_HISTORY, STOP_ROBOT)
                 or (NAMES[me] == "user" and row.placeholder == "user" and name == me)
             }
             assert members[me].answered(*keys) == expected, me

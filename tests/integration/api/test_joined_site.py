@@ -83,7 +83,7 @@ async def test_loops_go_on_after_the_router_was_lost(home: ZenohBus, endpoint: s
         await until(lambda: site.problem.startswith("router at "), what="the loss to be known")
         with pytest.raises(NoAnswerError, match=r"selector cannot be asked for .*: router at .* lost"):
             await site.select.undo("anna")
-        again = await ZenohBus.open(Link(listen=(endpoint,)), patience_s=10)
+        again = await ZenohBus.open(Link(listen=(endpoint,)), patience_s=30)
         try:
             await until(lambda: site.problem == "", what="the connection to be back")
             event = SelectionEvent(stamp_ns=1, event="selected", object_id="1")
@@ -151,7 +151,7 @@ async def test_who_may_not_is_told(
 async def test_a_person_has_the_latest_of_their_own_on_a_secured_site(tmp_path: Path) -> None:
     folder = make_site(tmp_path / "lab", names={"anna": "user"})
     with routed(folder):
-        wrist = await ZenohBus.open(link_of(folder, "anna"), patience_s=10)
+        wrist = await ZenohBus.open(link_of(folder, "anna"), patience_s=30)
         ray = PointingRay(stamp_ns=1, origin_m=(0, 0, 1), direction=(1, 0, 0))
         try:
             async with (

@@ -15,7 +15,7 @@ from pointit.schemas.topics import IMU, SET_MOUNTING
 from pointit.services.imu_bridge.arm_frame import MOUNTINGS, from_roll_pitch_yaw
 from pointit.services.imu_bridge.config import ImuBridgeConfig
 from pointit.services.imu_bridge.mounting import angle_between
-from pointit.services.imu_bridge.serial_source import SerialConfig
+from pointit.services.imu_bridge.serial.config import SerialConfig
 from pointit.services.imu_bridge.service import ImuBridge
 from pointit.services.user_sim.service import UserSim
 from tests.support.bench import until
@@ -114,9 +114,9 @@ async def test_an_arm_that_does_not_move_or_no_keyboard_is_one_sentence(site: Si
         try:
             start_bridge(site, device)
             await site.arrived("imu-bridge.anna")
-            ended = await site.pointit(*MOUNTING, "--non-interactive", "--seconds", "0.3", "--timeout", "1")
+            ended = await site.pointit(*MOUNTING, "--non-interactive", "--seconds", "0.3", "--timeout", "3")
             assert ended.code == 1
-            assert "Error: the arm of anna did not rest up within 1 s" in ended.err
+            assert "Error: the arm of anna did not rest up within 3 s" in ended.err
             if not sys.stdin.isatty():  # the command has the tests' own
                 ended = await site.pointit(*MOUNTING)
                 assert ended.code == 2
@@ -125,7 +125,7 @@ async def test_an_arm_that_does_not_move_or_no_keyboard_is_one_sentence(site: Si
                 await next_line(process.stderr)
                 code, took_s = await interrupt(process)
             assert code == 130
-            assert took_s < 2
+            assert took_s < 5
         finally:
             life.cancel()
             await asyncio.wait({life})

@@ -141,7 +141,7 @@ async def test_an_anchor_without_end_is_called_off(site: Site, localizer: Erring
         await until(lambda: len(localizer.asked) == 3, 20)
         code, took_s = await interrupt(process)
     assert code == 130
-    assert took_s < 2
+    assert took_s < 5
     assert localizer.asked[2:] == ["anchor led_1", "cancel"]
 
 
@@ -264,7 +264,7 @@ async def test_in_a_terminal_what_was_pointed_at_stands_on_lines_of_its_own(
         stdout=asyncio.subprocess.PIPE,
         env={**os.environ, "TERM": "xterm", "COLUMNS": "80"},
     )
-    async with asyncio.timeout(30):
+    async with asyncio.timeout(60):
         out, _ = await process.communicate()
     assert process.returncode == 0, out
     assert localizer.asked == [f"anchor {lamp}" for lamp in LAMPS]

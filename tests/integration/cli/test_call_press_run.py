@@ -10,13 +10,14 @@ async def test_a_device_without_a_button_shows_a_cursor_and_the_run_ends_well(
     commands: Commands, endpoint: str
 ) -> None:
     run = commands.start(
-        *("run", "scenario_2", "--imu", "simulated", "--duration", "6", "--no-view", "--json"),
+        *("run", "scenario_2", "--imu", "simulated", "--duration", "600", "--no-view", "--json"),
         *("--listen", endpoint),
     )
     async with onlooker(endpoint) as seen:
         await until(lambda: seen.surfaces("user1") == {"0", "1"}, 20, "its sweep crosses both strips")
+        await until(lambda: len(seen.cursors["user1"]) > 150, what="many cursors")
         cursors = list(seen.cursors["user1"])
-    ended = await run.end()
+    ended = await run.stop()
     assert ended.code == 0, ended.err
     assert summary_of(ended)["cursors"] > 100
     assert sum(cursor.surface == "strip" for cursor in cursors) > len(cursors) / 2

@@ -47,7 +47,7 @@ from pointit.schemas.topics import (
 from tests.integration.foxglove.viewer import viewer
 from tests.support.bench import Bench, until
 from tests.support.buses import free_port
-from tests.support.pace import slowness
+from tests.support.pace import within
 
 MAP_MESSAGE = Environment(
     stamp_ns=1,
@@ -123,7 +123,7 @@ async def test_a_viewer_sees_the_scene_and_every_topic(site: Site) -> None:
         assert one.channels["/users/anna/cursor"]["schemaEncoding"] == "jsonschema"
         await until(lambda: bool(one.all("/health/foxglove")), what="its own health, for plots")
         log_ns, _ = one.frames["/users/anna/cursor"][0]
-        assert abs(log_ns - time.time_ns()) < 5e9
+        assert abs(log_ns - time.time_ns()) < 60e9
 
 
 async def test_who_comes_late_sees_what_stands_still(site: Site) -> None:
@@ -158,14 +158,16 @@ async def test_a_flood_is_thinned_to_the_rate_and_the_newest_arrives(site: Site)
     async with viewer(site.address, "/users/anna/cursor", "/scene/people") as one:
         site.bench.put(CURSOR, cursor(0), "anna")
         await until(lambda: bool(one.all("/users/anna/cursor")))
+        topics = ("/users/anna/cursor", "/scene/people")
+        before = {topic: len(one.all(topic)) for topic in topics}
         began_s = time.monotonic()
         for number in range(1, 200):
             site.bench.put(CURSOR, cursor(number), "anna")
             await asyncio.sleep(0.002)
         await until(lambda: one.all("/users/anna/cursor")[-1]["seq"] == 199)
         most = (time.monotonic() - began_s) * 20.0 + 2
-        assert len(one.all("/users/anna/cursor")) <= most
-        assert len(one.all("/scene/people")) <= most
+        for topic in topics:
+            assert len(one.all(topic)) - before[topic] <= most
 
 
 async def test_nothing_is_read_that_takes_time_while_nobody_looks_on(
@@ -257,8 +259,8 @@ async def test_it_ends_at_once_with_a_viewer_connected_and_the_port_is_free() ->
         await until(lambda: "belt b" in one.entities("room"))
         began_s = time.monotonic()
         await site.bench.stop()
-        await until(lambda: is_free(site.port), patience_s=2.0)
-        assert time.monotonic() - began_s < 2.0 * slowness()
+        await until(lambda: is_free(site.port), what="the port to be free")
+        assert within(time.monotonic() - began_s, 4.0)
     await site.bus.close()
 
 

@@ -74,7 +74,7 @@ async def test_a_peer_opens_without_a_router_says_so_joins_and_survives_restarts
     async with graphs() as at:
         began_s = time.monotonic()
         a, b = await asyncio.gather(at.node("/a"), at.node("/b"))
-        assert time.monotonic() - began_s < 3 * slowness(), "0.5 s where the machine has time"
+        assert time.monotonic() - began_s < 5 * slowness(), "0.5 s where the machine has time"
         seen, kept = b.hears("/x", POSE), b.hears("/state", BOOL, LATCHED)
         writer, state = (
             a.backend.advertise("/x", POSE, RELIABLE),
@@ -158,7 +158,7 @@ async def test_who_cannot_join_says_so_in_a_sentence_and_can_be_cancelled() -> N
         began_s = time.monotonic()
         with pytest.raises(asyncio.CancelledError):
             await opening
-        assert time.monotonic() - began_s < 3 * slowness()
+        assert time.monotonic() - began_s < 5 * slowness()
     with pytest.raises(ConfigError, match="'7447' is no address; write one like tcp"):
         await open_raw_session(RawLink(endpoint="7447"))
     router = await opened(BackendConfig(mode="router", endpoint=endpoint), Shown())

@@ -124,7 +124,7 @@ async def test_a_question_that_does_not_decode_is_refused_with_a_sentence(
     def ask(key: str, payload: bytes | None) -> list[str]:
         return [
             reply.err.payload.to_string() if reply.err else reply.ok.payload.to_bytes().hex()  # type: ignore[union-attr]
-            for reply in stranger.get(SITE + key, payload=payload, timeout=2.0)
+            for reply in stranger.get(SITE + key, payload=payload, timeout=30.0)
         ]
 
     for payload in (None, *GARBAGE.values()):

@@ -41,7 +41,7 @@ class Two:
 async def two() -> AsyncIterator[Two]:
     async with router_process() as router:
         link = Link(connect=(router.endpoint,))
-        a, b = await ZenohBus.open(link, patience_s=5), await ZenohBus.open(link, patience_s=5)
+        a, b = await ZenohBus.open(link, patience_s=30), await ZenohBus.open(link, patience_s=30)
         try:
             yield Two(router, a, b)
         finally:

@@ -27,7 +27,7 @@ async def test_nothing_of_one_site_reaches_the_other(endpoint: str) -> None:
         return Done()
 
     mine, same, other = [
-        await ZenohBus.open(Link(site=site, connect=(endpoint,)), patience_s=5)
+        await ZenohBus.open(Link(site=site, connect=(endpoint,)), patience_s=30)
         for site in ("lab", "lab", "lab-2")
     ]
     seen: dict[ZenohBus, list[object]] = {same: [], other: []}

@@ -101,7 +101,7 @@ async def test_a_question_too_long_is_refused_where_it_arrives(
     bus.serve(SET_BRIGHTNESS, never)
     size = SetBrightness.max_bytes + 1
     # blocks the loop, which need not look at it
-    [reply] = list(stranger.get(SITE + SET_BRIGHTNESS.at(), payload=bytes(size), timeout=5.0))
+    [reply] = list(stranger.get(SITE + SET_BRIGHTNESS.at(), payload=bytes(size), timeout=30.0))
     assert reply.err is not None
     assert reply.err.payload.to_string() == (
         f"SetBrightness: has {size} bytes, at most {SetBrightness.max_bytes} are taken"
@@ -123,7 +123,7 @@ async def test_thousands_of_questions_are_bounded_and_leave_the_loop_to_others(
             yield each
 
     bus.serve_retained((PROFILE,), recall)
-    [first] = await asyncio.to_thread(lambda: list(stranger.get(SITE + PROFILE.at("u7"), timeout=5.0)))
+    [first] = await asyncio.to_thread(lambda: list(stranger.get(SITE + PROFILE.at("u7"), timeout=30.0)))
     assert first.ok is not None
     refused: list[str] = []
     done: list[int] = []
@@ -135,19 +135,19 @@ async def test_thousands_of_questions_are_bounded_and_leave_the_loop_to_others(
     count = 3 * MAX_WAITING
     for index in range(count):
         finish = functools.partial(done.append, index)
-        stranger.get(SITE + PROFILE.at("*"), Callback(take, finish, indirect=False), timeout=30.0)
+        stranger.get(SITE + PROFILE.at("*"), Callback(take, finish, indirect=False), timeout=120.0)
 
     def hold_up() -> None:
         """Let the loop look at none of them meanwhile."""
         began_s = time.monotonic()
-        while len(refused) < count - MAX_WAITING and time.monotonic() < began_s + 15.0:
+        while len(refused) < count - MAX_WAITING and time.monotonic() < began_s + 60.0:
             time.sleep(0.01)
 
     hold_up()
     worked.clear()
     assert set(refused) == {BUSY}
     assert "questions were turned away, the last for users/{user}/profile" in bus.problem
-    until_s = time.monotonic() + 30.0
+    until_s = time.monotonic() + 90.0
     while len(done) < count and time.monotonic() < until_s:
         await asyncio.sleep(0)
         turns += 1

@@ -34,7 +34,7 @@ class Server:
         self.url = f"http://{self.host}"
 
     def client(self, **headers: str) -> httpx.AsyncClient:
-        return httpx.AsyncClient(base_url=self.url, headers=headers, timeout=10.0)
+        return httpx.AsyncClient(base_url=self.url, headers=headers, timeout=60.0)
 
     async def cookie(self, token: str = OPERATOR) -> str:
         async with self.client() as client:
@@ -43,10 +43,12 @@ class Server:
         return answer.headers["set-cookie"].partition(";")[0]
 
     @asynccontextmanager
-    async def page(self, token: str = OPERATOR, *, acknowledges: bool = True) -> AsyncGenerator["Page"]:
+    async def page(
+        self, token: str = OPERATOR, *, acknowledges: bool = True, path: str = "/ws"
+    ) -> AsyncGenerator["Page"]:
         """Open a page; what it is sent is read all the while."""
         async with connect(
-            f"ws://{self.host}/ws",
+            f"ws://{self.host}{path}",
             origin=Origin(self.url),
             additional_headers={"Cookie": await self.cookie(token)},
         ) as socket:
@@ -70,6 +72,9 @@ class Page:
         self.status: dict[str, Any] = {}
         self.statuses = 0
         self.answers: dict[int, dict[str, Any]] = {}
+        self.timeline: dict[str, Any] = {}
+        """Sent to pages with a playback, as is `playing`."""
+        self.playing: dict[str, Any] = {}
         self.states: dict[tuple[str, str], dict[str, Any]] = {}
         self.events: list[tuple[str, str, dict[str, Any]]] = []
         self.batches: list[int] = []
@@ -103,6 +108,10 @@ class Page:
         elif said["kind"] == "status":
             self.status = said
             self.statuses += 1
+        elif said["kind"] == "timeline":
+            self.timeline = said
+        elif said["kind"] == "playing":
+            self.playing = said
         else:
             self.answers[said["id"]] = said
 
@@ -136,7 +145,7 @@ async def serving(bench: Bench, **parameters: Any) -> AsyncGenerator[Server]:
     life = asyncio.create_task(serve(bench, port, **parameters))
     server = Server(port)
     try:
-        async with asyncio.timeout(5.0):
+        async with asyncio.timeout(30.0):
             await _listening(port, life)
         yield server
     finally:

@@ -18,6 +18,7 @@ from websockets.asyncio.client import ClientConnection
 from pointit.bridges.web.config import WebConfig
 from pointit.bridges.web.service import Web
 from pointit.bridges.web.wire import UNPAIRED
+from pointit.bridges.web.wrists import wrist_control
 from pointit.geometry import rotation, vector
 from pointit.geometry.rotation import Quaternion
 from pointit.runtime.clock import WallClock
@@ -46,6 +47,12 @@ TOKEN = "operator-of-the-test"  # noqa: S105 - of no real site
 BELT = Belt(id="b", line_m=((4.0, 1.0, 1.0), (4.0, 3.0, 1.0)))
 YAW_RAD = 0.4
 """{H} in {W}."""
+
+
+@pytest.fixture(autouse=True)
+def _phones_may_be_held_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let a phone keep the arm for longer after its last word, so that the page is told of it in time."""
+    monkeypatch.setattr(wrist_control, "SILENT_S", 3.0)
 
 
 class Room:
@@ -173,7 +180,7 @@ def azimuth(sample: ImuSample) -> float:
 
 
 async def heard(socket: ClientConnection, kind: str) -> dict[str, Any]:
-    async with asyncio.timeout(5.0):
+    async with asyncio.timeout(60.0):
         while True:
             part: dict[str, Any] = json.loads(await socket.recv())
             if part["kind"] == kind:
@@ -288,7 +295,7 @@ async def test_a_phone_is_unpaired() -> None:
         await socket.send(turn(held(0.0)))
         await until(lambda: site.person["moved_by"] == "phone")
         assert (await site.ask("pair", off=True))["error"] == ""
-        async with asyncio.timeout(5.0):
+        async with asyncio.timeout(60.0):
             await socket.wait_closed()
         assert socket.close_code == UNPAIRED
         await until(lambda: site.person["phone"] == "" and site.person["moved_by"] == "own")

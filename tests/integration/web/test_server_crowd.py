@@ -51,7 +51,7 @@ async def answered(listener: Listener) -> bytes:
     reader, writer = await asyncio.open_connection("127.0.0.1", listener.port)
     writer.write(ASKED.replace(b"Host", b"Connection: close\r\nHost"))
     try:
-        async with asyncio.timeout(5.0):
+        async with asyncio.timeout(60.0):
             return await reader.read()
     finally:
         writer.close()
@@ -59,10 +59,10 @@ async def answered(listener: Listener) -> bytes:
             await writer.wait_closed()
 
 
-async def is_cut(client: socket.socket) -> bool:
-    """Return True if the server ends the connection soon."""
+async def is_cut(client: socket.socket, within_s: float = 30.0) -> bool:
+    """Return True if the server ends the connection within that time."""
     try:
-        async with asyncio.timeout(2.0):
+        async with asyncio.timeout(within_s):
             return await asyncio.get_running_loop().sock_recv(client, 10) == b""
     except ConnectionError:
         return True
@@ -76,7 +76,7 @@ async def test_many_who_say_nothing_keep_nobody_out() -> None:
         try:
             assert b"hello" in await answered(listener)
             assert await is_cut(idle[0])
-            assert not await is_cut(idle[-1])
+            assert not await is_cut(idle[-1], 1.0)
         finally:
             for client in idle:
                 client.close()
@@ -122,11 +122,11 @@ async def test_who_is_quiet_is_cut(monkeypatch: pytest.MonkeyPatch, said: bytes)
 
 
 async def test_who_asks_again_and_again_is_not_cut(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(serving, "QUIET_S", 0.2)
+    monkeypatch.setattr(serving, "QUIET_S", 1.0)
     async with listening() as listener:
         reader, writer = await asyncio.open_connection("127.0.0.1", listener.port)
         loop = asyncio.get_running_loop()
-        end_s = loop.time() + 1.0
+        end_s = loop.time() + 2.5
         while loop.time() < end_s:
             writer.write(ASKED)
             assert b"200" in await reader.readline()
@@ -169,7 +169,7 @@ async def test_tls_that_is_never_agreed_keeps_nobody_out(
             trust = ssl.create_default_context(cafile=kept.certificate)
             reader, writer = await asyncio.open_connection("127.0.0.1", listener.port, ssl=trust)
             writer.write(ASKED)
-            async with asyncio.timeout(5.0):
+            async with asyncio.timeout(60.0):
                 assert b"200" in await reader.readline()
             for client in silent:
                 client.setblocking(False)

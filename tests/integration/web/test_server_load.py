@@ -169,9 +169,9 @@ async def test_a_server_that_ends_closes_its_pages_at_once() -> None:
             for count in range(10):
                 light(bench, count)
                 await asyncio.sleep(0.01)
-            assert connected(server) >= 4
+            await until(lambda: connected(server) >= 4, what="all to be connected")
             began_s = loop.time()
-        assert within(loop.time() - began_s, 1.0)
+        assert within(loop.time() - began_s, 3.0)
         await until(lambda: connected(server) == 0, what="every connection to end, read or not")
         for page in sockets:
             with contextlib.suppress(ConnectionClosed):
@@ -260,7 +260,7 @@ async def test_whatever_pages_say_the_server_lives(caplog: pytest.LogCaptureFixt
         )
         @given(st.lists(ANYTHING, max_size=30))
         def fuzz(said: list[str | bytes]) -> None:
-            asyncio.run_coroutine_threadsafe(say(said), loop).result(10)
+            asyncio.run_coroutine_threadsafe(say(said), loop).result(60)
 
         await asyncio.to_thread(fuzz)
         async with server.page() as page:

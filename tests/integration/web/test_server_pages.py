@@ -9,8 +9,9 @@ from typing import IO, Any
 import pytest
 from mcap.reader import make_reader
 
-from pointit.bridges.web.model.recording import Recording
 from pointit.bridges.web.pages import request_dispatcher as answers
+from pointit.bridges.web.playback.recent import RecentPast
+from pointit.bridges.web.server import download
 from pointit.bridges.web.wrists import pairing
 from pointit.runtime.errors import RefusedError
 from pointit.schemas import (
@@ -106,20 +107,20 @@ async def test_a_server_that_comes_after_the_events_has_them_from_the_selectors_
     async with memory_bench(clock) as bench, serving(bench) as server:
         assert await told_of_before(server) == [], "the selector is not there yet"
         bench.start(Selector)
-        async with asyncio.timeout(10.0):
+        async with asyncio.timeout(60.0):
             while len(told := await told_of_before(server)) < 2:
                 pass
         assert told == [("anna", "a"), ("ben", "b")]
 
 
 async def test_a_frame_of_light_is_sent_at_once() -> None:
-    async with memory_bench() as bench, serving(bench, rate_hz=1.0) as server, server.page() as page:
+    async with memory_bench() as bench, serving(bench, rate_hz=0.1) as server, server.page() as page:
         await known(page, HEALTH.key, "web")
         loop = asyncio.get_running_loop()
         bench.put(STRIPS_FRAME, StripsFrame(**NOW, strips=()))
         began_s = loop.time()
         await known(page, STRIPS_FRAME.key)
-        assert within(loop.time() - began_s, 0.5), "it waits for what was sent just before"
+        assert within(loop.time() - began_s, 3.0), "it waits for what was sent just before"
 
 
 def lag(bench: Bench, page: Page, late_s: float) -> str:
@@ -251,8 +252,9 @@ async def test_the_mouse_moves_the_arm_until_it_is_given_back() -> None:
         await until(lambda: len(samples) > 3)
         before = samples[-1].orientation_xyzw
         await page.say(kind="aim", user="anna", at_m=[0.0, 5.0, 1.0])
-        clock.advance(5.0)
-        await until(lambda: samples[-1].orientation_xyzw != before)
+        while samples[-1].orientation_xyzw == before:  # the page's word may come after some of the time
+            clock.advance(1.0)
+            await asyncio.sleep(0.01)
         assert not (await page.ask(deed="give", name="anna"))["error"]
         await until(lambda: page.person("anna")["moved_by"] == "own")
         count = len(samples)
@@ -376,13 +378,14 @@ async def test_the_last_minute_is_a_file_for_operators() -> None:
 
 async def test_who_asks_while_it_is_written_gets_the_same_recording(monkeypatch: pytest.MonkeyPatch) -> None:
     written: list[int] = []
-    write = Recording.write
+    write = download.write_recording
 
-    def counted(recording: Recording, output: IO[bytes]) -> int:
+    def counted(past: RecentPast, since_ns: int, output: IO[bytes]) -> int:
         written.append(1)
-        return write(recording, output)
+        time.sleep(0.2)  # longer than the others need to ask
+        return write(past, since_ns, output)
 
-    monkeypatch.setattr(Recording, "write", counted)
+    monkeypatch.setattr(download, "write_recording", counted)
     async with memory_bench() as bench, serving(bench) as server:
         for n in range(2000):
             bench.put(CURSOR, Cursor(stamp_ns=START_NS, seq=n), "anna")

@@ -1,11 +1,13 @@
 """A folder like that of an installed ROS 2: definitions and hashes of types, for peers that read them."""
 
+import hashlib
 import json
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from pointit.bridges.ros2.types.definitions import INTERFACES, STANDARD_SERVICES
+from pointit.bridges.ros2.types.definitions import INTERFACES
+from pointit.bridges.ros2.types.foreign import STANDARD_SERVICES
 from pointit.bridges.ros2.types.rihs01 import BASE, NAME, SEQUENCE, Rihs01
 from pointit.bridges.ros2.types.types import GOLDEN, Types
 
@@ -25,6 +27,32 @@ def install(prefix: Path, types: Types, names: Iterable[str]) -> None:
         (folder / f"{short}.json").write_text(_description(types, name), encoding="utf-8")
 
 
+def install_action(prefix: Path, types: Types, name: str, text: str) -> None:
+    """Write `share/PACKAGE/action/NAME.{action,json}`, and what an action holds."""
+    package, kind, short = name.split("/")
+    parts = ("Goal", "Result", "Feedback", "FeedbackMessage", "SendGoal", "GetResult")
+    halves = tuple(f"{service}_{half}" for service in parts[4:] for half in ("Request", "Response"))
+    install(prefix, types, {"action_msgs/srv/CancelGoal", "action_msgs/msg/GoalStatusArray"})
+    for part in ("Goal", "Result", "Feedback"):
+        install(prefix, types, _held(types, f"{name}_{part}"))
+    folder = prefix / "share" / package / kind
+    folder.mkdir(parents=True, exist_ok=True)
+    manifest = folder.parent / "package.xml"
+    manifest.write_text(f"<package><name>{package}</name><version>0.0.0</version></package>")
+    (folder / f"{short}.action").write_text(text, encoding="utf-8")
+    hashes = [
+        {"type_name": f"{name}_{part}", "hash_string": types.kind(f"{name}_{part}").hash}
+        for part in (*parts, *halves)
+    ]
+    written = _Written(types._fields_of).action(name)
+    described = _with_defaults(written)
+    own = f"RIHS01_{hashlib.sha256(written.encode()).hexdigest()}"
+    hashes.append({"type_name": name, "hash_string": own})
+    (folder / f"{short}.json").write_text(
+        json.dumps({"type_description_msg": described, "type_hashes": hashes})
+    )
+
+
 class _Written(Rihs01):
     """Variant of `Rihs01` that returns the hashed JSON text instead of the hash."""
 
@@ -32,14 +60,35 @@ class _Written(Rihs01):
         others = ", ".join(self._description(name)[0] for name in sorted(referenced))
         return f'{{"type_description": {text}, "referenced_type_descriptions": [{others}]}}'
 
+    def action(self, name: str) -> str:
+        """Return the text of an action: its messages and services."""
+        services = ("SendGoal", "GetResult")
+        for service in services:
+            self.service(f"{name}_{service}")
+        fields = [
+            *((part.lower(), part) for part in ("Goal", "Result", "Feedback")),
+            ("send_goal_service", "SendGoal"),
+            ("get_result_service", "GetResult"),
+            ("feedback_message", "FeedbackMessage"),
+        ]
+        return self._hash(
+            *self._describe(name, [(field, (NAME, f"{name}_{part}")) for field, part in fields])
+        )
+
+
+def _with_defaults(text: str) -> Any:
+    """Return a description as ROS 2 installs it: with a default of each field."""
+    described = json.loads(text)
+    for each in (described["type_description"], *described["referenced_type_descriptions"]):
+        for field in each["fields"]:
+            field["default_value"] = ""
+    return described
+
 
 def _description(types: Types, name: str) -> str:
     """Return the JSON that ROS 2 installs beside a definition."""
     written = _Written(types._fields_of)
-    described = json.loads(written.service(name) if "/srv/" in name else written.message(name))
-    for each in (described["type_description"], *described["referenced_type_descriptions"]):
-        for field in each["fields"]:
-            field["default_value"] = ""
+    described = _with_defaults(written.service(name) if "/srv/" in name else written.message(name))
     hashes = [{"type_name": name, "hash_string": hash_of(types, name)}]
     return json.dumps({"type_description_msg": described, "type_hashes": hashes})
 

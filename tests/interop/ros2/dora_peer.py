@@ -8,6 +8,7 @@ output. On standard error it says which tokens it sees in the graph: `DORA_ROS2_
 """
 
 import json
+import queue
 import sys
 import threading
 import time
@@ -76,6 +77,7 @@ class Peer:
         self.subscriptions: list[tuple[Any, list[Any]]] = []
         self.heard: dict[str, list[Any]] = {}
         self.asked: dict[str, list[Any]] = {}
+        self.acts: dict[str, Acts] = {}
         forever(self.look)
 
     def look(self) -> bool:
@@ -129,6 +131,53 @@ class Peer:
         kind = order["type"].replace("/srv/", "/")
         client = self.node.create_service_client(order["service"], kind, qos(order))
         return plain(client.call(structure(order["request"], order["shape"]), timeout_s=END_S)[0].as_py())
+
+    def do_act(self, order: dict[str, Any]) -> None:
+        """Serve an action: accept its goals, which end when told so, or when they are cancelled."""
+        kind = order["type"].replace("/action/", "/")
+        server = self.node.create_action_server(order["action"], kind, qos(order))
+        acts = self.acts[order["action"]] = Acts(server, order)
+        forever(acts.look)
+
+    def do_goals(self, order: dict[str, Any]) -> Any:
+        return self.acts[order["action"]].goals
+
+    def do_feedback(self, order: dict[str, Any]) -> None:
+        acts = self.acts[order["action"]]
+        value = structure(order["value"], acts.order["feedback"])
+        acts.todo.put(lambda: acts.server.send_feedback(order["goal"], value))
+
+    def do_end(self, order: dict[str, Any]) -> None:
+        acts = self.acts[order["action"]]
+        acts.todo.put(lambda: acts.end(order["goal"], order["status"], order["value"]))
+
+
+class Acts:
+    """The goals of one action server, which dora lets only one thread use."""
+
+    def __init__(self, server: Any, order: dict[str, Any]) -> None:
+        self.server, self.order = server, order
+        self.goals: list[dict[str, Any]] = []
+        self.todo: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
+
+    def look(self) -> bool:
+        """Do what is to be done, and take what has come."""
+        while not self.todo.empty():
+            self.todo.get()()
+        found = self.server.take_goal(timeout_s=0.02)
+        if found is not None:
+            goal, value = found
+            self.goals.append({"goal": goal, "value": plain(value[0].as_py()), "cancelled": False})
+        cancelled = self.server.take_cancel(timeout_s=0.02) or []
+        for each in self.goals:
+            if each["goal"] in cancelled:
+                each["cancelled"] = True
+                self.end(each["goal"], "canceled", self.order["empty"])
+        return True
+
+    def end(self, goal: str, status: str, value: Any) -> None:
+        """End a goal; returns when the client has asked for the result."""
+        self.server.send_result(goal, structure(value, self.order["result"]), status=status, timeout_s=END_S)
 
 
 def main(name: str, configuration: str) -> None:

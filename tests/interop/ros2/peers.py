@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from pointit.bridges.ros2.routing.routes import routes
-from pointit.bridges.ros2.types.definitions import STANDARD_SERVICES
+from pointit.bridges.ros2.types.foreign import STANDARD_SERVICES, actions
 from pointit.bridges.ros2.types.types import Types
-from tests.interop.ros2.ament import AT_LEAST, install, shape
+from tests.interop.ros2.ament import AT_LEAST, install, install_action, shape
 from tests.support.bench import until
 from tests.support.pace import Patience
 from tests.support.told import Told
@@ -36,6 +36,8 @@ class Dora:
         configuration.write_text(json.dumps(settings))
         prefix = folder / "ament"
         if not prefix.exists():
+            for action, text in actions("jazzy").items():
+                install_action(prefix, TYPES, action, text)
             install(prefix, TYPES, {*(route.type for route in routes(ros4hri=True).all), *STANDARD_SERVICES})
         self.name = name
         self._trace = folder / f"{name}.trace"

@@ -29,7 +29,7 @@ async def test_routes_of_types_that_this_ros_has_work_and_the_others_are_named(
     command += ["--backend.kind", "dds", "--backend.domain-id", f"{DOMAIN}", "--ros4hri", "true"]
     said = tmp_path / "bridge.stderr"
     theirs = Driven(rclpy_python, tmp_path, "rclpy_peer.py", "robot")
-    bus = await ZenohBus.open(Link(listen=(endpoint,)), patience_s=5)
+    bus = await ZenohBus.open(Link(listen=(endpoint,)), patience_s=30)
     with said.open("w") as written:
         bridge = subprocess.Popen(  # noqa: ASYNC220 - takes a few ms
             command, env=environment(tmp_path), stdout=written, stderr=written

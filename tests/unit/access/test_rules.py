@@ -13,6 +13,7 @@ from pointit.access.router_configuration import Member, RouterSite, common_name,
 from pointit.access.rules import MESSAGES, all_key_expressions, rules_of
 from pointit.runtime.errors import ConfigError
 from pointit.schemas.topics import (
+    ANY,
     HEALTH,
     IMU,
     INTERACTION,
@@ -20,7 +21,10 @@ from pointit.schemas.topics import (
     RAY,
     READ_HISTORY,
     REQUESTS,
+    ROBOT_STATE,
     SERVICE_ALIVE,
+    STEERING,
+    STOP_ROBOT,
     TOPICS,
     USER_ALIVE,
 )
@@ -101,8 +105,34 @@ def test_what_a_right_grants_can_be_tested(role: Role) -> None:
 def test_dashboards_write_and_answer_nothing_and_ask_for_what_was_shown_only() -> None:
     rights = rights_of("dashboard", "dashboard1")
     assert (rights.writes, rights.serves, rights.keeps, rights.announces) == ((), (), (), ())
-    assert rights.asks == (READ_HISTORY.at(),)
+    assert rights.asks == (STOP_ROBOT.at(ANY), READ_HISTORY.at())
     assert not any(key.endswith(("/imu", "/wrist", "/ray")) for key in rights.reads)
+
+
+def test_a_person_steers_in_their_own_name_only_and_anybody_stops_any_robot() -> None:
+    rules = rules_of("lab", "anna", rights_of("user", "anna"))
+    for row, name, is_allowed in (
+        (STEERING, "anna", True),
+        (STEERING, "ben", False),
+        (ROBOT_STATE, "quad", False),
+        (ROBOT_STATE, "anna", False),
+    ):
+        assert permits(rules, "put", "ingress", f"pointit/lab/{row.at(name)}") is is_allowed
+    for role in ROLES:
+        asks = f"pointit/lab/{STOP_ROBOT.at('quad')}"
+        assert permits(rules_of("lab", "one", rights_of(role, "one")), "query", "ingress", asks), role
+
+
+def test_robots_report_and_are_present_under_names_of_their_own() -> None:
+    rules = rules_of("lab", "services", rights_of("services", "services"))
+    assert permits(rules, "put", "ingress", f"pointit/lab/{ROBOT_STATE.at('quad')}")
+    for message, row in (("put", HEALTH), ("liveliness_token", SERVICE_ALIVE)):
+        allowed = [
+            name
+            for name in ("robot", "robot.quad", "robots", "pui.quad", "pointing.quad")
+            if permits(rules, message, "ingress", f"pointit/lab/{row.at(name)}")
+        ]
+        assert allowed == ["robot", "robot.quad"]
 
 
 def test_each_of_several_pages_reports_and_is_present_under_its_own_name_and_no_other() -> None:

@@ -62,6 +62,7 @@ def test_one_condition_by_its_name() -> None:
         invoke("--bench", "belts_lab", "--condition", "nowhere")
 
 
+@pytest.mark.slow
 def test_differences_between_methods_from_twenty_trials_on(tmp_path: Path) -> None:
     file = tmp_path / "rows.json"
     name = selection_condition.conditions(["belts_lab"])[0].name

@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 from rich.console import Console
 
-from pointit.cli.evaluate.progress import LINE_EVERY_S, LineProgress, progress
+from pointit.cli.common.progress import LINE_EVERY_S, LineProgress, progress
 from pointit.cli.evaluate.table import PIPE_WIDTH, evaluation_console, print_rows
 from pointit.evaluation.recordings.row import ALL, Row, Spread
 

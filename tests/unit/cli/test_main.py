@@ -84,7 +84,7 @@ def loaded_after(*arguments: str) -> set[str]:
         "print(*sys.modules)"
     )
     done = subprocess.run(
-        [sys.executable, "-c", script], capture_output=True, text=True, check=True, timeout=30
+        [sys.executable, "-c", script], capture_output=True, text=True, check=True, timeout=90
     )
     return set(done.stdout.split())
 
@@ -109,7 +109,7 @@ def test_to_start_a_scenario_loads_nothing_that_takes_long() -> None:
         capture_output=True,
         text=True,
         check=True,
-        timeout=30,
+        timeout=90,
     )
     loaded = set(done.stdout.split())
     assert loaded >= {"numpy", "starlette"}
@@ -119,7 +119,7 @@ def test_to_start_a_scenario_loads_nothing_that_takes_long() -> None:
 def test_list_shows_scenarios_maps_and_services() -> None:
     code, text = invoke("list")
     assert code == 0
-    assert all(word in text for word in ("scenario_3", "replay", "lab", "led-driver"))
+    assert all(word in text for word in ("scenario_3", "lab", "led-driver"))
 
 
 def test_an_unknown_service_gets_one_sentence_with_the_near_ones() -> None:
@@ -141,7 +141,7 @@ def test_a_service_documents_every_parameter_with_type_unit_and_default() -> Non
 def test_a_services_help_is_that_of_its_module() -> None:
     own = CliRunner().invoke(command, ["service", "run", "pointing", "--help"], prog_name="pointit").output
     script = [sys.executable, "-m", process("pointing").package, "--help"]
-    module = subprocess.run(script, capture_output=True, text=True, check=True, timeout=30).stdout
+    module = subprocess.run(script, capture_output=True, text=True, check=True, timeout=90).stdout
     own_words, module_words = (text.partition("[OPTIONS]")[2].split() for text in (own, module))
     own_words.remove("-h,")  # the short form is the front's
     assert own_words == module_words
@@ -177,7 +177,7 @@ def test_the_help_of_a_service_teaches_before_its_extra_is_installed(name: str, 
             capture_output=True,
             text=True,
             check=False,
-            timeout=30,
+            timeout=90,
         )
         return done.returncode, " ".join(done.stdout.split()), done.stderr
 
@@ -198,7 +198,7 @@ def test_underscores_do_for_hyphens() -> None:
 def test_a_bad_parameter_of_a_service_names_source_field_and_value() -> None:
     script = [sys.executable, "-m", "pointit.cli", "service", "run", "pointing", "--user", "anna"]
     done = subprocess.run(
-        [*script, "--stale-after-s", "soon"], capture_output=True, text=True, check=False, timeout=30
+        [*script, "--stale-after-s", "soon"], capture_output=True, text=True, check=False, timeout=90
     )
     assert done.returncode == 2
     assert done.stderr.startswith("Error: --stale-after-s: stale_after_s: ")

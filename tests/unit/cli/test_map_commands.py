@@ -36,6 +36,9 @@ planes:
 cylinders: {column: {center: [-0.5, 2, 0], radius: 0.3, height: 3}}
 spheres: {globe: {center: [0.8, -1.6, 1.2], radius: 0.4}}
 clouds: {shelf: {file: shelf.xyz}}
+fences:
+  yard: {kind: keep_in, outline: [[-3, -3], [8, -3], [8, 5], [-3, 5]], high: 2.5}
+  stairs: {kind: keep_out, outline: [[6, 1], [7, 1], [7, 2]]}
 """
 
 
@@ -56,7 +59,7 @@ def test_a_map_in_order_is_one_line_that_says_what_it_has(room: Path) -> None:
     assert result.exit_code == 0
     assert result.output == (
         f"{room}: no findings; 1 belt, 1 bay, 1 strip with 90 pixels, 2 lamps, 1 box, 4 planes, 1 cylinder, "
-        "1 sphere, 1 cloud with 2 points\n"
+        "1 sphere, 1 cloud with 2 points, 2 fences\n"
     )
 
 
@@ -181,6 +184,7 @@ def test_a_picture_shows_everything_by_name(room: Path) -> None:
         *("a title", "door", "1.80 m high", "edge", "main", "bay 7", "desk", "wall", "table", "column"),
         *("globe", "shelf", "curtain (without end)", "ground: level, without end", "x (m)", "y (m)"),
         *("its pixel 0", "belt, arrows: where it moves", "bay, where things leave", "point cloud"),
+        *("yard", "to 2.5 m", "stairs", "robots stay inside", "robots stay outside"),
         "person at -1, 0.5",
     }
     assert expected <= written(str(room), (-1.0, 0.5))

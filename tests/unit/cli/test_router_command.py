@@ -10,7 +10,7 @@ import pytest
 
 from pointit.cli.site import router
 
-PATIENCE_S = 5.0
+PATIENCE_S = 60.0
 
 STARTS_WITH_FEW_FILES = """
 import resource

@@ -25,15 +25,15 @@ async def test_run_that_ends_before_the_browser_is_ready_leaves_no_copy_and_open
 ) -> None:
     opened: list[str] = []
     begun, ended, done = threading.Event(), threading.Event(), threading.Event()
-    opens = browser.PageOpener._open
+    opens = browser.BrowserWindow._open
 
-    def open_late(opening: browser.PageOpener) -> None:
+    def open_late(opening: browser.BrowserWindow) -> None:
         begun.set()
         assert ended.wait(PATIENCE_S)
         opens(opening)
         done.set()
 
-    monkeypatch.setattr(browser.PageOpener, "_open", open_late)
+    monkeypatch.setattr(browser.BrowserWindow, "_open", open_late)
     monkeypatch.setattr("webbrowser.open", opened.append)
     monkeypatch.setattr(Path, "home", lambda: tmp_path)
     monkeypatch.setattr(browser, "SNAPS", tmp_path)

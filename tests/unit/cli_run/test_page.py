@@ -174,7 +174,7 @@ def test_the_extra_is_looked_for_without_loading_it(monkeypatch: pytest.MonkeyPa
         "page.is_available(); print(*sys.modules)"
     )
     done = subprocess.run(
-        [sys.executable, "-c", script], capture_output=True, text=True, check=True, timeout=30
+        [sys.executable, "-c", script], capture_output=True, text=True, check=True, timeout=90
     )
     assert not set(done.stdout.split()) & {"starlette", "uvicorn", "cryptography", "segno", "mcap"}
 

@@ -18,12 +18,15 @@ from pointit.schemas import (
     Candidate,
     Cursor,
     Feedback,
+    Figure,
+    Health,
     Interaction,
     Localization,
     Passed,
     UserPose,
 )
 from pointit.schemas.topics import ANCHOR, FEEDBACK, INTERACTION, LOCALIZATION, POSE, USER_ALIVE
+from pointit.services.imu_bridge.wrist.monitor import BATTERY, GAPS, RATE, SIGNAL
 from tests.support.bench import until
 from tests.unit.cli_run.drawn import FRAME, cursor, monitor_of, shown, strip
 
@@ -74,6 +77,20 @@ def test_a_place_is_shown_with_how_sure_it_is_from_what_and_how_it_drifts() -> N
     shown_row = row(localized(), "anna")
     for what in ("2.03, -0.48 ±0.12 m", "-123.4° ±2.1°", "lamps", "+12.3°/min", "12 s"):
         assert what in shown_row
+
+
+def test_battery_gaps_and_signal_of_a_wrist_are_shown_if_it_has_them() -> None:
+    monitor = localized()
+    told = (Figure(name=RATE, value=99.6, unit="Hz"), Figure(name=GAPS, value=0.0, unit="/min"))
+    about: dict[str, Any] = {"service": "imu-bridge", "instance": "imu-bridge.anna", "user": "anna"}
+    health = Health(**about, stamp_ns=1, pid=1, host="", uptime_s=1.0, figures=told)
+    monitor.health["imu-bridge.anna"] = health
+    assert not any("wrist:" in line for line in shown(monitor))
+    more = (Figure(name=BATTERY, value=7.0, unit="%"), Figure(name=SIGNAL, value=-71.0, unit="dBm"))
+    monitor.health["imu-bridge.anna"] = health.model_copy(update={"figures": told + more})
+    line = next(line for line in shown(monitor) if "wrist:" in line)
+    assert "anna's wrist: battery 7 % · 100 Hz · 0 gaps/min · signal -71 dBm" in line
+    assert "yellow" in str(styled(monitor, "battery 7 %")[0].style)
 
 
 def test_what_is_not_known_is_not_claimed() -> None:

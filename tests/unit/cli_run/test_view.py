@@ -38,6 +38,7 @@ from pointit.schemas.topics import (
     MAP,
     OBJECTS,
     SELECTION_EVENTS,
+    SERVICE_ALIVE,
     STRIPS_FRAME,
     USER_ALIVE,
 )
@@ -66,6 +67,17 @@ def marks(monitor: Monitor, name: str = "0", width: int = 100) -> str:
     lines = shown(monitor, width)
     row = next(i for i, line in enumerate(lines) if line[FRAME:].startswith(f"{name:<{NAME_WIDTH}}"))
     return lines[row + 1][FRAME + NAME_WIDTH :]
+
+
+async def test_mark_shows_that_the_site_is_recorded() -> None:
+    bus, monitor = MemoryBus(), monitor_of()
+    monitor.attach(bus)
+    assert "recording" not in shown(monitor)[0]
+    recorder = bus.announce(SERVICE_ALIVE, "recorder")
+    await until(lambda: "● recording" in shown(monitor)[0])
+    recorder.close()
+    await until(lambda: "recording" not in shown(monitor)[0])
+    await bus.close()
 
 
 def test_two_pixels_stand_in_a_cell_from_the_start_of_the_line_to_its_end() -> None:

@@ -5,10 +5,10 @@ from pathlib import Path
 
 import pytest
 
-from pointit.runtime.clock import SimulatedClock
 from pointit.runtime.errors import ConfigError, RefusedError
 from pointit.runtime.health.service_bus import ServiceBus
 from pointit.runtime.service.service import Context
+from pointit.runtime.virtual_time import VirtualClock
 from pointit.schemas import (
     AddPackage,
     Belt,
@@ -33,7 +33,7 @@ from pointit.schemas.topics import (
 from pointit.services.conveyor_sim.config import ConveyorSimConfig, FeederConfig
 from pointit.services.conveyor_sim.service import ConveyorSim
 from pointit.services.registry import process
-from tests.support.bench import START_NS, ManualClock, memory_bench, until
+from tests.support.bench import START_NS, ManualClock, in_virtual_time, memory_bench, until
 from tests.unit.conveyor_sim.rooms import belt, room
 
 LAB = Environment(
@@ -50,8 +50,9 @@ def config(**changes: object) -> ConveyorSimConfig:
     return ConveyorSimConfig.model_validate({"surface": "strip", "rate_hz": 100.0, **changes})
 
 
+@in_virtual_time
 async def test_objects_move_on_the_strips_of_the_map() -> None:
-    clock = SimulatedClock(20.0)
+    clock = VirtualClock()
     async with memory_bench(clock) as bench:
         lists, states = bench.collect(OBJECTS), bench.collect(CONVEYOR_STATE)
         bench.start(ConveyorSim, config(feeder={"sequence": ["red", "green"], "interval_s": 1.0}))
@@ -77,8 +78,9 @@ async def test_objects_move_on_the_strips_of_the_map() -> None:
             assert moved_m == pytest.approx(0.5 * span_ns / 1e9, abs=1e-6)
 
 
+@in_virtual_time
 async def test_departure_event_names_the_selecting_user() -> None:
-    clock = SimulatedClock(5.0)
+    clock = VirtualClock()
     async with memory_bench(clock) as bench:
         lists, events = bench.collect(OBJECTS), bench.collect(SELECTION_EVENTS)
         states = bench.collect(CONVEYOR_STATE)
@@ -195,8 +197,9 @@ async def test_belts_get_speeds_of_their_own() -> None:
             await bench.bus.call(SET_SPEED, SetSpeed(speed_mps=1.5, belts=("x",)))
 
 
+@in_virtual_time
 async def test_reports_have_the_configured_faults() -> None:
-    clock = SimulatedClock(5.0)
+    clock = VirtualClock()
     async with memory_bench(clock) as bench:
         ages_s: list[float] = []
         bench.bus.subscribe(

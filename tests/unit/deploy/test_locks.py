@@ -10,7 +10,7 @@ from packaging.version import Version
 from tests.unit.deploy.stack import DEPLOY
 
 ROOT = DEPLOY.parent
-PARTS = {"foxglove", "plot", "ros2", "site", "web"}
+PARTS = {"ble", "discovery", "foxglove", "fusion", "mqtt", "plot", "ros2", "site", "web"}
 LOCKS = {"ci": {"dev"}, "image": {"web", "site"}, "router": set[str]()}
 """The extras that each is for; `build` is for building."""
 PIN = re.compile(r"^([\w.-]+)==(\S+)(?: ; .*)? \\$", re.MULTILINE)

@@ -121,11 +121,11 @@ def test_it_ends_at_once_with_all_its_processes(number: int, tmp_path: Path) -> 
         workers = await_workers(running.pid)
         os.killpg(running.pid, number)
         began = time.monotonic()
-        _, err = running.communicate(timeout=30.0)
-        assert time.monotonic() - began < 2.0 * slowness()
+        _, err = running.communicate(timeout=90.0)
+        assert time.monotonic() - began < 5.0 * slowness()
         assert running.returncode == 130
         assert "Traceback" not in err
-        gone, alive = psutil.wait_procs(workers, timeout=3.0)
+        gone, alive = psutil.wait_procs(workers, timeout=30.0)
         assert len(gone) >= 2
         assert not alive
     finally:
@@ -136,7 +136,7 @@ def test_it_ends_at_once_with_all_its_processes(number: int, tmp_path: Path) -> 
 
 def await_workers(pid: int) -> list[psutil.Process]:
     """Return the processes that work for `pid`, once two of them have used a second of a core each."""
-    until = time.monotonic() + 30.0 * slowness()
+    until = time.monotonic() + 60.0 * slowness()
     while time.monotonic() < until:
         workers = [child for child in psutil.Process(pid).children() if sum(child.cpu_times()[:2]) > 1.0]
         if len(workers) >= 2:

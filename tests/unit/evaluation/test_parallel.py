@@ -17,7 +17,7 @@ def assert_all_end() -> None:
     """A process that was killed is gone when the system says so."""
     began = time.monotonic()
     while multiprocessing.active_children():
-        assert time.monotonic() - began < 10.0
+        assert time.monotonic() - began < 40.0
         time.sleep(0.01)
 
 
@@ -32,7 +32,7 @@ def test_who_stops_reading_waits_for_nobody() -> None:
     began = time.monotonic()
     work.close()
     assert_all_end()
-    assert within(time.monotonic() - began, 15.0)  # nobody slept to the end
+    assert within(time.monotonic() - began, 40.0)  # nobody slept to the end
 
 
 def test_no_thread_of_the_pool_is_left_for_the_end_of_python() -> None:

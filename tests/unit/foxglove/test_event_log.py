@@ -3,7 +3,7 @@
 from foxglove.messages import LogLevel
 
 from pointit.bridges.foxglove.event_log import HISTORY, EventLog, Line
-from pointit.schemas import Feedback, Health, Interaction, Localization, SelectionEvent
+from pointit.schemas import Feedback, Health, Interaction, Localization, RobotState, SelectionEvent
 from pointit.schemas.system import KeyHealth
 from tests.integration.foxglove.protobuf import read
 
@@ -100,3 +100,20 @@ def test_a_line_is_a_log_message() -> None:
         "message": "odd",
         "name": "pui",
     }
+
+
+def test_who_steers_a_robot_and_why_it_stands_is_told_once() -> None:
+    chronicle = EventLog()
+
+    def told(**fields: object) -> list[tuple[LogLevel, str, str]]:
+        at = {"position_m": (0, 0, 0), "velocity_mps": (0, 0, 0), "yaw_rad": 0.0, "radius_m": 0.2}
+        state = RobotState.model_validate({"stamp_ns": 1, "kind": "ground", "phase": "idle", **at, **fields})
+        return said(chronicle.take(state, "cart", 5))
+
+    assert told() == []
+    assert told(user="anna") == [(LogLevel.Info, "cart", "anna steers it")]
+    near = [(LogLevel.Warning, "cart", "stopped: ben is 0.9 m away")]
+    assert told(user="anna", phase="stopped", reason="ben is 0.9 m away") == near
+    assert told(user="anna", phase="stopped", reason="ben is 0.8 m away") == []
+    assert told(user="anna") == []
+    assert told() == [(LogLevel.Info, "cart", "nobody steers it")]

@@ -4,7 +4,7 @@ import re
 from pathlib import Path
 
 from pointit.bridges import web
-from pointit.bridges.foxglove import objects, people
+from pointit.bridges.foxglove import objects, people, room
 from pointit.bridges.foxglove.config import FoxgloveConfig
 from pointit.schemas.environment import KIND_COLORS, OTHER_COLOR
 from pointit.services.led_driver.config import StyleConfig
@@ -28,6 +28,11 @@ def test_sizes_and_lengths_are_the_pages() -> None:
     assert told("USUAL_LENGTH_M") == [objects.USUAL_LENGTH_M]
     assert told("ROBOT_M") == [objects.ROBOT_M]
     assert told("FREE_RAY_M") == [people.FREE_RAY_M]
+
+
+def test_fences_have_the_colours_of_the_dark_page() -> None:
+    for kind, rgb in room.FENCES.items():
+        assert f'{kind}: {{ dark: "#{bytes(rgb).hex()}"' in LOOKS
 
 
 def test_kinds_have_one_colour_on_strips_in_the_page_and_in_viewers() -> None:

@@ -14,7 +14,7 @@ from pointit.bridges.foxglove.room import SHARPEST, Lines, ribbon, room
 from pointit.bridges.foxglove.scene import PARTS, Scene
 from pointit.geometry.polyline import Polyline
 from pointit.schemas import Belt, Environment, Lamp, Strip
-from pointit.schemas.environment import Bay, Box, Cloud, Cylinder, Plane, Sphere
+from pointit.schemas.environment import Bay, Box, Cloud, Cylinder, Fence, Plane, Sphere
 from tests.integration.foxglove.protobuf import read
 
 NOW_NS = 1_700_000_000_123_456_789
@@ -159,6 +159,18 @@ odd_maps = st.builds(
         max_size=2,
     ).map(tuple),
 )
+
+
+def test_fences_are_outlines_and_those_that_keep_out_have_sides() -> None:
+    corners = ((0.0, 0.0), (2.0, 0.0), (2.0, 1.0))
+    inside = Fence(id="room", kind="keep_in", outline_m=corners)
+    outside = Fence(id="desk", kind="keep_out", outline_m=corners, low_m=-1.0, high_m=1.5)
+    found = drawn(Environment(stamp_ns=0, name="lab", fences=(inside, outside)))
+    assert "triangles" not in found["fence room"]
+    assert [xyz(point)[:2] for point in found["fence room"]["lines"][0]["points"]] == list(corners)
+    (sides,) = found["fence desk"]["triangles"]
+    assert len(sides["indices"]) == 18
+    assert {round(xyz(point)[2], 2) for point in sides["points"]} == {0.01, 1.5}, "none below the floor"
 
 
 @given(odd_maps)

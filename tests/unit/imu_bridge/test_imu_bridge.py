@@ -13,19 +13,20 @@ import serial
 from pointit.geometry import rotation, vector
 from pointit.runtime.bus.local_broker import LocalBroker
 from pointit.runtime.bus.memory_bus import MemoryBus
-from pointit.runtime.clock import SimulatedClock, WallClock
+from pointit.runtime.clock import WallClock
 from pointit.runtime.errors import ConfigError, RefusedError
 from pointit.runtime.health.service_bus import ServiceBus
 from pointit.runtime.service.service import Context
+from pointit.runtime.virtual_time import VirtualClock
 from pointit.schemas import Health, ImuSample, SetYawOrigin
 from pointit.schemas.topics import BUTTON, HEALTH, IMU, SET_YAW_ORIGIN
 from pointit.services.imu_bridge.config import ImuBridgeConfig
 from pointit.services.imu_bridge.reading import Item, Reading
 from pointit.services.imu_bridge.replay_source import ReplayConfig, ReplaySource
-from pointit.services.imu_bridge.serial_source import SerialConfig
+from pointit.services.imu_bridge.serial.config import SerialConfig
 from pointit.services.imu_bridge.service import ImuBridge
 from pointit.services.imu_bridge.simulated import SimulatedConfig, SimulatedDevice
-from tests.support.bench import PATIENCE_S, ManualClock, memory_bench, until
+from tests.support.bench import PATIENCE_S, ManualClock, in_virtual_time, memory_bench, until
 from tests.support.pace import within
 from tests.support.pty_device import PtyDevice, pty_device
 
@@ -82,8 +83,9 @@ def test_the_simulated_device_is_the_same_for_the_same_seed_and_as_noisy_as_told
 
 
 @pytest.mark.parametrize("mounting", ["plus_x", "minus_x", "metamotion"])
+@in_virtual_time
 async def test_simulated_samples_are_of_the_arm_whatever_the_mounting(mounting: str) -> None:
-    clock = SimulatedClock(20.0)
+    clock = VirtualClock()
     async with memory_bench(clock) as bench:
         samples = bench.collect(IMU, "anna")
         config = ImuBridgeConfig.model_validate({"mounting": mounting})
@@ -170,9 +172,10 @@ async def test_a_late_replay_leaves_nothing_out(tmp_path: Path) -> None:
         await until(lambda: len(samples) == 100)
 
 
+@in_virtual_time
 async def test_a_replay_may_loop_and_skips_what_is_past(tmp_path: Path) -> None:
     rows = [(t / 10, 1.0, 0.0, 0.0, 0.0) for t in range(11)]
-    clock = SimulatedClock(20.0)
+    clock = VirtualClock()
     start_ns = clock.now_ns() - 550_000_000
     replay = ReplayConfig(recording=str(recording(tmp_path, rows)), start_ns=start_ns, loop=True)
     stamps_ns: list[int] = []
@@ -193,7 +196,6 @@ async def test_a_replay_may_loop_and_skips_what_is_past(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("config", "words"),
     [
-        (ImuBridgeConfig(source="serial"), "serial.port"),
         (ImuBridgeConfig(source="replay"), "replay.recording"),
         (
             ImuBridgeConfig.model_validate(
@@ -225,7 +227,7 @@ async def test_serial_lines_become_samples_and_buttons(tmp_path: Path) -> None:
             reports = bench.collect(HEALTH)
             line = b"0,0,1\n2000,0.6,0,0,0.8\n"
             await send_until(device, line, lambda: bool(samples), what="a sample")
-            before_ns = WallClock().now_ns()
+            before_ns = samples[-1].stamp_ns
             device.send(b"3000,1,0,0,0\nbutton\n\xff\xfe\nbutton hold\n")
             await until(lambda: len(presses) == 2)
             assert samples[-1].device_time_ns == 3_000_000
@@ -233,7 +235,7 @@ async def test_serial_lines_become_samples_and_buttons(tmp_path: Path) -> None:
             assert before_ns <= samples[-1].stamp_ns <= WallClock().now_ns()
             assert samples[0].orientation_xyzw == pytest.approx((0, 0, 0.8, 0.6))
             assert [press.gesture for press in presses] == ["press", "hold"]
-            await until(lambda: has_warning(reports, "1 lines from"))
+            await until(lambda: has_warning(reports, " lines from"))
             assert has_warning(reports, "is not text")
 
 
@@ -251,9 +253,10 @@ async def test_unplugged_and_back_is_said_once_each(tmp_path: Path, caplog: pyte
             await send_until(device, b"1,0,0,0\n", lambda: len(samples) > seen, what="a sample again")
             await until(lambda: not reports[-1].warnings)
             said = [record.getMessage() for record in caplog.records if "serial" in record.name]
-    assert len(said) == 2, said
-    assert "went away" in said[0]
-    assert said[1].endswith("is back")
+    assert len(said) == 3, said
+    assert said[0].endswith("lines of text at 115200 baud")
+    assert "went away" in said[1]
+    assert said[2].endswith("is back")
 
 
 async def test_a_connected_device_that_says_nothing_readable_is_a_warning(tmp_path: Path) -> None:

@@ -35,7 +35,7 @@ from pointit.schemas.topics import (
 )
 from pointit.services.imu_bridge.arm_frame import MOUNTINGS
 from pointit.services.imu_bridge.config import ImuBridgeConfig
-from pointit.services.imu_bridge.serial_source import SerialConfig
+from pointit.services.imu_bridge.serial.config import SerialConfig
 from pointit.services.imu_bridge.service import ImuBridge
 from pointit.services.imu_bridge.simulated import SimulatedConfig
 from pointit.services.imu_bridge.stored_mounting import PURPOSE, StoredMountings
@@ -148,7 +148,7 @@ async def test_presses_of_the_device_are_held_back_and_its_restart_is_noticed(tm
         async with site(source="serial", serial=serial) as here:
 
             async def talk(line: bytes, until_true: Callable[[], bool]) -> None:
-                async with asyncio.timeout(10):
+                async with asyncio.timeout(60):
                     while not until_true():
                         device.send(line)
                         await asyncio.sleep(0.01)

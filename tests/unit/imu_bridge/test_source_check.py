@@ -12,7 +12,6 @@ from pointit.services.imu_bridge.service import ImuBridge
 @pytest.mark.parametrize(
     ("values", "said"),
     [
-        ({"source": "serial"}, "serial.port: is missing"),
         ({"source": "replay"}, "replay.recording: is missing"),
         ({"source": "replay", "replay": {"recording": "absent.csv"}}, "absent.csv"),
     ],

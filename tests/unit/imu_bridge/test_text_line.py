@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pointit.services.imu_bridge.text_line import (
+from pointit.services.imu_bridge.serial.text_line import (
     LONGEST_LINE,
     ButtonLine,
     LineError,

@@ -9,7 +9,7 @@ from pointit.runtime.clock import WallClock
 from pointit.schemas import NS_PER_S, SetMounting, SetYawOrigin
 from pointit.schemas.topics import IMU, SET_MOUNTING, SET_YAW_ORIGIN
 from pointit.services.imu_bridge.config import ImuBridgeConfig
-from pointit.services.imu_bridge.serial_source import SerialConfig
+from pointit.services.imu_bridge.serial.config import SerialConfig
 from pointit.services.imu_bridge.service import ImuBridge
 from pointit.services.imu_bridge.simulated import SimulatedConfig
 from pointit.services.imu_bridge.yaw_epoch import WRAP_NS, YawEpoch

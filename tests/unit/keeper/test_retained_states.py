@@ -20,6 +20,7 @@ from pointit.schemas import (
 )
 from pointit.schemas.topics import (
     CLOCK,
+    CONFIGURATION,
     CONVEYOR_STATE,
     DEPLOYMENT,
     LAMP_COLOR,
@@ -60,9 +61,9 @@ def held(kept: RetainedStates, topic: Topic[Any]) -> dict[str, Message]:
     return dict(kept.lookup(topic))
 
 
-def test_every_state_is_retained_but_the_time_of_a_run_and_the_queue_for_lamps() -> None:
+def test_every_state_is_retained_but_those_that_end_with_their_writers() -> None:
     states = [topic for topic in TOPICS if topic.delivery is Delivery.STATE]
-    assert [topic for topic in states if topic not in retained()] == [LAMP_LEASES, CLOCK]
+    assert [topic for topic in states if topic not in retained()] == [LAMP_LEASES, CLOCK, CONFIGURATION]
 
 
 def test_the_newest_is_what_came_last_whatever_its_stamp() -> None:

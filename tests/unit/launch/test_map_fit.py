@@ -54,7 +54,10 @@ def test_refusal_names_the_belt_and_the_option(tmp_path: Path) -> None:
 
 def test_scenario_is_offered_where_its_feeder_names_a_belt_of_the_map(tmp_path: Path) -> None:
     room = f"pui.map={written(tmp_path, ROOM)}"
-    assert set(offered(room)) == {"scenario_1", "scenario_2", "scenario_3", "send_a_robot"}
+    assert set(offered(room)) == {
+        *("scenario_1", "scenario_2", "scenario_3", "scenario_5", "scenario_6"),
+        "send_a_robot",
+    }
     assert "scenario_4" in offered(room, "conveyor-sim.feeders.entry.belt=main")
 
 
@@ -85,7 +88,7 @@ def test_bay_that_a_map_of_several_bays_lacks_is_refused(tmp_path: Path) -> None
 
 def test_only_workspaces_and_lamps_are_offered_on_a_map_of_lamps(tmp_path: Path) -> None:
     lamps = written(tmp_path, "leds: {a: {position: [0, 0, 1]}, b: {position: [1, 2, 1]}}")
-    assert set(offered(f"pui.map={lamps}")) == {"scenario_1", "send_a_robot"}
+    assert set(offered(f"pui.map={lamps}")) == {"scenario_1", "scenario_5", "send_a_robot"}
 
 
 @pytest.mark.parametrize(("leds", "count"), [("{}", "no lamps"), ("{a: {position: [0, 0, 1]}}", "1 lamp")])

@@ -51,7 +51,7 @@ def test_every_shipped_scenario_builds(name: str, localize: bool) -> None:  # no
     choices = Choices(localize=localize)
     site, user = site_launches(scenario, choices), user_launches(scenario, choices, "anna")
     assert {"pui", "led-driver"} <= names(site)
-    of_their_own = {"goal.anna"} if name == "send_a_robot" else set[str]()
+    of_their_own = {"goal.anna"} if name in {"scenario_5", "scenario_6", "send_a_robot"} else set[str]()
     everybodys = {"pointing.anna", "localizer.anna", "supervisor.anna", "user-sim.anna"}
     assert everybodys | of_their_own == names(user)
     assert all(launch.service.SCOPE == "site" for launch in site)
@@ -138,6 +138,7 @@ def test_localize_tells_nobody_where_people_stand() -> None:
     ("device", "source", "section", "field"),
     [
         ("serial:/dev/ttyUSB7", "serial", "serial", "port"),
+        ("serial", "serial", None, None),
         ("replay:/tmp/a:b.csv", "replay", "replay", "recording"),
         ("simulated", "simulated", None, None),
         ("page", "page", None, None),
@@ -192,7 +193,7 @@ def test_an_imu_bridge_of_a_scenario_is_as_it_says(tmp_path: Path) -> None:
     assert config_of(beside, "imu-bridge")["yaw_origin_deg"] == 7
 
 
-@pytest.mark.parametrize("device", ["nonsense", "serial", "serial:", "replay", "simulated:x", "page:x", ""])
+@pytest.mark.parametrize("device", ["nonsense", "serial:", "replay", "simulated:x", "page:x", ""])
 def test_another_device_is_refused(device: str) -> None:
     with pytest.raises(ConfigError, match=f"--imu '{device}': (no IMU source|write [a-z])"):
         user_launches(read_scenario("scenario_3"), Choices(imu=[device]), "a")
@@ -202,7 +203,7 @@ def test_real_strips() -> None:
     launches = site_launches(read_scenario("scenario_3"), Choices(leds="expander:/dev/ttyUSB0"))
     (output,) = config_of(launches, "led-driver")["outputs"]
     assert (output["kind"], output["port"]) == ("expander", "/dev/ttyUSB0")
-    for wrong in ("expander", "expander:", "ddp:x"):
+    for wrong in ("expander", "expander:", "ddp", "nonsense:x"):
         with pytest.raises(ConfigError, match="--leds"):
             site_launches(read_scenario("scenario_3"), Choices(leds=wrong))
 
@@ -276,8 +277,8 @@ def test_a_setting_without_effect_is_refused() -> None:
     with pytest.raises(
         ConfigError, match=r"--set 'user-sim.think_s=0': user-sim is not among .*: conveyor-sim,"
     ):
-        check_settings(services(launches), choices)
-    check_settings(services(launches + user_launches(scenario, choices, "anna")), choices)
+        check_settings(launches, choices)
+    check_settings(launches + user_launches(scenario, choices, "anna"), choices)
 
 
 @pytest.mark.parametrize(
@@ -321,7 +322,7 @@ def test_a_wrong_scenario_is_named(tmp_path: Path, text: str, sentence: str) -> 
 
 def test_a_scenario_that_does_not_exist() -> None:
     with pytest.raises(
-        ConfigError, match=r"no scenario 'nope'; there are scenario_1, .*scenario_4, .* and replay"
+        ConfigError, match=r"no scenario 'nope'; there are scenario_1, .*scenario_4, .*; or give a .yaml file"
     ):
         read_scenario("nope")
     with pytest.raises(ConfigError, match=r"nope\.yml: cannot be read"):

@@ -115,7 +115,7 @@ def test_devices_stay_with_their_persons_and_poses_with_their_room() -> None:
 
 def test_a_wish_that_cannot_be_is_refused_with_a_sentence() -> None:
     with pytest.raises(
-        ConfigError, match=r"no scenario 'nope'; there are scenario_1, .*, scenario_4, send_a_robot$"
+        ConfigError, match=r"no scenario 'nope'; there are scenario_1, .*, scenario_6, send_a_robot$"
     ):
         wish("nope")
     with pytest.raises(ConfigError, match=r"^no scenario '/etc/passwd\.yaml'; there are"):

@@ -27,9 +27,10 @@ from pointit.schemas.topics import (
     MAP,
 )
 from pointit.services.led_driver.config import LedDriverConfig
-from pointit.services.led_driver.output.expander import KEEP_ALIVE_S, ExpanderFrame, ExpanderOutput
-from pointit.services.led_driver.output.expander_config import ExpanderConfig
-from pointit.services.led_driver.output.wiring import wire_time_s
+from pointit.services.led_driver.output.serial_port.expander import ExpanderFrame, ExpanderOutput
+from pointit.services.led_driver.output.serial_port.expander_config import ExpanderConfig
+from pointit.services.led_driver.output.serial_port.serial_config import wire_time_s
+from pointit.services.led_driver.output.serial_port.serial_output import KEEP_ALIVE_S
 from pointit.services.led_driver.service import LedDriver
 from tests.support.bench import ManualClock, memory_bench, until
 from tests.support.pace import within
@@ -167,7 +168,7 @@ class SlowReader:
 
     def __exit__(self, *_: object) -> None:
         self._stop.set()
-        self._thread.join(2.0)
+        self._thread.join(30.0)
 
     def _run(self) -> None:
         while not self._stop.wait(self._period_s):
@@ -217,7 +218,7 @@ def test_frame_rate_is_what_the_link_carries_however_seldom_the_picture_changes(
         now_s += time_s
 
     clock = SimpleNamespace(sleep=sleep, monotonic=lambda: now_s)
-    monkeypatch.setattr("pointit.services.led_driver.output.expander.time", clock)
+    monkeypatch.setattr("pointit.services.led_driver.output.serial_port.serial_output.time", clock)
     figures = Figures()
     output = ExpanderOutput(ExpanderConfig(port="leds", baud=baud), figures)
 
@@ -238,7 +239,7 @@ async def test_a_throttled_link_is_called_slow_and_no_cable_fault(
 ) -> None:
     # the reader is a thread of a machine that may be busy
     patient = functools.partial(PortSettings, write_timeout_s=20.0)
-    monkeypatch.setattr("pointit.services.led_driver.output.expander.PortSettings", patient)
+    monkeypatch.setattr("pointit.services.led_driver.output.serial_port.serial_output.PortSettings", patient)
     clock = ManualClock()
     output = ExpanderConfig(port=str(tmp_path / "led"), baud=4_000_000)
     with pty_device(tmp_path / "led") as device, SlowReader(device, 2048, 0.01):  # half of what is expected

@@ -13,7 +13,7 @@ from pointit.runtime.health.surroundings import NullHealth
 from pointit.runtime.service import plugin_guard
 from pointit.schemas.topics import CURSOR, HEALTH, MAP, STRIPS_FRAME
 from pointit.services.led_driver.config import LedDriverConfig
-from pointit.services.led_driver.outputs import GuardedOutput
+from pointit.services.led_driver.guarded_output import GuardedOutput
 from pointit.services.led_driver.service import LedDriver
 from tests.support import strangers
 from tests.support.bench import ManualClock, memory_bench, until
@@ -124,10 +124,10 @@ async def test_output_that_is_made_again_gets_the_strips(monkeypatch: pytest.Mon
 
     def make() -> Any:
         given.append([])
-        return SimpleNamespace(set_strips=given[-1].append, run=ends)
+        return SimpleNamespace(light_s=0.0, set_strips=given[-1].append, show=print, run=ends)
 
     output = GuardedOutput(make, plugin_guard.PluginGuard("mine", NullHealth()))
-    output.set_strips(MAP_MESSAGE.strips)
+    output.set_map(MAP_MESSAGE)
     work = asyncio.create_task(output.run())
     await until(lambda: len(given) > 2)
     work.cancel()

@@ -8,11 +8,10 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from pointit.schemas import Strip
-from pointit.services.led_driver.output import upxl_protocol
-from pointit.services.led_driver.output.expander import ExpanderFrame
-from pointit.services.led_driver.output.expander_config import ExpanderConfig
-from pointit.services.led_driver.output.wiring import map_channels
-from pointit.services.led_driver.outputs import ChannelConfig
+from pointit.services.led_driver.output.serial_port import upxl_protocol
+from pointit.services.led_driver.output.serial_port.expander import ExpanderFrame
+from pointit.services.led_driver.output.serial_port.expander_config import ChannelConfig, ExpanderConfig
+from pointit.services.led_driver.output.serial_port.wiring import map_channels
 
 
 def strip(name: str, pixels: int) -> Strip:
@@ -52,11 +51,8 @@ def test_drawing_takes_as_long_as_the_longest_channel() -> None:
 
 
 def test_without_channels_strips_go_in_the_maps_order() -> None:
-    wirings, problems = map_channels(ExpanderConfig(port="x"), [strip("b", 10), strip("a", 20)])
-    assert [(w.strip_id, w.channel, w.order, w.pixels) for w in wirings] == [
-        ("b", 0, "GRB", 10),
-        ("a", 1, "GRB", 20),
-    ]
+    wiring, problems = map_channels(ExpanderConfig(port="x"), [strip("b", 10), strip("a", 20)])
+    assert [(w.number, w.order, w.pixels) for w in wiring.channels] == [(0, "GRB", 10), (1, "GRB", 20)]
     assert not problems
 
 
@@ -68,10 +64,10 @@ def test_a_strip_beyond_the_boards_limit_is_cut_and_said(board: str, order: str,
     config = ExpanderConfig.model_validate(
         {"kind": "expander", "port": "x", "board": board, "channels": {"s": {"channel": 3, "order": order}}}
     )
-    wirings, problems = map_channels(config, [strip("s", limit)])
-    assert (wirings[0].pixels, problems) == (limit, [])
-    wirings, problems = map_channels(config, [strip("s", limit + 1)])
-    assert wirings[0].pixels == limit
+    wiring, problems = map_channels(config, [strip("s", limit)])
+    assert (wiring.channels[0].pixels, problems) == (limit, [])
+    wiring, problems = map_channels(config, [strip("s", limit + 1)])
+    assert wiring.channels[0].pixels == limit
     assert "strip s" in problems[0]
     assert str(limit) in problems[0]
     assert board in problems[0]
@@ -79,14 +75,14 @@ def test_a_strip_beyond_the_boards_limit_is_cut_and_said(board: str, order: str,
 
 def test_a_channel_for_a_strip_that_is_not_there_is_said() -> None:
     config = ExpanderConfig(port="x", channels={"no": ChannelConfig(channel=0)})
-    wirings, problems = map_channels(config, [strip("s", 10)])
-    assert wirings == ()
+    wiring, problems = map_channels(config, [strip("s", 10)])
+    assert wiring.channels == ()
     assert "no strip no" in problems[0]
 
 
 def test_too_many_strips_are_said() -> None:
-    wirings, problems = map_channels(ExpanderConfig(), [strip(str(k), 1) for k in range(65)])
-    assert len(wirings) == 64
+    wiring, problems = map_channels(ExpanderConfig(), [strip(str(k), 1) for k in range(65)])
+    assert len(wiring.channels) == 64
     assert "65 strips" in problems[0]
 
 

@@ -6,13 +6,14 @@ from collections.abc import Sequence
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from pydantic import ValidationError
 
 from pointit.maps.file import load_map_and_clouds
-from pointit.schemas import Strip
-from pointit.services.led_driver.output.expander import ExpanderFrame
-from pointit.services.led_driver.output.expander_config import ExpanderConfig
-from pointit.services.led_driver.output.wiring import frame_bytes, map_channels, too_slow, wire_time_s
-from pointit.services.led_driver.outputs import ChannelConfig
+from pointit.schemas import Strip, StripFrame, StripsFrame
+from pointit.services.led_driver.output.serial_port.expander import ExpanderFrame
+from pointit.services.led_driver.output.serial_port.expander_config import ChannelConfig, ExpanderConfig
+from pointit.services.led_driver.output.serial_port.serial_config import wire_time_s
+from pointit.services.led_driver.output.serial_port.wiring import frame_bytes, map_channels, too_slow
 
 
 def strips(counts: Sequence[int]) -> tuple[Strip, ...]:
@@ -24,7 +25,7 @@ def strips(counts: Sequence[int]) -> tuple[Strip, ...]:
 
 def shown(counts: Sequence[int], **fields: object) -> str:
     config = ExpanderConfig.model_validate({"kind": "expander", "port": "x", "board": "v3", **fields})
-    return too_slow(config, map_channels(config, strips(counts))[0])
+    return too_slow(config, map_channels(config, strips(counts))[0].channels)
 
 
 def test_a_byte_takes_ten_bits_of_the_wire() -> None:
@@ -34,9 +35,9 @@ def test_a_byte_takes_ten_bits_of_the_wire() -> None:
 @given(st.lists(st.integers(1, 300), min_size=1, max_size=6), st.sampled_from(["GRB", "RGBW"]))
 def test_frame_size_is_that_of_the_bytes_that_are_sent(counts: list[int], order: str) -> None:
     channels = {str(k): ChannelConfig(channel=k, order=order) for k in range(len(counts))}
-    wirings, _ = map_channels(ExpanderConfig(channels=channels), strips(counts))
-    picture = ExpanderFrame(tuple((each.channel, each.order, bytes(3 * each.pixels)) for each in wirings))
-    assert frame_bytes(wirings) == len(picture.data())
+    sent = map_channels(ExpanderConfig(channels=channels), strips(counts))[0].channels
+    picture = ExpanderFrame(tuple((each.number, each.order, bytes(3 * each.pixels)) for each in sent))
+    assert frame_bytes(sent) == len(picture.data())
 
 
 @pytest.mark.parametrize(
@@ -48,12 +49,12 @@ def test_a_channel_lights_as_many_pixels_as_its_board_drives_with_its_colours(
 ) -> None:
     channels = {"0": {"channel": 0, "order": order}}
     config = ExpanderConfig.model_validate({"board": board, "channels": channels})
-    (most,), problems = map_channels(config, strips([limit]))
-    assert (most.pixels, problems) == (limit, [])
-    (cut,), problems = map_channels(config, strips([limit + 1]))
-    assert cut.pixels == limit
+    wiring, problems = map_channels(config, strips([limit]))
+    assert ([each.pixels for each in wiring.channels], problems) == ([limit], [])
+    wiring, problems = map_channels(config, strips([limit + 1]))
+    assert [each.pixels for each in wiring.channels] == [limit]
     assert len(problems) == 1
-    assert f"strip 0 has {limit + 1} pixels, a channel of board {board} drives {limit}:" in problems[0]
+    assert f"channel 0 with strip 0 has {limit + 1} pixels, board {board} drives {limit}:" in problems[0]
 
 
 def test_vr_belts_on_one_wire_is_told_its_rate_and_what_fits() -> None:
@@ -100,3 +101,44 @@ def test_a_channel_that_is_drawn_too_slowly_is_told() -> None:
     sentence = shown([1600])
     assert "a channel of 1600 pixels: 48 ms a frame" in sentence
     assert "1323 pixels a channel fit at 25 frames a second" in sentence
+
+
+def test_segments_put_parts_of_strips_on_channels() -> None:
+    segments = [
+        {"strip": "0", "first": 2, "universe": 5, "order": "GRBW", "reversed": True},
+        {"strip": "1", "pixels": 1, "universe": 5, "offset": 3, "order": "GRBW"},
+        {"strip": "1", "first": 1, "universe": 2, "order": "RGB"},
+    ]
+    wiring, problems = map_channels(ExpanderConfig.model_validate({"segments": segments}), strips([4, 2]))
+    assert problems == []
+    assert [(each.number, each.order, each.pixels) for each in wiring.channels] == [
+        (2, "RGB", 1),
+        (5, "GRBW", 4),
+    ]
+    frame = StripsFrame(
+        stamp_ns=1,
+        strips=(StripFrame(id="0", rgb=bytes(range(12))), StripFrame(id="1", rgb=bytes(range(20, 26)))),
+    )
+    assert wiring.split(wiring.pixel_map.output_bytes(frame)) == [
+        bytes((23, 24, 25)),
+        bytes((9, 10, 11, 6, 7, 8, 0, 0, 0, 20, 21, 22)),
+    ]
+
+
+def test_segments_of_a_channel_with_several_orders_are_told() -> None:
+    segments = [{"strip": "0", "universe": 0}, {"strip": "1", "universe": 0, "offset": 4, "order": "GRB"}]
+    _, problems = map_channels(ExpanderConfig.model_validate({"segments": segments}), strips([4, 2]))
+    assert problems == ["channel 0 has segments of several orders: use one for a channel"]
+
+
+@pytest.mark.parametrize(
+    "fields",
+    [
+        {"segments": [{"strip": "a"}]},
+        {"segments": [{"strip": "a", "universe": 64}]},
+        {"segments": [{"strip": "a", "universe": 1}], "channels": {"a": {"channel": 1}}},
+    ],
+)
+def test_segments_without_a_channel_of_their_own_are_refused(fields: dict[str, object]) -> None:
+    with pytest.raises(ValidationError):
+        ExpanderConfig.model_validate(fields)

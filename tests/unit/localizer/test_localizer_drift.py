@@ -8,8 +8,9 @@ import pytest
 
 from pointit.geometry import rotation, vector
 from pointit.runtime.bus.contract import Publisher
-from pointit.runtime.clock import SimulatedClock, sleep
+from pointit.runtime.clock import sleep
 from pointit.runtime.errors import RefusedError
+from pointit.runtime.virtual_time import VirtualClock
 from pointit.schemas import (
     CancelLocalization,
     Health,
@@ -41,7 +42,7 @@ from pointit.schemas.topics import (
 )
 from pointit.services.localizer.config import LocalizerConfig
 from pointit.services.localizer.service import Localizer
-from tests.support.bench import Bench, ManualClock, memory_bench, until
+from tests.support.bench import Bench, ManualClock, in_virtual_time, memory_bench, until
 from tests.unit.localizer.lab import PLACES, ROOM
 from tests.unit.localizer.person import Person, yaw_difference
 
@@ -90,8 +91,9 @@ async def ready(bench: Bench, config: LocalizerConfig) -> None:
     await bench.settle()
 
 
+@in_virtual_time
 async def test_an_anchor_sets_a_fixed_pose_right_and_from_then_on_it_is_followed() -> None:
-    clock = SimulatedClock(10.0)
+    clock = VirtualClock()
     async with memory_bench(clock) as bench:
         wearer = Wearer(bench, 28.0 * DEGREE)
         await ready(bench, FIXED)
@@ -326,8 +328,9 @@ async def test_idle_localizer_reports_that_a_tracker_provides_the_pose() -> None
         assert all(pose.method == "external" for pose in late)
 
 
+@in_virtual_time
 async def test_an_anchor_beside_a_tracker_tells_how_the_person_points() -> None:
-    clock = SimulatedClock(10.0)
+    clock = VirtualClock()
     async with memory_bench(clock) as bench:
         wearer = Wearer(bench, 5.0 * DEGREE)
         await ready(bench, FIXED)

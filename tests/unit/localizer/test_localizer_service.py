@@ -9,9 +9,10 @@ from contextlib import asynccontextmanager
 import pytest
 
 from pointit.geometry.vector import Vec3
-from pointit.runtime.clock import Clock, SimulatedClock, sleep
+from pointit.runtime.clock import Clock, sleep
 from pointit.runtime.config.config import Layers
 from pointit.runtime.errors import ConfigError, RefusedError
+from pointit.runtime.virtual_time import VirtualClock
 from pointit.schemas import (
     CancelLocalization,
     Environment,
@@ -35,14 +36,13 @@ from pointit.schemas.topics import (
 )
 from pointit.services.localizer.config import LocalizerConfig
 from pointit.services.localizer.service import Localizer
-from tests.support.bench import Bench, ManualClock, memory_bench, until
+from tests.support.bench import Bench, ManualClock, in_virtual_time, memory_bench, until
 from tests.unit.localizer import lab
 from tests.unit.localizer.person import Person, yaw_difference
 
 LAMPS = (*lab.LAMPS, Lamp(id="led_3", position_m=(3.239, -0.606, 0.15)))
 ROOM = lab.ROOM.model_copy(update={"lamps": LAMPS})
 STATIC = LocalizerConfig(method="static_targets", order="given", reaction_s=0.5, hold_s=1.0)
-SPEED = 10.0
 USER = "anna"
 
 
@@ -111,8 +111,9 @@ async def test_fixed_pose_is_there_for_late_joiners_and_start_confirms_it() -> N
         assert progress[-1].phase == "solved"
 
 
+@in_virtual_time
 async def test_the_whole_procedure_with_lamps() -> None:
-    clock = SimulatedClock(SPEED)
+    clock = VirtualClock()
     person = Person(1.5, 1.2, -2.0, math.radians(4.0))
     async with memory_bench(clock) as bench:
         room = Room(bench, clock, person)
@@ -137,8 +138,9 @@ async def test_the_whole_procedure_with_lamps() -> None:
         assert sequence == sorted(set(sequence))
 
 
+@in_virtual_time
 async def test_cancel_leaves_lamps_dark_and_the_last_pose() -> None:
-    clock = SimulatedClock(SPEED)
+    clock = VirtualClock()
     async with memory_bench(clock) as bench:
         room = Room(bench, clock, Person())
         bench.put(MAP, ROOM)
@@ -158,8 +160,9 @@ async def test_cancel_leaves_lamps_dark_and_the_last_pose() -> None:
         assert again.message == "nothing was going on"
 
 
+@in_virtual_time
 async def test_start_again_begins_at_the_first_lamp() -> None:
-    clock = SimulatedClock(SPEED)
+    clock = VirtualClock()
     async with memory_bench(clock) as bench:
         room = Room(bench, clock, Person(1.5, 1.2, 0.4))
         bench.put(MAP, ROOM)

@@ -7,7 +7,8 @@ from contextlib import asynccontextmanager
 
 import pytest
 
-from pointit.runtime.clock import SimulatedClock, sleep
+from pointit.runtime.clock import sleep
+from pointit.runtime.virtual_time import VirtualClock
 from pointit.schemas import (
     CancelLocalization,
     LampColor,
@@ -33,7 +34,7 @@ from pointit.services.led_driver.config import LedDriverConfig
 from pointit.services.led_driver.service import LedDriver
 from pointit.services.localizer.config import LocalizerConfig
 from pointit.services.localizer.service import Localizer
-from tests.support.bench import Bench, memory_bench, until
+from tests.support.bench import Bench, in_virtual_time, memory_bench, until
 from tests.unit.localizer.lab import LAMPS, PLACES, ROOM
 from tests.unit.localizer.person import Person
 
@@ -44,7 +45,7 @@ PEOPLE = {"anna": Person(1.5, 1.2, -2.0), "ben": Person(-0.5, 0.3, 1.0), "carl":
 class Room:
     """A bench with a map, led-driver, localizers, and people who point at what their own localizer names."""
 
-    def __init__(self, bench: Bench, clock: SimulatedClock) -> None:
+    def __init__(self, bench: Bench, clock: VirtualClock) -> None:
         self.bench = bench
         self.clock = clock
         self.lit: dict[str, bool] = {}
@@ -98,7 +99,7 @@ async def _point(room: Room, user: str, person: Person) -> None:
 
 @asynccontextmanager
 async def room_of(*users: str) -> AsyncGenerator[Room]:
-    clock = SimulatedClock(4.0)  # an answer within 0.3 s of this clock must be possible on a busy machine
+    clock = VirtualClock()
     async with memory_bench(clock) as bench:
         room = Room(bench, clock)
         for user in users:
@@ -113,6 +114,7 @@ async def room_of(*users: str) -> AsyncGenerator[Room]:
             await asyncio.wait(pointing)
 
 
+@in_virtual_time
 async def test_three_are_served_in_the_order_in_which_they_asked() -> None:
     async with room_of(*PEOPLE) as room:
         assert await room.start("carl") == "localizing by static targets"
@@ -133,6 +135,7 @@ async def test_three_are_served_in_the_order_in_which_they_asked() -> None:
         assert sorted(begun, key=begun.__getitem__) == ["carl", "anna", "ben"]
 
 
+@in_virtual_time
 async def test_of_two_who_start_at_once_one_waits_and_the_other_keeps_the_lamp() -> None:
     async with room_of("anna", "ben") as room:
         await asyncio.gather(room.start("ben"), room.start("anna"))  # neither has heard of the other
@@ -147,6 +150,7 @@ async def test_of_two_who_start_at_once_one_waits_and_the_other_keeps_the_lamp()
         assert room.shining == []
 
 
+@in_virtual_time
 async def test_waiting_can_be_cancelled_and_anchors_wait_too() -> None:
     async with room_of(*PEOPLE) as room:
         await room.bench.bus.call(SET_POSE, SetPose(position_m=(0.5, 1.6, 0.0), yaw_rad=0.2), "carl")
@@ -167,6 +171,7 @@ async def test_waiting_can_be_cancelled_and_anchors_wait_too() -> None:
 
 
 @pytest.mark.parametrize("presence", ["person", "localizer"])
+@in_virtual_time
 async def test_absent_user_frees_the_lamps_immediately(presence: str) -> None:
     """Dora's localizer is played: it says once that she points, and is gone without a word."""
     async with room_of("anna") as room:
@@ -182,6 +187,7 @@ async def test_absent_user_frees_the_lamps_immediately(presence: str) -> None:
         assert room.clock.now_ns() - now_ns < 2_500_000_000  # before silence alone would tell
 
 
+@in_virtual_time
 async def test_who_falls_silent_frees_the_place_and_who_waits_too_long_is_refused() -> None:
     async with room_of("anna") as room:
         bench = room.bench
@@ -209,6 +215,7 @@ async def test_who_falls_silent_frees_the_place_and_who_waits_too_long_is_refuse
         assert not [news for news in room.progress["ben"] if news.target_id]
 
 
+@in_virtual_time
 async def test_who_waits_is_told_when_the_lamps_are_gone() -> None:
     async with room_of("anna", "ben") as room:
         await room.start("anna")
@@ -220,6 +227,7 @@ async def test_who_waits_is_told_when_the_lamps_are_gone() -> None:
         assert room.shining == []
 
 
+@in_virtual_time
 async def test_a_restarted_led_driver_darkens_what_was_left_lit_and_keeps_the_queue() -> None:
     async with room_of("anna", "ben") as room:
         bench = room.bench
@@ -242,6 +250,7 @@ async def test_a_restarted_led_driver_darkens_what_was_left_lit_and_keeps_the_qu
         assert began_ns >= ended_ns
 
 
+@in_virtual_time
 async def test_without_led_driver_people_are_localized_by_lamps_that_are_named() -> None:
     async with room_of("anna") as room:
         await room.bench.end(room.led_driver)

@@ -48,6 +48,8 @@ spheres:
   globe: {center: [0, 1, 1], radius: 0.25}
 """
 
+FENCE = "fences: {f: {kind: keep_in, outline: [[0, 0], [1, 0], [0, 1]]}}"
+
 
 def write(folder: Path, text: str) -> Path:
     path = folder / "site.yaml"
@@ -90,6 +92,19 @@ def test_solids_are_read(tmp_path: Path) -> None:
     assert [(each.id, each.center_m, each.radius_m) for each in read.spheres] == [
         ("globe", (0.0, 1.0, 1.0), 0.25)
     ]
+    assert decode(Environment, encode(read)) == read
+
+
+def test_fences_are_read_with_and_without_heights(tmp_path: Path) -> None:
+    text = (
+        "fences:\n"
+        "  hall: {kind: keep_in, outline: [[0, 0], [6, 0], [6, 4], [0, 4]], high: 3}\n"
+        "  desk: {kind: keep_out, outline: [[1, 1], [2, 1], [1, 2]], low: -0.5, high: 1e0}\n"
+    )
+    hall, desk = (read := loaded(write(tmp_path, text), 0)).fences
+    assert (hall.id, hall.kind, hall.low_m, hall.high_m) == ("hall", "keep_in", None, 3.0)
+    assert hall.outline_m == ((0.0, 0.0), (6.0, 0.0), (6.0, 4.0), (0.0, 4.0))
+    assert (desk.kind, desk.low_m, desk.high_m) == ("keep_out", -0.5, 1.0)
     assert decode(Environment, encode(read)) == read
 
 
@@ -216,7 +231,7 @@ def test_a_path_is_relative_to_the_current_directory(tmp_path: Path, monkeypatch
 
 def test_an_unknown_name_lists_the_shipped_maps() -> None:
     with pytest.raises(
-        ConfigError, match=r"map 'laboratory' is not shipped: use one of conveyor, lab"
+        ConfigError, match=r"map 'laboratory' is not shipped: use one of arena, conveyor, lab"
     ) as caught:
         load_map("laboratory", 0)
     assert "./laboratory.yaml" in str(caught.value)
@@ -311,6 +326,18 @@ BROKEN = [
     ("cylinders: {c: {center: [0, 0, 0], radius: -1, height: 1}}", "cylinders.c.radius: |above 0, not -1"),
     ("spheres: {s: {radius: 1}}", "spheres.s.center: is missing"),
     ("spheres: {s: 1}", "spheres.s: write a mapping with center, radius, not 1"),
+    ("fences: {f: {outline: [[0, 0], [1, 0], [0, 1]]}}", "fences.f.kind: is missing"),
+    (FENCE.replace("keep_in", "inside"), "fences.f.kind: write keep_in (robots stay inside)|not 'inside'"),
+    (FENCE.replace("[0, 1]]", "[0, 1, 2]]"), "fences.f.outline: |corners [x, y] in metres|[0, 1, 2]"),
+    (FENCE.replace(", [0, 1]]", "]"), "fences.f.outline: an outline needs at least three corners|not 2"),
+    (FENCE.replace("[0, 1]]", "[0, .nan]]"), "fences.f.outline: |nan"),
+    (FENCE.replace("[0, 1]]", "[2, 0]]"), "fences.f.outline: the outline has no area inside"),
+    (
+        FENCE.replace("[[0, 0], [1, 0], [0, 1]]", "[[0, 0], [1, 1], [1, 0], [0, 1]]"),
+        "fences.f.outline: the outline crosses itself: the edges from corner 0 and corner 2 meet; list",
+    ),
+    (FENCE.replace("]]", "]], low: 2, high: 1"), "fences.f: low is 2 m and high 1 m; low must be below high"),
+    (FENCE.replace("]]", "]], low: much"), "fences.f.low: write a number of metres above the floor"),
     ("clouds: {c: {file: 3}}", "clouds.c.file: write the path of a .ply or .xyz file"),
     ("clouds: {c: {file: c.ply, scale: 0}}", "clouds.c.scale: |above 0, not 0"),
     (WHOLE.replace("- {from: main, to: side}", "main: side"), "links: write a list"),

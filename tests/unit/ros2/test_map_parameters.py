@@ -20,6 +20,7 @@ from pointit.bridges.ros2.parameters.map_parameters import (
 )
 from pointit.bridges.ros2.parameters.values import message_of, value_of
 from pointit.bridges.ros2.types.types import Types
+from pointit.geometry.polygon import Vec2
 from pointit.geometry.vector import Vec3
 from pointit.maps.checks.check import check_map
 from pointit.maps.file import map_path, parse_map_file, shipped_maps
@@ -42,6 +43,8 @@ planes: {ground: {center: [0, 0, 0], normal: [0, 0, 1]}}
 cylinders: {column: {center: [-0.5, 2, 0], radius: 0.3, height: 3}}
 spheres: {globe: {center: [0.8, -1.6, 1.2], radius: 0.4}}
 clouds: {shelf: {file: shelf.xyz}}
+fences: {hall: {kind: keep_in, outline: [[0, 0], [2.5, 0], [2, 2], [0, 2]], high: 3.0}}
+frames: {optitrack: {position: [1.5, 0.8, 0.0], yaw_deg: 90}}
 """
 
 
@@ -124,17 +127,23 @@ NAME = st.from_regex(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,20}", fullmatch=True)
 NUMBER = st.floats(-1e6, 1e6)
 POINT = st.lists(NUMBER, min_size=3, max_size=3)
 LINE = st.lists(POINT, min_size=1, max_size=5)
+OUTLINE = st.lists(st.lists(NUMBER, min_size=2, max_size=2), min_size=1, max_size=5)
 KEY = st.from_regex(r"[a-z_]{1,12}", fullmatch=True).filter(lambda key: key not in LINES)
 SCALAR = st.one_of(
     NUMBER, st.integers(-(2**63), 2**63 - 1), st.booleans(), st.text(max_size=9).filter(str.isprintable)
 )
-ENTRY = st.one_of(
-    st.dictionaries(st.sampled_from(sorted(LINES)), LINE, min_size=1),
+OUTLINED: dict[str, st.SearchStrategy[Any]] = {"outline": OUTLINE}
+LINES_BESIDE: dict[str, st.SearchStrategy[Any]] = {"line": LINE, "centerline": LINE}
+LINED: dict[str, st.SearchStrategy[Any]] = {"line": LINE}
+ENTRY: st.SearchStrategy[dict[str, Any]] = st.one_of(
+    st.fixed_dictionaries(OUTLINED, optional=LINES_BESIDE),
+    st.fixed_dictionaries(LINED),
     st.dictionaries(KEY, st.one_of(SCALAR, POINT), min_size=1, max_size=4),
 )
 NAMED = [section for section in sorted(MapFile.model_fields) if section not in ("links", "bays")]
-TREE = st.fixed_dictionaries(
-    {},
+NOTHING: dict[str, st.SearchStrategy[Any]] = {}
+TREE: st.SearchStrategy[dict[str, Any]] = st.fixed_dictionaries(
+    NOTHING,
     optional={
         **{section: st.dictionaries(NAME, ENTRY, min_size=1, max_size=3) for section in NAMED},
         "links": st.lists(st.dictionaries(KEY, SCALAR, min_size=1, max_size=3), min_size=1, max_size=12),
@@ -183,7 +192,8 @@ def test_any_parameters_are_a_tree_or_refused(parameters: dict[str, Any], prefix
 def test_sections_and_lines_are_those_of_the_map() -> None:
     assert set(MapFile.model_fields) == SECTIONS
     fields = [field for entry in ENTRIES.values() for field in entry.model_fields.items()]
-    assert {key for key, field in fields if field.annotation == tuple[Vec3, ...]} == LINES
+    lists = (tuple[Vec3, ...], tuple[Vec2, ...])
+    assert {key for key, field in fields if field.annotation in lists} == set(LINES)
 
 
 @pytest.mark.parametrize(

@@ -166,6 +166,8 @@ def test_a_goal_is_a_pose_in_the_world(table: Routes) -> None:
     assert (read.header.frame_id, read.pose.position.y) == ("world", 2.0)
     assert read.header.stamp.sec == NOW_NS // NS_PER_S
     assert rotation.rotate(turned(read.pose.orientation), (1.0, 0.0, 0.0)) == pytest.approx((0.0, 1.0, 0.0))
+    steered = goal.model_copy(update={"robot": "rover"})  # our own robot: a Nav2 would drive there as well
+    assert sent(out(table, "goal_pose"), steered, furnished()) == []
     assert out(table, "goal_pose").qos == Qos(depth=10)  # not latched: who comes late gets no old goal
 
 

@@ -132,7 +132,7 @@ async def test_a_reader_is_bounded_in_count_and_size_and_survives_its_handler(wi
         assert executor is not None
         taken = threading.Event()
         executor.create_task(taken.set)
-        assert taken.wait(5)  # the loop stands still meanwhile
+        assert taken.wait(60)  # the loop stands still meanwhile
         await until(lambda: bool(heard))
         assert [cdr[4] for cdr in heard] == list(range(136, 200))
         assert ours.now["losses of /in"] == (

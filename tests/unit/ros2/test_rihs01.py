@@ -6,6 +6,7 @@ import pytest
 
 from pointit.bridges.ros2.types.definitions import Definitions
 from pointit.bridges.ros2.types.rihs01 import ARRAY, BASE, NAME, SEQUENCE, Fields, Rihs01
+from pointit.bridges.ros2.types.types import Types
 from tests.unit.ros2.facts import definitions, golden
 
 TEXT: Fields = [("data", (BASE, ("string", 0)))]
@@ -29,6 +30,23 @@ def test_every_known_hash_is_computed(distro: Literal["jazzy", "kilted"], count:
     known = {name: each["hash"] for name, each in golden("hashes").items() if distro in each["in"]}
     assert len(known) == count
     assert {name: computed(hashes, name).removeprefix("RIHS01_") for name in known} == known
+
+
+def test_hashes_of_an_action_are_those_of_a_running_ros_2(monkeypatch: pytest.MonkeyPatch) -> None:
+    name, list_of_ints = "test_msgs/action/Fibonacci", "int32[] sequence\n"
+    text = f"int32 order\n---\n{list_of_ints}---\n{list_of_ints}"
+
+    def actions(_distro: object) -> dict[str, str]:
+        return {name: text}
+
+    monkeypatch.setattr("pointit.bridges.ros2.types.definitions.actions", actions)
+    types = Types("jazzy")
+    for part, expected in (
+        ("SendGoal", "d807633803e38e164276573cd97e9fbd71e109c290bbf4cc312a0a1c9da7bbd9"),
+        ("GetResult", "5d30fdeb21d20e117aa5f36c7b4f0b6874f1a8cf7a9c038d58f1156c5737b209"),
+        ("FeedbackMessage", "37487bae8cea358366b97003c1ef1ca7ce7c08df36f9e8cca496624226aee64e"),
+    ):
+        assert types.kind(f"{name}_{part}").hash == f"RIHS01_{expected}"
 
 
 def of(fields: Fields) -> str:

@@ -79,9 +79,9 @@ def test_it_is_as_a_genuine_nodes(log: Log) -> None:
 
 
 def test_a_warning_is_a_line_with_its_stamp_and_who_says_it(log: Log) -> None:
-    (line,) = log.lines(health(NO_MAP, instance="selector.anna", stamp_ns=7 * NS_PER_S + 5))
+    (line,) = log.lines(health(NO_MAP, instance="pointing.anna", stamp_ns=7 * NS_PER_S + 5))
     assert (line.stamp.sec, line.stamp.nanosec) == (7, 5)
-    assert (line.level, line.name, line.msg) == (WARN, "pointit.selector.anna", QUOTED)
+    assert (line.level, line.name, line.msg) == (WARN, "pointit.pointing.anna", QUOTED)
     assert (line.file, line.function, line.line) == ("", "", 0)
 
 
@@ -267,7 +267,7 @@ async def test_it_goes_out_while_somebody_reads_and_who_begins_hears_what_is_wro
 
 
 async def test_all_services_are_heard_however_fast_one_reports() -> None:
-    names = ["selector.anna", "keeper", "pui"]
+    names = ["pointing.anna", "keeper", "pui"]
     async with bench(jazzy(), unread=True) as bridge:
         for count in range(50):
             reports(bridge, f"{'a' * (count + 1)} is odd", instance="noisy")

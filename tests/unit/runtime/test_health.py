@@ -1,9 +1,7 @@
 """A service's account of itself."""
 
 import asyncio
-import time
 from collections.abc import AsyncIterator, Callable
-from types import SimpleNamespace
 
 import pytest
 import pytest_asyncio
@@ -14,7 +12,7 @@ from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.health.service_bus import ServiceBus
 from pointit.runtime.health.surroundings import PluginHealth
 from pointit.schemas import ButtonEvent, Health, ImuSample, KeyHealth
-from pointit.schemas.topics import BUTTON, IMU, SERVICE_ALIVE, USER_ALIVE
+from pointit.schemas.topics import BUTTON, HEALTH, IMU, SERVICE_ALIVE, USER_ALIVE
 from tests.support.bench import ManualClock, until
 
 LEVEL = (0.0, 0.0, 0.0, 1.0)
@@ -32,9 +30,8 @@ class Bench:
 def now_s(monkeypatch: pytest.MonkeyPatch) -> list[float]:
     """Return the monotonic time, s, as one item to be moved by hand."""
     now = [50.0]
-    frozen = SimpleNamespace(monotonic=lambda: now[0], time_ns=time.time_ns)
-    monkeypatch.setattr("pointit.runtime.health.service_bus.time", frozen)
-    monkeypatch.setattr("pointit.runtime.health.instrumented.time", frozen)
+    for module in ("service_bus", "instrumented"):
+        monkeypatch.setattr(f"pointit.runtime.health.{module}.steady_time", lambda: lambda: now[0])
     return now
 
 
@@ -76,6 +73,15 @@ async def test_rates_and_ages(bench: Bench, now_s: list[float]) -> None:
     assert later.seq == health.seq + 1
     assert later.uptime_s == pytest.approx(3.5)
     assert (health.service, health.instance, health.user) == ("pointing", "pointing.anna", "anna")
+
+
+async def test_the_age_of_tapped_messages_is_measured_by_the_same_clock(
+    bench: Bench, now_s: list[float]
+) -> None:
+    bench.view.tap(IMU, lambda _message, _name: None)
+    bench.bus.publisher(IMU, "anna").put(ImuSample(stamp_ns=1, orientation_xyzw=LEVEL))
+    now_s[0] += 0.5
+    assert of(bench.view.report(), IMU.key, "in").age_s == pytest.approx(0.5)
 
 
 async def test_times_of_steps_and_of_the_data_put_out(bench: Bench, now_s: list[float]) -> None:
@@ -210,7 +216,7 @@ async def test_closing_takes_everything_back_in_reverse_and_presence_last(
     bench.view.publisher(IMU, "anna")
     bench.view.announce(SERVICE_ALIVE, "pointing.anna")
     bench.view.watch(USER_ALIVE, lambda _name, _present: None)
-    bench.view.health_publisher()
+    bench.view.account(HEALTH)
     with pytest.raises(LookupError):
         await bench.view.close()
     assert closed == ["watch", "publisher", "publisher", "presence"]

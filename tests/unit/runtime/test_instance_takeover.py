@@ -55,12 +55,12 @@ async def reported(bus: MemoryBus, claiming: asyncio.Task[None]) -> None:
 
 
 class TestClaim:
-    async def test_a_free_name_is_had_at_once(self, bus: MemoryBus) -> None:
+    async def test_a_free_name_is_had_at_once(self, bus: MemoryBus, monkeypatch: pytest.MonkeyPatch) -> None:
+        monkeypatch.setattr(instance_takeover, "SILENT_S", 600.0)
         bus.announce(USER_ALIVE, "ben")
-        began_s = asyncio.get_running_loop().time()
-        await claim_names(bus, USER_ALIVE, {"anna"})
-        await claim_names(bus, USER_ALIVE, ())
-        assert asyncio.get_running_loop().time() - began_s < instance_takeover.SILENT_S
+        async with asyncio.timeout(60.0):
+            await claim_names(bus, USER_ALIVE, {"anna"})
+            await claim_names(bus, USER_ALIVE, ())
 
     async def test_a_reporting_instance_keeps_the_name(self, bus: MemoryBus) -> None:
         bus.announce(USER_ALIVE, "anna")
@@ -78,12 +78,15 @@ class TestClaim:
         with pytest.raises(ConfigError, match="do as you like"):
             await claiming
 
-    async def test_an_instance_that_leaves_meanwhile_frees_the_name(self, bus: MemoryBus) -> None:
+    async def test_an_instance_that_leaves_meanwhile_frees_the_name(
+        self, bus: MemoryBus, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        monkeypatch.setattr(instance_takeover, "SILENT_S", 600.0)
         token = bus.announce(USER_ALIVE, "anna")
         claiming = asyncio.create_task(claim_names(bus, USER_ALIVE, {"anna"}))
         await asyncio.sleep(0.05)
         token.close()
-        async with asyncio.timeout(instance_takeover.SILENT_S / 2):
+        async with asyncio.timeout(60.0):
             await claiming
 
     async def test_a_silent_instance_loses_the_name_and_the_wait_is_logged(

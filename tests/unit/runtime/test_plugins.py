@@ -8,6 +8,7 @@ from typing import Any, cast
 import click
 import pytest
 
+from pointit.runtime.config.config import Config
 from pointit.runtime.config.plugins import Plugin, PluginConfig, PluginGroup
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.service.process import service_command
@@ -53,6 +54,22 @@ def test_plugin_of_another_package_is_chosen_and_validated(parts: PluginGroup[Pl
     assert config.model_dump() == {"address": "[::1]:80", "speed": 5}
     with pytest.raises(ValueError, match="no parameter sped; did you mean speed"):
         parts.validate(name, {"sped": 5})
+
+
+def test_plugin_with_an_optional_argument_may_stand_alone() -> None:
+    optional = Plugin(summary="", config=Config, argument="port", argument_optional=True)
+
+    class Group(PluginGroup[Plugin]):
+        def get(self, name: str) -> Plugin:
+            del name
+            return optional
+
+    group = Group("pointit.test_parts", Plugin, "part")
+    assert optional.value == "[:PORT]"
+    assert group.choose("mine") == ("mine", {})
+    assert group.choose("mine:COM3") == ("mine", {"port": "COM3"})
+    with pytest.raises(ConfigError, match=r"write mine\[:PORT\]"):
+        group.choose("mine:")
 
 
 @pytest.mark.parametrize(
@@ -125,6 +142,7 @@ class Listening:
 
     NAME = "listening"
     SCOPE = "site"
+    SEVERAL = False
     CONFIG = ServiceConfig
 
 

@@ -63,6 +63,21 @@ class SteppingWorker(Worker):
     TIME_MAY_STEP: ClassVar[bool] = True
 
 
+class OneOfSeveral(Service[Config]):
+    """One of several of a site, whose name it notes."""
+
+    NAME: ClassVar[str] = "worker"
+    SCOPE: ClassVar[Scope] = "site"
+    CONFIG = Config
+    SEVERAL: ClassVar[bool] = True
+
+    names: "ClassVar[list[str]]"
+
+    def __init__(self, config: Config, context: Context) -> None:
+        super().__init__(config, context)
+        self.names.append(self.name)
+
+
 class Bench:
     def __init__(self) -> None:
         self.exchange = LocalBroker()
@@ -80,7 +95,7 @@ class Bench:
 @pytest_asyncio.fixture
 async def bench(monkeypatch: pytest.MonkeyPatch) -> AsyncIterator[Bench]:
     monkeypatch.setattr(service_module, "HEALTH_PERIOD_S", 0.02)
-    Worker.running = []
+    Worker.running, OneOfSeveral.names = [], []
     bench = Bench()
     yield bench
     await bench.bus.close()
@@ -118,6 +133,19 @@ async def test_presence_comes_when_it_is_ready_and_goes_when_nothing_is_left(ben
     task.cancel()
     await asyncio.gather(task, return_exceptions=True)
     await until(lambda: states == [(True, True), (False, False)])
+
+
+async def test_of_two_processes_with_one_name_the_later_keeps_it(bench: Bench) -> None:
+    launch = Launch(service=OneOfSeveral, config=Config(), name="quad")
+    assert (launch.instance, launch.is_single) == ("worker.quad", True)
+    task = asyncio.create_task(run_service(launch, bench.bus, ManualClock()))
+    await until(lambda: bool(bench.health) and bench.alive == {"worker.quad": True})
+    assert OneOfSeveral.names == ["quad"]
+    rival = bench.health[0].model_copy(update={"pid": 1, "host": "elsewhere", "stamp_ns": 2**62})
+    bench.other.publisher(HEALTH, "worker.quad").put(rival)
+    async with asyncio.timeout(20):
+        await task
+    await until(lambda: bench.alive == {"worker.quad": False})
 
 
 async def test_a_run_that_returns_ends_the_service(bench: Bench) -> None:

@@ -120,7 +120,7 @@ def test_ports_of_addresses() -> None:
 async def test_listening_and_connecting_sessions_have_the_timeout() -> None:
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     router = await open_session(Link(listen=(endpoint,), router=True))
-    session = await open_session(Link(connect=(endpoint,)), patience_s=5.0)
+    session = await open_session(Link(connect=(endpoint,)), patience_s=30.0)
     try:
         with ExitStack() as stack:
             found = [stack.enter_context(each.dup()) for each in tcp_sockets()]

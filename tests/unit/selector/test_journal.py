@@ -14,6 +14,7 @@ from pointit.services.selector.outputs import Owned, Record, event_of
 from pointit.services.selector.selection_engine import SelectionEngine
 from pointit.services.selector.store.journal import MAX_PENDING, NS_PER_DAY, Journal
 from pointit.services.selector.store.journal_table import audit
+from tests.support.pace import within
 
 S = 1_000_000_000
 NOW = 1_700_000_000 * S
@@ -229,4 +230,4 @@ def test_to_drop_old_events_does_not_hold_the_loop_up(tmp_path: Path) -> None:
         durations_s.append(time.perf_counter() - began_s)
     journal.close()
     assert len(list(audit(journal.path))) < 20_000
-    assert min(durations_s[1:]) < 0.005  # it takes about 1 ms
+    assert within(min(durations_s[1:]), 0.005)  # it takes about 1 ms

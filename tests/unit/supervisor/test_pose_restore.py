@@ -7,9 +7,9 @@ import pytest
 
 from pointit.runtime.bus.local_broker import LocalBroker
 from pointit.runtime.bus.memory_bus import MemoryBus
-from pointit.runtime.clock import SimulatedClock
 from pointit.runtime.errors import RefusedError
 from pointit.runtime.service.service import Launch, run_service
+from pointit.runtime.virtual_time import VirtualClock, run_virtually
 from pointit.schemas import ButtonEvent, Done, Interaction, Localization, PointingRay, SetPose, UserPose
 from pointit.schemas.topics import (
     BUTTON,
@@ -25,7 +25,7 @@ from pointit.services.localizer.service import Localizer
 from pointit.services.pui.service import Pui
 from pointit.services.supervisor.pose_restore import PoseRestorer
 from pointit.services.supervisor.service import Supervisor
-from tests.support.bench import Bench, memory_bench, until
+from tests.support.bench import Bench, in_virtual_time, memory_bench, until
 
 S = 1_000_000_000
 ANNA = "anna"
@@ -140,8 +140,9 @@ def test_what_a_tracker_said_or_a_running_search_will_say_is_not_given_back() ->
     assert place.due(21 * S) is not None
 
 
+@in_virtual_time
 async def test_the_supervisor_gives_the_place_back_and_says_when_it_is_not_taken() -> None:
-    clock = SimulatedClock(10.0)
+    clock = VirtualClock()
     async with memory_bench(clock) as bench:
         given: list[SetPose] = []
 
@@ -164,9 +165,13 @@ async def test_the_supervisor_gives_the_place_back_and_says_when_it_is_not_taken
         assert given == [BACK] * 2
 
 
-async def test_two_restarts_leave_nobody_without_a_place() -> None:
+def test_two_restarts_leave_nobody_without_a_place() -> None:
     """The localizer by lamps, then pui: the real ones, each stopped and started again."""
-    clock = SimulatedClock(10.0)
+    run_virtually(_two_restarts())
+
+
+async def _two_restarts() -> None:
+    clock = VirtualClock()
     exchange = LocalBroker()
 
     def start(kind: type[Localizer] | type[Pui], user: str = "") -> tuple[MemoryBus, asyncio.Task[None]]:

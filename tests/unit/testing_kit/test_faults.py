@@ -13,10 +13,17 @@ from pointit.testing.common import require_bounded_memory
 from pointit.testing.templates.selection_method import METHOD, Method
 from pointit.testing.templates.selection_method.fake import DEVICE
 from tests.support.pace import MOST, slowness
-from tests.unit.testing_kit import faulty_methods, faulty_outputs, faulty_services, faulty_sources
+from tests.unit.testing_kit import (
+    faulty_methods,
+    faulty_outputs,
+    faulty_robots,
+    faulty_services,
+    faulty_sources,
+)
 from tests.unit.testing_kit.faults import FAULTS
 
-assert all((faulty_methods, faulty_outputs, faulty_services, faulty_sources))  # they fill FAULTS
+pytestmark = pytest.mark.timeout(900)  # one fixture tries all faults, some as long as a busy machine takes
+assert all((faulty_methods, faulty_outputs, faulty_robots, faulty_services, faulty_sources))
 
 
 def reports_of(names: Iterable[str], patience: float = 1.0) -> dict[str, str]:

@@ -18,8 +18,8 @@ from pointit.bridges.web.pages.page_requests import (
 )
 from pointit.bridges.web.wire import Ask, Deed, Role
 from pointit.runtime.errors import PointItError, RefusedError
-from pointit.schemas import SchemaError, SetSpeed
-from pointit.schemas.topics import SET_MOUNTING, SET_OFFSET, SET_POSE, SET_SPEED, UNDO_SELECTION
+from pointit.schemas import SchemaError, SetSpeed, StopRobot
+from pointit.schemas.topics import SET_MOUNTING, SET_OFFSET, SET_POSE, SET_SPEED, STOP_ROBOT, UNDO_SELECTION
 
 
 def ask(key: str = "", *, deed: Deed | None = None, name: str = "", **query: Any) -> Ask:
@@ -43,9 +43,15 @@ def test_what_calibration_sets_pages_cannot(row: Any) -> None:
         parse_request(ask(row.key, name="anna"), "operator")
 
 
-@pytest.mark.parametrize("row", [pytest.param(row, id=row.key) for row in OPERATORS])
-def test_a_viewer_may_ask_for_nothing(row: Any) -> None:
-    assert REQUESTS["viewer"] == ()
+def test_everybody_who_sees_a_robot_may_stop_it() -> None:
+    for role in ("operator", "viewer"):
+        call = parse_request(ask(STOP_ROBOT.key, name="quad", reason="too near"), role)
+        assert call == Call(request=STOP_ROBOT, query=StopRobot(reason="too near"), name="quad")
+
+
+@pytest.mark.parametrize("row", [pytest.param(row, id=row.key) for row in OPERATORS if row is not STOP_ROBOT])
+def test_a_viewer_may_ask_for_nothing_else(row: Any) -> None:
+    assert REQUESTS["viewer"] == (STOP_ROBOT,)
     with pytest.raises(RefusedError, match="only looks on"):
         parse_request(ask(row.key, name="anna" if row.placeholder else ""), "viewer")
 

@@ -1,14 +1,16 @@
-"""The last minute as MCAP: read back by its own reader, bounded, whole."""
+"""The last minute as MCAP: read back by another reader, whole."""
 
 import base64
 import io
 import json
 from typing import Any
 
+import pytest
 from mcap.reader import make_reader
 
 from pointit.bridges.foxglove.service import LAYOUT
-from pointit.bridges.web.model.recording import LastMinute, file_name
+from pointit.bridges.web.playback.recent import Recent
+from pointit.bridges.web.server.download import file_name, write_recording
 from pointit.schemas import (
     NS_PER_S,
     Cursor,
@@ -22,7 +24,17 @@ from pointit.schemas import (
     UserPose,
     encode,
 )
-from pointit.schemas.topics import CURSOR, FEEDBACK, HEALTH, MAP, POSE, SELECTION, STRIPS_FRAME, Topic
+from pointit.schemas.topics import (
+    CURSOR,
+    FEEDBACK,
+    HEALTH,
+    MAP,
+    POSE,
+    SELECTION,
+    STRIPS_FRAME,
+    USER_ALIVE,
+    Topic,
+)
 
 START = 1_700_000_000 * NS_PER_S
 
@@ -31,14 +43,15 @@ def at(seconds: float) -> int:
     return START + round(seconds * NS_PER_S)
 
 
-def add(minute: LastMinute, topic: Topic[Any], message: Message, name: str = "") -> None:
-    minute.add(topic, name, message, encode(message), message.stamp_ns)
+def add(recent: Recent, topic: Topic[Any], message: Message, name: str = "") -> None:
+    recent.add(message.stamp_ns, topic, name, message, encode(message))
 
 
-def read(minute: LastMinute, now_ns: int) -> list[tuple[str, str, int, dict[str, Any]]]:
+def read(recent: Recent, now_ns: int, since_ns: int = 0) -> list[tuple[str, str, int, dict[str, Any]]]:
     """Return topic, schema, log time and fields of what a reader finds."""
     file = io.BytesIO()
-    written = minute.recording("lab", now_ns).write(file)
+    past = recent.past(now_ns)
+    written = write_recording(past, max(past.began_ns, since_ns), file)
     file.seek(0)
     reader = make_reader(file, validate_crcs=True)
     found = [
@@ -58,7 +71,7 @@ def cursor(seconds: float, seq: int = 0) -> Cursor:
 
 
 def test_what_is_written_is_read_back_with_its_topic_time_and_fields() -> None:
-    minute = LastMinute(60.0)
+    minute = Recent("lab")
     add(minute, CURSOR, cursor(1.0), "anna")
     add(minute, FEEDBACK, Feedback(stamp_ns=at(2.0), cue="selected", chime="tick"), "anna")
     add(
@@ -74,48 +87,53 @@ def test_what_is_written_is_read_back_with_its_topic_time_and_fields() -> None:
 
 
 def test_states_from_before_the_window_are_there_from_its_beginning() -> None:
-    minute = LastMinute(10.0)
+    minute = Recent("lab")
+    minute.add(at(0.0), USER_ALIVE, "anna", True, b"1")
+    minute.add(at(0.0), USER_ALIVE, "ben", True, b"1")
+    minute.add(at(0.5), USER_ALIVE, "ben", False, b"")
     add(minute, MAP, Environment(stamp_ns=at(0.0), name="old"))
     add(minute, MAP, Environment(stamp_ns=at(1.0), name="lab"))
     add(minute, POSE, UserPose(stamp_ns=at(2.0), position_m=(1.0, 0.0, 0.0), yaw_rad=0.0), "anna")
     add(minute, CURSOR, cursor(3.0), "anna")
     for second in range(20, 31):
         add(minute, CURSOR, cursor(float(second)), "anna")
-    found = read(minute, at(30.0))
-    assert [(topic, when) for topic, _, when, _ in found[:3]] == [
+    found = read(minute, at(30.0), since_ns=at(20.0))
+    assert [(topic, when) for topic, _, when, _ in found[:4]] == [
+        ("/alive/users/anna", at(20.0)),
         ("/map", at(20.0)),
         ("/users/anna/pose", at(20.0)),
         ("/users/anna/cursor", at(20.0)),
     ]
-    assert found[0][3]["name"] == "lab"
-    assert len(found) == 13
+    assert found[1][3]["name"] == "lab"
+    assert len(found) == 14
     minute.forget(POSE, "anna")
-    assert "/users/anna/pose" not in {topic for topic, _, _, _ in read(minute, at(30.0))}
+    add(minute, CURSOR, cursor(31.0), "anna")
+    assert "/users/anna/pose" not in {topic for topic, _, _, _ in read(minute, at(33.0), since_ns=at(32.0))}
 
 
-def test_what_is_old_goes_even_when_nothing_comes() -> None:
-    minute = LastMinute(10.0)
+def test_what_is_old_is_left_out_even_when_nothing_comes() -> None:
+    minute = Recent("lab")
     add(minute, CURSOR, cursor(1.0), "anna")
     add(minute, MAP, Environment(stamp_ns=at(1.0), name="lab"))
-    assert [topic for topic, _, _, _ in read(minute, at(60.0))] == ["/map"]
-    assert (len(minute), minute.bytes) == (0, 0)
-    assert read(LastMinute(60.0), at(0.0)) == []
+    assert [topic for topic, _, _, _ in read(minute, at(60.0), since_ns=at(50.0))] == ["/map"]
+    assert read(Recent("lab"), at(0.0)) == []
 
 
-def test_it_is_bounded_in_number_and_in_bytes() -> None:
-    few = LastMinute(60.0, most=5)
-    small = LastMinute(60.0, max_bytes=1000)
-    for k in range(50):
-        add(few, CURSOR, cursor(0.1 * k, k), "anna")
-        add(small, CURSOR, cursor(0.1 * k, k), "anna")
-    assert [fields["seq"] for _, _, _, fields in read(few, at(5.0))] == [45, 46, 47, 48, 49]
-    assert small.bytes <= 1000
-    assert 1 <= len(small) < 50
+def test_when_memory_is_short_states_are_there_from_the_beginning(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("pointit.bridges.web.playback.recent.MAX_BYTES", 2000)
+    minute = Recent("lab")
+    add(minute, MAP, Environment(stamp_ns=at(0.0), name="lab"))
+    for k in range(500):
+        add(minute, CURSOR, cursor(0.1 * k, k), "anna")
+    found = read(minute, at(50.0))
+    assert found[0][0] == "/map"
+    assert [fields["seq"] for _, _, _, fields in found[1:]] == list(range(501 - len(found), 500))
+    assert 20 <= len(found) < 400
 
 
 def test_layouts_made_for_live_viewers_fit_a_recording() -> None:
     """The panels of `layout.json` that read topics name them as they are recorded."""
-    minute = LastMinute(60.0)
+    minute = Recent("lab")
     for user in ("anna", "ben"):
         add(minute, CURSOR, cursor(1.0), user)
     add(minute, SELECTION, Selection(stamp_ns=at(1.0)))

@@ -28,7 +28,10 @@ from pointit.schemas.topics import (
     OBJECTS,
     POSE,
     PROFILE,
+    ROBOT_PLAN,
+    ROBOT_STATE,
     SELECTION,
+    STEERING,
     STRIPS_FRAME,
     Topic,
 )
@@ -64,6 +67,15 @@ def test_one_persons_service_takes_nothing_of_others() -> None:
     }
 
 
+def test_one_robot_takes_nothing_of_others() -> None:
+    known: dict[Topic[Any], list[str]] = {ROBOT_STATE: ["quad", "cart"], ROBOT_PLAN: ["quad"]}
+    assert gone("robot.quad", ["robot.cart", "goal.anna"], known) == {
+        (ROBOT_STATE.key, "quad"),
+        (ROBOT_PLAN.key, "quad"),
+        (HEALTH.key, "robot.quad"),
+    }
+
+
 def test_what_outsiders_may_write_does_not_go_with_a_service() -> None:
     assert not {MAP, OBJECTS, POSE, PROFILE, DEPLOYMENT} & set(WITH_WRITER)
     assert {CURSOR, HOVER, STRIPS_FRAME, CONVEYOR_STATE, SELECTION} <= set(WITH_WRITER)
@@ -71,7 +83,7 @@ def test_what_outsiders_may_write_does_not_go_with_a_service() -> None:
 
 def test_all_that_is_a_persons_goes_with_them() -> None:
     topics = {topic for topic, user in keys_of_person("anna") if user == "anna"}
-    assert topics == {PROFILE, POSE, LOCALIZATION, CURSOR, HOVER, INTERACTION}
+    assert topics == {PROFILE, POSE, LOCALIZATION, CURSOR, HOVER, INTERACTION, STEERING}
     assert FEEDBACK not in topics, "what happened, happened"
 
 

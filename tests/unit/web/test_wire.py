@@ -9,11 +9,11 @@ from pydantic import TypeAdapter, ValidationError
 
 from pointit.bridges.web import wire
 from pointit.schemas.topics import TOPICS
-from pointit.services.registry import SHOWN
+from pointit.services.shown_topics import SHOWN
 
 CLIENT = Path(wire.__file__).with_name("client") / "wire.json"
 
-RECEIVED: TypeAdapter[wire.Ack | wire.Ask | wire.AimAt | wire.Turn] = TypeAdapter(wire.Received)
+RECEIVED: TypeAdapter[wire.Ack | wire.Ask | wire.AimAt | wire.Play | wire.Turn] = TypeAdapter(wire.Received)
 
 
 @pytest.mark.skipif(not CLIENT.parent.is_dir(), reason="the client's sources are not installed")
@@ -39,6 +39,8 @@ def test_the_client_takes_every_topic_that_it_is_sent() -> None:
         '{"kind":"ask","id":0,"deed":"press","name":"anna"}',
         '{"kind":"ask","id":0,"key":"conveyor/set_speed","query":{"speed_mps":1}}',
         '{"kind":"aim","user":"anna","at_m":[1,2.5,0]}',
+        '{"kind":"play","at_s":1.5,"is_playing":false}',
+        '{"kind":"play","speed":0.25,"step":-1}',
         '{"kind":"turn","q":[0,0,0,1],"t_ms":12.5}',
         '{"kind":"turn","q":[0,0,0,1],"t_ms":9e12}',
     ],
@@ -65,6 +67,9 @@ def test_what_pages_say_is_understood(text: str) -> None:
         '{"kind":"turn","q":[0,0,0,2],"t_ms":0}',
         '{"kind":"turn","q":[0,0,0,1],"t_ms":1e13}',
         '{"kind":"ask","id":1,"deed":"explode"}',
+        '{"kind":"play","speed":16}',
+        '{"kind":"play","at_s":-1}',
+        '{"kind":"play","step":2}',
     ],
 )
 def test_what_is_none_of_it_is_not(text: str) -> None:

@@ -9,7 +9,7 @@ from typing import Any
 from foxglove.messages import Log, LogLevel
 
 from pointit.bridges.foxglove import shapes
-from pointit.schemas import Feedback, Health, Interaction, Localization, Message, SelectionEvent
+from pointit.schemas import Feedback, Health, Interaction, Localization, Message, RobotState, SelectionEvent
 
 HISTORY = 200
 """Lines kept for viewers that join late."""
@@ -52,12 +52,15 @@ class EventLog:
         self._accounts: dict[str, _Account] = {}
         self._phases: dict[str, tuple[str, str]] = {}
         self._states: dict[str, str] = {}
+        self._robots: dict[str, tuple[str, str]] = {}
+        """Owner of each robot, and its reason without numbers."""
         self._writers: dict[type[Message], Callable[[Any, str], Iterator[tuple[LogLevel, str]]]] = {
             Health: self._health,
             SelectionEvent: self._selection,
             Feedback: self._feedback,
             Localization: self._localization,
             Interaction: self._interaction,
+            RobotState: self._robot,
         }
 
     def take(self, message: Message, name: str, now_ns: int) -> list[Line]:
@@ -137,3 +140,12 @@ class EventLog:
             return
         self._states[user] = told.state
         yield LogLevel.Info, f"is {told.state}" + (f": {told.reason}" if told.reason else "")
+
+    def _robot(self, told: RobotState, name: str) -> Iterator[tuple[LogLevel, str]]:
+        now = (told.user, _NUMBER.sub("#", told.reason))
+        user, reason = self._robots.get(name, ("", ""))
+        self._robots[name] = now
+        if told.user != user:
+            yield LogLevel.Info, f"{told.user or 'nobody'} steers it"
+        if now[1] and now[1] != reason:
+            yield LogLevel.Warning, f"{told.phase.replace('_', ' ')}: {told.reason}"

@@ -1,4 +1,4 @@
-"""Static parts of the room: belts as ribbons, strips as lines, solids, poles of lamps."""
+"""Static parts of the room: belts as ribbons, strips as lines, solids, poles of lamps, fences of robots."""
 
 from typing import Any
 
@@ -12,7 +12,7 @@ from pointit.geometry.plane import plane_axes
 from pointit.geometry.polyline import Polyline
 from pointit.schemas import Belt, Environment, Strip
 from pointit.schemas.base import Rgb
-from pointit.schemas.environment import Cloud, Plane
+from pointit.schemas.environment import Cloud, Fence, Plane
 
 ENDLESS_M = 20.0
 """Drawn size of an infinite plane."""
@@ -26,6 +26,11 @@ RIM: Rgb = (150, 155, 165)
 SOLID: Rgb = (140, 150, 170)
 GLASS = 0.35
 """Opacity of solids, so that objects behind them are visible."""
+
+FENCES: dict[str, Rgb] = {"keep_in": (71, 209, 168), "keep_out": (255, 144, 136)}
+"""Colours of fences by kind, as in the page (`looks.ts`)."""
+FENCE_M = 2.0
+"""Drawn height of a fence without an upper end."""
 
 
 class Lines:
@@ -107,6 +112,7 @@ def room(environment: Environment, lines: Lines, now_ns: int) -> list[NamedEntit
         shown = shapes.sphere(sphere.center_m, 2.0 * sphere.radius_m, SOLID, GLASS)
         entities.append(made("sphere", sphere.id, spheres=[shown]))
     entities += [made("cloud", cloud.id, **_cloud(cloud)) for cloud in environment.clouds]
+    entities += [made("fence", fence.id, **_fence(fence)) for fence in environment.fences]
     for lamp in environment.lamps:
         x, y, z = lamp.position_m
         if z > POLE_M:
@@ -152,3 +158,25 @@ def _cloud(cloud: Cloud) -> dict[str, object]:
     edges = shapes.box_edges(center, vector.subtract(high, low), rotation.IDENTITY)
     lines = [shapes.line(edges, RIM, kind="list", pixels=1.0)]
     return {"lines": lines, "texts": [shapes.label(f"{cloud.id}: {cloud.points} points", center)]}
+
+
+def _fence(fence: Fence) -> dict[str, object]:
+    """Return the edges of a fence; the sides of one that keeps robots out are filled."""
+    rgb = FENCES[fence.kind]
+    low_m = max(fence.low_m or 0.0, 0.0) + 0.01
+    high_m = low_m + FENCE_M if fence.high_m is None else fence.high_m
+    count = len(fence.outline_m)
+    places = np.array([(x, y, z) for z in (low_m, high_m) for x, y in fence.outline_m])
+    sides = [(at, (at + 1) % count) for at in range(count)]
+    lines = [shapes.line(places[:count].tolist(), rgb, kind="loop")]
+    if fence.high_m is not None:
+        lines.append(shapes.line(places[count:].tolist(), rgb, kind="loop"))
+    lines.append(
+        shapes.line(
+            places[[end for at in range(count) for end in (at, at + count)]].tolist(), rgb, kind="list"
+        )
+    )
+    if fence.kind == "keep_in":
+        return {"lines": lines}
+    triangles = [i for a, b in sides for i in (a, b, b + count, a, b + count, a + count)]
+    return {"lines": lines, "triangles": [shapes.surface(places, triangles, rgb, 0.25)]}

@@ -12,7 +12,7 @@ from foxglove.messages import (
     SceneUpdate,
 )
 
-from pointit.bridges.foxglove import indicators, people, shapes
+from pointit.bridges.foxglove import indicators, people, robots, shapes
 from pointit.bridges.foxglove.objects import ObjectOwnership, ObjectRenderer
 from pointit.bridges.foxglove.people import Person
 from pointit.bridges.foxglove.pixels import Pixels
@@ -26,7 +26,10 @@ from pointit.schemas import (
     Hover,
     LampColor,
     Message,
+    RobotPlan,
+    RobotState,
     Selection,
+    Steering,
     StripsFrame,
     TrackedObjects,
     UserPose,
@@ -34,10 +37,10 @@ from pointit.schemas import (
 )
 from pointit.schemas.base import Rgb
 
-Part = Literal["room", "pixels", "lamps", "bays", "objects", "people", "frames"]
+Part = Literal["room", "pixels", "lamps", "bays", "objects", "robots", "people", "frames"]
 Picture = SceneUpdate | PointCloud | FrameTransforms
 
-PARTS: tuple[Part, ...] = ("room", "pixels", "lamps", "bays", "objects", "people", "frames")
+PARTS: tuple[Part, ...] = ("room", "pixels", "lamps", "bays", "objects", "robots", "people", "frames")
 
 T = TypeVar("T")
 
@@ -62,6 +65,9 @@ class Scene:
         self._pointed_s: dict[str, float] = {}
         self._hovers: dict[str, _Heard[Hover]] = {}
         self._objects: dict[str, _Heard[TrackedObjects]] = {}
+        self._robots: dict[str, _Heard[RobotState]] = {}
+        self._plans: dict[str, RobotPlan] = {}
+        self._steering: dict[str, Steering] = {}
         self._colors: dict[str, LampColor] = {}
         self._selection: Selection | None = None
         self._conveyor: ConveyorState | None = None
@@ -75,6 +81,9 @@ class Scene:
             LampColor: self._on_lamp,
             ConveyorState: self._on_conveyor,
             TrackedObjects: self._on_objects,
+            RobotState: self._on_robot,
+            RobotPlan: self._on_plan,
+            Steering: self._on_steering,
             Selection: self._on_selection,
             UserProfile: self._on_profile,
             UserPose: self._on_pose,
@@ -105,18 +114,22 @@ class Scene:
             for name in [name for name, each in heard.items() if each.at_s < oldest_s]:
                 del heard[name]
                 self.changed.add("objects")
+        for name in [name for name, each in self._robots.items() if each.at_s < oldest_s]:
+            del self._robots[name]
+            self.changed |= {"robots", "objects"}
 
     @property
     def is_moving(self) -> bool:
         """Return True if something that expires is shown."""
-        return bool(self._pointed_s or self._hovers or self._objects)
+        return bool(self._pointed_s or self._hovers or self._objects or self._robots)
 
     def leave(self, user: str) -> None:
         """Forget a person who has left."""
         self._people.pop(user, None)
         self._pointed_s.pop(user, None)
         self._hovers.pop(user, None)
-        self.changed |= {"people", "frames", "objects"}
+        self._steering.pop(user, None)
+        self.changed |= {"people", "frames", "objects", "robots"}
 
     def draw(self, part: Part, now_ns: int) -> Picture:
         """Return `part` as a whole, so that new viewers see all of it."""
@@ -146,13 +159,31 @@ class Scene:
                 for user, person in self._people.items()
                 for each in people.entities(user, person, now_ns)
             ]
+        colors = {user: person.color for user, person in self._people.items()}
+        if part == "robots":
+            return self._drawn_robots(colors, now_ns)
         hovers = {user: heard.message for user, heard in self._hovers.items()}
         claims = ObjectOwnership.of(self._selection, hovers)
-        colors = {user: person.color for user, person in self._people.items()}
         return [
             each
             for tracker, heard in self._objects.items()
-            for each in self._looks.entities(tracker, heard.message.objects, claims, colors, now_ns)
+            for each in self._looks.entities(
+                tracker,
+                [item for item in heard.message.objects if item.id not in self._robots],
+                claims,
+                colors,
+                now_ns,
+            )
+        ]
+
+    def _drawn_robots(self, colors: dict[str, Rgb], now_ns: int) -> list[NamedEntity]:
+        drawn = [
+            robots.robot(name, heard.message, self._plans.get(name), colors, now_ns)
+            for name, heard in self._robots.items()
+        ]
+        routes = [(user, each) for user, each in self._steering.items() if each.waypoints_m]
+        return drawn + [
+            robots.waypoints(user, each, colors.get(user, shapes.WHITE), now_ns) for user, each in routes
         ]
 
     def _update(self, part: Part, drawn: list[NamedEntity], now_ns: int) -> SceneUpdate:
@@ -199,6 +230,20 @@ class Scene:
         self._objects[tracker] = _Heard(now_s, objects)
         self.changed.add("objects")
 
+    def _on_robot(self, state: RobotState, name: str, now_s: float) -> None:
+        if name not in self._robots:
+            self.changed.add("objects")
+        self._robots[name] = _Heard(now_s, state)
+        self.changed.add("robots")
+
+    def _on_plan(self, plan: RobotPlan, name: str, _now_s: float) -> None:
+        self._plans[name] = plan
+        self.changed.add("robots")
+
+    def _on_steering(self, steering: Steering, user: str, _now_s: float) -> None:
+        self._steering[user] = steering
+        self.changed.add("robots")
+
     def _on_selection(self, selection: Selection, _name: str, _now_s: float) -> None:
         self._selection = selection
         self.changed.add("objects")
@@ -211,7 +256,7 @@ class Scene:
 
     def _on_profile(self, profile: UserProfile, user: str, _now_s: float) -> None:
         self._person(user).profile = profile
-        self.changed |= {"people", "objects"}
+        self.changed |= {"people", "objects", "robots"}
 
     def _on_pose(self, pose: UserPose, user: str, _now_s: float) -> None:
         self._person(user).stand(pose)

@@ -7,6 +7,7 @@ from typing import Literal
 from pydantic import Field, field_validator
 
 from pointit.bridges.ros2.graph.backend import Distro
+from pointit.bridges.ros2.tracking.config import TF, TrackerConfig
 from pointit.runtime.config.config import Config
 from pointit.schemas.topics import check_name
 
@@ -15,6 +16,9 @@ NAME = re.compile(r"(/[A-Za-z_][A-Za-z0-9_]*)+")
 
 MAX_GUESTS = 100
 """Maximum number of guests; each has a ray, and a check four times a second."""
+
+MAX_TRACKERS = 100
+"""Maximum number of trackers, as the site has room for."""
 
 
 class BackendConfig(Config):
@@ -84,6 +88,21 @@ class Ros2Config(Config):
         description="people without `pointit person add`, as [anna, ben], all of whose nodes are ROS nodes: "
         "their pointing_ray, tf and PUI_subscription are read",
     )
+    trackers: dict[str, TrackerConfig] = Field(
+        default={},
+        max_length=MAX_TRACKERS,
+        description="objects that ROS nodes track, by the name of their tracker: topics, or frames of tf",
+    )
+
+    @field_validator("trackers")
+    @classmethod
+    def _have_names(cls, value: dict[str, TrackerConfig]) -> dict[str, TrackerConfig]:
+        for name in value:
+            check_name(name, "tracker")
+        topics = [each.topic for each in value.values() if each.type != TF]
+        if twice := next((topic for topic in topics if topics.count(topic) > 1), ""):
+            raise ValueError(f"{twice} is read by two trackers: leave one out")
+        return value
 
     @field_validator("people", mode="before")
     @classmethod

@@ -1,6 +1,7 @@
 """Formatting of foreign names and texts in messages: a few of many, at most a line."""
 
 from collections.abc import Iterable
+from typing import Literal
 
 from pointit.bridges.ros2.graph.backend import Endpoint
 
@@ -40,3 +41,10 @@ def short_hash(text: str) -> str:
 def shown(text: str, most: int) -> str:
     """Return at most `most` printable characters of a foreign text."""
     return "".join(letter if letter.isprintable() else "?" for letter in text[:most])
+
+
+def holds_text(cdr: bytes, text: str) -> bool:
+    """Return True if `text` is a string in `cdr`; decoding takes 200 times as long."""
+    letters = text.encode()
+    order: Literal["little", "big"] = "little" if cdr[1:2] == b"\1" else "big"
+    return (len(letters) + 1).to_bytes(4, order) + letters in cdr  # the length excludes longer names

@@ -2,6 +2,7 @@
 
 import asyncio
 import contextlib
+import dataclasses
 import functools
 import logging
 from collections.abc import Callable, Mapping, Sequence
@@ -19,6 +20,7 @@ from pointit.bridges.ros2.routing.route_types import InboundRoute, OutboundRoute
 from pointit.bridges.ros2.routing.routes import Routes, routes
 from pointit.bridges.ros2.routing.scene import HEARD, Scene
 from pointit.bridges.ros2.routing.site import Site
+from pointit.bridges.ros2.tracking.routes import tracker_routes
 from pointit.bridges.ros2.types.types import Types
 from pointit.runtime.service.service import Context, Scope, Service
 from pointit.schemas import Message
@@ -42,7 +44,9 @@ class Ros2(Service[Ros2Config]):
     def __init__(self, config: Ros2Config, context: Context) -> None:
         """Make types and routes; subscribes when the ROS graph is joined."""
         super().__init__(config, context)
-        self._table = _only(routes(config.routes, ros4hri=config.ros4hri), lambda route: route.enabled)
+        table = _only(routes(config.routes, ros4hri=config.ros4hri), lambda route: route.enabled)
+        inward = (*table.inward, *tracker_routes(config.trackers))
+        self._table = dataclasses.replace(table, inward=inward)
         types = Types(config.backend.distro)
         self._leave_out(_unusable(self._table, types))
         file = self._table.file

@@ -24,6 +24,8 @@ class WebConfig(Config):
         description="port of 127.0.0.1 at which the page is opened, where a container's engine or ssh passes "
         "it on (a container may have host: 0.0.0.0 then); 0: as port",
     )
+    SECRETS = frozenset({"operator_token", "viewer_token"})
+
     operator_token: str = Field(
         default="", description="token for control; if empty, a random one, written to a file"
     )

@@ -2,7 +2,6 @@
 
 import asyncio
 import functools
-import importlib.metadata
 import logging
 import socket
 from pathlib import Path
@@ -19,15 +18,17 @@ from pointit.bridges.web.pages.open_pages import Pages
 from pointit.bridges.web.pages.request_dispatcher import RequestDispatcher
 from pointit.bridges.web.pages.session import Session
 from pointit.bridges.web.pages.slow_link import SlowLink
+from pointit.bridges.web.playback.recent import Recent
+from pointit.bridges.web.playback.visits import Visits
 from pointit.bridges.web.server import exposure_check
 from pointit.bridges.web.server.access import Access, new_token
-from pointit.bridges.web.server.app import application
+from pointit.bridges.web.server.app import PAST, application
 from pointit.bridges.web.server.bundle import Bundle
 from pointit.bridges.web.server.download import Downloads
 from pointit.bridges.web.server.lan import Lan
 from pointit.bridges.web.server.link_file import keep_link
 from pointit.bridges.web.server.listener import Listener, bind, url
-from pointit.bridges.web.wire import MAX_TOLD, Ack, AimAt, Answer, Ask, Role, Status
+from pointit.bridges.web.wire import MAX_TOLD, Ack, AimAt, Answer, Ask, Play, Role, Status
 from pointit.bridges.web.wrists.pairing import Pairing
 from pointit.bridges.web.wrists.phone import Phones
 from pointit.bridges.web.wrists.phone_connection import PhoneHost
@@ -35,6 +36,7 @@ from pointit.bridges.web.wrists.wrist_control import WristControl
 from pointit.bridges.web.wrists.wrist_motion import WristMotion
 from pointit.runtime.clock import WallClock
 from pointit.runtime.errors import ConfigError, RefusedError
+from pointit.runtime.host.release import pointit_version
 from pointit.runtime.service.service import Context, Scope, Service
 from pointit.schemas import (
     Deployment,
@@ -49,7 +51,7 @@ from pointit.schemas import (
     UserProfile,
 )
 from pointit.schemas.topics import SERVICE_ALIVE, STRIPS_FRAME, USER_ALIVE, Topic
-from pointit.services.registry import SHOWN
+from pointit.services.shown_topics import SHOWN
 
 log = logging.getLogger(__name__)
 
@@ -79,16 +81,17 @@ class Web(Service[WebConfig]):
         self._token = config.operator_token or new_token()
         doors = Access(self._token, config.viewer_token or new_token())
         doors.know_hosts([exposure_check.address(config, config.port)[0]])
-        self._belief = SiteModel(self.NAME, config.record_s, self._now_s())
+        recent = Recent(self.bus.site)
+        self._belief = SiteModel(self.NAME, self._now_s(), recent)
         self._past = Past(self.bus, self.clock, self._belief.hub)
-        self._downloads = Downloads(self._belief.last_minute, self.bus.site, self.clock)
+        self._downloads = Downloads(recent, config.record_s, self.clock)
         self._wrists = WristControl(config)
         self._pairing = Pairing()
         self._people = People(self.bus, self.clock)
         self._motion = WristMotion(
             self._wrists, self._people, self.clock, rate_hz=config.wrist_rate_hz, ended=self._changed
         )
-        version = importlib.metadata.version("pointit")
+        version = pointit_version()
         self._pages = Pages(
             self._belief.hub,
             self.bus,
@@ -97,6 +100,7 @@ class Web(Service[WebConfig]):
             most=config.most_viewers,
             version=version,
         )
+        self._visits = Visits(recent, self._pages, self.clock, version)
         bundle = Bundle()
         host = PhoneHost(
             wrists=self._wrists,
@@ -193,6 +197,10 @@ class Web(Service[WebConfig]):
         if session.role == "operator":
             self._wrists.aim(session.page, aim)
 
+    def play(self, play: Play) -> None:
+        """Count it as malformed: this page shows what happens now."""
+        self.malformed(f"{play.kind}: this page shows the present")
+
     def shown(self, ack: Ack) -> None:
         """Note that a page has shown a batch."""
         self._pages.shown(ack)
@@ -208,6 +216,9 @@ class Web(Service[WebConfig]):
         )
 
     async def _open(self, socket: WebSocket, role: Role) -> None:
+        if socket.url.path == PAST:
+            await self._visits.open(socket)
+            return
         await self._past.is_asked.wait()  # a page's first batch contains past events
         await self._pages.open(socket, role, self, self._on_closed)
 
@@ -265,11 +276,13 @@ class Web(Service[WebConfig]):
 
     def _on_service(self, instance: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
         self._belief.set_service(instance, present, self._now_s())
+        self._visits.remember(SERVICE_ALIVE, instance, present)
         self._past.set_service(instance, present)
         self._pages.notify_pages()
         self._changed()
 
     def _on_person(self, user: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
+        self._visits.remember(USER_ALIVE, user, present)
         if present:
             self._people.on_join(user)
         else:

@@ -26,6 +26,13 @@ Page to server, JSON text, `{"kind": ...}`:
   may ask at all; whether its server is there tells `Status.services`, and an answer that nobody gave.
 - `AimAt`, many a second, not answered: where the mouse points to, of the person whose wrist this page has.
 
+A page with a playback, at `/ws` of `pointit page` or at `/ws/past` of a running site, gets the
+same, with the site's time and speed being those of the playback (speed 0: paused), and besides:
+
+- `Timeline` first, and again when more of it is read; `Playing` when the page begins, and after each `Play`.
+  With `Playing.has_jumped` what follows are differences to another instant, and no events from between.
+- It sends `Play`, not answered. Its requests are refused.
+
 A phone speaks `Turn` and `Ask` on `/ws/wrist`, or posts a list of them to `/wrist`; it is answered with
 `Hello`, `Answer`s, and `Cue`s (see `phone`). It measures the round trip by an `Ask` for nothing, which is
 refused at once. Its socket is closed with `UNPAIRED` or `REPLACED` where it is not to come back.
@@ -56,10 +63,10 @@ Role = Literal["operator", "viewer", "wrist"]
 Mover = Literal["own", "mouse", "phone"]
 """Mover of a person's wrist: their own device or the simulation, a page's mouse, a phone."""
 
-Deed = Literal["press", "take", "give", "tremor", "pair", "open_lan", "centre"]
+Deed = Literal["press", "take", "give", "tremor", "pair", "open_lan", "find_wrists", "centre"]
 """Actions of this server that a page can request: press a person's button; take their wrist with the mouse,
 give it back; set the tremor of the mouse's arm; pair or unpair a phone; open the page to the local
-network; a phone, as it is held now, points ahead."""
+network; find wrists within reach of this machine; a phone, as it is held now, points ahead."""
 
 LATEST_MS = 9e12
 """Maximum of a device's clock: as many ns fit 64 bits."""
@@ -160,6 +167,54 @@ class Cue(WireModel):
     has_lost_arm: Annotated[bool, Field(description="the arm no longer follows this phone")] = False
 
 
+LaneKind = Literal["interaction", "robot", "hover", "selections", "misses", "warnings"]
+"""Content of a lane. `interaction`: states of the person; `robot`: what a robot does, and for whom; `misses`:
+refused and unwanted selections."""
+
+
+class Lane(WireModel):
+    """One row of a timeline."""
+
+    kind: LaneKind
+    user: Annotated[str, Field(description="person or robot; empty if it is of the site")]
+    items: Annotated[
+        tuple[tuple[float, float, str], ...],
+        Field(description="start and end, s from the beginning, equal for an instant; and a text"),
+    ]
+
+
+class Timeline(WireModel):
+    """Contents of a page's playback."""
+
+    kind: Literal["timeline"] = "timeline"
+    title: Annotated[str, Field(description="name of the file, or empty for the past of a running site")] = ""
+    began_ns: Annotated[int, Field(ge=0, description="site time of its beginning")]
+    length_s: Annotated[float, Field(ge=0)]
+    read_s: Annotated[float, Field(ge=0, description="lanes are complete, and seeks possible, until then")]
+    problem: Annotated[str, Field(description="problem of the file, or empty")] = ""
+    lanes: tuple[Lane, ...]
+
+
+class Playing(WireModel):
+    """Position of a playback."""
+
+    kind: Literal["playing"] = "playing"
+    at_s: Annotated[float, Field(ge=0, description="from the beginning, now")]
+    is_playing: bool
+    speed: float
+    has_jumped: Annotated[bool, Field(description="the position was set")] = False
+
+
+class Play(WireModel):
+    """Control of a page's playback. Fields that are missing do not change anything."""
+
+    kind: Literal["play"] = "play"
+    is_playing: bool | None = None
+    speed: Annotated[float | None, Field(ge=0.25, le=8)] = None
+    at_s: Annotated[float | None, Field(ge=0, le=1e9, description="where to go, from the beginning")] = None
+    step: Annotated[Literal[-1, 0, 1], Field(description="to the message before or after, and pause")] = 0
+
+
 class Ack(WireModel):
     """Acknowledgement that a batch was shown."""
 
@@ -199,10 +254,10 @@ class Turn(WireModel):
     battery: Fraction | None = None
 
 
-Received = Annotated[Ack | Ask | AimAt | Turn, Field(discriminator="kind")]
+Received = Annotated[Ack | Ask | AimAt | Play | Turn, Field(discriminator="kind")]
 """Messages that a page or phone may send."""
 
-MODELS = (Hello, Status, Answer, Cue, Ack, Ask, AimAt, Turn)
+MODELS = (Hello, Status, Answer, Cue, Timeline, Playing, Ack, Ask, AimAt, Play, Turn)
 
 
 def json_schema() -> dict[str, Any]:

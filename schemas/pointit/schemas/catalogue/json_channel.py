@@ -1,4 +1,4 @@
-"""Messages for the viewers Foxglove and Lichtblick, live or recorded: JSON with a JSON Schema.
+"""Messages as JSON with a JSON Schema, for recordings and for the viewers Foxglove and Lichtblick.
 
 Their parsers know no references, alternatives, nulls and nested arrays: references are resolved, optional
 fields are described by their type without null, and all else is left out of the schema, though not of the
@@ -7,28 +7,58 @@ message.
 
 import base64
 import json
-from typing import Any
+from typing import Any, TypeVar
 
-from pointit.schemas.base import Message
-from pointit.schemas.catalogue.catalogue import message_schema
+from pydantic import ValidationError
+
+from pointit.schemas.base import Message, SchemaModel
+from pointit.schemas.codec import summarize_validation_error
+from pointit.schemas.errors import DecodeError
+
+P = TypeVar("P", bound=SchemaModel)
 
 Schema = dict[str, Any]
+
+JSON_GROWTH = 4
+"""A message as JSON has at most this many times the bytes that it has on the bus."""
 
 
 class JsonChannel:
     """One kind of message."""
 
-    def __init__(self, kind: type[Message]) -> None:
-        """Describe messages of `kind`."""
-        full = message_schema(kind)
-        self.schema: Schema = {"title": kind.schema_name(), **_plain(full, full.get("$defs", {}))}
+    def __init__(self, kind: type[SchemaModel], name: str = "") -> None:
+        """Describe what is of `kind`; `name` is the schema's, and may be left out for a message."""
+        full = kind.model_json_schema()
+        if not name and issubclass(kind, Message):
+            name = kind.schema_name()
+        self.schema: Schema = {"title": name, **_plain(full, full.get("$defs", {}))}
         self._has_bytes = '"binary"' in json.dumps(full)
 
-    def to_json(self, message: Message) -> bytes:
+    def to_json(self, message: SchemaModel) -> bytes:
         """Return `message` as JSON; bytes as base64."""
         if self._has_bytes:
             return json.dumps(message.model_dump(), default=_base64).encode()
         return message.model_dump_json().encode()
+
+
+def from_json(kind: type[P], data: bytes, *, newer: bool = False) -> P:
+    """Return the message of `kind` in `data`, which `JsonChannel.to_json` of this or an older version wrote.
+
+    Args:
+        kind: what it is.
+        data: JSON text.
+        newer: True if a newer version wrote it: fields that are unknown here are ignored.
+
+    Raises:
+        DecodeError: in one sentence, what is wrong with which field.
+    """
+    most = JSON_GROWTH * kind.max_bytes
+    if len(data) > most:
+        raise DecodeError(f"{kind.__name__}: has {len(data)} bytes of JSON, at most {most} are taken")
+    try:
+        return kind.model_validate_json(data, extra="ignore" if newer else None)
+    except ValidationError as error:
+        raise DecodeError(f"{kind.__name__}: {summarize_validation_error(error)}") from error
 
 
 def channel_name(key: str) -> str:

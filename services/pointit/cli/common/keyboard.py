@@ -28,6 +28,21 @@ def keys(on_button: Callable[[], None]) -> Generator[None]:
 
     Must be entered in the event loop, and only when `has_keyboard`.
     """
+
+    def press(data: bytes) -> None:
+        if BUTTON_KEYS & set(data):
+            on_button()
+
+    with key_bytes(press):
+        yield
+
+
+@contextlib.contextmanager
+def key_bytes(on_bytes: Callable[[bytes], None]) -> Generator[None]:
+    """Call `on_bytes` with what the terminal sends for pressed keys; restore the terminal on exit.
+
+    Must be entered in the event loop, and only when `has_keyboard`.
+    """
     import termios  # noqa: PLC0415 - not on Windows
     import tty  # noqa: PLC0415
 
@@ -39,8 +54,8 @@ def keys(on_button: Callable[[], None]) -> Generator[None]:
         data = os.read(terminal, 64)
         if not data:  # the terminal is gone
             loop.remove_reader(terminal)
-        elif BUTTON_KEYS & set(data):
-            on_button()
+        else:
+            on_bytes(data)
 
     tty.setcbreak(terminal, termios.TCSANOW)  # Ctrl-C stays a signal
     loop.add_reader(terminal, read)

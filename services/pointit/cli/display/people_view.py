@@ -6,9 +6,11 @@ from rich.console import RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from pointit.diagnosis.certainty import UNSURE_DEG, UNSURE_M, position_sigma_m, yaw_sigma_deg
+from pointit.diagnosis.certainty import UNSURE_DEG, UNSURE_M, figure, position_sigma_m, yaw_sigma_deg
 from pointit.launch.run.monitor import Monitor
 from pointit.schemas import NS_PER_S, Localization, UserPose
+from pointit.services.imu_bridge.page_health import LOW_BATTERY
+from pointit.services.imu_bridge.wrist.monitor import BATTERY, GAPS, RATE, SIGNAL
 
 WHITE = (255, 255, 255)
 ROOMY_WIDTH = 72
@@ -34,6 +36,28 @@ def pose_lines(monitor: Monitor, width: int) -> RenderableType | None:
     """Return people's poses, or None if none is known."""
     users = monitor.people()
     return _places(monitor, users, width) if any(user in monitor.poses for user in users) else None
+
+
+def wrist_lines(monitor: Monitor) -> list[Text]:
+    """Return the state of each device on a wrist, if it has a battery, a signal or gaps."""
+    lines: list[Text] = []
+    for user in monitor.people():
+        health = monitor.health.get(f"imu-bridge.{user}")
+        if health is None:
+            continue
+        charge, rate_hz, gaps, dbm = (figure(health, name) for name in (BATTERY, RATE, GAPS, SIGNAL))
+        if charge is None and dbm is None and not gaps:
+            continue
+        parts = [
+            Text(f"{rate_hz or 0.0:.0f} Hz"),
+            Text(f"{gaps or 0.0:.0f} gaps/min", "yellow" if gaps else ""),
+        ]
+        if charge is not None:
+            parts.insert(0, Text(f"battery {charge:.0f} %", "yellow" if charge < 100.0 * LOW_BATTERY else ""))
+        if dbm is not None:
+            parts.append(Text(f"signal {dbm:.0f} dBm"))
+        lines.append(Text.assemble((f"{user}'s wrist: ", color_of(monitor, user)), Text(" · ").join(parts)))
+    return lines
 
 
 def instruction_lines(monitor: Monitor) -> list[Text]:
@@ -73,6 +97,8 @@ def _doings(monitor: Monitor, users: list[str], width: int) -> Table:
         if cursor is not None and cursor.surface != "none":
             place = "" if narrow else f"{cursor.surface} {cursor.surface_id} at "
             where = f"{place}{cursor.position_m:.2f} m"
+        elif cursor is not None and cursor.solid:
+            where = cursor.solid if narrow else f"{cursor.solid} {cursor.surface_id}"
         kind, filled = "-", 0
         if hover is not None and hover.object_id:
             kind = monitor.score.kinds.get(hover.object_id) or "?"

@@ -13,6 +13,7 @@ from pointit.cli.common.output import say
 from pointit.diagnosis.certainty import position_sigma_m, yaw_sigma_deg
 from pointit.launch.plan.plan import Plan
 from pointit.launch.run.monitor import Monitor
+from pointit.launch.run.robot_score import robot_lines
 from pointit.runtime.errors import ConfigError
 
 
@@ -94,6 +95,7 @@ def write_summary(plan: Plan, monitor: Monitor, duration_s: float) -> None:
         "refused": monitor.score.refused,
         "last_refusal": monitor.score.refusal,
         "dispatched": monitor.score.dispatched(),
+        "robots": monitor.robots.as_dict(),
         "latency_ms": monitor.latency.quantiles_ms(),
         "cursors": monitor.cursor_count,
         "frames": monitor.frame_count,
@@ -146,6 +148,7 @@ def summary_lines(summary: dict[str, Any]) -> list[str]:
     for bay, kinds in summary.get("dispatched", {}).items():
         came = ", ".join(f"{count} {kind}" for kind, count in kinds.items())
         lines.append(f"Bay {bay}: {came}.")
+    lines += robot_lines(summary.get("robots", {}))
     if met := summary.get("lamps_missed_by_deg"):
         lines.append(f"Nearest to lamps: {', '.join(f'{lamp} {deg:.1f}°' for lamp, deg in met.items())}.")
     for user, found in summary.get("people", {}).items():

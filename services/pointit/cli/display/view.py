@@ -17,7 +17,9 @@ from pointit.cli.display.people_view import (
     color_of,
     instruction_lines,
     pose_lines,
+    wrist_lines,
 )
+from pointit.cli.display.robots_view import reason_lines, robot_lines
 from pointit.diagnosis.certainty import FRAME_RATE
 from pointit.diagnosis.observation import SILENT_S
 from pointit.geometry.polyline import Polyline
@@ -89,7 +91,7 @@ class _View:
         lines = drop_to_height(blocks, options.size.height - BORDER_HEIGHT)
         yield Panel(
             SegmentLines(lines, new_lines=True),
-            title=self.title,
+            title=f"{self.title} ● recording" if self.monitor.is_recorded else self.title,
             subtitle=self._subtitle(options.max_width),
             border_style="cyan",
         )
@@ -132,8 +134,12 @@ class _View:
             if monitor.lamps:
                 parts.append((None, _lamps(monitor)))
         parts.append((None, activity_lines(monitor, whole_width)))
+        if (robots := robot_lines(monitor, whole_width)) is not None:
+            parts.append((None, robots))
+            parts += [((WORDS, -row), line) for row, line in enumerate(reason_lines(monitor))]
         if (where := pose_lines(monitor, whole_width)) is not None:
             parts.append(((PLACES, 0), where))
+        parts += [((PLACES, -1 - row), line) for row, line in enumerate(wrist_lines(monitor))]
         parts += [((WORDS, -row), line) for row, line in enumerate(instruction_lines(monitor))]
         parts.append((None, figures(monitor)))
         told = list(monitor.events)

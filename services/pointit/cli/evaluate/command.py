@@ -5,9 +5,10 @@ from pathlib import Path
 
 import click
 
-from pointit.cli.evaluate.file import check_writable, interruptible, write_json
+from pointit.cli.common.interruption import interruptible
+from pointit.cli.common.progress import progress
+from pointit.cli.evaluate.file import check_writable, write_json
 from pointit.cli.evaluate.options import DATA, JOBS, JSON
-from pointit.cli.evaluate.progress import progress
 from pointit.cli.evaluate.table import evaluation_console, print_rows
 from pointit.evaluation.datasets.proximity_feedback import NAME as FEEDBACK
 from pointit.evaluation.pointing.drift import CHAINED, CHAINS_REMARK
@@ -73,9 +74,18 @@ def _options(command: Callable[..., None]) -> Callable[..., None]:
     show_default=True,
     help="also run the baselines on the same trials, which needs most of the time",
 )
+@click.option(
+    "--recording",
+    "recordings",
+    type=click.Path(path_type=Path),
+    multiple=True,
+    metavar="FILE",
+    help="score this recorded session instead of the sets; may be repeated",
+)
 @JOBS
 def localization(
     *,
+    recordings: tuple[Path, ...],
     data: Path | None,
     sets: tuple[str, ...],
     subjects: tuple[str, ...],
@@ -90,8 +100,18 @@ def localization(
     once at each of 2 to 6 targets (vr_arm_pointing; each act is given to all solvers as a hold of equal rays,
     2 s long); synth_two_led is simulated. With the baselines this needs minutes.
 
+    With --recording, localizations of your own sessions are solved again and compared with a tracker's
+    positions of the people, beside the poses found `live` and the pointing at `anchors`.
+
     Example: pointit evaluate localization --only-ours --set vr_arm_pointing --json rows.json
     """
+    if recordings:
+        from pointit.cli.evaluate.sessions import evaluate_sessions  # noqa: PLC0415 - SciPy is wanted only here
+
+        if sets:
+            raise ConfigError("--set: recordings have none; leave it out with --recording")
+        evaluate_sessions(recordings, subjects, json_file, brief=brief, baselines=baselines, jobs=jobs)
+        return
     from pointit.evaluation.datasets import SETS, read_trials  # noqa: PLC0415 - SciPy is wanted only here
     from pointit.evaluation.localization.localization import BASELINE_TRIALS, localization_rows  # noqa: PLC0415 - as above
 

@@ -1,9 +1,6 @@
-"""Result files of an evaluation, checked before the work, and its interruption."""
+"""Result files of an evaluation, checked before the work."""
 
 import os
-import signal
-from collections.abc import Generator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -49,15 +46,3 @@ def write_json(document: dict[str, Any], file: Path | None) -> bool:
     except OSError as error:
         raise ConfigError(f"{file}: cannot be written ({error.strerror or error})") from error
     return False
-
-
-@contextmanager
-def interruptible() -> Generator[None]:
-    """Make Ctrl-C and SIGTERM raise inside, so that processes end and the terminal is restored."""
-    numbers = (signal.SIGINT, signal.SIGTERM)
-    before: list[Any] = [signal.signal(number, signal.default_int_handler) for number in numbers]
-    try:
-        yield
-    finally:
-        for number, handler in zip(numbers, before, strict=True):
-            signal.signal(number, handler)

@@ -1,6 +1,7 @@
 """Options that the evaluations share."""
 
 import os
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +24,18 @@ JOBS = click.option(
     callback=_jobs,
     help="processes to use  [default: one a core, up to 8]",
 )
+
+
+def bench_option(benches: Sequence[str]) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """Return the option `--bench` (`benches`), which chooses among all of them."""
+    return click.option(
+        "--bench",
+        "benches",
+        multiple=True,
+        type=click.Choice(benches),
+        help="only this one; may be repeated",
+    )
+
 
 JSON = click.option(
     "--json",

@@ -5,9 +5,10 @@ from pathlib import Path
 
 import click
 
-from pointit.cli.evaluate.file import check_writable, interruptible, write_json
-from pointit.cli.evaluate.options import DATA, JOBS, JSON
-from pointit.cli.evaluate.progress import progress
+from pointit.cli.common.interruption import interruptible
+from pointit.cli.common.progress import progress
+from pointit.cli.evaluate.file import check_writable, write_json
+from pointit.cli.evaluate.options import DATA, JOBS, JSON, bench_option
 from pointit.evaluation.recordings.data_folder import recordings_folder
 from pointit.evaluation.selection.condition import Condition
 from pointit.runtime.errors import ConfigError
@@ -21,13 +22,7 @@ UNSEEN_SEED = 2000
 
 
 @click.command("selection")
-@click.option(
-    "--bench",
-    "benches",
-    multiple=True,
-    type=click.Choice(BENCHES),
-    help="only this one; may be repeated",
-)
+@bench_option(BENCHES)
 @click.option(
     "--condition",
     "names",

@@ -28,7 +28,7 @@ from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas import ClockTick, Deployment, Health, KeyHealth, Quantiles
 from pointit.schemas.system import split_instance
 from pointit.schemas.topics import ANY, CLOCK, DEPLOYMENT, HEALTH, SERVICE_ALIVE
-from pointit.services.registry import add_installed
+from pointit.services.registry import add_installed, person_of
 
 MIN_S = 1.2
 """Minimum listening time: long enough for services that report once a second."""
@@ -227,7 +227,7 @@ def _show(
         {"service": service, "user": user, "figures": _figures(health)}
         for instance in instances
         if (health := seen.newest(instance)) is not None and health.figures
-        for service, user in [split_instance(instance)]
+        for service, user in [_service_and_user(instance)]
     )
     if figures:
         print_table(screen, Section(name="figures", about="what else they measure", rows=figures))
@@ -251,7 +251,7 @@ def _show(
 
 def _record(seen: Observation, instance: str) -> Row:
     health = seen.newest(instance)
-    service, user = split_instance(instance)
+    service, user = split_instance(instance)[0], person_of(instance)
     return {
         "instance": instance,
         "service": service,
@@ -262,9 +262,15 @@ def _record(seen: Observation, instance: str) -> Row:
     }
 
 
+def _service_and_user(instance: str) -> tuple[str, str]:
+    """Return the name and the person of the table: `pointing` of `anna`, or a shared service's whole name."""
+    user = person_of(instance)
+    return (split_instance(instance)[0], user) if user else (instance, "")
+
+
 def _row(seen: Observation, instance: str, findings: Sequence[Finding]) -> Row:
     health = seen.newest(instance) if instance in seen.present else None
-    service, user = split_instance(instance)
+    service, user = _service_and_user(instance)
     return {
         "service": service,
         "user": user,

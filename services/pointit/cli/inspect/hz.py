@@ -8,10 +8,10 @@ from typing import Any
 import click
 
 from pointit.cli.common.lazy import UnknownNameError
-from pointit.cli.common.option_types import Finite
 from pointit.cli.common.output import Section, console, json_option, print_table, to_json, write_line
 from pointit.cli.common.site_link import join_site, quiet, site_options
 from pointit.cli.common.topic_names import EVERYTHING, Wanted, resolve_all
+from pointit.cli.inspect.window import window_options
 from pointit.runtime.bus.contract import AnyTopic, Subscription
 from pointit.runtime.service.shutdown import EXIT_FAILED, run_until_shutdown
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
@@ -86,20 +86,13 @@ class RateMeter:
 @click.command("hz", params=site_options())
 @click.argument("keys", nargs=-1, metavar="[KEY]...")
 @click.option("--all", "everything", is_flag=True, help="every topic")
-@click.option(
-    "--window",
-    type=Finite(min=0.1),
-    default=5.0,
-    show_default=True,
-    help="measuring time, s",
-)
-@click.option("--watch", is_flag=True, help="repeat until Ctrl-C, one table per window")
+@window_options(5.0)
 @json_option
 def command(
     keys: tuple[str, ...],
     *,
     everything: bool,
-    window: float,
+    window_s: float,
     watch: bool,
     as_json: bool,
     site: str,
@@ -120,7 +113,7 @@ def command(
     named = resolve_all(key for key in keys if ANY not in key)
     quiet()
     return run_until_shutdown(
-        _measure(wanted, named, window, watch=watch, as_json=as_json, site=site, connect=connect)
+        _measure(wanted, named, window_s, watch=watch, as_json=as_json, site=site, connect=connect)
     )
 
 

@@ -17,10 +17,10 @@ from pointit.cli.maps.check import examined, print_findings
 from pointit.launch.plan.extras import has_extra
 from pointit.maps.file import parse_map_file
 from pointit.runtime.config.config import Layers
-from pointit.runtime.config.extras import remedy
 from pointit.runtime.config.parameters import ParameterInfo, iter_parameters
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.atomic_file import write_atomically
+from pointit.runtime.host.extras import remedy
 from pointit.runtime.service.shutdown import run_until_shutdown
 
 PARAMETER = "map"

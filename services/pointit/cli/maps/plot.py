@@ -9,8 +9,8 @@ from pointit.cli.common.completed_names import maps
 from pointit.cli.common.option_types import Point, person_option
 from pointit.maps.checks.check import contents
 from pointit.maps.file import map_path, read_whole_map
-from pointit.runtime.config.extras import remedy
 from pointit.runtime.errors import ConfigError
+from pointit.runtime.host.extras import remedy
 
 SUFFIXES = (".svg", ".png", ".pdf")
 

@@ -41,9 +41,9 @@ def command(
 ) -> int:
     """Have the person USER point at LAMP, without a cursor, and correct their pose by it.
 
-    The lamp lights up; USER points at it with a straight arm until it goes dark. Without LAMP the localizer
-    chooses the most informative one. Prints the error of the direction (the drift of the IMU), and the sigma
-    of the pose before and after.
+    The lamp lights up; USER points at it with a straight arm until it goes dark. LAMP may also be a robot
+    that stands or hovers. Without LAMP the localizer chooses the most informative one. Prints the error of
+    the direction (the drift of the IMU), and the sigma of the pose before and after.
 
     Example: pointit person anchor anna led_1
 

@@ -7,7 +7,7 @@ from pointit.diagnosis.writers import silence_reason
 from pointit.runtime.bus.contract import AnyTopic
 from pointit.schemas import Environment, Localization
 from pointit.schemas.base import Vec3
-from pointit.schemas.system import split_instance
+from pointit.services.registry import person_of
 
 FAR_M = 5.0
 """Distance outside the map's contents beyond which a position is likely a mistake."""
@@ -15,7 +15,7 @@ FAR_M = 5.0
 
 def people(present: Collection[str]) -> list[str]:
     """Return the users of the services in `present`."""
-    return sorted({user for _, user in map(split_instance, present) if user})
+    return sorted({user for user in map(person_of, present) if user})
 
 
 def missing_reason(topic: AnyTopic, user: str, present: Collection[str]) -> str:

@@ -31,34 +31,32 @@ def is_wanted() -> bool:
     return sys.stderr.isatty() and has_desktop()
 
 
-class PageOpener:
-    """Opens `file`, which redirects to the page, once, as soon as `instance` is present, in a daemon thread.
+class BrowserWindow:
+    """Opens `file`, which redirects to the page, at most once, in a daemon thread.
 
     Not the link itself: every user of the machine can read the arguments of a browser's process.
     """
 
-    def __init__(self, bus: Bus, instance: str, file: Path) -> None:
-        self._instance = instance
+    def __init__(self, file: Path) -> None:
         self._file = file
         self._copy = Path.home() / f"pointit-{file.name}" if SNAPS.is_dir() else None
         self._is_open = False
         self._lock = threading.Lock()
         """Held while the copy is written or removed."""
         self._is_closed = False
-        self._watching = bus.watch(SERVICE_ALIVE, self._look)
+
+    def open(self) -> None:
+        """Open it, unless it was opened before."""
+        if not self._is_open:
+            self._is_open = True
+            threading.Thread(target=self._open, name="browser", daemon=True).start()
 
     def close(self) -> None:
         """Do not open it any more; remove the copy made for the browser."""
-        self._watching.close()
         with self._lock:
             self._is_closed = True
             if self._copy is not None and self._is_open:
                 self._copy.unlink(missing_ok=True)
-
-    def _look(self, name: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
-        if name == self._instance and present and not self._is_open:
-            self._is_open = True
-            threading.Thread(target=self._open, name="browser", daemon=True).start()
 
     def _open(self) -> None:
         try:
@@ -72,3 +70,21 @@ class PageOpener:
             is_open = False
         if not is_open:
             log.warning("no browser could be opened: open the address of the page yourself")
+
+
+class PageOpener:
+    """Opens `file`, see `BrowserWindow`, as soon as `instance` is present."""
+
+    def __init__(self, bus: Bus, instance: str, file: Path) -> None:
+        self._instance = instance
+        self._window = BrowserWindow(file)
+        self._watching = bus.watch(SERVICE_ALIVE, self._look)
+
+    def close(self) -> None:
+        """Do not open it any more; remove the copy made for the browser."""
+        self._watching.close()
+        self._window.close()
+
+    def _look(self, name: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
+        if name == self._instance and present:
+            self._window.open()

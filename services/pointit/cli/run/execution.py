@@ -17,6 +17,7 @@ from pointit.cli.display.view import figures
 from pointit.cli.run import browser
 from pointit.launch.plan.page import Onlookers, Page, kept_link, where
 from pointit.launch.plan.plan import Plan
+from pointit.launch.plan.recorder import recorded
 from pointit.launch.plan.startup_notices import kept_mountings, kept_offsets
 from pointit.launch.run.run_bus import adapt_to_site, clock_of, open_bus
 from pointit.launch.run.running_scenario import RunningScenario
@@ -44,7 +45,8 @@ def execute(plan: Plan, log_level: str) -> int:
     Raises:
         ConfigError: If a service cannot work as configured; nothing was started.
     """
-    check_launches(plan.launches, plan.link.addresses)
+    recorder = [] if plan.recorder is None else [plan.recorder]
+    check_launches([*plan.launches, *recorder], plan.link.addresses)
     if plan.page is not None and not plan.page.is_usual:
         check_launches([plan.page.launch()])
     console = PlainConsole(stderr=True)
@@ -83,6 +85,8 @@ async def _run(plan: Plan, console: Console | None) -> int:
                 write_summary(run.stage.plan, run.stage.monitor, run.lasted_s * plan.speed)
     finally:
         await bus.close()
+        if plan.recorder is not None:
+            _say(recorded(plan.recorder))
     return 0 if run.stage is None else _verdict(run.stage)
 
 

@@ -42,15 +42,10 @@ def scenarios() -> Section:
     for name in scenario_names():
         scenario = read_scenario(name)
         rows.append({"name": name, "services": [*scenario.site, *scenario.user], "about": scenario.about})
-    replay = {
-        "name": "replay",
-        "services": ["imu-bridge", "pointing", "localizer", "robot-replay"],
-        "about": "a recorded arm and robot, compared with motion capture (--recording FILE.csv)",
-    }
     return Section(
         name="scenarios",
         about="run one with `pointit run NAME`",
-        rows=(*rows, replay),
+        rows=tuple(rows),
         roomy=frozenset({"services"}),
     )
 
@@ -74,7 +69,13 @@ def maps() -> Section:
     )
 
 
-OPTIONS = {"imu-source": "--imu", "led-output": "--leds", "selection-method": "--method", "service": "--with"}
+OPTIONS = {
+    "imu-source": "--imu",
+    "led-output": "--leds",
+    "robot": "--set robot.driver=",
+    "selection-method": "--method",
+    "service": "--with",
+}
 """Options of `pointit run` that choose a plug-in, by its kind."""
 
 

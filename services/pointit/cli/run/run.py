@@ -11,8 +11,17 @@ from pointit.cli.common.completed_names import scenarios
 from pointit.cli.common.option_types import Finite
 from pointit.cli.common.panels import PanelCommand
 from pointit.cli.display.summary import check_writable
+from pointit.cli.recordings.options import recorder_options
 from pointit.cli.run.execution import execute
-from pointit.cli.run.run_options import BESIDE_ROS, PANELS, choices_of, joining, page_options, shared_options
+from pointit.cli.run.run_options import (
+    BESIDE_ROS,
+    OPTIONAL,
+    PANELS,
+    choices_of,
+    joining,
+    page_options,
+    shared_options,
+)
 from pointit.launch.plan.launches import PAGE, Choices
 from pointit.launch.plan.page import (
     REMEDY,
@@ -24,6 +33,7 @@ from pointit.launch.plan.page import (
 )
 from pointit.launch.plan.page_tokens import kept_tokens
 from pointit.launch.plan.plan import Plan
+from pointit.launch.plan.recorder import recorder_launch
 from pointit.launch.plan.scenario import Scenario, read_scenario, scenario_names
 from pointit.launch.plan.scenario_catalog import ScenarioCatalog, places, scenario_launches
 from pointit.launch.plan.settings import check_settings
@@ -32,9 +42,7 @@ from pointit.launch.run.surroundings import USUAL
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.link.link import DEFAULT_ENDPOINT
 from pointit.runtime.link.options import given_credentials, link_options
-from pointit.runtime.service.logs import setup_logging
 from pointit.runtime.service.process import log_option
-from pointit.runtime.service.shutdown import run_until_shutdown
 
 NOBODY = "there are no people in this run: `pointit person add anna`, from another terminal, adds one"
 """Notice at the start of a run with `--users 0` or `--site-only`."""
@@ -60,14 +68,10 @@ def _explain(context: click.Context, _parameter: click.Parameter, wanted: bool) 
         if scenario.explained:
             click.echo(click.wrap_text(scenario.explained, 100, "    ", "    "))
         click.echo(f"    pointit run {name}\n")
-    click.echo(
-        "replay: a recorded arm and robot, compared with motion capture\n"
-        "    pointit run replay --recording FILE.csv"
-    )
     context.exit()
 
 
-@click.command("run", cls=PanelCommand, panels=PANELS)
+@click.command("run", cls=PanelCommand, panels=PANELS, optional=OPTIONAL)
 @click.argument("scenario", default=USUAL, shell_complete=scenarios)
 @click.option(
     "--list", is_flag=True, is_eager=True, expose_value=False, callback=_explain, help="explain the scenarios"
@@ -109,10 +113,15 @@ def _explain(context: click.Context, _parameter: click.Parameter, wanted: bool) 
     help="factor of simulated time",
 )
 @page_options
+@click.option(
+    "--record",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="record everything that travels in this file, as `pointit record` does",
+)
+@recorder_options
 @click.option("--summary", type=click.Path(path_type=Path), help="write the summary to this file, as JSON")
 @click.option("--json", "as_json", is_flag=True, help="print the summary as JSON")
-@click.option("--recording", type=click.Path(path_type=Path), help="for `replay`: a person's recorded IMU")
-@click.option("--mounting", default="minus_x", show_default=True, help="for `replay`: the sensor on the arm")
 @click.option("--connect", multiple=True, help="join this address instead of listening")
 @click.option(
     "--listen", multiple=True, help=f"listen here  [default: {DEFAULT_ENDPOINT} or the next free port]"
@@ -121,23 +130,24 @@ def run(
     scenario: str,
     users: int,
     leds: str,
-    recording: Path | None,
-    mounting: str,
     *,
     site_only: bool,
     speed: float,
     summary: Path | None,
     as_json: bool,
+    record: Path | None,
+    without: tuple[str, ...],
+    pseudonyms: bool,
     **options: Any,
 ) -> int:
     """Run SCENARIO, in which simulated or real people point at objects.
 
     scenario_1: lamps show by colour how close the ray passes. scenario_2: a cursor on the strips.
     scenario_3: select moving segments. scenario_4 (default): packages on a conveyor, sent to bays.
+    scenario_5: fly a quadrotor. scenario_6: drive a robot along a path.
     send_a_robot: goals on the floor. `--list` explains them.
 
-    `replay` plays a person's recorded IMU instead (--recording FILE.csv). A .yaml file is a scenario of
-    your own.
+    A .yaml file is a scenario of your own.
 
     Opens a page in the browser, and prints its address. Watch the scene there, or point with the mouse or a
     phone. The run ends by itself with a summary, unless a page is open; --duration sets a fixed time.
@@ -148,24 +158,9 @@ def run(
     if summary is not None:
         check_writable(summary)
     if scenario == "replay":
-        if recording is None:
-            raise ConfigError("replay needs --recording FILE.csv, a person's recorded IMU")
-        from pointit.cli.run.replay import replay  # noqa: PLC0415 - only what is needed is loaded
-
-        setup_logging(options["log_level"])
-        return run_until_shutdown(
-            replay(
-                recording,
-                speed=speed,
-                duration_s=options["duration"],
-                mounting=mounting,
-                summary=summary,
-                as_json=as_json,
-            )
-        )
-    if recording is not None:
         raise ConfigError(
-            f"--recording {recording}: only for `pointit run replay`; use --imu replay:FILE here"
+            "a recorded arm is no scenario: `pointit import FILE.csv --to FILE.mcap` makes a recording of "
+            "it, and `pointit replay FILE.mcap` runs the services on it"
         )
     if options["listen"] and options["connect"]:
         raise ConfigError("--listen and --connect exclude each other: a run is joined, or joins another")
@@ -176,11 +171,18 @@ def run(
     page, notes = _page(chosen, choices, options)
     choices = dataclasses.replace(choices, page=page is not None)
     launches = scenario_launches(chosen, choices, people)
-    check_settings({*(launch.service.NAME for launch in launches), *([PAGE] if page else [])}, choices)
+    check_settings(launches, choices, *([PAGE] if page else []))
     duration_s = options["duration"]
     if duration_s is None and not site_only:
         duration_s = chosen.duration_s
     name = Path(scenario).stem
+    if record is None and (without or pseudonyms):
+        raise ConfigError("--without and --pseudonyms are for a recording: add --record FILE")
+    recorder = (
+        None
+        if record is None
+        else recorder_launch(record, without=without, pseudonyms=pseudonyms, seed=choices.seed)
+    )
     program = None if site_only else ScenarioCatalog.beginning_with(name, scenario, chosen, choices)
     plan = Plan(
         name=name,
@@ -205,6 +207,7 @@ def run(
         summary=summary,
         as_json=as_json,
         page=page,
+        recorder=recorder,
         browser=not options["no_browser"],
         scenario=name,
         scenarios=() if program is None else program.offered,

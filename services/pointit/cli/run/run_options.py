@@ -9,7 +9,7 @@ import click
 
 from pointit.cli.common.option_types import Finite
 from pointit.cli.run.person_options import PERSON_OPTIONS
-from pointit.launch.plan.launches import Choices
+from pointit.launch.plan.launches import LAMPS, LOCALIZATIONS, Choices, robot_of
 from pointit.launch.plan.page import PORT
 from pointit.runtime.config.environment import check_environment
 from pointit.runtime.link.link import DEFAULT_ENDPOINT, Link
@@ -40,6 +40,7 @@ PANELS = {
     ),
     "Devices": ("imu", "leds", "ros2"),
     "Page": ("no_web", "web_port", "lan", "no_browser", "new_link"),
+    "Recording": ("record", "without", "pseudonyms"),
     "Network": ("connect", "listen", "site", "credentials"),
 }
 """Names of the options of `run` by the heading of their panel."""
@@ -48,14 +49,31 @@ PERSON_PANELS = {heading: PANELS[heading] for heading in ("People", "Devices", "
 """The same for `person add`."""
 
 
+LOCALIZE = "--localize"
+
+OPTIONAL = {LOCALIZE: (LAMPS, LOCALIZATIONS)}
+"""Option whose value may be left out, its value then, and what a value looks like."""
+
+
+def _localization(ctx: click.Context, parameter: click.Parameter, value: str | None) -> str | None:
+    if value is not None and not LOCALIZATIONS.fullmatch(value):
+        raise click.BadParameter(
+            f"{value!r} is no way to localize; write lamps, robot or robot:NAME", ctx=ctx, param=parameter
+        )
+    return value
+
+
 def shared_options(function: Any) -> Any:
     """Add the options that `run` and `user` share."""
     for option in reversed(
         [
             click.option(
-                "--localize",
-                is_flag=True,
-                help="find people's poses by pointing at lamps  [default: --pose, or the scenario's places]",
+                LOCALIZE,
+                metavar="[lamps|robot[:NAME]]",
+                callback=_localization,
+                help="find people's poses by pointing: at lamps, or by following a robot of the scenario "
+                "with the arm (the first one, or that of the NAME). Without a value: lamps  [default: "
+                "--pose, or the scenario's places]",
             ),
             *PERSON_OPTIONS,
             click.option(
@@ -145,7 +163,8 @@ def choices_of(options: dict[str, Any], leds: str = "") -> Choices:
     check_environment(os.environ, registry.names())
     return Choices(
         seed=options["seed"],
-        localize=options["localize"],
+        localize=options["localize"] is not None,
+        robot=robot_of(options["localize"]),
         targets=options["targets"],
         poses=options["poses"],
         method=options.get("method", ""),

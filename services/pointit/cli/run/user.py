@@ -9,7 +9,7 @@ import click
 from pointit.cli.common.completed_names import scenarios
 from pointit.cli.common.panels import PanelCommand
 from pointit.cli.run.execution import execute
-from pointit.cli.run.run_options import PERSON_PANELS, choices_of, joining, shared_options
+from pointit.cli.run.run_options import OPTIONAL, PERSON_PANELS, choices_of, joining, shared_options
 from pointit.cli.run.site_inspection import check_person, inspect_site
 from pointit.launch.plan.launches import added_services, user_launches
 from pointit.launch.plan.plan import Plan
@@ -23,7 +23,7 @@ from pointit.runtime.service.process import log_option
 from pointit.schemas.system import check_user
 
 
-@click.command("add", cls=PanelCommand, panels=PERSON_PANELS)
+@click.command("add", cls=PanelCommand, panels=PERSON_PANELS, optional=OPTIONAL)
 @click.argument("name")
 @shared_options
 @click.option(
@@ -63,7 +63,7 @@ def command(name: str, scenario: str | None, place: int | None, **options: Any) 
             f"--with {shared[0]}: it is shared by all people: start it with `pointit service run {shared[0]}`"
         )
     launches = user_launches(chosen, choices.of_one(place - 1), name, place - 1)
-    check_settings({launch.service.NAME for launch in launches}, choices)
+    check_settings(launches, choices)
     plan = Plan(
         name=name,
         launches=launches,

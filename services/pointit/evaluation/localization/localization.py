@@ -86,7 +86,8 @@ def localization_rows(
     results: dict[int, list[Outcome]] = {}
     done = 0
     tick(done, len(tasks))
-    for number, outcomes in map_parallel(solved, pieces, jobs):
+    one = enumerate(map(solved, pieces)) if len(pieces) < 2 else None  # not worth the start of a process
+    for number, outcomes in one or map_parallel(solved, pieces, jobs):
         results[number] = outcomes
         done += len(pieces[number])
         tick(done, len(tasks))

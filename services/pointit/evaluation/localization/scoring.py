@@ -37,8 +37,8 @@ class Outcome:
 
     key: Key
     solver: str
-    solve_ms: float
-    """Processor time."""
+    solve_ms: float = math.nan
+    """Processor time; NaN if unknown."""
     refused: str = ""
     """Reason of a refusal, or `""`."""
     position_m: float = math.nan
@@ -90,7 +90,7 @@ def _row(name: str, condition: str, subject: str, solver: str, outcomes: Sequenc
         else None,
         refused=len(outcomes) - len(accepted),
         unsure=sum(not outcome.is_sure for outcome in accepted) if states else None,
-        solve_ms=Spread.of(outcome.solve_ms for outcome in outcomes),
+        solve_ms=Spread.of(outcome.solve_ms for outcome in outcomes if math.isfinite(outcome.solve_ms)),
         bound_m=float(np.median(bounds)) if len(bounds) else None,
     )
 

@@ -4,8 +4,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from pointit.evaluation.selection.row import SelectionMetrics, SelectionRow
-from pointit.runtime.config.extras import remedy
 from pointit.runtime.errors import ConfigError
+from pointit.runtime.host.extras import remedy
 
 Value = Callable[[SelectionMetrics], float | None]
 

@@ -4,8 +4,8 @@ import importlib.metadata
 import re
 from typing import Any
 
-from pointit.runtime.config.extras import remedy
 from pointit.runtime.errors import ConfigError
+from pointit.runtime.host.extras import remedy
 from pointit.services.registry import Process
 
 NAME = re.compile(r"[\w.-]+")

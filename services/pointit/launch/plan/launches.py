@@ -1,5 +1,6 @@
 """Service launches from a scenario and the command line's changes to it."""
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal
@@ -12,7 +13,8 @@ from pointit.launch.plan.settings import Settings, layers_of
 from pointit.runtime.config.plugins import PluginGroup
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.service.service import Launch
-from pointit.schemas.system import check_user
+from pointit.schemas.system import check_user, split_instance
+from pointit.schemas.topics import check_name
 from pointit.services import registry
 from pointit.services.imu_bridge.sources import SOURCES
 from pointit.services.led_driver.outputs import OUTPUTS
@@ -48,12 +50,25 @@ OF_TWO_LAMPS: dict[str, Any] = {
 """With two lamps, as in the paper, poses are uncertain but still accepted."""
 
 
+FOLLOWING: dict[str, Any] = {"method": "moving_target", "window_s": 5.0}
+"""Localization by a robot: people follow it with the arm for so long, s."""
+
+LAMPS = "lamps"
+LOCALIZATIONS = re.compile(r"lamps|robot(:.*)?")
+"""Ways to localize people by pointing: at lamps, or by following a robot, which may be named."""
+
+ROBOT = "robot"
+"""The process of a robot, `robot.NAME` in scenarios."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Choices(Settings):
     """Changes of the command line to a scenario."""
 
     seed: int = 0
     localize: bool = False
+    robot: str | None = None
+    """Robot that people follow to be localized, `""` for the scenario's first. None: they point at lamps."""
     targets: int | None = None
     """Number of lamps to point at. None: the localizer's default."""
     poses: Sequence[Pose | None] = ()
@@ -99,6 +114,10 @@ def site_launches(scenario: Scenario, choices: Choices) -> list[Launch]:
         if "selector" not in scenario.site:
             raise ConfigError(f"--method {choices.method}: nothing is selected in {scenario.source}")
         extra["selector"] = _chosen("--method", choices.method, METHODS, "method")
+    if choices.localize and choices.robot is not None:
+        places = [place.position_m for place in scenario.places]
+        followed = followed_robot(scenario, choices.robot)
+        extra[ROBOT if followed == ROBOT else f"{ROBOT}.{followed}"] = {"figure": {"people_m": places}}
     usual: dict[str, dict[str, Any]] = {"conveyor-sim": {"seed": seed_of(choices.seed, "conveyor-sim")}}
     services = dict(scenario.site)
     for name in added_services(choices, "site"):
@@ -167,7 +186,13 @@ def _person(
         position_m = [pose.x_m, pose.y_m, 0.0]
         yaw_deg = pose.yaw_deg if choices.localize else pose.yaw_deg or 0.0
     localizer: dict[str, Any] = {"position_m": position_m, "yaw_deg": yaw_deg}
-    if choices.localize:  # the localizer must not know the pose
+    supervisor: dict[str, Any] = {"localize": choices.localize}
+    if choices.localize and choices.robot is not None:
+        localizer = FOLLOWING | {"robot_id": followed_robot(scenario, choices.robot)}
+        supervisor["localization_method"] = "moving_target"
+        if choices.targets is not None:
+            raise ConfigError(f"--targets {choices.targets}: --localize robot has no lamps; leave one out")
+    elif choices.localize:  # the localizer must not know the pose
         localizer = {"method": "static_targets"}
         if choices.targets is not None:
             localizer["targets"] = choices.targets
@@ -182,7 +207,7 @@ def _person(
         body |= body_of(choices.stature_m)
     return {
         "localizer": localizer,
-        "supervisor": {"localize": choices.localize, "profile": profile},
+        "supervisor": supervisor | {"profile": profile},
         "user-sim": {
             "position_m": position_m,
             "yaw_deg": yaw_deg,
@@ -190,6 +215,36 @@ def _person(
             "body": body,
         },
     }
+
+
+def robot_of(localization: str | None) -> str | None:
+    """Return the robot that one of `LOCALIZATIONS` names, `""` if it names none. None: it is by lamps."""
+    kind, _, name = (localization or "").partition(":")
+    return name if kind == ROBOT else None
+
+
+def robots_of(scenario: Scenario) -> list[str]:
+    """Return the names of the robots of a scenario."""
+    return [name or ROBOT for service, name in map(split_instance, scenario.site) if service == ROBOT]
+
+
+def followed_robot(scenario: Scenario, robot: str) -> str:
+    """Return the robot of the scenario that people follow: `robot`, or the first one if that is `""`.
+
+    Raises:
+        ConfigError: If it is not there.
+    """
+    there = robots_of(scenario)
+    if not there:
+        raise ConfigError(
+            f"--localize robot: {scenario.source} has no robot; add one to its site (robot.NAME), or leave "
+            "`robot` out to point at lamps"
+        )
+    if robot and robot not in there:
+        raise ConfigError(
+            f"--localize robot:{robot}: {scenario.source} has no such robot; it has {', '.join(there)}"
+        )
+    return robot or there[0]
 
 
 def place_of(scenario: Scenario, choices: Choices, index: int) -> Place:
@@ -209,13 +264,19 @@ def added_services(choices: Choices, scope: Literal["site", "user"]) -> list[str
     return [name for name in choices.services if _row(name, f"--with {name}").scope == scope]
 
 
-def _row(name: str, where: str) -> Process:
+def _row(instance: str, where: str) -> Process:
+    name, which = split_instance(instance)
     try:
-        return registry.process(name)
+        row = registry.process(name)
+        if which:
+            check_name(which, f"{where}: name")
     except KeyError as error:
         raise ConfigError(f"{where}: {error.args[0]}") from error
     except ConfigError as error:
         raise ConfigError(f"{where}: {error}") from error
+    if which and not row.several:
+        raise ConfigError(f"{where}: {instance}: a site has one {name}; leave out {which!r}")
+    return row
 
 
 def _choose(option: str, text: str, group: PluginGroup[Any]) -> tuple[str, dict[str, Any]]:
@@ -246,4 +307,5 @@ def _launch(
     service = load(row)
     named = dict(zip(("defaults of scenarios", scenario.source, "command line"), layered, strict=True))
     config = layers_of(name, named, choices).build(service.CONFIG)
-    return Launch(service=service, config=config, user=user, plugin=row.label)
+    which = split_instance(name)[1]
+    return Launch(service=service, config=config, user=user, name=which, plugin=row.label)

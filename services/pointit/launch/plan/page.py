@@ -17,8 +17,8 @@ from pointit.launch.plan.extras import has_extra, load
 from pointit.launch.plan.launches import PAGE
 from pointit.launch.plan.page_tokens import Tokens
 from pointit.launch.plan.settings import Settings, layers_of, service_of
-from pointit.runtime.config.extras import remedy
 from pointit.runtime.errors import ConfigError, ListenError
+from pointit.runtime.host.extras import remedy
 from pointit.runtime.link.addresses import own_address
 from pointit.runtime.service.service import AnyService, Launch
 from pointit.schemas import Health

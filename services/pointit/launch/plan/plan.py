@@ -39,6 +39,8 @@ class Plan:
     summary: Path | None = None
     as_json: bool = False
     page: Page | None = None
+    recorder: Launch | None = None
+    """Records the run from before its first service to after its last one."""
     browser: bool = False
     """Open the page in a browser, if there is a desktop."""
     scenario: str = ""
@@ -59,4 +61,5 @@ class Plan:
     def instances(self) -> list[str]:
         """Return the instance names of all that it starts."""
         page = [] if self.page is None else [self.page.instance]
-        return [launch.instance for launch in self.launches] + page
+        recorder = [] if self.recorder is None else [self.recorder.instance]
+        return [launch.instance for launch in self.launches] + page + recorder

@@ -85,7 +85,7 @@ def read_scenario(name: str) -> Scenario:
         return scenario
     if name not in scenario_names():
         known = scenario_names()
-        all_names = f"there are {', '.join(known)} and replay, or give a .yaml file"
+        all_names = f"there are {', '.join(known)}; or give a .yaml file"
         raise ConfigError(f"no scenario {name!r}; {did_you_mean(name, known) or all_names}")
     with resources.as_file(SHIPPED / f"{name}.yaml") as path:
         return Scenario.read(path, path.name)

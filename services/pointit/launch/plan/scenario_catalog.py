@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from pointit.launch.plan.launches import PAGE, Choices, place_of, site_launches, user_launches
+from pointit.launch.plan.launches import PAGE, Choices, place_of, robots_of, site_launches, user_launches
 from pointit.launch.plan.map_fit import check_map_fits
 from pointit.launch.plan.plan import Plan
 from pointit.launch.plan.scenario import Scenario, read_scenario, scenario_names
@@ -15,6 +15,7 @@ from pointit.launch.plan.startup_notices import assumed_places
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.service.service import Launch, check_launches
 from pointit.schemas import RunScenario
+from pointit.schemas.system import split_instance
 
 PLACES = 8
 """Number of people whose assumed places are given to a page, present or not."""
@@ -114,6 +115,7 @@ class ScenarioCatalog:
         return dataclasses.replace(
             choices,
             localize=localize,
+            robot=choices.robot if robots_of(scenario) else None,
             targets=choices.targets if localize else None,
             poses=poses,
             method=choices.method if "selector" in scenario.site else "",
@@ -140,7 +142,7 @@ class ScenarioCatalog:
 
 def _services(scenario: Scenario) -> set[str]:
     """Return the services that may run in a scenario; every person may have an imu-bridge."""
-    return {*scenario.site, *scenario.user, "imu-bridge"}
+    return {*(split_instance(name)[0] for name in scenario.site), *scenario.user, "imu-bridge"}
 
 
 def _room(scenario: Scenario) -> str:

@@ -8,9 +8,12 @@ from typing import Any, cast
 
 from pointit.runtime.config.config import Layers
 from pointit.runtime.config.environment import environment_prefix
+from pointit.runtime.config.plugins import PluginConfig
 from pointit.runtime.config.similar_names import nearest
 from pointit.runtime.config.yaml_file import read_yaml
 from pointit.runtime.errors import ConfigError
+from pointit.runtime.service.service import Launch
+from pointit.schemas.system import instance_of, split_instance
 from pointit.services import registry
 
 
@@ -24,36 +27,54 @@ class Settings:
     """`service.parameter=value`."""
 
 
-def layers_of(name: str, below: Mapping[str, Mapping[str, Any]], chosen: Settings) -> Layers:
-    """Return the parameters of the service `name`: `below`, by source, then files, variables and `--set`.
+def layers_of(instance: str, below: Mapping[str, Mapping[str, Any]], chosen: Settings) -> Layers:
+    """Return the parameters of a service: `below`, by source, then files, variables and `--set`.
+
+    Args:
+        instance: the service, such as `pui`, or one of several on a site, such as `robot.quad`, which gets
+            the parameters of `robot`, too, and its own last.
+        below: parameters by source.
+        chosen: what the command line says.
 
     Raises:
         ConfigError: a file or setting is wrong.
     """
+    name = split_instance(instance)[0]
+    names = dict.fromkeys((name, instance))
     layers = Layers(registry.process(name).config().REPLACED)
     for source, values in below.items():
-        layers.add(values, f"{source}, {name}")
+        layers.add(values, f"{source}, {instance}")
     for path in chosen.files:
-        layers.add(_section(path, name), f"{path}, {name}")
+        for each in names:
+            layers.add(_section(path, each), f"{path}, {each}")
     layers.add_environment(os.environ, environment_prefix(name))
-    for setting in chosen.settings:
-        target, text = _split(setting)
-        if target[0] == name:
-            layers.add_text(target[1:], text, f"--set {setting}")
+    for each in names:
+        for setting in chosen.settings:
+            target, path_in, text = _split(setting)
+            if target == each:
+                layers.add_text(path_in, text, f"--set {setting}")
     return layers
 
 
-def check_settings(running: Collection[str], chosen: Settings) -> None:
+def check_settings(running: Collection[Launch], chosen: Settings, *others: str) -> None:
     """Check that every `--set` has an effect.
 
+    Args:
+        running: what is started.
+        chosen: what the command line says.
+        *others: further services that are started.
+
     Raises:
-        ConfigError: If one is for a service that is not among `running`.
+        ConfigError: If one is for a service that is not started.
     """
+    services = {*(launch.service.NAME for launch in running), *others}
+    named = {launch.instance for launch in running if launch.name}
     for setting in chosen.settings:
-        service = service_of(setting)
-        if service not in running:
+        target, _, _ = _split(setting)
+        if target not in services | named:
+            there = services if target in registry.names() else named or services
             raise ConfigError(
-                f"--set {setting!r}: {service} is not among what this starts: {', '.join(sorted(running))}"
+                f"--set {setting!r}: {target} is not among what this starts: {', '.join(sorted(there))}"
             )
 
 
@@ -63,7 +84,7 @@ def service_of(setting: str) -> str:
     Raises:
         ConfigError: If it is malformed, or there is no such service.
     """
-    return _split(setting)[0][0]
+    return split_instance(_split(setting)[0])[0]
 
 
 def _section(path: Path, name: str) -> Mapping[str, Any]:
@@ -76,16 +97,30 @@ def _section(path: Path, name: str) -> Mapping[str, Any]:
     return cast("dict[str, Any]", value)
 
 
-def _split(setting: str) -> tuple[list[str], str]:
+def _split(setting: str) -> tuple[str, list[str], str]:
+    """Return the service, or one of several such as `robot.quad`; the path of its parameter; the value."""
     target, separator, text = setting.partition("=")
     path = target.split(".")
     if not separator or len(path) < 2:
         raise ConfigError(f"--set {setting!r}: write service.parameter=value, such as pui.map=conveyor")
     _check_service(path[0], f"--set {setting!r}")
-    return path, text
+    if len(path) > 2 and registry.process(path[0]).several and not _is_parameter(path[0], path[1]):
+        return instance_of(path[0], path[1]), path[2:], text
+    return path[0], path[1:], text
 
 
-def _check_service(name: str, source: str) -> None:
+def _is_parameter(service: str, name: str) -> bool:
+    """Return True if `name` is that of a parameter or section of `service`, not of one of several."""
+    config = registry.process(service).config()
+    return name in config.model_fields or (
+        issubclass(config, PluginConfig) and name in config.plugins().names
+    )
+
+
+def _check_service(instance: str, source: str) -> None:
+    name, which = split_instance(instance)
     known = registry.names()
     if name not in known:
         raise ConfigError(f"{source}: {name!r} is no service; {nearest(name, known)}")
+    if which and not registry.process(name).several:
+        raise ConfigError(f"{source}: {instance!r}: a site has one {name}; leave out {which!r}")

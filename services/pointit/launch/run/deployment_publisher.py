@@ -40,7 +40,7 @@ class DeploymentPublisher:
             self._hearing = self._bus.subscribe(DEPLOYMENT, self._on_deployment, name, kept=False)
         self._stamp_ns, self._is_anothers = time.time_ns(), False
         services = tuple(
-            ExpectedService(service=launch.service.NAME, user=launch.user, command=command)
+            ExpectedService(service=launch.service.NAME, user=launch.user, name=launch.name, command=command)
             for launch, command in lines
         )
         self._publisher.put(

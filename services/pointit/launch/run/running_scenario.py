@@ -1,6 +1,7 @@
 """The running scenario: its services, its monitor, and switching to another scenario."""
 
 import asyncio
+import contextlib
 import logging
 import time
 from collections.abc import Callable, Sequence
@@ -10,20 +11,24 @@ from pointit.launch.plan.page import Page
 from pointit.launch.plan.plan import Plan
 from pointit.launch.run.deployment_publisher import DeploymentPublisher, Line
 from pointit.launch.run.monitor import Monitor
+from pointit.launch.run.robot_score import RobotsScore, spots_of
 from pointit.launch.run.score import Score
 from pointit.launch.run.service_group import ServiceGroup
-from pointit.runtime.bus.contract import UNDECLARE_S
+from pointit.runtime.bus.contract import UNDECLARE_S, Bus
 from pointit.runtime.clock import Clock
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.service.instance_takeover import claim_names
 from pointit.runtime.service.service import Launch
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
-from pointit.schemas.topics import USER_ALIVE
+from pointit.schemas.topics import SERVICE_ALIVE, USER_ALIVE
 
 log = logging.getLogger(__name__)
 
 PRESENCE_PATIENCE_S = 0.3
 """Time to listen for services that are already present."""
+
+RECORDER_PATIENCE_S = 10.0
+"""Time that a run waits for its recorder, so that the recording has its beginning."""
 
 GONE_S = UNDECLARE_S + 0.05
 """Time after which late subscribers receive no retained state of ended services any more."""
@@ -72,6 +77,7 @@ class RunningScenario:
         self._cast: ServiceGroup | None = None
         self._page: ServiceGroup | None = None
         self._page_is_lost = False
+        self._recorder: ServiceGroup | None = None
         self._opening: asyncio.Task[None] | None = None
 
     @property
@@ -102,6 +108,10 @@ class RunningScenario:
         Raises:
             Exception: The error that ended a service at startup.
         """
+        if self.plan.recorder is not None:
+            self._recorder = self._cast_of([self.plan.recorder], on_end=self._check_recorder)
+            await self._recorder.begin()
+            await _until_present(self.bus, self.plan.recorder.instance)
         await self._set(self.plan)
         if self.plan.page is not None:
             self._opening = asyncio.create_task(self._open(self.plan.page), name="opening the page")
@@ -139,12 +149,20 @@ class RunningScenario:
             self._notice.retract()
         casts = [cast for cast in (self._cast, self._page) if cast is not None]
         await asyncio.gather(*(cast.end() for cast in casts))
+        if self._recorder is not None:
+            await self._recorder.end()
         if self._cast is not None:
             self._cast.check()
 
     async def _set(self, plan: Plan) -> None:
         self.plan = plan
-        self.monitor = Monitor(Score(plan.target_kinds), self.clock, person=plan.person, tell=self._news)
+        self.monitor = Monitor(
+            Score(plan.target_kinds),
+            self.clock,
+            person=plan.person,
+            tell=self._news,
+            robots=RobotsScore(spots_of(plan.launches)),
+        )
         self.monitor.attach(self.bus)
         for launch in plan.launches:
             launch.service.discard_saved_state(self.bus.link.site, self.clock.now_ns())
@@ -189,6 +207,13 @@ class RunningScenario:
         except Exception as error:  # noqa: BLE001 - as above
             self._give_up_page(error)
 
+    def _check_recorder(self) -> None:
+        try:
+            if self._recorder is not None:
+                self._recorder.check()
+        except Exception as error:  # noqa: BLE001 - as above
+            log.error("the recorder has ended (%s); the run continues without it", _sentence(error))  # noqa: TRY400
+
     def _give_up_page(self, error: Exception) -> None:
         if not self._page_is_lost:
             log.error("the page has ended (%s); the run continues without it", _sentence(error))
@@ -196,7 +221,24 @@ class RunningScenario:
 
     def _post(self) -> None:
         """Publish the deployment."""
-        self._notice.post(self.plan, [*_lines(self._cast), *_lines(self._page)])
+        self._notice.post(self.plan, [*_lines(self._cast), *_lines(self._page), *_lines(self._recorder)])
+
+
+async def _until_present(bus: Bus, instance: str) -> None:
+    """Wait for a service, also as a process, but no longer than `RECORDER_PATIENCE_S`."""
+    there = asyncio.Event()
+
+    def look(name: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
+        if present and name == instance:
+            there.set()
+
+    watching = bus.watch(SERVICE_ALIVE, look)
+    try:
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(RECORDER_PATIENCE_S):
+                await there.wait()
+    finally:
+        watching.close()
 
 
 def _lines(cast: ServiceGroup | None) -> list[Line]:

@@ -57,6 +57,8 @@ class Processes:
         command = [sys.executable, *row.command, "--config", str(self.folder / f"{launch.instance}.yaml")]
         if launch.user:
             command += ["--user", launch.user]
+        if launch.name:
+            command += ["--name", launch.name]
         return (*command, "--site", self._site, "--connect", self._connect, "--clock", self._clock)
 
     async def __aenter__(self) -> Self:

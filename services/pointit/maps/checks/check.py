@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from pointit.geometry.vector import Vec3
 from pointit.maps.checks.belts import check_belts
+from pointit.maps.checks.fences import check_fences
 from pointit.maps.checks.finding import Finding, error, warning
 from pointit.maps.checks.strips import check_lines, check_strips
 from pointit.maps.lanes import broken_references, lanes_of
@@ -50,6 +51,7 @@ def check_map(
         *_check_lamps({name: led.position for name, led in file.leds.items()}, person_m),
         *_check_solids(file),
         *_check_clouds(clouds),
+        *check_fences(file.fences),
         *_check_twins(file),
         *_check_extent(file),
     ]
@@ -69,6 +71,8 @@ def contents(file: MapFile, clouds: Mapping[str, NDArray[np.float64]]) -> str:
         (len(file.cylinders), "cylinder", ""),
         (len(file.spheres), "sphere", ""),
         (len(clouds), "cloud", _with(sum(len(points) for points in clouds.values()), "point")),
+        (len(file.fences), "fence", ""),
+        (len(file.frames), "frame", ""),
     )
     plural = {"box": "boxes"}
     return ", ".join(
@@ -149,6 +153,7 @@ def _check_twins(file: MapFile) -> Iterator[Finding]:
     yield from _twins("cylinders", file.cylinders)
     yield from _twins("spheres", file.spheres)
     yield from _twins("clouds", file.clouds)
+    yield from _twins("fences", file.fences)
 
 
 def _twins(section: str, entries: Mapping[str, object]) -> Iterator[Finding]:

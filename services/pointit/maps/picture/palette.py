@@ -12,6 +12,8 @@ STRIP, LAMP, LINK, BAY, CLOUD = "#0072b2", "#e69f00", "#d55e00", "#009e73", "#56
 SOLID, SOLID_FILL = "#8a4a77", "#cc79a733"
 """The palette's purple, darker where it is for lines and text."""
 
+KEEP_IN, KEEP_OUT = "#009e73", "#d55e00"
+
 HALO: list[Any] = [withStroke(linewidth=2.5, foreground="white")]
 ON_TOP: dict[str, Any] = {"path_effects": HALO, "zorder": 9}
 """Properties of text."""

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from pointit.geometry.polyline import Polyline
 from pointit.maps.picture.belts import draw_bays, draw_belts, draw_links, draw_strips
+from pointit.maps.picture.fences import draw_fences
 from pointit.maps.picture.palette import CLOUD, INK, LAMP, ON_TOP, SOLID, Axes
 from pointit.maps.picture.solids import draw_solids
 from pointit.schemas import Environment
@@ -84,6 +85,7 @@ def map_figure(
     legend = [
         *_draw_clouds(axes, clouds),
         *draw_solids(axes, room),
+        *draw_fences(axes, room),
         *draw_belts(axes, room, side),
         *draw_strips(axes, room),
         *draw_links(axes, room),
@@ -116,6 +118,8 @@ def _extent(
     ]
     for (x, y, _), radius in round_things:
         places += [(x - radius, y - radius), (x + radius, y + radius)]
+    for fence in room.fences:
+        places += fence.outline_m
     for points in clouds.values():
         flat = points[:, :2]
         places += [tuple(flat.min(axis=0)), tuple(flat.max(axis=0))]

@@ -13,7 +13,7 @@ import time
 from collections.abc import Callable, Iterable
 from typing import Any, Protocol
 
-from pointit.runtime.bus.contract import EVENT_CAPACITY, AnyTopic, SubscriptionStats
+from pointit.runtime.bus.contract import EVENT_CAPACITY, AnyTopic, SubscriptionStats, Tap
 from pointit.schemas import DecodeError, Message
 from pointit.schemas.topics import Delivery
 
@@ -110,6 +110,7 @@ class Mailbox:
         unpack: Callable[[Any], Message] | None = None,
         *,
         kept: bool = True,
+        every: bool = False,
     ) -> None:
         """Make a buffer for `topic`.
 
@@ -119,6 +120,7 @@ class Mailbox:
             dispatcher: of the loop.
             unpack: turns foreign items into messages, in the loop.
             kept: take what was kept of a state whose writer may be gone.
+            every: queue what is not an event like one, rather than keep the newest.
         """
         self.topic = topic
         self.traffic = SubscriptionStats()
@@ -128,7 +130,7 @@ class Mailbox:
         self._lock = threading.Lock()
         self._marked = False
         self._closed = False
-        self._keeps_newest = topic.delivery is not Delivery.EVENT
+        self._keeps_newest = topic.delivery is not Delivery.EVENT and not every
         self._newest: dict[str, Any] = {}
         self._queue: collections.deque[tuple[str, Any]] = collections.deque(maxlen=EVENT_CAPACITY)
         self._overflowed = 0
@@ -273,3 +275,24 @@ class Mailbox:
 
     def _may_log(self, what: str) -> bool:
         return self._dispatcher.should_log(self.topic.key, what)
+
+
+class TapMailbox(Mailbox):
+    """A mailbox that keeps nothing: what arrives goes to the handler, on the thread on which it arrives."""
+
+    def __init__(self, topic: AnyTopic, handler: Tap, dispatcher: Dispatcher) -> None:
+        super().__init__(topic, handler, dispatcher)
+
+    def offer(self, name: str, item: Any) -> None:
+        """Hand over `item`; from any thread."""
+        if not self._closed:
+            self.traffic.received += 1
+            if self._takes_kept:
+                self._live.add(name)
+            self._handler(item, name)
+
+    def drain(self) -> None:
+        """Hand over what was kept of states."""
+        with self._lock:
+            self._marked = False
+        self._drain_kept()

@@ -16,6 +16,7 @@ from pointit.runtime.bus.contract import (
     Recall,
     Server,
     Subscription,
+    Tap,
 )
 from pointit.runtime.bus.endpoints import (
     Declaration,
@@ -25,7 +26,7 @@ from pointit.runtime.bus.endpoints import (
     RetainedStateServer,
 )
 from pointit.runtime.bus.local_broker import Participant
-from pointit.runtime.bus.mailbox import Mailbox
+from pointit.runtime.bus.mailbox import Mailbox, TapMailbox
 from pointit.runtime.bus.request_handler import RequestHandler, no_answer, shutting_down
 from pointit.runtime.errors import BusClosedError, RefusedError
 from pointit.schemas import Message, Query, Reply
@@ -60,11 +61,17 @@ class MemoryBus(Participant):
         return MemoryPublisher(self, topic, name)
 
     def subscribe(
-        self, topic: Topic[M], handler: Handler[M], name: str = ANY, *, kept: bool = True
+        self, topic: Topic[M], handler: Handler[M], name: str = ANY, *, kept: bool = True, every: bool = False
     ) -> Subscription:
         """Call `handler(message, name)` for what arrives."""
         self._check_open()
-        return MailboxSubscription(self, topic, Mailbox(topic, handler, self.dispatcher, kept=kept), name)
+        mailbox = Mailbox(topic, handler, self.dispatcher, kept=kept, every=every)
+        return MailboxSubscription(self, topic, mailbox, name)
+
+    def tap(self, topic: AnyTopic, handler: Tap, name: str = ANY) -> Subscription:
+        """Call `handler` for every message at once."""
+        self._check_open()
+        return MailboxSubscription(self, topic, TapMailbox(topic, handler, self.dispatcher), name)
 
     def serve_retained(self, topics: Sequence[AnyTopic], recall: Recall) -> Closable:
         """Answer for the writers of `topics` that are gone."""

@@ -23,6 +23,9 @@ class Config(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
     REPLACED: typing.ClassVar[tuple[str, ...]] = ()
     """Fields whose mapping in a later source replaces the earlier one. All others are merged by name."""
+    SECRETS: typing.ClassVar[frozenset[str]] = frozenset()
+    """Fields that are not published with the others. Those called `token`, `password`, `secret` or `key` need
+    not be named here."""
 
 
 class Layers:

@@ -39,11 +39,14 @@ class Plugin:
     """Parameter that `NAME:VALUE` on the command line sets, or `""` if the name stands alone."""
     example: str = ""
     """Example of that value."""
+    argument_optional: bool = False
+    """True if the name may also stand alone: the parameter then has its default, such as the first device."""
 
     @property
     def value(self) -> str:
-        """Return the text behind the name on the command line, such as `:PORT`, or `""`."""
-        return f":{self.example or self.argument.upper()}" if self.argument else ""
+        """Return the text behind the name on the command line, such as `:PORT` or `[:PORT]`, or `""`."""
+        text = f":{self.example or self.argument.upper()}" if self.argument else ""
+        return f"[{text}]" if text and self.argument_optional else text
 
 
 OURS = "pointit"
@@ -148,9 +151,10 @@ class PluginGroup(Generic[P]):
         """
         name, colon, value = text.partition(":")
         plugin = self.get(name)
-        if bool(value) != bool(plugin.argument) or (colon and not value):
+        missing = plugin.argument and not value and not plugin.argument_optional
+        if missing or (value and not plugin.argument) or (colon and not value):
             raise ConfigError(f"write {name}{plugin.value}")
-        return name, {plugin.argument: value} if plugin.argument else {}
+        return name, {plugin.argument: value} if value else {}
 
     def configs(self, among: Collection[str] | None = None) -> dict[str, type[Config]]:
         """Return parameters of all that can be imported, by name; `among` as in `PluginConfig.sections`."""

@@ -1,12 +1,11 @@
 """The ends of a topic as a service has them: what goes out and what comes in is measured on its way."""
 
-import time
 from collections.abc import Callable
 from typing import Generic, TypeVar
 
 from pointit.runtime.bus.contract import Handler, Publisher
 from pointit.runtime.clock import Clock
-from pointit.runtime.health.metrics import DurationWindow, TopicMeter
+from pointit.runtime.health.metrics import DurationWindow, TopicMeter, steady_time
 from pointit.runtime.health.timeliness import STREAMS, LateMessageFilter, OutOfOrderFilter
 from pointit.schemas import NS_PER_S, Message
 from pointit.schemas.topics import Delivery
@@ -24,12 +23,13 @@ class InstrumentedPublisher(Generic[M]):
         self._meter = meter
         self._latency = latency if meter.topic.delivery is Delivery.LATEST else None
         self._clock = clock
+        self._time_s = steady_time()
 
     def put(self, message: M) -> None:
         """Send `message`."""
         self._inner.put(message)
         self._meter.count += 1
-        self._meter.newest_s = time.monotonic()
+        self._meter.newest_s = self._time_s()
         if self._latency is not None:
             clock = self._clock
             self._latency.add((clock.now_ns() - message.stamp_ns) / NS_PER_S / clock.speed)
@@ -49,6 +49,8 @@ def instrument_handler(
     steps: DurationWindow,
     clock: Clock,
     drops_late: Callable[[M], bool] | None,
+    *,
+    in_order: bool = True,
 ) -> Handler[M]:
     """Return `handler` for one subscriber, behind filters, with messages counted and calls timed.
 
@@ -58,16 +60,18 @@ def instrument_handler(
         steps: collects the duration of each call of `handler`, s.
         clock: the clock that stamps messages.
         drops_late: returns True for messages that are dropped if late. None if late ones are accepted.
+        in_order: drop messages of a stream that are older than its newest.
     """
-    order = OutOfOrderFilter() if meter.topic in STREAMS else None
+    order = OutOfOrderFilter() if in_order and meter.topic in STREAMS else None
     if order is not None:
         meter.orders.append(order)
     lateness = None if drops_late is None else LateMessageFilter()
+    time_s = steady_time()
     if lateness is not None:
         meter.latenesses.append(lateness)
 
     def filter_and_time(message: M, key_name: str) -> None:
-        began_s = time.monotonic()
+        began_s = time_s()
         if order is not None and not order.accepts(key_name, message.stamp_ns, began_s):
             return
         if lateness is not None and drops_late is not None and drops_late(message):
@@ -78,6 +82,6 @@ def instrument_handler(
         meter.count += 1
         meter.newest_s = began_s
         handler(message, key_name)
-        steps.add(time.monotonic() - began_s)
+        steps.add(time_s() - began_s)
 
     return filter_and_time

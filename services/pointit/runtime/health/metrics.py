@@ -1,11 +1,14 @@
-"""Traffic and times between two reports of a service, counted where it meets the bus; pure."""
+"""Traffic and times between two reports of a service, counted where it meets the bus."""
 
+import asyncio
 import collections
 import math
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 
 from pointit.runtime.bus.contract import AnyTopic, SubscriptionStats
 from pointit.runtime.health.timeliness import LateMessageFilter, OutOfOrderFilter
+from pointit.runtime.virtual_time import is_virtual
 from pointit.schemas import Quantiles
 
 REFUSED_SHOWN_S = 5.0
@@ -13,6 +16,12 @@ REFUSED_SHOWN_S = 5.0
 
 SAMPLES = 4096
 """Times kept between two reports; the oldest give way."""
+
+
+def steady_time() -> Callable[[], float]:
+    """Return the clock of the running loop, s: monotonic, and virtual where a recording is replayed."""
+    # the loop's own `time` is a Python function, called a dozen times a sample
+    return asyncio.get_running_loop().time if is_virtual() else time.monotonic
 
 
 class DurationWindow:

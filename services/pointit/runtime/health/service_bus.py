@@ -22,12 +22,15 @@ from pointit.runtime.bus.contract import (
     Recall,
     Server,
     Subscription,
+    Tap,
+    Undecoded,
 )
 from pointit.runtime.clock import Clock
 from pointit.runtime.health.instrumented import InstrumentedPublisher, instrument_handler
-from pointit.runtime.health.metrics import DurationWindow, TopicMeter
+from pointit.runtime.health.metrics import DurationWindow, TopicMeter, steady_time
+from pointit.runtime.health.served import ServedPublisher
 from pointit.schemas import Figure, Health, KeyHealth, Message, Query, Reply
-from pointit.schemas.topics import ANY, HEALTH, Presence, Request, Topic
+from pointit.schemas.topics import ANY, SERVED, Presence, Request, Topic
 
 M = TypeVar("M", bound=Message)
 Q = TypeVar("Q", bound=Query)
@@ -60,7 +63,8 @@ class ServiceBus:
         self._service = service
         self._instance = instance
         self._user = user
-        self._began_s = self._reported_s = time.monotonic()
+        self._time_s = steady_time()
+        self._began_s = self._reported_s = self._time_s()
         self._meters: dict[tuple[str, str], TopicMeter] = {}
         self._steps = DurationWindow()
         self._latency = DurationWindow()
@@ -76,6 +80,7 @@ class ServiceBus:
         self._seq = 0
         self.served: set[str] = set()
         """Keys of the requests this service answers."""
+        self._served: ServedPublisher | None = None
 
     @property
     def reads(self) -> set[str]:
@@ -105,6 +110,7 @@ class ServiceBus:
         name: str = ANY,
         *,
         kept: bool = True,
+        every: bool = False,
         drops_late: Callable[[M], bool] | None = None,
     ) -> Subscription:
         """Call `handler(message, name)` for each arriving message.
@@ -114,12 +120,27 @@ class ServiceBus:
             handler: takes it.
             name: whose; all by default.
             kept: take what was kept of states whose writers may be gone.
+            every: take also what is overtaken or older than the newest; for recordings.
             drops_late: selects messages that are left out and reported if they come much later than others
                 before them: a service must not act on what a bad link has delayed. None if all are accepted.
         """
         meter = self._meter(topic, "in")
-        counted = instrument_handler(handler, meter, self._steps, self._clock, drops_late)
-        subscription = self._bus.subscribe(topic, counted, name, kept=kept)
+        counted = instrument_handler(handler, meter, self._steps, self._clock, drops_late, in_order=not every)
+        subscription = self._bus.subscribe(topic, counted, name, kept=kept, every=every)
+        meter.traffics.append(subscription.traffic)
+        self._declared.append(subscription)
+        return subscription
+
+    def tap(self, topic: AnyTopic, handler: Tap, name: str = ANY) -> Subscription:
+        """Call `handler` for every message at once, on the thread on which it arrives."""
+        meter = self._meter(topic, "in")
+
+        def counted(arrived: Message | Undecoded, key_name: str) -> None:
+            meter.count += 1
+            meter.newest_s = self._time_s()
+            handler(arrived, key_name)
+
+        subscription = self._bus.tap(topic, counted, name)
         meter.traffics.append(subscription.traffic)
         self._declared.append(subscription)
         return subscription
@@ -133,7 +154,11 @@ class ServiceBus:
     def serve(self, request: Request[Q, R], server: Server[Q, R], name: str = ANY) -> Closable:
         """Answer `request`."""
         self.served.add(request.key)
-        served = self._bus.serve(request, server, name)
+        if self._served is None:
+            self._served = ServedPublisher(
+                self.account(SERVED), self._clock, service=self._service, instance=self._instance
+            )
+        served = self._bus.serve(request, self._served.reporting(request, server), name)
         self._declared.append(served)
         return served
 
@@ -174,7 +199,7 @@ class ServiceBus:
                 callback()
             except Exception:  # a timer's fault must not stop the others
                 self._errors += 1
-                now_s = time.monotonic()
+                now_s = self._time_s()
                 if now_s - self._logged_s >= LOG_PERIOD_S:
                     self._logged_s = now_s
                     log.exception("timer of %s failed (%d errors so far)", self._instance, self._errors)
@@ -224,6 +249,10 @@ class ServiceBus:
         """Take the warning about `topic` back."""
         self._warnings.pop(topic, None)
 
+    def has_warning(self, topics: str) -> bool:
+        """Return True if a warning is shown about a topic that begins with `topics`."""
+        return any(topic.startswith(topics) for topic in self._warnings)
+
     def set_metric(self, name: str, value: float | None, unit: str = "", part: str = "") -> None:
         """Show a metric, as in `("drift", 0.4, "°/min")`, of the service or a `part`. None removes it."""
         if value is None or not math.isfinite(value):
@@ -243,7 +272,7 @@ class ServiceBus:
 
     def report(self) -> Health:
         """Return the account of the time since the last report."""
-        now_s = time.monotonic()
+        now_s = self._time_s()
         span_s = max(now_s - self._reported_s, 1e-3)
         self._reported_s = now_s
         keys: list[KeyHealth] = []
@@ -284,9 +313,9 @@ class ServiceBus:
             figures=self._shown_metrics(),
         )
 
-    def health_publisher(self) -> Publisher[Health]:
-        """Declare the writer of this service's health."""
-        publisher = self._bus.publisher(HEALTH, self._instance)
+    def account(self, topic: Topic[M]) -> Publisher[M]:
+        """Declare the writer of this service's key of `topic`, one of `ACCOUNTS`. Health does not show it."""
+        publisher = self._bus.publisher(topic, self._instance)
         self._publishers.append(publisher)
         return publisher
 

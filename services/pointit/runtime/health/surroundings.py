@@ -52,7 +52,12 @@ class PluginHealth:
         self._health.reached(latency_s)
 
     def _topic(self, topic: str) -> str:
-        return f"plug-in {self._part}: {topic}"
+        return warning_topics(self._part) + topic
+
+
+def warning_topics(part: str) -> str:
+    """Return the beginning of the topics of the warnings of the plug-in `part`."""
+    return f"plug-in {part}: "
 
 
 class NullHealth:

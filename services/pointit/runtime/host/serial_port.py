@@ -1,6 +1,7 @@
 """Serial ports: opened for us alone, kept open by a thread of their own, their errors as sentences."""
 
 import asyncio
+import contextlib
 import errno
 import logging
 import os
@@ -79,15 +80,39 @@ def describe_error(error: BaseException, port: str) -> str:
     return f"{port} failed ({error}): check the device and its cable"
 
 
-def describe_ports() -> str:
-    """Return the serial ports of this machine with what is plugged in, for a sentence; `none` if none."""
+@dataclass(frozen=True)
+class SerialPort:
+    """A serial port of this machine."""
+
+    path: str
+    """Its name that lasts, `/dev/serial/by-id/...`, or the device if there is none."""
+    description: str
+    """Name of what is plugged in."""
+
+
+def serial_ports() -> list[SerialPort]:
+    """Return the serial ports of this machine that something is plugged in."""
     lasting = {os.path.realpath(link): str(link) for link in Path("/dev/serial/by-id").glob("*")}
-    found = [
-        f"{lasting.get(info.device, info.device)} ({info.description})"
+    return [
+        SerialPort(lasting.get(info.device, info.device), info.description)
         for info in sorted(list_ports.comports(), key=lambda info: info.device)
         if info.description != "n/a"  # the built-in ports that a board may or may not have
     ]
-    return ", ".join(found) or "none"
+
+
+def describe_ports() -> str:
+    """Return the serial ports of this machine with what is plugged in, for a sentence; `none` if none."""
+    return ", ".join(f"{port.path} ({port.description})" for port in serial_ports()) or "none"
+
+
+def is_open_elsewhere(path: str) -> bool:
+    """Return True if another process of this user has the port open (Linux; elsewhere always False)."""
+    device, own = os.path.realpath(path), str(os.getpid())
+    for link in Path("/proc").glob("[0-9]*/fd/*"):
+        with contextlib.suppress(OSError):  # the process may have ended
+            if link.parts[2] != own and str(link.readlink()) == device:
+                return True
+    return False
 
 
 class SerialThread:

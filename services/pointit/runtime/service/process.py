@@ -6,7 +6,7 @@ import os
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any, Literal, NoReturn
 
 import click
 
@@ -27,7 +27,7 @@ from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas import SchemaError
 from pointit.schemas.system import check_user
 from pointit.schemas.text import plain
-from pointit.schemas.topics import SERVICE_ALIVE
+from pointit.schemas.topics import SERVICE_ALIVE, check_name
 
 log = logging.getLogger(__name__)
 
@@ -99,13 +99,16 @@ def service_command(service: type[AnyService], plugin: str = "") -> click.Comman
         user: str = options.get("user") or ""
         if user:
             check_user(user)
+        name: str = options.get("name") or ""
+        if name:
+            check_name(name)
         config = load_config(
             service,
             [options["config"]] if options["config"] else [],
             {path: value for name, value in options.items() if (path := _path(name))},
         )
         link = link_of(options["site"], options["connect"], options["listen"])
-        launch = Launch(service=service, config=config, user=user, plugin=plugin)
+        launch = Launch(service=service, config=config, user=user, name=name, plugin=plugin)
         check_launches([launch], link.addresses)
         if options["while_parent_lives"]:
             exit_with_parent()
@@ -116,7 +119,8 @@ def service_command(service: type[AnyService], plugin: str = "") -> click.Comman
             patience_s = CLOCK_PATIENCE_S if is_default else ASKED_CLOCK_PATIENCE_S
         return run_until_shutdown(_serve(launch, link, patience_s))
 
-    return _command(service.NAME, service.SCOPE, (service.__doc__ or "").strip(), service.CONFIG, callback)
+    scope = "several" if service.SEVERAL else service.SCOPE
+    return _command(service.NAME, scope, (service.__doc__ or "").strip(), service.CONFIG, callback)
 
 
 def unavailable_command(
@@ -131,7 +135,11 @@ def unavailable_command(
 
 
 def _command(
-    name: str, scope: Scope, about: str, config: type[Config], callback: Callable[..., int]
+    name: str,
+    scope: Scope | Literal["several"],
+    about: str,
+    config: type[Config],
+    callback: Callable[..., int],
 ) -> click.Command:
     """Return the command of a service, which calls `callback` with every option."""
     parameters: list[click.Parameter] = [
@@ -153,6 +161,8 @@ def _command(
         parameters.insert(
             0, click.Option(["--user"], required=True, help="whose service it is, the key's {user}")
         )
+    if scope == "several":
+        parameters.insert(0, click.Option(["--name"], help="its name, where a site has several of its kind"))
     prefix = environment_prefix(name)
     note = f"Every parameter may also stand in a YAML file (--config) or in a variable {prefix}<PARAMETER>."
     return _ServiceCommand(
@@ -241,8 +251,9 @@ async def _serve(launch: Launch, link: Link, clock_patience_s: float | None) -> 
 
 
 async def _claim(bus: ZenohBus, launch: Launch) -> None:
-    if launch.user and bus.link.connect:
-        advice = f"give this one another --user than {launch.user}, or end the other one first"
+    if launch.is_single and bus.link.connect:
+        own = f"another --user than {launch.user}" if launch.user else "a --name of its own"
+        advice = f"give this one {own}, or end the other one first"
         await claim_names(bus, SERVICE_ALIVE, {launch.instance}, advice)
 
 

@@ -12,18 +12,21 @@ from urllib.parse import quote
 from pointit.runtime.bus.contract import Bus, Publisher
 from pointit.runtime.clock import MAX_SLEW_S, Clock, SteadyClock
 from pointit.runtime.config.config import Config
+from pointit.runtime.config.published import published_parameters
 from pointit.runtime.errors import BusClosedError, ConfigError
 from pointit.runtime.health.service_bus import ServiceBus
 from pointit.runtime.health.surroundings import NullHealth, PluginHealth, Surroundings
+from pointit.runtime.host.release import pointit_version
 from pointit.runtime.host.state_file import plugin_folder
 from pointit.runtime.service.instance_takeover import TakeoverMonitor
 from pointit.runtime.service.plugin_guard import PluginGuard, describe, first_cause
 from pointit.runtime.service.stall_watch import watch_for_stalls
-from pointit.schemas import Health
+from pointit.schemas import Configuration, Health
 from pointit.schemas.system import check_user, instance_of
-from pointit.schemas.topics import SERVICE_ALIVE, USER_ALIVE
+from pointit.schemas.topics import CONFIGURATION, HEALTH, SERVICE_ALIVE, USER_ALIVE
 
 log = logging.getLogger(__name__)
+
 
 C = TypeVar("C", bound=Config)
 Scope = Literal["site", "user"]
@@ -39,6 +42,8 @@ class Context:
     clock: Clock
     user: str = ""
     """The person whose service it is, or `""` for a shared service."""
+    name: str = ""
+    """Its name among several of its kind on the site, or `""`."""
 
 
 class Service(ABC, Generic[C]):
@@ -53,6 +58,8 @@ class Service(ABC, Generic[C]):
     SCOPE: ClassVar[Scope]
     """One for all (`site`) or one per person (`user`)."""
     CONFIG: ClassVar[type[Config]]
+    SEVERAL: ClassVar[bool] = False
+    """True if a site may have several of a shared service, each under a name of its own: `robot.quad`."""
     TIME_MAY_STEP: ClassVar[bool] = False
     """If false, the clock never goes back while the service lives (`SteadyClock`). If the site's time goes
     back too far, the service is restarted. True for bridges and for services with more to lose than a
@@ -64,6 +71,7 @@ class Service(ABC, Generic[C]):
         self.bus = context.bus
         self.clock = context.clock
         self.user = context.user
+        self.name = context.name
 
     @classmethod
     def validate_config(cls, config: C) -> None:
@@ -119,13 +127,20 @@ class Launch:
     service: type[AnyService]
     config: Config
     user: str = ""
+    name: str = ""
+    """Its name among several of its kind on the site, or `""`."""
     plugin: str = ""
     """Its name in messages if another package brings it: its faults end no other service. `""`: ours."""
 
     @property
     def instance(self) -> str:
-        """Return the name under which it is present: `selector`, `pointing.anna`."""
-        return instance_of(self.service.NAME, self.user)
+        """Return the name under which it is present: `selector`, `pointing.anna`, `robot.quad`."""
+        return instance_of(self.service.NAME, self.user or self.name)
+
+    @property
+    def is_single(self) -> bool:
+        """Return True if only one process may have its instance name: that started last keeps it."""
+        return bool(self.user) or self.service.SEVERAL
 
 
 def check_launches(launches: Sequence[Launch], addresses: Sequence[str] = ()) -> None:
@@ -192,8 +207,9 @@ async def _run_once(
     if launch.plugin:
         watch_for_stalls(kind.__module__, launch.plugin, view)
     try:
-        service = kind(launch.config, Context(bus=view, clock=clock, user=launch.user))
-        health = view.health_publisher()
+        service = kind(launch.config, Context(bus=view, clock=clock, user=launch.user, name=launch.name))
+        health = view.account(HEALTH)
+        view.account(CONFIGURATION).put(_configuration(launch, clock.now_ns()))
         view.announce(SERVICE_ALIVE, launch.instance)
         if launch.user:
             view.announce(USER_ALIVE, launch.user)
@@ -204,7 +220,7 @@ async def _run_once(
             reporting = _report(view, health, succession, clock, guard)
             report = group.create_task(reporting, name=f"{launch.instance} health")
             tasks = {work, report}
-            if launch.user:  # duplicates of a shared service both go on, with a warning
+            if launch.is_single:  # duplicates of another shared service both go on, with a warning
                 tasks.add(group.create_task(_until_lost(succession, launch), name=f"{launch.instance} name"))
             done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
             for task in tasks:
@@ -218,13 +234,25 @@ async def _run_once(
         log.debug("%s ended", launch.instance)
 
 
+def _configuration(launch: Launch, now_ns: int) -> Configuration:
+    """Return the parameters of a service for who records the site."""
+    return Configuration(
+        stamp_ns=now_ns,
+        service=launch.service.NAME,
+        instance=launch.instance,
+        user=launch.user,
+        parameters=published_parameters(launch.config),
+        release=pointit_version(),
+    )
+
+
 async def _wait_for_restart(
     launch: Launch, bus: Bus, clock: SteadyClock, guard: PluginGuard, wait_s: float
 ) -> None:
     """Report for a service of another package, which has failed, until it is time to restart it."""
     view = ServiceBus(bus, clock, launch.service.NAME, launch.instance, launch.user)
     try:
-        health = view.health_publisher()
+        health = view.account(HEALTH)
         view.announce(SERVICE_ALIVE, launch.instance)
         view.warn(guard.label, guard.problem)
         with contextlib.suppress(BusClosedError):

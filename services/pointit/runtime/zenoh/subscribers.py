@@ -31,6 +31,11 @@ class EncodedMessage:
         self._message: Message | None = None
         self._failure = ""
 
+    @property
+    def size(self) -> int:
+        """Return its number of bytes."""
+        return len(self._sample.payload)
+
     def decode(self) -> Message:
         """Return the message; decoded for the first who asks, the same object for all others.
 

@@ -23,9 +23,10 @@ from pointit.runtime.bus.contract import (
     Recall,
     Server,
     Subscription,
+    Tap,
 )
 from pointit.runtime.bus.endpoints import Declaration, MemoryPublisher
-from pointit.runtime.bus.mailbox import Mailbox
+from pointit.runtime.bus.mailbox import Mailbox, TapMailbox
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.bus.name_limiter import Places
 from pointit.runtime.errors import AccessDeniedError, NoAnswerError
@@ -43,7 +44,7 @@ from pointit.runtime.zenoh.session import open_session
 from pointit.runtime.zenoh.subscribers import EncodedMessage, SharedSubscriber, ZenohSubscription
 from pointit.schemas import Environment, Message, Query, Reply
 from pointit.schemas.table_types import NAME
-from pointit.schemas.topics import ANY, HEALTH, LAMP_COLOR, MAP, Delivery, Presence, Request, Topic
+from pointit.schemas.topics import ACCOUNTS, ANY, LAMP_COLOR, MAP, Delivery, Presence, Request, Topic
 
 M = TypeVar("M", bound=Message)
 Q = TypeVar("Q", bound=Query)
@@ -116,14 +117,14 @@ class ZenohBus(MemoryBus):
     def publisher(self, topic: Topic[M], name: str = "") -> MemoryPublisher[M]:
         """Declare a writer of `topic.at(name)`."""
         self._check_open()
-        if topic is HEALTH and self._is_onlooker:
+        if topic in ACCOUNTS and self._is_onlooker:
             return super().publisher(topic, name)
-        if topic is not HEALTH:
+        if topic not in ACCOUNTS:
             self._want("writes", topic.at(name))
         return ZenohPublisher(self, self.session, topic, name)
 
     def subscribe(
-        self, topic: Topic[M], handler: Handler[M], name: str = ANY, *, kept: bool = True
+        self, topic: Topic[M], handler: Handler[M], name: str = ANY, *, kept: bool = True, every: bool = False
     ) -> Subscription:
         """Call `handler(message, name)` for what arrives."""
         self._check_open()
@@ -133,9 +134,18 @@ class ZenohBus(MemoryBus):
                 self._places.keep(LAMP_COLOR.placeholder, (lamp.id for lamp in message.lamps))
             handler(message, map_name)
 
-        self._want("reads", topic.at(name))
         taken = on_map if topic is MAP else handler
-        mailbox = Mailbox(topic, taken, self.dispatcher, EncodedMessage.decode, kept=kept)
+        mailbox = Mailbox(topic, taken, self.dispatcher, EncodedMessage.decode, kept=kept, every=every)
+        return self._read(topic, mailbox, name, kept=kept)
+
+    def tap(self, topic: AnyTopic, handler: Tap, name: str = ANY) -> Subscription:
+        """Call `handler` for every message at once, on the loop's thread or Zenoh's."""
+        self._check_open()
+        return self._read(topic, TapMailbox(topic, handler, self.dispatcher), name, kept=True)
+
+    def _read(self, topic: AnyTopic, mailbox: Mailbox, name: str, *, kept: bool) -> Subscription:
+        """Fill `mailbox` with what arrives, and with what is kept."""
+        self._want("reads", topic.at(name))
         subscription = ZenohSubscription(
             self, self.session, topic, mailbox, name, inlets=self._inlets, places=self._places
         )

@@ -8,11 +8,20 @@ from pointit.runtime.config.config import Config
 
 
 class GoalConfig(Config):
-    """Permitted places of goals, their confirmation, and limits of refusal.
+    """Robots or places that the person points at, permitted places, their confirmation, limits of refusal.
 
     Pointing is no safety function (pointing.md §9): a robot that follows goals must avoid people itself.
     """
 
+    steer: Literal["places", "robots"] = Field(
+        default="places",
+        description="places: any robot is sent to a place pointed at in two steps; robots: a robot is taken "
+        "by pointing at it, then follows the cursor (quadrotor) or goes a path of places (ground robot)",
+    )
+    take: Literal["press", "dwell"] = Field(
+        default="press",
+        description="how a robot pointed at is taken: by a press, or by staying on it for dwell_s",
+    )
     surfaces: tuple[str, ...] = Field(
         default=("workspace/horizontal",),
         description="surfaces for goals besides the level planes of the map, by the ids of cursors",
@@ -25,11 +34,14 @@ class GoalConfig(Config):
         "second stay within one and a half radii is at the same place, m",
     )
     dwell_s: float = Field(
-        default=1.0, ge=0.2, le=10, description="time of staying at a place that proposes it, s"
+        default=1.0,
+        ge=0.2,
+        le=10,
+        description="time of staying at a place that proposes it, or makes it a way-point, s",
     )
     confirm: Literal["again", "press"] = Field(
         default="again",
-        description="confirmation of a proposed place: leave it and stay there again, or press "
+        description="places: confirmation of a proposed place: leave it and stay there again, or press "
         "the button, which ends the pointing unless supervisor.press_while_pointing is confirms",
     )
     confirm_s: float = Field(

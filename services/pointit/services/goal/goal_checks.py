@@ -2,14 +2,11 @@
 
 import math
 
-import numpy as np
-
+from pointit.geometry.floor_sigma import place_sigma_m
+from pointit.geometry.plane import is_level
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, Cursor, Environment, Interaction, UserPose
 from pointit.services.goal.config import GoalConfig
-
-LEVEL = math.cos(math.radians(5.0))
-"""Smallest vertical part of a plane's normal on which a robot can stand."""
 
 
 class GoalChecker:
@@ -30,11 +27,7 @@ class GoalChecker:
 
     def on_map(self, environment: Environment) -> None:
         """Update the level planes of the map."""
-        self._level = frozenset(
-            plane.id
-            for plane in environment.planes
-            if abs(plane.normal[2]) >= LEVEL * math.hypot(*plane.normal)
-        )
+        self._level = frozenset(plane.id for plane in environment.planes if is_level(plane.normal))
 
     def on_pose(self, user: str, pose: UserPose) -> None:
         """Update a person's pose, which is valid until the next one even if they leave."""
@@ -64,28 +57,12 @@ class GoalChecker:
         return min(gaps, default=math.inf)
 
     def sigma_m(self, place_m: Vec3, cursor: Cursor) -> float:
-        """Return 1 sigma of the place on the floor along its worse direction.
-
-        Combines the covariance of the person's position and yaw at the place, and their aim, which spreads
-        along the ray by 1/sin of its slope and across it by the range alone. Infinite if unknown.
-        """
+        """Return 1 sigma of the place on the floor along its worse direction, infinite if unknown."""
         pose = self._poses.get(self._user)
         if pose is None or cursor.origin_m is None:
             return math.inf
-        over = np.array(place_m) - np.array(pose.position_m)
-        turn = np.array([[1.0, 0.0, -over[1]], [0.0, 1.0, over[0]]])
-        spread = turn @ np.array(pose.covariance).reshape(3, 3) @ turn.T
-        reach = np.array(place_m) - np.array(cursor.origin_m)
-        range_m, level_m = float(np.linalg.norm(reach)), float(np.hypot(reach[0], reach[1]))
-        aim_m = math.radians(self._config.aim_sigma_deg) * range_m
-        if aim_m > 0.0:
-            if abs(reach[2]) < 1e-6 * range_m:
-                return math.inf
-            ahead = reach[:2] / level_m if level_m > 0.0 else np.array([1.0, 0.0])
-            across = np.array([-ahead[1], ahead[0]])
-            slope = abs(float(reach[2])) / range_m
-            spread += (aim_m / slope) ** 2 * np.outer(ahead, ahead) + aim_m**2 * np.outer(across, across)
-        return math.sqrt(max(0.0, float(np.linalg.eigvalsh((spread + spread.T) / 2.0)[-1])))
+        aim_rad = math.radians(self._config.aim_sigma_deg)
+        return place_sigma_m(place_m, pose.position_m, pose.covariance, cursor.origin_m, aim_rad)
 
     def rejection_reason(self, place_m: Vec3, cursor: Cursor, now_ns: int) -> str:
         """Return the reason not to send a robot to a place, or `""` if there is none."""

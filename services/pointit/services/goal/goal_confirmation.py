@@ -6,23 +6,22 @@ by default, and a press only if the supervisor leaves presses to other services.
 """
 
 import math
-from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
-from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, ButtonEvent, Cursor, Environment, Feedback, Goal, Interaction, UserPose
-from pointit.schemas.cues import SIGNS, Cue
 from pointit.services.goal.config import GoalConfig
 from pointit.services.goal.goal_checks import GoalChecker
+from pointit.services.goal.goal_cues import CueFactory
+from pointit.services.goal.stay_detector import StayDetector
 
 Output = Goal | Feedback
 
 GAP_NS = 300_000_000
 """Time without cursors that ends a stay."""
-LEFT, THERE = 2.0, 1.5
-"""In radii: distance at which a place is left, and at which a second stay is still there. People return
-without seeing the cursor, and two reaches differ by some degrees (pointing.md §7)."""
+THERE = 1.5
+"""Distance at which a second stay is still at the place of the first, in radii. People return without seeing
+the cursor, and two reaches differ by some degrees (pointing.md §7)."""
 BACK_NS = NS_PER_S
 """A cursor older than the one before by at most this is late. One older still is of a clock that was set."""
 
@@ -36,21 +35,6 @@ class _Proposal(NamedTuple):
     """Time of the proposal."""
 
 
-@dataclass
-class _Stay:
-    """Consecutive cursors at one place."""
-
-    first_m: Vec3
-    surface_id: str
-    since_ns: int
-    total_m: Vec3 = (0.0, 0.0, 0.0)
-    count: int = 0
-
-    @property
-    def mean_m(self) -> Vec3:
-        return vector.scale(self.total_m, 1.0 / self.count)
-
-
 class GoalConfirmation:
     """Turns the pointing of one person into cues and goals."""
 
@@ -59,11 +43,10 @@ class GoalConfirmation:
         self._config = config
         self._checker = GoalChecker(config, user)
         self._cursor: Cursor | None = None
-        self._stay: _Stay | None = None
-        self._over: tuple[str, Vec3] | None = None
-        """Surface and place of the last stay with a result, until it is left."""
+        self._stays = StayDetector(config.radius_m, config.dwell_s)
         self._proposal: _Proposal | None = None
-        self._cues = self._goals = 0
+        self._cues = CueFactory()
+        self._goals = 0
 
     @property
     def deadline_ns(self) -> int | None:
@@ -85,7 +68,7 @@ class GoalConfirmation:
         self._checker.on_interaction(interaction)
         if self._checker.is_pointing:
             return []
-        self._stay = self._over = None
+        self._stays.reset()
         return self._withdraw("you stopped pointing", now_ns)
 
     def on_cursor(self, cursor: Cursor, now_ns: int) -> list[Output]:
@@ -97,16 +80,10 @@ class GoalConfirmation:
             if -BACK_NS <= step_ns < 0:
                 return outputs
             if not 0 <= step_ns <= GAP_NS:
-                self._stay = None
+                self._stays.interrupt()
         self._cursor = cursor
-        place = self._checker.place(cursor)
-        if self._over is not None and self._is_away(place, cursor.surface_id, *self._over):
-            self._over = self._stay = None
-        if place is None:
-            self._stay = None
-        elif self._over is None:
-            outputs += self._follow(place, cursor, now_ns)
-        return outputs
+        mean_m = self._stays.on_cursor(self._checker.place(cursor), cursor.surface_id, cursor.stamp_ns)
+        return outputs if mean_m is None else [*outputs, *self._stayed(mean_m, cursor, now_ns)]
 
     def on_button(self, event: ButtonEvent, now_ns: int) -> list[Output]:
         """Process a gesture: a press confirms the proposal if so configured."""
@@ -119,7 +96,7 @@ class GoalConfirmation:
             late = "your press came late, or by another clock: point there and press once more"
             return [*outputs, *self._refuse(late, now_ns)]
         here = self._checker.place(self._cursor)
-        if self._is_away(here, self._cursor.surface_id, proposal.surface_id, proposal.place_m):
+        if self._stays.is_away(here, self._cursor.surface_id, proposal.surface_id, proposal.place_m):
             return [*outputs, *self._refuse("you pointed elsewhere: point at the place as you press", now_ns)]
         return [*outputs, *self._confirm(proposal, self._cursor, "press", now_ns)]
 
@@ -130,21 +107,8 @@ class GoalConfirmation:
             return []
         return self._withdraw(f"not confirmed within {self._config.confirm_s:g} s", now_ns)
 
-    def _follow(self, place: Vec3, cursor: Cursor, now_ns: int) -> list[Output]:
-        """Continue the stay, or start one. Return the result when it is long enough."""
-        stay = self._stay
-        if (
-            stay is None
-            or stay.surface_id != cursor.surface_id
-            or math.dist(stay.first_m, place) > self._config.radius_m
-        ):
-            stay = self._stay = _Stay(place, cursor.surface_id, cursor.stamp_ns)
-        stay.total_m = vector.add(stay.total_m, place)
-        stay.count += 1
-        if cursor.stamp_ns - stay.since_ns < round(self._config.dwell_s * NS_PER_S):
-            return []
-        mean_m = stay.mean_m
-        self._stay = None
+    def _stayed(self, mean_m: Vec3, cursor: Cursor, now_ns: int) -> list[Output]:
+        """Return the result of a stay at `mean_m`."""
         proposal = self._proposal
         if (
             self._config.confirm == "again"
@@ -152,9 +116,8 @@ class GoalConfirmation:
             and proposal.surface_id == cursor.surface_id
             and math.dist(proposal.place_m, mean_m) <= THERE * self._config.radius_m
         ):
-            self._over = (proposal.surface_id, proposal.place_m)
+            self._stays.bar(proposal.surface_id, proposal.place_m)
             return self._confirm(proposal, cursor, "again", now_ns)
-        self._over = (cursor.surface_id, mean_m)
         return self._propose(mean_m, cursor, now_ns)
 
     def _propose(self, place_m: Vec3, cursor: Cursor, now_ns: int) -> list[Output]:
@@ -164,7 +127,7 @@ class GoalConfirmation:
         self._proposal = _Proposal(place_m, cursor.surface_id, cursor.stamp_ns, now_ns)
         how = "point elsewhere, then there again" if self._config.confirm == "again" else "press your button"
         text = f"send a robot there? {how} within {self._config.confirm_s:g} s"
-        return [self._cue("selected", "selected", text, now_ns, place_m)]
+        return [self._cues.make("selected", text, now_ns, place_m)]
 
     def _confirm(
         self, proposal: _Proposal, cursor: Cursor, by: Literal["again", "press"], now_ns: int
@@ -187,36 +150,18 @@ class GoalConfirmation:
             proposed_ns=proposal.stamp_ns,
             confirmed_by=by,
         )
-        return [goal, self._cue("selected", "localized", "the robot is sent there", now_ns, place_m)]
+        sent = self._cues.make("selected", "the robot is sent there", now_ns, place_m, sign_of="localized")
+        return [goal, sent]
 
     def _refuse(self, reason: str, now_ns: int, place_m: Vec3 | None = None) -> list[Output]:
         proposal, self._proposal = self._proposal, None
         if place_m is None and proposal is not None:
             place_m = proposal.place_m
-        return [self._cue("refused", "refused", reason, now_ns, place_m)]
+        return [self._cues.make("refused", reason, now_ns, place_m)]
 
     def _withdraw(self, reason: str, now_ns: int) -> list[Output]:
         proposal, self._proposal = self._proposal, None
         if proposal is None:
             return []
         text = f"no robot is sent: {reason}"
-        return [self._cue("deselected", "deselected", text, now_ns, proposal.place_m)]
-
-    def _is_away(self, here: Vec3 | None, surface_id: str, other_id: str, place_m: Vec3) -> bool:
-        is_on = here is not None and surface_id == other_id
-        return not is_on or math.dist(here or place_m, place_m) > LEFT * self._config.radius_m
-
-    def _cue(self, cue: Cue, sign_of: Cue, text: str, now_ns: int, place_m: Vec3 | None) -> Feedback:
-        """Return a cue with the signs of the table; goals and proposals sound differently."""
-        sign = SIGNS[sign_of]
-        self._cues += 1
-        return Feedback(
-            stamp_ns=now_ns,
-            seq=self._cues,
-            cue=cue,
-            text=text,
-            chime=sign.chime,
-            haptic_ms=sign.haptic_ms,
-            color=sign.color,
-            point_m=place_m,
-        )
+        return [self._cues.make("deselected", text, now_ns, proposal.place_m)]

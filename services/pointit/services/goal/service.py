@@ -1,19 +1,42 @@
-"""Reads a person's cursor, button and interaction, the map and all people's poses; writes goals and cues."""
+"""Reads the pointing of a person, poses, robots and the map; writes steering, goals and cues."""
 
 import asyncio
 from collections.abc import Sequence
+from functools import partial
 from typing import ClassVar
 
 from pointit.runtime.clock import wait_until
 from pointit.runtime.service.service import Context, Scope, Service
-from pointit.schemas import ButtonEvent, Cursor, Environment, Goal, Interaction, UserPose
-from pointit.schemas.topics import BUTTON, CURSOR, FEEDBACK, GOAL, INTERACTION, MAP, POSE
+from pointit.schemas import (
+    ButtonEvent,
+    Cursor,
+    Environment,
+    Feedback,
+    Goal,
+    Interaction,
+    RobotState,
+    Steering,
+    UserPose,
+)
+from pointit.schemas.topics import (
+    BUTTON,
+    CURSOR,
+    FEEDBACK,
+    GOAL,
+    INTERACTION,
+    MAP,
+    POSE,
+    RAY,
+    ROBOT_STATE,
+    STEERING,
+)
 from pointit.services.goal.config import GoalConfig
-from pointit.services.goal.goal_confirmation import GoalConfirmation, Output
+from pointit.services.goal.goal_confirmation import GoalConfirmation
+from pointit.services.goal.robot_steering import RobotSteering
 
 
 class Goals(Service[GoalConfig]):
-    """Turns one person's pointing at level places into goals for a robot, each confirmed."""
+    """Turns one person's pointing at places, or at robots and places, into confirmed goals and steering."""
 
     NAME: ClassVar[str] = "goal"
     SCOPE: ClassVar[Scope] = "user"
@@ -21,9 +44,16 @@ class Goals(Service[GoalConfig]):
 
     def __init__(self, config: GoalConfig, context: Context) -> None:
         super().__init__(config, context)
-        self._steps = GoalConfirmation(config, self.user)
+        self._steps: GoalConfirmation | RobotSteering
         self._moved = asyncio.Event()
         self._goals = self.bus.publisher(GOAL, self.user)
+        self._steering = self.bus.publisher(STEERING, self.user)
+        if config.steer == "robots":
+            robots = self._steps = RobotSteering(config, self.user)
+            self.bus.subscribe(RAY, lambda ray, _user: robots.on_ray(ray), self.user)
+            self.bus.subscribe(ROBOT_STATE, partial(self._on_robot, robots))
+        else:
+            self._steps = GoalConfirmation(config, self.user)
         self._feedback = self.bus.publisher(FEEDBACK, self.user)
         self.bus.subscribe(MAP, self._on_map)
         self.bus.subscribe(POSE, self._on_pose)
@@ -32,7 +62,7 @@ class Goals(Service[GoalConfig]):
         self.bus.subscribe(BUTTON, self._on_button, self.user)
 
     async def run(self) -> None:
-        """Withdraw proposals that are not confirmed in time."""
+        """Withdraw proposals that are not confirmed in time, and requests that no robot answers."""
         while True:
             self._put(self._steps.tick(self.clock.now_ns()))
             self._moved.clear()
@@ -53,11 +83,16 @@ class Goals(Service[GoalConfig]):
     def _on_button(self, event: ButtonEvent, _user: str) -> None:
         self._put(self._steps.on_button(event, self.clock.now_ns()))
 
-    def _put(self, outputs: Sequence[Output]) -> None:
+    def _on_robot(self, robots: RobotSteering, state: RobotState, name: str) -> None:
+        self._put(robots.on_robot(name, state, self.clock.now_ns()))
+
+    def _put(self, outputs: Sequence[Goal | Feedback | Steering]) -> None:
         for output in outputs:
             if isinstance(output, Goal):
                 self._goals.put(output)
                 self.bus.set_metric("goals", output.seq)
+            elif isinstance(output, Steering):
+                self._steering.put(output)
             else:
                 self._feedback.put(output)
         if outputs:

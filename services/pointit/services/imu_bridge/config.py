@@ -40,6 +40,12 @@ class ImuBridgeConfig(PluginConfig):
         default=None,
         description="the same as roll, pitch and yaw about the fixed axes x, y, z, in that order, °",
     )
+    silence_s: float = Field(
+        default=3.0,
+        gt=0,
+        le=3600,
+        description="time without a reading after which a connected device is reported as silent, s",
+    )
     yaw_origin_deg: float = Field(default=0.0, description="the device's yaw that counts as 0, °")
 
     @classmethod

@@ -1,16 +1,24 @@
 """Readings of a source of orientations, its interface, and the check of what it delivers."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Literal, Protocol, runtime_checkable
 
 from pointit.geometry.rotation import Quaternion
-from pointit.schemas import NS_PER_S
+from pointit.geometry.vector import Vec3
+from pointit.schemas import NS_PER_S, Feedback
 
 MAX_ITEMS_PER_S = 1000
 """Items per second of the clock beyond which the rest of that second is refused."""
 UNIT_TOLERANCE = 0.05
 """Largest deviation of the squared norm of an orientation from 1."""
+MAX_RATE_RADPS = 100.0
+"""Largest angular velocity of a raw reading, rad/s; gyroscopes reach 70."""
+MAX_ACCELERATION_MPS2 = 1000.0
+"""Largest acceleration of a raw reading, m/s²; accelerometers of wrists reach 314."""
+END_NS = 2**62
+"""End of the times that are accepted, ns; 146 years."""
 SHOWN_NS = 5 * NS_PER_S
 """Time for which a problem is reported, ns."""
 
@@ -20,9 +28,41 @@ class Reading:
     """One orientation of the sensor."""
 
     stamp_ns: int
-    """Host time of capture, or of arrival if the device does not state it."""
+    """Host time of arrival, or of capture if the source knows it."""
     world_from_sensor: Quaternion
+    """Rotates vectors of the sensor into a frame with z up and a yaw origin of its own; x, y, z, w."""
     device_time_ns: int | None = None
+    """The device's own clock at capture, if it states one. imu-bridge converts it to host time."""
+
+
+@dataclass(frozen=True, slots=True)
+class RawReading:
+    """Angular velocity and acceleration; imu-bridge computes the orientation (extra `fusion`)."""
+
+    stamp_ns: int
+    """Host time of arrival."""
+    angular_velocity_radps: Vec3
+    """In the sensor's frame, rad/s."""
+    acceleration_mps2: Vec3
+    """In the sensor's frame, with gravity: (0, 0, +9.81) at rest with z up, m/s²."""
+    device_time_ns: int | None = None
+    """The device's own clock at capture, if it states one. It makes the orientation more accurate."""
+
+
+@dataclass(frozen=True, slots=True)
+class Battery:
+    """Charge of the device, delivered when it is read or changes."""
+
+    level: float
+    """0 (empty) to 1 (full)."""
+    volts: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Signal:
+    """Strength of the radio signal (RSSI)."""
+
+    dbm: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,11 +77,22 @@ class Press:
 class Reconnected:
     """The device was connected, perhaps again: it may have been restarted, or be another one."""
 
+    keeps_yaw: bool = False
+    """True if its yaw origin is certainly the same: its clock or packet counter shows that it ran on."""
 
-Item = Reading | Press | Reconnected
+
+@dataclass(frozen=True, slots=True)
+class Disconnected:
+    """The device was lost."""
+
+    reason: str
+    """A sentence for health: what, where, what to do."""
+
+
+Item = Reading | RawReading | Press | Battery | Signal | Reconnected | Disconnected
 
 Deliver = Callable[[Item], None]
-"""Callback for readings, called in the event loop."""
+"""Callback for readings and events of the device, called in the event loop."""
 
 
 class Source(Protocol):
@@ -49,6 +100,18 @@ class Source(Protocol):
 
     async def run(self, deliver: Deliver) -> None:
         """Deliver readings until cancelled."""
+        ...
+
+
+@runtime_checkable
+class CueSource(Source, Protocol):
+    """A source whose device can vibrate or light up."""
+
+    def cue(self, cue: Feedback) -> None:
+        """Play `cue` (`haptic_ms`, `color`) on the device at once, without blocking.
+
+        Without a connection it is dropped. Called in the event loop, also before `run`.
+        """
         ...
 
 
@@ -72,14 +135,50 @@ class ReadingCheck:
         found = ""
         if self._count > MAX_ITEMS_PER_S:
             found = f"delivers more than {MAX_ITEMS_PER_S} readings a second; the rest is dropped"
-        elif isinstance(item, Reading):
-            x, y, z, w = item.world_from_sensor
-            norm2 = x * x + y * y + z * z + w * w
-            if not abs(norm2 - 1.0) <= UNIT_TOLERANCE:  # also if it is not a number
-                found = f"delivers orientations of norm {norm2**0.5:.3g}; they are dropped: it must be 1"
+        else:
+            found = fault(item)
         self.is_refused = bool(found)
         if found:
             self._problem, self._problem_ns = found, now_ns
         elif self._problem and not 0 <= now_ns - self._problem_ns < SHOWN_NS:
             self._problem = ""
         return self._problem
+
+
+def fault(item: Item) -> str:
+    """Return an error message if the values of `item` cannot be used, else `""`."""
+    if isinstance(item, Reading):
+        x, y, z, w = item.world_from_sensor
+        norm2 = x * x + y * y + z * z + w * w
+        if not abs(norm2 - 1.0) <= UNIT_TOLERANCE:  # also if it is not a number
+            return f"delivers orientations of norm {norm2**0.5:.3g}; they are dropped: it must be 1"
+        return time_fault(item.stamp_ns, item.device_time_ns)
+    if isinstance(item, RawReading):
+        rate_radps = math.hypot(*item.angular_velocity_radps)
+        acceleration_mps2 = math.hypot(*item.acceleration_mps2)
+        if not (rate_radps <= MAX_RATE_RADPS and acceleration_mps2 <= MAX_ACCELERATION_MPS2):
+            return (
+                f"delivers {rate_radps:.3g} rad/s and {acceleration_mps2:.3g} m/s²; such readings are "
+                "dropped: check its units"
+            )
+        return time_fault(item.stamp_ns, item.device_time_ns)
+    return event_fault(item)
+
+
+def event_fault(item: Press | Battery | Signal | Reconnected | Disconnected) -> str:
+    """Return an error message if the values of `item` cannot be used, else `""`."""
+    if isinstance(item, Press):
+        return time_fault(item.stamp_ns, None)
+    if isinstance(item, Battery) and not 0.0 <= item.level <= 1.0:
+        return f"delivers a battery level of {item.level:.3g}; it is dropped: it must be 0 to 1"
+    if isinstance(item, Signal) and not math.isfinite(item.dbm):
+        return f"delivers a signal of {item.dbm:.3g} dBm; it is dropped"
+    return ""
+
+
+def time_fault(stamp_ns: int, device_ns: int | None) -> str:
+    """Return an error message if a time does not fit messages, else `""`."""
+    if 0 <= stamp_ns < END_NS and (device_ns is None or 0 <= device_ns < END_NS):
+        return ""
+    own = "" if device_ns is None else f" and {device_ns} ns of its own clock"
+    return f"delivers the time {stamp_ns} ns{own}; such items are dropped: times are 0 to 2^62 ns"

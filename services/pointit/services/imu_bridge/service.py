@@ -8,7 +8,8 @@ from dataclasses import replace
 from typing import ClassVar
 
 from pointit.runtime.errors import ConfigError, RefusedError
-from pointit.runtime.health.surroundings import NullHealth
+from pointit.runtime.health.metrics import steady_time
+from pointit.runtime.health.surroundings import NullHealth, warning_topics
 from pointit.runtime.host.state_file import StateFile
 from pointit.runtime.service.plugin_guard import PluginGuard, guard_of
 from pointit.runtime.service.service import Context, Scope, Service
@@ -17,23 +18,30 @@ from pointit.schemas import (
     WRIST_PATIENCE_S,
     ButtonEvent,
     Done,
+    Feedback,
     ImuSample,
     SetMounting,
     SetMountingReply,
     SetYawOrigin,
     WristSample,
 )
-from pointit.schemas.topics import BUTTON, IMU, SERVICE_ALIVE, SET_MOUNTING, SET_YAW_ORIGIN, WRIST
+from pointit.schemas.topics import BUTTON, FEEDBACK, IMU, SERVICE_ALIVE, SET_MOUNTING, SET_YAW_ORIGIN, WRIST
 from pointit.services.imu_bridge.arm_frame import ArmFrame
 from pointit.services.imu_bridge.config import ImuBridgeConfig
 from pointit.services.imu_bridge.page_health import DEVICE_NAMES, figures, warnings
 from pointit.services.imu_bridge.page_wrist import PageWrist
-from pointit.services.imu_bridge.reading import Item, Press, Reading, ReadingCheck, Reconnected, Source
+from pointit.services.imu_bridge.reading import CueSource, Item, Press, Source
 from pointit.services.imu_bridge.sources import SOURCES
 from pointit.services.imu_bridge.stored_mounting import PURPOSE, MountingSelection, StoredMountings
+from pointit.services.imu_bridge.wrist.device_wrist import DeviceWrist, SensorSample
 from pointit.services.imu_bridge.yaw_epoch import YawEpoch
 
 log = logging.getLogger(__name__)
+
+REPORT_S = 1.0
+"""Time between two reports on the device, s."""
+EXPLANATIONS = ("link", "port", "silent", "sensor", "number")
+"""Topics of sources' warnings that say why nothing comes."""
 
 
 class ImuBridge(Service[ImuBridgeConfig]):
@@ -61,27 +69,36 @@ class ImuBridge(Service[ImuBridgeConfig]):
         self.bus.warn("mounting", self._mounting.warning)
         self._frame = ArmFrame(self._mounting.sensor_from_arm, math.radians(config.yaw_origin_deg))
         numbers = itertools.count(1)
-        self._epoch = YawEpoch(numbers)
         self._page = PageWrist(self._phone.sensor_from_arm, numbers)
         self._moved_by = ""
         """Name of the page's device (or ROS) that moves the wrist, or `""` for the own source."""
         self._release_timer = Timer(self.bus.call_later, self._on_release)
         self._others: set[str] = set()
         """Other services that write this wrist's samples."""
-        self._newest: Reading | None = None
         self._sample_count = 0
         self._button_count = 0
         self._guard = guard_of(SOURCES, config.source, self.bus)
-        self._check = ReadingCheck()
-        self._problem = ""
-        """Reported problem of its readings."""
-        self._source: Source | None = self._guard.made(self._make_source)
+        self._explanations = [warning_topics(config.source) + topic for topic in EXPLANATIONS]
+        self._wrist = DeviceWrist(
+            f"{self.user}'s wrist ({config.source})",
+            self._guard.label,
+            YawEpoch(numbers),
+            silence_s=config.silence_s,
+            has_steady_time=self.clock.speed == 1.0,
+        )
+        self._time_s = steady_time()
+        self._report_timer = Timer(self.bus.call_later, self._show_wrist)
+        self._report_timer.start(REPORT_S)
+        self._source: Source = self._guard.made(self._make_source)
+        self._is_made = True
+        """False once the source has run: then a new one is made for the next run."""
         self._samples = self.bus.publisher(IMU, self.user)
         self._buttons = self.bus.publisher(BUTTON, self.user)
         self.bus.serve(SET_YAW_ORIGIN, self._set_yaw_origin, self.user)
         self.bus.serve(SET_MOUNTING, self._set_mounting, self.user)
         self.bus.watch(SERVICE_ALIVE, self._on_service)
         self.bus.subscribe(WRIST, self._on_wrist, self.user)
+        self.bus.subscribe(FEEDBACK, self._on_feedback, self.user)
 
     @classmethod
     def validate_config(cls, config: ImuBridgeConfig) -> None:
@@ -95,8 +112,13 @@ class ImuBridge(Service[ImuBridgeConfig]):
         await self._guard.keep_running(self._run_source)
 
     async def _run_source(self) -> None:
-        source, self._source = self._source or self._make_source(), None
-        await source.run(self._deliver)
+        if not self._is_made:
+            self._source = self._make_source()
+        self._is_made = False
+        try:
+            await self._source.run(self._deliver)
+        finally:
+            self._wrist.monitor.on_disconnected("")
 
     def _make_source(self) -> Source:
         self.validate_config(self.config)
@@ -106,38 +128,48 @@ class ImuBridge(Service[ImuBridgeConfig]):
         )
         return SOURCES.get(name).make(self.config.section(name), around)
 
+    def _on_feedback(self, cue: Feedback, _user: str) -> None:
+        source = self._source
+        if isinstance(source, CueSource):
+            self._guard.call("cue", lambda: source.cue(cue))
+
     def _deliver(self, item: Item) -> None:
-        if isinstance(item, Reconnected):
-            self._epoch.reconnected()
-            return
-        problem = self._check.problem(item, self.clock.now_ns())
-        if problem != self._problem:
-            self._problem = problem
-            self.bus.warn("readings", f"{self._guard.label} {problem}" if problem else "")
-        if self._check.is_refused:
-            return
-        is_held_back = self._has_page
-        if isinstance(item, Press):
-            if not is_held_back:
-                self._button_count += 1
-                self._buttons.put(
-                    ButtonEvent(stamp_ns=item.stamp_ns, seq=self._button_count, gesture=item.gesture)
-                )
-            return
-        self._newest = item
-        device_time_ns = self._epoch.read(item.device_time_ns)  # always, to detect restarts
-        if is_held_back:
-            return
+        wrist = self._wrist
+        sample = wrist.take(item, self.clock.now_ns(), self._time_s())
+        if sample is not None and not self._has_page:
+            self._publish(sample)
+        if wrist.has_news:
+            self._show_warnings()
+        if isinstance(item, Press) and not wrist.is_refused and not self._has_page:
+            self._button_count += 1
+            self._buttons.put(
+                ButtonEvent(stamp_ns=item.stamp_ns, seq=self._button_count, gesture=item.gesture)
+            )
+
+    def _publish(self, sample: SensorSample) -> None:
         self._sample_count += 1
         self._samples.put(
             ImuSample(
-                stamp_ns=item.stamp_ns,
+                stamp_ns=sample.stamp_ns,
                 seq=self._sample_count,
-                orientation_xyzw=self._frame.orientation(item.world_from_sensor),
-                device_time_ns=device_time_ns,
-                yaw_epoch=self._epoch.count,
+                orientation_xyzw=self._frame.orientation(sample.world_from_sensor),
+                device_time_ns=sample.device_time_ns,
+                battery=self._wrist.monitor.battery,
+                yaw_epoch=self._wrist.epoch.count,
             )
         )
+
+    def _show_wrist(self) -> None:
+        """Update the metrics and warnings of the device, once a second."""
+        self._report_timer.start(REPORT_S)
+        for name, value, unit in self._wrist.report(self._time_s()):
+            self.bus.set_metric(name, value, unit)
+        self._show_warnings()
+
+    def _show_warnings(self) -> None:
+        is_explained = any(map(self.bus.has_warning, self._explanations))
+        for topic, message in self._wrist.warnings(self._time_s(), is_explained=is_explained):
+            self.bus.warn(topic, message)
 
     @property
     def _has_page(self) -> bool:
@@ -163,7 +195,7 @@ class ImuBridge(Service[ImuBridgeConfig]):
 
     def _home(self) -> int | None:
         """Return the number of the yaw origin while no page moves the wrist, or None if nothing else does."""
-        return self._epoch.count if self._newest is not None or self._others else None
+        return self._wrist.epoch.count if self._wrist.newest is not None or self._others else None
 
     def _on_service(self, instance: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
         name, _, user = instance.partition(".")
@@ -193,9 +225,9 @@ class ImuBridge(Service[ImuBridgeConfig]):
         try:
             if self._has_page:
                 self._page.turn_to(query.yaw_rad)
-            elif self._newest is not None:
-                self._frame.set_azimuth(query.yaw_rad, self._newest.world_from_sensor)
-                self._epoch.start_new_epoch()
+            elif (newest := self._wrist.newest) is not None:
+                self._frame.set_azimuth(query.yaw_rad, newest)
+                self._wrist.epoch.start_new_epoch()
             elif self.config.source == "page":
                 raise RefusedError("nothing moves the wrist: connect a phone on a page and ask again")
             else:
@@ -216,7 +248,7 @@ class ImuBridge(Service[ImuBridgeConfig]):
             else:
                 self._frame.set_mounting(selection.sensor_from_arm)
                 if is_new:
-                    self._epoch.start_new_epoch()
+                    self._wrist.epoch.start_new_epoch()
                 self.bus.warn("mounting", selection.warning)
             problem = ""
             if kept is not None:

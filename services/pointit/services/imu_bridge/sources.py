@@ -6,7 +6,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from pointit.runtime.config.config import Config
-from pointit.runtime.config.plugins import Plugin, PluginGroup
+from pointit.runtime.config.device_plugin import DevicePlugin
+from pointit.runtime.config.plugins import PluginGroup
 from pointit.runtime.health.surroundings import Surroundings
 from pointit.services.imu_bridge.reading import Deliver, Source
 
@@ -16,7 +17,7 @@ def _accept(_config: Any) -> None:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ImuSource(Plugin):
+class ImuSource(DevicePlugin):
     """A kind of device that gives the arm's orientation."""
 
     make: Callable[[Any, Surroundings], Source]

@@ -29,8 +29,10 @@ class YawEpoch:
         """Start a new origin after the origin or the mounting was set."""
         self.count = next(self._numbers)
 
-    def reconnected(self) -> None:
-        """Start a new origin, since the device may have been moved while disconnected."""
+    def reconnected(self, *, keeps_yaw: bool = False) -> None:
+        """Start a new origin unless the device kept its own: it may have been restarted, or be another."""
+        if keeps_yaw:
+            return
         if self._has_read:
             self.count = next(self._numbers)
         self._newest_ns = None

@@ -18,14 +18,15 @@ from collections.abc import Collection
 from typing import Any
 
 from pointit.schemas import Deployment, Localization, Message, UserPose
-from pointit.schemas.topics import CLOCK, DEPLOYMENT, LAMP_LEASES, TOPICS, Delivery, Topic
+from pointit.schemas.topics import CLOCK, CONFIGURATION, DEPLOYMENT, LAMP_LEASES, TOPICS, Delivery, Topic
+
+NOT_RETAINED: tuple[Topic[Any], ...] = (CLOCK, LAMP_LEASES, CONFIGURATION)
+"""States that end with their writers."""
 
 
 def retained() -> tuple[Topic[Any], ...]:
     """Return the topics of retained states, with those that services of other packages have added."""
-    return tuple(
-        topic for topic in TOPICS if topic.delivery is Delivery.STATE and topic not in (CLOCK, LAMP_LEASES)
-    )
+    return tuple(topic for topic in TOPICS if topic.delivery is Delivery.STATE and topic not in NOT_RETAINED)
 
 
 def dies_with_writer(message: Message) -> bool:

@@ -72,7 +72,7 @@ class LightState:
             name: table for name, table in self._own_dimming.items() if name in layout.slices
         }
         self._scene.set_layout(layout)
-        self._lamps.set_lamps({lamp.id for lamp in environment.lamps})
+        self._lamps.set_lamps(dict.fromkeys(lamp.id for lamp in environment.lamps))
 
     def on_profile(self, user: str, profile: UserProfile) -> None:
         """Set `user`'s colour, pattern and cursor.
@@ -86,6 +86,15 @@ class LightState:
         """Set `user`'s cursor. Return True if the strips change."""
         self._lamps.on_cursor(user, cursor, now_ns)
         return self._scene.set_cursor(user, cursor, now_ns)
+
+    def cursor_color(self, user: str) -> Rgb:
+        """Return the colour of `user`'s cursor, or of their profile without one."""
+        return self._scene.cursor_color(user)
+
+    @property
+    def people_with_cursors(self) -> frozenset[str]:
+        """People whose cursor had not expired when the last frame was drawn."""
+        return self._scene.people_with_cursors
 
     def on_hover(self, user: str, hover: Hover, now_ns: int) -> None:
         """Set `user`'s hovered object."""

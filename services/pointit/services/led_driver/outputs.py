@@ -4,37 +4,23 @@ import functools
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol, Self, cast
+from typing import Any, cast
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, field_validator
 
 from pointit.runtime.config.config import Config
-from pointit.runtime.config.plugins import Plugin, PluginGroup
+from pointit.runtime.config.device_plugin import DevicePlugin
+from pointit.runtime.config.plugins import PluginGroup
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.health.service_bus import WarningSink
 from pointit.runtime.health.surroundings import Surroundings
-from pointit.runtime.service.plugin_guard import PluginGuard, guard_of
-from pointit.schemas import Strip, StripsFrame
+from pointit.runtime.service.plugin_guard import guard_of
+from pointit.services.led_driver.guarded_output import GuardedOutput
+from pointit.services.led_driver.roles import AnyOutput
+from pointit.services.led_driver.segment import Segment
 
 NONE = "none"
 """Kind of an output that is configured, but not used."""
-
-
-class ChannelConfig(Config):
-    """Connection of a strip to its controller."""
-
-    channel: int = Field(ge=0, le=63, description="board number (0-7) times 8 plus port (0-7)")
-    order: str = Field(
-        default="GRB",
-        description="order of the colours on the LEDs' wire: GRB, RGB, GRBW ...",
-    )
-
-    @field_validator("order")
-    @classmethod
-    def _each_once(cls, order: str) -> str:
-        if "".join(sorted(order)) not in ("BGR", "BGRW"):
-            raise ValueError("use each of R, G, B once, and W once if the LEDs have white")
-        return order
 
 
 class OutputConfig(Config):
@@ -53,98 +39,36 @@ class OutputConfig(Config):
     max_current_a: float | None = Field(
         default=None, gt=0, le=1000, description="limit above which frames are dimmed, A; no limit if empty"
     )
-    channels: dict[str, ChannelConfig] = Field(
-        default={},
-        description="connections by strip id; strips in the map's order on channels 0, 1, 2 ... if empty",
+    segments: tuple[Segment, ...] = Field(
+        default=(),
+        description="parts of strips, in the order of their pixels; the map's strips in its order if empty",
     )
 
-    @model_validator(mode="after")
-    def _one_strip_a_channel(self) -> Self:
-        taken: dict[int, str] = {}
-        for strip_id, channel in self.channels.items():
-            other = taken.setdefault(channel.channel, strip_id)
-            if other != strip_id:
-                raise ValueError(
-                    f"channels: strips {other!r} and {strip_id!r} share channel {channel.channel}"
-                )
-        return self
+    @field_validator("segments")
+    @classmethod
+    def _equally_wide(cls, segments: tuple[Segment, ...]) -> tuple[Segment, ...]:
+        if len({len(segment.order) for segment in segments}) > 1:
+            raise ValueError(
+                "three and four colours do not go together: use an output for each, at a universe of its own"
+            )
+        return segments
 
 
 class UnusedOutput(OutputConfig, extra="ignore"):
     """An output of kind `none`, whose parameters may be those of any kind."""
 
 
-class Output(Protocol):
-    """A controller that is connected."""
-
-    @property
-    def light_s(self) -> float:
-        """Return the time from `show` to the last byte on the wire, of the last new frame, s, or 0.0."""
-        ...
-
-    def set_strips(self, strips: Sequence[Strip]) -> None:
-        """Set the map's strips."""
-        ...
-
-    def show(self, frame: StripsFrame, age_s: float = 0.0) -> None:
-        """Send `frame`, which shows what was captured `age_s` ago. Returns at once."""
-        ...
-
-    async def run(self) -> None:
-        """Send until cancelled, then switch the strips off."""
-        ...
-
-
 @dataclass(frozen=True, kw_only=True)
-class LedOutput(Plugin):
-    """A kind of controller. Its `argument` is its address, which no two outputs share."""
+class LedOutput(DevicePlugin):
+    """A kind of controller. Its `argument` is its address, which no two outputs share; see `divided_by`."""
 
-    make: Callable[[Any, Surroundings], Output]
+    make: Callable[[Any, Surroundings], AnyOutput]
     """Makes an output with parameters of the class `config`, an `OutputConfig`; opens nothing yet."""
+    divided_by: str = ""
+    """Parameter that differs between outputs that share an address, such as `universe`. `""`: none does."""
 
 
 OUTPUTS = PluginGroup("pointit.led_outputs", LedOutput, "LED output")
-
-
-class GuardedOutput:
-    """An output whose faults are reported and cost the others nothing. If it fails, a new one is made."""
-
-    def __init__(self, make: Callable[[], Output], guard: PluginGuard) -> None:
-        """Make the output.
-
-        Raises:
-            ConfigError: If it cannot be made.
-        """
-        self._make = make
-        self._guard = guard
-        self._strips: Sequence[Strip] = ()
-        self._output = guard.made(make)
-        self._is_new = True
-
-    @property
-    def light_s(self) -> float:
-        """Return the time from `show` to the last byte on the wire, s."""
-        return self._guard.call("light_s", lambda: float(self._output.light_s)) or 0.0
-
-    def set_strips(self, strips: Sequence[Strip]) -> None:
-        """Set the map's strips."""
-        self._strips = strips
-        self._guard.call("set_strips", lambda: self._output.set_strips(strips))
-
-    def show(self, frame: StripsFrame, age_s: float = 0.0) -> None:
-        """Send `frame`, which shows what was captured `age_s` ago."""
-        self._guard.call("show", lambda: self._output.show(frame, age_s))
-
-    async def run(self) -> None:
-        """Send until cancelled."""
-        await self._guard.keep_running(self._run)
-
-    async def _run(self) -> None:
-        if not self._is_new:
-            self._output = self._make()
-            self._output.set_strips(self._strips)
-        self._is_new = False
-        await self._output.run()
 
 
 def validate_output(value: object) -> object:
@@ -168,7 +92,7 @@ def make_outputs(
     configs: Sequence[OutputConfig],
     surroundings: Callable[[str, str, str, str], Surroundings],
     health: WarningSink,
-) -> list[Output]:
+) -> list[GuardedOutput]:
     """Return the outputs that `configs` describe, none of them open yet.
 
     Args:
@@ -180,7 +104,7 @@ def make_outputs(
     Raises:
         ConfigError: If an address is missing or used twice.
     """
-    made: list[Output] = []
+    made: list[GuardedOutput] = []
     taken: set[tuple[str, str]] = set()
     uses = Counter(config.kind for config in configs)
     seen = Counter[str]()
@@ -191,14 +115,17 @@ def make_outputs(
         seen[config.kind] += 1
         which = str(seen[config.kind]) if seen[config.kind] > 1 else ""
         if plugin.argument:
-            address = str(getattr(config, plugin.argument))
+            which = str(getattr(config, plugin.argument))
             where = f"outputs.{number}.{plugin.argument}"
-            if not address:
+            if not which:
                 raise ConfigError(f"{where}: is missing; `--leds {config.kind}:{plugin.example}` sets it")
-            if (config.kind, address) in taken:
-                raise ConfigError(f"{where}: {address} is used by two outputs: remove one")
-            taken.add((config.kind, address))
-            which = address
+            remedy = "remove one"
+            if plugin.divided_by:
+                which += f" {plugin.divided_by} {getattr(config, plugin.divided_by)}"
+                remedy += f", or correct its `{plugin.divided_by}`"
+            if (config.kind, which) in taken:
+                raise ConfigError(f"{where}: {which} is used by two outputs: {remedy}")
+            taken.add((config.kind, which))
         around = surroundings(OUTPUTS.kind, config.kind, "", which)
         told = (which if plugin.argument else f"outputs.{number}") if uses[config.kind] > 1 else ""
         guard = guard_of(OUTPUTS, config.kind, health, told)

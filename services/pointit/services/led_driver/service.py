@@ -47,6 +47,7 @@ from pointit.schemas.topics import (
     USER_ALIVE,
 )
 from pointit.services.led_driver.config import LedDriverConfig
+from pointit.services.led_driver.guarded_output import cursor_followers
 from pointit.services.led_driver.light_state import LightState
 from pointit.services.led_driver.output.pacing import FrameLimiter
 from pointit.services.led_driver.outputs import make_outputs
@@ -90,6 +91,9 @@ class LedDriver(Service[LedDriverConfig]):
         self._lease_seq = 0
         self._ended = False
         self._outputs = make_outputs(config.outputs, self.surroundings, self.bus)
+        self._beams = cursor_followers(self._outputs)
+        self._beamed = set[str]()
+        """People whose cursors are on beams."""
         self._frames = self.bus.publisher(STRIPS_FRAME, timed=not self._outputs)
         self._leases = self.bus.publisher(LAMP_LEASES)
         self.bus.set_metric("brightness", self._lights.brightness)
@@ -132,7 +136,7 @@ class LedDriver(Service[LedDriverConfig]):
             return
         self.bus.clear("map")
         for output in self._outputs:
-            output.set_strips(environment.strips)
+            output.set_map(environment)
         self._wish()
         self._shine()
 
@@ -162,6 +166,15 @@ class LedDriver(Service[LedDriverConfig]):
         if self._lights.on_cursor(user, cursor, self.clock.now_ns()):
             self._wish(fresh=cursor.surface in LINES)
         self._wish_lamps()
+        if self._beams and not self._ended:
+            self._beamed.add(user)
+            self._show_on_beams(user, cursor)
+            self._watch_expiry(self.clock.now_ns())
+
+    def _show_on_beams(self, user: str, cursor: Cursor | None) -> None:
+        color = self._lights.cursor_color(user)
+        for output in self._beams:
+            output.show_cursor(user, cursor, color)
 
     def _on_localization(self, localization: Localization, user: str) -> None:
         self._lights.on_localization(user, localization, self.clock.now_ns())
@@ -225,6 +238,9 @@ class LedDriver(Service[LedDriverConfig]):
         age_s = (now_ns - frame.stamp_ns) / NS_PER_S / self.clock.speed
         for output in self._outputs:
             output.show(frame, age_s)
+        for user in self._beamed - self._lights.people_with_cursors:
+            self._beamed.remove(user)
+            self._show_on_beams(user, None)
         self._watch_expiry(now_ns)
 
     def _arbitrate(self) -> None:
@@ -280,6 +296,8 @@ class LedDriver(Service[LedDriverConfig]):
             self._lamps[lamp_id].put(
                 LampColor(stamp_ns=self.clock.now_ns(), seq=self._lamp_seqs[lamp_id], color=color)
             )
+            for output in self._outputs:
+                output.show_lamp(lamp_id, color)
         self._lit = colors
 
     def _watch_expiry(self, now_ns: int) -> None:

@@ -15,6 +15,7 @@ from pointit.schemas import (
     LampLeases,
     Localization,
     PointingRay,
+    RobotState,
     SetPose,
     TrackedObjects,
     UserPose,
@@ -58,6 +59,8 @@ class PoseManager:
         self._origin = YawOrigin()
         self._procedures = ProcedureRunner(user, config, self._tracking)
         self._is_cursor_shown = False
+        self._drivers: dict[str, str] = {}
+        """Person who steers each robot, or `""`."""
 
     @property
     def is_busy(self) -> bool:
@@ -101,6 +104,16 @@ class PoseManager:
     def on_objects(self, objects: TrackedObjects, tracker: str) -> None:
         """Process positions of tracked objects."""
         self._procedures.on_objects(objects, tracker)
+
+    def on_robot(self, state: RobotState, robot: str, now_ns: int) -> list[Output]:
+        """Correct a pose that drifts when the person takes a robot, at which they point then."""
+        before, self._drivers[robot] = self._drivers.get(robot), state.user
+        if before is None or before == self._user or state.user != self._user or not self._tracking.follows:
+            return []
+        mean = self._facing.mean(now_ns)
+        if not self._config.anchor_at_robots or isinstance(mean, Refusal):
+            return []
+        return self._procedures.taken_robot(state, robot, mean, now_ns)
 
     def on_imu(self, sample: ImuSample, now_ns: int) -> list[Output]:
         """Process an orientation of the arm.

@@ -3,6 +3,7 @@
 Pure: messages, requests and the time go in; outputs to publish come out.
 """
 
+import math
 from collections.abc import Sequence
 
 from pointit.schemas import (
@@ -13,14 +14,17 @@ from pointit.schemas import (
     LampLease,
     LampLeases,
     PointingRay,
+    RobotState,
     TrackedObjects,
     UserPose,
 )
 from pointit.services.localizer.config import LocalizerConfig
 from pointit.services.localizer.estimation.estimator import Refusal
-from pointit.services.localizer.outputs import Output
+from pointit.services.localizer.estimation.rays import Mean
+from pointit.services.localizer.outputs import AnchorOutcome, Output
 from pointit.services.localizer.procedures import lamps as lamp_choice
 from pointit.services.localizer.procedures.anchoring import Anchoring
+from pointit.services.localizer.procedures.known_robots import STANDS_MPS, KnownRobots
 from pointit.services.localizer.procedures.lamp_procedure import LampProcedure
 from pointit.services.localizer.procedures.moving_target import MovingTarget
 from pointit.services.localizer.procedures.next_target import ObservationModel, best_for_yaw
@@ -44,6 +48,7 @@ class ProcedureRunner:
         self._user = user
         self._config = config
         self._tracking = tracking
+        self._robots = KnownRobots()
         self._room: Environment | None = None
         self._leases: tuple[LampLease, ...] = ()
         """Order of the people who use lamps or wait for them, as led-driver decided."""
@@ -125,6 +130,7 @@ class ProcedureRunner:
 
     def on_objects(self, objects: TrackedObjects, tracker: str) -> None:
         """Process positions of tracked objects."""
+        self._robots.on_objects(objects)
         if self._running is not None:
             self._running.on_objects(tracker, objects)
 
@@ -167,6 +173,19 @@ class ProcedureRunner:
         A pose must be known.
         """
         return self._ask(lambda then_ns: self._anchoring(lamp_id, eyes_m, then_ns), now_ns)
+
+    def taken_robot(self, state: RobotState, robot: str, mean: Mean, now_ns: int) -> list[Output]:
+        """Correct the pose by the rays with which the person has just taken `robot`.
+
+        Not while a procedure runs, nor if the robot moved, nor where the person sees a cursor on a strip: who
+        steers a cursor onto a thing points there whatever the drift.
+        """
+        is_seen = self._room is None or bool(self._room.strips)
+        if self._running is not None or is_seen or math.hypot(*state.velocity_mps) > STANDS_MPS:
+            return []
+        outcome = self._tracking.anchor(Lamp(id=robot, position_m=state.position_m), mean, "", now_ns)
+        pose = self._tracking.pose(now_ns) if outcome.anchor.accepted else None
+        return [outcome.anchor, *([] if pose is None else [pose])]
 
     def stop(self, now_ns: int, reason: str = "") -> list[Output]:
         """Stop the running procedure, lamps off."""
@@ -221,6 +240,12 @@ class ProcedureRunner:
     def _anchoring(self, lamp_id: str, eyes_m: float, now_ns: int) -> Anchoring | Refusal:
         config = self._config
         lamps = lamp_choice.lamp_for_anchor(self._room, config.lamps, lamp_id)
+        robots = self._anchoring_robots(lamp_id, now_ns) if isinstance(lamps, Refusal) else []
+        if isinstance(robots, Refusal):
+            return robots
+        if robots:
+            robot = self._most_informative(robots, eyes_m, now_ns)
+            return Anchoring(robot, self._judge_robot, config, is_robot=True)
         if isinstance(lamps, Refusal):
             return lamps
         occupied = set(config.lamps)
@@ -228,6 +253,16 @@ class ProcedureRunner:
             occupied = {lamp.id for lamp in self._room.lamps}
         lamp = self._most_informative(lamps, eyes_m, now_ns)
         return Anchoring(lamp, self._tracking.anchor, config, occupies=occupied)
+
+    def _anchoring_robots(self, asked: str, now_ns: int) -> list[Lamp] | Refusal:
+        """Return the robot `asked`, or those that stand if `""`; `[]` if it is no robot."""
+        if not asked:
+            return self._robots.standing(now_ns)
+        target = self._robots.target(asked, now_ns) if asked in self._robots else None
+        return [target] if isinstance(target, Lamp) else target or []
+
+    def _judge_robot(self, robot: Lamp, mean: Mean, problem: str, now_ns: int) -> AnchorOutcome:
+        return self._tracking.anchor(robot, mean, problem or self._robots.moved(robot, now_ns), now_ns)
 
     def _most_informative(self, lamps: Sequence[Lamp], eyes_m: float, now_ns: int) -> Lamp:
         """Return the lamp that is most informative about the yaw."""

@@ -22,6 +22,7 @@ from pointit.schemas import (
     Localization,
     PointAnchor,
     PointingRay,
+    RobotState,
     SetHeading,
     SetPose,
     StartLocalization,
@@ -40,6 +41,7 @@ from pointit.schemas.topics import (
     POINT_ANCHOR,
     POSE,
     RAY,
+    ROBOT_STATE,
     SERVICE_ALIVE,
     SET_HEADING,
     SET_POSE,
@@ -81,6 +83,7 @@ class Localizer(Service[LocalizerConfig]):
         self.bus.subscribe(INTERACTION, self._on_interaction, self.user)
         self.bus.subscribe(POSE, self._on_pose, self.user)
         self.bus.subscribe(OBJECTS, self._on_objects)
+        self.bus.subscribe(ROBOT_STATE, self._on_robot)
         self.bus.subscribe(IMU, self._on_imu, self.user)
         self.bus.subscribe(RAY, self._on_ray, self.user)
         self.bus.serve(START_LOCALIZATION, self._start, self.user)
@@ -151,6 +154,9 @@ class Localizer(Service[LocalizerConfig]):
     def _on_objects(self, objects: TrackedObjects, tracker: str) -> None:
         if self._is_timely(OBJECTS.key, objects.stamp_ns, self.clock.now_ns()):
             self._locating.on_objects(objects, tracker)
+
+    def _on_robot(self, state: RobotState, robot: str) -> None:
+        self._emit(self._locating.on_robot(state, robot, self.clock.now_ns()))
 
     def _is_timely(self, key: str, stamp_ns: int, now_ns: int) -> bool:
         """Return True if `stamp_ns` is at most `MAX_AHEAD_NS` in the future; otherwise warn."""

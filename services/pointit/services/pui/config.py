@@ -15,7 +15,8 @@ class PuiConfig(Config):
     map: str = Field(
         default="lab",
         min_length=1,
-        description="shipped map (lab, conveyor, vr_belts), or path of a YAML file, from the current folder",
+        description="shipped map (lab, conveyor, vr_belts, arena), or path of a YAML file, from the "
+        "current folder",
     )
     surfaces: tuple[Kind, ...] = Field(
         default=("strip", "belt"),

@@ -37,6 +37,7 @@ from pointit.services.pui.nearby_lamps import NearbyLamps
 from pointit.services.pui.shapes import group_by_priority
 from pointit.services.pui.surfaces import Surfaces
 from pointit.services.pui.tracked import Tracked
+from pointit.services.pui.twin_objects import TwinFinder
 from pointit.services.pui.workspace import WorkspaceError
 from pointit.services.pui.workspace_start import WorkspaceStart
 
@@ -80,6 +81,7 @@ class Pui(Service[PuiConfig]):
             grazing_rad=math.radians(config.grazing_deg),
         )
         self._tracked = Tracked(environment)
+        self._twins = TwinFinder()
         self._persons: dict[str, PersonCursor] = {}
         self._cursors: dict[str, Publisher[Cursor]] = {}
         self._cues: dict[str, Publisher[Feedback]] = {}
@@ -117,6 +119,10 @@ class Pui(Service[PuiConfig]):
 
     def _on_objects(self, objects: TrackedObjects, tracker: str) -> None:
         self._tracked.on_objects(tracker, objects)
+        self._twins.on_objects(tracker, objects)
+        twins = self._twins.twins
+        more = f" ({len(twins) - 1} more: `pointit track`)" if len(twins) > 1 else ""
+        self.bus.warn("objects of two trackers", f"{twins[0].sentence}{more}" if twins else "")
 
     async def _on_workspace(self, query: SetWorkspace, user: str) -> Done:
         person = self._persons.get(user)

@@ -31,12 +31,17 @@ class RobotReplay(Service[RobotReplayConfig]):
             ConfigError: If it is not given, cannot be read, or has no robot.
         """
         super().__init__(config, context)
+        self.validate_config(config)
+        self._trajectory = Trajectory(read_imu_csv(Path(config.recording)), config.robot_id)
+        self._objects = self.bus.publisher(OBJECTS, config.tracker)
+
+    @classmethod
+    def validate_config(cls, config: RobotReplayConfig) -> None:
+        """Check that a recording is named."""
         if not config.recording:
             raise ConfigError(
                 "recording: is missing; name a CSV file with columns t, robot_x, robot_y, robot_z"
             )
-        self._trajectory = Trajectory(read_imu_csv(Path(config.recording)), config.robot_id)
-        self._objects = self.bus.publisher(OBJECTS, config.tracker)
 
     async def run(self) -> None:
         """Publish each report when it is due and skip past ones; then wait to be cancelled."""

@@ -8,7 +8,7 @@ from pointit.runtime.config.config import Config
 from pointit.schemas import BodyMeasures
 from pointit.schemas.base import Vec3
 
-Behaviour = Literal["rest", "lamps", "strips", "select", "random", "send"]
+Behaviour = Literal["rest", "lamps", "strips", "select", "random", "send", "fly", "drive"]
 """Behaviour of the person while they may point."""
 
 
@@ -177,7 +177,13 @@ class UserSimConfig(Config):
     behaviour: Behaviour = Field(
         default="select",
         description="rest: nothing; lamps: one lamp after another; strips: along the strips, there and back; "
-        "select: every object of a kind; random: anything; send: places on the floor",
+        "select: every object of a kind; random: anything; send: places on the floor; fly: take a "
+        "quadrotor, and land it on each of spots_m; drive: take a ground robot, and send it along them",
+    )
+    spots_m: tuple[Vec3, ...] = Field(
+        default=(),
+        description="places where robots are to land, or to go, in turn, on the floor or below 0.3 m; a "
+        "quadrotor is to be steered to higher ones itself, m",
     )
     target_kinds: tuple[str, ...] = Field(default=("red",), description="kinds of objects to select")
     position_m: Vec3 = Field(default=(2.0, 0.5, 0.0), description="true position of the feet in the room, m")

@@ -66,6 +66,8 @@ class Person:
         self._wanted: Goal = REST
         self._act_at_ns = 0
         self._press = ButtonModel(config)
+        self._presses = 0
+        """Number of presses so far that the behaviour has decided on."""
 
     @property
     def goal(self) -> Goal:
@@ -96,6 +98,7 @@ class Person:
         if yields != self._has_yielded:
             self._has_yielded = yields
             self._behaviour = self._new_behaviour()  # otherwise that time would count
+            self._presses = 0
         self._perception.update(now_ns, self._goal)
         self._stance.move(self._feet.at(now_ns))
         self._turn_when_decided(now_ns, REST if yields else self._wants(now_ns))
@@ -108,14 +111,21 @@ class Person:
             self._press.wait(now_ns)
             self._band.sample(now_ns, orientation)  # it drifts on
             return None, None
+        if self._wanted.presses > self._presses:
+            self._presses = self._wanted.presses
+            return self._band.sample(now_ns, orientation), self._press.decided(now_ns)
         press = self._press.step(
             now_ns,
             self._perception.belief,
             known_ns=self._sight.profile_ns,
             off_rad=correction.off_rad if closed else 0.0,
-            sees=self._perception.cursor is not None if closed and self._sight.frame_ns is not None else None,
+            sees=self._perception.cursor is not None if closed and self._sees_light() else None,
         )
         return self._band.sample(now_ns, orientation), press
+
+    def _sees_light(self) -> bool:
+        """Return True if light would show the cursor at the current goal."""
+        return self._sight.frame_ns is not None and not self._goal.robot
 
     def _wants(self, now_ns: int) -> Goal:
         """Return the goal that the person would point at now."""

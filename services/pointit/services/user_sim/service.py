@@ -16,6 +16,7 @@ from pointit.schemas.topics import (
     MAP,
     OBJECTS,
     PROFILE,
+    ROBOT_STATE,
     STRIPS_FRAME,
     WRIST,
     Topic,
@@ -23,7 +24,7 @@ from pointit.schemas.topics import (
 from pointit.services.user_sim.config import UserSimConfig
 from pointit.services.user_sim.person import Person
 
-IN_THE_ROOM: tuple[Topic[Any], ...] = (MAP, OBJECTS, STRIPS_FRAME, LAMP_COLOR)
+IN_THE_ROOM: tuple[Topic[Any], ...] = (MAP, OBJECTS, ROBOT_STATE, STRIPS_FRAME, LAMP_COLOR)
 """Topics that all people in the room perceive."""
 OWN: tuple[Topic[Any], ...] = (FEEDBACK, PROFILE)
 """Topics that only this person perceives, and their own profile."""

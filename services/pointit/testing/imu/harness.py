@@ -7,15 +7,17 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from pointit.geometry import rotation
+from pointit.geometry import rotation, vector
 from pointit.geometry.rotation import Quaternion
-from pointit.plugins import ImuSource, Press, Reading, Reconnected, Source
+from pointit.plugins import ImuSource, Item, RawReading, Reading, Reconnected, Source
 from pointit.testing.check import Suite, called
 from pointit.testing.trial import DeviceHarness, Trial
 
 POSTURE: Quaternion = rotation.from_azimuth_elevation(0.7, -0.3)
 """Orientation that the fake device sends unless told otherwise."""
 OTHER_POSTURE: Quaternion = rotation.from_azimuth_elevation(-1.1, 0.4)
+NEAR_RAD = 0.05
+"""Largest error of what is heard, since formats round, rad."""
 KEPT = 64
 """Number of readings that a trial remembers; it must not need memory of its own."""
 
@@ -57,7 +59,7 @@ class ImuTrial(Trial):
     def __init__(self, harness: ImuHarness) -> None:
         super().__init__(harness)
         self.harness = harness
-        self.readings: deque[Reading] = deque(maxlen=KEPT)
+        self.readings: deque[Reading | RawReading] = deque(maxlen=KEPT)
         self.count = 0
         self.reconnections = 0
         """Number of `Reconnected` so far."""
@@ -99,22 +101,27 @@ class ImuTrial(Trial):
         self.readings.clear()
 
         def heard() -> bool:
-            return any(is_near(each.world_from_sensor, orientation_xyzw) for each in self.readings)
+            return any(shows(each, orientation_xyzw) for each in self.readings)
 
         await self.until(heard, failure, lambda: self.send(orientation_xyzw))
 
-    def _deliver(self, item: Reading | Press | Reconnected) -> None:
+    def _deliver(self, item: Item) -> None:
         self.health.note_thread("deliver")
         if isinstance(item, Reconnected):
             self.reconnections += 1
-        elif isinstance(item, Reading):
+        elif isinstance(item, Reading | RawReading):
             self.count += 1
             self.readings.append(item)
             self.wrong = self.wrong or problem(item)
 
 
-def problem(reading: Reading) -> str:
-    """Return an error message if the orientation of `reading` is none, else `""`."""
+def problem(reading: Reading | RawReading) -> str:
+    """Return an error message if the orientation, or the raw values, of `reading` are none, else `""`."""
+    if isinstance(reading, RawReading):
+        raw = (*reading.angular_velocity_radps, *reading.acceleration_mps2)
+        if len(raw) == 6 and all(isinstance(value, float) and math.isfinite(value) for value in raw):
+            return ""
+        return f"delivered the raw values {raw!r}, which are not two times three finite floats"
     values = reading.world_from_sensor
     if len(values) != 4 or not all(isinstance(value, float) for value in values):
         return f"delivered the orientation {values!r}, which is not four floats x, y, z, w"
@@ -124,6 +131,15 @@ def problem(reading: Reading) -> str:
     return ""
 
 
+def shows(reading: Reading | RawReading, orientation_xyzw: Quaternion) -> bool:
+    """Return True if `reading` is of a sensor at rest in that orientation; a raw one shows no yaw."""
+    if isinstance(reading, Reading):
+        return is_near(reading.world_from_sensor, orientation_xyzw)
+    up = rotation.rotate(rotation.inverse(orientation_xyzw), (0.0, 0.0, 1.0))
+    measured = reading.acceleration_mps2
+    return any(measured) and vector.angle_between(measured, up) < NEAR_RAD
+
+
 def is_near(one: Quaternion, other: Quaternion) -> bool:
     """Return True if two orientations differ by less than 0.05 rad."""
-    return abs(sum(a * b for a, b in zip(one, other, strict=True))) > math.cos(0.05 / 2)
+    return abs(sum(a * b for a, b in zip(one, other, strict=True))) > math.cos(NEAR_RAD / 2)

@@ -5,9 +5,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from pointit.plugins import LedOutput, Output
+from pointit.plugins import LampOutput, LedOutput, Output
 from pointit.schemas import Strip, StripFrame, StripsFrame
-from pointit.testing.check import Suite, called
+from pointit.testing.check import CheckFailedError, Suite, called
+from pointit.testing.led.lamps import LampsAsStrips
 from pointit.testing.trial import DeviceHarness, Trial
 
 STRIPS = (
@@ -27,7 +28,8 @@ class LedHarness(DeviceHarness[LedOutput]):
 
     decode: Callable[[bytes], Sequence[bytes]]
     """Returns the complete frames in what the device has received since it was connected, in their order.
-    Each is the pixels of all strips: 3 bytes a pixel, red, green, blue. The checks use only 0 and 255."""
+    Each is the pixels of all strips: 3 bytes a pixel, red, green, blue. The checks use only 0 and 255. For an
+    output to lamps, each pixel is a lamp: `a_0` to `a_9`, `b_0` to `b_6`."""
 
     def trial(self) -> "LedTrial":
         """Return a trial of the output, which is made at once. Raises CheckFailedError if it cannot be."""
@@ -55,8 +57,14 @@ class LedTrial(Trial):
             self.output = self.make(self.config)
 
     def make(self, config: Any) -> Output:
-        """Make an output."""
-        return self.harness.plugin.make(config, self.surroundings)
+        """Make an output. Raises CheckFailedError if it has neither strips nor lamps."""
+        output = self.harness.plugin.make(config, self.surroundings)
+        if isinstance(output, Output):
+            return output
+        if isinstance(output, LampOutput):
+            return LampsAsStrips(output)
+        name = type(output).__name__
+        raise CheckFailedError(f"{name} is no Output of pointit.plugins, which has strips, and no LampOutput")
 
     async def start(self) -> None:
         """Set the strips, run the output in the background, and show the first pattern."""

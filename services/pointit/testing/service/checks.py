@@ -3,7 +3,7 @@
 import asyncio
 
 from pointit.plugins import ConfigError
-from pointit.schemas.topics import CLOCK, HEALTH
+from pointit.schemas.topics import ACCOUNTS, CLOCK
 from pointit.testing import lifecycle
 from pointit.testing.check import CheckFailedError
 from pointit.testing.common import require_parameters
@@ -13,7 +13,7 @@ from pointit.testing.trial import absent, connected
 MESSAGES = 50
 HEALTH_S = 1.1
 """Time in which a service reports its health once, s."""
-SYSTEM = {CLOCK.key, HEALTH.key}
+SYSTEM = {CLOCK.key, *(topic.key for topic in ACCOUNTS)}
 """Topics that every service uses."""
 
 

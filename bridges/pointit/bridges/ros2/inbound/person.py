@@ -7,9 +7,10 @@ constant: localizing by pointing finds it, as does `set_yaw_origin` until sample
 """
 
 from collections.abc import Iterator
-from typing import Any, Literal
+from typing import Any
 
 from pointit.bridges.ros2.inbound import checks
+from pointit.bridges.ros2.message_format import holds_text
 from pointit.bridges.ros2.routing.route_types import BusOutput, ConversionContext, ConversionWarning, Taken
 from pointit.bridges.ros2.routing.scene import Scene
 from pointit.geometry.rotation import Quaternion
@@ -154,14 +155,7 @@ class Poses:
 
 def people_in(cdr: bytes, scene: Scene) -> tuple[str, ...]:
     """Return the known people whose frames are named in `cdr`; decoding takes 200 times as long."""
-    order: Literal["little", "big"] = "little" if cdr[1:2] == b"\1" else "big"
-    return tuple(user for user in scene.people if _text(scene.frames.person(user), order) in cdr)
-
-
-def _text(text: str, order: Literal["little", "big"]) -> bytes:
-    """Return the beginning of `text` in CDR; the length excludes longer names with the same end."""
-    letters = text.encode()
-    return (len(letters) + 1).to_bytes(4, order) + letters
+    return tuple(user for user in scene.people if holds_text(cdr, scene.frames.person(user)))
 
 
 def _of_people(value: Any, about: ConversionContext) -> Iterator[tuple[Any, str]]:

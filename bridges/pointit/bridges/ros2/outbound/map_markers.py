@@ -1,4 +1,4 @@
-"""Markers of the static room: belts, strips, lamps, solids; sent once per map."""
+"""Markers of the static room: belts, strips, lamps, solids, fences; sent once per map."""
 
 from collections.abc import Iterator
 from itertools import islice, pairwise
@@ -29,6 +29,8 @@ BELT: Rgb = (70, 74, 84)
 STRIP: Rgb = (150, 155, 165)
 LAMP: Rgb = (255, 240, 200)
 SOLID: Rgb = (140, 150, 170)
+KEEP_IN: Rgb = (60, 180, 75)
+KEEP_OUT: Rgb = (230, 60, 50)
 GLASS = 0.35
 """Opacity of solids, so that objects behind them are visible."""
 
@@ -59,7 +61,22 @@ def _room(pen: MarkerBuilder, scene: Scene, room: Environment) -> Iterator[Any]:
         yield pen.shape("sphere", "lamps", number, size_m=size_m, rgb=LAMP, at_m=lamp.position_m)
         above_m = vector.add(lamp.position_m, (0.0, 0.0, LAMP_M))
         yield pen.label(lamp.id, "lamps/names", number, above_m, 0.1)
+    yield from _fences(pen, room)
     yield from _solids(pen, room)
+
+
+def _fences(pen: MarkerBuilder, room: Environment) -> Iterator[Any]:
+    """Yield the outlines of fences at their lowest and highest place; one without end at the floor only."""
+    for number, fence in enumerate(room.fences):
+        rgb = KEEP_IN if fence.kind == "keep_in" else KEEP_OUT
+        heights_m = dict.fromkeys((fence.low_m or 0.0, fence.high_m or fence.low_m or 0.0))
+        for level, height_m in enumerate(heights_m):
+            corners_m = [(x, y, height_m) for x, y in (*fence.outline_m, fence.outline_m[0])]
+            size_m = (STRIP_M, 0.0, 0.0)
+            group = f"fences/{fence.kind}/{level}"
+            yield pen.shape("line", group, number, size_m=size_m, rgb=rgb, places_m=corners_m)
+        x, y = fence.outline_m[0]
+        yield pen.label(fence.id, "fences/names", number, (x, y, max(heights_m) + LAMP_M), LAMP_M)
 
 
 def _solids(pen: MarkerBuilder, room: Environment) -> Iterator[Any]:

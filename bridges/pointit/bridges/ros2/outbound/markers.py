@@ -1,4 +1,4 @@
-"""Markers of moving things: rays, cursors, people, their uncertainty, objects and their owners."""
+"""Markers of moving things: rays, cursors, people, their uncertainty, objects and their owners, robots."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from pointit.bridges.ros2.outbound.drawing import MarkerBuilder, Shape
+from pointit.bridges.ros2.outbound.robots import robots
 from pointit.bridges.ros2.routing.route_types import ConversionContext, Converted
 from pointit.bridges.ros2.routing.scene import Person, Scene
 from pointit.geometry import rotation, vector
@@ -54,6 +55,7 @@ class Markers:
         people = sorted(scene.people)[:MAX_PEOPLE]
         made = [marker for user in people for marker in _person(pen, scene, user)]
         made += _objects(pen, scene)
+        made += robots(pen, scene)
         now = {(marker.ns, marker.id): None for marker in made}
         gone = [pen.gone(*key) for key in self._drawn if key not in now]
         self._drawn = now
@@ -114,7 +116,8 @@ def _objects(pen: MarkerBuilder, scene: Scene) -> Iterator[Any]:
     selection = scene.selection
     owners = {} if selection is None else {item.id: item.user for item in selection.objects}
     left_out = 0
-    for count, item in enumerate(scene.tracked()):
+    steered = scene.robots  # drawn on their own
+    for count, item in enumerate(item for item in scene.tracked() if item.id not in steered):
         if count < MAX_OBJECTS:
             yield from _object(pen, scene, item, owners.get(item.id))
         else:

@@ -141,7 +141,9 @@ def cursor(spot: Cursor, about: ConversionContext) -> Converted:
 
 
 def goal(wish: Goal, about: ConversionContext) -> Converted:
-    """Return a robot's goal, and its heading there."""
+    """Return a robot's goal, and its heading there; nothing if it is for a robot that we steer."""
+    if wish.robot:
+        return ()
     return _stamped_pose(about, wish.position_m, rotation.from_yaw(wish.yaw_rad))
 
 

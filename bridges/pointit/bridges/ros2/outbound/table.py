@@ -154,11 +154,14 @@ def _standard() -> tuple[OutboundRoute, ...]:
             name="markers",
             ros="/pointit/markers",
             type="visualization_msgs/msg/MarkerArray",
-            reads=(topics.CURSOR, topics.OBJECTS, topics.POSE, topics.SELECTION, topics.INTERACTION),
+            reads=(
+                *(topics.CURSOR, topics.OBJECTS, topics.POSE, topics.SELECTION, topics.INTERACTION),
+                *(topics.ROBOT_STATE, topics.ROBOT_PLAN, topics.STEERING),
+            ),
             by=Markers(),
             qos=_NEWEST,
             rate_hz=DRAWN_HZ,
-            about="rays, cursors, people, objects, whose they are: for RViz and Foxglove",
+            about="rays, cursors, people, objects, robots, whose they are: for RViz and Foxglove",
         ),
         OutboundRoute(
             name="map_markers",
@@ -167,7 +170,7 @@ def _standard() -> tuple[OutboundRoute, ...]:
             reads=(topics.MAP,),
             by=map_markers,
             qos=LATCHED,
-            about="the map: belts, strips, lamps, solids",
+            about="the map: belts, strips, lamps, solids, fences",
         ),
     )
 

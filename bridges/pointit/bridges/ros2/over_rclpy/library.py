@@ -48,6 +48,14 @@ class Rclpy:
         )
 
 
+ACTION_PARTS = {
+    "SendGoal": "SendGoalService",
+    "GetResult": "GetResultService",
+    "FeedbackMessage": "FeedbackMessage",
+}
+"""Attributes of an action's class that are its services and topic."""
+
+
 def loaded() -> Rclpy:
     """Return rclpy.
 
@@ -83,13 +91,17 @@ def loaded() -> Rclpy:
 
 
 def class_of(name: str) -> Any:
-    """Return the installed Python class of `std_msgs/msg/Bool` or `std_srvs/srv/Empty`.
+    """Return the installed Python class of `std_msgs/msg/Bool`, `std_srvs/srv/Empty`, or a part of an action.
 
     Raises:
         LookupError: If it is not built here.
     """
     package, kind, short = name.split("/")
     try:
-        return getattr(importlib.import_module(f"{package}.{kind}"), short)
+        module = importlib.import_module(f"{package}.{kind}")
+        action, _, part = short.rpartition("_")
+        if kind == "action" and part in ACTION_PARTS:
+            return getattr(getattr(module, action).Impl, ACTION_PARTS[part])
+        return getattr(module, short)
     except (ImportError, AttributeError) as error:
         raise LookupError(name) from error

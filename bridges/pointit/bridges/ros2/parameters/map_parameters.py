@@ -12,11 +12,24 @@ from pointit.bridges.ros2.parameters.values import Value
 
 BAYS, LINKS = "bays", "links"
 SECTIONS = frozenset(
-    ("leds", "strips", "belts", LINKS, BAYS, "boxes", "planes", "cylinders", "spheres", "clouds")
+    (
+        "leds",
+        "strips",
+        "belts",
+        LINKS,
+        BAYS,
+        "boxes",
+        "planes",
+        "cylinders",
+        "spheres",
+        "clouds",
+        "fences",
+        "frames",
+    )
 )
 """Sections of a map's file; docs/reference/maps.md describes them."""
-LINES = frozenset(("line", "centerline"))
-"""Keys of lists of points, flattened: ROS has no lists of lists."""
+LINES = {"line": "x, y, z", "centerline": "x, y, z", "outline": "x, y"}
+"""Keys of lists of points, flattened: ROS has no lists of lists. Coordinates of each point."""
 
 NUMBER = re.compile(r"[0-9]{1,6}")
 """Number of a link."""
@@ -65,7 +78,7 @@ def tree_of(parameters: Mapping[str, Value], prefix: str = "") -> dict[str, Any]
         if section == LINKS and not NUMBER.fullmatch(entry):
             raise ValueError(f"{name}: links have numbers, as in {start}links.0.{key}")
         entries = tree.setdefault(section, {})
-        entries.setdefault(entry, {})[key] = _points(name, value) if key in LINES else value
+        entries.setdefault(entry, {})[key] = _points(name, value, LINES[key]) if key in LINES else value
     if LINKS in tree:
         links = cast("dict[str, Any]", tree[LINKS])
         tree[LINKS] = [links[number] for number in sorted(links, key=int)]
@@ -101,15 +114,17 @@ def _section(name: str) -> str:
     return section if dot else ""
 
 
-def _points(name: str, value: Value) -> Value:
+def _points(name: str, value: Value, coordinates: str) -> Value:
     """Return a list of numbers as a list of points. Other values are left to the map's check."""
     if not isinstance(value, list):
         return value
-    if len(value) % 3:
+    size = len(coordinates.split())
+    if len(value) % size:
         raise ValueError(
-            f"{name} has {len(value)} numbers; write x, y, z of one point after the other, three for each"
+            f"{name} has {len(value)} numbers; write {coordinates} of one point after the other, "
+            f"{('two', 'three')[size - 2]} for each"
         )
-    return [value[index : index + 3] for index in range(0, len(value), 3)]
+    return [value[index : index + size] for index in range(0, len(value), size)]
 
 
 def _flat(value: Any) -> Value:

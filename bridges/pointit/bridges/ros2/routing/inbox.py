@@ -258,4 +258,4 @@ class Inbox:
 
 def _about(route: InboundRoute | ServiceRoute, scene: Scene, name: str) -> str:
     """Return the subject of a warning."""
-    return f"from {route.ros_name(scene, name)}"
+    return f"from {route.ros_name(scene, name)}{route.reader}"

@@ -69,6 +69,8 @@ class _Route:
     frame: str = WORLD
     """`WORLD`, `PERSON`, or a name with `{user}`."""
     about: str
+    reader: str = ""
+    """Appended to the subject of warnings, where several routes read one topic."""
 
     def ros_name(self, scene: Scene, name: str) -> str:
         """Return the name in ROS for `name`, which is a user, a lamp, or empty."""

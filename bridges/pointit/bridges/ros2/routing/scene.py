@@ -19,14 +19,30 @@ from pointit.schemas import (
     ImuSample,
     Interaction,
     Message,
+    RobotPlan,
+    RobotState,
     Selection,
+    Steering,
     TrackedObject,
     TrackedObjects,
     UserPose,
     UserProfile,
 )
 from pointit.schemas.pointing import SurfaceKind
-from pointit.schemas.topics import CURSOR, HOVER, INTERACTION, MAP, OBJECTS, POSE, PROFILE, SELECTION, Topic
+from pointit.schemas.topics import (
+    CURSOR,
+    HOVER,
+    INTERACTION,
+    MAP,
+    OBJECTS,
+    POSE,
+    PROFILE,
+    ROBOT_PLAN,
+    ROBOT_STATE,
+    SELECTION,
+    STEERING,
+    Topic,
+)
 
 KINDS = ("blue", "red", "green", "yellow", "orange", "purple")
 """Kinds by the ROS toolkit's numbers: 0 and 1 as in its feeders, the others arbitrary."""
@@ -45,10 +61,16 @@ MAX_PEOPLE = 1000
 MAX_TRACKERS = 256
 """Maximum number of trackers; further ones are ignored."""
 
-HEARD: tuple[Topic[Any], ...] = (CURSOR, HOVER, POSE, PROFILE, INTERACTION, OBJECTS, SELECTION, MAP)
+MAX_ROBOTS = 100
+"""Maximum number of robots; further ones are ignored."""
+
+HEARD: tuple[Topic[Any], ...] = (
+    *(CURSOR, HOVER, POSE, PROFILE, INTERACTION, OBJECTS, SELECTION, MAP),
+    *(ROBOT_STATE, ROBOT_PLAN, STEERING),
+)
 """Topics that the scene is built from."""
 
-PersonSays = Cursor | Hover | UserPose | UserProfile | Interaction | ImuSample
+PersonSays = Cursor | Hover | UserPose | UserProfile | Interaction | ImuSample | Steering
 
 
 @dataclass(slots=True)
@@ -61,6 +83,7 @@ class Person:
     cursor_ns: int = 0
     """Arrival of the cursor."""
     hover: Hover | None = None
+    steering: Steering | None = None
     is_here: bool = False
     """Whether the site announces them."""
     arm: Vec3 | None = None
@@ -83,6 +106,8 @@ class Person:
                 self.pose = message
             case UserProfile():
                 self.profile = message
+            case Steering():
+                self.steering = message
             case Interaction():
                 self.is_pointing = message.state == "pointing"
             case ImuSample():
@@ -135,16 +160,22 @@ class Scene:
         self.lines: dict[tuple[SurfaceKind, str], Polyline] = {}
         """Belts and strips by kind and id, those that have a length."""
         self._tracked: dict[str, tuple[int, TrackedObjects]] = {}
+        self._robots: dict[str, tuple[int, RobotState]] = {}
+        self._plans: dict[str, RobotPlan] = {}
 
     def take(self, name: str, message: Message, now_ns: int) -> None:
         """Store a message that came at `now_ns`; `name` is for the placeholder of its key."""
         self.now_ns = now_ns
         match message:
-            case Cursor() | Hover() | UserPose() | UserProfile() | Interaction() | ImuSample():
+            case Cursor() | Hover() | UserPose() | UserProfile() | Interaction() | ImuSample() | Steering():
                 self.person(name).hear(message, now_ns)
             case TrackedObjects():
                 if name in self._tracked or len(self._tracked) < MAX_TRACKERS:
                     self._tracked[name] = (now_ns, message)
+            case RobotState() if name in self._robots or len(self._robots) < MAX_ROBOTS:
+                self._robots[name] = now_ns, message
+            case RobotPlan() if name in self._robots:
+                self._plans[name] = message
             case Selection():
                 self.selection = message
             case Environment():
@@ -179,6 +210,19 @@ class Scene:
                 for item in message.objects:
                     if self.uids.is_settled(item.id):
                         yield item
+
+    @property
+    def robots(self) -> dict[str, RobotState]:
+        """Return the robots whose processes are not silent, by name."""
+        return {
+            name: state
+            for name, (heard_ns, state) in self._robots.items()
+            if self.now_ns - heard_ns <= TRACKED_NS
+        }
+
+    def plan(self, robot: str) -> RobotPlan | None:
+        """Return the plan of `robot`, or None if it has told none."""
+        return self._plans.get(robot)
 
     @property
     def lanes(self) -> tuple[str, ...]:

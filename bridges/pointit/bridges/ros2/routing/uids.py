@@ -50,6 +50,11 @@ class Uids:
                 del self._names[self._numbers.pop(old)]
         self._numbers[name], self._names[number] = number, name
 
+    def claim(self, number: int, name: str) -> None:
+        """Bind `number`, if a name can have such a one, to `name`, unless it has it."""
+        if number <= self._most and self._names.get(number) != name:
+            self.bind(number, name)
+
     def reserve(self, number: int) -> None:
         """Reserve `number` for the next new name; until `end_reservation` that may be any."""
         self._awaited.add(number)

@@ -10,6 +10,8 @@ from rosbags.typesys.msg import MSGParser
 from rosbags.typesys.store import Typestore
 
 from pointit.bridges.ros2.graph.backend import Distro
+from pointit.bridges.ros2.types.foreign import ROS4HRI_MESSAGES, STANDARD_SERVICES, VISION_MESSAGES, actions
+from pointit.bridges.ros2.types.rihs01 import NAME
 from pointit.runtime.errors import ConfigError
 
 INTERFACES = Path(__file__).parents[1] / "interfaces"
@@ -23,27 +25,19 @@ STORES: dict[Distro, Stores] = {
     "rolling": Stores.ROS2_LYRICAL,  # the newest available
 }
 
-# rosbags has no services.
-STANDARD_SERVICES = {
-    "rcl_interfaces/srv/GetParameters": "string[] names\n---\nrcl_interfaces/ParameterValue[] values\n",
-    "rcl_interfaces/srv/ListParameters": "uint64 DEPTH_RECURSIVE=0\nstring[] prefixes\nuint64 depth\n---\n"
-    "rcl_interfaces/ListParametersResult result\n",
-    "std_srvs/srv/Empty": "---\n",
-    "std_srvs/srv/SetBool": "bool data\n---\nbool success\nstring message\n",
-    "std_srvs/srv/Trigger": "---\nbool success\nstring message\n",
-}
-
-# rosbags has no packages outside ROS's core. Fields of hri_msgs 2.3.2 (ROS4HRI, Apache License 2.0). They are
-# not in `interfaces/`, where colcon would build a second hri_msgs with these two types only.
-ROS4HRI_MESSAGES = {
-    "hri_msgs/msg/IdsList": "std_msgs/Header header\nstring[] ids\n",
-    "hri_msgs/msg/IdsMatch": "int8 UNSET=0\nint8 PERSON=1\nint8 FACE=2\nint8 BODY=3\nint8 VOICE=4\n"
-    "string id1\nint8 id1_type\nstring id2\nint8 id2_type\nfloat32 confidence\n",
-}
-
 # rosbags drops defaults of definitions; of the standard types in use, only this one
 # has any but zero.
 STANDARD_DEFAULTS: dict[str, dict[str, Any]] = {"geometry_msgs/msg/Quaternion": {"w": 1.0}}
+
+_ID = "unique_identifier_msgs/UUID goal_id\n"
+ACTION_PARTS = (
+    ("SendGoal_Request", _ID, ("Goal",)),
+    ("SendGoal_Response", "bool accepted\nbuiltin_interfaces/Time stamp\n", ()),
+    ("GetResult_Request", _ID, ()),
+    ("GetResult_Response", "int8 status\n", ("Result",)),
+    ("FeedbackMessage", _ID, ("Feedback",)),
+)
+"""Messages that every action has beside its own: their beginning, and which of its own they end with."""
 
 
 class Definitions:
@@ -56,6 +50,7 @@ class Definitions:
     def __init__(self, distro: Distro) -> None:
         self.store: Typestore = get_typestore(STORES[distro])
         self.services: set[str] = set()
+        """Services, and those that actions consist of."""
         self.defaults = dict(STANDARD_DEFAULTS)
         parsed: dict[str, Any] = {}
         for name, text in _texts():
@@ -66,12 +61,25 @@ class Definitions:
                     self.defaults[part] = defaults
             if "/srv/" in name:
                 self.services.add(name)
+        for name, text in actions(distro).items():
+            parsed |= self._action(name, text)
         self.store.register(parsed)
+
+    def _action(self, name: str, text: str) -> dict[str, Any]:
+        """Return the messages of an action: its own three, and those of its topic and two services."""
+        parts = zip(("Goal", "Result", "Feedback"), text.split("---\n"), strict=True)
+        parsed = {f"{name}_{part}": _parsed(f"{name}_{part}", lines)[0] for part, lines in parts}
+        for part, lines, held in ACTION_PARTS:
+            (constants, fields), _ = _parsed(f"{name}_{part}", lines)
+            nested = [(own.lower(), (NAME, f"{name}_{own}")) for own in held]
+            parsed[f"{name}_{part}"] = constants, [*fields, *nested]
+        self.services |= {f"{name}_SendGoal", f"{name}_GetResult"}
+        return parsed
 
 
 def _texts() -> Iterator[tuple[str, str]]:
     """Yield name and text of types that rosbags lacks."""
-    yield from (STANDARD_SERVICES | ROS4HRI_MESSAGES).items()
+    yield from (STANDARD_SERVICES | ROS4HRI_MESSAGES | VISION_MESSAGES).items()
     for path in sorted(INTERFACES.glob("*/*/*")):
         if path.suffix in {".msg", ".srv"}:
             package, kind = path.parts[-3:-1]
@@ -88,9 +96,10 @@ def _parts(name: str, text: str) -> list[tuple[str, str]]:
 
 def _parsed(name: str, text: str) -> tuple[Any, dict[str, Any]]:
     """Return constants and fields as rosbags keeps them, and the defaults of fields."""
+    package, _, short = name.split("/")
     try:
         # The parser would put a service's halves under `/srv/msg/`; it gets a message, and the name is kept.
-        (message,) = MSGParser(f"MSG: {name.replace('/srv/', '/msg/')}\n{text}").specification()
+        (message,) = MSGParser(f"MSG: {package}/msg/{short}\n{text}").specification()
     except TypesysError as error:
         raise ConfigError(f"{name} in {INTERFACES}: is not a definition of a ROS type ({error})") from error
     (definition,) = make_typesdict([message]).values()

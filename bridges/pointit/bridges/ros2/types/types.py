@@ -11,8 +11,8 @@ from pointit.bridges.ros2.graph.backend import Distro, RosType
 from pointit.bridges.ros2.types.definitions import Definitions
 from pointit.bridges.ros2.types.layout import Layout
 from pointit.bridges.ros2.types.rihs01 import Fields, Rihs01
-from pointit.runtime.config.extras import remedy
 from pointit.runtime.errors import ConfigError
+from pointit.runtime.host.extras import remedy
 
 NO_HASH = "TypeHashNotSupported"
 """Humble's text in place of a hash."""

@@ -6,10 +6,10 @@ Times in seconds are of any monotonic clock.
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-from pointit.bridges.web.model.recording import LastMinute
 from pointit.bridges.web.model.stale_keys import Deployments, Key, Trackers, keys_of_person, keys_of_service
 from pointit.bridges.web.model.status import SiteObservation
 from pointit.bridges.web.pages.latest_values import LatestValueCache
+from pointit.bridges.web.playback.recent import Recent
 from pointit.bridges.web.wire import PersonLine, Status
 from pointit.schemas import Deployment, Environment, Health, Message, encode
 from pointit.schemas.topics import LAMP_COLOR, OBJECTS, STRIPS_FRAME, Topic
@@ -18,16 +18,16 @@ from pointit.schemas.topics import LAMP_COLOR, OBJECTS, STRIPS_FRAME, Topic
 class SiteModel:
     """Updates the state from the bus and removes what is no longer valid."""
 
-    def __init__(self, own: str, record_s: float, now_s: float) -> None:
+    def __init__(self, own: str, now_s: float, recent: Recent | None = None) -> None:
         """Begin with an empty state.
 
         Args:
             own: the service that owns the model; its deployment may end before it.
-            record_s: length of a recording.
             now_s: now.
+            recent: keeps the messages that are stored.
         """
         self.hub = LatestValueCache()
-        self.last_minute = LastMinute(record_s)
+        self._recent = recent
         self._sight = SiteObservation(now_s)
         self._trackers = Trackers()
         self._deployments = Deployments(own)
@@ -51,7 +51,8 @@ class SiteModel:
         is_urgent = topic is STRIPS_FRAME
         if not self.hub.put(topic, name, payload, stamp_ns=message.stamp_ns, urgent=is_urgent):
             return False
-        self.last_minute.add(topic, name, message, payload, now_ns)
+        if self._recent is not None:
+            self._recent.add(now_ns, topic, name, message, payload)
         if topic is OBJECTS:
             self._trackers.heard(name, now_s)
         elif isinstance(message, Health):
@@ -88,4 +89,5 @@ class SiteModel:
     def _forget(self, keys: Iterable[Key]) -> None:
         for topic, name in keys:
             self.hub.forget(topic, name)
-            self.last_minute.forget(topic, name)
+            if self._recent is not None:
+                self._recent.forget(topic, name)

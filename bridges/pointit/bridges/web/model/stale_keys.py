@@ -8,9 +8,10 @@ from typing import Any
 
 from pointit.diagnosis.writers import present_writers
 from pointit.schemas import Deployment
-from pointit.schemas.system import instance_of, split_instance
+from pointit.schemas.system import split_instance
 from pointit.schemas.topics import DEPLOYMENT, HEALTH, MAP, OBJECTS, Delivery, Topic
-from pointit.services.registry import PROCESSES, SHOWN
+from pointit.services.registry import PROCESSES
+from pointit.services.shown_topics import SHOWN
 
 SILENT_S = 3.0
 """A tracker without messages for this long (s) counts as gone; it sends 25 a second."""
@@ -128,6 +129,4 @@ class Deployments:
         return DEPLOYMENT, name
 
     def _instances(self, deployment: Deployment) -> set[str]:
-        return {
-            instance_of(each.service, each.user) for each in deployment.services if each.service != self._own
-        }
+        return {each.instance for each in deployment.services if each.service != self._own}

@@ -112,6 +112,19 @@ class LatestValueCache:
             self._drop_gone()
         return True
 
+    def become(self, other: "LatestValueCache") -> None:
+        """Hold the states of `other`. Pages get the differences, and no event that they do not have yet."""
+        ours, theirs = self.states_since(0), other.states_since(0)
+        wanted = {(key, name) for key, name, _ in theirs}
+        gone: list[News] = [(key, name, None) for key, name, _ in ours if (key, name) not in wanted]
+        held = set(ours)
+        for news in (*gone, *(news for news in theirs if news not in held)):
+            self._set(news)
+        self._events.clear()
+        self._past = []
+        for feed in self._feeds:
+            feed.skip_events()
+
     def names(self, topic: Topic[Any]) -> list[str]:
         """Return the names with a valid message of `topic`."""
         return [
@@ -226,6 +239,10 @@ class PageFeed:
         self._pace.take(now_s)
         self._sent += 1
         return Batch(self._sent, states, (*history, *events), dropped)
+
+    def skip_events(self) -> None:
+        """Send no event of before."""
+        self._events, self._history = self._hub.event_count, []
 
     def ack(self, n: int) -> bool:
         """Acknowledge batch `n` and all before; return False if `n` was not sent."""

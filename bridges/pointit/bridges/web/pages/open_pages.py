@@ -1,7 +1,8 @@
 """All open pages: wakes them on changes, sends the status, measures their latency."""
 
 import asyncio
-from collections.abc import Callable
+import contextlib
+from collections.abc import Callable, Generator
 
 from starlette.responses import PlainTextResponse
 from starlette.websockets import WebSocket
@@ -55,6 +56,8 @@ class Pages:
         self._version = version
         self._sessions: set[Session] = set()
         self._count = 0
+        self._elsewhere = 0
+        """Number of pages that look at the past."""
         self._flush_timer = Timer(bus.call_later, self._flush)
         self._status_timer = Timer(bus.call_later, self.tell_status)
         self._latencies = Latencies()
@@ -65,14 +68,13 @@ class Pages:
         bus.set_metric("viewers", 0.0)
 
     def __len__(self) -> int:
-        """Return the number of open pages."""
-        return len(self._sessions)
+        """Return the number of open pages, with those that look at the past."""
+        return len(self._sessions) + self._elsewhere
 
     async def open(self, socket: WebSocket, role: Role, host: Host, closed: Callable[[str], None]) -> None:
         """Serve a page until it ends; then call `closed` with its name."""
-        if len(self._sessions) >= self._most:
-            refusal = PlainTextResponse(f"{self._most} pages are open, which is the most (most_viewers)", 503)
-            await socket.send_denial_response(refusal)
+        if self.is_full:
+            await self.refuse(socket)
             return
         self._count += 1
         session = Session(f"page{self._count}", role, socket, self._hub.open(self._rate_hz), host)
@@ -92,6 +94,27 @@ class Pages:
             )
             closed(session.page)
             self._count_viewers()
+
+    @contextlib.contextmanager
+    def elsewhere(self) -> Generator[None]:
+        """Count a page that looks at the past, and is not served here."""
+        self._elsewhere += 1
+        self._count_viewers()
+        try:
+            yield
+        finally:
+            self._elsewhere -= 1
+            self._count_viewers()
+
+    @property
+    def is_full(self) -> bool:
+        """Return True if no further page may be opened."""
+        return len(self) >= self._most
+
+    async def refuse(self, socket: WebSocket) -> None:
+        """Refuse a page, as there are too many."""
+        refusal = PlainTextResponse(f"{self._most} pages are open, which is the most (most_viewers)", 503)
+        await socket.send_denial_response(refusal)
 
     def notify_pages(self, *, now: bool = False) -> None:
         """Send pages what is new, after a few ms for related messages, or at once if `now`."""
@@ -144,7 +167,7 @@ class Pages:
             self._bus.clear("lag")
 
     def _count_viewers(self) -> None:
-        self._bus.set_metric("viewers", float(len(self._sessions)))
+        self._bus.set_metric("viewers", float(len(self)))
         self.status_changed()
 
     def _flush(self) -> None:

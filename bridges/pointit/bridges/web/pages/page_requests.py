@@ -10,6 +10,8 @@ the query's fields. Deeds are handled by this server; `name` is the person:
 - `pair`: a QR code for the person's phone; the reply has `url`, `qr_svg`, `expires_s`, `fingerprint`.
   `{"off": true}`: unpair their phone and revoke codes shown before.
 - `open_lan`: open the page to the local network; the reply has `url`, `fingerprint`.
+- `find_wrists`: search for wrists within reach of this machine; the reply has `wrists`, each with `use`,
+  the option that chooses it, and `label`, and `problems`, a sentence for each search that could not run.
 - `centre`: the person's arm points at the middle of the room right now.
 """
 
@@ -39,6 +41,7 @@ from pointit.schemas.topics import (
     SET_TOLERANCE,
     SET_YAW_ORIGIN,
     START_LOCALIZATION,
+    STOP_ROBOT,
     UNDO_SELECTION,
     Request,
     check_name,
@@ -61,20 +64,25 @@ OPERATORS: tuple[Request[Any, Any], ...] = (
     RUN_SCENARIO,
     SET_BRIGHTNESS,
     SET_YAW_ORIGIN,
+    STOP_ROBOT,
 )
 """Service requests open to operators. Poses and sensor mountings are left to calibration."""
 
 REQUESTS: dict[Role, tuple[Request[Any, Any], ...]] = {
     "operator": OPERATORS,
-    "viewer": (),
+    "viewer": (STOP_ROBOT,),
     "wrist": (START_LOCALIZATION, CANCEL_LOCALIZATION),
 }
+"""Requests by role. Everybody who sees a robot may stop it."""
 
 DEEDS: dict[Role, tuple[Deed, ...]] = {
-    "operator": ("press", "take", "give", "tremor", "pair", "open_lan", "centre"),
+    "operator": ("press", "take", "give", "tremor", "pair", "open_lan", "find_wrists", "centre"),
     "viewer": (),
     "wrist": ("press", "take", "give", "centre"),
 }
+
+SITE_DEEDS: tuple[Deed, ...] = ("open_lan", "find_wrists")
+"""Deeds that are about no person."""
 
 TIMEOUTS_S = {RUN_SCENARIO.key: 15.0}
 """Timeouts (s) of replies that take longer than usual."""
@@ -171,7 +179,7 @@ def _parse_deed(ask: Ask, deed: Deed, role: Role) -> PageAction:
         raise RefusedError(ONLY_LOOKS_ON if role == "viewer" else f"a phone cannot ask for {deed!r}")
     if ask.key:
         raise RefusedError(f"one thing at a time: {ask.key!r} or {deed!r}")
-    if deed != "open_lan":
+    if deed not in SITE_DEEDS:
         check_name(ask.name, "user")
     try:
         extras = EXTRAS.get(deed, Plain).model_validate_json(json.dumps(ask.query))

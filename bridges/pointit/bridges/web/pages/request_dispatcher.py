@@ -18,6 +18,7 @@ from pointit.bridges.web.pages.page_requests import (
 from pointit.bridges.web.server.access import Access
 from pointit.bridges.web.server.lan import Lan
 from pointit.bridges.web.wire import Answer, Ask, Role
+from pointit.bridges.web.wrists.found_wrists import find_wrists
 from pointit.bridges.web.wrists.pairing import Pairing, offer
 from pointit.bridges.web.wrists.phone import Phones
 from pointit.bridges.web.wrists.wrist_control import Hold, WristControl
@@ -70,6 +71,7 @@ class RequestDispatcher:
         self._present = present
         self._changed = changed
         self._drawing = asyncio.Lock()
+        self._searching = asyncio.Lock()
 
     async def answer(self, page: str, role: Role, ask: Ask) -> Answer:
         """Handle a request.
@@ -106,6 +108,9 @@ class RequestDispatcher:
         user = wish.user
         if wish.deed == "open_lan":
             return await self.open_lan()
+        if wish.deed == "find_wrists":
+            async with self._searching:
+                return await find_wrists()
         self._people.check(user)
         if wish.deed == "press":
             assert isinstance(wish.extras, Press)  # noqa: S101 - so says `asks`

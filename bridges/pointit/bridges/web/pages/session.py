@@ -11,7 +11,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from pointit.bridges.web.pages.latest_values import PageFeed
 from pointit.bridges.web.pages.rate_limit import TokenBucket
-from pointit.bridges.web.wire import OWN_FAULT, Ack, AimAt, Answer, Ask, Received, Role, Turn
+from pointit.bridges.web.wire import OWN_FAULT, Ack, AimAt, Answer, Ask, Play, Received, Role, Turn
 from pointit.runtime.errors import PointItError
 from pointit.runtime.timer import Timer
 from pointit.schemas import SchemaError, summarize_validation_error
@@ -36,7 +36,7 @@ MAX_ANSWERS = 16
 MALFORMED, NORMAL = 1008, 1000
 """Close codes (RFC 6455): policy violation, and a normal end."""
 
-_RECEIVED: TypeAdapter[Ack | Ask | AimAt | Turn] = TypeAdapter(Received)
+_RECEIVED: TypeAdapter[Ack | Ask | AimAt | Play | Turn] = TypeAdapter(Received)
 
 
 class Host(Protocol):
@@ -56,6 +56,10 @@ class Host(Protocol):
 
     def aim(self, aim: AimAt, session: "Session") -> None:
         """Point where the page's mouse does."""
+        ...
+
+    def play(self, play: Play) -> None:
+        """Control the page's playback."""
         ...
 
     def shown(self, ack: Ack) -> None:
@@ -111,10 +115,15 @@ class Session:
         self._status = status
         self._news.set()
 
+    def tell(self, text: str) -> None:
+        """Send `text`, before what is newer on the bus."""
+        self._texts.append(text)
+        self._news.set()
+
     async def run(self, hello: str) -> None:
         """Accept, send `hello` and serve until the page leaves or is closed."""
         await self._socket.accept()
-        self._texts.append(hello)
+        self._texts.insert(0, hello)
         sending = self._loop.create_task(self._send(), name=f"{self.page} sends")
         receiving = self._loop.create_task(self._receive(), name=f"{self.page} receives")
         try:
@@ -174,19 +183,17 @@ class Session:
                     await self._socket.close(MALFORMED, "too many malformed messages")
                     return
             elif isinstance(said, Ack):
-                if not self.feed.ack(said.n):
-                    self._on_malformed("Ack", "of a batch that was never sent")
-                else:
-                    self._host.shown(said)
-                    self._news.set()
+                self._on_ack(said)
             elif isinstance(said, AimAt):
                 self._on_aim(said)
             elif isinstance(said, Ask):
                 await self._begin_answer(said)
+            elif isinstance(said, Play):
+                self._host.play(said)
             else:
                 self._on_malformed("Turn", "is for phones, at their own address")
 
-    def _understood(self, text: str | None) -> Ack | Ask | AimAt | Turn | None:
+    def _understood(self, text: str | None) -> Ack | Ask | AimAt | Play | Turn | None:
         if text is None:
             self._on_malformed("page", "binary messages are not accepted")
             return None
@@ -197,6 +204,13 @@ class Session:
         except (ValueError, RecursionError) as error:
             self._on_malformed("page", str(error))
         return None
+
+    def _on_ack(self, ack: Ack) -> None:
+        if not self.feed.ack(ack.n):
+            self._on_malformed("Ack", "of a batch that was never sent")
+        else:
+            self._host.shown(ack)
+            self._news.set()
 
     def _on_malformed(self, what: str, sentence: str) -> None:
         self._malformed += 1
@@ -239,5 +253,4 @@ class Session:
         except Exception:  # the page waits for an answer
             log.exception("%s asked %s and was not answered", self.page, ask.deed or ask.key)
             answer = Answer(id=ask.id, error=OWN_FAULT)
-        self._texts.append(json.dumps(answer.model_dump(mode="json"), separators=(",", ":")))
-        self._news.set()
+        self.tell(json.dumps(answer.model_dump(mode="json"), separators=(",", ":")))

@@ -31,6 +31,9 @@ BARRED = "Too many wrong links were opened from your address. Open the right one
 REFUSAL_S = 1.0
 """Delay (s) of a refusal for an address that has guessed too often."""
 
+PAST = "/ws/past"
+"""Path of the websocket of pages that play the last minutes."""
+
 OpenPage = Callable[[WebSocket, Role], Awaitable[None]]
 Download = Callable[[Request], Awaitable[Response]]
 
@@ -53,6 +56,7 @@ def application(
             routes=[
                 Route("/", page.index, methods=["GET"]),
                 WebSocketRoute("/ws", page.socket),
+                WebSocketRoute(PAST, page.socket),
                 Route("/recording.mcap", page.recording, methods=["GET"]),
                 *others,
                 Route("/static/{name:path}", page.static, methods=["GET"]),

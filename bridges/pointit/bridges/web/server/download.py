@@ -1,23 +1,51 @@
-"""Download of the last minute as a file."""
+"""Download of the last minute as an MCAP recording, for Foxglove and Lichtblick too."""
 
 import asyncio
 import io
+from typing import IO
 
 from starlette.requests import Request
 from starlette.responses import Response
 
-from pointit.bridges.web.model.recording import LastMinute, file_name
+from pointit.bridges.web.playback.recent import Recent, RecentPast
 from pointit.bridges.web.server.responses import Pieces
+from pointit.recording.head import make_head
+from pointit.recording.writer import RecordingWriter
 from pointit.runtime.clock import Clock
+from pointit.schemas import NS_PER_S
+from pointit.schemas.topics import Delivery, Topic
+
+
+def write_recording(past: RecentPast, since_ns: int, output: IO[bytes]) -> int:
+    """Write what happened since `since_ns`, beginning with the states and presences of then.
+
+    Slow: call it in a thread.
+
+    Returns:
+        the number of entries.
+    """
+    writer = RecordingWriter(output, make_head(past.site, since_ns))
+    for entry in past.states_at(since_ns - 1):
+        if not isinstance(entry.row, Topic) or entry.row.delivery is Delivery.STATE:
+            writer.add(entry._replace(time_ns=since_ns))
+    for entry in past.entries(since_ns - 1):
+        writer.add(entry)
+    writer.close()
+    return writer.entries
+
+
+def file_name(site: str, now_ns: int) -> str:
+    """Return the file's name."""
+    return f"pointit-{site}-{now_ns // NS_PER_S}.mcap"
 
 
 class Downloads:
     """Writes recordings on request, one at a time."""
 
-    def __init__(self, last_minute: LastMinute, site: str, clock: Clock) -> None:
-        """Store the source of messages, and the site's name for the file."""
-        self._last_minute = last_minute
-        self._site = site
+    def __init__(self, recent: Recent, window_s: float, clock: Clock) -> None:
+        """Store the source of messages. `window_s` is the length of a recording."""
+        self._recent = recent
+        self._window_ns = round(window_s * NS_PER_S)
         self._clock = clock
         self._writing: asyncio.Task[tuple[str, bytes]] | None = None
 
@@ -38,6 +66,6 @@ class Downloads:
         """Return the name and the bytes of a recording, written in a thread."""
         now_ns = self._clock.now_ns()
         output = io.BytesIO()
-        recording = self._last_minute.recording(self._site, now_ns)
-        await asyncio.to_thread(recording.write, output)
-        return file_name(self._site, now_ns), output.getvalue()
+        past = self._recent.past(now_ns)
+        await asyncio.to_thread(write_recording, past, max(past.began_ns, now_ns - self._window_ns), output)
+        return file_name(past.site, now_ns), output.getvalue()

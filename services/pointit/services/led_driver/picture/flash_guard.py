@@ -1,5 +1,6 @@
 """Limits lamps to three flashes a second, regardless of commands, since more can trigger seizures."""
 
+import math
 from collections import deque
 
 from pointit.schemas import NS_PER_S
@@ -28,7 +29,7 @@ class FlashGuard:
     def show(self, color: Rgb, now_ns: int) -> Rgb:
         """Return the colour that the lamp may show at `now_ns`: `color`, or the one shown before."""
         values = [value / 255.0 for value in color]
-        values.append(sum(weight * value for weight, value in zip(_LUMINANCE, values, strict=True)))
+        values.append(math.fsum(weight * value for weight, value in zip(_LUMINANCE, values, strict=True)))
         waits_ns = [
             signal.wait_ns(value, now_ns) for signal, value in zip(self._signals, values, strict=True)
         ]

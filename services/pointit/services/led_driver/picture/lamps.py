@@ -55,8 +55,8 @@ class Lamps:
         """Set `user`'s cursor."""
         self._cursors[user] = (now_ns, cursor)
         if cursor.lamps:
-            new = {lamp.id for lamp in cursor.lamps} - self._near
-            self._near |= new
+            new = [lamp.id for lamp in cursor.lamps if lamp.id not in self._near]
+            self._near.update(new)
             self._guard(new)
 
     def set_color(self, lamp_id: str, color: Rgb | None) -> None:

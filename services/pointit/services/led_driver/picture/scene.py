@@ -90,6 +90,16 @@ class Scene:
             return True
         return cursor.passed != before.passed and self._pixels(cursor) != self._pixels(before)
 
+    def cursor_color(self, user: str) -> Rgb:
+        """Return the colour of `user`'s cursor, or of their profile without one."""
+        _, cursor = self._cursors.get(user, (0, NOWHERE))
+        return self._color(self._profiles.get(user, NOBODY), cursor)
+
+    @property
+    def people_with_cursors(self) -> frozenset[str]:
+        """People whose cursor had not expired at the last call of `forget`."""
+        return frozenset(self._cursors)
+
     def set_hover(self, user: str, hover: Hover, now_ns: int) -> None:
         """Set `user`'s hovered object."""
         self._hovers[user] = (now_ns, hover)

@@ -212,9 +212,9 @@ class RestDetector:
 def _line(times: list[float], values: list[float]) -> tuple[float, float]:
     """Return slope and rms about the straight line through `values`."""
     n = len(times)
-    mean_t, mean_v = sum(times) / n, sum(values) / n
-    tt = sum((t - mean_t) ** 2 for t in times)
-    tv = sum((t - mean_t) * (v - mean_v) for t, v in zip(times, values, strict=True))
-    vv = sum((v - mean_v) ** 2 for v in values)
+    mean_t, mean_v = math.fsum(times) / n, math.fsum(values) / n
+    tt = math.fsum((t - mean_t) ** 2 for t in times)
+    tv = math.fsum((t - mean_t) * (v - mean_v) for t, v in zip(times, values, strict=True))
+    vv = math.fsum((v - mean_v) ** 2 for v in values)
     slope = tv / tt
     return slope, math.sqrt(max(0.0, vv - slope * tv) / n)

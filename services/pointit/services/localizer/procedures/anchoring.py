@@ -1,4 +1,4 @@
-"""Pointing at one lamp to correct the pose: "point at the lamp once" (pointing.md §3, §4).
+"""Pointing at one lamp, or robot, to correct the pose: "point at the lamp once" (pointing.md §3, §4).
 
 Pure: rays and the time go in; the lamp, progress and the anchor come out.
 """
@@ -29,6 +29,7 @@ class Anchoring(LampProcedure):
         config: LocalizerConfig,
         *,
         occupies: Iterable[str] = (),
+        is_robot: bool = False,
     ) -> None:
         """Create the procedure.
 
@@ -38,15 +39,17 @@ class Anchoring(LampProcedure):
                 reason to reject it or `""`, the number is the time, ns.
             config: times and limits of the hold.
             occupies: ids of lamps that other people cannot use meanwhile, besides `lamp`.
+            is_robot: `lamp` is the place of a robot, which several people may point at.
         """
-        super().__init__((lamp.id, *occupies), config, MIN_RAYS, "ask again")
+        super().__init__((*(() if is_robot else (lamp.id,)), *occupies), config, MIN_RAYS, "ask again")
+        self._is_robot = is_robot
         self._target = lamp
         self._judge = judge
 
     @property
     def targets(self) -> Sequence[Lamp]:
         """Return the one lamp."""
-        return (self._target,)
+        return () if self._is_robot else (self._target,)
 
     def _next_lamp(self) -> Lamp:
         return self._target

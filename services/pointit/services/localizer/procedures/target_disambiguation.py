@@ -47,7 +47,7 @@ def rank_by_posterior(
         else math.exp(-0.5 * independent * (result.residual_rad**2 - least**2) / variance)
         for _, result in results
     ]
-    total = sum(weights)
+    total = math.fsum(weights)
     fits = [
         Fit(object_id, result, weight / total if total else 0.0)
         for (object_id, result), weight in zip(results, weights, strict=True)
@@ -93,7 +93,7 @@ class TargetDisambiguator:
         if isinstance(best.result, Refusal):
             return best.result
         others = [fit for fit in fits[1:] if not _are_near(best.result, fit.result)]
-        if others and sum(fit.probability for fit in others) > 1.0 - MEANT:
+        if others and math.fsum(fit.probability for fit in others) > 1.0 - MEANT:
             return _undecided(best.object_id, max(others, key=lambda fit: fit.probability))
         self._decided = True
         return best.result

@@ -117,7 +117,7 @@ class View:
         }
         highest = max(scores.values())
         weights = {name: math.exp(score - highest) for name, score in scores.items()}
-        return weights[object_id] / sum(weights.values())
+        return weights[object_id] / math.fsum(weights.values())
 
     def snapped(self, object_id: str, cursor: Cursor, snap_rad: float) -> tuple[Vec3, float | None] | None:
         """Return the snapped cursor on the object, and its arc length on its own surface.

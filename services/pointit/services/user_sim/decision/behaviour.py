@@ -1,4 +1,4 @@
-"""Current goal of the person: nothing, lamps, along the strips, anything, objects, places."""
+"""Current goal of the person: nothing, lamps, along the strips, anything, objects, places, robots."""
 
 import math
 from collections.abc import Callable
@@ -14,6 +14,7 @@ from pointit.services.user_sim.config import UserSimConfig
 from pointit.services.user_sim.decision.belief import Belief
 from pointit.services.user_sim.decision.decision_times import DecisionTimes
 from pointit.services.user_sim.decision.goal import REST, Goal, on_object
+from pointit.services.user_sim.decision.robot_user import GroundRobotUser, QuadrotorUser
 from pointit.services.user_sim.decision.selecting import Selecting
 from pointit.services.user_sim.sight.object_beliefs import ObjectBeliefs
 from pointit.services.user_sim.sight.pixels import Kind
@@ -177,6 +178,10 @@ def make_behaviour(
             return SequentialTargets(Anything(rng), config.lamp_hold_s, pace)
         case "send":
             return SequentialTargets(Sending(config.position_m, rng), config.lamp_hold_s, pace)
+        case "fly":
+            return QuadrotorUser(config.spots_m, pace)
+        case "drive":
+            return GroundRobotUser(config.spots_m, pace)
         case "select":
             return Selecting(config, things, pace)
 

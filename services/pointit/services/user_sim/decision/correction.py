@@ -57,6 +57,8 @@ class Correction:
         self._look_from_ns = 0
         self._next_ns = 0
         self._newest_ns = 0
+        self.steady_since_ns = 0
+        """Time since which the intended direction has not changed."""
         self._searches = 0
         self._aside_rad: float | None = None
         """Azimuth correction, rad, by the mark of a ray that passes everything, or None."""
@@ -87,7 +89,7 @@ class Correction:
 
     def begin(self, reached_ns: int) -> None:
         """Start looking at the cursor when the hand has arrived."""
-        self._look_from_ns = self._newest_ns = reached_ns
+        self._look_from_ns = self._newest_ns = self.steady_since_ns = reached_ns
         self._next_ns = reached_ns + self._delay_ns
         self._seen.clear()
         self._searches = 0
@@ -124,6 +126,10 @@ class Correction:
         self._aside_rad = None
         self._seen.append(self._beside)
 
+    def wait(self, now_ns: int) -> None:
+        """Search for nothing now: what shows the cursor is visible, but has not followed the hand yet."""
+        self._newest_ns = max(self._newest_ns, now_ns)
+
     def see_mark(self, point_m: Vec3, at_ns: int, goal: Goal) -> None:
         """Process that the ray passed everything at `at_ns`, nearest to `point_m`."""
         target, did = goal.point_at(at_ns), self._recall(at_ns)
@@ -144,6 +150,12 @@ class Correction:
 
     def step(self, now_ns: int) -> bool:
         """Return True if `now_rad` changed, so that the hand must move."""
+        has_changed = self._step(now_ns)
+        if has_changed:
+            self.steady_since_ns = now_ns
+        return has_changed
+
+    def _step(self, now_ns: int) -> bool:
         if self._is_turning:
             self._is_turning = False
             self._next_ns = now_ns + self._period_ns

@@ -11,6 +11,8 @@ from pointit.services.user_sim.sight.sight import SeenObject, Sight
 
 PURSUIT_S = 1.5
 """Time for which a thing is extrapolated after it was lost from view, s."""
+IN_AIR_M = 0.3
+"""Height from which a spot is a place for the robot itself. Lower ones are on the floor below it, m."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,6 +33,10 @@ class Goal:
     along_m: float = 0.0
     speed_mps: float = 0.0
     object_id: str = ""
+    robot: str = ""
+    """Robot that follows the hand and so shows the cursor, or `""`: light does."""
+    presses: int = 0
+    """Number of presses of the button that the person has decided on so far."""
 
     def point_at(self, now_ns: int) -> Vec3 | None:
         """Return its expected position at `now_ns`, or None."""

@@ -2,10 +2,11 @@
 
 from collections.abc import Iterator
 
+from pointit.geometry import vector
 from pointit.schemas import NS_PER_S
 from pointit.services.user_sim.decision.belief import Belief
 from pointit.services.user_sim.decision.correction import Correction
-from pointit.services.user_sim.decision.goal import Goal
+from pointit.services.user_sim.decision.goal import IN_AIR_M, Goal
 from pointit.services.user_sim.sight.eyes import SeenCursor, Span
 from pointit.services.user_sim.sight.object_beliefs import ObjectBeliefs
 from pointit.services.user_sim.sight.sight import SeenObject, Sight
@@ -16,6 +17,10 @@ ON_M = 0.05
 """Distance beside a thing at which a cursor is on it, m."""
 STILL_S = 0.5
 """Age of a frame up to which its cursor is current, s."""
+ROBOT_LAG_S = 0.8
+"""Time after a movement of the hand within which a robot that follows it is not where the hand points, s."""
+ROBOT_STILL_MPS = 0.15
+"""Speed below which a robot has followed, m/s."""
 
 
 class Perception:
@@ -46,8 +51,22 @@ class Perception:
         if now_ns < self._next_ns <= now_ns + self._period_ns:
             return
         self._next_ns = now_ns + self._period_ns
-        if self.belief.state == "pointing":
+        if self.belief.state == "pointing" and goal.robot:
+            self._watch(now_ns, goal)
+        elif self.belief.state == "pointing":
             self._look(now_ns, goal)
+
+    def _watch(self, now_ns: int, goal: Goal) -> None:
+        """Look at the robot that follows: it, or the place below it if the goal is low, is the cursor."""
+        robot = self._sight.robots(now_ns).get(goal.robot)
+        self._correction.wait(now_ns)
+        if robot is None or goal.point_m is None or vector.norm(robot.velocity_mps) > ROBOT_STILL_MPS:
+            return
+        if robot.stamp_ns - self._correction.steady_since_ns < ROBOT_LAG_S * NS_PER_S:
+            return
+        x, y, z = robot.position_m
+        height_m = z if goal.point_m[2] > IN_AIR_M else goal.point_m[2]
+        self._correction.see((x, y, height_m), robot.stamp_ns, goal)
 
     def _look(self, now_ns: int, goal: Goal) -> None:
         frame_ns = self._sight.frame_ns

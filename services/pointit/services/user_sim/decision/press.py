@@ -39,6 +39,10 @@ class ButtonModel:
         self._free_ns: int | None = None
         """Last time at which another client controlled the wrist. None: never."""
 
+    def decided(self, now_ns: int) -> ButtonEvent:
+        """Return the press that the person's behaviour has decided on."""
+        return self._event(now_ns, "press")
+
     def wait(self, now_ns: int) -> None:
         """Press nothing, as another client controls the wrist. Resets all timers."""
         self._free_ns = self._on_ns = self._before_ns = now_ns

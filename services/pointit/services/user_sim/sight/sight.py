@@ -13,6 +13,7 @@ from pointit.schemas import (
     Feedback,
     LampColor,
     Message,
+    RobotState,
     StripsFrame,
     TrackedObject,
     TrackedObjects,
@@ -64,6 +65,7 @@ class Sight:
         self._delay_ns = round(delay_s * NS_PER_S)
         self._deadlines_m = dict(deadlines_m or {})
         self._delayed: deque[tuple[int, Message, str]] = deque()
+        self._robots: dict[str, RobotState] = {}
         self._trackers: dict[str, tuple[int, dict[str, TrackedObject]]] = {}
         self.eyes = Eyes()
         self.frame_ns: int | None = None
@@ -111,6 +113,14 @@ class Sight:
             if thing is not None and -fresh_ns <= now_ns - stamp <= self._delay_ns + fresh_ns:
                 return SeenObject(thing, stamp)
         return None
+
+    def robots(self, now_ns: int) -> dict[str, RobotState]:
+        """Return the robots in the room by name. Only what is visible of one counts: kind, place, speed."""
+        fresh_ns = round(FRESH_S * NS_PER_S)
+        oldest_ns, newest_ns = now_ns - self._delay_ns - fresh_ns, now_ns + fresh_ns
+        return {
+            name: state for name, state in self._robots.items() if oldest_ns <= state.stamp_ns <= newest_ns
+        }
 
     def lit_lamp(self) -> str:
         """Return the lit lamp, or `""`."""
@@ -201,6 +211,8 @@ class Sight:
                 self.eyes.open(message)
             case TrackedObjects():
                 self._trackers[name] = (message.stamp_ns, {thing.id: thing for thing in message.objects})
+            case RobotState():
+                self._robots[name] = message
             case Feedback():
                 self.cues.append(message)
             case LampColor():

@@ -22,11 +22,15 @@ import { nowPart } from "./panel/now";
 import { pairingDialog } from "./panel/pairing";
 import { makePanel } from "./panel/panel";
 import { peoplePart } from "./panel/people";
+import { robotsPart, stopAll } from "./panel/robots";
 import { tuningPart } from "./panel/tuning";
+import { wristsPart } from "./panel/wrists";
+import { makeTimeline } from "./past/timeline";
 import { makeScenario } from "./scenario";
 import { outage } from "./outage";
 import { keepSettings, loadSettings, type Settings } from "./settings";
 import { makeShortcuts } from "./shortcuts";
+import { phaseOf, steeredBy } from "./site/robots";
 import { emptySite, type Happened, type Site } from "./site/site";
 import { chime } from "./sound";
 import { Stage } from "./stage";
@@ -65,7 +69,7 @@ const connection = new Connection(site, {
 });
 const controls = new Controls(site, settings, connection, new Toasts(at("toasts")), () => refresh());
 const mouse = new Mouse(controls, () => stage.view, document.querySelector<HTMLElement>(".stage")!);
-const stage: Stage = new Stage(at("view"), at("cameras"), at("chip"), ["lost", "outage", "progress", "guide", "cameras", "toasts", "chip"].map(at), controls, (place) => mouse.aim(place), () => {
+const stage: Stage = new Stage(at("view"), at("cameras"), at("chip"), ["lost", "outage", "progress", "guide", "cameras", "stop", "toasts", "chip"].map(at), controls, (place) => mouse.aim(place), () => {
   mouse.renew();
   wake();
 });
@@ -76,14 +80,17 @@ const belts = beltsPart(controls);
 const tuning = tuningPart(controls);
 const look = lookPart(controls, changeLook);
 const panel = makePanel(at("panel"), controls, [
-  { name: "Control", icon: "sliders", parts: [nowPart(controls), moverPart(controls, mouse, pairing), belts, peoplePart(controls, scenario), tuning, look] },
+  { name: "Control", icon: "sliders", parts: [nowPart(controls), robotsPart(controls), moverPart(controls, mouse, pairing), belts, peoplePart(controls, scenario), wristsPart(controls), tuning, look] },
   { name: "Health", icon: "pulse", parts: [healthPart(controls, () => stage.view?.stats ?? null), messagesPart(controls)] },
 ]);
+const stop = stopAll(at("stop"), controls);
+const timeline = makeTimeline(at("timeline"), controls, (text) => say(text, false));
 const help = makeHelp((): readonly Shortcut[] => shortcuts, settings);
-const shortcuts = makeShortcuts({ controls, mouse, stage, belts, look, pairing, panel, help });
+const shortcuts = makeShortcuts({ controls, mouse, stage, belts, look, pairing, panel, help, timeline });
 listen(shortcuts, () => settings.shortcuts);
 at("help").addEventListener("click", () => help.open());
 at("pill").addEventListener("click", () => panel.open(1));
+at("visit").addEventListener("click", () => connection.visit(site.timeline === null));
 at("retry").addEventListener("click", () => connection.hurry());
 watchSystem(() => changeLook("theme"));
 
@@ -118,12 +125,13 @@ function frame(): void {
   for (const happened of site.fresh) tell(happened);
   stage.draw();
   connection.shown();
+  timeline.frame();
   site.fresh.length = 0;
   const now = performance.now();
   if (!isStale && now - refreshed < PANEL_MS) return;
   refreshed = now;
   isStale = false;
-  for (const part of [panel, guide, scenario, stage]) part.update();
+  for (const part of [panel, guide, scenario, stop, stage, timeline]) part.update();
   showHeader();
   showOutage();
   announce();
@@ -166,23 +174,41 @@ let announced = "";
 /** Have a change of the interaction read out; gauges and figures are not. */
 function announce(): void {
   const interaction = controls.person?.interaction;
-  const now = interaction ? `${controls.user}: ${stateTitle(interaction.state)}. ${interaction.next_step}` : "";
+  const robot = steeredBy(site, controls.user);
+  const steers = robot ? ` ${robot.name}: ${phaseOf(robot.state)}. ${robot.state.reason}` : "";
+  const now = interaction ? `${controls.user}: ${stateTitle(interaction.state)}. ${interaction.next_step}${steers}` : "";
   if (now === announced) return;
   announced = now;
   write(at("said"), now);
 }
 
 function showHeader(): void {
-  write(at("site"), site.hello?.site ?? "");
+  const { timeline: past } = site;
+  write(at("site"), [site.hello?.site, past?.title].filter(Boolean).join(" · "));
+  showVisit();
   const wrong = site.status?.findings.filter((each) => each.severity !== "note").length ?? 0;
   panel.count(1, wrong, wrong === 1 ? "warning" : "warnings");
   const pill = at("pill");
-  mark(pill, "data-state", site.connected ? (wrong ? "warning" : "live") : "lost");
-  mark(pill.querySelector("use")!, "href", `#icon-${site.connected ? (wrong ? "warning" : "live") : "close"}`);
-  const median = site.connected ? connection.latency.total(performance.now()).p50 : null;
-  write(at("pill-text"), site.connected ? "Live" : site.hello ? "Lost" : "Connecting");
+  mark(pill, "data-state", !site.connected ? "lost" : wrong ? "warning" : past ? "past" : "live");
+  mark(pill.querySelector("use")!, "href", `#icon-${!site.connected ? "close" : wrong ? "warning" : past ? "history" : "live"}`);
+  const median = site.connected && !past ? connection.latency.total(performance.now()).p50 : null;
+  write(at("pill-text"), site.connected ? (past ? "Past" : "Live") : site.hello ? "Lost" : "Connecting");
   write(at("pill-latency"), median === null ? "" : `· ${milliseconds(median)}`);
-  show(at("looks-on"), site.connected && site.hello?.role === "viewer");
+  show(at("recorded"), site.connected && controls.isPresent("recorder") && !past);
+  show(at("looks-on"), site.connected && site.hello?.role === "viewer" && !past);
+}
+
+/** Offer the way into the past of a running site, or out of it. */
+function showVisit(): void {
+  const visit = at("visit"), isPast = site.timeline !== null;
+  show(visit, site.connected && site.hello !== null && !site.timeline?.title);
+  visit.classList.toggle("primary", isPast);
+  mark(visit, "aria-keyshortcuts", isPast ? "Escape" : "W");
+  mark(visit.querySelector("use")!, "href", isPast ? "#icon-live" : "#icon-history");
+  const name = isPast ? "Back to live" : "What just happened?";
+  write(visit.querySelector("span")!, name);
+  mark(visit, "aria-label", name); // narrow pages show the icon only
+  visit.title = `${name} (${isPast ? "Esc" : "W"})`;
 }
 
 /** Say why the scene stands still. */

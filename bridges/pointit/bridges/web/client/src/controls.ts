@@ -4,6 +4,7 @@ import type { Reply, Wish } from "./site/asks";
 import { Refusal } from "./site/asks";
 import type { Connection } from "./site/connection";
 import { byName } from "./format";
+import { seenRobots } from "./site/robots";
 import type { Settings } from "./settings";
 import type { Person, Site } from "./site/site";
 import type { Toasts } from "./toasts";
@@ -96,6 +97,24 @@ export class Controls {
       this.toasts.show("error", error.message);
       return null;
     }
+  }
+
+  /** Whether this page may stop robots: every robot, since the reply says if its service does not answer. */
+  get mayStop(): boolean {
+    return this.site.connected && (this.site.hello?.requests.includes("robots/{robot}/stop") ?? false);
+  }
+
+  /** Robots that this page may stop. */
+  get stoppable(): readonly string[] {
+    return this.mayStop ? seenRobots(this.site).map(({ name }) => name) : [];
+  }
+
+  /** Stop robots, all by default; each is asked for itself, so that one that does not answer holds up no other. */
+  async stopRobots(robots: readonly string[] = this.stoppable): Promise<void> {
+    const replies = await Promise.all(robots.map((name) =>
+      this.ask({ key: "robots/{robot}/stop", name, query: { reason: "from the page" } }, { isQuiet: true })));
+    const stopped = robots.filter((_, i) => replies[i]);
+    if (stopped.length) this.toasts.show("done", `Stopped: ${stopped.join(", ")}.`);
   }
 
   press(): void {

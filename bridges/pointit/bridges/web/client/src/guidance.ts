@@ -40,6 +40,8 @@ const GOALS: Record<string, string> = {
   scenario_2: "Move the mouse along a strip: the light follows you.",
   scenario_3: "Move onto a red segment and stay on it until it is full.",
   scenario_4: "Move onto a red package and stay on it until it is full.",
+  scenario_5: "Point at the quadrotor and press the button: it takes off and follows you. Press again: it lands there.",
+  scenario_6: "Point at the robot and press the button. Then stay on each place of its way, and press again: it goes there.",
 };
 
 /** What there is to do in a scenario for who points with the mouse. */

@@ -22,15 +22,15 @@ const MOVES = "input, select, textarea, [role=tab], .plan-list *, .log";
  * @param areOn single keys are wanted (they can be switched off, WCAG 2.1.4).
  */
 export function listen(shortcuts: readonly Shortcut[], areOn: () => boolean): void {
-  const byKey = new Map(shortcuts.flatMap((shortcut) => shortcut.keys.map((name) => [name, shortcut] as const)));
   let isByKeyboard = false;
   addEventListener("pointerdown", () => (isByKeyboard = false), true);
 
   function found(event: KeyboardEvent): Shortcut | null {
     if (event.ctrlKey || event.metaKey || event.altKey || event.defaultPrevented) return null;
     const target = event.target instanceof Element ? event.target : document.body;
-    const shortcut = byKey.get(event.key.length === 1 ? event.key.toLowerCase() : event.key);
-    if (!shortcut?.isOffered() || (!areOn() && !shortcut.isSafe)) return null;
+    const name = event.key.length === 1 ? event.key.toLowerCase() : event.key;
+    const shortcut = shortcuts.find((each) => each.keys.includes(name) && each.isOffered());
+    if (!shortcut || (!areOn() && !shortcut.isSafe)) return null;
     if (document.querySelector("dialog[open]")) return null;
     if (event.key === "Escape") return shortcut;
     if (target.matches(FIELDS)) return null;

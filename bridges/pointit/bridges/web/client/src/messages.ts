@@ -8,6 +8,7 @@ export interface Everything {
   CancelLocalization: CancelLocalization;
   ClearSelection: ClearSelection;
   ClockTick: ClockTick;
+  Configuration: Configuration;
   BayCount: BayCount;
   BeltSpeed: BeltSpeed;
   Departure: Departure;
@@ -24,6 +25,8 @@ export interface Everything {
   Box: Box;
   Cloud: Cloud;
   Cylinder: Cylinder;
+  Fence: Fence;
+  Frame: Frame;
   Lamp: Lamp;
   Plane: Plane;
   Sphere: Sphere;
@@ -50,10 +53,13 @@ export interface Everything {
   ReadHistoryReply: ReadHistoryReply;
   ReleaseObject: ReleaseObject;
   ResetConveyor: ResetConveyor;
+  RobotPlan: RobotPlan;
+  RobotState: RobotState;
   RunScenario: RunScenario;
   ReservedObject: ReservedObject;
   SelectedObject: SelectedObject;
   Selection: Selection;
+  ServedRequest: ServedRequest;
   SetBrightness: SetBrightness;
   SetFeeding: SetFeeding;
   SetHeading: SetHeading;
@@ -71,6 +77,8 @@ export interface Everything {
   SetWorkspace: SetWorkspace;
   SetYawOrigin: SetYawOrigin;
   StartLocalization: StartLocalization;
+  Steering: Steering;
+  StopRobot: StopRobot;
   StripFrame: StripFrame;
   StripsFrame: StripsFrame;
   TrackedObject: TrackedObject;
@@ -225,6 +233,30 @@ export interface ClockTick {
    * time of capture, Unix ns; derived data keep it
    */
   stamp_ns: number;
+}
+/**
+ * The parameters with which a service has started.
+ */
+export interface Configuration {
+  instance: string;
+  /**
+   * JSON of all parameters but secrets
+   */
+  parameters: string;
+  /**
+   * version of PointIt
+   */
+  release: string;
+  /**
+   * counts this writer's messages on this key
+   */
+  seq: number;
+  service: string;
+  /**
+   * time of capture, Unix ns; derived data keep it
+   */
+  stamp_ns: number;
+  user: string;
 }
 /**
  * Counts of the objects that came out at a bay.
@@ -408,6 +440,10 @@ export interface Cursor {
  */
 export interface ExpectedService {
   command: string[];
+  /**
+   * among several of its kind on the site, or empty
+   */
+  name: string;
   service: string;
   user: string;
 }
@@ -543,6 +579,45 @@ export interface Cylinder {
   radius_m: number;
 }
 /**
+ * An upright volume for robots: each stays inside every `keep_in`, and outside every `keep_out`.
+ */
+export interface Fence {
+  /**
+   * greatest height in {W}, None if unbounded
+   */
+  high_m: number | null;
+  id: string;
+  kind: "keep_in" | "keep_out";
+  /**
+   * least height in {W}, None if unbounded
+   */
+  low_m: number | null;
+  /**
+   * x, y of its corners in {W}, in either order; it closes itself
+   */
+  outline_m: [number, number][];
+}
+/**
+ * The coordinates of a tracker, or of a robot: where their origin is in {W}, and their rotation.
+ */
+export interface Frame {
+  id: string;
+  /**
+   * rotates vectors of the frame into {W}
+   *
+   * @minItems 4
+   * @maxItems 4
+   */
+  orientation_xyzw: [number, number, number, number];
+  /**
+   * of its origin in {W}
+   *
+   * @minItems 3
+   * @maxItems 3
+   */
+  position_m: [number, number, number];
+}
+/**
  * A single light at a known place; target of localizations.
  */
 export interface Lamp {
@@ -608,6 +683,8 @@ export interface Environment {
   boxes: Box[];
   clouds: Cloud[];
   cylinders: Cylinder[];
+  fences: Fence[];
+  frames: Frame[];
   lamps: Lamp[];
   links: BeltLink[];
   name: string;
@@ -699,6 +776,10 @@ export interface Goal {
    */
   proposed_ns: number;
   /**
+   * that is to go there, or empty if any may
+   */
+  robot: string;
+  /**
    * counts this writer's messages on this key
    */
   seq: number;
@@ -710,6 +791,10 @@ export interface Goal {
    * level plane of the map it is on, or `workspace/horizontal`; empty if unknown
    */
   surface_id: string;
+  /**
+   * way-points before `position_m`, in order, {W}
+   */
+  via_m: [number, number, number][];
   /**
    * azimuth from the person to the place: facing on, on arrival
    */
@@ -1141,6 +1226,85 @@ export interface ReleaseObject {
  */
 export interface ResetConveyor {}
 /**
+ * The way that a robot is about to take.
+ */
+export interface RobotPlan {
+  /**
+   * rest of its way, {W}, or empty if it goes nowhere
+   */
+  line_m: [number, number, number][];
+  /**
+   * counts this writer's messages on this key
+   */
+  seq: number;
+  /**
+   * time of capture, Unix ns; derived data keep it
+   */
+  stamp_ns: number;
+  /**
+   * person for whom, or empty
+   */
+  user: string;
+}
+/**
+ * Pose and activity of a robot, and the person who steers it; `stamp_ns` is that of the pose.
+ */
+export interface RobotState {
+  /**
+   * charge, if known
+   */
+  battery: number | null;
+  /**
+   * stamp of the goal that it carries out; 0: none
+   */
+  goal_ns: number;
+  kind: "quadrotor" | "ground";
+  phase: "landed" | "taking_off" | "idle" | "moving" | "landing" | "stopped" | "lost";
+  /**
+   * {W}; the last known one while it is lost
+   *
+   * @minItems 3
+   * @maxItems 3
+   */
+  position_m: [number, number, number];
+  /**
+   * 1 sigma of the position along the worst direction, if known
+   */
+  position_sigma_m: number | null;
+  /**
+   * of the sphere, or upright cylinder, that it fills
+   */
+  radius_m: number;
+  /**
+   * why it does not move as asked, and the remedy; empty if it does
+   */
+  reason: string;
+  /**
+   * counts this writer's messages on this key
+   */
+  seq: number;
+  /**
+   * time of capture, Unix ns; derived data keep it
+   */
+  stamp_ns: number;
+  /**
+   * where it is sent, or None
+   */
+  target_m: [number, number, number] | null;
+  /**
+   * person who steers it, or empty
+   */
+  user: string;
+  /**
+   * {W}
+   *
+   * @minItems 3
+   * @maxItems 3
+   */
+  velocity_mps: [number, number, number];
+  yaw_rad: number;
+}
+/**
  * Replace the running scenario by another one, on the same site.
  */
 export interface RunScenario {
@@ -1191,6 +1355,37 @@ export interface Selection {
    * counts this writer's messages on this key
    */
   seq: number;
+  /**
+   * time of capture, Unix ns; derived data keep it
+   */
+  stamp_ns: number;
+}
+/**
+ * A request that a service has answered; `stamp_ns` is when it got it.
+ */
+export interface ServedRequest {
+  instance: string;
+  /**
+   * JSON
+   */
+  query: string;
+  /**
+   * the reason, or empty if it was not refused
+   */
+  refusal: string;
+  /**
+   * JSON, or empty if it was refused or too large
+   */
+  reply: string;
+  /**
+   * key of the request
+   */
+  request: string;
+  /**
+   * counts this writer's messages on this key
+   */
+  seq: number;
+  service: string;
   /**
    * time of capture, Unix ns; derived data keep it
    */
@@ -1446,6 +1641,48 @@ export interface StartLocalization {
   method: ("static_targets" | "moving_target") | null;
 }
 /**
+ * A person's wish for a robot. The robot itself decides whom it obeys: see `RobotState.user`.
+ */
+export interface Steering {
+  /**
+   * robots that the person may point at; the likeliest first
+   */
+  candidates: Candidate[];
+  /**
+   * `follow`: to the person's cursor; `goals`: along their goals; `land`: at `target_m`, and then it is free; `none`: it stays
+   */
+  mode: "none" | "follow" | "goals" | "land";
+  /**
+   * that the person wants to steer, or empty
+   */
+  robot: string;
+  /**
+   * counts this writer's messages on this key
+   */
+  seq: number;
+  /**
+   * time of capture, Unix ns; derived data keep it
+   */
+  stamp_ns: number;
+  /**
+   * where to land, or None if it is where it hovers
+   */
+  target_m: [number, number, number] | null;
+  /**
+   * set so far, and not yet sent as a goal
+   */
+  waypoints_m: [number, number, number][];
+}
+/**
+ * Stop a robot: nobody steers it any more until somebody takes it again. Not a safety function.
+ */
+export interface StopRobot {
+  /**
+   * why, in a few words, for who steers it
+   */
+  reason: string;
+}
+/**
  * The pixels of one strip.
  */
 export interface StripFrame {
@@ -1498,6 +1735,10 @@ export interface TrackedObject {
    * @maxItems 3
    */
   position_m: [number, number, number];
+  /**
+   * 1 sigma of the position along the worst direction, if known
+   */
+  position_sigma_m: number | null;
   surface: "none" | "strip" | "belt" | "lamp" | "points";
   surface_id: string;
   /**
@@ -1515,6 +1756,10 @@ export interface TrackedObject {
    * @maxItems 3
    */
   velocity_mps: [number, number, number];
+  /**
+   * azimuth of its front, if it has one
+   */
+  yaw_rad: number | null;
 }
 /**
  * All tracked objects of one tracker at one time. An object that is no longer listed has left.

@@ -3,6 +3,7 @@ import { test } from "node:test";
 import { bytes, duration, figure, milliseconds, rendererName } from "./format";
 import { guidance, type Situation } from "./guidance";
 import { fingerprintLines } from "./panel/pairing";
+import { command, foundWrists } from "./panel/wrists";
 import { readSettings } from "./settings";
 
 test("numbers as people read them", () => {
@@ -11,6 +12,13 @@ test("numbers as people read them", () => {
   assert.deepEqual([0, 12.34, -1.25, 0.123, 0.0123, -0.0001].map(figure), ["0", "12", "-1.3", "0.12", "0.012", "0.000"]);
   assert.deepEqual([999, 1234, 45_678, 2.5e6].map(bytes), ["999 B", "1.2 kB", "46 kB", "2.5 MB"]);
   assert.equal(fingerprintLines("ab:cd:01"), "AB CD 01");
+});
+
+test("found wrists have the command that connects them, whatever else is in the reply", () => {
+  const wrist = { use: "--imu band:F1:22", label: "Wristband" };
+  assert.deepEqual(foundWrists({ wrists: [wrist, null, 1, { use: 1, label: "x" }, {}] }), [wrist]);
+  for (const bad of [{}, { wrists: null }, { wrists: "x" }]) assert.deepEqual(foundWrists(bad), []);
+  assert.equal(command(wrist), "pointit person add NAME --imu band:F1:22");
 });
 
 test("a renderer by its name", () => {

@@ -8,6 +8,7 @@ import type { Belts } from "./panel/belts";
 import type { Look } from "./panel/look";
 import type { Pairing } from "./panel/pairing";
 import type { Panel } from "./panel/panel";
+import type { Timeline } from "./past/timeline";
 import type { Stage } from "./stage";
 import { byName } from "./format";
 import type { Camera } from "./view";
@@ -21,8 +22,11 @@ export interface ShortcutTargets {
   pairing: Pairing;
   panel: Panel;
   help: Help;
+  timeline: Timeline;
 }
 
+/** How far an arrow key moves in the past, s; with Shift less. */
+const SKIP_S = 5, SMALL_SKIP_S = 1;
 const SPEED_STEP = 0.1;
 /** How far an arrow key moves the aimed-at place, m; with Shift less. */
 const STEP_M = 0.06;
@@ -31,12 +35,21 @@ const ARROWS: Record<string, readonly [number, number]> = {
   ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1],
 };
 
-export function makeShortcuts({ controls, mouse, stage, belts, look, pairing, panel, help }: ShortcutTargets): Shortcut[] {
+export function makeShortcuts({ controls, mouse, stage, belts, look, pairing, panel, help, timeline }: ShortcutTargets): Shortcut[] {
   const camera = (key: string, name: Camera, does: string): Shortcut => ({
     keys: [key], shown: key, does, isOffered: () => stage.view?.cameras.includes(name) ?? false, run: () => stage.look(name),
   });
   const isMine = (): boolean => controls.mine !== null;
+  const isPast = (): boolean => controls.site.connected && controls.site.timeline !== null;
+  const past = (keys: string[], shown: string, does: string, run: (event: KeyboardEvent) => void): Shortcut => ({ keys, shown, does, isOffered: isPast, run });
   return [
+    past([" "], "Space", "Play or pause", () => timeline.toggle()),
+    past(["ArrowLeft", "ArrowRight"], "← →", "Back or forth by 5 s; with Shift by 1 s", (event) => timeline.skip((event.key === "ArrowLeft" ? -1 : 1) * (event.shiftKey ? SMALL_SKIP_S : SKIP_S))),
+    past(["e"], "E", "The next selection, miss, warning or change of state; with Shift the one before", (event) => timeline.event(event.shiftKey ? -1 : 1)),
+    past([","], ",", "The message before", () => timeline.step(-1)), past(["."], ".", "The next message", () => timeline.step(1)),
+    past(["-"], "−", "Slower", () => timeline.faster(-1)), past(["+", "="], "+", "Faster", () => timeline.faster(1)),
+    { keys: ["w"], shown: "W", does: "What just happened? The last ten minutes", isOffered: () => controls.site.connected && controls.site.timeline === null, run: () => controls.connection.visit(true) },
+    { keys: ["Escape", "w"], shown: "Esc", does: "Back to live", isOffered: () => controls.site.timeline?.title === "", run: () => controls.connection.visit(false), isSafe: true },
     { keys: [" "], shown: "Space", does: "Press the button at the wrist", isOffered: () => controls.mayDo("press") && controls.user !== "", run: () => controls.press() },
     { keys: ["m"], shown: "M", does: "Point with the mouse", isOffered: () => controls.mayDo("take") && controls.mine?.user !== controls.user, run: () => void mouse.take() },
     { keys: ["Escape"], shown: "Esc", does: "Give the arm back", isOffered: isMine, run: () => void mouse.give(), isSafe: true },
@@ -55,6 +68,7 @@ export function makeShortcuts({ controls, mouse, stage, belts, look, pairing, pa
     { keys: ["x"], shown: "X", does: "Clear all that the person has selected", isOffered: () => controls.may("selector/{user}/clear"), run: () => controls.clear() },
     { keys: ["p"], shown: "P", does: "Add a package", isOffered: () => controls.may("conveyor/add_package"), run: () => belts.add() },
     { keys: ["s"], shown: "S", does: "Stop the belts, or start them", isOffered: () => controls.may("conveyor/set_speed"), run: () => belts.halt() },
+    { keys: ["r"], shown: "R", does: "Stop all robots", isOffered: () => controls.stoppable.length > 0, run: () => void controls.stopRobots() },
     { keys: ["-"], shown: "−", does: "Slower belts", isOffered: () => controls.may("conveyor/set_speed"), run: () => belts.faster(-SPEED_STEP) },
     { keys: ["+", "="], shown: "+", does: "Faster belts", isOffered: () => controls.may("conveyor/set_speed"), run: () => belts.faster(SPEED_STEP) },
     {

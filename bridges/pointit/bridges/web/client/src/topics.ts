@@ -1,12 +1,13 @@
 // Rows of the bus's tables, from schemas/catalogue. Written by `npm run types`; do not edit.
 
 import type {
-  Anchor, ButtonEvent, ClockTick, ConveyorState, Cursor, Deployment, Environment, Feedback, Goal, Health, Hover, ImuSample, Interaction, LampColor, LampLeases, Localization, PointingRay, Selection, SelectionEvent, StripsFrame, TrackedObjects, UserPose, UserProfile, WristSample,
+  Anchor, ButtonEvent, ClockTick, Configuration, ConveyorState, Cursor, Deployment, Environment, Feedback, Goal, Health, Hover, ImuSample, Interaction, LampColor, LampLeases, Localization, PointingRay, RobotPlan, RobotState, Selection, SelectionEvent, ServedRequest, Steering, StripsFrame, TrackedObjects, UserPose, UserProfile, WristSample,
 } from "./messages";
 
 /** The message of every topic, by the key's pattern. */
 export interface Topics {
   "clock": ClockTick;
+  "configuration/{service}": Configuration;
   "conveyor/state": ConveyorState;
   "deployment/{name}": Deployment;
   "health/{service}": Health;
@@ -14,6 +15,9 @@ export interface Topics {
   "leds/{led}/color": LampColor;
   "map": Environment;
   "objects/{tracker}": TrackedObjects;
+  "requests/{service}": ServedRequest;
+  "robots/{robot}/plan": RobotPlan;
+  "robots/{robot}/state": RobotState;
   "selection": Selection;
   "selection/events": SelectionEvent;
   "strips/frame": StripsFrame;
@@ -29,6 +33,7 @@ export interface Topics {
   "users/{user}/pose": UserPose;
   "users/{user}/profile": UserProfile;
   "users/{user}/ray": PointingRay;
+  "users/{user}/steering": Steering;
   "users/{user}/wrist": WristSample;
 }
 
@@ -50,6 +55,7 @@ export const SERVERS = {
   "profile/{user}/set_offset": "supervisor",
   "pui/tolerance": "pui",
   "pui/{user}/set_workspace": "pui",
+  "robots/{robot}/stop": "robot",
   "run/scenario": "cli",
   "selector/history": "selector",
   "selector/method": "selector",

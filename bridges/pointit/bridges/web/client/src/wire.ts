@@ -9,9 +9,13 @@ export interface Everything {
   Cue: Cue;
   FindingLine: FindingLine;
   Hello: Hello;
+  Lane: Lane;
   PersonLine: PersonLine;
+  Play: Play;
+  Playing: Playing;
   ServiceLine: ServiceLine;
   Status: Status;
+  Timeline: Timeline;
   Turn: Turn;
 }
 /**
@@ -58,7 +62,7 @@ export interface Answer {
  * Request of the table by its key pattern, or a deed of this server.
  */
 export interface Ask {
-  deed: ("press" | "take" | "give" | "tremor" | "pair" | "open_lan" | "centre") | null;
+  deed: ("press" | "take" | "give" | "tremor" | "pair" | "open_lan" | "find_wrists" | "centre") | null;
   id: number;
   /**
    * of the table of requests; empty for a deed
@@ -128,7 +132,7 @@ export interface FindingLine {
  * Greeting: the page's role and rights.
  */
 export interface Hello {
-  deeds: ("press" | "take" | "give" | "tremor" | "pair" | "open_lan" | "centre")[];
+  deeds: ("press" | "take" | "give" | "tremor" | "pair" | "open_lan" | "find_wrists" | "centre")[];
   kind: "hello";
   /**
    * keys of the requests that this page may make
@@ -144,6 +148,20 @@ export interface Hello {
    * of PointIt
    */
   version: string;
+}
+/**
+ * One row of a timeline.
+ */
+export interface Lane {
+  /**
+   * start and end, s from the beginning, equal for an instant; and a text
+   */
+  items: [number, number, string][];
+  kind: "interaction" | "robot" | "hover" | "selections" | "misses" | "warnings";
+  /**
+   * person or robot; empty if it is of the site
+   */
+  user: string;
 }
 /**
  * A person who is present.
@@ -164,6 +182,38 @@ export interface PersonLine {
    */
   phone: string;
   user: string;
+}
+/**
+ * Control of a page's playback. Fields that are missing do not change anything.
+ */
+export interface Play {
+  /**
+   * where to go, from the beginning
+   */
+  at_s: number | null;
+  is_playing: boolean | null;
+  kind: "play";
+  speed: number | null;
+  /**
+   * to the message before or after, and pause
+   */
+  step: -1 | 0 | 1;
+}
+/**
+ * Position of a playback.
+ */
+export interface Playing {
+  /**
+   * from the beginning, now
+   */
+  at_s: number;
+  /**
+   * the position was set
+   */
+  has_jumped: boolean;
+  is_playing: boolean;
+  kind: "playing";
+  speed: number;
 }
 /**
  * A service that is, was or should be present.
@@ -189,6 +239,30 @@ export interface Status {
   people: PersonLine[];
   services: ServiceLine[];
   viewers: number;
+}
+/**
+ * Contents of a page's playback.
+ */
+export interface Timeline {
+  /**
+   * site time of its beginning
+   */
+  began_ns: number;
+  kind: "timeline";
+  lanes: Lane[];
+  length_s: number;
+  /**
+   * problem of the file, or empty
+   */
+  problem: string;
+  /**
+   * lanes are complete, and seeks possible, until then
+   */
+  read_s: number;
+  /**
+   * name of the file, or empty for the past of a running site
+   */
+  title: string;
 }
 /**
  * The orientation of a phone.

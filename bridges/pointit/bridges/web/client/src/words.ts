@@ -10,6 +10,8 @@ const SCENARIOS: Record<string, string> = {
   scenario_2: "Strips: move the cursor",
   scenario_3: "Strips: select the red segments",
   scenario_4: "Conveyor: select the red packages",
+  scenario_5: "Quadrotor: fly it by pointing",
+  scenario_6: "Ground robot: send it by pointing",
 };
 
 export function scenarioTitle(name: string): string {

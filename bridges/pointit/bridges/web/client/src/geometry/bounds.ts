@@ -32,6 +32,7 @@ export function pointsOf(map: Environment): Vec3[] {
     const half = size_m ? Math.max(...size_m) / 2 : null, rise = Math.hypot(normal[0], normal[1]);
     if (half !== null) take(center_m, half, half * rise, half * rise);
   }
+  for (const fence of map.fences) for (const [x, y] of fence.outline_m) points.push([x, y, 0]);
   for (const cloud of map.clouds) points.push(cloud.low_m, cloud.high_m);
   return points;
 }

@@ -16,6 +16,11 @@ export const KIND_COLORS: Readonly<Record<string, Rgb>> = {
 };
 export const OTHER_COLOR: Rgb = [200, 200, 200];
 
+/** Fences by their kind: where robots must stay, and where they may not go. As in Foxglove (`room.py`). */
+export const FENCE_COLORS: Readonly<Record<"keep_in" | "keep_out", { readonly dark: string; readonly light: string }>> = {
+  keep_in: { dark: "#47d1a8", light: "#00664a" }, keep_out: { dark: "#ff9088", light: "#b0211b" },
+};
+
 /** Width and height of a package, by its length: share, least and most, m. */
 export const PACKAGE_WIDE = [0.75, 0.1, 0.34] as const;
 export const PACKAGE_HIGH = [0.6, 0.1, 0.26] as const;

@@ -33,6 +33,8 @@ export function healthPart(controls: Controls, stats: () => ViewStats | null): P
   const dropped = el("p", { className: "muted" });
   const place = tile("place ±"), yaw = tile("direction ±"), drift = tile("drift"), age = tile("set right");
   const certainty = section("How surely they point", tiles(place, yaw, drift, age));
+  const battery = tile("battery"), rate = tile("readings/s"), gaps = tile("gaps"), signal = tile("signal");
+  const wrist = section("The device on their wrist", tiles(battery, rate, gaps, signal));
   const findings = el("ul", { className: "findings" });
   const services = el("ul", { className: "services" });
   const page = el("p", { className: "muted" });
@@ -42,7 +44,7 @@ export function healthPart(controls: Controls, stats: () => ViewStats | null): P
     section("From wrist to screen", tiles(p50, p95, p99), graph.element,
       el("p", { className: "legend muted" }, el("i", { className: "whole" }), "median ", el("i", { className: "broken" }), "99 % of each second")),
     section("Messages a second", tiles(imu, ray, cursor, frame), dropped),
-    certainty, section("Warnings", findings), section("Services", services), section("This page", page, faults, record));
+    certainty, wrist, section("Warnings", findings), section("Services", services), section("This page", page, faults, record));
   let renewed = -Infinity;
 
   function showCertainty(): void {
@@ -55,6 +57,17 @@ export function healthPart(controls: Controls, stats: () => ViewStats | null): P
     drift.set(rate === null ? "–" : `${figure(rate)}°/min`);
     age.set(since === null ? "–" : `${duration(since)} ago`);
     show(certainty, [sigma, turn, rate, since].some((each) => each !== null));
+  }
+
+  function showWrist(): void {
+    const health = site.health.get(`imu-bridge.${controls.user}`);
+    const charge = figureOf(health, "battery"), hertz = figureOf(health, "rate");
+    const pauses = figureOf(health, "gaps"), last = figureOf(health, "latest gap"), dbm = figureOf(health, "signal");
+    battery.set(charge === null ? "–" : `${figure(charge)} %`);
+    rate.set(hertz === null ? "–" : figure(hertz));
+    gaps.set(pauses === null ? "–" : `${figure(pauses)}/min${pauses && last !== null ? `, ${figure(last)} ms` : ""}`);
+    signal.set(dbm === null ? "–" : `${figure(dbm)} dBm`);
+    show(wrist, [charge, hertz, dbm].some((each) => each !== null));
   }
 
   function showFindings(): void {
@@ -101,6 +114,7 @@ export function healthPart(controls: Controls, stats: () => ViewStats | null): P
       const gone = losses(site.health.values());
       write(dropped, `Since the start: ${gone.dropped} outdated, ${gone.lost} lost, ${gone.invalid} invalid; ${gone.errors} errors.`);
       showCertainty();
+      showWrist();
       showFindings();
       showServices();
       const view = stats();

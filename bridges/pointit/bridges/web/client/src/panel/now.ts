@@ -33,7 +33,7 @@ export function nowPart(controls: Controls): Part {
   const place = el("p", { className: "muted" });
   const nobody = el("p", { className: "muted", text: "Nobody is here yet. Add a person: pointit person add anna" });
   const body = el("div", { className: "now" }, el("div", { className: "state" }, badge, el("div", {}, state, next)), gaugeRow);
-  const viewer = el("p", { className: "muted", text: "This page only looks on. The operator's link lets you control." });
+  const viewer = el("p", { className: "muted" });
   const element = el("section", { className: "part", "aria-label": "Now" }, who.element, nobody, body, place, viewer, press, actions);
 
   function showGauge(): void {
@@ -58,7 +58,8 @@ export function nowPart(controls: Controls): Part {
       who.set(controls.user);
       show(who.element, users.length > 1);
       show(viewer, site.hello?.role === "viewer");
-      show(nobody, users.length === 0 && site.status !== null);
+      write(viewer, site.timeline ? "This is the past: nothing in it can be changed." : "This page only looks on. The operator's link lets you control.");
+      show(nobody, users.length === 0 && site.status !== null && !site.timeline);
       const interaction = controls.person?.interaction ?? null;
       show(body, interaction !== null);
       const now = interaction?.state ?? "idle";

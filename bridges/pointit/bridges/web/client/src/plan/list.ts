@@ -2,7 +2,7 @@
 
 import { write } from "../dom";
 import type { Site } from "../site/site";
-import { lampRows, objectRows, peopleRows, type Row } from "./sentences";
+import { lampRows, objectRows, peopleRows, robotRows, type Row } from "./sentences";
 
 /** Minimum interval of updates, ms, so that a screen reader can finish the list. */
 const EVERY_MS = 1000;
@@ -19,7 +19,7 @@ interface Line {
   button: HTMLButtonElement | null;
 }
 
-/** A collapsible section beside the plan with three lists. */
+/** A collapsible section beside the plan with four lists. */
 export class PlanList {
   readonly element = document.createElement("details");
   private readonly summary = document.createElement("summary");
@@ -36,7 +36,7 @@ export class PlanList {
     const columns = document.createElement("div");
     columns.className = "plan-columns";
     this.element.append(columns);
-    for (const title of ["People", "Packages", "Lamps"]) {
+    for (const title of ["People", "Robots", "Packages", "Lamps"]) {
       const section = document.createElement("section"), head = document.createElement("h3"), list = document.createElement("ul");
       head.textContent = title;
       head.id = `plan-list-${title.toLowerCase()}`;
@@ -60,11 +60,13 @@ export class PlanList {
   update(site: Site, now = performance.now()): void {
     if (now - this.told < EVERY_MS) return;
     this.told = now;
-    const people = peopleRows(site), objects = objectRows(site), lamps = lampRows(site);
+    const people = peopleRows(site), robots = robotRows(site), objects = objectRows(site), lamps = lampRows(site);
     const count = (many: number, one: string) => `${many} ${one}${many === 1 ? "" : "s"}`;
-    write(this.summary, `As a list: ${people.length} ${people.length === 1 ? "person" : "people"}, ${count(objects.length, "object")}, ${count(lamps.length, "lamp")}`);
+    const listed = [`${people.length} ${people.length === 1 ? "person" : "people"}`, ...(robots.length ? [count(robots.length, "robot")] : []), count(objects.length, "object"), count(lamps.length, "lamp")];
+    write(this.summary, `As a list: ${listed.join(", ")}`);
     if (!this.element.open) return;
     this.fill("People", people, false);
+    this.fill("Robots", robots, true);
     this.fill("Packages", objects, true);
     this.fill("Lamps", lamps, true);
   }

@@ -1,7 +1,7 @@
 /** Tracked objects in the plan: their kind by colour and letter, their owners by pattern and name. */
 
 import type { TrackedObject } from "../messages";
-import { siteNow, type Site } from "../site/site";
+import { siteNow, thingsOf, type Site } from "../site/site";
 import { cssColor, inkOn, kindColor, kindLetter, sizeOf } from "../geometry/looks";
 import type { Lanes } from "./lanes";
 import { signOf } from "./signs";
@@ -43,16 +43,14 @@ export class Packages {
     const owners = new Map(site.selection?.objects.map((each) => [each.id, each.user]));
     const holders = new Map(site.selection?.reserved.map((each) => [each.id, each.user]));
     this.drawn.clear();
-    for (const { objects, stamp_ns } of site.objects.values()) {
-      for (const object of objects) {
-        const { at, heading } = lanes.placed(object, stamp_ns, now);
-        const [long, wide] = sizeOf(object);
-        const drawn: Drawn = { object, at, heading, halfLength: long / 2, halfBreadth: (object.surface === "strip" ? SEGMENT_M : wide) / 2 };
-        this.drawn.set(object.id, drawn);
-        const figure = this.figures.get(object.id) ?? this.make(object);
-        this.place(figure, drawn);
-        this.mark(figure, site, owners.get(object.id) ?? "", holders.get(object.id) ?? "");
-      }
+    for (const { object, stamp_ns } of thingsOf(site)) {
+      const { at, heading } = lanes.placed(object, stamp_ns, now);
+      const [long, wide] = sizeOf(object);
+      const drawn: Drawn = { object, at, heading, halfLength: long / 2, halfBreadth: (object.surface === "strip" ? SEGMENT_M : wide) / 2 };
+      this.drawn.set(object.id, drawn);
+      const figure = this.figures.get(object.id) ?? this.make(object);
+      this.place(figure, drawn);
+      this.mark(figure, site, owners.get(object.id) ?? "", holders.get(object.id) ?? "");
     }
     for (const [id, figure] of this.figures) {
       if (this.drawn.has(id)) continue;

@@ -1,6 +1,6 @@
 /** People in the plan: body, arm, ray, cursor, hover progress, uncertainty of the position. */
 
-import { isHeard, isSent, standingOf, type Person, type Site } from "../site/site";
+import { goalOf, isHeard, proposalOf, standingOf, type Person, type Site } from "../site/site";
 import { DEFAULT_BODY, hangingArm, pointingArm } from "../geometry/body";
 import { ellipseOf } from "../geometry/ellipse";
 import { rayEnd } from "../geometry/looks";
@@ -51,7 +51,7 @@ export class People {
       this.drawBody(figure, person, isFresh, chosen);
       this.drawRay(figure, person, isFresh);
       this.drawGauge(figure, person, isFresh, packages, gauges);
-      this.drawGoal(figure, person);
+      this.drawGoal(figure, site, person);
     }
     for (const [user, figure] of this.figures) {
       if (site.people.has(user)) continue;
@@ -144,9 +144,9 @@ export class People {
     if (!figure.dot.classList.contains("plan-upright")) figure.dot.classList.add("plan-upright");
   }
 
-  private drawGoal({ flag, proposal }: Figure, person: Person): void {
-    const { color } = signOf(person.profile), asked = isSent(person) ? null : person.proposed;
-    for (const [element, at] of [[flag, person.goal?.position_m], [proposal, asked]] as const) {
+  private drawGoal({ flag, proposal }: Figure, site: Site, person: Person): void {
+    const { color } = signOf(person.profile);
+    for (const [element, at] of [[flag, goalOf(site, person)?.position_m], [proposal, proposalOf(person)]] as const) {
       show(element, !!at);
       if (at) set(element, "transform", `translate(${xy(at)})`);
       set(element, "stroke", color);

@@ -7,17 +7,17 @@ import { Frame, grown, scaleBar } from "./frame";
 import { Lanes } from "./lanes";
 import { facing } from "./people";
 import { edges, paths } from "./runs";
-import { lampRows, objectRows, peopleRows, shortNames } from "./sentences";
+import { lampRows, objectRows, peopleRows, robotRows, shortNames } from "./sentences";
 import { under } from "./under";
 
 const STRIP: Strip = { id: "0", line_m: [[0, 0, 1], [2, 0, 1]], direction: 1, pixels: 4 };
 
 function room(parts: Partial<Environment> = {}): Environment {
-  return { stamp_ns: 0, seq: 0, name: "room", lamps: [], strips: [], belts: [], links: [], bays: [], boxes: [], planes: [], cylinders: [], spheres: [], clouds: [], ...parts };
+  return { stamp_ns: 0, seq: 0, name: "room", lamps: [], strips: [], belts: [], links: [], bays: [], boxes: [], planes: [], cylinders: [], spheres: [], clouds: [], fences: [], frames: [], ...parts };
 }
 
 function thing(parts: Partial<TrackedObject> = {}): TrackedObject {
-  return { id: "x-1", kind: "red", position_m: [0, 0, 1], velocity_mps: [0, 0, 0], length_m: 0.4, surface: "belt", surface_id: "a", surface_position_m: 1, surface_speed_mps: 0, bay: "", bay_until_ns: null, ...parts };
+  return { id: "x-1", kind: "red", position_m: [0, 0, 1], velocity_mps: [0, 0, 0], length_m: 0.4, surface: "belt", surface_id: "a", surface_position_m: 1, surface_speed_mps: 0, bay: "", bay_until_ns: null, yaw_rad: null, position_sigma_m: null, ...parts };
 }
 
 test("neighbours of one colour are one stroke, pixels that are off none", () => {
@@ -130,6 +130,20 @@ test("the list tells people, objects and lamps in short lines", () => {
     ["red package 1", "on belt a at 1.0 m, bound for bay 1, too late to change; selected by user2"], ["blue package 2", "on belt a at 1.0 m; user10 is about to select it"],
   ]);
   assert.deepEqual(lampRows(site).map(({ text, at }) => [text, at]), [["dark", [1, 2, 3]]]);
+});
+
+test("robots are told by their states, and not a second time as tracked objects", () => {
+  const site = emptySite(), heardAt = performance.now();
+  const state = { kind: "quadrotor", phase: "moving", position_m: [1, 2, 0.84], target_m: [3, 4, 0.8], user: "ada", reason: "the fence is in the way", battery: 0.5 };
+  site.robots.set("quad", { name: "quad", state: state as never, plan: null, heardAt });
+  site.robots.set("cart", { name: "cart", state: { ...state, kind: "ground", phase: "idle", position_m: [5, 6, 0], target_m: null, user: "", reason: "", battery: null } as never, plan: null, heardAt });
+  site.robots.set("silent", { name: "silent", state: null, plan: { line_m: [[0, 0, 0]], user: "" } as never, heardAt });
+  site.objects.set("robot.quad", { objects: [thing({ id: "quad", surface: "none" }), thing({ id: "silent", surface: "none" })] } as never);
+  assert.deepEqual(robotRows(site).map(({ key, text }) => [key, text]), [
+    ["cart", "nobody steers it · standing · at 5.0, 6.0 m"],
+    ["quad", "steered by ada · flying · to 3.0, 4.0 m · 0.8 m up · battery 50 %; the fence is in the way"],
+  ]);
+  assert.deepEqual(objectRows(site).map(({ key }) => key), ["silent"]);
 });
 
 test("ids are shortened only where they stay apart", () => {

@@ -1,24 +1,27 @@
 /** The plan: the site from above as SVG. For browsers without WebGL, and, with its list, for everybody. */
 
 import "./plan.css";
+import { seenRobots } from "../site/robots";
 import { standingOf, type Site } from "../site/site";
 import type { Camera, MakeView, View, ViewOptions, ViewStats } from "../view";
 import { boundsOf } from "../geometry/bounds";
 import type { Vec3 } from "../geometry/vec";
 import { Frame, grown, scaleBar } from "./frame";
 import { Gestures } from "./gestures";
+import { drawFences } from "./fences";
 import { drawBays, drawBelts, drawFloor, drawSolids } from "./ground";
 import { Lanes } from "./lanes";
 import { Lights } from "./lights";
 import { PlanList } from "./list";
 import { Packages } from "./packages";
 import { People } from "./people";
+import { Robots } from "./robots";
 import { draw, say, set, show, xy } from "./svg";
 import { under } from "./under";
 
 /** The pointer snaps to a lamp or strip within this distance, px. */
 const NEAR_PX = 10;
-const LAYERS = ["ground", "belts", "bays", "floor", "packages", "strips", "lamps", "bodies", "letters", "top", "aim"] as const;
+const LAYERS = ["ground", "fences", "belts", "bays", "floor", "packages", "strips", "lamps", "bodies", "letters", "top", "aim"] as const;
 
 class Plan implements View {
   readonly stats: ViewStats = { fps: 0, renderer: "SVG", software: false };
@@ -33,6 +36,7 @@ class Plan implements View {
   private readonly list: PlanList;
   private readonly packages: Packages;
   private readonly people: People;
+  private readonly robots: Robots;
   private readonly sized: ResizeObserver;
   private lanes = new Lanes(null);
   private lights: Lights | null = null;
@@ -41,7 +45,8 @@ class Plan implements View {
   private mapVersion = -1;
   /** Everything is shown, until the person moves the plan. */
   private isFitted = true;
-  private shownPeople = "";
+  /** People and robots that are seen. */
+  private shown = "";
   private isPointing = false;
   private user = "";
   private aim: Vec3 | null = null;
@@ -61,6 +66,7 @@ class Plan implements View {
     show(this.layers.aim, false);
     this.packages = new Packages(this.layers.packages, this.layers.letters);
     this.people = new People(this.layers.floor, this.layers.bodies, this.layers.top);
+    this.robots = new Robots(this.layers.floor, this.layers.bodies, this.layers.top);
     this.list = new PlanList({ follow: (what) => this.follow(what) });
     this.box.append(this.list.element);
     host.append(this.box);
@@ -75,14 +81,15 @@ class Plan implements View {
   draw(site: Site): void {
     this.site = site;
     if (site.mapVersion !== this.mapVersion) this.rebuild(site);
-    const who = [...site.people.values()].filter(standingOf).map(({ user }) => user).join(" ");
-    if (who !== this.shownPeople) {
-      this.shownPeople = who;
+    const who = [...[...site.people.values()].filter(standingOf).map(({ user }) => user), ...site.robots.keys()].join(" ");
+    if (who !== this.shown) {
+      this.shown = who;
       if (this.isFitted) this.fit();
     }
     this.packages.update(site, this.lanes);
     this.lights?.update(site);
     this.people.update(site, this.packages, this.isPointing ? this.user : "");
+    this.robots.update(site);
     this.count(site);
     this.chase();
     this.list.update(site);
@@ -133,12 +140,13 @@ class Plan implements View {
   private rebuild(site: Site): void {
     this.mapVersion = site.mapVersion;
     this.lanes = new Lanes(site.map);
-    for (const name of ["ground", "belts", "bays", "strips", "lamps"] as const) this.layers[name].replaceChildren();
+    for (const name of ["ground", "fences", "belts", "bays", "strips", "lamps"] as const) this.layers[name].replaceChildren();
     this.packages.clear();
     this.lights = null;
     if (!site.map) return;
     drawFloor(this.layers.ground, boundsOf(site.map));
     drawSolids(this.layers.ground, site.map);
+    drawFences(this.layers.fences, site.map);
     drawBelts(this.layers.belts, site.map, this.lanes);
     this.counts = drawBays(this.layers.bays, site.map, this.lanes);
     this.lights = new Lights(this.layers.strips, this.layers.lamps, site.map, this.lanes);
@@ -158,11 +166,12 @@ class Plan implements View {
     this.chase();
   }
 
-  /** Keep pointing at the followed object as it moves. */
+  /** Keep pointing at the followed object as it moves, but not at a robot that follows the person. */
   private chase(): void {
+    if (this.site?.robots.get(this.followed)?.state?.user === this.user) this.follow("");
     if (!this.followed) return;
     const lamp = this.site?.map?.lamps.find(({ id }) => id === this.followed);
-    const at = lamp?.position_m ?? this.packages.drawn.get(this.followed)?.at;
+    const at = lamp?.position_m ?? this.robots.places.get(this.followed) ?? this.packages.drawn.get(this.followed)?.at;
     if (at) this.aimAt([...at]);
     else this.follow("");
   }
@@ -185,7 +194,8 @@ class Plan implements View {
       const stands = standingOf(person);
       return stands ? [stands.position_m] : [];
     });
-    if (this.site?.map) this.frame.fit(grown(boundsOf(this.site.map), people), Math.min(70, this.frame.width * 0.16));
+    const robots = this.site ? seenRobots(this.site).map(({ state }) => state.position_m) : [];
+    if (this.site?.map) this.frame.fit(grown(boundsOf(this.site.map), [...people, ...robots]), Math.min(70, this.frame.width * 0.16));
     this.isFitted = true;
     this.apply();
   }
@@ -209,6 +219,7 @@ class Plan implements View {
     this.svg.style.setProperty("--plan-px", String(100 / frame.scale));
     this.layers.strips.setAttribute("stroke-width", String(Math.max(2.4, 300 / frame.scale)));
     this.svg.classList.toggle("plan-near", frame.scale > 250);
+    this.svg.classList.toggle("plan-far", frame.scale < 60);
     const metres = scaleBar(frame.scale), y = frame.height - 16;
     set(this.bar.line, "d", `M14 ${y - 5}V${y}H${14 + metres * frame.scale}V${y - 5}`);
     set(this.bar.text, "y", y - 9);

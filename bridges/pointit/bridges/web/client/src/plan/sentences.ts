@@ -1,6 +1,7 @@
 /** The plan as text: one short line per person, object and lamp. */
 
-import { standingOf, type Person, type Site } from "../site/site";
+import { robotLine, seenRobots } from "../site/robots";
+import { standingOf, thingsOf, type Person, type Site } from "../site/site";
 import type { TrackedObject } from "../messages";
 import { byName } from "../format";
 import { stateTitle, thing } from "../words";
@@ -18,11 +19,16 @@ export function peopleRows(site: Site): Row[] {
   }));
 }
 
+/** Robots: who steers each, what it does, and why not. */
+export function robotRows(site: Site): Row[] {
+  return seenRobots(site).map(({ name, state }) => ({ key: name, name, text: [robotLine(state), state.reason].filter(Boolean).join("; ") }));
+}
+
 /** Objects with their owners. */
 export function objectRows(site: Site): (Row & { object: TrackedObject })[] {
   const owners = new Map(site.selection?.objects.map((each) => [each.id, each.user]));
   const holders = new Map(site.selection?.reserved.map((each) => [each.id, each.user]));
-  const all = [...site.objects.values()].flatMap(({ objects }) => objects);
+  const all = thingsOf(site).map(({ object }) => object);
   const short = shortNames(all.map(({ id }) => id));
   return all.sort((a, b) => byName(a.id, b.id)).map((object) => {
     const owner = owners.get(object.id), holder = holders.get(object.id);

@@ -1,6 +1,6 @@
 /** People: pose and its uncertainty, ray, cursor, and the lamp to point at. */
 
-import { isHeard, isSent, standingOf, type Person, type Site } from "../site/site";
+import { goalOf, isHeard, proposalOf, standingOf, type Person, type Site } from "../site/site";
 import { DEFAULT_BODY, eyesOf, hangingArm, pointingArm, type Arm } from "../geometry/body";
 import { ellipseOf } from "../geometry/ellipse";
 import { casing, cssColor, rayEnd, visibleColor, type Pattern } from "../geometry/looks";
@@ -85,7 +85,7 @@ export class People {
     const { dark } = this.around.kit.theme, worn = person.profile?.cursor_color ?? WHITE;
     const color = visibleColor(worn, dark), pattern = person.profile?.pattern ?? "solid";
     const asked = this.beacon(person, color, now);
-    this.goal(person, color);
+    this.goal(site, person, color);
     if (!feet) return asked;
     const measures = person.profile?.body ?? DEFAULT_BODY, hand = person.profile?.hand ?? "right";
     const body = this.body(person, worn);
@@ -132,9 +132,9 @@ export class People {
   }
 
   /** A flag where they sent a robot; a dashed ring where they may. */
-  private goal(person: Person, color: Read3): void {
-    const { marks, beams, labels } = this.around, { goal, proposed } = person;
-    if (proposed && !isSent(person)) marks.add(proposed, 0.3, color, { pattern: "dashed", thick: 0.2, fill: 0.15 }, 0.012);
+  private goal(site: Site, person: Person, color: Read3): void {
+    const { marks, beams, labels } = this.around, goal = goalOf(site, person), proposed = proposalOf(person);
+    if (proposed) marks.add(proposed, 0.3, color, { pattern: "dashed", thick: 0.2, fill: 0.15 }, 0.012);
     if (!goal) return;
     marks.add(goal.position_m, 0.3, color, { thick: 0.2, fill: 0.3 }, 0.012);
     beams.add(goal.position_m, add(goal.position_m, [0, 0, FLAG_M]), color, 0.9, 2);

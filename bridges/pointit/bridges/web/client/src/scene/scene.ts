@@ -43,9 +43,10 @@ class Scene implements View {
   private siteAt = 0;
   private readonly targets = (into: THREE.Object3D[]): void => {
     if (!this.world) return;
-    const { belts, strips, lamps, room, things } = this.world;
+    const { belts, strips, lamps, room, things, robots } = this.world;
     into.push(...room.targets, ...belts.targets, ...strips.targets, ...lamps.targets);
     things.targets(into);
+    robots.targets(into);
   };
 
   constructor(host: HTMLElement, private readonly options: ViewOptions) {
@@ -211,10 +212,11 @@ class Scene implements View {
     world.lamps.set(site.lamps, this.theme.dark);
     world.lamps.mark(world.marks);
     for (const [id, at] of world.lamps.places) this.labels.add(`lamp ${id}`, at, 0.16, [{ text: id }]);
-    world.things.set(site.objects);
+    world.things.set(site);
     let moves = world.things.place(now_ns);
     if (site.connected) moves = world.belts.run(passed) || moves;
     moves = world.people.draw(site, now, seconds, this.camera.mode === "eyes" ? this.camera.user : "") || moves;
+    moves = world.robots.draw(site) || moves;
     state(site, world.things, world.marks, this.labels, world.kit.theme.dark);
     counts(site, world.bays, this.labels);
     return moves;

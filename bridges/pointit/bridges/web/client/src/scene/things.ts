@@ -7,7 +7,9 @@ import { cssColor, inkOn, kindColor, kindLetter, sizeOf } from "../geometry/look
 import { carriedOn, elapsed, LONGEST_S, type Placed } from "../geometry/motion";
 import type { Polyline } from "../geometry/polyline";
 import type { Vec3 } from "../geometry/vec";
+import type { Site } from "../site/site";
 import { setMatrix, type Kit } from "./kit";
+import { quadrotor } from "./robot_shapes";
 
 type Form = "package" | "segment" | "robot";
 
@@ -52,8 +54,8 @@ export class Things {
     }
   }
 
-  /** Take the trackers' newest; returns whether anything is new. */
-  set(objects: ReadonlyMap<string, TrackedObjects>): boolean {
+  /** Take the trackers' newest, without robots that have a state; returns whether anything is new. */
+  set({ objects, robots }: Site): boolean {
     let isNew = objects.size !== this.heard.size;
     for (const [tracker, message] of objects) isNew ||= this.heard.get(tracker) !== message;
     if (!isNew) return false;
@@ -63,6 +65,7 @@ export class Things {
     for (const crowd of this.crowds.values()) crowd.things.length = 0;
     for (const message of objects.values()) {
       for (const object of message.objects) {
+        if (robots.get(object.id)?.state) continue;
         const form = formOf(object), line = this.lines(object.surface, object.surface_id);
         let thing = before.get(object.id);
         if (!thing || thing.form !== form || thing.object.length_m !== object.length_m) thing = made(object, form);
@@ -176,24 +179,4 @@ function lettered(): THREE.BufferGeometry {
   const sides = [[0, -1], [1, 0], [0, 1], [-1, 0]].map(([x, y]) =>
     new THREE.PlaneGeometry(1, 1).rotateX(Math.PI / 2).rotateZ(Math.atan2(x!, -y!)).translate(x! / 2, y! / 2, 0));
   return mergeGeometries([...sides, new THREE.PlaneGeometry(1, 1).translate(0, 0, 0.5)]);
-}
-
-/** A small flying robot with four rotors, 1 m across, its front in another colour. */
-function quadrotor(): THREE.BufferGeometry {
-  const parts: THREE.BufferGeometry[] = [];
-  const part = (geometry: THREE.BufferGeometry, color: number) => {
-    const { count } = geometry.getAttribute("position"), paint = new THREE.Color(color);
-    geometry.setAttribute("color", new THREE.Float32BufferAttribute(Array.from({ length: count }, () => paint.toArray()).flat(), 3));
-    parts.push(geometry);
-  };
-  for (const turn of [Math.PI / 4, -Math.PI / 4]) part(new THREE.BoxGeometry(0.78, 0.05, 0.04).rotateZ(turn), 0x2f3742);
-  part(new THREE.BoxGeometry(0.3, 0.2, 0.12), 0xe7ecf2);
-  part(new THREE.SphereGeometry(0.06, 12, 8).translate(0.15, 0, 0), 0xffb000);
-  for (const x of [-0.27, 0.27]) {
-    for (const y of [-0.27, 0.27]) {
-      part(new THREE.TorusGeometry(0.19, 0.016, 6, 20).translate(x, y, 0.06), x > 0 ? 0xffb000 : 0x56606d);
-      part(new THREE.CylinderGeometry(0.035, 0.035, 0.1, 8).rotateX(Math.PI / 2).translate(x, y, 0.03), 0x2f3742);
-    }
-  }
-  return mergeGeometries(parts);
 }

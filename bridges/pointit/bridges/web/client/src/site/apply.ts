@@ -3,6 +3,7 @@
 import { decode } from "@msgpack/msgpack";
 import type { Item } from "./batch";
 import { Episodes, note } from "./log";
+import type { Robot } from "./robots";
 import { emptyPerson, siteNow, type Happened, type LogLine, type Person, type Site } from "./site";
 import type { Topics } from "../topics";
 import type { Status } from "../wire";
@@ -11,7 +12,7 @@ import { eventLine } from "../words";
 /** Topics that pages are not shown; the others are `registry.SHOWN`. */
 type Unseen =
   | "clock" | "leds/leases" | "users/{user}/imu" | "users/{user}/wrist" | "users/{user}/button" | "users/{user}/ray"
-  | "users/{user}/anchor";
+  | "users/{user}/anchor" | "configuration/{service}" | "requests/{service}";
 type Shown = Omit<Topics, Unseen>;
 
 type Taker<M> = (keeper: Keeper, message: M, name: string, at: number) => void;
@@ -23,7 +24,8 @@ const TAKERS: { [K in keyof Shown]: Taker<Shown[K]> } = {
   "users/{user}/cursor": (keeper, message, name, at) => {
     const who = keeper.person(name);
     who.cursor = message;
-    who.cursorAt = at;
+    // after a jump in the past, the newest may be old
+    who.cursorAt = keeper.site.timeline ? at - Math.max(0, siteNow(keeper.site) - Number(message.stamp_ns)) / 1e6 : at;
   },
   "users/{user}/hover": (keeper, message, name) => void (keeper.person(name).hover = message),
   "users/{user}/interaction": (keeper, message, name) => {
@@ -41,6 +43,16 @@ const TAKERS: { [K in keyof Shown]: Taker<Shown[K]> } = {
     happen(site, { feedback: message, user: name });
   },
   "users/{user}/goal": (keeper, message, name) => void (keeper.person(name).goal = message),
+  "users/{user}/steering": (keeper, message, name) => void (keeper.person(name).steering = message),
+  "robots/{robot}/state": (keeper, message, name, at) => {
+    const robot = keeper.robot(name), before = robot.state, { site } = keeper;
+    robot.state = message;
+    robot.heardAt = at;
+    if (!before) return;
+    if (message.user !== before.user) note(site, "info", name, message.user ? `${message.user} steers it` : "nobody steers it");
+    if (message.reason && message.reason !== before.reason && keeper.warned.isNew(name, message.reason, at)) note(site, "warning", name, message.reason);
+  },
+  "robots/{robot}/plan": (keeper, message, name) => void (keeper.robot(name).plan = message),
   map: ({ site }, message) => {
     if (site.map && site.map.name !== message.name) {
       // another room: what was on the old one's belts is not in it; what is in it is told many times a second
@@ -86,6 +98,12 @@ const FORGETTERS: Record<keyof Shown, Forgetter> = {
   "users/{user}/interaction": (keeper, name) => void (keeper.person(name).interaction = null),
   "users/{user}/feedback": () => undefined,
   "users/{user}/goal": () => undefined,
+  "users/{user}/steering": (keeper, name) => void (keeper.person(name).steering = null),
+  "robots/{robot}/state": ({ site }, name) => void site.robots.delete(name),
+  "robots/{robot}/plan": (keeper, name) => {
+    const robot = keeper.site.robots.get(name);
+    if (robot) robot.plan = null;
+  },
   map: ({ site }) => {
     site.map = null;
     site.mapVersion += 1;
@@ -105,7 +123,7 @@ export class Keeper {
   /** All people with messages; `site.people` has those who are present. */
   private readonly known = new Map<string, Person>();
 
-  readonly warned = new Episodes();
+  warned = new Episodes();
   /** Stamp of the newest event in the log, ns. */
   toldNs = 0;
 
@@ -180,8 +198,30 @@ export class Keeper {
   clear(): void {
     const { site } = this;
     this.known.clear();
-    for (const all of [site.people, site.objects, site.lamps, site.health, site.deployments]) all.clear();
+    for (const all of [site.people, site.objects, site.robots, site.lamps, site.health, site.deployments]) all.clear();
     Object.assign(site, { status: null, selection: null, strips: null, conveyor: null });
+  }
+
+  /** The past was set to another time: forget what was told of before. */
+  jumped(): void {
+    this.warned = new Episodes();
+    this.toldNs = 0;
+    this.site.log.length = 0;
+    this.site.logged += 1; // the log shows that it has changed
+    this.site.fresh.length = 0;
+  }
+
+  /** Time stood still until `at`, since `before` (`performance.now()`): cursors and robots do not age. */
+  hold(before: number, at: number): void {
+    for (const person of this.known.values()) person.cursorAt += at - before;
+    for (const robot of this.site.robots.values()) robot.heardAt += at - before;
+  }
+
+  /** The robot called `name`, new if not known yet. */
+  robot(name: string): Robot {
+    const found = this.site.robots.get(name) ?? { name, state: null, plan: null, heardAt: 0 };
+    this.site.robots.set(name, found);
+    return found;
   }
 
   /** The person called `user`, new if not known yet. */

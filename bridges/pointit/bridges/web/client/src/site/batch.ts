@@ -59,6 +59,11 @@ export class Pending {
     (batch.n === 1 ? this.history : this.events).push(...batch.events);
   }
 
+  /** Drop events, not states: the server sends no state twice. */
+  forgetEvents(): void {
+    this.events.length = this.history.length = 0;
+  }
+
   /** Return all, and hold nothing more. */
   take(): { states: Item[]; events: Item[]; history: Item[] } {
     const taken = { states: [...this.states.values()], events: this.events.splice(0), history: this.history.splice(0) };

@@ -7,8 +7,11 @@ import { note } from "./log";
 import type { Vec3 } from "../geometry/vec";
 import type { Cursor, StripsFrame } from "../messages";
 import type { Site } from "./site";
+
+/** Where pages find the present, and the last minutes of a running site. */
+const PRESENT = "/ws", PAST = "/ws/past";
 import { LatencyHistory, SiteClock } from "./timing";
-import type { Ack, AimAt, Answer, Ask, Hello, Status } from "../wire";
+import type { Ack, AimAt, Answer, Ask, Hello, Play, Playing, Status, Timeline } from "../wire";
 
 /** Waiting times between attempts to connect, ms; a little is added at random, so that pages do not storm. */
 const BACK_OFF_MS = [250, 500, 1000, 2000, 4000, 8000];
@@ -17,7 +20,8 @@ export interface ConnectionEvents {
   /** Something came that a frame should show. */
   onNews(): void;
   onHello(hello: Hello): void;
-  onStatus(status: Status): void;
+  /** The status has come, or what is known of the past that is played. */
+  onStatus(): void;
   /** Opened, or lost (`attempt` counts from 1). */
   onState(connected: boolean, attempt: number): void;
 }
@@ -31,6 +35,7 @@ export class Connection {
   /** The server is there and does not let this page in: it is not the one that the page was opened by. */
   isRefused = false;
   private socket: WebSocket | null = null;
+  private path = PRESENT;
   private attempt = 0;
   private timer: ReturnType<typeof setTimeout> | undefined;
   /** Batches that wait for their frame: number and when they came. */
@@ -40,6 +45,7 @@ export class Connection {
   /** What the last frame was made of, for its latency: capture, ns, of what is newest in it. */
   private capturedNs = 0;
   private lastAimed = 0;
+  private lastFrame = 0;
   /** The next frame tells no latency: what it shows waited for a page in the background, or was told anew. */
   private isCatchingUp = true;
 
@@ -59,12 +65,28 @@ export class Connection {
   /** Begin to connect, and keep at it for ever. */
   open(): void {
     const scheme = location.protocol === "https:" ? "wss" : "ws";
-    const socket = new WebSocket(`${scheme}://${location.host}/ws`);
+    const socket = new WebSocket(`${scheme}://${location.host}${this.path}`);
     socket.binaryType = "arraybuffer";
     this.socket = socket;
     socket.onopen = () => this.opened();
     socket.onmessage = (event: MessageEvent<string | ArrayBuffer>) => this.received(event.data);
     socket.onclose = () => this.closed(socket);
+  }
+
+  /** Show the last minutes of the running site, or again what happens now. */
+  visit(isPast: boolean): void {
+    const { socket } = this;
+    this.path = isPast ? PAST : PRESENT;
+    this.socket = null;
+    socket?.close();
+    clearTimeout(this.timer);
+    this.drop();
+    this.open();
+  }
+
+  /** Control the playback; not answered. */
+  play(wish: Partial<Omit<Play, "kind">>): void {
+    this.send({ kind: "play", ...wish });
   }
 
   ask(wish: Wish, patienceMs?: number): Promise<Reply> {
@@ -83,6 +105,8 @@ export class Connection {
   takeOver(): void {
     const { states, events, history } = this.pending.take();
     const at = performance.now();
+    if (!this.site.speed) this.keeper.hold(this.lastFrame, at);
+    this.lastFrame = at;
     const knownNs = this.keeper.toldNs; // of before: several things happen at one time
     for (const item of history) {
       try {
@@ -112,7 +136,7 @@ export class Connection {
     const now = performance.now();
     const { site } = this;
     let latency: number | null = null;
-    if (this.capturedNs && !this.isCatchingUp) {
+    if (this.capturedNs && !this.isCatchingUp && !site.timeline) {
       const shownNs = site.sentNs + (now - site.cameAt) * 1e6 * site.speed;
       latency = Math.max(0, (shownNs - this.capturedNs) / 1e6 / site.speed);
       this.latency.add(now, latency);
@@ -138,6 +162,7 @@ export class Connection {
     this.isRefused = false;
     this.clock = new SiteClock();
     this.keeper.clear();
+    this.site.timeline = this.site.playing = null;
     this.isCatchingUp = true;
     this.site.connected = true;
     this.events.onState(true, 0);
@@ -146,9 +171,8 @@ export class Connection {
   private closed(socket: WebSocket): void {
     if (socket !== this.socket) return;
     this.socket = null;
-    this.asks.lost();
-    this.pending.take();
-    this.unacknowledged = [];
+    this.path = PRESENT;
+    this.drop();
     if (this.site.connected) {
       this.site.lostAt = performance.now();
       note(this.site, "warning", "page", "the connection was lost");
@@ -158,6 +182,13 @@ export class Connection {
     this.attempt += 1;
     this.events.onState(false, this.attempt);
     this.timer = setTimeout(() => this.open(), wait * (1 + 0.3 * Math.random()));
+  }
+
+  /** Forget what a socket was about to do. */
+  private drop(): void {
+    this.asks.lost();
+    this.pending.take();
+    this.unacknowledged = [];
   }
 
   /** Find out why the connection failed: a refused WebSocket has no reason. */
@@ -177,22 +208,39 @@ export class Connection {
 
   private received(data: string | ArrayBuffer): void {
     try {
-      if (typeof data === "string") this.text(JSON.parse(data) as Hello | Status | Answer);
+      if (typeof data === "string") this.text(JSON.parse(data) as Hello | Status | Answer | Timeline | Playing);
       else this.batch(new Uint8Array(data));
     } catch (error) {
       this.fault(error);
     }
   }
 
-  private text(part: Hello | Status | Answer): void {
+  private text(part: Hello | Status | Answer | Timeline | Playing): void {
     if (part.kind === "answer") this.asks.answered(part);
     else if (part.kind === "status") {
       this.keeper.status(part);
-      this.events.onStatus(part);
+      this.events.onStatus();
     } else if (part.kind === "hello") {
       this.site.hello = part;
       this.events.onHello(part);
+    } else if (part.kind === "timeline") {
+      this.site.timeline = part;
+      this.events.onStatus();
+    } else if (part.kind === "playing") this.onPlaying(part);
+  }
+
+  private onPlaying(part: Playing): void {
+    const { site } = this;
+    site.playing = part;
+    site.sentNs = (site.timeline?.began_ns ?? 0) + part.at_s * 1e9;
+    site.cameAt = performance.now();
+    site.speed = part.is_playing ? part.speed : 0;
+    this.clock = new SiteClock();
+    if (part.has_jumped) {
+      this.pending.forgetEvents();
+      this.keeper.jumped();
     }
+    this.events.onStatus();
   }
 
   private batch(bytes: Uint8Array): void {
@@ -216,7 +264,7 @@ export class Connection {
     this.events.onNews();
   }
 
-  private send(part: Ack | Ask | AimAt): boolean {
+  private send(part: Ack | Ask | AimAt | (Partial<Play> & { kind: "play" })): boolean {
     if (this.socket?.readyState !== WebSocket.OPEN) return false;
     this.socket.send(JSON.stringify(part));
     return true;

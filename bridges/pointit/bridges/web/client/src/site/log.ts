@@ -1,9 +1,9 @@
 /** The message log, bounded. */
 
-import { LOG_LINES, type LogLine, type Site } from "./site";
+import { LOG_LINES, siteNow, type LogLine, type Site } from "./site";
 
-/** Write one line, of now or of `at` (Unix time, ms). */
-export function note(site: Site, severity: LogLine["severity"], who: string, text: string, at = Date.now()): void {
+/** Write one line, of now (of the past, if that is played) or of `at` (Unix time, ms). */
+export function note(site: Site, severity: LogLine["severity"], who: string, text: string, at = site.timeline ? siteNow(site) / 1e6 : Date.now()): void {
   site.log.push({ at, severity, who, text });
   site.logged += 1;
   if (site.log.length > LOG_LINES) site.log.splice(0, site.log.length - LOG_LINES);

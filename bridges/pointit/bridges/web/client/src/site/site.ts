@@ -2,9 +2,10 @@
 
 import type {
   ConveyorState, Cursor, Deployment, Environment, Feedback, Goal, Health, Hover, Interaction, LampColor, Localization,
-  Selection, SelectionEvent, StripsFrame, TrackedObjects, UserPose, UserProfile,
+  Selection, SelectionEvent, Steering, StripsFrame, TrackedObject, TrackedObjects, UserPose, UserProfile,
 } from "../messages";
-import type { Hello, PersonLine, Status } from "../wire";
+import type { Robot } from "./robots";
+import type { Hello, PersonLine, Playing, Status, Timeline } from "../wire";
 
 /** All that is known of one person. */
 export interface Person {
@@ -21,6 +22,8 @@ export interface Person {
   goal: Goal | null;
   /** Where they may send one, if they confirm it. */
   proposed: [number, number, number] | null;
+  /** Which robot they want to steer, and how. */
+  steering: Steering | null;
   /** What the server says: who moves the wrist. */
   line: PersonLine | null;
 }
@@ -39,6 +42,9 @@ export interface LogLine {
 export interface Site {
   hello: Hello | null;
   status: Status | null;
+  /** Of a page that plays the past; null: it shows the present. */
+  timeline: Timeline | null;
+  playing: Playing | null;
   /** Open, or since when (`performance.now()`) not. */
   connected: boolean;
   lostAt: number;
@@ -49,6 +55,8 @@ export interface Site {
   readonly people: Map<string, Person>;
   /** By tracker. */
   readonly objects: Map<string, TrackedObjects>;
+  /** By name. */
+  readonly robots: Map<string, Robot>;
   selection: Selection | null;
   strips: StripsFrame | null;
   /** By lamp id. */
@@ -83,8 +91,8 @@ export const LOG_LINES = 400;
 /** A site of which nothing is known yet. */
 export function emptySite(): Site {
   return {
-    hello: null, status: null, connected: false, lostAt: 0, mapVersion: 0, map: null, people: new Map(),
-    objects: new Map(), selection: null, strips: null, lamps: new Map(), conveyor: null, health: new Map(),
+    hello: null, status: null, timeline: null, playing: null, connected: false, lostAt: 0, mapVersion: 0, map: null, people: new Map(),
+    objects: new Map(), robots: new Map(), selection: null, strips: null, lamps: new Map(), conveyor: null, health: new Map(),
     deployments: new Map(), fresh: [], log: [], logged: 0, sentNs: 0, speed: 1, cameAt: 0,
     traffic: { bytes: 0, batches: 0, dropped: 0 }, faults: { count: 0, last: "" },
   };
@@ -94,8 +102,14 @@ export function emptySite(): Site {
 export function emptyPerson(user: string): Person {
   return {
     user, profile: null, pose: null, cursor: null, cursorAt: 0, hover: null, interaction: null, localization: null,
-    goal: null, proposed: null, line: null,
+    goal: null, proposed: null, steering: null, line: null,
   };
+}
+
+/** Tracked objects, without the robots, which are shown by their states. */
+export function thingsOf(site: Site): { object: TrackedObject; stamp_ns: number }[] {
+  return [...site.objects.values()].flatMap(({ objects, stamp_ns }) =>
+    objects.filter(({ id }) => !site.robots.get(id)?.state).map((object) => ({ object, stamp_ns })));
 }
 
 /** A cursor that is older says nothing of now, ms: that wrist is not heard. */
@@ -109,6 +123,17 @@ export function isHeard(person: Person, now: number): boolean {
 /** Whether the last proposal of `person` was sent. */
 export function isSent({ goal, proposed }: Person): boolean {
   return !!goal && !!proposed && goal.position_m.every((each, axis) => each === proposed[axis]);
+}
+
+/** Place that `person` is asked to confirm, or null; who steers robots has way-points instead. */
+export function proposalOf(person: Person): [number, number, number] | null {
+  return person.steering || isSent(person) ? null : person.proposed;
+}
+
+/** The last goal of `person`; of one who steers robots only while a robot carries it out. */
+export function goalOf(site: Site, { goal, steering }: Person): Goal | null {
+  const isOver = steering && ![...site.robots.values()].some(({ state }) => state?.goal_ns === goal?.stamp_ns);
+  return isOver ? null : goal;
 }
 
 /** Where a person's feet are ({W}, m) and the azimuth of {H}'s x axis, rad. */
@@ -128,6 +153,12 @@ export function standingOf({ pose, line }: Person): Standing | null {
 /** Now in the site's time, ns, as well as it is known. */
 export function siteNow(site: Site): number {
   return site.sentNs + (performance.now() - site.cameAt) * 1e6 * site.speed;
+}
+
+/** Where the playback is, s from the beginning of the past; 0 of the present. */
+export function position(site: Site): number {
+  const { timeline } = site;
+  return timeline ? Math.min(Math.max((siteNow(site) - timeline.began_ns) / 1e9, 0), timeline.length_s) : 0;
 }
 
 export type Happened = { event: SelectionEvent } | { feedback: Feedback; user: string };

@@ -16,6 +16,7 @@ export class SiteClock {
 
   /** Take note of a batch sent at `sentNs` that came `at`; return when it came if it had travelled fastest. */
   heard(sentNs: number, speed: number, at: number): number {
+    if (!speed) return at; // a past that stands still
     const sent = sentNs / 1e6 / speed;
     const offset = at - sent;
     const known = this.least[0];

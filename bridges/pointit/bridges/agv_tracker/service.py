@@ -1,0 +1,112 @@
+"""Reads the AGVs at an MQTT broker, and publishes where they are."""
+
+import asyncio
+from typing import ClassVar
+
+from pointit.bridges.agv_tracker.config import AgvTrackerConfig
+from pointit.bridges.agv_tracker.fleet import TOPICS, Fleet
+from pointit.maps.frames import aligned, frame_of
+from pointit.runtime.clock import ticks
+from pointit.runtime.errors import ConfigError
+from pointit.runtime.mqtt.broker import (
+    client_options,
+    connected,
+    describe_error,
+    require_client,
+    uncancelled,
+)
+from pointit.runtime.service.service import Context, Scope, Service
+from pointit.runtime.service.shutdown import first_cause
+from pointit.schemas import Environment, TrackedObjects
+from pointit.schemas.environment import Frame
+from pointit.schemas.topics import MAP, OBJECTS
+
+RATE_HZ = 10.0
+"""Rate of the tracked objects, Hz."""
+RETRY_S = 1.0
+"""Wait after an error, s."""
+
+
+class AgvTracker(Service[AgvTrackerConfig]):
+    """Publishes the AGVs that report at a broker by VDA 5050. It sends them nothing."""
+
+    NAME: ClassVar[str] = "agv-tracker"
+    SCOPE: ClassVar[Scope] = "site"
+    CONFIG = AgvTrackerConfig
+
+    def __init__(self, config: AgvTrackerConfig, context: Context) -> None:
+        """Prepare; nothing is opened yet.
+
+        Raises:
+            ConfigError: If the extra `mqtt` is missing, there is no broker, or a file cannot be read.
+        """
+        super().__init__(config, context)
+        self.validate_config(config)
+        self._options = client_options(config)
+        self._fleet = Fleet(config)
+        self._frame: Frame | None = None
+        self._objects = self.bus.publisher(OBJECTS, config.tracker)
+        self._had_objects = False
+        self.bus.subscribe(MAP, self._on_map)
+
+    @classmethod
+    def validate_config(cls, config: AgvTrackerConfig) -> None:
+        """Check that a broker is named, and can be connected to with what is installed."""
+        require_client("AGVs by VDA 5050")
+        if not config.broker:
+            raise ConfigError("broker: is missing; name the MQTT broker of the AGVs, HOST or HOST:PORT")
+        client_options(config)
+
+    async def run(self) -> None:
+        """Publish until cancelled."""
+        async with asyncio.TaskGroup() as tasks:
+            tasks.create_task(self._read(), name="AGVs' messages")
+            async for now_ns in ticks(self.clock, RATE_HZ):
+                self._publish(now_ns)
+
+    async def _read(self) -> None:
+        from aiomqtt import MqttError  # noqa: PLC0415 - an extra
+
+        while True:
+            try:
+                async with connected(self._options) as client:
+                    await uncancelled(client.subscribe([(topic, 1) for topic in TOPICS]))
+                    self.bus.clear("broker")
+                    async for message in client.messages:
+                        topic = str(message.topic)
+                        is_known = self._fleet.on_message(topic, message.payload, self.clock.now_ns())
+                        self.bus.warn(
+                            "messages",
+                            ""
+                            if is_known
+                            else f"{topic[:200]}: a message is not one of VDA 5050: update the AGV",
+                        )
+            except (MqttError, OSError) as error:
+                told = describe_error(first_cause(error), has_user=bool(self.config.username))
+                self.bus.warn("broker", f"{self.config.broker}: {told}")
+            self._fleet.forget()
+            await asyncio.sleep(RETRY_S)
+
+    def _publish(self, now_ns: int) -> None:
+        objects = self._fleet.objects(now_ns)
+        if self._frame is not None:
+            objects = aligned(objects, self._frame)
+        elif self.config.frame:
+            objects = ()
+        if objects or self._had_objects:
+            self._objects.put(TrackedObjects(stamp_ns=now_ns, objects=objects))
+        self._had_objects = bool(objects)
+
+    def _on_map(self, environment: Environment, _name: str) -> None:
+        if not self.config.frame:
+            return
+        self._frame = None
+        try:
+            self._frame = frame_of(environment, self.config.frame)
+        except ConfigError as error:
+            self.bus.warn("frame", str(error))
+        else:
+            self.bus.clear("frame")
+
+
+SERVICE = AgvTracker

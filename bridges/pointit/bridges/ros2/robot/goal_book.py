@@ -1,0 +1,193 @@
+"""Goals of a ROS action that were sent, and what became of them, whatever order answers come in; pure.
+
+At most one goal is wanted: the newest, until the robot is stopped. Servers answer late, twice, or not at all,
+and a topic with the status of all goals tells what the answers did not. A goal that a server works on though
+nobody wants it is to be cancelled, until the server says that it has ended.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Literal
+
+from pointit.schemas import NS_PER_S
+
+KEPT = 32
+"""Maximum number of goals remembered."""
+GRACE_NS = 2 * NS_PER_S
+"""Time in which a server that has accepted a goal ends the one before by itself."""
+RESULT_NS = NS_PER_S
+"""Time for a result to follow the status."""
+RETRY_NS = NS_PER_S // 2
+"""Interval of repeated cancellations of one goal."""
+
+
+class GoalStatus(IntEnum):
+    """Constants of action_msgs/GoalStatus."""
+
+    UNKNOWN = 0
+    ACCEPTED = 1
+    EXECUTING = 2
+    CANCELING = 3
+    SUCCEEDED = 4
+    CANCELED = 5
+    ABORTED = 6
+
+
+ACTIVE = {GoalStatus.ACCEPTED, GoalStatus.EXECUTING, GoalStatus.CANCELING}
+TERMINAL = {GoalStatus.SUCCEEDED, GoalStatus.CANCELED, GoalStatus.ABORTED}
+
+OPEN = {"sent", "silent", "accepted", "active"}
+"""States of goals that the server may work on."""
+
+Outcome = Literal["accepted", "active", "done", "cancelled", "refused", "failed"]
+
+OUTCOMES: dict[int, Outcome] = {
+    GoalStatus.SUCCEEDED: "done",
+    GoalStatus.CANCELED: "cancelled",
+    GoalStatus.ABORTED: "failed",
+}
+
+
+@dataclass
+class _Goal:
+    state: Literal["sent", "silent", "accepted", "active", "unknown", "over"] = "sent"
+    """silent: the server has not answered in time. unknown: it says that it has no such goal. over: refused,
+    or ended."""
+    decided_ns: int = 0
+    """Time of acceptance."""
+    cancelled_ns: int = 0
+    """Time of the last request to cancel it."""
+    heard_ns: int = 0
+    """Time of its last feedback."""
+    end: int = GoalStatus.UNKNOWN
+    """Status with which it has ended by the status topic; the result may tell why."""
+    end_ns: int = 0
+
+
+class GoalBook:
+    """The goals of one client."""
+
+    def __init__(self) -> None:
+        self._goals: dict[bytes, _Goal] = {}
+        self.wanted: bytes | None = None
+        """Id of the goal that the robot is to reach."""
+
+    def begin(self, goal: bytes) -> None:
+        """Want `goal`, which is sent now, instead of the one before."""
+        self._goals[goal] = _Goal()
+        self.wanted = goal
+        for old in list(self._goals)[:-KEPT]:
+            del self._goals[old]
+
+    def drop(self) -> None:
+        """Want no goal."""
+        self.wanted = None
+
+    def on_response(self, goal: bytes, *, accepted: bool, now_ns: int) -> Outcome | None:
+        """Return the news for the person, if any, of a server's first answer to `goal`."""
+        known = self._goals.get(goal)
+        if known is None or known.state not in {"sent", "silent"}:
+            return None
+        known.state, known.decided_ns = ("accepted", now_ns) if accepted else ("over", now_ns)
+        if goal != self.wanted:
+            known.cancelled_ns = 0  # a cancellation before its acceptance had no effect
+            return None
+        if accepted:
+            return "accepted"
+        self.wanted = None
+        return "refused"
+
+    def on_silence(self, goal: bytes) -> Outcome | None:
+        """Return the news if a server does not answer about `goal`: it is cancelled, as it may go on."""
+        known = self._goals.get(goal)
+        if known is None or known.state not in OPEN:
+            return None
+        known.state = "silent"
+        if goal != self.wanted:
+            return None
+        self.wanted = None
+        return "failed"
+
+    def on_feedback(self, goal: bytes, now_ns: int) -> Outcome | None:
+        """Return the news of feedback about `goal`: the server works on it."""
+        if goal in self._goals:
+            self._goals[goal].heard_ns = now_ns
+        return self._on_active(goal, now_ns)
+
+    def on_status(self, statuses: Iterable[tuple[bytes, int]], now_ns: int) -> list[Outcome]:
+        """Return the news of a list of goals with their status; those of other clients do not matter.
+
+        The end of the wanted goal is no news yet: its result tells the reason, see `overdue`.
+        """
+        news: list[Outcome | None] = []
+        for goal, status in statuses:
+            known = self._goals.get(goal)
+            if status in ACTIVE:
+                news.append(self._on_active(goal, now_ns))
+            elif known is not None and status in TERMINAL:
+                if goal != self.wanted:
+                    known.state = "over"
+                elif known.end == GoalStatus.UNKNOWN:
+                    known.end, known.end_ns = status, now_ns
+        return [each for each in news if each is not None]
+
+    def overdue(self, now_ns: int) -> Outcome | None:
+        """Return the news of the wanted goal's end by the status topic if its result has not come since."""
+        known = None if self.wanted is None else self._goals[self.wanted]
+        if known is None or known.end == GoalStatus.UNKNOWN or now_ns - known.end_ns < RESULT_NS:
+            return None
+        return self.on_end(self.wanted or b"", known.end)
+
+    def is_heard(self, goal: bytes, now_ns: int) -> bool:
+        """Return True if there was feedback about `goal` just now."""
+        known = self._goals.get(goal)
+        return known is not None and now_ns - known.heard_ns < GRACE_NS
+
+    def on_end(self, goal: bytes, status: int) -> Outcome | None:
+        """Return the news of the end of `goal`, once, however often it is told."""
+        known = self._goals.get(goal)
+        if known is None or known.state == "over":
+            return None
+        known.state = "over"
+        if goal != self.wanted:
+            return None
+        self.wanted = None
+        return OUTCOMES.get(status, "failed")
+
+    def to_cancel(self, now_ns: int) -> list[bytes]:
+        """Return the goals that are to be cancelled now: those that the server may work on unwanted.
+
+        A server that has just accepted the wanted goal gets `GRACE_NS` to end the others by itself.
+        """
+        wanted = None if self.wanted is None else self._goals[self.wanted]
+        if wanted is not None and (wanted.state == "sent" or now_ns - wanted.decided_ns < GRACE_NS):
+            return []
+        found = [
+            goal
+            for goal, known in self._goals.items()
+            if goal != self.wanted and known.state in OPEN and now_ns - known.cancelled_ns >= RETRY_NS
+        ]
+        for goal in found:
+            self._goals[goal].cancelled_ns = now_ns
+        return found
+
+    def on_unknown(self, goal: bytes) -> None:
+        """Cancel `goal` no more: the server says that it has none such. It may get it later, and tell so."""
+        known = self._goals.get(goal)
+        if known is not None and goal != self.wanted and known.state in {"silent", "accepted", "active"}:
+            known.state = "unknown"
+
+    @property
+    def has_unwanted(self) -> bool:
+        """Return True if the server may work on a goal that nobody wants."""
+        return any(goal != self.wanted and known.state in OPEN for goal, known in self._goals.items())
+
+    def _on_active(self, goal: bytes, now_ns: int) -> Outcome | None:
+        known = self._goals.get(goal)
+        if known is None or known.state in {"active", "over"}:
+            return None
+        if known.state != "accepted":
+            known.decided_ns = now_ns
+        known.state = "active"
+        return "active" if goal == self.wanted else None

@@ -1,0 +1,239 @@
+"""Commands to a robot with Nav2, as goals of its action NavigateToPose."""
+
+import asyncio
+import functools
+import math
+import uuid
+from collections.abc import Callable, Coroutine
+from typing import Any
+
+from pointit.bridges.ros2.graph.backend import Backend
+from pointit.bridges.ros2.outbound import values
+from pointit.bridges.ros2.robot.action_client import EVERY_GOAL, TERMINATED, UNKNOWN_GOAL, ActionClient
+from pointit.bridges.ros2.robot.config import Ros2RobotConfig
+from pointit.bridges.ros2.robot.goal_book import RETRY_NS, GoalBook, Outcome
+from pointit.bridges.ros2.types.foreign import NAVIGATE_TO_POSE
+from pointit.bridges.ros2.types.types import Types
+from pointit.geometry import rotation, vector
+from pointit.geometry.vector import Vec3
+from pointit.plugins import NS_PER_S, Command, Follow, FollowPath, OrderStatus, Report, RobotReport, Stop
+
+AGAIN_M = 0.2
+"""A place to follow that is nearer to the last goal is not a new goal."""
+AGAIN_NS = NS_PER_S
+"""Minimum interval of goals while the robot follows: Nav2 makes a plan for each."""
+RESULT_S = 500.0
+"""A result is asked for again after this time: Zenoh drops questions that are open for 600 s."""
+HALT_S = 0.8
+"""Time in which goals are cancelled before the driver ends."""
+
+
+class Navigator:
+    """Carries out commands, the newest first; `tick` is to be called at 10 Hz or more."""
+
+    def __init__(
+        self,
+        backend: Backend,
+        types: Types,
+        config: Ros2RobotConfig,
+        *,
+        now_ns: Callable[[], int],
+        report: Report,
+        on_problem: Callable[[str], None],
+        on_distance: Callable[[float], None],
+    ) -> None:
+        """Subscribe to the action's topics; `on_distance` gets the rest of the way, m, by Nav2's feedback."""
+        self._types, self._config, self._now_ns, self._tell = types, config, now_ns, report
+        self._on_distance = on_distance
+        self._client = ActionClient(
+            backend,
+            types,
+            config.action,
+            NAVIGATE_TO_POSE,
+            on_feedback=self._on_feedback,
+            on_status=self._on_status,
+            on_problem=on_problem,
+        )
+        self._book = GoalBook()
+        self._tasks: set[asyncio.Task[None]] = set()
+        self._is_clear = True
+        """False from a stop until the server has answered to the request to cancel all goals."""
+        self._clearing: asyncio.Task[None] | None = None
+        self._cleared_ns = 0
+        """Time of the last request to cancel all goals."""
+        self._order = 0
+        self._way: list[tuple[Vec3, float | None]] = []
+        """Places to go to, in order, each with a yaw, rad, or None: that of the way there."""
+        self._follow: Follow | None = None
+        """The newest place to follow, or None if the robot follows none."""
+        self._last_m: Vec3 | None = None
+        """The last goal while the robot follows."""
+        self._sent_ns = 0
+        self._at_m: Vec3 | None = None
+
+    def on_report(self, report: RobotReport) -> RobotReport:
+        """Take the robot's pose."""
+        self._at_m = report.position_m
+        return report
+
+    def command(self, command: Command) -> None:
+        """Carry out `command`."""
+        if isinstance(command, Follow):
+            self._order, self._follow, self._way = command.order, command, []
+            self.tick()
+            return
+        self._order, self._follow, self._last_m, self._way = command.order, None, None, []
+        match command:
+            case FollowPath(points_m=points_m, yaw_rad=yaw_rad):
+                self._way = [*((point_m, None) for point_m in points_m[:-1]), (points_m[-1], yaw_rad)]
+                self._next()
+            case Stop():
+                self._book.drop()
+                self._is_clear, self._cleared_ns = False, 0
+                self.tick()
+            case _:
+                self._say("refused", "a robot with Nav2 neither takes off nor lands")
+
+    def tick(self) -> None:
+        """Send the place to follow if it is time, and cancel what nobody wants."""
+        now_ns = self._now_ns()
+        self._news(self._book.overdue(now_ns), self._order, f"{self._config.action} gave up: see Nav2's log")
+        follow = self._follow
+        if follow is not None and now_ns - self._sent_ns >= AGAIN_NS:
+            last_m = self._last_m
+            if last_m is None or vector.norm(vector.subtract(follow.position_m, last_m)) >= AGAIN_M:
+                self._last_m = follow.position_m
+                self._send(follow.position_m, follow.yaw_rad)
+        for goal in self._book.to_cancel(now_ns):
+            self._start(self._cancel(goal))
+        is_due = self._clearing is None and now_ns - self._cleared_ns >= RETRY_NS
+        if not self._is_clear and self._book.wanted is None and is_due:
+            self._cleared_ns = now_ns
+            self._clearing = self._start(self._clear())
+
+    async def close(self) -> None:
+        """Cancel all goals and wait for that, `HALT_S` at most; then unsubscribe."""
+        self._order, self._follow, self._way = 0, None, []
+        self._book.drop()
+        try:
+            async with asyncio.timeout(HALT_S):
+                while self._book.has_unwanted:
+                    self.tick()
+                    await asyncio.sleep(0.02)  # answers come meanwhile
+        except TimeoutError:
+            pass
+        finally:
+            self._client.close()
+            for task in self._tasks:
+                task.cancel()
+            await asyncio.gather(*self._tasks, return_exceptions=True)
+
+    def _next(self) -> None:
+        """Send the next place of the way."""
+        (point_m, yaw_rad), *self._way = self._way
+        self._send(point_m, yaw_rad)
+
+    def _send(self, position_m: Vec3, yaw_rad: float | None) -> None:
+        self._sent_ns = self._now_ns()
+        goal = uuid.uuid4().bytes
+        self._book.begin(goal)
+        self._start(self._pursue(goal, self._order, self._goal(position_m, yaw_rad)))
+
+    def _goal(self, position_m: Vec3, yaw_rad: float | None) -> Any:
+        if yaw_rad is None:
+            way = (1.0, 0.0, 0.0) if self._at_m is None else vector.subtract(position_m, self._at_m)
+            yaw_rad = vector.azimuth(way) if math.hypot(way[0], way[1]) > 0.0 else 0.0
+        types = self._types
+        pose = types.make(
+            "geometry_msgs/msg/PoseStamped",
+            header=values.header(types, self._now_ns(), self._config.frame),
+            pose=values.pose(types, position_m, rotation.from_yaw(yaw_rad)),
+        )
+        return types.make(f"{NAVIGATE_TO_POSE}_Goal", pose=pose, behavior_tree=self._config.behavior_tree)
+
+    async def _pursue(self, goal: bytes, order: int, value: Any) -> None:
+        """Send a goal and wait for its end."""
+        if self._clearing is not None:  # which would cancel it, too
+            await asyncio.wait({self._clearing})
+            if goal != self._book.wanted:
+                self._book.on_response(goal, accepted=False, now_ns=self._now_ns())
+                return
+        try:
+            is_accepted = await self._client.send(goal, value)
+        except TimeoutError as error:
+            self._news(self._book.on_silence(goal), order, f"{error}; check that Nav2 runs")
+            return
+        news = self._book.on_response(goal, accepted=is_accepted, now_ns=self._now_ns())
+        self._news(news, order, f"{self._config.action} refused the goal: see Nav2's log")
+        self.tick()  # it may be unwanted by now
+        if is_accepted:
+            await self._ended(goal, order)
+
+    async def _ended(self, goal: bytes, order: int) -> None:
+        while True:
+            try:
+                status, result = await self._client.result(goal, RESULT_S)
+            except TimeoutError as error:
+                if self._book.is_heard(goal, self._now_ns()):
+                    continue
+                self._news(self._book.on_silence(goal), order, f"{error}; check that Nav2 runs")
+                return
+            self._news(self._book.on_end(goal, status), order, _why(result, status))
+            return
+
+    async def _cancel(self, goal: bytes) -> None:
+        try:
+            code = await self._client.cancel(goal)
+        except TimeoutError:
+            return  # it is tried again
+        if code in {UNKNOWN_GOAL, TERMINATED}:
+            self._book.on_unknown(goal)
+
+    async def _clear(self) -> None:
+        """Cancel all goals of the server: one of an earlier run, which has crashed, is none of the book's."""
+        self._is_clear = True  # unless another stop comes meanwhile
+        try:
+            await self._client.cancel(EVERY_GOAL)
+        except TimeoutError:
+            self._is_clear = False  # it is tried again
+        finally:
+            self._clearing = None
+
+    def _on_feedback(self, goal: bytes, feedback: Any) -> None:
+        if goal == self._book.wanted and math.isfinite(feedback.distance_remaining):
+            self._on_distance(float(feedback.distance_remaining))
+        self._news(self._book.on_feedback(goal, self._now_ns()), self._order)
+
+    def _on_status(self, statuses: list[tuple[bytes, int]]) -> None:
+        for news in self._book.on_status(statuses, self._now_ns()):
+            self._news(news, self._order)
+
+    def _news(self, news: Outcome | None, order: int, reason: str = "") -> None:
+        """Tell the person, and go on along the way. Of a robot that follows, only what goes wrong matters."""
+        is_bad = news in {"refused", "failed"}
+        if news is None or not (is_bad if self._follow is not None else order == self._order):
+            return
+        if news == "done" and self._way:
+            self._next()
+            return
+        self._say(news, reason if is_bad else "")
+
+    def _say(self, news: Outcome, reason: str) -> None:
+        self._tell(OrderStatus(order=self._order, state=news, reason=reason))
+
+    def _start(self, work: Coroutine[Any, Any, None]) -> asyncio.Task[None]:
+        task = asyncio.get_running_loop().create_task(work)
+        self._tasks.add(task)
+        task.add_done_callback(functools.partial(_over, self._tasks))
+        return task
+
+
+def _over(tasks: set[asyncio.Task[None]], task: asyncio.Task[None]) -> None:
+    tasks.discard(task)
+
+
+def _why(result: Any, status: int) -> str:
+    """Return the reason of a goal's end as Nav2 gives it."""
+    message, code = getattr(result, "error_msg", ""), int(getattr(result, "error_code", 0))
+    said = message or (f"error {code}" if code else f"status {status}")
+    return f"Nav2 gave up: {said[:200]}"

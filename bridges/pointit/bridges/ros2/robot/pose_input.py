@@ -1,0 +1,144 @@
+"""The pose of one robot, from a topic or from tf, in the frame of its driver."""
+
+from collections.abc import Callable
+from typing import Any
+
+from pointit.bridges.ros2.graph.backend import SENSOR, Backend, Closable, Qos
+from pointit.bridges.ros2.tracking.config import TF, PoseSource
+from pointit.bridges.ros2.tracking.motion import Motion
+from pointit.bridges.ros2.tracking.sightings import READERS, Sighting
+from pointit.bridges.ros2.tracking.trackers import captured, frame_pose
+from pointit.bridges.ros2.tracking.transforms import AT_ORIGIN, TransformBuffer, compose, yaw
+from pointit.bridges.ros2.types.types import Types
+from pointit.geometry import rotation, vector
+from pointit.plugins import NS_PER_S, RobotReport
+from pointit.schemas import FARTHEST
+
+TF_TYPE = "tf2_msgs/msg/TFMessage"
+SOONEST_NS = NS_PER_S // 50
+"""Minimum interval of reports."""
+
+
+class PoseReader:
+    """Converts messages to reports; pure."""
+
+    def __init__(self, source: PoseSource, frame: str) -> None:
+        """Read `source`; reports are in `frame`."""
+        self._source = source
+        self._known = {frame: AT_ORIGIN}
+        self._buffer = TransformBuffer()
+        self._motion = Motion()
+        self._last_ns = 0
+        if source.type == TF:
+            self._buffer.want(source.frame)
+
+    def is_wanted(self, cdr: bytes) -> bool:
+        """Return True if a message of /tf may matter; decoding it takes longer."""
+        return bool(self._buffer.wanted_in(cdr))
+
+    def transforms(self, value: Any, now_ns: int, *, is_static: bool) -> RobotReport | str:
+        """Return the report, or a sentence why there is none, or `""`, after a tf2_msgs/TFMessage."""
+        problems = list(self._buffer.take(value, is_static=is_static))
+        source = self._source
+        if source.type != TF or is_static:
+            return problems[0] if problems else ""
+        placed = self._buffer.placed(source.frame, self._known, now_ns, source.stale_s)
+        if isinstance(placed, str):
+            return placed
+        stamp_ns = now_ns if placed.stamp_ns is None else placed.stamp_ns
+        return self._report(Sighting("", placed.pose), stamp_ns, now_ns)
+
+    def message(self, value: Any, now_ns: int) -> RobotReport | str:
+        """Return the report of a message of the topic, or a sentence why there is none, or `""`."""
+        source = self._source
+        stamp, (seen,) = READERS[source.type](value)
+        stamp_ns = captured(stamp, now_ns, f"what {source.topic} tells", source.stale_s)
+        if isinstance(stamp_ns, str):
+            return stamp_ns
+        return seen if isinstance(seen, str) else self._report(seen, stamp_ns, now_ns)
+
+    def _report(self, seen: Sighting, stamp_ns: int, now_ns: int) -> RobotReport | str:
+        source = self._source
+        own = "" if source.type == TF else source.frame
+        frame = frame_pose(seen.frame or own, self._buffer, self._known, now_ns, source.stale_s)
+        if isinstance(frame, str):
+            return frame
+        stamp_ns = max(stamp_ns - round(source.latency_s * NS_PER_S), 0)
+        if 0 <= self._last_ns - stamp_ns < NS_PER_S or 0 < stamp_ns - self._last_ns < SOONEST_NS:
+            return ""  # overtaken, told twice, or too soon
+        pose = compose(frame, seen.pose)
+        if seen.velocity_mps is None:
+            velocity_mps = self._motion.velocity_mps("", pose.position_m, stamp_ns)
+        else:
+            velocity_mps = rotation.rotate(pose.orientation, seen.velocity_mps)
+        if max(vector.norm(pose.position_m), vector.norm(velocity_mps)) > FARTHEST:
+            return "the robot's pose is outside any room, or it is faster than anything: send metres and m/s"
+        self._last_ns = stamp_ns
+        return RobotReport(
+            stamp_ns=stamp_ns,
+            position_m=pose.position_m,
+            yaw_rad=yaw(pose.orientation),
+            velocity_mps=velocity_mps,
+            position_sigma_m=seen.sigma_m,
+        )
+
+
+class PoseInput:
+    """Subscriptions that feed a `PoseReader`."""
+
+    def __init__(
+        self,
+        backend: Backend,
+        types: Types,
+        reader: PoseReader,
+        source: PoseSource,
+        *,
+        now_ns: Callable[[], int],
+        on_report: Callable[[RobotReport], None],
+        on_problem: Callable[[str], None],
+    ) -> None:
+        """Subscribe; `on_problem` gets a sentence, or `""` when a message is well."""
+        self._types, self._reader, self._now_ns = types, reader, now_ns
+        self._on_report, self._on_problem = on_report, on_problem
+        types.prepare(TF_TYPE)
+        tf = types.kind(TF_TYPE)
+        self._ends: list[Closable] = [
+            backend.subscribe("/tf_static", tf, Qos(depth=100, latched=True), self._take_static),
+            backend.subscribe("/tf", tf, Qos(depth=100), self._take_moving),
+        ]
+        if source.type != TF:
+            self._name = source.type.replace("/", "/msg/")
+            types.prepare(self._name)
+            self._ends.append(
+                backend.subscribe(source.topic, types.kind(self._name), SENSOR, self._take_message)
+            )
+
+    def close(self) -> None:
+        """Unsubscribe."""
+        for end in self._ends:
+            end.close()
+
+    def _take_static(self, cdr: bytes) -> None:
+        self._take(TF_TYPE, cdr, lambda value: self._transforms(value, is_static=True))
+
+    def _take_moving(self, cdr: bytes) -> None:
+        if self._reader.is_wanted(cdr):
+            self._take(TF_TYPE, cdr, lambda value: self._transforms(value, is_static=False))
+
+    def _transforms(self, value: Any, *, is_static: bool) -> RobotReport | str:
+        return self._reader.transforms(value, self._now_ns(), is_static=is_static)
+
+    def _take_message(self, cdr: bytes) -> None:
+        self._take(self._name, cdr, lambda value: self._reader.message(value, self._now_ns()))
+
+    def _take(self, name: str, cdr: bytes, read: Callable[[Any], RobotReport | str]) -> None:
+        try:
+            found = read(self._types.decode(name, cdr))
+        except ValueError as error:
+            found = f"a {name} was dropped: {error}"
+        if isinstance(found, str):
+            if found:
+                self._on_problem(found)
+            return
+        self._on_problem("")
+        self._on_report(found)

@@ -1,0 +1,173 @@
+"""Sightings: positions of objects in messages of ROS, each in the frame that the message names; pure."""
+
+import math
+from collections.abc import Callable, Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from pointit.bridges.ros2.inbound import checks
+from pointit.bridges.ros2.routing.scene import Scene
+from pointit.bridges.ros2.tracking.transforms import Pose
+from pointit.geometry.rotation import IDENTITY
+from pointit.geometry.vector import Vec3
+from pointit.schemas import FARTHEST
+from pointit.schemas.pointing import SurfaceKind
+
+PACKAGES = "conveyor_msgs/PackageList"
+MAX_OBJECTS = 500
+"""Maximum number of objects of one message; others are left out."""
+MAX_ID = 64
+UNMEASURED_M2 = 1e3
+"""A variance from which drivers mean that they do not measure the coordinate."""
+
+
+class Sighting(NamedTuple):
+    """One object in one message."""
+
+    frame: str
+    """Frame of pose and velocity, or `""` if the message names none."""
+    pose: Pose
+    name: str = ""
+    """The message's name for it, or `""` if it is about one object only."""
+    kind: str = ""
+    size_m: float = 0.0
+    velocity_mps: Vec3 | None = None
+    """In the object's own frame, or None if the message does not tell."""
+    sigma_m: float | None = None
+    has_heading: bool = True
+    on: tuple[SurfaceKind, str, float] | None = None
+    """The line that it is on, and its centre's arc length there, m."""
+
+
+Seen = tuple[Any, list[Sighting | str]]
+"""The stamp of a message, and its objects or the reasons why one cannot be used."""
+
+Reader = Callable[[Any], Seen]
+
+
+def pose_stamped(value: Any) -> Seen:
+    """Return the object of a geometry_msgs/PoseStamped."""
+    return value.header.stamp, [_posed(value.header.frame_id, value.pose, None, "the pose")]
+
+
+def pose_with_covariance(value: Any) -> Seen:
+    """Return the object of a geometry_msgs/PoseWithCovarianceStamped."""
+    found = _posed(value.header.frame_id, value.pose.pose, value.pose.covariance, "the pose")
+    return value.header.stamp, [found]
+
+
+def odometry(value: Any) -> Seen:
+    """Return the object of a nav_msgs/Odometry; its twist is in the object's own frame."""
+    found = _posed(value.header.frame_id, value.pose.pose, value.pose.covariance, "the pose")
+    if isinstance(found, Sighting):
+        velocity_mps = checks.place(value.twist.twist.linear, "the velocity")
+        found = velocity_mps if isinstance(velocity_mps, str) else found._replace(velocity_mps=velocity_mps)
+    return value.header.stamp, [found]
+
+
+def detections(value: Any) -> Seen:
+    """Return the objects of a vision_msgs/Detection3DArray: the likeliest class, the centre of the box."""
+    return value.header.stamp, list(_detections(value))
+
+
+def packages(value: Any, scene: Scene) -> Seen:
+    """Return the objects of a conveyor_msgs/PackageList, which are on belts and strips of the map."""
+    return value.header.stamp, [_package(each, scene) for each in value.packages[:MAX_OBJECTS]]
+
+
+READERS: dict[str, Reader] = {
+    "geometry_msgs/PoseStamped": pose_stamped,
+    "geometry_msgs/PoseWithCovarianceStamped": pose_with_covariance,
+    "nav_msgs/Odometry": odometry,
+    "vision_msgs/Detection3DArray": detections,
+}
+"""Readers by the type of a topic; `packages` is that of PACKAGES."""
+
+
+def sigma(covariance: Any) -> float | str | None:
+    """Return 1 sigma along the worst direction by a pose covariance of 36 numbers, m, or the rejection.
+
+    None if it is unknown: all 0 or -1, as ROS has it. A coordinate with a huge variance is not measured, and
+    left out.
+    """
+    matrix = np.asarray(covariance, dtype=float)
+    if matrix.shape != (36,) or not np.isfinite(matrix).all():
+        return "the covariance has a number that is not finite"
+    place = matrix.reshape(6, 6)[:3, :3]
+    measured = np.diag(place) < UNMEASURED_M2
+    if not measured.any() or place[0, 0] == -1.0:
+        return None
+    place = place[np.ix_(measured, measured)]
+    if np.abs(place).max() > UNMEASURED_M2:
+        return "the covariance is none: a number beside its diagonal is larger than those on it"
+    largest = float(np.linalg.eigvalsh((place + place.T) / 2.0)[-1])
+    return math.sqrt(largest) if largest > 0.0 else None
+
+
+def _posed(frame: str, pose: Any, covariance: Any, what: str) -> Sighting | str:
+    position_m = checks.place(pose.position, what)
+    if isinstance(position_m, str):
+        return position_m
+    turned = checks.quaternion(pose.orientation, what)
+    if isinstance(turned, str):
+        return turned
+    sigma_m = None if covariance is None else sigma(covariance)
+    if isinstance(sigma_m, str):
+        return f"{what}: {sigma_m}"
+    return Sighting(frame, Pose(position_m, turned), sigma_m=sigma_m)
+
+
+def _package(value: Any, scene: Scene) -> Sighting | str:
+    uid, name, share = int(value.uid), value.position.name, float(value.position.position)
+    what = f"package {uid}"
+    strip = name.removeprefix("strip_")
+    places: tuple[tuple[SurfaceKind, str], ...] = (("belt", name), ("strip", name), ("strip", strip))
+    place = next((each for each in places if each in scene.lines), None)
+    if place is None:
+        there_are = ", ".join(each for _, each in list(scene.lines)[:20]) or "none"
+        return f"{what} is on {checks.named(name)}, which is no line of the map; there are {there_are}"
+    length_m = float(value.length)
+    if not (0.0 <= share <= 1.0 and 0.0 <= length_m <= FARTHEST):
+        return f"{what} is at {share:g} of {name}, {length_m:g} m long: send 0 (start) to 1 (end), and metres"
+    line = scene.lines[place]
+    along_m = share * line.length_m
+    return Sighting(
+        frame=scene.frames.world,
+        pose=Pose(line.point_at(along_m), IDENTITY),
+        name=str(uid),
+        kind=scene.kinds.kind(int(value.type)) or "",
+        size_m=length_m,
+        has_heading=False,
+        on=(place[0], place[1], along_m),
+    )
+
+
+def _detections(value: Any) -> Iterator[Sighting | str]:
+    for count, each in enumerate(value.detections[:MAX_OBJECTS]):
+        what = f"detection {checks.named(each.id or str(count))}"
+        best = max(each.results, key=_score, default=None)
+        found = _posed(
+            each.header.frame_id or value.header.frame_id,
+            each.bbox.center,
+            None if best is None else best.pose.covariance,
+            what,
+        )
+        if isinstance(found, str):
+            yield found
+            continue
+        sizes_m = checks.place(each.bbox.size, f"the size of {what}")
+        if isinstance(sizes_m, str) or min(sizes_m) < 0.0:
+            yield sizes_m if isinstance(sizes_m, str) else f"the size of {what} is negative"
+            continue
+        yield found._replace(
+            name=each.id[:MAX_ID] or str(count),
+            kind="" if best is None else best.hypothesis.class_id[:MAX_ID],
+            size_m=max(sizes_m),
+            has_heading=found.pose.orientation != IDENTITY,
+        )
+
+
+def _score(result: Any) -> float:
+    score = float(result.hypothesis.score)
+    return score if math.isfinite(score) else -math.inf

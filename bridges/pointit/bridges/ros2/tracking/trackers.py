@@ -1,0 +1,181 @@
+"""Trackers: what ROS nodes tell about positions, as objects of the site in {W}; pure."""
+
+import itertools
+from collections.abc import Mapping
+from typing import Any
+
+from pointit.bridges.ros2.routing.route_types import BusOutput, ConversionContext, ConversionWarning, Taken
+from pointit.bridges.ros2.routing.scene import Scene
+from pointit.bridges.ros2.tracking.config import TF, TrackerConfig
+from pointit.bridges.ros2.tracking.motion import Motion
+from pointit.bridges.ros2.tracking.sightings import PACKAGES, READERS, Sighting, packages
+from pointit.bridges.ros2.tracking.transforms import (
+    AT_ORIGIN,
+    Pose,
+    TransformBuffer,
+    compose,
+    yaw,
+)
+from pointit.geometry import rotation, vector
+from pointit.runtime.health.timeliness import MAX_AHEAD_NS
+from pointit.schemas import FARTHEST, NS_PER_S, TrackedObject, TrackedObjects
+from pointit.schemas.topics import OBJECTS
+
+ROBOT = "robot"
+"""Kind of objects without one."""
+
+
+class Tracker:
+    """Objects of one topic, or of one frame of tf."""
+
+    def __init__(self, name: str, config: TrackerConfig, buffer: TransformBuffer) -> None:
+        """Track for `objects/{name}`, with the transforms in `buffer`."""
+        self._name = name
+        self._config = config
+        self._buffer = buffer
+        self._motion = Motion()
+        self._stamp_ns = 0
+        """Stamp of the last message of ours."""
+        self._count = 0
+        if config.type == TF:
+            buffer.want(config.frame)
+
+    def read(self, value: Any, about: ConversionContext) -> Taken:
+        """Convert a message of the topic."""
+        config = self._config
+        seen = packages(value, about.scene) if config.type == PACKAGES else READERS[config.type](value)
+        stamp_ns = captured(seen[0], about.stamp_ns, f"what {config.topic} tells", config.stale_s)
+        if isinstance(stamp_ns, str):
+            return (ConversionWarning(stamp_ns),)
+        return self._objects(seen[1], stamp_ns, about)
+
+    def look(self, about: ConversionContext) -> Taken:
+        """Return the object of type tf by the newest transforms, or nothing if none has come."""
+        config = self._config
+        placed = self._buffer.placed(config.frame, roots(about.scene), about.stamp_ns, config.stale_s)
+        if isinstance(placed, str):
+            return (ConversionWarning(f"tracker {self._name}: {placed}"),)
+        stamp_ns = about.stamp_ns if placed.stamp_ns is None else placed.stamp_ns
+        seen = Sighting(about.scene.frames.world, placed.pose)
+        return self._objects([seen], stamp_ns, about)
+
+    def _objects(self, seen: list[Sighting | str], stamp_ns: int, about: ConversionContext) -> Taken:
+        stamp_ns = max(stamp_ns - round(self._config.latency_s * NS_PER_S), 0)
+        if 0 < self._stamp_ns - stamp_ns < NS_PER_S or stamp_ns == self._stamp_ns:
+            return ()  # overtaken, or told twice
+        made = [each if isinstance(each, str) else self._object(each, stamp_ns, about) for each in seen]
+        objects = {each.id: each for each in made if isinstance(each, TrackedObject)}
+        problems = tuple(ConversionWarning(each) for each in made if isinstance(each, str))
+        if problems and not objects:
+            return problems
+        self._motion.keep(objects)
+        self._stamp_ns = stamp_ns
+        self._count += 1
+        message = TrackedObjects(
+            stamp_ns=stamp_ns,
+            seq=self._count,
+            objects=tuple(objects.values()),
+            latency_sigma_s=self._config.latency_sigma_s,
+        )
+        return (BusOutput(OBJECTS, self._name, message), *problems)
+
+    def _object(self, seen: Sighting, stamp_ns: int, about: ConversionContext) -> TrackedObject | str:
+        config, scene = self._config, about.scene
+        known = roots(scene)
+        frame = frame_pose(seen.frame or config.frame, self._buffer, known, about.stamp_ns, config.stale_s)
+        if isinstance(frame, str):
+            return frame
+        pose = compose(frame, seen.pose)
+        position_m = pose.position_m
+        base = config.id or self._name
+        identity = f"{base}-{seen.name}" if seen.name else base
+        if seen.velocity_mps is None:
+            velocity_mps = self._motion.velocity_mps(identity, position_m, stamp_ns)
+        else:
+            velocity_mps = rotation.rotate(pose.orientation, seen.velocity_mps)
+        if max(vector.norm(position_m), vector.norm(velocity_mps)) > FARTHEST:
+            return f"{identity} is outside the room, or faster than anything: send metres and m/s"
+        surface, surface_id, along_m = seen.on or ("none", "", 0.0)
+        speed_mps = 0.0
+        if seen.on is not None:
+            speed_mps = vector.dot(velocity_mps, scene.lines[seen.on[:2]].tangent_at(along_m))
+            scene.uids.claim(int(seen.name), identity)
+        return TrackedObject(
+            id=identity,
+            kind=config.kind or seen.kind or ROBOT,
+            position_m=position_m,
+            velocity_mps=velocity_mps,
+            length_m=config.size_m or seen.size_m,
+            yaw_rad=yaw(pose.orientation) if seen.has_heading else None,
+            position_sigma_m=seen.sigma_m,
+            surface=surface,
+            surface_id=surface_id,
+            surface_position_m=along_m,
+            surface_speed_mps=speed_mps,
+        )
+
+
+class TfInput:
+    """/tf and /tf_static, for the frames of all trackers, and the trackers that are frames."""
+
+    def __init__(self, buffer: TransformBuffer, trackers: Mapping[str, Tracker]) -> None:
+        """Fill `buffer`; `trackers` are those of type tf by name."""
+        self._buffer = buffer
+        self._trackers = trackers
+
+    def moving(self, value: Any, about: ConversionContext) -> Taken:
+        """Convert a tf2_msgs/TFMessage of /tf."""
+        problems = map(ConversionWarning, self._buffer.take(value, is_static=False))
+        looked = (tracker.look(about) for tracker in self._trackers.values())
+        return (*problems, *itertools.chain.from_iterable(looked))
+
+    def static(self, value: Any, _about: ConversionContext) -> Taken:
+        """Convert a tf2_msgs/TFMessage of /tf_static."""
+        return tuple(map(ConversionWarning, self._buffer.take(value, is_static=True)))
+
+    def frames_in(self, cdr: bytes, _scene: Scene) -> tuple[str, ...]:
+        """Return the frames in `cdr` that matter."""
+        return self._buffer.wanted_in(cdr)
+
+
+def roots(scene: Scene) -> dict[str, Pose]:
+    """Return the frames in ROS whose pose in {W} is known without transforms: {W}, and those of the map."""
+    frames = () if scene.room is None else scene.room.frames
+    known = {frame.id: Pose(frame.position_m, frame.orientation_xyzw) for frame in frames}
+    return {scene.frames.world: AT_ORIGIN} | known
+
+
+def frame_pose(
+    frame: str, buffer: TransformBuffer, known: Mapping[str, Pose], now_ns: int, stale_s: float
+) -> Pose | str:
+    """Return the pose of the frame of a message in the one that `known` begins with, or the rejection.
+
+    Args:
+        frame: its name in ROS; `""`: that one itself.
+        buffer: the transforms.
+        known: frames whose pose needs none.
+        now_ns: the time, Unix ns.
+        stale_s: maximum age of moving transforms.
+    """
+    if not frame:
+        return AT_ORIGIN
+    if frame in known:
+        return known[frame]
+    placed = buffer.placed(frame, known, now_ns, stale_s)
+    return placed if isinstance(placed, str) else placed.pose
+
+
+def captured(stamp: Any, now_ns: int, what: str, stale_s: float) -> int | str:
+    """Return the time of a header's stamp, Unix ns, that of arrival for stamp 0, or the rejection."""
+    stamp_ns = int(stamp.sec) * NS_PER_S + int(stamp.nanosec)
+    if stamp_ns == 0:
+        return now_ns
+    age_ns = now_ns - stamp_ns
+    if -MAX_AHEAD_NS <= age_ns <= stale_s * NS_PER_S:
+        return stamp_ns
+    side = "old" if age_ns > 0 else "ahead of the site's clock"
+    return (
+        f"{what} is {abs(age_ns) / NS_PER_S:.1f} s {side}, limit "
+        f"{stale_s if age_ns > 0 else MAX_AHEAD_NS / NS_PER_S:g} s: synchronize the clocks, or let "
+        "both follow /clock"
+    )

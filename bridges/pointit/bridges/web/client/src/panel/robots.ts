@@ -1,0 +1,71 @@
+/** Robots: who steers each, what it does and why not; a button that stops it. And the button over the scene that stops all. */
+
+import type { Controls } from "../controls";
+import { el, icon, key, mark, show, write } from "../dom";
+import { capital } from "../format";
+import { cssColor } from "../geometry/looks";
+import { robotLine, seenRobots } from "../site/robots";
+import type { Part } from "./part";
+
+interface Line {
+  readonly item: HTMLLIElement;
+  readonly swatch: HTMLElement;
+  readonly text: HTMLElement;
+  readonly reason: HTMLElement;
+  readonly stop: HTMLButtonElement;
+}
+
+/** The list of robots in the panel. */
+export function robotsPart(controls: Controls): Part {
+  const { site } = controls;
+  const lines = new Map<string, Line>();
+  const list = el("ul", { className: "robots" });
+  const element = el("section", { className: "part", "aria-labelledby": "s-robots" }, el("h2", { id: "s-robots", text: "Robots" }), list);
+
+  function make(name: string): Line {
+    const swatch = el("span", { className: "swatch", hidden: true }), text = el("p", { className: "muted" }), reason = el("p", { className: "reason", hidden: true });
+    const stop = el("button", { type: "button", className: "halt", "aria-label": `Stop ${name}`, onclick: () => void controls.stopRobots([name]) }, icon("stop"), el("span", { text: "Stop" }));
+    const item = el("li", {}, el("div", {}, el("strong", {}, swatch, name), text, reason), stop);
+    list.append(item);
+    return { item, swatch, text, reason, stop };
+  }
+
+  return {
+    element,
+    update() {
+      const robots = seenRobots(site);
+      show(element, robots.length > 0);
+      for (const [name, { item }] of lines) {
+        if (robots.some((robot) => robot.name === name)) continue;
+        item.remove();
+        lines.delete(name);
+      }
+      for (const { name, state } of robots) {
+        const line = lines.get(name) ?? make(name), color = site.people.get(state.user)?.profile?.cursor_color;
+        lines.set(name, line);
+        mark(line.item, "data-phase", state.phase);
+        show(line.swatch, color !== undefined);
+        if (color) line.swatch.style.background = cssColor(color);
+        write(line.text, capital(robotLine(state)));
+        write(line.reason, state.reason);
+        show(line.reason, state.reason !== "");
+        show(line.stop, controls.mayStop);
+      }
+    },
+  };
+}
+
+/** The button over the scene; `host` keeps its place. */
+export function stopAll(host: HTMLElement, controls: Controls): { update(): void } {
+  const which = el("span", { className: "which" });
+  const button = el("button", { type: "button", className: "halt", "aria-keyshortcuts": "R", onclick: () => void controls.stopRobots() }, icon("stop"), el("span", { text: "Stop" }), which, key("R"));
+  host.append(button);
+  return {
+    update() {
+      const { stoppable } = controls;
+      show(host, stoppable.length > 0);
+      write(which, stoppable.length > 1 ? "all robots" : stoppable[0] ?? "");
+      mark(button, "aria-label", `Stop ${which.textContent ?? ""}`); // narrow pages show the verb only
+    },
+  };
+}

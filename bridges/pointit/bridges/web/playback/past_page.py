@@ -1,0 +1,131 @@
+"""One page with a playback: its websocket, position and requests."""
+
+import asyncio
+import contextlib
+
+from starlette.websockets import WebSocket
+
+from pointit.bridges.web.pages.session import Session
+from pointit.bridges.web.playback.past import Past
+from pointit.bridges.web.playback.playback import Playback
+from pointit.bridges.web.wire import Ack, AimAt, Answer, Ask, Hello, Play, Playing
+from pointit.runtime.errors import RefusedError
+from pointit.schemas import NS_PER_S
+
+RATE_HZ = 60.0
+"""Maximum rate of batches, and of seeks, which cost some ms of a core, Hz."""
+
+STATUS_S = 1.0
+"""Interval of the status and, while a file is read, of the timeline, s."""
+
+CANNOT_BE_CHANGED = "what has happened cannot be changed: this page shows the past"
+
+
+class PastPage:
+    """Serves one page until it leaves."""
+
+    def __init__(self, socket: WebSocket, past: Past, *, version: str, start_s: float = 0.0) -> None:
+        """Prepare it.
+
+        Args:
+            socket: not yet accepted.
+            past: source of the playback.
+            version: of PointIt.
+            start_s: first position, s from the beginning.
+        """
+        self._past = past
+        self._now_s = asyncio.get_running_loop().time
+        self._playback = Playback(past, self._now_s())
+        feed = self._playback.model.hub.open(RATE_HZ)
+        self._session = Session("past", "viewer", socket, feed, self)
+        self._hello = Hello(version=version, site=past.site, role="viewer", requests=(), deeds=())
+        self._wanted = Play(is_playing=True, at_s=start_s)
+        """Control not yet applied. Of several seeks, only the newest is."""
+        self._woken = asyncio.Event()
+        self._woken.set()
+
+    async def run(self) -> None:
+        """Serve the page until it leaves."""
+        self._session.tell(self._past.timeline().model_dump_json())
+        async with asyncio.TaskGroup() as group:
+            playing = group.create_task(self._play(), name="playback")
+            await self._session.run(self._hello.model_dump_json())
+            playing.cancel()
+
+    # Host of the session.
+
+    def header(self) -> tuple[int, float]:
+        """Return the position, ns, and the speed, 0 if it stands."""
+        playback = self._playback
+        return playback.at_ns(self._now_s()), playback.speed if playback.is_playing else 0.0
+
+    async def answer(self, ask: Ask, session: Session) -> Answer:  # noqa: ARG002 - the host's interface
+        """Refuse it.
+
+        Raises:
+            RefusedError: Always.
+        """
+        raise RefusedError(CANNOT_BE_CHANGED)
+
+    def aim(self, aim: AimAt, session: Session) -> None:
+        """Ignore it: no arm can be moved."""
+
+    def play(self, play: Play) -> None:
+        """Store what the page asks for, which is applied in the next round. Earlier seeks are skipped."""
+        self._wanted = self._wanted.model_copy(update=play.model_dump(exclude_none=True))
+        self._woken.set()
+
+    def shown(self, ack: Ack) -> None:
+        """Ignore it: a playback has no latency."""
+
+    def malformed(self, sentence: str) -> None:
+        """Ignore it: the session closes a page that sends many."""
+
+    # Time.
+
+    async def _play(self) -> None:
+        told_s, read_ns = self._now_s(), -1
+        while True:
+            if self._woken.is_set():
+                self._woken.clear()
+                self._do()
+            was_playing = self._playback.is_playing
+            self._playback.advance(self._now_s())
+            if was_playing and not self._playback.is_playing:
+                self._tell_position()
+            self._session.wake()
+            now_s = self._now_s()
+            if now_s - told_s >= STATUS_S:
+                told_s = now_s
+                if read_ns != self._past.read_ns:
+                    read_ns = self._past.read_ns
+                    self._session.tell(self._past.timeline().model_dump_json())
+                self._tell_status()
+            await asyncio.sleep(1.0 / RATE_HZ)
+            if not self._playback.is_playing:
+                with contextlib.suppress(TimeoutError):
+                    async with asyncio.timeout(STATUS_S):
+                        await self._woken.wait()
+
+    def _do(self) -> None:
+        """Apply the stored control, and send the page its position."""
+        wanted, self._wanted = self._wanted, Play()
+        playback, now_s = self._playback, self._now_s()
+        if wanted.at_s is not None:
+            playback.seek(self._past.began_ns + round(wanted.at_s * NS_PER_S), now_s)
+        playback.play(now_s, is_playing=wanted.is_playing, speed=wanted.speed)
+        if wanted.step:
+            playback.step(wanted.step, now_s)
+        self._tell_position(has_jumped=wanted.at_s is not None or wanted.step < 0)
+        self._tell_status()
+
+    def _tell_position(self, *, has_jumped: bool = False) -> None:
+        playback = self._playback
+        at_s = (playback.at_ns(self._now_s()) - self._past.began_ns) / NS_PER_S
+        playing = Playing(
+            at_s=max(at_s, 0.0), is_playing=playback.is_playing, speed=playback.speed, has_jumped=has_jumped
+        )
+        self._session.tell(playing.model_dump_json())
+
+    def _tell_status(self) -> None:
+        self._session.tell_status(self._playback.status().model_dump_json())

@@ -1,0 +1,71 @@
+"""Progress of long work: a bar or a spinner on a terminal, else a line every few seconds."""
+
+import time
+from collections.abc import Callable, Generator
+from contextlib import contextmanager
+from typing import Protocol
+
+import click
+from rich.console import Console
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    ProgressColumn,
+    SpinnerColumn,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
+
+LINE_EVERY_S = 10.0
+"""Interval of lines without a terminal."""
+
+
+class ProgressCallback(Protocol):
+    """Receives the current step, and the number of finished pieces if they can be counted."""
+
+    def __call__(self, what: str, done: int | None = None, /) -> None:
+        """Report progress."""
+
+
+@contextmanager
+def progress(total: int | None = None) -> Generator[ProgressCallback]:
+    """Yield a callback that shows progress on standard error. `total` is the number of pieces, if known."""
+    screen = Console(stderr=True)
+    if not screen.is_terminal:
+        yield LineProgress(total, lambda line: click.echo(line, err=True), time.monotonic)
+        return
+    columns: list[ProgressColumn] = [TextColumn("{task.description}")]
+    if total is None:
+        columns = [SpinnerColumn(), *columns, TimeElapsedColumn()]
+    else:
+        columns += [BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()]
+    with Progress(*columns, console=screen, transient=True) as shown:
+        task = shown.add_task("reading", total=total)
+
+        def tell(what: str, done: int | None = None, /) -> None:
+            shown.update(task, description=what, completed=done)
+
+        yield tell
+
+
+class LineProgress:
+    """Writes a line on a report if the last line, or the start, is `LINE_EVERY_S` ago."""
+
+    def __init__(
+        self, total: int | None, write: Callable[[str], object], monotonic_s: Callable[[], float]
+    ) -> None:
+        self._total = total
+        self._write = write
+        self._monotonic_s = monotonic_s
+        self._began_s = self._wrote_s = monotonic_s()
+
+    def __call__(self, what: str, done: int | None = None, /) -> None:
+        """Report progress."""
+        now_s = self._monotonic_s()
+        if now_s - self._wrote_s < LINE_EVERY_S:
+            return
+        self._wrote_s = now_s
+        count = "" if done is None or self._total is None else f": {done} of {self._total}"
+        self._write(f"{what}{count}, for {now_s - self._began_s:.0f} s")

@@ -1,0 +1,145 @@
+"""`pointit robot list` and `pointit robot stop`: the robots of a running site."""
+
+import asyncio
+from collections.abc import Collection, Mapping
+
+import click
+
+from pointit.cli.common.lazy import UnknownNameError
+from pointit.cli.common.output import Row, Section, json_option, print_json, say, show
+from pointit.cli.common.site_link import join_site, quiet, site_options
+from pointit.runtime.bus.contract import Bus, list_present
+from pointit.runtime.errors import PointItError
+from pointit.runtime.service.shutdown import EXIT_FAILED, run_until_shutdown
+from pointit.schemas import RobotState, StopRobot
+from pointit.schemas.system import split_instance
+from pointit.schemas.topics import ROBOT_STATE, SERVICE_ALIVE, STOP_ROBOT, check_name
+
+LOOK_S = 0.5
+"""Time in which robots are found; they say their state ten times a second."""
+
+
+async def find_robots(bus: Bus, wait_s: float = LOOK_S) -> dict[str, RobotState | None]:
+    """Return the robots that run, by name, each with its last state, or None if it says nothing."""
+    states: dict[str, RobotState] = {}
+
+    def on_state(state: RobotState, robot: str) -> None:
+        states[robot] = state
+
+    listening = bus.subscribe(ROBOT_STATE, on_state)
+    try:
+        present = await list_present(bus, SERVICE_ALIVE, wait_s)
+    finally:
+        listening.close()
+    instances = (split_instance(instance) for instance in present)
+    names = {name or service for service, name in instances if service == STOP_ROBOT.server}
+    return {name: states.get(name) for name in sorted(names | set(states))}
+
+
+async def stop_robots(bus: Bus, names: Collection[str], reason: str = "") -> dict[str, str]:
+    """Ask all robots `names` at the same time to stop. Return the answer of each that has not, by name."""
+    problems: dict[str, str] = {}
+
+    async def stop(name: str) -> None:
+        try:
+            await bus.call(STOP_ROBOT, StopRobot(reason=reason), name)
+        except PointItError as error:
+            problems[name] = str(error)
+
+    async with asyncio.TaskGroup() as group:
+        for name in names:
+            group.create_task(stop(name))
+    return problems
+
+
+def rows(robots: Mapping[str, RobotState | None]) -> tuple[Row, ...]:
+    """Return a row for each robot."""
+    return tuple(_row(name, state) for name, state in robots.items())
+
+
+def _row(name: str, state: RobotState | None) -> Row:
+    x_m, y_m, z_m = (None, None, None) if state is None else state.position_m
+    return {
+        "robot": name,
+        "kind": "" if state is None else state.kind,
+        "phase": "silent" if state is None else state.phase,
+        "user": "" if state is None else state.user,
+        "x_m": x_m,
+        "y_m": y_m,
+        "z_m": z_m,
+        "battery": None if state is None else state.battery,
+        "reason": "its service says nothing: see `pointit doctor`" if state is None else state.reason,
+    }
+
+
+@click.command("list", params=site_options())
+@json_option
+def list_robots(*, as_json: bool, site: str, connect: tuple[str, ...]) -> int:
+    """List the robots of a site: where each is, who steers it, and why it does not move.
+
+    The exit code is 1 if there is none.
+
+    Example: pointit robot list --json
+    """
+    quiet()
+    return run_until_shutdown(_list(as_json=as_json, site=site, connect=connect))
+
+
+async def _list(*, as_json: bool, site: str, connect: tuple[str, ...]) -> int:
+    async with join_site(site, connect) as bus:
+        found = rows(await find_robots(bus))
+    if not found and not as_json:
+        say("no robot is here; start one: `pointit service run robot --name NAME`", err=True)
+    else:
+        about = "stop one with `pointit robot stop NAME`"
+        show([Section(name="robots", about=about, rows=found, roomy=frozenset({"battery"}))], as_json=as_json)
+    return 0 if found else EXIT_FAILED
+
+
+@click.command("stop", params=site_options())
+@click.argument("names", nargs=-1, metavar="[NAME]...")
+@click.option("--all", "everything", is_flag=True, help="stop all robots of the site")
+@click.option("--reason", default="", metavar="TEXT", help="why, for who steers it, in a few words")
+@json_option
+def stop(
+    names: tuple[str, ...],
+    *,
+    everything: bool,
+    reason: str,
+    as_json: bool,
+    site: str,
+    connect: tuple[str, ...],
+) -> int:
+    """Stop the robots NAME, or --all: each stays where it is until somebody takes it again.
+
+    Anybody may stop a robot. It is no safety function: keep each robot's emergency stop at hand. The exit
+    code is 1 if a robot has not answered.
+
+    Example: pointit robot stop --all
+    """
+    if names and everything:
+        raise UnknownNameError("give either the robots to stop or --all, not both")
+    if not names and not everything:
+        raise UnknownNameError("name the robots to stop, or give --all; `pointit robot list` shows them")
+    for name in names:
+        check_name(name, "robot")
+    query = StopRobot(reason=reason[:200])
+    quiet()
+    return run_until_shutdown(_stop(names, query.reason, as_json=as_json, site=site, connect=connect))
+
+
+async def _stop(
+    names: tuple[str, ...], reason: str, *, as_json: bool, site: str, connect: tuple[str, ...]
+) -> int:
+    async with join_site(site, connect) as bus:
+        meant = names or tuple(await find_robots(bus))
+        problems = await stop_robots(bus, meant, reason)
+    if as_json:
+        print_json({"stopped": [name for name in meant if name not in problems], "problems": problems})
+    else:
+        for name in meant:
+            is_failed = name in problems
+            say(f"{name}: {problems.get(name) or 'is told to stop; nobody steers it'}", err=is_failed)
+        if not meant:
+            say("no robot is here", err=True)
+    return EXIT_FAILED if problems or not meant else 0

@@ -1,0 +1,225 @@
+"""`pointit track`: trackers and their objects."""
+
+import asyncio
+import math
+import time
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import click
+import numpy as np
+
+from pointit.cli.common.output import Section, console, json_option, print_table, say, to_json, write_line
+from pointit.cli.common.site_link import join_site, quiet, site_options
+from pointit.cli.inspect.hz import RateMeter
+from pointit.cli.inspect.window import window_options
+from pointit.runtime.service.shutdown import EXIT_FAILED, run_until_shutdown
+from pointit.schemas import NS_PER_S, TrackedObjects, encode
+from pointit.schemas.topics import OBJECTS
+from pointit.services.pui.twin_objects import TwinFinder
+
+MOST = 4096
+"""Largest number of messages of a window whose age counts; of more, the latest."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrackerRow:
+    """One tracker over one window."""
+
+    tracker: str
+    objects: int
+    rate_hz: float | None
+    """Mean rate, or None for fewer than two messages."""
+    age_s: float | None
+    """Median time from a message's stamp to its arrival, by this machine's clock. None without messages."""
+    age_p95_s: float | None
+    latency_sigma_s: float | None
+    """1 sigma of the stamps' error, as the tracker states it."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ObjectRow:
+    """One object, as last reported."""
+
+    object: str
+    kind: str
+    tracker: str
+    x_m: float
+    y_m: float
+    z_m: float
+    speed_mps: float
+    yaw_deg: float | None
+    sigma_m: float | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Tracking:
+    """All trackers over one window."""
+
+    trackers: tuple[TrackerRow, ...]
+    objects: tuple[ObjectRow, ...]
+    twins: tuple[str, ...]
+    """Objects that two trackers report: a sentence each."""
+
+
+class TrackerMeters:
+    """Collects the messages of trackers."""
+
+    def __init__(self, only: Sequence[str] = ()) -> None:
+        """Collect of the trackers `only`, or of all if there are none named."""
+        self._only = frozenset(only)
+        self._meters: dict[str, RateMeter] = {}
+        self._ages_s: dict[str, deque[float]] = {}
+        self._newest: dict[str, TrackedObjects] = {}
+        self._twins = TwinFinder()
+
+    def add(self, tracker: str, message: TrackedObjects, *, arrived_s: float, arrived_ns: int) -> None:
+        """Add a message.
+
+        Args:
+            tracker: its tracker.
+            message: as it came.
+            arrived_s: time of its arrival by any monotonic clock.
+            arrived_ns: the same by this machine's clock, Unix ns.
+        """
+        self._twins.on_objects(tracker, message)
+        if self._only and tracker not in self._only:
+            return
+        self._meters.setdefault(tracker, RateMeter(tracker)).add(arrived_s, len(encode(message)))
+        ages_s = self._ages_s.setdefault(tracker, deque(maxlen=MOST))
+        ages_s.append((arrived_ns - message.stamp_ns) / NS_PER_S)
+        self._newest[tracker] = message
+
+    def take(self, now_s: float, window_s: float) -> Tracking:
+        """Return the last `window_s` until `now_s`, and start the next window."""
+        trackers: list[TrackerRow] = []
+        for tracker, message in sorted(self._newest.items()):
+            ages_s = self._ages_s[tracker]
+            trackers.append(
+                TrackerRow(
+                    tracker=tracker,
+                    objects=len(message.objects),
+                    rate_hz=self._meters[tracker].take(now_s, window_s).rate_hz,
+                    age_s=float(np.median(ages_s)) if ages_s else None,
+                    age_p95_s=float(np.quantile(ages_s, 0.95)) if ages_s else None,
+                    latency_sigma_s=message.latency_sigma_s,
+                )
+            )
+            ages_s.clear()
+        twins = [
+            twin
+            for twin in self._twins.twins
+            if not self._only or not self._only.isdisjoint((twin.tracker, twin.other_tracker))
+        ]
+        return Tracking(
+            trackers=tuple(trackers),
+            objects=tuple(_object_rows(self._newest)),
+            twins=tuple(twin.sentence for twin in twins),
+        )
+
+
+def _object_rows(newest: dict[str, TrackedObjects]) -> list[ObjectRow]:
+    return [
+        ObjectRow(
+            object=item.id,
+            kind=item.kind,
+            tracker=tracker,
+            x_m=item.position_m[0],
+            y_m=item.position_m[1],
+            z_m=item.position_m[2],
+            speed_mps=math.hypot(*item.velocity_mps),
+            yaw_deg=None if item.yaw_rad is None else math.degrees(item.yaw_rad),
+            sigma_m=item.position_sigma_m,
+        )
+        for tracker, message in sorted(newest.items())
+        for item in sorted(message.objects, key=lambda each: each.id)
+    ]
+
+
+@click.command("track", params=site_options())
+@click.argument("trackers", nargs=-1, metavar="[TRACKER]...")
+@window_options(3.0, "; 3 and more find objects that two trackers report by different ids")
+@json_option
+def command(
+    trackers: tuple[str, ...],
+    *,
+    window_s: float,
+    watch: bool,
+    as_json: bool,
+    site: str,
+    connect: tuple[str, ...],
+) -> int:
+    """Show the trackers of a site and their objects: rates, latency, positions and their uncertainty.
+
+    TRACKER is the name of one; without, all are shown. The age of a message is measured by this machine's
+    clock. Says when two trackers report the same object. The exit code is 1 if nothing arrived; Ctrl-C ends
+    it with 0. With --json each window is one object on one line.
+
+    Example: pointit track conveyor --watch
+    """
+    quiet()
+    return run_until_shutdown(
+        _measure(trackers, window_s, watch=watch, as_json=as_json, site=site, connect=connect)
+    )
+
+
+async def _measure(
+    names: tuple[str, ...],
+    window_s: float,
+    *,
+    watch: bool,
+    as_json: bool,
+    site: str,
+    connect: tuple[str, ...],
+) -> int:
+    loop = asyncio.get_running_loop()
+    meters = TrackerMeters(names)
+    async with join_site(site, connect) as bus:
+
+        def on_objects(message: TrackedObjects, tracker: str) -> None:
+            meters.add(tracker, message, arrived_s=loop.time(), arrived_ns=time.time_ns())
+
+        bus.subscribe(OBJECTS, on_objects)
+        while True:
+            await asyncio.sleep(window_s)
+            tracking = meters.take(loop.time(), window_s)
+            read_on = show(tracking, window_s, as_json=as_json)
+            if not (watch and read_on):
+                return 0 if tracking.trackers else EXIT_FAILED
+
+
+def show(tracking: Tracking, window_s: float, *, as_json: bool) -> bool:
+    """Print one window. Return False if the reader of the pipe is gone."""
+    if as_json:
+        return write_line(to_json({"window_s": window_s, **asdict(tracking)}))
+    if not tracking.trackers:
+        click.echo(
+            f"no tracker was heard within {window_s:g} s; start one, or see `pointit doctor`", err=True
+        )
+        return True
+    trackers = tuple(
+        {
+            "tracker": row.tracker,
+            "objects": row.objects,
+            "rate_hz": row.rate_hz,
+            "age_ms": _scaled(row.age_s, 1e3),
+            "p95_ms": _scaled(row.age_p95_s, 1e3),
+            "sigma_ms": _scaled(row.latency_sigma_s, 1e3),
+        }
+        for row in tracking.trackers
+    )
+    objects: tuple[dict[str, Any], ...] = tuple(asdict(row) for row in tracking.objects)
+    screen = console()
+    print_table(screen, Section(name="trackers", about=f"over {window_s:g} s", rows=trackers))
+    if objects:
+        roomy = frozenset(("kind", "yaw_deg"))
+        print_table(screen, Section(name="objects", about="as last reported", rows=objects, roomy=roomy))
+    for sentence in tracking.twins:
+        say(f"warning: {sentence}")
+    return True
+
+
+def _scaled(value: float | None, factor: float) -> float | None:
+    return None if value is None else factor * value

@@ -1,0 +1,86 @@
+"""`pointit devices`: the wrists, lights and robots within reach, with the words that choose them."""
+
+import shlex
+from typing import Any
+
+import click
+
+from pointit.cli.common.option_types import Finite
+from pointit.cli.common.output import Section, console, json_option, print_json, print_table, say
+from pointit.cli.common.progress import progress
+from pointit.plugins import GROUPS, FoundDevice
+from pointit.plugins.device_search import SearchResult, search, words
+from pointit.runtime.service.logs import setup_logging
+
+SECTIONS = {
+    "imu-source": ("wrists", "--imu"),
+    "led-output": ("lights", "--leds"),
+    "robot": ("robots", "--set"),
+}
+"""Name of the table and option of `pointit run` by the kind of plug-in."""
+
+
+@click.command("devices")
+@click.option(
+    "--seconds",
+    type=Finite(min=0.1, max=60),
+    default=3.0,
+    show_default=True,
+    help="time for the search, s",
+)
+@json_option
+def command(*, seconds: float, as_json: bool) -> None:
+    """Find wrists, lights and robots within reach: on serial ports, by Bluetooth, in the network.
+
+    All installed plug-ins that can search do so at the same time. Each device is shown with the option of
+    `pointit run` that uses it. A search that cannot run is named below, with what to do.
+
+    Example: pointit devices --seconds 10
+    """
+    setup_logging("warning")
+    groups = {kind: GROUPS[kind] for kind in SECTIONS}
+    with progress(sum(len(group.names) for group in groups.values())) as tell:
+        results = search(groups, seconds, lambda done: tell("searching", done))
+    problems = [result for result in results if result.problem]
+    if as_json:
+        tables: dict[str, list[dict[str, Any]]] = {
+            name: rows(results, kind) for kind, (name, _option) in SECTIONS.items()
+        }
+        not_searched = [{"kind": each.kind, "name": each.name, "reason": each.problem} for each in problems]
+        print_json({**tables, "not_searched": not_searched})
+        return
+    for kind, (name, option) in SECTIONS.items():
+        shown = tuple({"use": row["use"], "found": row["label"]} for row in rows(results, kind))
+        if shown:
+            about = f"`pointit run {option} …` uses one"
+            print_table(console(), Section(name=name, about=about, rows=shown, whole=frozenset({"use"})))
+        else:
+            click.echo(f"No {name} found.")
+    for reason in dict.fromkeys(each.problem for each in problems):
+        say(f"{', '.join(each.name for each in problems if each.problem == reason)}: {reason}", err=True)
+
+
+def rows(results: list[SearchResult], kind: str) -> list[dict[str, Any]]:
+    """Return the devices that plug-ins of `kind` found, in the order of `results`."""
+    option = SECTIONS[kind][1]
+    return [
+        {
+            "use": _parameters(result, each) if kind == "robot" else f"{option} {words(result, each)}",
+            "name": result.name,
+            "address": each.address,
+            "label": each.label,
+            "details": dict(each.details),
+        }
+        for result in results
+        if result.kind == kind
+        for each in result.found
+    ]
+
+
+def _parameters(result: SearchResult, robot: FoundDevice) -> str:
+    """Return the options that choose a robot: it has several parameters, and is one of the site's."""
+    values = {f"{result.name}.{name}": value for name, value in robot.details.items()}
+    return " ".join(
+        f"--set {shlex.quote(f'robot.{name}={value}')}"
+        for name, value in {"driver": result.name, **values}.items()
+    )

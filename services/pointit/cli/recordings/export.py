@@ -1,0 +1,54 @@
+"""`pointit export`: a recording as CSV tables."""
+
+from pathlib import Path
+
+import click
+
+from pointit.cli.common.interruption import interruptible
+from pointit.cli.common.progress import progress
+
+
+@click.command("export")
+@click.argument("recording", metavar="FILE", type=click.Path(path_type=Path))
+@click.option(
+    "--to",
+    "folder",
+    required=True,
+    type=click.Path(path_type=Path),
+    metavar="DIR",
+    help="folder for the tables; created if it does not exist",
+)
+@click.option("--overwrite", is_flag=True, help="replace tables that are in the folder")
+def command(*, recording: Path, folder: Path, overwrite: bool) -> int:
+    """Write the recording FILE as tidy CSV tables, with units in the names of columns.
+
+    selections.csv has a row for each selection, acts.csv one for each pointing act, the others (cursors,
+    rays, poses, imu, objects and more) one for each message. columns.csv describes every column.
+
+    Exit code 1: FILE is damaged, and messages are left out of which is unknown what they are.
+
+    Example: pointit export session.mcap --to tables
+    """
+    from pointit.conversion.export_csv import export_csv  # noqa: PLC0415 - only what is needed is loaded
+    from pointit.recording.reader import Recording  # noqa: PLC0415 - needs an extra
+
+    with Recording.open(recording) as opened:
+        if opened.problem:
+            click.echo(f"note: {opened.problem}", err=True)
+        with interruptible(), progress(sum(opened.counts.values())) as tell:
+            exported = export_csv(
+                opened.entries(),
+                opened.began_ns,
+                folder,
+                overwrite=overwrite,
+                tick=lambda done: tell("messages", done),
+            )
+        if opened.invalid:
+            click.echo(f"note: {opened.invalid} messages are left out; {opened.complaint}", err=True)
+        lost = opened.lost
+    for name, rows in exported.rows.items():
+        click.echo(f"{folder / name}: {rows} rows")
+    if exported.left_out:
+        names = ", ".join(f"{count} of {key}" for key, count in exported.left_out.items())
+        click.echo(f"Messages without a table: {names}.")
+    return 1 if lost else 0

@@ -1,0 +1,95 @@
+"""`pointit import`: recordings of other sources as recordings of PointIt."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import click
+
+from pointit.cli.common.completed_names import maps
+from pointit.cli.common.interruption import interruptible
+from pointit.cli.common.progress import progress
+from pointit.runtime.errors import ConfigError
+
+SITE = "imported"
+
+
+@click.command("import")
+@click.argument("source", type=click.Path(path_type=Path))
+@click.option(
+    "--to",
+    "recording",
+    required=True,
+    type=click.Path(path_type=Path, dir_okay=False),
+    metavar="FILE",
+    help="the recording to write, such as session.mcap",
+)
+@click.option("--overwrite", is_flag=True, help="replace FILE if it exists")
+@click.option("--user", default="user1", show_default=True, help="of a CSV file: the person's name")
+@click.option(
+    "--mounting",
+    default="minus_x",
+    show_default=True,
+    help="of a CSV file: the sensor on the arm, as in a Myo",
+)
+@click.option(
+    "--map",
+    "room",
+    metavar="MAP",
+    shell_complete=maps,
+    help="of a bag: the room, without which its packages and pointers have no positions",
+)
+def command(
+    *, source: Path, recording: Path, overwrite: bool, user: str, mounting: str, room: str | None
+) -> None:
+    """Make a recording of SOURCE, for `pointit export`, `pointit page` and `pointit evaluate`.
+
+    SOURCE is a CSV file of an arm (columns t, qw, qx, qy, qz; also robot_x and head_x, y, z of motion
+    capture), one of points on the floor (t, px, py with robot and head), or a ROS 2 bag of the ROS toolkit:
+    its folder, or an .mcap or .db3 file. `pointit replay` computes rays from a file of an arm, and the
+    position of who follows a robot. Nothing else that is imported can be replayed.
+
+    Example: pointit import rosbag2_2026_11_21 --map lab.yaml --to session.mcap
+    """
+    if not source.exists():
+        raise ConfigError(f"{source}: there is no such file or folder")
+    with interruptible(), progress() as tell:
+
+        def tick(done: int) -> None:
+            tell(f"{done} messages")
+
+        if source.suffix.lower() == ".csv":
+            count = _import_csv(source, recording, user, mounting, overwrite=overwrite, tick=tick)
+        else:
+            count = _import_bag(source, recording, room, overwrite=overwrite, tick=tick)
+    click.echo(f"{recording}: {count} entries")
+
+
+def _import_csv(
+    source: Path, recording: Path, user: str, mounting: str, *, overwrite: bool, tick: Callable[[int], None]
+) -> int:
+    from pointit.conversion.import_csv import csv_entries  # noqa: PLC0415 - only what is needed is loaded
+    from pointit.conversion.recording_file import write_recording  # noqa: PLC0415 - needs an extra
+
+    entries = csv_entries(source, user=user, mounting=mounting)
+    return write_recording(entries, recording, SITE, overwrite=overwrite, tick=tick)
+
+
+def _import_bag(
+    source: Path, recording: Path, room: str | None, *, overwrite: bool, tick: Callable[[int], None]
+) -> int:
+    from pointit.conversion.import_bag import Bag, is_bag  # noqa: PLC0415 - needs an extra
+    from pointit.conversion.recording_file import write_recording  # noqa: PLC0415 - as above
+    from pointit.maps.file import load_map  # noqa: PLC0415 - only what is needed is loaded
+
+    if not is_bag(source):
+        raise ConfigError(
+            f"{source}: is neither a CSV file nor a ROS 2 bag; give the folder of a bag, or its .mcap or .db3"
+        )
+    bag = Bag(source, None if room is None else load_map(room, 0))
+    try:
+        return write_recording(bag.entries(), recording, SITE, overwrite=overwrite, tick=tick)
+    finally:  # also if nothing could be taken
+        for topic, taken in bag.taken.items():
+            click.echo(f"{topic}: {taken} messages")
+        for topic, why in bag.left_out.items():
+            click.echo(f"note: {topic}: left out, {why}", err=True)

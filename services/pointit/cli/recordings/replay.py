@@ -1,0 +1,198 @@
+"""`pointit replay`: a recording through the services of this version, and what they do differently."""
+
+import asyncio
+import contextlib
+import sys
+from collections import Counter
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import click
+
+from pointit.cli.common.interruption import interruptible
+from pointit.cli.common.option_types import Finite
+from pointit.cli.common.output import Section, console, json_option, print_json, print_table, say
+from pointit.cli.common.progress import progress
+from pointit.cli.common.site_link import join_site, site_options
+from pointit.cli.recordings.report_text import print_report
+from pointit.conversion.recording_file import new_recording
+from pointit.recording.entries import Entry
+from pointit.recording.reader import Recording
+from pointit.recording.writer import RecordingWriter
+from pointit.replay.comparison.comparison import Comparison
+from pointit.replay.comparison.samples import sample_of
+from pointit.replay.levels import SERVICES, Level
+from pointit.replay.live import play_live, recorded_outputs
+from pointit.replay.playing import Plan, plan_replay, replay, replay_by_loop_time
+from pointit.runtime.service.logs import setup_logging
+from pointit.schemas import NS_PER_S
+
+DIFFERENT = 1
+"""Exit code of a comparison that found differences."""
+
+
+@click.command("replay", params=site_options())
+@click.argument("file", type=click.Path(path_type=Path, dir_okay=False))
+@click.option(
+    "--from",
+    "level",
+    type=click.Choice(list(SERVICES)),
+    default="edge",
+    show_default=True,
+    help="what is taken from the recording: what devices wrote, or also rays and poses, or also cursors",
+)
+@click.option(
+    "--speed",
+    type=Finite(0.01, 100),
+    help="seconds of the recording per second of the wall; without it, as fast as this machine computes",
+)
+@click.option("--to", "output", type=click.Path(path_type=Path, dir_okay=False), help="write the result here")
+@click.option("--overwrite", is_flag=True, help="replace the file of --to if it exists")
+@click.option("--compare", is_flag=True, help="compare with the recording; exits with 1 if they differ")
+@click.option(
+    "--live",
+    is_flag=True,
+    help="play on a site at --speed, 1 by default; it must not run the same services",
+)
+@click.option(
+    "--leds",
+    type=click.Choice(["none", "recorded"]),
+    default="none",
+    show_default=True,
+    help="with --live: LED controllers that are driven, those at the recorded addresses or none",
+)
+@json_option
+def command(
+    *,
+    file: Path,
+    level: Level,
+    speed: float | None,
+    output: Path | None,
+    overwrite: bool,
+    compare: bool,
+    live: bool,
+    leds: str,
+    as_json: bool,
+    site: str,
+    connect: tuple[str, ...],
+) -> int:
+    """Run the services of FILE, a recording, again on what the devices of its site wrote.
+
+    They have their recorded parameters, map and states, and the recording's time. Without --live no site is
+    joined, and without --leds recorded no light is lit. The same file gives the same result, byte for byte.
+    --compare shows by topic how many messages differ from the recorded ones, by how much, and the first
+    that does.
+
+    Example: pointit replay session.mcap --compare
+    """
+    if leds == "recorded" and not live:
+        raise click.UsageError("--leds recorded drives lights in recorded time: give --live, too")
+    setup_logging("warning")
+    with contextlib.ExitStack() as stack:
+        stack.enter_context(interruptible())
+        recording = stack.enter_context(Recording.open(file))
+        if recording.problem:
+            say(recording.problem, err=True)
+        _tell_missing(recording.head.without, level)
+        plan = plan_replay(recording, level)
+        writer = None
+        if output is not None:
+            writer = stack.enter_context(new_recording(output, recording.head, overwrite=overwrite))
+        length_s = (recording.ended_ns - recording.began_ns) / NS_PER_S
+        tell = stack.enter_context(progress(round(length_s)))
+        result = _Result(
+            writer,
+            Comparison() if compare else None,
+            lambda time_ns: tell("seconds replayed", (time_ns - recording.began_ns) // NS_PER_S),
+        )
+        if live:
+            lights = leds == "recorded"
+            _print_outputs(recorded_outputs(recording), lights=lights)
+            say(f"playing {length_s:.1f} s on site {site}; Ctrl-C ends it", err=True)
+            asyncio.run(_play_live(plan, result, speed or 1.0, site, connect, lights=lights))
+        elif speed is None:
+            replay(plan, result)
+        else:
+            asyncio.run(replay_by_loop_time(plan, result, speed))
+    if recording.invalid:
+        say(f"{recording.invalid} entries were left out: {recording.complaint}", err=True)
+    if output is not None and writer is not None:
+        say(f"{output}: {writer.entries} entries", err=True)
+    return _print_result(result, length_s, recording.began_ns, as_json=as_json)
+
+
+def _print_result(result: "_Result", length_s: float, began_ns: int, *, as_json: bool) -> int:
+    """Print the counts or the comparison, and return the exit code."""
+    if result.comparison is None:
+        _print_counts(result.counts, length_s, as_json=as_json)
+        return 0
+    report = result.comparison.finish()
+    if as_json:
+        print_json({"duration_s": length_s, "is_same": report.is_same, **report.model_dump()})
+    else:
+        print_report(report, began_ns)
+    return 0 if report.is_same else DIFFERENT
+
+
+async def _play_live(
+    plan: Plan, result: "_Result", speed: float, site: str, connect: tuple[str, ...], *, lights: bool
+) -> None:
+    async with join_site(site, connect) as bus:
+        await play_live(plan, bus, result, speed, lights=lights)
+
+
+def _tell_missing(without: Sequence[str], level: Level) -> None:
+    """Say what the recording was made without, and from which level it can be replayed all the same."""
+    if not without:
+        return
+    advice = "; --from cursors needs no imu" if "imu" in without and level != "cursors" else ""
+    say(f"recorded without {', '.join(without)}: what services compute from it is missing{advice}", err=True)
+
+
+def _print_outputs(outputs: Sequence[str], *, lights: bool) -> None:
+    """Say which LED controllers the recording drives, or would: it may come from anybody."""
+    for output in outputs:
+        say(f"LED output {output} is driven" if lights else f"LED output {output} is left out", err=True)
+    if outputs and not lights:
+        say("--leds recorded drives them", err=True)
+
+
+class _Result:
+    """Counts, compares and writes what a replay yields."""
+
+    def __init__(
+        self, writer: RecordingWriter | None, comparison: Comparison | None, tick: Callable[[int], None]
+    ) -> None:
+        self._writer = writer
+        self._tick = tick
+        self._told_ns = 0
+        self.comparison = comparison
+        self.counts = Counter[str]()
+        """Recomputed messages by key."""
+
+    def recorded(self, entry: Entry) -> None:
+        """Compare an entry of the recording."""
+        if self.comparison is not None and (sample := sample_of(entry)) is not None:
+            self.comparison.add("recorded", sample)
+
+    def replayed(self, entry: Entry, *, is_recomputed: bool) -> None:
+        """Write an entry, and compare it if it was computed now."""
+        if entry.time_ns - self._told_ns > NS_PER_S:
+            self._told_ns = entry.time_ns
+            self._tick(entry.time_ns)
+        if self._writer is not None:
+            self._writer.add(entry)
+        if is_recomputed:
+            self.counts[entry.key] += 1
+            if self.comparison is not None and (sample := sample_of(entry)) is not None:
+                self.comparison.add("replayed", sample)
+
+
+def _print_counts(counts: Counter[str], length_s: float, *, as_json: bool) -> None:
+    if as_json:
+        print_json({"duration_s": length_s, "replayed": dict(sorted(counts.items()))})
+        return
+    rows = tuple({"key": key, "messages": count} for key, count in sorted(counts.items()))
+    about = f"computed again from {length_s:.1f} s; --compare compares them with the recorded ones"
+    print_table(console(), Section(name="messages", about=about, rows=rows))
+    sys.stdout.flush()

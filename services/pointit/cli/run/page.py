@@ -1,0 +1,75 @@
+"""`pointit page FILE`: the page with a recording and a timeline."""
+
+import contextlib
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from pointit.cli.run import browser
+from pointit.launch.plan.page import (
+    PORT,
+    Page,
+    is_available,
+    kept_link,
+    page_of,
+    page_unavailable_error,
+    where,
+)
+from pointit.launch.plan.settings import Settings
+from pointit.runtime.service.logs import setup_logging
+from pointit.runtime.service.shutdown import run_until_shutdown
+
+if TYPE_CHECKING:
+    from pointit.recording.reader import Recording
+
+LINK = "recording"
+"""Folder of the link's file, beside those of sites."""
+
+
+@click.command("page")
+@click.argument("file", type=click.Path(path_type=Path))
+@click.option(
+    "--port",
+    type=click.IntRange(0, 65535),
+    help=f"port of the page on this machine, 0: any free one  [default: {PORT} or the next free one]",
+)
+@click.option("--no-browser", is_flag=True, help="do not open the page in a browser")
+def command(*, file: Path, port: int | None, no_browser: bool) -> int:
+    """Open the recording FILE in the page, with a timeline: play, pause, step, scrub.
+
+    Prints the address of the page and serves it on this machine until Ctrl-C. Nothing in it can be changed.
+
+    Example: pointit page lab.mcap
+    """
+    setup_logging("warning")
+    if not is_available():
+        raise page_unavailable_error("pointit page")
+    # here, since the extra may be missing where help is asked for
+    from pointit.recording.reader import Recording  # noqa: PLC0415
+
+    asked: dict[str, Any] = {} if port is None else {"port": port}
+    with Recording.open(file) as recording:
+        page = page_of(Settings(), asked=asked, option="--port")
+        return run_until_shutdown(_serve(recording, file.name, page, is_open=not no_browser))
+
+
+async def _serve(recording: "Recording", title: str, page: Page, *, is_open: bool) -> int:
+    """Serve the page until cancelled."""
+    from pointit.bridges.web.playback.file_past import FilePast  # noqa: PLC0415
+    from pointit.bridges.web.playback.server import RecordingServer  # noqa: PLC0415
+
+    server = RecordingServer(FilePast(recording, title), page.config)
+    await server.start()
+    with contextlib.ExitStack() as stack:
+        file = stack.enter_context(kept_link(LINK, page.url))
+        click.echo(f"page: {where(page.url, file, sys.stdout)}")
+        if recording.problem:
+            click.echo(f"note: {recording.problem}", err=True)
+        if file is not None and is_open and browser.is_wanted():
+            window = browser.BrowserWindow(file)
+            stack.callback(window.close)
+            window.open()
+        await server.run()
+    return 0

@@ -1,0 +1,1 @@
+"""Recordings as tables for analyses, and recordings from other sources."""

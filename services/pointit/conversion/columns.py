@@ -1,0 +1,143 @@
+"""Columns of a table of messages, derived from their fields: units in the names, one value a cell.
+
+Vectors have a column for each component: `position_m` is `position_x_m`, `position_y_m`, `position_z_m`.
+Lists of any length stay one cell, as JSON.
+"""
+
+import json
+import types
+from collections.abc import Callable, Iterator
+from typing import Annotated, Any, NamedTuple, Union, get_args, get_origin
+
+from pydantic import TypeAdapter
+
+from pointit.schemas.base import SchemaModel
+
+Cell = str | int | float | None
+
+UNITS = {
+    "m": "m",
+    "rad": "rad",
+    "mps": "m/s",
+    "mps2": "m/s²",
+    "radps": "rad/s",
+    "s": "s",
+    "ns": "ns",
+    "ms": "ms",
+    "hz": "Hz",
+}
+"""Units by the last part of a name."""
+
+AXES = {"xyz": ("x", "y", "z"), "xyzw": ("x", "y", "z", "w"), "uv": ("u", "v")}
+"""Components by how names of fields end."""
+COLORS = ("r", "g", "b")
+_STATE = ("x", "y", "yaw")
+COVARIANCE = tuple(
+    (f"{a}_{b}", *(("m2", "m²"), ("m_rad", "m·rad"), ("rad2", "rad²"))[(a, b).count("yaw")])
+    for a in _STATE
+    for b in _STATE
+)
+"""Components of a `Covariance`: name, unit in the name, unit."""
+
+UNSAFE = ("=", "+", "-", "@", "\t", "\r")
+"""Beginnings of a text that spreadsheets take for a formula; an apostrophe is put before it."""
+
+_LIST = TypeAdapter(Any)
+
+
+class Column(NamedTuple):
+    """One column."""
+
+    name: str
+    unit: str
+    """As people write it. `""` if it has none."""
+    about: str
+    get: Callable[[Any], Cell]
+    """Returns the cell of a message. None if it is empty."""
+
+
+def text(value: str) -> str:
+    """Return `value` so that no spreadsheet takes it for a formula."""
+    return f"'{value}" if value.startswith(UNSAFE) else value
+
+
+def columns_of(kind: type[SchemaModel], without: tuple[str, ...] = ()) -> list[Column]:
+    """Return the columns of the fields of `kind`, except those `without`."""
+    return [
+        column
+        for name, field in kind.model_fields.items()
+        if name not in without
+        for column in _columns(name, field.annotation, field.description or "", _getter(name))
+    ]
+
+
+def _columns(name: str, annotation: Any, about: str, get: Callable[[Any], Any]) -> Iterator[Column]:
+    plain = _plain(annotation)
+    if isinstance(plain, type) and issubclass(plain, SchemaModel):
+        for part, field in plain.model_fields.items():
+            yield from _columns(
+                f"{name}_{part}", field.annotation, field.description or about, _inside(get, _getter(part))
+            )
+        return
+    parts = get_args(plain) if get_origin(plain) is tuple else ()
+    unit = UNITS.get(name.rpartition("_")[2], "") if "_" in name else ""
+    if not parts:
+        yield Column(name, unit, about, _inside(get, _cell))
+    elif parts[-1] is Ellipsis:
+        yield Column(name, unit, f"{about}; a JSON list".removeprefix("; "), _inside(get, _json))
+    else:
+        for index, (title, one) in enumerate(_titles(name, unit, len(parts))):
+            yield Column(title, one, about, _inside(get, _component(index)))
+
+
+def _titles(name: str, unit: str, count: int) -> list[tuple[str, str]]:
+    """Return names and units of the components of the field `name`."""
+    if name.endswith("covariance"):
+        return [(f"{name}_{pair}_{part}", text) for pair, part, text in COVARIANCE]
+    base, suffix = (name.rpartition("_")[0], f"_{name.rpartition('_')[2]}") if unit else (name, "")
+    head, _, last = base.rpartition("_")
+    if last in AXES:
+        base, parts = head, AXES[last]
+    elif "color" in name:
+        parts = COLORS
+    else:
+        parts = AXES["xyz"] if count == 3 else tuple(str(index) for index in range(count))
+    return [(f"{base}_{part}{suffix}".removeprefix("_"), unit) for part in parts]
+
+
+def _plain(annotation: Any) -> Any:
+    """Return the type inside `Annotated` and `... | None`."""
+    while True:
+        origin = get_origin(annotation)
+        if origin is Annotated:
+            annotation = get_args(annotation)[0]
+        elif origin in (Union, types.UnionType):
+            annotation = next(each for each in get_args(annotation) if each is not type(None))
+        else:
+            return annotation
+
+
+def _getter(name: str) -> Callable[[Any], Any]:
+    return lambda part: getattr(part, name)
+
+
+def _component(index: int) -> Callable[[Any], Any]:
+    return lambda values: values[index]
+
+
+def _inside(get: Callable[[Any], Any], of: Callable[[Any], Any]) -> Callable[[Any], Any]:
+    def cell(part: Any) -> Any:
+        value = get(part)
+        return None if value is None else of(value)
+
+    return cell
+
+
+def _cell(value: Any) -> Cell:
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    return text(value) if isinstance(value, str) else value
+
+
+def _json(values: Any) -> str:
+    return json.dumps(_LIST.dump_python(values, mode="json"), ensure_ascii=False, separators=(",", ":"))

@@ -1,0 +1,123 @@
+"""A ROS 2 bag (SQLite or MCAP) of the ROS toolkit as entries of a recording."""
+
+import struct
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from pointit.conversion.bag_messages import ROUTES, BagMessages, Route, UnusableError
+from pointit.recording.entries import Entry, entry
+from pointit.runtime.errors import ConfigError
+from pointit.runtime.host.extras import remedy
+from pointit.schemas import Environment, summarize_validation_error
+from pointit.schemas.errors import KeyNameError
+from pointit.schemas.topics import MAP, check_name
+
+try:
+    import apsw
+    from rosbags.rosbag2 import Reader, ReaderError
+
+    from pointit.bridges.ros2.types.types import Types
+except ImportError as error:
+    raise ConfigError(f"ROS 2 bags need {remedy('ros2')}") from error
+
+MAX_BYTES = 1_000_000
+"""Longer messages are left out unread."""
+
+SUFFIXES = (".db3", ".mcap")
+METADATA = "metadata.yaml"
+"""File in the folder of a bag."""
+
+_UNREADABLE = (
+    ReaderError,
+    OSError,
+    apsw.Error,
+    struct.error,
+    ValueError,
+    KeyError,
+    TypeError,
+    AssertionError,
+)
+
+
+@dataclass
+class Bag:
+    """A bag that is read once."""
+
+    path: Path
+    room: Environment | None = None
+    """Map by which places on belts and strips become positions; without one they are left out."""
+    taken: Counter[str] = field(default_factory=Counter[str])
+    """Messages that were taken, by topic."""
+    left_out: dict[str, str] = field(default_factory=dict[str, str])
+    """Reasons why topics, or the first of their messages that were, are left out: by topic."""
+
+    def entries(self) -> Iterator[Entry]:
+        """Yield the entries in the order of the bag.
+
+        Raises:
+            ConfigError: If it cannot be read.
+        """
+        try:
+            with Reader(self.path) as reader:
+                if self.room is not None:
+                    yield entry(
+                        reader.start_time,
+                        MAP,
+                        "",
+                        self.room.model_copy(update={"stamp_ns": reader.start_time}),
+                    )
+                yield from self._read(reader)
+        except _UNREADABLE as error:
+            raise ConfigError(f"{self.path}: cannot be read as a ROS 2 bag ({error})") from error
+
+    def _read(self, reader: Reader) -> Iterator[Entry]:
+        types, messages = Types("jazzy"), BagMessages(self.room)
+        routes: dict[int, tuple[Route, str]] = {}
+        for connection in reader.connections:
+            why, route, user = self._route(types, connection)
+            if route is None:
+                self.left_out[connection.topic] = why
+            else:
+                routes[connection.id] = route, user
+        wanted = [each for each in reader.connections if each.id in routes]
+        for connection, time_ns, data in reader.messages(wanted) if wanted else ():
+            route, user = routes[connection.id]
+            try:
+                value = types.decode(route.type, bytes(data), max_bytes=MAX_BYTES)
+                yield from route.take(messages, value, user, max(0, time_ns))
+            except ValidationError as error:
+                self.left_out.setdefault(connection.topic, summarize_validation_error(error))
+            except (UnusableError, KeyNameError, ValueError, OverflowError) as error:
+                self.left_out.setdefault(connection.topic, str(error))
+            else:
+                self.taken[connection.topic] += 1
+
+    def _route(self, types: Types, connection: Any) -> tuple[str, Route | None, str]:
+        """Return the reason why a topic is left out, or its route and the person in its name."""
+        for route in ROUTES:
+            head, opening, tail = route.name.partition("{user}")
+            name: str = connection.topic
+            user = name[len(head) : len(name) - len(tail)] if opening else ""
+            if f"{head}{user}{tail}" != name or bool(user) != bool(opening) or "/" in user:
+                continue
+            if connection.msgtype != route.type:
+                return f"its type is {connection.msgtype}, not {route.type}", None, ""
+            if connection.digest.startswith("RIHS01_") and connection.digest != types.kind(route.type).hash:
+                return f"its definition of {route.type} is another one", None, ""
+            if route.needs_map and self.room is None:
+                return "its places need the room; give it by --map", None, ""
+            try:
+                return "", route, check_name(user) if user else ""
+            except KeyNameError as error:
+                return str(error), None, ""
+        return "a recording has no place for it", None, ""
+
+
+def is_bag(path: Path) -> bool:
+    """Return True if `path` has the form of a bag."""
+    return (path / METADATA).is_file() or path.suffix in SUFFIXES

@@ -1,0 +1,185 @@
+"""A person's recorded arm, as in the public recordings, as entries of a recording.
+
+A CSV file has no date: its time 0 becomes `EPOCH_NS`.
+"""
+
+import heapq
+import math
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pydantic import BaseModel, TypeAdapter, ValidationError
+
+from pointit.geometry import vector
+from pointit.recording.entries import Entry, entry
+from pointit.runtime.config.config import Config
+from pointit.runtime.errors import ConfigError
+from pointit.runtime.host.release import pointit_version
+from pointit.schemas import (
+    NS_PER_S,
+    Configuration,
+    ImuSample,
+    Localization,
+    PointingRay,
+    TrackedObject,
+    TrackedObjects,
+    UserProfile,
+    summarize_validation_error,
+)
+from pointit.schemas.system import instance_of
+from pointit.schemas.topics import CONFIGURATION, IMU, LOCALIZATION, OBJECTS, PROFILE, RAY
+from pointit.services.imu_bridge.arm_frame import MOUNTINGS, ArmFrame
+from pointit.services.localizer.config import LocalizerConfig
+from pointit.services.pointing.config import PointingConfig
+from pointit.services.robot_replay.trajectory import Trajectory
+from pointit.sim.recordings import (
+    OPERATOR,
+    Array,
+    FloorRecording,
+    ImuRecording,
+    Motion,
+    is_floor_csv,
+    read_floor_csv,
+    read_imu_csv,
+)
+
+EPOCH_NS = 10**18
+"""Time of the first sample: 2001-09-09 01:46:40 UTC."""
+
+ROBOT = "robot"
+"""Tracker and id of a recorded robot."""
+
+TRACKER = "mocap"
+"""Tracker of the person, an object whose id is their name: their true position."""
+
+PERSON = "person"
+"""Kind of such an object."""
+
+INDEX = "index.json"
+"""Name of the index beside public recordings: objects with the properties of a `file`, or such `files`."""
+
+
+class _Wrapped(BaseModel):
+    files: list[dict[str, Any]]
+
+
+_Properties = list[dict[str, Any]]
+_INDEXED: TypeAdapter[_Properties | _Wrapped] = TypeAdapter(_Properties | _Wrapped)
+
+FOLLOWS = ("pointing_at_moving_drone", "tracking_moving_drone_segment")
+"""Kinds in the indexes of the public recordings in which the person follows the robot."""
+
+
+def csv_entries(path: Path, *, user: str, mounting: str) -> Iterator[Entry]:
+    """Return the entries of the recording at `path`, in order of time.
+
+    The person is `user`. With a robot in the file they follow it with the finger, unless the index beside it
+    says otherwise: the recording has a localization that samples throughout, and a replay localizes them. The
+    head's marker is their true position.
+
+    An arm is that of the public recordings' operator, and a replay computes its rays. Points on the floor
+    (`px`, `py`) become rays from the eyes.
+
+    Raises:
+        ConfigError: If it cannot be read, or there is no such `mounting`.
+    """
+    if mounting not in MOUNTINGS:
+        known = ", ".join(MOUNTINGS)
+        raise ConfigError(f"--mounting {mounting}: there is no such mounting; there are {known}")
+    indexed = _indexed(path)
+    follows = indexed is None or indexed.get("kind") in FOLLOWS
+    if is_floor_csv(path):
+        floor = read_floor_csv(path)
+        return _entries(floor, user, [], _rays(floor, user), follows=follows)
+    recorded = read_imu_csv(path)
+    profile = entry(EPOCH_NS, PROFILE, user, UserProfile(stamp_ns=EPOCH_NS, body=OPERATOR))
+    begins = [profile, _configuration("pointing", user, PointingConfig())]
+    return _entries(
+        recorded, user, begins, _arm(recorded, user, ArmFrame(MOUNTINGS[mounting])), follows=follows
+    )
+
+
+def _indexed(path: Path) -> dict[str, Any] | None:
+    """Return the properties of the file at `path` in the index beside it, or None if it is not in one."""
+    index = path.with_name(INDEX)
+    if not index.exists():
+        return None
+    try:
+        found = _INDEXED.validate_json(index.read_bytes())
+    except OSError as error:
+        raise ConfigError(f"{index}: cannot be read ({error.strerror or error})") from error
+    except ValidationError as error:
+        raise ConfigError(
+            f"{index}: a JSON list of objects was expected; {summarize_validation_error(error)}"
+        ) from error
+    entries = found.files if isinstance(found, _Wrapped) else found
+    return next((each for each in entries if each.get("file") == path.name), None)
+
+
+def _entries(
+    motion: Motion, user: str, begins: Sequence[Entry], pointing: Iterator[Entry], *, follows: bool
+) -> Iterator[Entry]:
+    yield from begins
+    if motion.robot_m is not None and follows:
+        follows_robot = Localization(
+            stamp_ns=EPOCH_NS, phase="sampling", target_id=ROBOT, target_count=1, since_ns=EPOCH_NS
+        )
+        yield entry(EPOCH_NS, LOCALIZATION, user, follows_robot)
+        yield _configuration("localizer", user, LocalizerConfig(method="moving_target", autostart=True))
+    streams = [pointing]
+    if motion.robot_m is not None:
+        streams.append(_robot(motion))
+    if motion.head_m is not None:
+        streams.append(_head(motion, motion.head_m, user))
+    yield from heapq.merge(*streams, key=lambda each: each.time_ns)
+
+
+def _configuration(service: str, user: str, config: Config) -> Entry:
+    instance = instance_of(service, user)
+    said = Configuration(
+        stamp_ns=EPOCH_NS,
+        service=service,
+        instance=instance,
+        user=user,
+        parameters=config.model_dump_json(),
+        release=pointit_version(),
+    )
+    return entry(EPOCH_NS, CONFIGURATION, instance, said)
+
+
+def _arm(recorded: ImuRecording, user: str, arm: ArmFrame) -> Iterator[Entry]:
+    times_ns, sensors = _times_ns(recorded), recorded.orientation_xyzw.tolist()
+    for count, (time_ns, (x, y, z, w)) in enumerate(zip(times_ns, sensors, strict=True), start=1):
+        sample = ImuSample(stamp_ns=time_ns, seq=count, orientation_xyzw=arm.orientation((x, y, z, w)))
+        yield entry(time_ns, IMU, user, sample)
+
+
+def _rays(recorded: FloorRecording, user: str) -> Iterator[Entry]:
+    eyes_m, count = recorded.eye_height_m, 0
+    for time_ns, (x, y) in zip(_times_ns(recorded), recorded.floor_m.tolist(), strict=True):
+        if math.isfinite(x) and math.isfinite(y):
+            count += 1
+            way = vector.normalized((x, y, -eyes_m))
+            ray = PointingRay(stamp_ns=time_ns, seq=count, origin_m=(0.0, 0.0, eyes_m), direction=way)
+            yield entry(time_ns, RAY, user, ray)
+
+
+def _robot(motion: Motion) -> Iterator[Entry]:
+    trajectory = Trajectory(motion, ROBOT)
+    for index in range(len(trajectory.times_ns)):
+        report = trajectory.report(index, EPOCH_NS)
+        yield entry(report.stamp_ns, OBJECTS, ROBOT, report)
+
+
+def _head(motion: Motion, heads_m: Array, user: str) -> Iterator[Entry]:
+    for count, (time_ns, (x, y, z)) in enumerate(
+        zip(_times_ns(motion), heads_m.tolist(), strict=True), start=1
+    ):
+        person = TrackedObject(id=user, kind=PERSON, position_m=(x, y, z))
+        yield entry(time_ns, OBJECTS, TRACKER, TrackedObjects(stamp_ns=time_ns, seq=count, objects=(person,)))
+
+
+def _times_ns(motion: Motion) -> list[int]:
+    return [EPOCH_NS + time_ns for time_ns in np.rint(motion.t_s * NS_PER_S).astype(np.int64).tolist()]

@@ -1,0 +1,1 @@
+"""Robots: landing, identification, localization by following."""

@@ -1,0 +1,47 @@
+"""Uncertainty of a pointed place: that of the person's pose and of their aim."""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from pointit.geometry.vector import Vec3
+
+
+def place_sigma_m(
+    place_m: Vec3,
+    position_m: Vec3,
+    covariance: Sequence[float],
+    origin_m: Vec3,
+    aim_sigma_rad: float,
+    *,
+    is_level: bool = True,
+) -> float:
+    """Return 1 sigma of a pointed place along its worse direction, m.
+
+    Combines the covariance of the person's position and yaw at the place, and their aim, which spreads
+    across the ray by the range alone. On a level surface it spreads along the ray by 1/sin of its slope, and
+    the result is infinite for a level ray.
+
+    Args:
+        place_m: the place, {W}.
+        position_m: position of the person, {W}.
+        covariance: of (x, y, yaw) of the person's pose, row by row: 9 numbers.
+        origin_m: where the ray begins, {W}.
+        aim_sigma_rad: 1 sigma of the person's aim.
+        is_level: False for a surface that faces the person.
+    """
+    over = np.array(place_m) - np.array(position_m)
+    turn = np.array([[1.0, 0.0, -over[1]], [0.0, 1.0, over[0]]])
+    spread = turn @ np.array(covariance).reshape(3, 3) @ turn.T
+    reach = np.array(place_m) - np.array(origin_m)
+    range_m, level_m = float(np.linalg.norm(reach)), float(np.hypot(reach[0], reach[1]))
+    aim_m = aim_sigma_rad * range_m
+    if aim_m > 0.0:
+        slope = abs(float(reach[2])) / range_m if is_level else 1.0
+        if slope < 1e-6:
+            return math.inf
+        ahead = reach[:2] / level_m if level_m > 0.0 else np.array([1.0, 0.0])
+        across = np.array([-ahead[1], ahead[0]])
+        spread += (aim_m / slope) ** 2 * np.outer(ahead, ahead) + aim_m**2 * np.outer(across, across)
+    return math.sqrt(max(0.0, float(np.linalg.eigvalsh((spread + spread.T) / 2.0)[-1])))

@@ -1,0 +1,54 @@
+"""The recorder of a run or a command, from its options."""
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+from pointit.launch.plan.extras import load
+from pointit.runtime.errors import ConfigError
+from pointit.runtime.service.service import AnyService, Launch
+from pointit.services import registry
+from pointit.services.recorder.config import RecorderConfig
+
+MAGIC = b"\x89MCAP0\r\n"
+"""End of a whole MCAP file."""
+
+
+def recorded(launch: Launch) -> str:
+    """Return a sentence on the file that the recorder of a run has written."""
+    path = Path(getattr(launch.config, "file", ""))
+    try:
+        with path.open("rb") as file:
+            size = file.seek(0, os.SEEK_END)
+            file.seek(max(0, size - len(MAGIC)))
+            is_whole = file.read() == MAGIC
+        cut = "" if is_whole else ", cut off; the log says why"
+        return f"recorded in {path}: {size / 1e6:.2f} MB{cut}"
+    except OSError as error:
+        return f"the recording {path} is not there: {error.strerror}"
+
+
+def recorder_launch(
+    file: Path | None,
+    *,
+    without: Sequence[str] = (),
+    pseudonyms: bool = False,
+    person: str = "",
+    seed: int | None = None,
+    service: type[AnyService] | None = None,
+) -> Launch:
+    """Return the launch of a recorder that writes `file`, or a file with the usual name.
+
+    Raises:
+        ConfigError: If the file is there already, or the extra is not installed.
+    """
+    if file is not None and file.exists():
+        raise ConfigError(f"{file} is there already; give another name, or move it away")
+    config = RecorderConfig(
+        file="" if file is None else str(file.absolute()),
+        without=tuple(without),
+        pseudonyms=pseudonyms,
+        person=person,
+        seed=seed,
+    )
+    return Launch(service=service or load(registry.process(registry.RECORDER)), config=config)

@@ -1,0 +1,117 @@
+"""Search of all installed plug-ins for devices, side by side: one that fails costs the others nothing."""
+
+import asyncio
+import contextlib
+import queue
+import shlex
+import threading
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, cast
+
+from pointit.runtime.config.device_plugin import DevicePlugin, FoundDevice
+from pointit.runtime.config.plugins import PluginGroup
+from pointit.runtime.errors import ConfigError
+
+PATIENCE_S = 2.0
+"""Time after its seconds at which a search is cancelled. After this time once more it is given up."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SearchResult:
+    """Result of the search of one plug-in."""
+
+    kind: str
+    """The plug-in's kind, a key of `pointit.plugins.GROUPS`."""
+    name: str
+    found: tuple[FoundDevice, ...] = ()
+    problem: str = ""
+    """One sentence if the search failed, else `""`."""
+
+
+def words(result: SearchResult, device: FoundDevice) -> str:
+    """Return `NAME:ADDRESS`, as a word of a shell, that chooses a found device."""
+    return shlex.quote(f"{result.name}:{device.address}" if device.address else result.name)
+
+
+def search(
+    groups: Mapping[str, PluginGroup[Any]], seconds: float, tell: Callable[[int], None]
+) -> list[SearchResult]:
+    """Return the results of all plug-ins that can search, in the order of their groups and names.
+
+    Each has a thread with an event loop of its own. Threads that do not end are left behind: the process must
+    end without them.
+
+    Args:
+        groups: groups of `DevicePlugin`s by kind.
+        seconds: time for each search.
+        tell: called with the number of finished plug-ins.
+    """
+    asked = [(kind, name) for kind, group in groups.items() for name in group.names]
+    answers = queue.SimpleQueue[tuple[tuple[str, str], SearchResult | None]]()
+    results: dict[tuple[str, str], SearchResult | None] = {}
+    for kind, name in asked:
+        thread = threading.Thread(
+            target=_run, args=(groups[kind], kind, name, seconds, answers), name=f"search {name}", daemon=True
+        )
+        thread.start()
+    until_s = time.monotonic() + seconds + 2 * PATIENCE_S
+    with contextlib.suppress(queue.Empty):
+        while len(results) < len(asked):
+            tell(len(results))
+            which, result = answers.get(timeout=max(0.0, until_s - time.monotonic()))
+            results[which] = result
+    for kind, name in asked:
+        if (kind, name) not in results:
+            results[kind, name] = SearchResult(kind=kind, name=name, problem=_hangs(groups[kind], name))
+    return [result for which in asked if (result := results[which]) is not None]
+
+
+def _hangs(group: PluginGroup[Any], name: str) -> str:
+    return f"{group.label(name)} did not end its search: update or uninstall {group.package(name)}"
+
+
+def _run(
+    group: PluginGroup[Any],
+    kind: str,
+    name: str,
+    seconds: float,
+    answers: queue.SimpleQueue[tuple[tuple[str, str], SearchResult | None]],
+) -> None:
+    """Search with one plug-in in this thread, and put the result: None if the plug-in has no search."""
+
+    async def searched() -> None:
+        answers.put(((kind, name), await _searched(group, kind, name, seconds)))
+
+    with contextlib.suppress(BaseException):  # of loops that do not close: the result is known by then
+        asyncio.run(searched())
+
+
+async def _searched(group: PluginGroup[Any], kind: str, name: str, seconds: float) -> SearchResult | None:
+    limit = asyncio.timeout(None)
+    try:
+        plugin = cast("DevicePlugin", group.get(name))  # imports it, which may take long
+        if plugin.discover is None:
+            return None
+        async with limit:
+            limit.reschedule(asyncio.get_running_loop().time() + seconds + PATIENCE_S)
+            found = cast("object", await plugin.discover(seconds))
+    except ConfigError as error:
+        return SearchResult(kind=kind, name=name, problem=str(error))
+    except BaseException as error:  # noqa: BLE001 - code of others; its result is a sentence
+        if limit.expired():
+            return SearchResult(kind=kind, name=name, problem=_hangs(group, name))
+        problem = f"search of {group.label(name)} failed ({type(error).__name__}: {error})"
+        return SearchResult(kind=kind, name=name, problem=problem)
+    if not isinstance(found, Sequence):
+        return SearchResult(kind=kind, name=name, problem=_no_devices(group, name, found))
+    devices = cast("Sequence[object]", found)
+    strange = [each for each in devices if not isinstance(each, FoundDevice)]
+    if strange:
+        return SearchResult(kind=kind, name=name, problem=_no_devices(group, name, strange[0]))
+    return SearchResult(kind=kind, name=name, found=tuple(cast("Sequence[FoundDevice]", devices)))
+
+
+def _no_devices(group: PluginGroup[Any], name: str, found: object) -> str:
+    return f"search of {group.label(name)} found a {type(found).__name__} instead of a FoundDevice"

@@ -1,0 +1,1 @@
+"""Recordings of a site as MCAP files with JSON messages: what stands in them, written and read."""

@@ -1,0 +1,216 @@
+"""The MCAP container under limits: records of a file, and the records in a chunk.
+
+A hostile file costs bounded memory. Sizes are checked before anything is read or unpacked, and nothing that
+a file says about itself (its index, its statistics) is trusted.
+"""
+
+import io
+import os
+import struct
+import zlib
+from collections.abc import Iterator
+from typing import IO, NamedTuple, TypeVar
+
+from pointit.recording.library import (
+    MCAP0_MAGIC,
+    Channel,
+    Chunk,
+    McapError,
+    Metadata,
+    Opcode,
+    ReadDataStream,
+    Schema,
+    ZstdDecompressor,
+    ZstdError,
+)
+
+MAX_RECORD_BYTES = 32 * 1024 * 1024
+"""Most bytes of a record, and of a chunk unpacked."""
+
+MAX_RECORDS = 50_000
+"""Most records in a chunk: twice what fits into the megabyte at which a writer closes one."""
+
+FREE_RECORDS = 1000
+"""Records that a chunk may hold whatever its size. More need a byte of the file each, as no two messages of a
+recorder are alike: a small file must not cost hours."""
+
+_HEAD = struct.Struct("<BQ")
+"""Opcode and length before each record."""
+_MESSAGE = struct.Struct("<HIQQ")
+"""Channel, sequence, log time and publish time before each message's content."""
+
+_CHUNK = struct.Struct("<BQ36sQ")
+"""Opcode and length, times, size, checksum and packing, and number of packed bytes of a chunk."""
+
+_ZSTD, _ZSTD_AT = b"\x04\x00\x00\x00zstd", 37
+"""Packing of a recorder's chunk, and its place in the record."""
+
+BLOCK_BYTES = 1024 * 1024
+"""Bytes in which a chunk is looked for at once."""
+
+DAMAGED = 0
+"""Opcode of a place that holds no records."""
+
+_INNER = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE)
+"""Records that stand in chunks."""
+
+Record = TypeVar("Record", Channel, Chunk, Metadata, Schema)
+
+
+class DamagedError(Exception):
+    """Bytes are no MCAP; says what is wrong with them."""
+
+
+class Place(NamedTuple):
+    """Position of a record's content in the file or chunk."""
+
+    opcode: int
+    offset: int
+    length: int
+
+
+def is_container(file: IO[bytes]) -> bool:
+    """Return True if `file` begins as an MCAP file."""
+    file.seek(0)
+    return file.read(len(MCAP0_MAGIC)) == MCAP0_MAGIC
+
+
+def records(file: IO[bytes]) -> Iterator[Place]:
+    """Yield the records of the file, and a place of the kind `DAMAGED` for bytes before the next whole chunk.
+
+    Reads no contents. What is wrong behind the data, where channels are repeated, just ends it.
+
+    Raises:
+        DamagedError: The data end before `DATA_END`, or are damaged from some place on.
+    """
+    size = os.fstat(file.fileno()).st_size if hasattr(file, "fileno") else file.seek(0, os.SEEK_END)
+    offset, is_data = len(MCAP0_MAGIC), True
+    while is_data or offset < size:
+        file.seek(offset)
+        head = file.read(_HEAD.size)
+        opcode, length = _HEAD.unpack(head) if len(head) == _HEAD.size else (Opcode.DATA_END, size)
+        place = Place(opcode, offset + _HEAD.size, length)
+        is_damaged = opcode == DAMAGED or opcode > Opcode.DATA_END
+        if is_damaged or place.offset + length > size:
+            if not is_data:
+                return
+            found = _next_chunk(file, offset + 1)
+            if found is None:
+                raise DamagedError(f"it {'is damaged' if is_damaged else 'ends'} in the middle")
+            place = Place(DAMAGED, offset, found - offset)
+        yield place
+        offset = place.offset + place.length
+        is_data = is_data and opcode != Opcode.DATA_END
+
+
+def _next_chunk(file: IO[bytes], offset: int) -> int | None:
+    """Return the offset of the first record from `offset` on that has the form of a whole chunk, or None."""
+    size = file.seek(0, os.SEEK_END)
+    while offset < size:
+        file.seek(offset)
+        data = file.read(BLOCK_BYTES + _CHUNK.size)
+        packing = data.find(_ZSTD, _ZSTD_AT)
+        while packing >= 0:
+            start = packing - _ZSTD_AT
+            if data[start] == Opcode.CHUNK and start + _CHUNK.size <= len(data):
+                _, length, _, packed = _CHUNK.unpack_from(data, start)
+                end = offset + start + _HEAD.size + length
+                if end <= size and length == packed + _CHUNK.size - _HEAD.size:
+                    return offset + start
+            packing = data.find(_ZSTD, packing + 1)
+        offset += BLOCK_BYTES
+    return None
+
+
+def content(file: IO[bytes], place: Place) -> bytes:
+    """Return the content of the record at `place`.
+
+    Raises:
+        DamagedError: It is too large.
+    """
+    if place.length > MAX_RECORD_BYTES:
+        raise DamagedError(f"a record has {place.length} bytes, at most {MAX_RECORD_BYTES} are read")
+    file.seek(place.offset)
+    return file.read(place.length)
+
+
+def read(file: IO[bytes], place: Place, kind: type[Record]) -> Record:
+    """Return the record at `place`.
+
+    Raises:
+        DamagedError: It is too large, or is none.
+    """
+    return parse(content(file, place), kind)
+
+
+def parse(content: bytes, kind: type[Record]) -> Record:
+    """Return the record of `kind` in `content`.
+
+    Raises:
+        DamagedError: There is none.
+    """
+    try:
+        found: Record = kind.read(ReadDataStream(io.BytesIO(content)))
+    except (McapError, struct.error, ValueError, OverflowError, MemoryError) as error:
+        raise DamagedError(f"a record of it is damaged ({type(error).__name__})") from error
+    return found
+
+
+def unpack(chunk: Chunk) -> bytes:
+    """Return the records in `chunk`.
+
+    Raises:
+        DamagedError: They are too large, damaged, or packed in an unknown way.
+    """
+    if chunk.compression == "zstd":
+        try:
+            with ZstdDecompressor(max_window_size=MAX_RECORD_BYTES).stream_reader(chunk.data) as unpacked:
+                data = unpacked.read(MAX_RECORD_BYTES + 1)
+        except (ZstdError, MemoryError) as error:
+            raise DamagedError("a chunk of it cannot be unpacked") from error
+    elif not chunk.compression:
+        data = chunk.data
+    else:
+        raise DamagedError(f"a chunk of it is packed with {chunk.compression[:16]!r}, and only zstd is read")
+    if len(data) > MAX_RECORD_BYTES:
+        raise DamagedError(f"a chunk of it unpacks to more than {MAX_RECORD_BYTES} bytes")
+    if len(data) != chunk.uncompressed_size:
+        raise DamagedError("a chunk of it is damaged: it unpacks to another size than it says")
+    if chunk.uncompressed_crc and zlib.crc32(data) != chunk.uncompressed_crc:
+        raise DamagedError("a chunk of it is damaged: its checksum differs")
+    return data
+
+
+def inner_records(chunk: Chunk, data: bytes) -> Iterator[Place]:
+    """Yield where the records in `data` are, which is `chunk` unpacked.
+
+    Raises:
+        DamagedError: There are none from some place on, too many, or some that no chunk holds.
+    """
+    left = min(MAX_RECORDS, FREE_RECORDS + len(chunk.data))
+    offset = 0
+    while offset < len(data):
+        if not left:
+            raise DamagedError("a chunk of it is damaged: it holds too many records for its size")
+        left -= 1
+        if offset + _HEAD.size > len(data):
+            raise DamagedError("a chunk of it is damaged: a record is cut off")
+        opcode, length = _HEAD.unpack_from(data, offset)
+        offset += _HEAD.size
+        if offset + length > len(data) or (opcode == Opcode.MESSAGE and length < _MESSAGE.size):
+            raise DamagedError("a chunk of it is damaged: a record is cut off")
+        if opcode not in _INNER:
+            raise DamagedError(f"a chunk of it is damaged: it holds a record of the kind {opcode}")
+        yield Place(opcode, offset, length)
+        offset += length
+
+
+def message_times(data: bytes, place: Place) -> tuple[int, int]:
+    """Return channel and log time (ns) of the message at `place`."""
+    channel, _, time_ns, _ = _MESSAGE.unpack_from(data, place.offset)
+    return channel, time_ns
+
+
+def message_content(data: bytes, place: Place) -> bytes:
+    """Return the content of the message at `place`."""
+    return data[place.offset + _MESSAGE.size : place.offset + place.length]

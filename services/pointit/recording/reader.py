@@ -1,0 +1,249 @@
+"""Reading a recording, whole or cut off, own or hostile, in bounded memory."""
+
+import functools
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import IO, Any, NamedTuple, Self
+
+from pointit.recording import container
+from pointit.recording.channels import Channels
+from pointit.recording.container import DamagedError, Place
+from pointit.recording.entries import Entry, RecordingError
+from pointit.recording.head import FORMAT, METADATA, Head
+from pointit.recording.library import Chunk, Metadata, Opcode
+from pointit.schemas import NS_PER_S, DecodeError
+from pointit.schemas.catalogue.json_channel import from_json
+
+MAX_CHUNKS = 1_000_000
+"""Most chunks that are read of a recording: more than five days."""
+
+MAX_DAMAGED = 1000
+"""Most damaged chunks before a file counts as no recording."""
+
+
+class _ChunkPlace(NamedTuple):
+    place: Place
+    began_ns: int
+    ended_ns: int
+
+
+class Recording:
+    """A recording on disk. Opening it scans the file once, and so does each call of `entries`."""
+
+    def __init__(self, path: Path, file: IO[bytes]) -> None:
+        """Scan `file`; `open` is the usual way."""
+        self._path = path
+        self._file = file
+        self._channels = Channels()
+        self._chunks: list[_ChunkPlace] = []
+        self.problem = ""
+        """Sentence about missing or damaged parts, else `""`."""
+        self.invalid = 0
+        """Number of entries that the last call of `entries` left out so far, as they are not valid."""
+        self.complaint = ""
+        """Error message about the first of them, or `""`."""
+        head: Head | None = None
+        damaged: list[DamagedError] = []
+        try:
+            for place in container.records(file):
+                if place.opcode == Opcode.METADATA and head is None:
+                    head = self._read_head(place)
+                elif place.opcode == Opcode.CHUNK:
+                    if head is None:
+                        break
+                    self._try_search(place, damaged)
+                elif place.opcode == container.DAMAGED:
+                    damaged.append(DamagedError("it is damaged between two chunks"))
+                elif damaged:  # the channels may have been described in what is damaged
+                    self._channels.add(place.opcode, container.content(file, place))
+        except DamagedError as error:
+            damaged.append(error)
+        if head is None:
+            why = f" ({damaged[0]})" if damaged else ""
+            raise RecordingError(
+                f"{path} is no recording of PointIt{why}: give a file of `pointit record`; of a ROS 2 bag, "
+                "`pointit import` makes one"
+            )
+        self.head = head
+        self.began_ns = min((chunk.began_ns for chunk in self._chunks), default=head.began_ns)
+        """Site time of the first entry, ns."""
+        self.ended_ns = max((chunk.ended_ns for chunk in self._chunks), default=head.began_ns)
+        """Site time of the last entry, ns."""
+        self.lost = sum(self.unknown.values()) if damaged else 0
+        """Number of messages of which nothing is known, as the description of their keys is damaged."""
+        if damaged:
+            length_s = (self.ended_ns - self.began_ns) / NS_PER_S
+            more = f", and {len(damaged) - 1} more" if len(damaged) > 1 else ""
+            lost = f"; messages that have lost their description: {self.lost}" if self.lost else ""
+            self.problem = (
+                f"{path} is not whole: {damaged[0]}{more}. What is intact of its {length_s:.1f} s "
+                f"can be used{lost}"
+            )
+
+    @classmethod
+    def open(cls, path: Path) -> "Recording":
+        """Return the recording in the file `path`.
+
+        Raises:
+            RecordingError: There is no such file, or it is none of PointIt, or of a newer format.
+        """
+        try:
+            file = path.open("rb")
+            try:
+                if not container.is_container(file):
+                    raise RecordingError(  # noqa: TRY301
+                        f"{path} is no recording (MCAP): give a file that PointIt recorded"
+                    )
+                return cls(path, file)
+            except BaseException:
+                file.close()
+                raise
+        except OSError as error:
+            raise RecordingError(f"{path} cannot be read: {error.strerror or error}") from error
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    @functools.cached_property
+    def counts(self) -> Mapping[str, int]:
+        """Number of entries by key."""
+        return self._channels.counts(known=True)
+
+    @functools.cached_property
+    def unknown(self) -> Mapping[str, int]:
+        """Number of entries by the name of a channel that belongs to no row of the topic table."""
+        return self._channels.counts(known=False)
+
+    def gap(self, longer_ns: int) -> tuple[int, int] | None:
+        """Return begin and end of the first time without entries longer than `longer_ns`; site time, ns."""
+        last_ns = self.began_ns
+        for chunk in sorted(self._chunks, key=lambda each: each.began_ns):
+            for time_ns in (chunk.began_ns, chunk.ended_ns):  # a recorder's chunk spans half a second
+                if time_ns - last_ns > longer_ns:
+                    return last_ns, time_ns
+                last_ns = max(last_ns, time_ns)
+        return None
+
+    def entries(
+        self,
+        keys: Callable[[str], bool] | None = None,
+        since_ns: int | None = None,
+        until_ns: int | None = None,
+    ) -> Iterator[Entry]:
+        """Yield the entries in order of time, those of one time in order of the file.
+
+        Args:
+            keys: returns True for the keys that are wanted; all by default.
+            since_ns: site time of the first, ns.
+            until_ns: site time before which they are, ns.
+
+        Entries that are not valid are left out and counted in `invalid`.
+        """
+        self.invalid, self.complaint = 0, ""
+        wanted = self._channels.wanted(keys)
+        since_ns = self.began_ns if since_ns is None else since_ns
+        until_ns = self.ended_ns + 1 if until_ns is None else until_ns
+        for chunk in self._chunks:
+            if chunk.ended_ns < since_ns or chunk.began_ns >= until_ns:
+                continue
+            try:
+                data, records = self._unpack(chunk.place)
+                times: list[tuple[int, Place, int]] = []
+                for place in records:
+                    if place.opcode == Opcode.MESSAGE:
+                        channel, time_ns = container.message_times(data, place)
+                        if channel in wanted and since_ns <= time_ns < until_ns:
+                            times.append((time_ns, place, channel))
+            except DamagedError as error:  # it was changed since it was opened
+                self._reject(str(error))
+                continue
+            times.sort(key=lambda each: each[0])
+            for time_ns, place, channel in times:
+                content = container.message_content(data, place)
+                if (found := self._entry(channel, time_ns, content)) is not None:
+                    yield found
+
+    def _entry(self, number: int, time_ns: int, content: bytes) -> Entry | None:
+        """Return the entry of a message, or None if it is not valid."""
+        channel = self._channels[number]
+        try:
+            body: Any = from_json(channel.kind, content, newer=channel.is_newer)
+        except DecodeError as error:
+            self._reject(f"{channel.key}: {error}")
+            return None
+        return channel.entry(time_ns, body)
+
+    def _reject(self, complaint: str) -> None:
+        self.invalid += 1
+        self.complaint = self.complaint or complaint
+
+    def _read_head(self, place: Place) -> Head | None:
+        """Return the head if the metadata at `place` are those of PointIt.
+
+        Raises:
+            RecordingError: They are of a newer format, or are no head.
+        """
+        metadata = container.read(self._file, place, Metadata)
+        if metadata.name != METADATA:
+            return None
+        try:
+            head = from_json(Head, metadata.metadata.get("head", "").encode(), newer=True)
+        except DecodeError as error:
+            raise RecordingError(f"{self._path} is no recording of PointIt: {error}") from error
+        if head.format > FORMAT:
+            raise RecordingError(
+                f"{self._path} was written by a newer PointIt ({head.version[:32]}): update yours to read it"
+            )
+        return head
+
+    def _unpack(self, place: Place) -> tuple[bytes, Iterator[Place]]:
+        """Return the content of the chunk at `place` and where its records are, which are still to be read.
+
+        Raises:
+            DamagedError: It is too large, or is none.
+        """
+        chunk = container.read(self._file, place, Chunk)
+        data = container.unpack(chunk)
+        return data, container.inner_records(chunk, data)
+
+    def _try_search(self, place: Place, damaged: list[DamagedError]) -> None:
+        """Search the chunk at `place`, or add what is wrong with it to `damaged`.
+
+        Raises:
+            DamagedError: There are too many chunks.
+            RecordingError: Too many are damaged.
+        """
+        if len(self._chunks) >= MAX_CHUNKS:
+            raise DamagedError(f"it has more than {MAX_CHUNKS} chunks")
+        try:
+            self._search(place)
+        except DamagedError as error:
+            damaged.append(error)
+            if len(damaged) > MAX_DAMAGED:
+                raise RecordingError(f"{self._path} cannot be read: {error}") from error
+
+    def _search(self, place: Place) -> None:
+        """Note the channels, the number of messages and the times in the chunk at `place`."""
+        data, records = self._unpack(place)
+        counts: Counter[int] = Counter()
+        began_ns, ended_ns = 2**64, -1
+        for inner in records:
+            if inner.opcode == Opcode.MESSAGE:
+                channel, time_ns = container.message_times(data, inner)
+                if time_ns >= 2**63:
+                    raise DamagedError(f"a chunk of it is damaged: the time {time_ns} ns is beyond 64 bits")
+                counts[channel] += 1
+                began_ns, ended_ns = min(began_ns, time_ns), max(ended_ns, time_ns)
+            else:
+                self._channels.add(inner.opcode, data[inner.offset : inner.offset + inner.length])
+        self._channels.count(counts)
+        if counts:
+            self._chunks.append(_ChunkPlace(place, began_ns, ended_ns))

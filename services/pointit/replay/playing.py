@@ -1,0 +1,298 @@
+"""Plays a recording: replayed services on a bus, and what is not theirs put there at its recorded time."""
+
+import asyncio
+import contextlib
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+from pointit.recording.entries import AnyRow, Entry
+from pointit.replay.beginning import GATHERING_NS, Beginning, read_beginning
+from pointit.replay.clock import RecordingClock
+from pointit.replay.collector import Collector
+from pointit.replay.edge import Edge
+from pointit.replay.levels import Level, ReplayError, Split, is_about_site
+from pointit.replay.replayed_services import ReplayedServices
+from pointit.replay.requests import RecordedRequests
+from pointit.replay.scratch import scratch_folder
+from pointit.replay.skipped import Skipped
+from pointit.runtime.bus.contract import Bus
+from pointit.runtime.bus.local_broker import LocalBroker
+from pointit.runtime.bus.memory_bus import MemoryBus
+from pointit.runtime.errors import RequestError
+from pointit.runtime.host.state_file import using_state_directory
+from pointit.runtime.service.plugin_guard import first_cause
+from pointit.runtime.virtual_time import run_virtually
+from pointit.schemas import NS_PER_S, Configuration, Health
+from pointit.schemas.system import split_instance
+from pointit.schemas.topics import (
+    CONFIGURATION,
+    HEALTH,
+    SERVICE_ALIVE,
+    SET_POSE,
+    Delivery,
+    Presence,
+    Request,
+    Topic,
+    topic_of,
+)
+
+SETTLE_NS = NS_PER_S // 1000
+"""Time after the last entry in which the services answer it, ns."""
+
+MAX_GAP_NS = 600 * NS_PER_S
+"""Longest time without entries that is replayed, ns. After a longer one the site's clock has jumped."""
+
+STARTING_NS = NS_PER_S // 20
+"""Time after a beginning in mid-session in which services put the states and cues with which they start, ns.
+These are not compared: the recorded ones are older."""
+
+LIVE_STARTING_S = 3.0
+"""The same on a site from any beginning, s: services take their time to start there."""
+
+
+class Source(Protocol):
+    """A recording that can be read several times, such as `pointit.recording.reader.Recording`."""
+
+    @property
+    def began_ns(self) -> int:
+        """Return the time of its beginning, Unix ns."""
+        ...
+
+    @property
+    def ended_ns(self) -> int:
+        """Return the time of its last entry, Unix ns."""
+        ...
+
+    def gap(self, longer_ns: int) -> tuple[int, int] | None:
+        """Return begin and end of the first time without entries of more than `longer_ns`, Unix ns."""
+        ...
+
+    def entries(self, keys: Callable[[str], bool] | None = None) -> Iterator[Entry]:
+        """Yield its entries in order of time, those of certain `keys` only if given."""
+        ...
+
+
+class Listener(Protocol):
+    """Takes what a replay yields."""
+
+    def recorded(self, entry: Entry) -> None:
+        """Take an entry of the recording that the replay recomputes."""
+        ...
+
+    def replayed(self, entry: Entry, *, is_recomputed: bool) -> None:
+        """Take an entry of the result: computed now, or repeated from the recording."""
+        ...
+
+
+@dataclass(frozen=True)
+class Buses:
+    """Participants of one exchange."""
+
+    services: Bus
+    edge: Bus
+    onlooker: Bus
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A recording and what of it is done again."""
+
+    source: Source
+    beginning: Beginning
+    split: Split
+    live: bool = False
+    """Whether a site takes part, which has a page, a recorder and so on of its own."""
+    lights: bool = False
+    """Whether led-driver drives the strips of its recorded parameters."""
+
+
+def plan_replay(source: Source, level: Level) -> Plan:
+    """Return the plan of a replay of `source`.
+
+    Raises:
+        ReplayError: None of the services of `level` is in it, or its time jumps.
+    """
+    if (gap := source.gap(MAX_GAP_NS)) is not None:
+        after_s, length_s = (gap[0] - source.began_ns) / NS_PER_S, (gap[1] - gap[0]) / NS_PER_S
+        raise ReplayError(
+            f"the recording has nothing for {length_s:.0f} s from {after_s:.1f} s after its beginning: the "
+            "clock of its site jumped or its machine slept, and it cannot be replayed: record it again"
+        )
+    beginning = read_beginning(source.entries(_is_state), source.began_ns)
+    return Plan(source, beginning, Split(level, beginning.instances))
+
+
+def replay(plan: Plan, listener: Listener) -> None:
+    """Play `plan` in virtual time, on a bus in memory. The same recording gives the same entries.
+
+    Raises:
+        ReplayError: The services in it cannot be replayed.
+    """
+    run_virtually(replay_by_loop_time(plan, listener, 1.0))
+
+
+async def replay_by_loop_time(plan: Plan, listener: Listener, speed: float) -> None:
+    """Play `plan` on a bus in memory, `speed` times as fast as it was recorded, by the loop's time.
+
+    Raises:
+        ReplayError: The services in it cannot be replayed.
+    """
+    exchange = LocalBroker()
+    buses = Buses(MemoryBus(exchange), MemoryBus(exchange), MemoryBus(exchange))
+    async with scratch_folder() as folder:
+        try:
+            await play(plan, buses, RecordingClock(plan.source.began_ns, speed), folder, listener)
+        finally:
+            for bus in (buses.services, buses.edge, buses.onlooker):
+                await bus.close()
+
+
+def _is_stream(entry: Entry) -> bool:
+    row = entry.row
+    return isinstance(row, Topic) and row.delivery is Delivery.LATEST
+
+
+def _is_state(key: str) -> bool:
+    topic = topic_of(key)
+    return topic is not None and topic.delivery is Delivery.STATE
+
+
+async def play(plan: Plan, buses: Buses, clock: RecordingClock, folder: Path, listener: Listener) -> None:
+    """Play a recording from its beginning to its end.
+
+    Args:
+        plan: the recording.
+        buses: where its edge writes, its services run and the result is read.
+        clock: starts at its beginning.
+        folder: an empty folder, where services keep what they store.
+        listener: takes the result.
+    """
+    try:
+        with using_state_directory(folder / "state"):
+            async with asyncio.TaskGroup() as group:
+                await _Player(plan, buses, clock, listener).play(folder, group)
+    except ExceptionGroup as errors:
+        raise first_cause(errors) or errors from errors
+
+
+class _Player:
+    def __init__(self, plan: Plan, buses: Buses, clock: RecordingClock, listener: Listener) -> None:
+        self._source, self._beginning, self._split = plan.source, plan.beginning, plan.split
+        self._live, self._lights = plan.live, plan.lights
+        self._buses = buses
+        self._clock = clock
+        self._listener = listener
+        self._edge = Edge(buses.edge)
+        starting_ns = LIVE_STARTING_S * clock.speed * NS_PER_S if plan.live else STARTING_NS
+        self._started_ns = plan.source.began_ns + starting_ns
+        self._skipped = Skipped()
+        self._failure: Exception | None = None
+        """First error of the listener, which a bus would log and forget."""
+
+    async def play(self, folder: Path, group: asyncio.TaskGroup) -> None:
+        room = self._beginning.restore(self._buses.services.site, folder)
+        changed: dict[str, dict[str, object]] = {} if self._lights else {"led-driver": {"outputs": []}}
+        if room is not None:
+            changed["pui"] = {"map": str(room)}
+        services = ReplayedServices(self._buses.services, self._clock, group, changed)
+        self._requests = RecordedRequests(self._buses.edge, self._clock, group)
+        collector = Collector(self._buses.onlooker, self._clock, self._on_result)
+        await self._put_retained(services)
+        for entry in self._source.entries():
+            if self._beginning.retained.get(entry.key) == entry or self._is_left_out(entry.row, entry.name):
+                continue
+            await self._wait_until(entry.time_ns)
+            if self._split.is_recomputed(entry):
+                await self._follow(entry, services)
+            elif isinstance(entry.row, Request):
+                self._listener.replayed(entry, is_recomputed=False)
+            else:
+                self._edge.repeat(entry)
+        await self._wait_until(self._source.ended_ns + SETTLE_NS)
+        collector.close()
+        await services.end_all()
+        if self._live:
+            self._skipped.log()
+        if collector.dropped:
+            raise ReplayError(
+                f"{collector.dropped} messages of the result are missing, as this machine is too slow: "
+                "replay at a lower --speed, or without"
+            )
+
+    def _is_left_out(self, row: AnyRow, name: str) -> bool:
+        return self._live and is_about_site(row, name)
+
+    async def _wait_until(self, time_ns: int) -> None:
+        await self._clock.wait_until(time_ns)
+        if self._failure is not None:
+            raise self._failure
+
+    async def _put_retained(self, services: ReplayedServices) -> None:
+        """Put the states of the beginning and start its services."""
+        for topic, name, message in self._beginning.states(self._split, recomputed=False):
+            if not self._is_left_out(topic, name):
+                self._edge.put(topic, name, message)
+        retained = list(self._beginning.states(self._split, recomputed=True))
+        topics = list({topic.key: topic for topic, _, _ in retained}.values())
+        answers = self._buses.edge.serve_retained(
+            topics,
+            lambda wanted: [(name, message) for topic, name, message in retained if topic is wanted],
+        )
+        asyncio.get_running_loop().call_later(GATHERING_NS / NS_PER_S / self._clock.speed, answers.close)
+        configurations = [entry for entry in self._beginning.retained.values() if entry.row is CONFIGURATION]
+        for entry in sorted(configurations, key=lambda each: self._split.rank(each.name)):
+            service, user = split_instance(entry.name)
+            if service == "supervisor":
+                self._beginning.restore_interaction(user, self._clock.now_ns())
+            if self._split.is_recomputed(entry):
+                await self._configure(entry, services)
+        for user, pose in self._beginning.measured_poses():
+            if self._split.runs("localizer", user):
+                with contextlib.suppress(RequestError):  # the supervisor sets it a second later
+                    await self._buses.edge.call(SET_POSE, pose, user)
+
+    async def _configure(self, entry: Entry, services: ReplayedServices) -> None:
+        """Start the service of `entry` if that is a configuration; it stands in the result as it was."""
+        if entry.row is CONFIGURATION and isinstance(entry.body, Configuration):
+            said = entry.body
+            service, which = split_instance(entry.name)
+            if (said.service, said.instance) != (service, entry.name) or said.user not in ("", which):
+                raise ReplayError(f"{entry.key} names another service: the file was changed, record it again")
+            self._listener.replayed(entry, is_recomputed=False)
+            await services.start(entry.body)
+
+    async def _follow(self, entry: Entry, services: ReplayedServices) -> None:
+        """Do what `entry` says about a replayed service: it began, ended, was asked or wrote something."""
+        if entry.row is CONFIGURATION:
+            await self._configure(entry, services)
+        elif entry.row is SERVICE_ALIVE:
+            if entry.body is False:
+                await services.end(entry.name)
+        elif entry.row is not HEALTH:
+            if not (self._live and self._is_start(entry)):
+                self._listener.recorded(entry)
+            self._requests.repeat(entry)
+
+    def _is_start(self, entry: Entry) -> bool:
+        """Return True if `entry` may be a state or cue with which a service starts."""
+        return entry.time_ns < self._started_ns and not _is_stream(entry)
+
+    def _on_result(self, entry: Entry) -> None:
+        try:
+            self._hand_on(entry)
+        except Exception as error:  # noqa: BLE001 - raised where the recording is played
+            self._failure = self._failure or error
+
+    def _hand_on(self, entry: Entry) -> None:
+        is_recomputed = self._split.is_recomputed(entry)
+        if is_recomputed and isinstance(entry.body, Health):
+            self._skipped.add(entry.name, entry.body)
+        if is_recomputed and entry.row in (CONFIGURATION, HEALTH):
+            return  # the recorded one stands for it; and wall times differ in every replay
+        if isinstance(entry.row, Request):
+            self._requests.on_answered(entry)
+        is_start = (self._live or bool(self._beginning.retained)) and self._is_start(entry)
+        is_compared = is_recomputed and not is_start and not isinstance(entry.row, Presence)
+        self._listener.replayed(entry, is_recomputed=is_compared)

@@ -1,0 +1,55 @@
+"""Search for services that announce themselves in the local network (DNS-SD, as Bonjour and Avahi do)."""
+
+import asyncio
+import contextlib
+from typing import NamedTuple
+
+from pointit.runtime.errors import ConfigError
+from pointit.runtime.host.extras import remedy
+
+
+class NetworkService(NamedTuple):
+    """A service in the local network."""
+
+    name: str
+    """Name of the instance, such as `wled-desk`."""
+    address: str
+    """IPv4 address."""
+    port: int
+    host: str
+    """Name of the machine, such as `wled-desk.local`, or `""`."""
+
+
+async def browse(kind: str, seconds: float) -> list[NetworkService]:
+    """Return the services of a `kind`, such as `_wled._tcp`, that answer within `seconds`.
+
+    Raises:
+        ConfigError: If the extra `discovery` is not installed.
+    """
+    try:
+        from zeroconf import IPVersion, ServiceStateChange, Zeroconf  # noqa: PLC0415 - an extra
+        from zeroconf.asyncio import AsyncServiceBrowser, AsyncServiceInfo, AsyncZeroconf  # noqa: PLC0415
+    except ImportError as error:
+        raise ConfigError(f"the search in the network needs an extra: run {remedy('discovery')}") from error
+    full_kind = f"{kind}.local."
+    names: set[str] = set()
+
+    def on_change(zeroconf: Zeroconf, service_type: str, name: str, state_change: ServiceStateChange) -> None:
+        del zeroconf, service_type
+        if state_change is not ServiceStateChange.Removed:
+            names.add(name)
+
+    found: list[NetworkService] = []
+    with contextlib.suppress(OSError):  # a machine without a network finds nothing
+        async with AsyncZeroconf(ip_version=IPVersion.V4Only) as network:
+            browser = AsyncServiceBrowser(network.zeroconf, full_kind, handlers=[on_change])
+            await asyncio.sleep(seconds / 2)
+            infos = [AsyncServiceInfo(full_kind, name) for name in sorted(names)]
+            await asyncio.gather(*(info.async_request(network.zeroconf, 500 * seconds) for info in infos))
+            await browser.async_cancel()
+            for info in infos:
+                for address in info.parsed_addresses(IPVersion.V4Only)[:1]:
+                    name = info.name.removesuffix(f".{full_kind}")
+                    host = (info.server or "").rstrip(".")
+                    found.append(NetworkService(name, address, info.port or 0, host))
+    return found

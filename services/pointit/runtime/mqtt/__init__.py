@@ -1,0 +1,1 @@
+"""Connection to MQTT brokers, and messages of devices there that several processes read."""

@@ -1,0 +1,38 @@
+"""Cues of this service, numbered."""
+
+from pointit.geometry.vector import Vec3
+from pointit.schemas import Feedback
+from pointit.schemas.cues import SIGNS, Cue
+
+
+class CueFactory:
+    """Makes the cues of one publisher."""
+
+    def __init__(self) -> None:
+        """Start with number 1."""
+        self._count = 0
+
+    def make(
+        self, cue: Cue, text: str, now_ns: int, place_m: Vec3 | None = None, *, sign_of: Cue | None = None
+    ) -> Feedback:
+        """Return a cue that looks, sounds and feels like `sign_of`, or by default as usual.
+
+        Args:
+            cue: kind of the cue.
+            text: one sentence for the person.
+            now_ns: time, ns.
+            place_m: place that it refers to, {W}.
+            sign_of: kind whose signs it has, so that a success differs from the step before.
+        """
+        sign = SIGNS[sign_of or cue]
+        self._count += 1
+        return Feedback(
+            stamp_ns=now_ns,
+            seq=self._count,
+            cue=cue,
+            text=text,
+            chime=sign.chime,
+            haptic_ms=sign.haptic_ms,
+            color=sign.color,
+            point_m=place_m,
+        )

@@ -1,0 +1,121 @@
+"""The robot that a person points at, and cues when it is not clear which."""
+
+from typing import Literal, NamedTuple
+
+from pointit.schemas import NS_PER_S, Candidate, PointingRay, RobotState, UserPose
+from pointit.services.goal.robot_identification import RobotIdentifier
+
+PERIOD_NS = NS_PER_S // 5
+"""Time between two identifications without a press."""
+PENDING_NS = 3 * NS_PER_S
+"""Time after a press within which an unclear choice may still become clear by pointing on."""
+LIKELY = 0.1
+"""Probability from which a robot is named as one that may be meant."""
+SHOWN_STEP = 0.05
+"""Resolution of published probabilities."""
+
+
+class ChosenRobot(NamedTuple):
+    """A result of pointing at robots."""
+
+    robot: str
+    """The robot that is meant, or `""` if it is unclear."""
+    problem: str
+    """One sentence for the person, or `""`."""
+
+
+class RobotChoice:
+    """Identifies the robot that one person points at, and takes it by a press or by staying on it."""
+
+    def __init__(self, take: Literal["press", "dwell"], dwell_s: float) -> None:
+        """Start without rays and robots."""
+        self._identifier = RobotIdentifier()
+        self._take = take
+        self._dwell_ns = round(dwell_s * NS_PER_S)
+        self._next_ns = 0
+        self._pressed_ns: int | None = None
+        self._on = ("", 0)
+        """Robot that is pointed at, and since when."""
+        self._done = ""
+        """Robot whose stay had a result, until another one, or none, is pointed at."""
+        self.candidates: tuple[Candidate, ...] = ()
+        """Robots that may be meant, in steps of `SHOWN_STEP`, the likeliest first."""
+
+    def on_ray(self, ray: PointingRay) -> None:
+        """Process a ray of the person."""
+        self._identifier.on_ray(ray)
+
+    def on_pose(self, pose: UserPose) -> None:
+        """Update the person's own pose."""
+        self._identifier.on_pose(pose)
+
+    def on_robot(self, robot: str, state: RobotState) -> None:
+        """Update the place of a robot."""
+        if state.phase == "lost":
+            self.forget(robot)
+            return
+        self._identifier.on_robot(
+            robot, state.stamp_ns, state.position_m, position_sigma_m=state.position_sigma_m
+        )
+
+    def forget(self, robot: str) -> None:
+        """Remove a robot that is no longer heard of."""
+        self._identifier.forget(robot)
+
+    def reset(self) -> None:
+        """Withdraw an unclear choice, and show no candidates."""
+        self._pressed_ns = None
+        self._on = ("", 0)
+        self.candidates = ()
+
+    def press(self, now_ns: int) -> ChosenRobot:
+        """Return the robot pointed at. If it is unclear, pointing on for a while may make it clear."""
+        chosen = self._identify(now_ns)
+        if chosen:
+            self._pressed_ns = None
+            return ChosenRobot(chosen, "")
+        likely = [each for each in self.candidates if each.probability >= LIKELY]
+        if not likely:
+            self._pressed_ns = None
+            return ChosenRobot("", "no robot is where you point: point at one, then press")
+        self._pressed_ns = now_ns
+        return ChosenRobot("", _unclear(likely))
+
+    def step(self, now_ns: int) -> ChosenRobot | None:
+        """Return a choice that became clear by pointing on, or None. Identifies at 5 Hz only."""
+        if 0 <= self._next_ns - now_ns <= PERIOD_NS:
+            return None
+        self._next_ns = now_ns + PERIOD_NS
+        chosen = self._identify(now_ns)
+        pressed_ns = self._pressed_ns
+        if pressed_ns is not None and not 0 <= now_ns - pressed_ns <= PENDING_NS:
+            pressed_ns = self._pressed_ns = None
+        if chosen != self._on[0]:
+            self._on = (chosen, now_ns)
+        if chosen != self._done:
+            self._done = ""
+        if not chosen or chosen == self._done:
+            return None
+        stayed = self._take == "dwell" and now_ns - self._on[1] >= self._dwell_ns
+        if pressed_ns is None and not stayed:
+            return None
+        self._pressed_ns, self._done = None, chosen
+        return ChosenRobot(chosen, "")
+
+    def _identify(self, now_ns: int) -> str:
+        found = self._identifier.identify(now_ns)
+        rounded = [
+            Candidate(object_id=each.object_id, probability=round(each.probability / SHOWN_STEP) * SHOWN_STEP)
+            for each in found.candidates
+        ]
+        self.candidates = tuple(each for each in rounded if each.probability > 0.0)
+        return found.chosen
+
+
+def _unclear(likely: list[Candidate]) -> str:
+    names = [each.object_id for each in likely]
+    if len(names) == 1:
+        return f"{names[0]} may be meant, but it is not sure: point longer at it"
+    count = "two" if len(names) == 2 else str(len(names))
+    listed = f"{', '.join(names[:-1])} and {names[-1]}"
+    return f"{count} robots may be meant, {listed}: point longer at one"

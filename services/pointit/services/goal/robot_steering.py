@@ -1,0 +1,329 @@
+"""Steering of robots by one person: choose one, take it, let it follow or send it, land it, let it go.
+
+The robot decides whom it obeys (`RobotState.user`). A person asks for at most one robot at a time.
+"""
+
+import math
+from collections import deque
+from typing import Literal
+
+from pointit.geometry import vector
+from pointit.geometry.vector import Vec3
+from pointit.schemas import (
+    NS_PER_S,
+    ButtonEvent,
+    Cursor,
+    Environment,
+    Feedback,
+    Goal,
+    Interaction,
+    PointingRay,
+    RobotState,
+    Steering,
+    UserPose,
+)
+from pointit.services.goal.config import GoalConfig
+from pointit.services.goal.goal_checks import GoalChecker
+from pointit.services.goal.goal_cues import CueFactory
+from pointit.services.goal.robot_choice import RobotChoice
+from pointit.services.goal.stay_detector import StayDetector
+from pointit.services.goal.taken_robot import RobotCue, TakenRobot
+
+Output = Goal | Feedback | Steering
+
+GAP_NS = 300_000_000
+"""Time without cursors that ends a stay."""
+BACK_NS = NS_PER_S
+"""A cursor older than the one before by at most this is late. One older still is of a clock that was set."""
+SILENT_NS = 2 * NS_PER_S
+"""Time without a report from a robot's process after which it is not chosen, and is lost to who has it."""
+TICK_NS = NS_PER_S // 5
+"""Time between two checks for missing answers."""
+LAND_BEFORE_S = (0.6, 0.1)
+"""Part of the past before a press whose mean cursor is the landing place: pressing moves the arm."""
+MAX_WAYPOINTS = 32
+"""Largest number of way-points of one path."""
+MAX_ROBOTS = 64
+"""Largest number of robots that are considered."""
+
+
+class RobotSteering:
+    """Turns the pointing and the button of one person into steering, goals and cues."""
+
+    def __init__(self, config: GoalConfig, user: str) -> None:
+        """Start for `user` without any data or robot."""
+        self._config = config
+        self._user = user
+        self._checker = GoalChecker(config, user)
+        self._choice = RobotChoice(config.take, config.dwell_s)
+        self._stays = StayDetector(config.radius_m, config.dwell_s)
+        self._robots: dict[str, tuple[RobotState, int]] = {}
+        """Newest state of each robot, and when it came."""
+        self._taken: TakenRobot | None = None
+        self._mode: Literal["none", "follow", "goals", "land"] = "none"
+        self._landing_m: Vec3 | None = None
+        self._waypoints: list[Vec3] = []
+        self._places: deque[tuple[int, Vec3, str]] = deque()
+        """Stamp, place and surface of the cursors of the last `LAND_BEFORE_S`."""
+        self._cursor: Cursor | None = None
+        self._pointing_since_ns = 0
+        self._published: Steering | None = None
+        self._cues = CueFactory()
+        self._goals = 0
+
+    @property
+    def robot(self) -> str:
+        """Return the robot that the person has, or has asked for, or `""`."""
+        return "" if self._taken is None else self._taken.name
+
+    @property
+    def deadline_ns(self) -> int | None:
+        """Return the latest time for the next `tick`, or None if nothing is awaited."""
+        return None if self._taken is None else self._taken.checked_ns + TICK_NS
+
+    def on_map(self, environment: Environment) -> None:
+        """Update the map."""
+        self._checker.on_map(environment)
+
+    def on_pose(self, user: str, pose: UserPose) -> None:
+        """Update the pose of `user`, who may be any person."""
+        self._checker.on_pose(user, pose)
+        if user == self._user:
+            self._choice.on_pose(pose)
+
+    def on_ray(self, ray: PointingRay) -> None:
+        """Process a ray of the person."""
+        self._choice.on_ray(ray)
+
+    def on_interaction(self, interaction: Interaction, now_ns: int) -> list[Output]:
+        """Update the person's interaction. The end of pointing lets the robot go."""
+        was_pointing = self._checker.is_pointing
+        self._checker.on_interaction(interaction)
+        if self._checker.is_pointing:
+            if not was_pointing:
+                self._pointing_since_ns = interaction.stamp_ns
+            return self._output([], now_ns)
+        cues: list[Output] = []
+        if self._taken is not None and self._taken.is_owner:
+            text = f"{self._taken.name} is let go, as you stopped pointing: it stays where it is"
+            cues = [self._cues.make("deselected", text, now_ns)]
+        self._release()
+        self._choice.reset()
+        return self._output(cues, now_ns)
+
+    def on_robot(self, name: str, state: RobotState, now_ns: int) -> list[Output]:
+        """Process the state of a robot."""
+        if name not in self._robots and len(self._robots) >= MAX_ROBOTS:
+            return []
+        self._robots[name] = (state, now_ns)
+        self._choice.on_robot(name, state)
+        if self._taken is None or self._taken.name != name:
+            return []
+        return self._answered(self._taken.on_state(state, self._mode, now_ns), now_ns)
+
+    def on_cursor(self, cursor: Cursor, now_ns: int) -> list[Output]:
+        """Process a cursor; cursors out of order are ignored."""
+        outputs = self.tick(now_ns)
+        before = self._cursor
+        if before is not None:
+            step_ns = cursor.stamp_ns - before.stamp_ns
+            if -BACK_NS <= step_ns < 0:
+                return outputs
+            if not 0 <= step_ns <= GAP_NS:
+                self._stays.interrupt()
+                self._places.clear()
+        self._cursor = cursor
+        place_m = self._checker.place(cursor)
+        if place_m is None:
+            self._places.clear()
+        else:
+            self._places.append((cursor.stamp_ns, place_m, cursor.surface_id))
+            while self._places[0][0] < cursor.stamp_ns - LAND_BEFORE_S[0] * NS_PER_S:
+                self._places.popleft()
+        mean_m = self._stays.on_cursor(place_m, cursor.surface_id, cursor.stamp_ns)
+        if self._taken is None and self._checker.is_pointing:
+            choice = self._choice.step(now_ns)
+            if choice is not None:
+                outputs += self._take(choice.robot, now_ns)
+        elif mean_m is not None and self._mode == "goals" and self._is_owner:
+            outputs += self._add_waypoint(mean_m, cursor, now_ns)
+        return self._output(outputs, now_ns)
+
+    def on_button(self, event: ButtonEvent, now_ns: int) -> list[Output]:
+        """Process a gesture: a press takes a robot, lands it or sends it. Others are the supervisor's."""
+        outputs = self.tick(now_ns)
+        is_ours = event.gesture == "press" and self._checker.is_pointing
+        if not is_ours or event.stamp_ns <= self._pointing_since_ns:  # that press began the pointing
+            return outputs
+        if abs(now_ns - event.stamp_ns) > round(self._config.max_age_s * NS_PER_S):
+            late = "your press came late, or by another clock: point there and press once more"
+            outputs.append(self._cues.make("refused", late, now_ns))
+        elif self._taken is None:
+            outputs += self._choose(now_ns)
+        elif not self._is_owner or self._mode == "land":
+            pass  # the robot has yet to answer
+        elif self._mode == "follow":
+            outputs += self._land(event.stamp_ns, now_ns)
+        elif self._waypoints:
+            outputs += self._go(now_ns)
+        else:
+            outputs += self._change(now_ns)
+        return self._output(outputs, now_ns)
+
+    def tick(self, now_ns: int) -> list[Output]:
+        """Advance to `now_ns`: robots that fall silent are not waited for."""
+        for name in [n for n, (_, came_ns) in self._robots.items() if not _is_recent(came_ns, now_ns)]:
+            del self._robots[name]
+            self._choice.forget(name)
+        if self._taken is None:
+            return self._output([], now_ns)
+        self._taken.checked_ns = now_ns
+        answer = self._taken.tick(now_ns, is_silent=self._taken.name not in self._robots)
+        return self._answered(answer, now_ns)
+
+    @property
+    def _is_owner(self) -> bool:
+        return self._taken is not None and self._taken.is_owner
+
+    def _choose(self, now_ns: int) -> list[Output]:
+        choice = self._choice.press(now_ns)
+        if choice.robot:
+            return self._take(choice.robot, now_ns)
+        return [self._cues.make("refused", choice.problem, now_ns)]
+
+    def _change(self, now_ns: int) -> list[Output]:
+        """Take another robot instead of one without a path, if the person clearly points at one."""
+        choice = self._choice.press(now_ns)
+        self._choice.reset()
+        if choice.robot and choice.robot != self.robot:
+            self._release()
+            return self._take(choice.robot, now_ns)
+        text = (
+            f"{self.robot} has no way-point yet: stay at a place for {self._config.dwell_s:g} s, then press"
+        )
+        return [self._cues.make("refused", text, now_ns)]
+
+    def _take(self, name: str, now_ns: int) -> list[Output]:
+        state = self._robots[name][0]
+        if state.user not in ("", self._user):
+            text = f"{name} is steered by {state.user}: wait until it is free, or point at another robot"
+            return [self._cues.make("refused", text, now_ns, state.position_m)]
+        self._taken = TakenRobot(name, self._user, now_ns)
+        self._mode = "follow" if state.kind == "quadrotor" else "goals"
+        self._choice.reset()
+        self._bar_stays()
+        return []
+
+    def _answered(self, answer: RobotCue | None, now_ns: int) -> list[Output]:
+        """Return the cue for what the robot did."""
+        if answer is None:
+            return self._output([], now_ns)
+        if answer.ends:
+            self._release()
+        elif self._mode == "land" and answer.cue == "refused":
+            self._mode, self._landing_m = "follow", None  # so that another place can be pointed at
+        cue = self._cues.make(answer.cue, answer.text, now_ns, answer.place_m, sign_of=answer.sign_of)
+        return self._output([cue], now_ns)
+
+    def _land(self, pressed_ns: int, now_ns: int) -> list[Output]:
+        cursor = self._cursor
+        first_ns, last_ns = (pressed_ns - round(before_s * NS_PER_S) for before_s in LAND_BEFORE_S)
+        surface_id = "" if cursor is None else cursor.surface_id
+        recent = [each for each in self._places if each[0] >= first_ns and each[2] == surface_id]
+        there = [place_m for _, place_m, _ in recent]
+        before = [place_m for at_ns, place_m, _ in recent if at_ns <= last_ns]
+        if cursor is None or not there:
+            text = "no robot lands there: point at the floor as you press"
+            return [self._cues.make("refused", text, now_ns)]
+        place_m = _mean(before or there)
+        reason = self._checker.rejection_reason(place_m, cursor, now_ns)
+        if reason:
+            return [self._cues.make("refused", reason, now_ns, place_m)]
+        self._mode, self._landing_m = "land", place_m
+        return [self._cues.make("selected", f"{self.robot} lands there", now_ns, place_m)]
+
+    def _add_waypoint(self, place_m: Vec3, cursor: Cursor, now_ns: int) -> list[Output]:
+        other = self._robot_at(place_m)
+        reason = self._checker.rejection_reason(place_m, cursor, now_ns)
+        if not reason and other:
+            reason = f"{other} stands there: press to take it instead, or stay at another place"
+        if not reason and len(self._waypoints) >= MAX_WAYPOINTS:
+            reason = f"the path has {MAX_WAYPOINTS} way-points already: press to send {self.robot}"
+        if reason:
+            return [self._cues.make("refused", reason, now_ns, place_m)]
+        self._waypoints.append(place_m)
+        text = f"way-point {len(self._waypoints)}: press to send {self.robot}, or stay at the next place"
+        return [self._cues.make("selected", text, now_ns, place_m)]
+
+    def _robot_at(self, place_m: Vec3) -> str:
+        """Return another robot that stands at a place, or `""`."""
+        for name, (state, _) in self._robots.items():
+            away_m = math.dist(state.position_m[:2], place_m[:2])
+            if name != self.robot and away_m <= self._config.radius_m + state.radius_m:
+                return name
+        return ""
+
+    def _go(self, now_ns: int) -> list[Output]:
+        cursor, place_m = self._cursor, self._waypoints[-1]
+        reason = "point while you press" if cursor is None else ""
+        if cursor is not None:
+            reason = self._checker.rejection_reason(place_m, cursor, now_ns)
+        if cursor is None or reason:
+            return [self._cues.make("refused", reason, now_ns, place_m)]
+        via_m, self._waypoints = tuple(self._waypoints[:-1]), []
+        self._goals += 1
+        goal = Goal(
+            stamp_ns=cursor.stamp_ns,
+            seq=self._goals,
+            position_m=place_m,
+            via_m=via_m,
+            robot=self.robot,
+            yaw_rad=self._checker.yaw_rad(place_m),
+            surface_id=cursor.surface_id,
+            age_s=max(0, now_ns - cursor.stamp_ns) / NS_PER_S,
+            position_sigma_m=self._checker.sigma_m(place_m, cursor),
+            clearance_m=self._checker.clearance_m(place_m),
+            proposed_ns=cursor.stamp_ns,
+            confirmed_by="press",
+        )
+        if self._taken is not None:
+            self._taken.on_goal(goal, now_ns)
+        sent = self._cues.make("selected", f"{self.robot} goes there", now_ns, place_m)
+        return [goal, sent]
+
+    def _release(self) -> None:
+        self._taken, self._mode, self._landing_m = None, "none", None
+        self._waypoints.clear()
+
+    def _bar_stays(self) -> None:
+        """Count no stay until the person has turned from the robot to a place."""
+        if self._places:
+            _, place_m, surface_id = self._places[-1]
+            self._stays.bar(surface_id, place_m)
+
+    def _output(self, outputs: list[Output], now_ns: int) -> list[Output]:
+        """Append the steering if it has changed."""
+        steering = Steering(
+            stamp_ns=now_ns,
+            robot=self.robot,
+            mode=self._mode,
+            target_m=self._landing_m,
+            waypoints_m=tuple(self._waypoints),
+            candidates=self._choice.candidates if self._taken is None else (),
+        )
+        before = self._published
+        if before is not None and steering.model_copy(update={"stamp_ns": before.stamp_ns}) == before:
+            return outputs
+        self._published = steering
+        return [*outputs, steering]
+
+
+def _is_recent(came_ns: int, now_ns: int) -> bool:
+    return abs(now_ns - came_ns) <= SILENT_NS
+
+
+def _mean(places_m: list[Vec3]) -> Vec3:
+    total = (0.0, 0.0, 0.0)
+    for place_m in places_m:
+        total = vector.add(total, place_m)
+    return vector.scale(total, 1.0 / len(places_m))

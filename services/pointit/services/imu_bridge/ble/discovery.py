@@ -1,0 +1,37 @@
+"""Search for wrists that advertise."""
+
+import asyncio
+from collections.abc import Sequence
+
+from pointit.runtime.config.device_plugin import Discover, FoundDevice
+from pointit.runtime.errors import ConfigError
+from pointit.services.imu_bridge.ble.radio import Advertisement, describe_error, require_bleak, scanning
+from pointit.services.imu_bridge.ble.wrist import Kind
+
+
+def discover_ble(kind: Kind, adapter: str = "") -> Discover:
+    """Return the search for wrists of a `kind`. Searches in one event loop share one scan."""
+
+    async def discover(seconds: float) -> Sequence[FoundDevice]:
+        require_bleak("the search by Bluetooth")
+        heard: dict[str, Advertisement] = {}
+
+        def on_advertisement(advertisement: Advertisement) -> None:
+            if kind.includes(advertisement):
+                heard[advertisement.address] = advertisement
+
+        try:
+            async with scanning(adapter, on_advertisement):
+                await asyncio.sleep(seconds)
+        except Exception as error:  # of bleak and of what is below it, which differ by system
+            raise ConfigError(describe_error(error)) from error
+        return [_found(each) for each in heard.values()]
+
+    return discover
+
+
+def _found(advertisement: Advertisement) -> FoundDevice:
+    details: dict[str, str | float] = {"name": advertisement.name}
+    if advertisement.rssi_dbm is not None:
+        details["rssi_dbm"] = advertisement.rssi_dbm
+    return FoundDevice(advertisement.address, advertisement.label, details)

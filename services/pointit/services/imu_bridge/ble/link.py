@@ -1,0 +1,297 @@
+"""The link to one wrist: found by a scan, connected again for ever, watched for silence."""
+
+import asyncio
+import contextlib
+import functools
+import logging
+from collections.abc import Sequence
+
+from pointit.runtime.clock import Clock
+from pointit.runtime.health.service_bus import WarningSink
+from pointit.schemas import Feedback
+from pointit.services.imu_bridge.ble.button import ButtonChange, Gesture
+from pointit.services.imu_bridge.ble.radio import (
+    CONNECT_S,
+    END_S,
+    Advertisement,
+    client_of,
+    describe_error,
+    scanning,
+)
+from pointit.services.imu_bridge.ble.timed_button import TimedButton
+from pointit.services.imu_bridge.ble.wrist import BleConfig, Connection, LinkError, Wrist
+from pointit.services.imu_bridge.reading import (
+    Deliver,
+    Disconnected,
+    Press,
+    RawReading,
+    Reading,
+    Reconnected,
+    Signal,
+)
+
+log = logging.getLogger(__name__)
+
+SCAN_S = 5.0
+"""Duration of a scan, s. After one without a result there is a warning, and the next begins."""
+SILENCE_S = 2.0
+"""Time without a reading after which a connected wrist is configured again, then reset, s."""
+ASK_S = 60.0
+"""Period of asking for the battery, s."""
+STOP_S = 0.3
+"""Time to stop the stream at the end, s; imu-bridge gives a source one second in all."""
+FIRST_WAIT_S = 0.2
+MAX_WAIT_S = 5.0
+"""Waits between connections: doubled from the first to the last while they are short."""
+MANY = 10
+"""Number of notifications without a reading from which a wrist is not called silent."""
+NAMED = 5
+"""Number of wrists within reach that a warning names."""
+SHORT_S = 10.0
+"""Connections below this count as short, s."""
+SERIAL_NUMBER = "00002a25-0000-1000-8000-00805f9b34fb"
+
+
+class BleSource:
+    """A source of orientations whose wrist is linked by Bluetooth Low Energy."""
+
+    def __init__(self, wrist: Wrist, config: BleConfig, clock: Clock, warnings: WarningSink) -> None:
+        self._wrist = wrist
+        self._config = config
+        self._wanted = config.address.lower()
+        self._clock = clock
+        self._warnings = warnings
+        self._others: set[str] = set()
+        """Addresses of wrists with another serial number than the wanted one."""
+        self._is_open = False
+        """True while items are delivered."""
+        self._was_open = False
+        self._heard_s = 0.0
+        self._useless = 0
+        """Notifications without a reading since the last one with."""
+        self._is_warned = False
+        self._shorts = 0
+        """Short connections one behind the other."""
+        self._button = TimedButton(self._on_gesture)
+        self._cue: Sequence[tuple[float, bytes]] = ()
+        self._cue_came = asyncio.Event()
+
+    def cue(self, feedback: Feedback) -> None:
+        """Play `feedback` on the wrist at once, in place of an earlier one. Does not block."""
+        if self._is_open and (commands := self._wrist.cue(feedback)):
+            self._cue = commands
+            self._cue_came.set()
+
+    async def run(self, deliver: Deliver) -> None:
+        """Deliver readings until cancelled."""
+        self._deliver = deliver
+        loop = asyncio.get_running_loop()
+        label = self._wrist.kind.label
+        wait_s = FIRST_WAIT_S
+        while True:
+            lasted_s = 0.0
+            try:
+                found = await self._find()
+                label = f"{self._wrist.kind.label} {found.address}"
+                began_s = loop.time()
+                try:
+                    await self._use(found)
+                finally:
+                    lasted_s = loop.time() - began_s
+            except LinkError as error:
+                problem = f"{label} {error}"
+            except Exception as error:  # noqa: BLE001 - of bleak and of what is below it, which differ by system
+                problem = f"{label} cannot be used: {describe_error(error)}"
+            else:
+                problem = f"{label} is another one"
+            if lasted_s < SHORT_S:
+                self._shorts += 1
+                wait_s = min(2.0 * wait_s, MAX_WAIT_S)
+            else:
+                self._shorts, wait_s = 0, FIRST_WAIT_S
+            times = f", {self._shorts} times now" if self._shorts > 2 else ""
+            problem = f"{problem}{times}; searching again"
+            self._warn("" if self._was_open else problem)  # `Disconnected` tells it, too
+            if self._was_open:
+                self._was_open = False
+                deliver(Disconnected(problem))
+            await asyncio.sleep(wait_s)
+
+    async def _find(self) -> Advertisement:
+        """Scan until the wrist is heard, for ever."""
+        while True:
+            heard: dict[str, Advertisement] = {}
+            found: asyncio.Future[Advertisement] = asyncio.get_running_loop().create_future()
+            listener = functools.partial(self._on_advertisement, heard, found)
+            with contextlib.suppress(TimeoutError):
+                async with scanning(self._config.adapter, listener), asyncio.timeout(SCAN_S):
+                    return await found
+            self._others.clear()
+            self._warn(self._absence(heard))
+
+    def _on_advertisement(
+        self,
+        heard: dict[str, Advertisement],
+        found: asyncio.Future[Advertisement],
+        advertisement: Advertisement,
+    ) -> None:
+        if advertisement.address.lower() != self._wanted and not self._wrist.kind.includes(advertisement):
+            return
+        heard[advertisement.address] = advertisement
+        if (
+            not found.done()
+            and advertisement.address not in self._others
+            and self._is_eligible(advertisement)
+        ):
+            found.set_result(advertisement)
+
+    def _is_eligible(self, advertisement: Advertisement) -> bool:
+        """Return True unless it cannot be the wanted one. Serial numbers are known when it is connected."""
+        is_address = ":" in self._wanted or self._wanted.count("-") == 4
+        if is_address:
+            return advertisement.address.lower() == self._wanted
+        is_name = self._wanted.startswith(tuple(name.lower() for name in self._wrist.kind.names))
+        return not is_name or advertisement.name.lower().startswith(self._wanted)
+
+    def _absence(self, heard: dict[str, Advertisement]) -> str:
+        what = f"no {self._wrist.kind.label}"
+        if self._wanted:
+            what = f"{self._wrist.kind.label} {self._config.address}"
+        labels = [each.label for each in heard.values()]
+        more = f" and {len(labels) - NAMED} more" if len(labels) > NAMED else ""
+        others = (", ".join(labels[:NAMED]) or "none") + more
+        verb = "is not heard" if self._wanted else "is heard"
+        return (
+            f"{what} {verb}; searching: switch it on, bring it near, and disconnect it from other programs "
+            f"and phones (others within reach: {others})"
+        )
+
+    async def _use(self, found: Advertisement) -> None:
+        """Connect, and deliver until the connection is lost. Returns if it is not the wanted wrist."""
+        lost = asyncio.Event()
+        client = client_of(found.device, self._config.adapter, lost.set)
+        connection = Connection(client)
+        is_wanted = False
+        try:
+            async with asyncio.timeout(CONNECT_S):
+                await client.connect()
+                if not await self._is_wanted(found, connection):
+                    self._others.add(found.address)
+                    return
+                is_wanted = True
+                self._wrist.begin(found.address)
+                for characteristic in self._wrist.notifications:
+                    await client.start_notify(
+                        characteristic, functools.partial(self._on_data, characteristic)
+                    )
+                runs_on = await self._wrist.resume(connection)
+                if not runs_on:
+                    await self._wrist.configure(connection)
+            self._heard_s = asyncio.get_running_loop().time()
+            self._open(keeps_yaw=runs_on)
+            if found.rssi_dbm is not None:
+                self._deliver(Signal(found.rssi_dbm))
+            await self._stream(connection, lost)
+        except asyncio.CancelledError:  # only then: one that runs on keeps its yaw for the next connection
+            with contextlib.suppress(Exception):  # it may be gone, and it is left in any case
+                async with asyncio.timeout(STOP_S):
+                    if is_wanted and not lost.is_set():
+                        await self._wrist.stop(connection)
+            raise
+        finally:
+            self._is_open = False
+            self._button.release()
+            with contextlib.suppress(Exception):
+                async with asyncio.timeout(END_S):
+                    await client.disconnect()
+
+    def _open(self, *, keeps_yaw: bool) -> None:
+        """Begin to deliver what comes."""
+        self._is_open = self._was_open = True
+        self._deliver(Reconnected(keeps_yaw=keeps_yaw))
+
+    async def _is_wanted(self, found: Advertisement, connection: Connection) -> bool:
+        """Return True if it is the wanted wrist; a serial number is known only when it is connected."""
+        if not self._wanted or self._wanted == found.address.lower():
+            return True
+        if found.name.lower().startswith(self._wanted):
+            return True
+        number = (await connection.read(SERIAL_NUMBER)).rstrip(b"\0").decode("ascii", "replace")
+        return number.strip().lower() == self._wanted
+
+    async def _stream(self, connection: Connection, lost: asyncio.Event) -> None:
+        """Deliver until `lost`. Raises LinkError then, or if the wrist stays silent."""
+        player = asyncio.create_task(self._play(connection))
+        try:
+            await self._watch(connection, lost)
+        finally:
+            player.cancel()
+            await asyncio.wait({player})
+
+    async def _watch(self, connection: Connection, lost: asyncio.Event) -> None:
+        loop = asyncio.get_running_loop()
+        asked_s = loop.time() - ASK_S
+        configured_s = 0.0
+        while True:
+            if loop.time() - asked_s >= ASK_S:
+                asked_s = loop.time()
+                async with asyncio.timeout(CONNECT_S):
+                    for item in await self._wrist.ask(connection):
+                        self._deliver(item)
+            with contextlib.suppress(TimeoutError):
+                async with asyncio.timeout(SILENCE_S / 2):
+                    await lost.wait()
+                    raise LinkError("has lost the connection: bring it near, or charge it")
+            if loop.time() - max(self._heard_s, configured_s) < SILENCE_S:
+                continue
+            if configured_s > self._heard_s:
+                await self._wrist.reset(connection)
+                raise LinkError(f"is connected but is still {self._silence}, and was reset")
+            self._warn(f"{self._wrist.kind.label} is connected but {self._silence}; it is configured again")
+            self._is_open = False  # no reading of the new yaw origin before its `Reconnected`
+            async with asyncio.timeout(CONNECT_S):
+                await self._wrist.configure(connection)
+            self._open(keeps_yaw=False)
+            configured_s = loop.time()
+
+    @property
+    def _silence(self) -> str:
+        """Return the kind of silence as an adjective."""
+        return "silent" if self._useless < MANY else f"without readings in {self._useless} notifications"
+
+    def _on_data(self, characteristic: str, _sender: object, data: bytearray) -> None:
+        items = [*self._wrist.received(characteristic, bytes(data), self._clock.now_ns())]
+        if not self._is_open:
+            return
+        self._useless += 1
+        for item in items:
+            if isinstance(item, ButtonChange):
+                self._button.change(is_down=item.is_down)
+                continue
+            if isinstance(item, Reading | RawReading):
+                self._heard_s = asyncio.get_running_loop().time()
+                self._useless = 0
+                if self._is_warned:
+                    self._warn("")
+            self._deliver(item)
+
+    def _on_gesture(self, gesture: Gesture) -> None:
+        self._deliver(Press(self._clock.now_ns(), gesture))
+
+    async def _play(self, connection: Connection) -> None:
+        """Play the newest cue, and end an older one."""
+        while True:
+            await self._cue_came.wait()
+            self._cue_came.clear()
+            for pause_s, command in self._cue:
+                if pause_s:
+                    with contextlib.suppress(TimeoutError):
+                        async with asyncio.timeout(pause_s):
+                            await self._cue_came.wait()
+                            break
+                with contextlib.suppress(Exception):  # a lost connection is told by the link
+                    await self._wrist.play(connection, command)
+
+    def _warn(self, problem: str) -> None:
+        self._is_warned = bool(problem)
+        self._warnings.warn("link", problem)

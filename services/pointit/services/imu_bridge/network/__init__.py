@@ -1,0 +1,1 @@
+"""Wrists that send datagrams: SlimeVR trackers, and apps of phones and watches."""

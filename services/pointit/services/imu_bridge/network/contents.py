@@ -1,0 +1,43 @@
+"""Error of decoders of datagrams, and their check of orientations."""
+
+import math
+from collections.abc import Sequence
+from typing import Literal
+
+from pointit.geometry.rotation import Quaternion, normalized
+from pointit.geometry.vector import Vec3
+
+NORM_TOLERANCE = 0.05
+"""Largest deviation of a quaternion's norm from 1."""
+
+Order = Literal["wxyz", "xyzw"]
+"""Order of a quaternion's numbers."""
+
+
+class DatagramError(ValueError):
+    """A datagram cannot be used; the message, a clause, says why."""
+
+
+def orientation(numbers: Sequence[float], order: Order) -> Quaternion:
+    """Return the rotation x, y, z, w, with norm 1, that four `numbers` in `order` are.
+
+    Raises:
+        DatagramError: If their norm is not 1, or one is not finite.
+    """
+    a, b, c, d = numbers
+    norm = math.hypot(a, b, c, d)
+    if not abs(norm - 1.0) <= NORM_TOLERANCE:  # also if it is not a number
+        raise DatagramError(f"has a quaternion of norm {norm:.3g}, not 1")
+    return normalized((b, c, d, a) if order == "wxyz" else (a, b, c, d))
+
+
+def vector(numbers: Sequence[float], scale: float = 1.0) -> Vec3:
+    """Return the first three `numbers`, multiplied by `scale`.
+
+    Raises:
+        DatagramError: If they are fewer, or one is not finite.
+    """
+    if len(numbers) < 3 or not all(math.isfinite(number) for number in numbers[:3]):
+        raise DatagramError("has a vector that is not three finite numbers")
+    x, y, z = numbers[:3]
+    return (scale * x, scale * y, scale * z)

@@ -1,0 +1,112 @@
+"""Wrists that speak Open Sound Control: NGIMU, and apps of phones such as GyrOSC and ZIG SIM."""
+
+import math
+from collections.abc import Sequence
+from typing import Literal
+
+from pydantic import Field, field_validator
+
+from pointit.services.imu_bridge.network.contents import Order, orientation, vector
+from pointit.services.imu_bridge.network.datagram_source import DatagramConfig, DatagramSource
+from pointit.services.imu_bridge.network.osc_message import OscMessage, parse
+from pointit.services.imu_bridge.reading import Battery, Item, Press, RawReading, Reading
+from pointit.services.imu_bridge.sources import ImuSource
+
+GRAVITY_MPS2 = 9.80665
+NAMES = frozenset({"quaternion", "quaternions", "quat"})
+"""Last parts of addresses of orientations."""
+SENSORS = "/sensors"
+"""NGIMU's rates, °/s, then its accelerations, g."""
+
+
+class OscConfig(DatagramConfig):
+    """A device that sends Open Sound Control."""
+
+    port: int = Field(
+        default=9000,
+        ge=1,
+        le=65535,
+        description="UDP port to which the device sends; each person has another",
+    )
+    address: str = Field(
+        default="",
+        description="address of the messages with the orientation, such as /gyrosc/quat; each that ends "
+        "in /quaternion, /quaternions or /quat if empty",
+    )
+    order: Literal["auto", "wxyz", "xyzw"] = Field(
+        default="auto",
+        description="order of the quaternion's numbers in a message; auto: xyzw behind the address of ZIG "
+        "SIM, /NAME/quaternion, else wxyz",
+    )
+
+    @field_validator("address")
+    @classmethod
+    def _rooted(cls, value: str) -> str:
+        if value and not value.startswith("/"):
+            raise ValueError("must begin with /, such as /gyrosc/quat")
+        return value
+
+
+class OscDecoder:
+    """Reads the messages of one device. Its rates are used until it sends an orientation."""
+
+    def __init__(self, config: OscConfig) -> None:
+        self._config = config
+        self._has_orientation = False
+        self._battery: Battery | None = None
+
+    def items(self, data: bytes, stamp_ns: int) -> Sequence[Item]:
+        """Return the readings and events of a datagram.
+
+        Raises:
+            DatagramError: If it is not OSC, or its orientation is none.
+        """
+        found = [self._item(message, stamp_ns) for message in parse(data)]
+        return [item for item in found if item is not None]
+
+    def _item(self, message: OscMessage, stamp_ns: int) -> Item | None:
+        address, numbers = message.address, message.numbers
+        if self._is_orientation(address) and len(numbers) >= 4:
+            self._has_orientation = True
+            return Reading(stamp_ns, orientation(numbers[:4], self._order(address)), message.time_ns)
+        if address == SENSORS and len(numbers) >= 6 and not self._has_orientation:
+            rates = vector(numbers[0:3], math.radians(1.0))
+            return RawReading(stamp_ns, rates, vector(numbers[3:6], GRAVITY_MPS2), message.time_ns)
+        if address == "/battery" and len(numbers) >= 3:
+            return self._changed_battery(numbers)
+        if address.rpartition("/")[2] == "button" and (not numbers or numbers[-1] > 0):
+            return Press(stamp_ns)
+        return None
+
+    def _is_orientation(self, address: str) -> bool:
+        return address == self._config.address or (
+            not self._config.address and address.rpartition("/")[2] in NAMES
+        )
+
+    def _order(self, address: str) -> Order:
+        if self._config.order != "auto":
+            return self._config.order
+        return "xyzw" if address.count("/") == 2 and address.endswith("/quaternion") else "wxyz"
+
+    def _changed_battery(self, numbers: Sequence[float]) -> Battery | None:
+        """Return NGIMU's battery if it differs from before: percent, minutes left, volts."""
+        percent, _, volts = numbers[:3]
+        if not (0.0 <= percent <= 100.0 and 0.0 < volts < 100.0):
+            return None
+        battery = Battery(percent / 100.0, volts)
+        if battery == self._battery:
+            return None
+        self._battery = battery
+        return battery
+
+
+OSC = ImuSource(
+    summary="a device or app that sends Open Sound Control: NGIMU, GyrOSC, ZIG SIM",
+    config=OscConfig,
+    make=lambda config, around: DatagramSource(
+        "osc", config, lambda: OscDecoder(config), around.clock, around.health
+    ),
+    argument="port",
+    argument_optional=True,
+    example="9000",
+)

@@ -1,0 +1,269 @@
+"""SlimeVR trackers: ESP32 boards, owoTrack on phones and watches, Joy-Con, and all that speaks as they do."""
+
+import asyncio
+import ipaddress
+import re
+
+from pydantic import Field, field_validator
+
+from pointit.runtime.clock import Clock
+from pointit.runtime.config.config import Config
+from pointit.runtime.health.surroundings import HealthSink
+from pointit.schemas import Feedback
+from pointit.services.imu_bridge.network import slimevr_protocol as protocol
+from pointit.services.imu_bridge.network.slimevr_search import TAKEN, discover
+from pointit.services.imu_bridge.network.slimevr_trackers import Tracker, Trackers
+from pointit.services.imu_bridge.network.udp_server import (
+    ANY_HOST,
+    LOOPBACK,
+    Address,
+    DatagramLimit,
+    UdpServer,
+)
+from pointit.services.imu_bridge.reading import (
+    Battery,
+    Deliver,
+    Disconnected,
+    Item,
+    Press,
+    Reading,
+    Reconnected,
+    Signal,
+)
+from pointit.services.imu_bridge.sources import ImuSource
+
+BAD_S = 10.0
+"""Time for which packets that cannot be read are told, s."""
+STEP_S = 0.4
+"""Period of heartbeats, s. Trackers drop a server that is silent for 3 s; it also sends pings."""
+_MAC = re.compile(r"[0-9A-F]{2}(:[0-9A-F]{2}){5}\Z")
+
+
+class SlimevrConfig(Config):
+    """A SlimeVR tracker."""
+
+    tracker: str = Field(
+        default="",
+        description="its MAC address (AA:BB:CC:DD:EE:FF) or IP address; the first that calls if empty",
+    )
+    sensor: int = Field(
+        default=0, ge=0, le=254, description="number of the sensor, for trackers that have several"
+    )
+    host: str = Field(
+        default="127.0.0.1",
+        description="address to listen at: 127.0.0.1 is this machine alone, 0.0.0.0 all of its networks; "
+        "each program that can send there can move the wrist, since the protocol has no passwords",
+    )
+    port: int = Field(
+        default=protocol.PORT,
+        ge=1,
+        le=65535,
+        description="UDP port; boards always call at 6969 and people share it, while apps that are told an "
+        "address (owoTrack) need another port for each person of this machine",
+    )
+
+    @field_validator("tracker")
+    @classmethod
+    def _address(cls, value: str) -> str:
+        mac = value.upper().replace("-", ":")
+        if not value or _MAC.match(mac):
+            return mac
+        try:
+            return str(ipaddress.ip_address(value))
+        except ValueError as error:
+            raise ValueError(
+                "must be a MAC address like AA:BB:CC:DD:EE:FF or an IP address; leave it empty for the first "
+                "tracker that calls"
+            ) from error
+
+
+class SlimevrSource:
+    """Answers the tracker of one person, and passes its readings on."""
+
+    def __init__(self, config: SlimevrConfig, clock: Clock, health: HealthSink) -> None:
+        self._config = config
+        self._clock = clock
+        self._health = health
+        self._trackers = Trackers(config.tracker)
+        self._limit, self._limit_of_others = DatagramLimit(), DatagramLimit()
+        self._server = UdpServer(
+            config.host, config.port, health, self._on_datagram, remedy=TAKEN, is_shared=True
+        )
+        self._battery: Battery | None = None
+        self._sensors: set[int] = set()
+        self._pinged_s = 0.0
+        self._pings = 0
+        self._unreadable = 0
+        self._unreadable_s = 0.0
+
+    async def run(self, deliver: Deliver) -> None:
+        """Deliver readings until cancelled."""
+        self._deliver = deliver
+        async with asyncio.TaskGroup() as group:
+            group.create_task(self._server.run())
+            await self._watch()
+
+    def cue(self, cue: Feedback) -> None:
+        """Let the phone or watch vibrate."""
+        used = self._trackers.used
+        if used is None or self._trackers.is_lost or not used.handshake.is_owotrack:
+            return
+        on_s = 0.0
+        for number, duration_ms in enumerate(cue.haptic_ms):
+            if number % 2 == 0:  # on
+                data = protocol.vibration(duration_ms / 1000)
+                asyncio.get_running_loop().call_later(on_s, self._send, data, used)
+            on_s += duration_ms / 1000
+
+    async def _watch(self) -> None:
+        """Keep the connection alive, and tell what is wrong."""
+        while True:
+            now_s = asyncio.get_running_loop().time()
+            if self._trackers.step(now_s) and self._trackers.used is not None:
+                self._sensors.clear()
+                self._health.set_metric("round trip", None)
+                self._deliver(
+                    Disconnected(
+                        f"the SlimeVR tracker {self._trackers.used.label} is out of reach: bring it nearer, "
+                        "or charge it"
+                    )
+                )
+            self._pings += 1
+            self._pinged_s = now_s
+            answered = self._trackers.answered(now_s)
+            self._server.disconnect_others([tracker.address for tracker in answered])
+            for tracker in answered:
+                self._send(protocol.HEARTBEAT_DATAGRAM, tracker)
+                self._send(protocol.ping(self._pings), tracker)
+            self._warn(now_s)
+            await asyncio.sleep(STEP_S)
+
+    def _on_datagram(self, data: bytes, address: Address) -> None:
+        now_s = asyncio.get_running_loop().time()
+        used = self._trackers.used
+        is_used = used is not None and used.address == address
+        if not (self._limit if is_used else self._limit_of_others).admits(now_s):
+            return
+        datagram = protocol.decode(data)
+        if datagram is None:
+            return
+        if len(datagram.packets) == 1 and isinstance(datagram.packets[0], protocol.Handshake):
+            tracker = self._trackers.called(address, datagram.packets[0], now_s)
+            if tracker is not None:
+                self._server.connect(address)
+                self._send(protocol.HANDSHAKE_ANSWER, tracker)
+            return
+        admission = self._trackers.admit(address, datagram, now_s)
+        used = self._trackers.used
+        if admission is None or used is None:
+            return
+        if admission.is_reconnected:
+            self._deliver(Reconnected(keeps_yaw=admission.keeps_yaw))
+            self._battery = None
+        if datagram.unreadable:
+            self._unreadable += datagram.unreadable
+            self._unreadable_s = now_s
+        stamp_ns = self._clock.now_ns()
+        for packet in datagram.packets:
+            item = self._take(packet, used, stamp_ns, now_s)
+            if item is not None:
+                self._deliver(item)
+
+    def _take(self, packet: protocol.Packet, used: Tracker, stamp_ns: int, now_s: float) -> Item | None:
+        """Return the reading or event of a packet, or None if it is about the tracker."""
+        match packet:
+            case protocol.Rotation(sensor, orientation_xyzw):
+                self._sensors.add(sensor)
+                return Reading(stamp_ns, orientation_xyzw) if sensor == self._config.sensor else None
+            case protocol.Button(gesture):
+                return Press(stamp_ns, gesture)
+            case protocol.BatteryLevel(level, volts):
+                before, self._battery = self._battery, Battery(level, volts)
+                return self._battery if self._battery != before else None
+            case protocol.SignalStrength(dbm):
+                return Signal(dbm)
+            case _:
+                self._answer(packet, used, now_s)
+                return None
+
+    def _answer(self, packet: protocol.Packet, used: Tracker, now_s: float) -> None:
+        """Answer a packet about the tracker, and tell what is wrong with it."""
+        match packet:
+            case protocol.SensorInfo(sensor, status):
+                self._send(protocol.sensor_answer(packet), used)
+                if sensor == self._config.sensor:
+                    self._warn_sensor("reports an error" if status == 2 else "")
+            case protocol.SensorFault(sensor, number):
+                if sensor in (self._config.sensor, protocol.WHOLE_TRACKER):
+                    self._warn_sensor(f"reports the error {number}")
+            case protocol.FlagsRequest():
+                self._send(protocol.FLAGS_ANSWER, used)
+            case protocol.Pong(number) if number == self._pings:
+                self._health.set_metric("round trip", 1000 * (now_s - self._pinged_s), "ms")
+            case _:
+                pass
+
+    def _send(self, data: bytes, tracker: Tracker) -> None:
+        self._server.send(data, tracker.address)
+
+    def _warn_sensor(self, clause: str) -> None:
+        sentence = (
+            f"the tracker's sensor {self._config.sensor} {clause}: switch it off and on" if clause else ""
+        )
+        self._health.warn("sensor", sentence)
+
+    def _warn(self, now_s: float) -> None:
+        others = ", ".join(self._trackers.others(now_s))
+        calling = (
+            f"; these call and are not assigned: {others} (slimevr.tracker names one; another person's app "
+            "needs another slimevr.port)"
+            if others
+            else ""
+        )
+        missing = ""
+        if self._trackers.used is None:  # later, `Disconnected` tells it
+            wanted = self._config.tracker or "any SlimeVR tracker"
+            missing = (
+                f"nothing from {wanted} at UDP port {self._server.place}: switch it on and give its app the "
+                f"address of this machine and a port that no other person's app has{self._loopback}"
+            )
+        self._health.warn("tracker", f"{missing}{calling}".removeprefix("; "))
+        sent = sorted(self._sensors)
+        lacks = bool(sent) and self._config.sensor not in self._sensors
+        self._health.warn(
+            "number",
+            f"the tracker has no sensor {self._config.sensor}, but {', '.join(map(str, sent))}: set "
+            "slimevr.sensor"
+            if lacks
+            else "",
+        )
+        if now_s - self._unreadable_s > BAD_S:
+            self._unreadable = 0
+        self._health.warn(
+            "unreadable",
+            f"{self._unreadable} packets of the tracker are cut off or have numbers without sense, such as "
+            "NaN: update its firmware"
+            if self._unreadable
+            else "",
+        )
+        problem = self._limit.problem(now_s)
+        self._health.warn("flood", f"the tracker {problem}" if problem else "")
+
+    @property
+    def _loopback(self) -> str:
+        if self._config.host.startswith(LOOPBACK):
+            return (
+                f"; only this machine is heard there, set slimevr.host={ANY_HOST} for devices of the network"
+            )
+        return ""
+
+
+SLIMEVR = ImuSource(
+    summary="a SlimeVR tracker: ESP32 boards, owoTrack on phones and watches, Joy-Con",
+    config=SlimevrConfig,
+    make=lambda config, around: SlimevrSource(config, around.clock, around.health),
+    argument="tracker",
+    argument_optional=True,
+    example="AA:BB:CC:DD:EE:FF",
+    discover=discover,
+)

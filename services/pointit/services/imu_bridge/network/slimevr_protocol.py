@@ -1,0 +1,250 @@
+"""SlimeVR's tracker protocol: datagrams to packets, and answers to datagrams (hardware.md A.5).
+
+All numbers are big-endian. A tracker's datagram is `u32 kind | u64 number | payload`. A bundle holds packets
+without numbers of their own. Answers have the number 0, but for the handshake's and the sensor info's, which
+have none.
+"""
+
+import struct
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Literal
+
+from pointit.geometry.rotation import Quaternion
+from pointit.services.imu_bridge.network.contents import DatagramError, orientation
+
+PORT = 6969
+LONGEST_DATAGRAM = 1500
+MOST_BUNDLED = 64
+"""Packets of a bundle that are read; the rest is dropped."""
+WHOLE_TRACKER = 255
+"""Number in place of a sensor's, for the tracker as a whole."""
+
+HEARTBEAT, HANDSHAKE, PING, BUNDLE, SHORT_BUNDLE = 1, 3, 10, 100, 101
+HANDSHAKE_ANSWER = b"\x03Hey OVR =D 5".ljust(64, b"\0")
+HEARTBEAT_DATAGRAM = struct.pack(">IQ", HEARTBEAT, 0)
+FLAGS_ANSWER = struct.pack(">IQB", 22, 0, 0)
+"""Feature flags of this server: none, so that trackers send no bundles and ask no more."""
+
+OWOTRACK_BOARD = 13
+SHARED_MACS = frozenset({"00:00:00:00:00:00", "FF:FF:FF:FF:FF:FF", "00:45:00:00:00:00", "00:0F:00:0F:00:0F"})
+"""Addresses that say nothing: none, owoTrack's before it has drawn its own, and that of every Wrangler."""
+
+Gesture = Literal["press", "double", "hold"]
+_ACTIONS: dict[int, Gesture] = {2: "double", 3: "press", 4: "hold", 5: "press"}
+"""Gestures of user actions: full reset, yaw reset, mounting reset, pause."""
+_DOUBLE_TAP = 0x40
+_NORMAL = 1
+"""Type of rotation data that is an orientation; 2 is a correction."""
+
+_HEAD = struct.Struct(">IQ")
+
+
+@dataclass(frozen=True, slots=True)
+class Handshake:
+    """A tracker that looks for a server."""
+
+    board: int = 0
+    mcu: int = 0
+    protocol: int = 0
+    firmware: str = ""
+    mac: str = ""
+    """`AA:BB:CC:DD:EE:FF`, or `""` if it has none that distinguishes it from others."""
+
+    @property
+    def is_owotrack(self) -> bool:
+        """Return True for owoTrack on a phone or watch, which vibrates."""
+        return self.board == OWOTRACK_BOARD or not self.firmware
+
+
+@dataclass(frozen=True, slots=True)
+class Rotation:
+    """Orientation of a sensor, world_from_sensor, x, y, z, w, with norm 1; the world's z is up."""
+
+    sensor: int
+    orientation_xyzw: Quaternion
+
+
+@dataclass(frozen=True, slots=True)
+class BatteryLevel:
+    """Charge of a tracker's battery."""
+
+    level: float
+    """0 to 1."""
+    volts: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class Button:
+    """A tap, or a press of a button."""
+
+    gesture: Gesture
+
+
+@dataclass(frozen=True, slots=True)
+class SensorInfo:
+    """State of a sensor."""
+
+    sensor: int
+    status: int
+    """0: offline, 1: works, 2: error."""
+
+
+@dataclass(frozen=True, slots=True)
+class SensorFault:
+    """A fault of a sensor."""
+
+    sensor: int
+    number: int
+
+
+@dataclass(frozen=True, slots=True)
+class SignalStrength:
+    """Strength of the tracker's radio signal."""
+
+    dbm: float
+
+
+@dataclass(frozen=True, slots=True)
+class FlagsRequest:
+    """A tracker that tells its features and asks for the server's."""
+
+
+@dataclass(frozen=True, slots=True)
+class Pong:
+    """The answer to the ping `number`."""
+
+    number: int
+
+
+Packet = (
+    Handshake
+    | Rotation
+    | BatteryLevel
+    | Button
+    | SensorInfo
+    | SensorFault
+    | SignalStrength
+    | FlagsRequest
+    | Pong
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Datagram:
+    """Content of a datagram, without packets of other kinds or without sense."""
+
+    number: int
+    """Number that rises with each datagram of a tracker, or 0 if it has none."""
+    packets: tuple[Packet, ...]
+    unreadable: int = 0
+    """Packets that are too short, or whose numbers make no sense."""
+
+
+def decode(data: bytes) -> Datagram | None:
+    """Return the content of `data`, or None if a SlimeVR tracker sends no such datagram."""
+    if not _HEAD.size <= len(data) <= LONGEST_DATAGRAM:
+        return None
+    kind, number = _HEAD.unpack_from(data)
+    parts = _bundled(kind, data[_HEAD.size :])
+    packets: list[Packet] = []
+    unreadable = 0
+    for inner, payload in parts:
+        try:
+            packet = _packet(inner, payload)
+        except (struct.error, IndexError, DatagramError):
+            unreadable += 1
+            continue
+        if packet is not None:
+            packets.append(packet)
+    if kind in (HANDSHAKE, PING):  # the former has none, the latter is an echo of ours
+        number = 0
+    return Datagram(number, tuple(packets), unreadable)
+
+
+def ping(number: int) -> bytes:
+    """Return a datagram that the tracker sends back."""
+    return struct.pack(">IQI", PING, 0, number & 0xFFFFFFFF)
+
+
+def sensor_answer(info: SensorInfo) -> bytes:
+    """Return the confirmation of `info`, without which it is sent again each second."""
+    return struct.pack(">IBB", 15, info.sensor, info.status)
+
+
+def vibration(duration_s: float, amplitude: float = 1.0) -> bytes:
+    """Return the command that lets owoTrack vibrate."""
+    return struct.pack(">Ifff", 2, duration_s, 100.0, amplitude)
+
+
+def _bundled(kind: int, payload: bytes) -> Iterator[tuple[int, bytes]]:
+    """Return kind and payload of each packet of a datagram."""
+    if kind not in (BUNDLE, SHORT_BUNDLE):
+        yield kind, payload
+        return
+    length_bytes, kind_bytes = (2, 4) if kind == BUNDLE else (1, 1)
+    at = 0
+    for _ in range(MOST_BUNDLED):
+        begin = at + length_bytes
+        at = begin + int.from_bytes(payload[at:begin])
+        if at > len(payload) or begin >= len(payload):
+            return
+        if at - begin > kind_bytes:
+            yield int.from_bytes(payload[begin : begin + kind_bytes]), payload[begin + kind_bytes : at]
+
+
+def _packet(kind: int, payload: bytes) -> Packet | None:  # noqa: C901, PLR0912 - the protocol's table
+    match kind:
+        case 1:
+            return Rotation(0, orientation(struct.unpack_from(">4f", payload), "xyzw"))
+        case 3:
+            return _handshake(payload)
+        case 10:
+            return Pong(*struct.unpack_from(">I", payload))
+        case 12:
+            return _battery(payload)
+        case 13:
+            return Button("double" if payload[1] & _DOUBLE_TAP else "press")
+        case 14:
+            return SensorFault(payload[0], payload[1])
+        case 15:
+            return SensorInfo(payload[0], payload[1])
+        case 16:
+            return Rotation(1, orientation(struct.unpack_from(">4f", payload), "xyzw"))
+        case 17:
+            sensor, meaning, *numbers = struct.unpack_from(">BB4f", payload)
+            return Rotation(sensor, orientation(numbers, "xyzw")) if meaning == _NORMAL else None
+        case 19:
+            return SignalStrength(float(struct.unpack_from(">xb", payload)[0]))
+        case 21:
+            return Button(_ACTIONS[payload[0]]) if payload[0] in _ACTIONS else None
+        case 22:
+            return FlagsRequest()
+        case 23:
+            sensor, *parts = struct.unpack_from(">B4h", payload)
+            return Rotation(sensor, orientation([part / 32768 for part in parts], "xyzw"))
+        case 60:
+            return Button("press")
+        case _:
+            return None
+
+
+def _battery(payload: bytes) -> BatteryLevel:
+    first, *rest = struct.unpack_from(">ff" if len(payload) >= 8 else ">f", payload)
+    level, volts = (rest[0], first) if rest else (first, 0.0)
+    if not 0.0 <= level <= 1.5:
+        raise DatagramError(f"has the battery level {level:.3g}")
+    return BatteryLevel(min(level, 1.0), volts if 0.0 < volts < 100.0 else None)
+
+
+def _handshake(payload: bytes) -> Handshake:
+    """Return the handshake: as much of it as there is, since old apps send none of its parts."""
+    if len(payload) < 28:
+        return Handshake()
+    board, _imu, mcu, _, _, _, protocol = struct.unpack_from(">7i", payload)
+    end = 29 + (payload[28] if len(payload) > 28 else 0)
+    firmware = payload[29:end].split(b"\0")[0].decode("ascii", "replace")
+    six = payload[end : end + 6]
+    mac = six.hex(":").upper() if len(six) == 6 else ""
+    printable = "".join(letter for letter in firmware if letter.isprintable())
+    return Handshake(board, mcu, protocol, printable[:40], "" if mac in SHARED_MACS else mac)

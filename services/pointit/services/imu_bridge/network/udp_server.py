@@ -1,0 +1,195 @@
+"""A UDP port that is opened again after errors."""
+
+import asyncio
+import contextlib
+import socket
+from collections.abc import Callable, Container
+
+from pointit.runtime.errors import ConfigError
+from pointit.runtime.health.service_bus import WarningSink
+from pointit.runtime.health.surroundings import NullHealth
+
+Address = tuple[str, int]
+
+LONGEST_DATAGRAM = 65536
+RETRY_S = 2.0
+"""Wait before a port is opened again, s."""
+ANY_HOST = "0.0.0.0"  # noqa: S104 - no default of any parameter
+"""Host of all networks of this machine."""
+LOOPBACK = ("127.", "::1", "localhost")
+"""Beginnings of addresses at which only this machine is heard."""
+
+
+class UdpServer(asyncio.DatagramProtocol):
+    """Receives datagrams at a port, and sends from it."""
+
+    def __init__(
+        self,
+        host: str,
+        port: int,
+        health: WarningSink,
+        on_datagram: Callable[[bytes, Address], None],
+        *,
+        remedy: str,
+        is_shared: bool = False,
+    ) -> None:
+        """Listen at `host`, of which the port 0 is any free one.
+
+        `remedy` says what to do if the port is taken. `is_shared`: other programs of this user may open it,
+        too, if they share it as well; each gets all broadcasts, and one of them the rest, unless one has
+        connected to the sender. Windows shares none.
+        """
+        self._host, self._port = host, port
+        self._health = health
+        self._on_datagram = on_datagram
+        self._remedy = remedy
+        self._is_shared = is_shared and hasattr(socket, "SO_REUSEPORT")
+        self._transport: asyncio.DatagramTransport | None = None
+        self._lost: asyncio.Future[None] | None = None
+        self._links: dict[Address, socket.socket] = {}
+        """Sockets at the shared port, each connected to one sender, whose datagrams it alone gets."""
+
+    @property
+    def place(self) -> str:
+        """Return host and port, for people."""
+        return f"{self._host}:{self._port}"
+
+    async def run(self) -> None:
+        """Listen until cancelled."""
+        loop = asyncio.get_running_loop()
+        while True:
+            self._lost = loop.create_future()
+            try:
+                transport, _ = await loop.create_datagram_endpoint(
+                    lambda: self,
+                    local_addr=(self._host, self._port),
+                    reuse_port=self._is_shared or None,
+                )
+            except OSError as error:
+                self._warn(error)
+                await asyncio.sleep(RETRY_S)
+                continue
+            self._health.clear("port")
+            self._transport = transport
+            try:
+                await self._lost
+            except OSError as error:
+                self._warn(error)
+                await asyncio.sleep(RETRY_S)
+            finally:
+                self._transport = None
+                self.disconnect_others(())
+                transport.abort()
+
+    def connect(self, address: Address) -> None:
+        """Get what comes from `address`, though others share the port."""
+        if self._transport is None or not self._is_shared or address in self._links:
+            return
+        server = self._transport.get_extra_info("socket")
+        link = socket.socket(server.family, socket.SOCK_DGRAM)
+        try:
+            link.setblocking(False)
+            link.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEPORT, 1)
+            link.bind(server.getsockname())
+            link.connect(address)
+        except OSError:  # what comes from there may still arrive at the server
+            link.close()
+            return
+        self._links[address] = link
+        asyncio.get_running_loop().add_reader(link, self._read, link)
+
+    def disconnect_others(self, addresses: Container[Address]) -> None:
+        """End what `connect` has begun, but for `addresses`."""
+        for address in [address for address in self._links if address not in addresses]:
+            link = self._links.pop(address)
+            asyncio.get_running_loop().remove_reader(link)
+            link.close()
+
+    def _read(self, link: socket.socket) -> None:
+        try:
+            data, sender = link.recvfrom(LONGEST_DATAGRAM)
+        except OSError:  # nobody listens there any more
+            return
+        self._on_datagram(data, (sender[0], sender[1]))  # another's, if it came before `connect`
+
+    def send(self, data: bytes, address: Address) -> None:
+        """Send a datagram, or nothing while the port is closed."""
+        if address in self._links:
+            with contextlib.suppress(OSError):
+                self._links[address].send(data)
+        elif self._transport is not None:
+            with contextlib.suppress(OSError):  # a lost datagram, as any other
+                self._transport.sendto(data, address)
+
+    def datagram_received(self, data: bytes, addr: tuple[str, int]) -> None:
+        """Pass a datagram on."""
+        self._on_datagram(data, (addr[0], addr[1]))
+
+    def error_received(self, exc: Exception) -> None:
+        """Ignore that a datagram could not be delivered: who does not answer falls silent."""
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """Open the port again."""
+        if self._lost is not None and not self._lost.done():
+            self._lost.set_exception(exc if isinstance(exc, OSError) else OSError("the port was closed"))
+            self._lost.exception()  # retrieved, if nobody waits any more
+
+    def _warn(self, error: OSError) -> None:
+        reason = error.strerror or str(error)
+        self._health.warn("port", f"UDP port {self.place} cannot be opened ({reason}): {self._remedy}")
+
+
+class _Problem(NullHealth):
+    """Health that remembers why the port cannot be opened."""
+
+    sentence = ""
+
+    def warn(self, topic: str, sentence: str) -> None:  # noqa: ARG002 - the protocol's signature
+        self.sentence = sentence
+
+    def clear(self, topic: str) -> None:  # noqa: ARG002 - the protocol's signature
+        self.sentence = ""
+
+
+async def overhear(
+    port: int, seconds: float, on_datagram: Callable[[bytes, Address], None], *, remedy: str
+) -> None:
+    """Receive what devices of the network send to `port` for so many seconds, beside others that share it.
+
+    Raises:
+        ConfigError: If it cannot be opened; `remedy` says what to do.
+    """
+    problem = _Problem()
+    server = UdpServer("0.0.0.0", port, problem, on_datagram, remedy=remedy, is_shared=True)  # noqa: S104
+    with contextlib.suppress(TimeoutError):
+        async with asyncio.timeout(seconds):
+            await server.run()
+    if problem.sentence:
+        raise ConfigError(problem.sentence)
+
+
+class DatagramLimit:
+    """Limits the datagrams of a second, so that a flood costs little."""
+
+    def __init__(self, most_per_s: int = 2000) -> None:
+        self._most = most_per_s
+        self._second = 0
+        self._count = 0
+        self._flooded_s = -1
+
+    def admits(self, now_s: float) -> bool:
+        """Count a datagram. Return False if it is one too many in its second."""
+        second = int(now_s)
+        if second != self._second:
+            self._second, self._count = second, 0
+        self._count += 1
+        if self._count > self._most:
+            self._flooded_s = second
+            return False
+        return True
+
+    def problem(self, now_s: float) -> str:
+        """Return the problem of the last seconds, a clause, or `""`."""
+        if self._flooded_s < 0 or now_s - self._flooded_s > 3.0:
+            return ""
+        return f"sends more than {self._most} datagrams a second; the rest is dropped: lower its rate"

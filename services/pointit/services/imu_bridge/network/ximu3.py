@@ -1,0 +1,132 @@
+"""An x-IMU3 in the network: messages by UDP, and its announcements (hardware.md A.6)."""
+
+import asyncio
+import json
+import math
+from collections.abc import Sequence
+
+from pydantic import Field
+
+from pointit.runtime.clock import Clock
+from pointit.runtime.config.device_plugin import FoundDevice
+from pointit.runtime.health.surroundings import HealthSink
+from pointit.schemas import Feedback
+from pointit.services.imu_bridge.network.contents import DatagramError
+from pointit.services.imu_bridge.network.datagram_source import DatagramConfig, DatagramSource
+from pointit.services.imu_bridge.network.udp_server import ANY_HOST, Address, overhear
+from pointit.services.imu_bridge.reading import Item
+from pointit.services.imu_bridge.serial.framer import FLASH_S
+from pointit.services.imu_bridge.serial.ximu3 import Ximu3Framer
+from pointit.services.imu_bridge.sources import ImuSource
+
+ANNOUNCEMENTS = 10000
+"""UDP port to which each device announces itself once a second."""
+LONGEST_DATAGRAM = 1500
+MOST_MESSAGES = 64
+MOST_FOUND = 64
+"""Number of devices that a search remembers."""
+
+
+class Ximu3Config(DatagramConfig):
+    """An x-IMU3 that sends by UDP."""
+
+    port: int = Field(
+        default=8000,
+        ge=1,
+        le=65535,
+        description="UDP port to which the device sends, its `udpSend`; each person has another",
+    )
+    commands: int = Field(
+        default=9000,
+        ge=1,
+        le=65535,
+        description="UDP port of the device for commands, its `udpReceive`",
+    )
+
+
+class Ximu3Decoder:
+    """Reads the datagrams of one device, each of which holds whole messages."""
+
+    def __init__(self) -> None:
+        self.framer = Ximu3Framer()
+
+    def items(self, data: bytes, stamp_ns: int) -> Sequence[Item]:
+        """Return the items of a datagram.
+
+        Raises:
+            DatagramError: If nothing in it can be read, or if it is too long.
+        """
+        messages = data.rstrip(b"\n").split(b"\n")
+        if len(data) > LONGEST_DATAGRAM or len(messages) > MOST_MESSAGES:
+            raise DatagramError(
+                f"has {len(data)} bytes and {len(messages)} messages, more than {LONGEST_DATAGRAM} or "
+                f"{MOST_MESSAGES}"
+            )
+        before = self.framer.bad
+        items = self.framer.feed(b"\n".join(messages) + b"\n", stamp_ns)
+        if self.framer.bad > before and not items:
+            raise DatagramError(self.framer.reason)
+        return items
+
+
+class Ximu3Source(DatagramSource):
+    """Passes the readings of one device on, and shows cues by its LED."""
+
+    def __init__(self, config: Ximu3Config, clock: Clock, health: HealthSink) -> None:
+        super().__init__("ximu3", config, Ximu3Decoder, clock, health)
+        self._commands = config.commands
+
+    def cue(self, cue: Feedback) -> None:
+        """Let the LED of the device flash for `cue`, if one is connected."""
+        begin, end = Ximu3Framer().cue(cue)
+        if begin and self._read_s is not None:
+            self._send(begin)
+            asyncio.get_running_loop().call_later(FLASH_S, self._send, end)
+
+    def _send(self, command: bytes) -> None:
+        self._server.send(command, (self._senders.used, self._commands))
+
+
+def announced(data: bytes, host: str) -> FoundDevice | None:
+    """Return the device that announces itself by `data` from the address `host`, or None if none does."""
+    try:
+        content = json.loads(data)
+        name, number = str(content["name"])[:40], str(content.get("sn", content.get("serial", "")))[:40]
+        battery, port = float(content["battery"]), float(content["send"])
+    except (ValueError, KeyError, TypeError, OverflowError, RecursionError):
+        return None
+    if not (math.isfinite(battery) and math.isfinite(port)):
+        return None
+    label = (
+        f"{name} {number}, battery {battery:.0f} %; it sends to UDP port {port:.0f}; set "
+        f"imu-bridge.ximu3.host={ANY_HOST}"
+    )
+    return FoundDevice(host, label, {"serial_number": number, "battery_percent": battery, "port": port})
+
+
+async def discover(seconds: float) -> Sequence[FoundDevice]:
+    """Return the devices that announce themselves.
+
+    Raises:
+        ConfigError: If the port of announcements is taken by a program that does not share it.
+    """
+    found: dict[str, FoundDevice] = {}
+
+    def on_datagram(data: bytes, address: Address) -> None:
+        device = announced(data, address[0])
+        if device is not None and len(found) < MOST_FOUND:
+            found[device.address] = device
+
+    await overhear(ANNOUNCEMENTS, seconds, on_datagram, remedy="end the x-IMU3 program that has it")
+    return [found[address] for address in sorted(found)]
+
+
+XIMU3 = ImuSource(
+    summary="an x-IMU3 in the network, by UDP; on a cable it is a serial device",
+    config=Ximu3Config,
+    make=lambda config, around: Ximu3Source(config, around.clock, around.health),
+    argument="sender",
+    argument_optional=True,
+    example="192.168.1.20",
+    discover=discover,
+)

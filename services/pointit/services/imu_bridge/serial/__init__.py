@@ -1,0 +1,1 @@
+"""Wrists on a serial port: one source, and a framer for each format."""

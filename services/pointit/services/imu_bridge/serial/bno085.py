@@ -1,0 +1,75 @@
+"""UART-RVC of BNO080, BNO085 and BNO086: 100 packets a second at 115200 baud (hardware.md A.3).
+
+A packet has 19 bytes: 0xAA, 0xAA, an index, yaw, pitch and roll in 0.01°, acceleration along x, y and z in mg
+(each 16 bits, little-endian), three reserved bytes, and the sum of all but the header.
+
+The data sheet (1000-3927, 1.3.5.2) says that pitch turns about y and roll about x, in the order yaw, pitch,
+roll. The acceleration in its own example fits only a pitch about x and a roll about y. So both are computed,
+and the one is used whose direction of gravity is closer to the measured acceleration.
+"""
+
+import math
+import struct
+from typing import Final
+
+from pointit.geometry import rotation
+from pointit.geometry.rotation import Quaternion
+from pointit.services.imu_bridge.reading import Item, Reading
+from pointit.services.imu_bridge.serial.framer import Framer, PacketCutter
+
+LENGTH = 19
+HEADER = rb"\xaa(?:\xaa|\Z)"
+BAUD: Final = 115200
+
+CENTIDEGREE = math.radians(0.01)
+X, Y = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)
+AT_REST_MG = (900.0, 1100.0)
+"""Range of the acceleration's amount at which it shows the direction of gravity, mg."""
+MEMORY = 0.98
+"""Weight of the past in the error of a convention, per packet."""
+RATIO = 0.5
+"""Ratio of errors below which the other convention is used."""
+
+_VALUES = struct.Struct("<6h")
+
+
+class Bno085Framer(Framer):
+    """Reads yaw, pitch and roll."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._cutter = PacketCutter(HEADER, LENGTH, 2)
+        self._errors = [0.0, 0.0]
+        """Smoothed squared error of gravity: pitch about y, pitch about x."""
+        self._used = 0
+
+    def feed(self, data: bytes, stamp_ns: int) -> list[Item]:
+        """Return the readings in the packets that `data` completes."""
+        before = self._cutter.skipped
+        packets = self._cutter.feed(data)
+        if self.good and self._cutter.skipped > before:
+            self.bad += self._cutter.skipped - before
+            self.reason = "a wrong checksum"
+        self.good += len(packets)
+        return [Reading(stamp_ns, self._orientation(packet)) for packet in packets]
+
+    def _orientation(self, packet: bytes) -> Quaternion:
+        yaw, pitch, roll, *acceleration_mg = _VALUES.unpack_from(packet, 3)
+        heading = rotation.from_yaw(yaw * CENTIDEGREE)
+        tilts = [
+            rotation.multiply(
+                rotation.from_axis_angle(pitch_axis, pitch * CENTIDEGREE),
+                rotation.from_axis_angle(roll_axis, roll * CENTIDEGREE),
+            )
+            for pitch_axis, roll_axis in ((Y, X), (X, Y))
+        ]
+        amount = math.hypot(*acceleration_mg)
+        if AT_REST_MG[0] < amount < AT_REST_MG[1]:
+            for number, tilt in enumerate(tilts):
+                up = rotation.rotate(rotation.inverse(tilt), (0.0, 0.0, 1.0))
+                error = math.dist(up, [value / amount for value in acceleration_mg]) ** 2
+                self._errors[number] = MEMORY * self._errors[number] + (1.0 - MEMORY) * error
+            other = 1 - self._used
+            if self._errors[other] < RATIO * self._errors[self._used]:
+                self._used = other
+        return rotation.multiply(heading, tilts[self._used])

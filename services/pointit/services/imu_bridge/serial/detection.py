@@ -1,0 +1,161 @@
+"""Recognition of a device's format and speed by what it sends. Pure; time is an argument."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final
+
+from pointit.services.imu_bridge.reading import Item
+from pointit.services.imu_bridge.serial import bno085, witmotion
+from pointit.services.imu_bridge.serial.bno085 import Bno085Framer
+from pointit.services.imu_bridge.serial.config import Format, SerialConfig
+from pointit.services.imu_bridge.serial.framer import Framer
+from pointit.services.imu_bridge.serial.text_framer import TextFramer
+from pointit.services.imu_bridge.serial.witmotion import WitMotionFramer
+from pointit.services.imu_bridge.serial.ximu3 import Ximu3Framer
+
+TRY_S = 1.0
+"""Time for which a speed is tried after its first byte, s."""
+TRY_TEXT_S = 5.0
+"""The same while only text arrives, which may be a board's report of its start, s."""
+
+_TEXT = bytes(range(0x20, 0x7F)) + b"\t\r\n"
+
+
+@dataclass(frozen=True, kw_only=True)
+class FormatRow:
+    """A format of serial devices."""
+
+    label: str
+    """Name for people."""
+    make: Callable[[SerialConfig, int], Framer]
+    """Makes a framer for a port with a speed, bits per second."""
+    bauds: tuple[int, ...]
+    """Speeds of such devices."""
+    enough: int
+    """Number of valid packets or lines that prove the format."""
+
+
+FORMATS: Final[dict[Format, FormatRow]] = {
+    "text": FormatRow(
+        label="lines of text",
+        make=lambda config, _baud: TextFramer(config.order, config.fifth),
+        bauds=witmotion.BAUDS,
+        enough=1,
+    ),
+    "witmotion": FormatRow(
+        label="WitMotion",
+        make=lambda config, baud: WitMotionFramer(configure=config.configure, baud=baud),
+        bauds=witmotion.BAUDS,
+        enough=3,
+    ),
+    "bno085": FormatRow(
+        label="BNO085 (UART-RVC)",
+        make=lambda _config, _baud: Bno085Framer(),
+        bauds=(bno085.BAUD,),
+        enough=3,
+    ),
+    "ximu3": FormatRow(
+        label="x-IMU3", make=lambda _config, _baud: Ximu3Framer(), bauds=witmotion.BAUDS, enough=1
+    ),
+}
+
+
+@dataclass(frozen=True)
+class Found:
+    """Format and speed of a device."""
+
+    format: Format
+    baud: int
+
+    @property
+    def label(self) -> str:
+        """Return the name of the format for people."""
+        return FORMATS[self.format].label
+
+    @staticmethod
+    def labels() -> list[str]:
+        """Return the names of all formats."""
+        return [row.label for row in FORMATS.values()]
+
+    def __str__(self) -> str:
+        return f"{self.label} at {self.baud} baud"
+
+
+class Detection:
+    """Tries formats side by side and speeds in turn until one format is recognized."""
+
+    def __init__(self, config: SerialConfig, first: Found | None = None) -> None:
+        """Begin with the speed of `first`, if it is known from an earlier connection."""
+        self._config = config
+        self._formats: tuple[Format, ...] = tuple(FORMATS) if config.format == "auto" else (config.format,)
+        rows = [FORMATS[name] for name in self._formats]
+        self._bauds = (config.baud,) if config.baud else rows[0].bauds
+        self._number = self._bauds.index(first.baud) if first and first.baud in self._bauds else 0
+        self.found: Found | None = None
+        """The recognized format and speed."""
+        self.framer: Framer | None = None
+        """Framer of the recognized format."""
+        self.good = 0
+        """Number of valid packets or lines of the recognized format."""
+        self._candidates: dict[Format, Framer] = {}
+        self._since_s: float | None = None
+        """Time of the first byte at this speed."""
+        self._only_text = True
+        self._begin()
+        if len(self._formats) == len(self._bauds) == 1:
+            self._recognize(self._formats[0])
+
+    @property
+    def baud(self) -> int:
+        """Return the speed that the port must have, bits per second."""
+        return self._bauds[self._number]
+
+    @property
+    def tried(self) -> str:
+        """Return the formats and speeds in question, for a warning."""
+        return (
+            f"tried {', '.join(FORMATS[name].label for name in self._formats)} at "
+            f"{', '.join(map(str, self._bauds))} baud"
+        )
+
+    def feed(self, data: bytes, stamp_ns: int, now_s: float) -> list[Item]:
+        """Return the items in `data`, which arrived at `stamp_ns`, or now, `now_s`, of any clock in s."""
+        if self.framer is not None:
+            items = self.framer.feed(data, stamp_ns)
+            self.good = self.framer.good
+            return items
+        for name, candidate in self._candidates.items():
+            items = candidate.feed(data, stamp_ns)
+            if candidate.good >= FORMATS[name].enough:
+                self._recognize(name)
+                return items
+        if data:
+            self._only_text = self._only_text and not data.translate(None, _TEXT)
+            if self._since_s is None:
+                self._since_s = now_s
+        limit_s = TRY_TEXT_S if self._only_text else TRY_S
+        if self._since_s is not None and now_s - self._since_s > limit_s:
+            self._number = (self._number + 1) % len(self._bauds)
+            self._begin()
+        return []
+
+    def forget(self) -> None:
+        """Recognize again, since what arrives has become unreadable."""
+        if len(self._formats) > 1 or len(self._bauds) > 1:
+            self.found = self.framer = None
+            self._begin()
+
+    def _begin(self) -> None:
+        self._candidates = {
+            name: FORMATS[name].make(self._config, self.baud)
+            for name in self._formats
+            if self.baud in FORMATS[name].bauds or self._config.baud
+        }
+        self._since_s = None
+        self._only_text = True
+
+    def _recognize(self, name: Format) -> None:
+        self.found = Found(name, self.baud)
+        self.framer = self._candidates[name]
+        self._candidates = {}
+        self.good = self.framer.good

@@ -1,0 +1,247 @@
+"""A wrist on a serial port: read in its own thread, recognized, reconnected forever, watched for silence."""
+
+import asyncio
+import collections
+import contextlib
+import logging
+import math
+import threading
+import time
+
+import serial
+
+from pointit.runtime.clock import Clock
+from pointit.runtime.health.surroundings import HealthSink
+from pointit.runtime.host.serial_port import PortSettings, SerialThread, serial_ports
+from pointit.schemas import Feedback
+from pointit.services.imu_bridge.reading import Deliver, Disconnected, Item, Reconnected
+from pointit.services.imu_bridge.serial.config import SerialConfig
+from pointit.services.imu_bridge.serial.detection import Detection, Found
+from pointit.services.imu_bridge.serial.framer import FLASH_S, Framer
+from pointit.services.imu_bridge.serial.ports import Answer, ask_ports, discover, set_speed, several
+from pointit.services.imu_bridge.serial.silence import SilenceWatch
+from pointit.services.imu_bridge.sources import ImuSource
+
+log = logging.getLogger(__name__)
+
+CAPACITY = 1024
+"""Items buffered while the event loop is busy; the oldest are dropped."""
+
+CLEAR_BAD_AFTER_S = 10.0
+"""Time without unreadable data after which its warning is cleared."""
+
+COMMAND_PAUSE_S = 0.1
+"""Pause between two commands to a device, s."""
+
+SEARCH_S = (4.0, 11.0)
+"""Times for which a port is listened to when it is new, and later: all speeds take 9 s."""
+
+SEARCH_PAUSE_S = (6.0, 60.0)
+"""Pauses before all ports are listened to again, doubled from the first to the most, so that other programs
+can open them: led-driver tries every 2 s."""
+
+SEARCH_STEP_S = 1.0
+"""Time between two looks for new ports, s."""
+
+
+class SerialSource:
+    """Converts the bytes of a port to readings stamped with their arrival."""
+
+    def __init__(self, config: SerialConfig, clock: Clock, health: HealthSink) -> None:
+        self._config = config
+        self._clock = clock
+        self._health = health
+        self._name = config.port
+        """Port that is used."""
+        self._first: Found | None = None
+        """Format and speed of the last connection."""
+        self._lost = asyncio.Event()
+        """Set when a port that a search has found is gone: the wrist may come back at another."""
+        self._port: serial.Serial | None = None
+        self._detection = Detection(config)
+        self._ready: collections.deque[Item] = collections.deque(maxlen=CAPACITY)
+        self._urgent: collections.deque[bytes] = collections.deque(maxlen=4)
+        self._awake = False
+        self._bad_s: float | None = None
+        self._bad_reported = True
+        self.bad_lines = 0
+        """Number of unreadable lines, or bytes of a binary format, since the start."""
+
+    async def run(self, deliver: Deliver) -> None:
+        """Deliver readings until cancelled."""
+        self._deliver = deliver
+        while True:
+            self._name = self._config.port or await self._search()
+            await self._use_port()
+
+    async def _use_port(self) -> None:
+        """Read the port; if it was found by a search, until it is lost."""
+        self._lost.clear()
+        baud = self._config.baud or self._detection.baud
+        self._thread = SerialThread(PortSettings(port=self._name, baud=baud), self._read, self._on_change)
+        port, lost = asyncio.create_task(self._thread.run()), asyncio.create_task(self._lost.wait())
+        try:
+            await asyncio.wait((port, lost), return_when=asyncio.FIRST_COMPLETED)
+            if port.done():
+                port.result()  # raises the thread's error
+        finally:
+            port.cancel()
+            lost.cancel()
+            await asyncio.gather(port, lost, return_exceptions=True)
+
+    def cue(self, cue: Feedback) -> None:
+        """Show `cue` on the device, if it has a signal and is connected."""
+        framer = self._detection.framer
+        begin, end = framer.cue(cue) if framer is not None else (b"", b"")
+        if begin:
+            self._send(begin)
+            asyncio.get_running_loop().call_later(FLASH_S, self._send, end)
+
+    def _send(self, command: bytes) -> None:
+        """Have the port's thread send `command` at once, if the device is connected."""
+        port = self._port
+        if port is not None:
+            self._urgent.append(command)
+            with contextlib.suppress(OSError, TypeError):  # it is being closed
+                port.cancel_read()
+
+    async def _search(self) -> str:
+        """Return the only port that answers; wait until there is one."""
+        time_s = asyncio.get_running_loop().time
+        answers: dict[str, Answer] = {}
+        pause_s = SEARCH_PAUSE_S[0]
+        due_s = math.inf
+        while True:
+            ports = await asyncio.to_thread(serial_ports)
+            answers = {port.path: answers[port.path] for port in ports if port.path in answers}
+            if is_due := time_s() > due_s:
+                asked, duration_s = ports, SEARCH_S[1]
+            else:
+                asked, duration_s = [port for port in ports if port.path not in answers], SEARCH_S[0]
+            answers |= {each.path: each for each in await ask_ports(asked, self._config, duration_s)}
+            if asked:
+                due_s = time_s() + pause_s
+            if is_due:
+                pause_s = min(2 * pause_s, SEARCH_PAUSE_S[1])
+            heard = [answer for answer in answers.values() if answer.found is not None]
+            if len(heard) == 1:
+                self._first = heard[0].found
+                self._health.clear("port")
+                return heard[0].path
+            self._health.warn("port", _choice(heard, [*answers.values()]))
+            await asyncio.sleep(SEARCH_STEP_S)
+
+    def _on_change(self, problem: str) -> None:
+        self._health.warn("port", problem)
+        if problem:
+            self._health.clear("silent")
+            self._deliver(Disconnected(""))  # the reason is a warning already
+            if not self._config.port:
+                self._lost.set()
+
+    def _read(self, port: serial.Serial, stopping: threading.Event) -> None:
+        """Read until asked to stop; runs in the port's thread."""
+        self._post(Reconnected())
+        self._detection = detection = Detection(self._config, self._first)
+        self._port = port
+        watch = SilenceWatch(self._name, self._config.timeout_s, time.monotonic())
+        told: Found | None = None
+        command_s = 0.0
+        try:
+            while not stopping.is_set():
+                if port.baudrate != detection.baud:
+                    set_speed(port, detection.baud)
+                while self._urgent:
+                    port.write(self._urgent.popleft())
+                data = port.read(max(1, port.in_waiting))
+                now_s = time.monotonic()
+                for item in detection.feed(data, self._clock.now_ns(), now_s):
+                    self._post(item)
+                if detection.found != told:
+                    told = detection.found
+                    self._tell(told)
+                framer = detection.framer
+                if framer is not None:
+                    if framer.commands and now_s > command_s:
+                        command_s = now_s + COMMAND_PAUSE_S
+                        self._command(port, framer)
+                    self._watch_bad(framer, now_s)
+                change = watch.step(data, detection.good, now_s, detection.tried)
+                if change is not None:
+                    self._thread.post(self._on_silence, change)
+                    if change and watch.heard_bytes:
+                        detection.forget()
+        finally:
+            self._port = None
+
+    def _tell(self, found: Found | None) -> None:
+        """Report the recognized format and speed, in the log and in health."""
+        if found is not None and found != self._first:
+            log.info("%s: %s", self._name, found)
+        self._first = found or self._first
+        self._thread.post(self._show, found)
+
+    def _show(self, found: Found | None) -> None:
+        label = "" if found is None else found.label
+        for each in Found.labels():
+            baud = float(found.baud) if found is not None and each == label else None
+            self._health.set_metric(f"port of {each}", baud, "baud")
+
+    def _command(self, port: serial.Serial, framer: Framer) -> None:
+        port.write(framer.commands.popleft())
+        if framer.told and not framer.commands:
+            log.info("%s: the device was %s", self._name, framer.told)
+            framer.told = ""
+
+    def _post(self, item: Item) -> None:
+        """Pass `item` to the event loop for delivery; runs in the port's thread."""
+        self._ready.append(item)
+        if not self._awake:
+            self._awake = True
+            self._thread.post(self._drain)
+
+    def _drain(self) -> None:
+        self._awake = False  # first: later items wake the loop again
+        while self._ready:
+            self._deliver(self._ready.popleft())
+
+    def _on_silence(self, message: str) -> None:
+        self._health.warn("silent", message)
+
+    def _watch_bad(self, framer: Framer, now_s: float) -> None:
+        """Count unreadable data, and report it and its end."""
+        if framer.bad:
+            self.bad_lines += framer.bad
+            framer.bad = 0
+            self._bad_s = now_s
+            if self._bad_reported:  # limits calls while much garbage arrives
+                self._bad_reported = False
+                self._thread.post(self._warn_bad, framer.UNIT, framer.reason, framer.HINT)
+        if self._bad_s is not None and now_s - self._bad_s > CLEAR_BAD_AFTER_S:
+            self._bad_s = None
+            self._thread.post(self._health.clear, "lines")
+
+    def _warn_bad(self, unit: str, reason: str, hint: str) -> None:
+        self._bad_reported = True
+        self._health.warn(
+            "lines",
+            f"{self.bad_lines} {unit} from {self._name} could not be read, the last: {reason}; {hint}",
+        )
+
+
+def _choice(heard: list[Answer], answers: list[Answer]) -> str:
+    """Return the reason why no port was chosen, and the remedy."""
+    if heard:
+        example = f"--imu serial:{heard[0].path}"
+        return f"{len(heard)} serial ports answer: {several(heard)}; name one, as in {example}"
+    return f"no serial port answers: plug the wrist in, or name its port; ports found: {several(answers)}"
+
+
+SERIAL = ImuSource(
+    summary="a device on a serial port: lines of text, WitMotion, BNO085 (UART-RVC) or x-IMU3",
+    config=SerialConfig,
+    make=lambda config, around: SerialSource(config, around.clock, around.health),
+    argument="port",
+    argument_optional=True,
+    discover=discover,
+)

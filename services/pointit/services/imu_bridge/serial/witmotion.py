@@ -1,0 +1,121 @@
+"""WitMotion's serial protocol: WT901, JY901, HWT905 and their kin (hardware.md A.1).
+
+A packet has 11 bytes: 0x55, its type, four 16-bit numbers (little-endian), and the sum of all before.
+A command has 5: 0xFF, 0xAA, a register, and its new value (little-endian).
+"""
+
+import math
+import struct
+from typing import Final
+
+from pointit.geometry import rotation
+from pointit.services.imu_bridge.arm_frame import from_roll_pitch_yaw
+from pointit.services.imu_bridge.reading import Item, RawReading, Reading
+from pointit.services.imu_bridge.serial.framer import EULER, QUATERNION, RAW, Framer, PacketCutter, Preference
+
+BAUDS: Final = (115200, 9600, 921600, 230400, 460800, 57600, 38400, 19200, 4800)
+"""Speeds of the devices, in the order in which they are tried."""
+
+LENGTH = 11
+HEADER = rb"\x55(?:[\x50-\x5a\x5f]|\Z)"
+
+ACCELERATION: Final = 0x51
+ANGULAR_VELOCITY: Final = 0x52
+ANGLES: Final = 0x53
+ORIENTATION: Final = 0x59
+
+FULL_SCALE = 32768.0
+G_MPS2 = 9.80665
+MPS2 = 16.0 * G_MPS2 / FULL_SCALE
+RADPS = math.radians(2000.0) / FULL_SCALE
+RAD = math.pi / FULL_SCALE
+
+UNLOCK = bytes.fromhex("ff aa 69 88 b5")
+SIX_AXES = bytes.fromhex("ff aa 24 01 00")
+"""Orientation without the magnetometer, which steel and motors indoors disturb."""
+SEND_BOTH = bytes.fromhex("ff aa 02 08 02")
+SEND_QUATERNIONS = bytes.fromhex("ff aa 02 00 02")
+SEND_ANGLES = bytes.fromhex("ff aa 02 08 00")
+RATE_50_HZ = bytes.fromhex("ff aa 03 08 00")
+RATE_100_HZ = bytes.fromhex("ff aa 03 09 00")
+BAUD_OF_100_HZ = 19200
+"""Speed from which 100 packets a second, 1100 bytes, fit."""
+
+ASKED_PACKETS = 64
+"""Number of packets to wait for the first quaternion after it was switched on."""
+
+_VALUES = struct.Struct("<4h")
+
+
+class WitMotionFramer(Framer):
+    """Reads quaternions, else Euler angles, else angular velocity and acceleration.
+
+    A device that sends no quaternions is switched to them until it is switched off, if that is wanted.
+    """
+
+    def __init__(self, *, configure: bool, baud: int) -> None:
+        """Set whether to `configure` the device, and the `baud` of its port, which limits the rate."""
+        super().__init__()
+        self._cutter = PacketCutter(HEADER, LENGTH, 0)
+        self._preference = Preference()
+        self._acceleration: tuple[float, float, float] | None = None
+        self._configure = configure
+        self._rate, self._rate_hz = (
+            (RATE_100_HZ, 100) if baud >= BAUD_OF_100_HZ or not baud else (RATE_50_HZ, 50)
+        )
+        self._asked_at: int | None = None
+        """Number of packets at which quaternions were asked for."""
+
+    def feed(self, data: bytes, stamp_ns: int) -> list[Item]:
+        """Return the readings in the packets that `data` completes."""
+        before = self._cutter.skipped
+        packets = self._cutter.feed(data)
+        if self.good and self._cutter.skipped > before:
+            self.bad += self._cutter.skipped - before
+            self.reason = "a wrong checksum"
+        items: list[Item] = []
+        for packet in packets:
+            self.good += 1
+            item = self._item(packet[1], _VALUES.unpack_from(packet, 2), stamp_ns)
+            if item is not None:
+                items.append(item)
+            if self._configure:
+                self._switch(packet[1])
+        return items
+
+    def _item(self, kind: int, values: tuple[int, int, int, int], stamp_ns: int) -> Item | None:
+        a, b, c, d = values
+        if kind == ORIENTATION:
+            norm = math.hypot(a, b, c, d) / FULL_SCALE
+            if abs(norm - 1.0) > 0.1 or not self._preference.accepts(QUATERNION):
+                return None
+            return Reading(stamp_ns, rotation.normalized((float(b), float(c), float(d), float(a))))
+        if kind == ANGLES and self._preference.accepts(EULER):
+            return Reading(stamp_ns, from_roll_pitch_yaw(a * RAD, b * RAD, c * RAD))
+        if kind == ACCELERATION:
+            self._acceleration = (a * MPS2, b * MPS2, c * MPS2)
+        elif kind == ANGULAR_VELOCITY and self._preference.accepts(RAW) and self._acceleration is not None:
+            return RawReading(stamp_ns, (a * RADPS, b * RADPS, c * RADPS), self._acceleration)
+        return None
+
+    def _switch(self, kind: int) -> None:
+        """Queue the commands that the packet of `kind` calls for."""
+        if self._asked_at is None:
+            if kind == ORIENTATION:  # somebody has configured it
+                self._configure = False
+            elif self.good > LENGTH:  # more than one turn of all packets
+                self._asked_at = self.good
+                self.commands.extend((UNLOCK, SIX_AXES, SEND_BOTH))
+        elif kind == ORIENTATION:
+            self.commands.extend((UNLOCK, SEND_QUATERNIONS, self._rate))
+            self._end("quaternions")
+        elif self.good - self._asked_at > ASKED_PACKETS:  # it has none
+            self.commands.extend((UNLOCK, SEND_ANGLES, self._rate))
+            self._end("Euler angles")
+
+    def _end(self, what: str) -> None:
+        self._configure = False
+        self.told = (
+            f"switched to {what}, {self._rate_hz} Hz, 6 axes (no magnetometer) until its power is off; "
+            "imu-bridge.serial.configure=false leaves it as it is"
+        )

@@ -1,0 +1,1 @@
+"""Treatment of the readings of any device: time, fusion, and the report in health."""

@@ -1,0 +1,186 @@
+"""The device of one person: from its items to orientations in host time, and the report on it."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from itertools import chain
+from typing import NamedTuple
+
+from pointit.geometry.rotation import Quaternion
+from pointit.runtime.errors import ConfigError
+from pointit.services.imu_bridge.reading import (
+    Battery,
+    Disconnected,
+    Item,
+    RawReading,
+    Reading,
+    ReadingCheck,
+    Reconnected,
+    Signal,
+)
+from pointit.services.imu_bridge.wrist.device_clock import DeviceClock
+from pointit.services.imu_bridge.wrist.fusion import Fusion
+from pointit.services.imu_bridge.wrist.monitor import Figure, WarningText, WristMonitor
+from pointit.services.imu_bridge.yaw_epoch import YawEpoch
+
+SHOWN_S = 10.0
+"""Time for which a jump of a clock is reported, s."""
+
+
+class SensorSample(NamedTuple):
+    """One orientation of the sensor."""
+
+    stamp_ns: int
+    """Host time of capture, as far as the device's clock tells it; else that of the reading."""
+    world_from_sensor: Quaternion
+    device_time_ns: int | None
+    """The device's clock without wraps, or None if it has none that runs."""
+
+
+class DeviceWrist:
+    """Processes all that one source delivers."""
+
+    def __init__(
+        self, label: str, plugin: str, epoch: YawEpoch, *, silence_s: float, has_steady_time: bool
+    ) -> None:
+        """Begin without a device.
+
+        Args:
+            label: its name in warnings.
+            plugin: name of the source in warnings about wrong readings.
+            epoch: counts its yaw origins.
+            silence_s: time without a reading after which a connected device is silent, s.
+            has_steady_time: the host's clock runs at the speed of the wall's, so that a device's compares.
+        """
+        self.epoch = epoch
+        self.monitor = WristMonitor(label, silence_s)
+        self.newest: Quaternion | None = None
+        """Newest world_from_sensor."""
+        self.has_news = False
+        """True if the last item may have changed a warning."""
+        self._label = label
+        self._plugin = plugin
+        self._check = ReadingCheck()
+        self._problem = ""
+        self._clock = DeviceClock() if has_steady_time else None
+        self._has_device_time = False
+        self._jumps = 0
+        self._jump_shown_s = 0.0
+        self._fusion: Fusion | None = None
+        self._no_fusion = ""
+        """Reason why raw readings cannot be used, or `""`."""
+
+    def take(self, item: Item, now_ns: int, now_s: float) -> SensorSample | None:
+        """Process `item`. Return its orientation, or None without one, or if it cannot be used.
+
+        Args:
+            item: as delivered. A `Press` is only checked: see `is_refused`.
+            now_ns: the host's clock.
+            now_s: the monotonic time.
+        """
+        problem = self._check.problem(item, now_ns)
+        self.has_news = problem != self._problem
+        self._problem = problem
+        if self._check.is_refused and not isinstance(item, Reconnected | Disconnected):
+            return None
+        if isinstance(item, Reading):
+            orientation = self.newest = item.world_from_sensor
+            self.monitor.on_reading(orientation, now_s)
+            stamp_ns, device_ns = self._timed(item)
+            return SensorSample(stamp_ns, orientation, device_ns)
+        if isinstance(item, RawReading):
+            self.monitor.on_reading((*item.angular_velocity_radps, *item.acceleration_mps2), now_s)
+            stamp_ns, device_ns = self._timed(item)
+            fused = self._fused(
+                item if device_ns == item.device_time_ns else replace(item, device_time_ns=device_ns)
+            )
+            if fused is None:
+                return None
+            self.newest = fused
+            return SensorSample(stamp_ns, fused, device_ns)
+        self.has_news = True
+        if isinstance(item, Battery):
+            self.monitor.battery = item.level
+        elif isinstance(item, Signal):
+            self.monitor.signal_dbm = item.dbm
+        elif isinstance(item, Reconnected):
+            self._on_connected(item, now_s)
+        elif isinstance(item, Disconnected):
+            self.monitor.on_disconnected(item.reason)
+        return None
+
+    @property
+    def is_refused(self) -> bool:
+        """Return True if the last item must not be used."""
+        return self._check.is_refused
+
+    def report(self, now_s: float) -> Iterator[Figure]:
+        """Yield the metrics; to be called about once a second."""
+        clock = self._clock
+        is_timed = clock is not None and self._has_device_time and clock.is_used
+        drift = clock.drift if clock is not None and is_timed else None
+        clock_figure: Figure = ("clock drift", None if drift is None else round(1e6 * drift), "ppm")
+        fusion = () if self._fusion is None else self._fusion.report(now_s)
+        return chain(self.monitor.report(now_s), (clock_figure,), fusion)
+
+    def warnings(self, now_s: float, *, is_explained: bool) -> Iterator[WarningText]:
+        """Yield the warnings. `is_explained`: the source itself says why nothing comes."""
+        yield "readings", f"{self._plugin} {self._problem}" if self._problem else ""
+        yield "fusion", f"{self._plugin} {self._no_fusion}" if self._no_fusion else ""
+        yield "clock", self._clock_warning(now_s)
+        if self._fusion is not None:
+            yield "drift", self._fusion.warning(self._label)
+        yield from self.monitor.warnings(now_s, is_explained=is_explained)
+
+    def _on_connected(self, item: Reconnected, now_s: float) -> None:
+        self.monitor.on_connected(now_s)
+        if self._fusion is not None:
+            self._fusion.restart()
+        if self._clock is not None:
+            self._clock.restart()
+        self.epoch.reconnected(keeps_yaw=item.keeps_yaw and self._fusion is None)
+
+    def _timed(self, item: Reading | RawReading) -> tuple[int, int | None]:
+        """Return the time of capture, and the device's without wraps or None if it has none that runs, ns."""
+        stamp_ns, epoch, clock = item.stamp_ns, self.epoch, self._clock
+        if clock is not None and not clock.is_used and item.device_time_ns is not None:
+            return clock.capture_ns(item.device_time_ns, stamp_ns), None
+        origin = epoch.count
+        device_ns = epoch.read(item.device_time_ns)  # always, to detect restarts
+        if device_ns is None or clock is None:
+            return stamp_ns, device_ns
+        self._has_device_time = True
+        if epoch.count != origin:
+            clock.restart_fallen(stamp_ns)
+        stamp_ns = clock.capture_ns(device_ns, stamp_ns)
+        return stamp_ns, device_ns if clock.is_used else None
+
+    def _fused(self, item: RawReading) -> Quaternion | None:
+        if self._fusion is None:
+            if self._no_fusion:
+                return None
+            try:
+                self._fusion = Fusion()
+            except ConfigError as error:
+                self._no_fusion = str(error)
+                return None
+        fusion = self._fusion
+        restarts = fusion.restarts
+        orientation = fusion.update(item)
+        if fusion.restarts != restarts:
+            self.epoch.start_new_epoch()
+        return orientation
+
+    def _clock_warning(self, now_s: float) -> str:
+        clock = self._clock
+        if clock is None:
+            return ""
+        if not clock.is_used:
+            return (
+                f"the clock of {self._label} stands still, jumps, or is not as fast as this machine's, so "
+                "times of arrival are used: check the unit of its time, and whether two devices send"
+            )
+        if clock.jumps != self._jumps:
+            self._jumps, self._jump_shown_s = clock.jumps, now_s
+        if not clock.jumps or now_s - self._jump_shown_s > SHOWN_S:
+            return ""
+        return f"the clock of {self._label} jumped by {clock.jump_s:+.1f} s, or this machine's was set"

@@ -1,0 +1,96 @@
+"""Guard of an output of any role."""
+
+from collections.abc import Callable, Sequence
+
+from pointit.runtime.service.plugin_guard import PluginGuard
+from pointit.schemas import Cursor, Environment, StripsFrame
+from pointit.schemas.base import Rgb
+from pointit.services.led_driver.roles import AnyOutput, BeamOutput, LampOutput, Output
+
+
+class GuardedOutput:
+    """An output whose faults are reported and cost the others nothing. If it fails, a new one is made.
+
+    It has every role. Calls of a role that its output has not are without effect.
+    """
+
+    def __init__(self, make: Callable[[], AnyOutput], guard: PluginGuard) -> None:
+        """Make the output.
+
+        Raises:
+            ConfigError: If it cannot be made.
+        """
+        self._make = make
+        self._guard = guard
+        self._map: Environment | None = None
+        self._colors: dict[str, Rgb] = {}
+        """Colours of lamps."""
+        self._use(guard.made(make))
+        self._is_new = True
+
+    def _use(self, output: AnyOutput) -> None:
+        self._output = output
+        # looks at the property, and a broken output's may raise anything
+        self._strips = self._guard.call("light_s", lambda: output if isinstance(output, Output) else None)
+        self._lamps = output if isinstance(output, LampOutput) else None
+        self._beam = output if isinstance(output, BeamOutput) else None
+
+    @property
+    def light_s(self) -> float:
+        """Return the time from `show` to the last byte on the wire, s, or 0.0."""
+        if (output := self._strips) is None:
+            return 0.0
+        return self._guard.call("light_s", lambda: float(output.light_s)) or 0.0
+
+    @property
+    def follows_cursors(self) -> bool:
+        """True if it has a beam."""
+        return self._beam is not None
+
+    def set_map(self, environment: Environment) -> None:
+        """Set the map, with its strips and lamps."""
+        self._map = environment
+        lamps = {lamp.id for lamp in environment.lamps}
+        self._colors = {lamp_id: color for lamp_id, color in self._colors.items() if lamp_id in lamps}
+        if (strips := self._strips) is not None:
+            self._guard.call("set_strips", lambda: strips.set_strips(environment.strips))
+        if (lamps_output := self._lamps) is not None:
+            self._guard.call("set_lamps", lambda: lamps_output.set_lamps(environment.lamps))
+        if (beam := self._beam) is not None:
+            self._guard.call("set_map", lambda: beam.set_map(environment))
+
+    def show(self, frame: StripsFrame, age_s: float = 0.0) -> None:
+        """Send `frame`, which shows what was captured `age_s` ago."""
+        if (output := self._strips) is not None:
+            self._guard.call("show", lambda: output.show(frame, age_s))
+
+    def show_lamp(self, lamp_id: str, color: Rgb) -> None:
+        """Show `color` on the lamp `lamp_id`."""
+        if (output := self._lamps) is not None:
+            self._colors[lamp_id] = color
+            self._guard.call("show_lamp", lambda: output.show_lamp(lamp_id, color))
+
+    def show_cursor(self, user: str, cursor: Cursor | None, color: Rgb) -> None:
+        """Point at the `cursor` of `user` in their `color`, or at none."""
+        if (output := self._beam) is not None:
+            self._guard.call("show_cursor", lambda: output.show_cursor(user, cursor, color))
+
+    async def run(self) -> None:
+        """Send until cancelled."""
+        await self._guard.keep_running(self._run)
+
+    async def _run(self) -> None:
+        if not self._is_new:
+            self._use(self._make())
+            colors = self._colors
+            if self._map is not None:
+                self.set_map(self._map)
+            for lamp_id, color in colors.items():
+                self.show_lamp(lamp_id, color)
+        self._is_new = False
+        await self._output.run()
+
+
+def cursor_followers(outputs: Sequence[GuardedOutput]) -> list[GuardedOutput]:
+    """Return those of `outputs` that have a beam."""
+    return [output for output in outputs if output.follows_cursors]

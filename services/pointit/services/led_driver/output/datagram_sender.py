@@ -1,0 +1,200 @@
+"""Sender of one payload over UDP: the newest wins, it is resent every second, and ends dark."""
+
+import asyncio
+import contextlib
+import errno
+import socket
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from pointit.runtime.host.name_lookup import look_up
+from pointit.services.led_driver.output.output_health import FRAME_RATE, OutputHealth
+
+KEEP_ALIVE_S = 1.0
+"""Period at which an unchanged payload is resent, s. Receivers forget one after 2.5 s (WLED, E1.31)."""
+
+RETRY_S = 0.5
+"""Wait after an error, s."""
+
+END_S = 0.3
+"""Maximum time for the last datagrams, s."""
+
+SETTLED_SENDS = 2
+"""Number of payloads after which a connection is in order: the answer to a datagram, that nobody listens,
+makes a later one fail."""
+
+UNREACHABLE = (errno.EHOSTUNREACH, errno.ENETUNREACH, errno.EHOSTDOWN, errno.ENETDOWN, errno.ENETRESET)
+
+
+class Datagram(NamedTuple):
+    """Bytes to send."""
+
+    data: bytes
+    host: str | None = None
+    """IPv4 address, if not that of the output."""
+
+
+Encode = Callable[[bytes, int], Sequence[Datagram]]
+"""Returns the datagrams that show a payload. The second argument counts payloads, from 1."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Destination:
+    """Receiver of datagrams, and the way there."""
+
+    host: str
+    """Name or address, or `""` if each datagram has its own."""
+    port: int
+    is_broadcast: bool = False
+    """True if the address may be a broadcast address."""
+    interface: str = ""
+    """Address of the network interface by which multicast leaves, or `""` for the system's choice."""
+
+
+class DatagramSender:
+    """Sends the newest payload to one receiver, at a limited rate."""
+
+    def __init__(
+        self,
+        destination: Destination,
+        encode: Encode,
+        health: OutputHealth,
+        *,
+        max_rate_hz: float,
+        encode_end: Encode | None = None,
+    ) -> None:
+        """Prepare; nothing is opened yet.
+
+        Args:
+            destination: receiver.
+            encode: protocol.
+            health: shows errors, the frame rate, and the bytes per second at this rate.
+            max_rate_hz: number of payloads per second that the receiver takes.
+            encode_end: datagrams to send at the end, given the last payload. If None, a payload of zeros.
+        """
+        self._destination = destination
+        self._encode = encode
+        self._encode_end = encode_end
+        self._health = health
+        self._period_s = 1.0 / max_rate_hz
+        self._payload: bytes | None = None
+        self._shown_s = 0.0
+        self._age_s: float | None = None
+        self._changed = asyncio.Event()
+        self._number = 0
+        self._address = ""
+        self.light_s = 0.0
+        """Time from `send` to the last datagram of the last new payload, s; 0.0 before the first."""
+
+    def send(self, payload: bytes, age_s: float | None = None) -> None:
+        """Send `payload`. It replaces an unsent one.
+
+        `age_s`: time since the capture of what it shows, or None if it shows nothing captured.
+        """
+        self._payload = payload
+        self._shown_s, self._age_s = asyncio.get_running_loop().time(), age_s
+        self._changed.set()
+
+    async def run(self) -> None:
+        """Send until cancelled, then switch off."""
+        try:
+            while True:
+                try:
+                    if self._destination.host:
+                        self._address = await look_up(self._destination.host)
+                    with self._open() as sock:
+                        await self._send_payloads(sock)
+                except OSError as error:
+                    self._health.warn("network", describe_network_error(error))
+                self._health.set_metric(FRAME_RATE, None)
+                await asyncio.sleep(RETRY_S)
+        except asyncio.CancelledError:
+            if self._payload is not None and self._number:
+                # a new socket: the answer to an earlier datagram must not make the last ones fail
+                with contextlib.suppress(OSError), self._open() as sock:
+                    await self._end(sock, self._payload)
+            raise
+
+    def _open(self) -> socket.socket:
+        """Return a socket, which is connected if there is an address, so that errors come back."""
+        sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        try:
+            sock.setblocking(False)
+            if self._destination.is_broadcast:
+                sock.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, 1)
+            if self._destination.interface:
+                interface = socket.inet_aton(self._destination.interface)
+                sock.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, interface)
+            if self._address:
+                sock.connect((self._address, self._destination.port))
+        except BaseException:
+            sock.close()
+            raise
+        return sock
+
+    async def _send_payloads(self, sock: socket.socket) -> None:
+        loop = asyncio.get_running_loop()
+        sent, next_s = 0, loop.time()
+        self._changed.set()  # what was shown meanwhile
+        while True:
+            with contextlib.suppress(TimeoutError):
+                async with asyncio.timeout(KEEP_ALIVE_S):
+                    await self._changed.wait()
+            if (wait_s := next_s - loop.time()) > 0.0:
+                await asyncio.sleep(wait_s)
+            if self._payload is None:
+                self._changed.clear()
+                continue
+            is_new = self._changed.is_set()
+            self._changed.clear()
+            next_s = max(next_s, loop.time() - self._period_s) + self._period_s
+            await self._send_one(sock, self._payload, is_new=is_new)
+            sent += 1
+            if sent == SETTLED_SENDS:
+                self._health.clear("network")
+
+    async def _send_one(self, sock: socket.socket, payload: bytes, *, is_new: bool) -> None:
+        loop = asyncio.get_running_loop()
+        began_s, shown_s, age_s = loop.time(), self._shown_s, self._age_s
+        self._number += 1
+        datagrams = self._encode(payload, self._number)
+        for datagram in datagrams:
+            await self._send_datagram(sock, datagram)
+        now_s = loop.time()
+        if is_new and age_s is not None:
+            self.light_s = now_s - shown_s
+            self._health.reached(age_s + self.light_s)
+        rate_hz = 1.0 / max(now_s - began_s, self._period_s)
+        self._health.set_metric(FRAME_RATE, rate_hz, "Hz")
+        size = sum(len(datagram.data) for datagram in datagrams)
+        self._health.set_metric("network rate", size * rate_hz / 1000.0, "kB/s")
+
+    async def _send_datagram(self, sock: socket.socket, datagram: Datagram) -> None:
+        loop = asyncio.get_running_loop()
+        if datagram.host is None:
+            await loop.sock_sendall(sock, datagram.data)
+        else:
+            await loop.sock_sendto(sock, datagram.data, (datagram.host, self._destination.port))
+
+    async def _end(self, sock: socket.socket, payload: bytes) -> None:
+        number = self._number + 1
+        if self._encode_end is None:
+            datagrams = self._encode(bytes(len(payload)), number)
+        else:
+            datagrams = self._encode_end(payload, number)
+        async with asyncio.timeout(END_S):
+            for datagram in datagrams:
+                with contextlib.suppress(OSError):  # the others may arrive
+                    await self._send_datagram(sock, datagram)
+
+
+def describe_network_error(error: OSError) -> str:
+    """Return the meaning of `error` and the remedy, for a person."""
+    if isinstance(error, socket.gaierror):
+        return "its name is not known here: switch it on, or give its address in place of the name"
+    if error.errno == errno.ECONNREFUSED:
+        return "it is there, but does not listen: switch on its network input, or correct the port"
+    if error.errno in UNREACHABLE:
+        return "it cannot be reached: switch it on, or correct the address or this machine's network"
+    return f"sending failed ({error}): correct the address or this machine's network"

@@ -1,0 +1,1 @@
+"""DMX over the network: E1.31 (sACN) and Art-Net."""

@@ -1,0 +1,192 @@
+"""Output to single lamps on an MQTT broker."""
+
+import asyncio
+import contextlib
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+from pointit.runtime.errors import ConfigError
+from pointit.runtime.health.surroundings import Surroundings
+from pointit.runtime.mqtt.broker import (
+    client_options,
+    connected,
+    describe_error,
+    require_client,
+    uncancelled,
+)
+from pointit.runtime.service.shutdown import first_cause
+from pointit.schemas import Lamp
+from pointit.schemas.base import Rgb
+from pointit.services.led_driver.output.mqtt import light_protocol
+from pointit.services.led_driver.output.mqtt.lamp_commands import DARK, LampCommands
+from pointit.services.led_driver.output.mqtt.mqtt_config import MqttConfig
+from pointit.services.led_driver.output.mqtt.search import find_lamps
+from pointit.services.led_driver.output.output_health import OutputHealth
+from pointit.services.led_driver.outputs import LedOutput
+
+if TYPE_CHECKING:
+    import aiomqtt
+
+RETRY_S = 1.0
+"""Wait after an error, s."""
+ACK_S = 5.0
+"""Time for a broker to acknowledge a command, after which the connection counts as lost, s."""
+OFF_S = 0.4
+"""Maximum time for the commands that switch the lamps off at the end, s."""
+ONLINE, OFFLINE = b"online", b"offline"
+
+
+class MqttLamps:
+    """Sends the newest colour of each lamp to its topic, at a rate that bulbs take."""
+
+    def __init__(self, config: MqttConfig, health: OutputHealth) -> None:
+        """Prepare; nothing is opened yet.
+
+        Raises:
+            ConfigError: If the extra is missing, there is no broker, or a file cannot be read.
+        """
+        require_client("lamps by MQTT")
+        if not config.broker:
+            raise ConfigError("broker: is missing; `--leds mqtt:HOST` sets it")
+        self._config = config
+        self._health = health
+        self._options = client_options(config)
+        self._commands = LampCommands(config.lamp_rate_hz, config.max_rate_hz)
+        self._changed = asyncio.Event()
+        self._lamps: tuple[str, ...] = ()
+        self._online: dict[str, bool] = {}
+        """Last message of each availability topic."""
+        self._subscribed: set[str] = set()
+
+    def set_lamps(self, lamps: Sequence[Lamp]) -> None:
+        """Set the map's lamps. Reports in health those that are configured and not in the map."""
+        ids = [lamp.id for lamp in lamps]
+        self._lamps = tuple(lamp_id for lamp_id in ids if self._config.command_topic(lamp_id))
+        self._commands.set_lamps(self._lamps)
+        unknown = ", ".join(sorted(self._config.lamps.keys() - set(ids)))
+        self._health.warn(
+            "map", f"no lamp of the map is called {unknown}: correct `lamps`, or the map" if unknown else ""
+        )
+        self._tell_availability()
+        self._changed.set()
+
+    def show_lamp(self, lamp_id: str, color: Rgb) -> None:
+        """Show `color` on the lamp `lamp_id`. Returns at once."""
+        self._commands.show(lamp_id, color)
+        self._changed.set()
+
+    async def run(self) -> None:
+        """Send until cancelled, then switch the lamps off."""
+        from aiomqtt import MqttError  # noqa: PLC0415 - an extra
+
+        while True:
+            try:
+                await self._serve()
+            except* (MqttError, OSError) as errors:
+                has_user = bool(self._config.username)
+                self._health.warn("broker", describe_error(first_cause(errors), has_user=has_user))
+            await asyncio.sleep(RETRY_S)
+
+    async def _serve(self) -> None:
+        """Connect, and send until the connection is lost."""
+        from aiomqtt import Will  # noqa: PLC0415 - an extra
+
+        options: dict[str, Any] = dict(self._options)
+        if self._config.status_topic:
+            options["will"] = Will(self._config.status_topic, OFFLINE, qos=1, retain=True)
+        async with connected(options) as client:
+            self._health.clear("broker")
+            self._online.clear()
+            self._subscribed.clear()
+            self._tell_availability()
+            self._commands.resend()
+            self._changed.set()
+            try:
+                async with asyncio.TaskGroup() as tasks:
+                    tasks.create_task(self._read(client), name="lamps' availability")
+                    tasks.create_task(self._send(client), name="lamps' commands")
+            except asyncio.CancelledError:
+                await self._end(client)
+                raise
+
+    async def _send(self, client: "aiomqtt.Client") -> None:
+        loop = asyncio.get_running_loop()
+        await self._tell_status(client, ONLINE)
+        while True:
+            self._changed.clear()
+            await self._subscribe(client)
+            while (taken := self._commands.take(loop.time())) is not None:
+                lamp_id, color = taken
+                await self._publish(client, lamp_id, color)
+            with contextlib.suppress(TimeoutError):
+                async with asyncio.timeout(self._commands.wait_s(loop.time())):
+                    await self._changed.wait()
+
+    async def _publish(self, client: "aiomqtt.Client", lamp_id: str, color: Rgb) -> None:
+        topic = self._config.command_topic(lamp_id)
+        # acknowledged, so that no command waits behind old ones and a broker that hangs is noticed
+        await uncancelled(client.publish(topic, light_protocol.command(color), qos=1, timeout=ACK_S))
+
+    async def _tell_status(self, client: "aiomqtt.Client", status: bytes) -> None:
+        if self._config.status_topic:
+            await uncancelled(
+                client.publish(self._config.status_topic, status, qos=1, retain=True, timeout=ACK_S)
+            )
+
+    async def _subscribe(self, client: "aiomqtt.Client") -> None:
+        """Subscribe to the availability of new lamps."""
+        wanted = {topic for lamp_id in self._lamps for topic in self._config.availability_topics(lamp_id)}
+        if new := sorted(wanted - self._subscribed):
+            await uncancelled(client.subscribe([(topic, 1) for topic in new]))
+            self._subscribed.update(new)
+
+    async def _read(self, client: "aiomqtt.Client") -> None:
+        async for message in client.messages:
+            online = light_protocol.availability(message.payload)
+            if online is not None:
+                self._online[str(message.topic)] = online
+                self._tell_availability()
+                self._changed.set()
+
+    def _tell_availability(self) -> None:
+        offline = [
+            lamp_id
+            for lamp_id in self._lamps
+            if not all(self._online.get(topic, True) for topic in self._config.availability_topics(lamp_id))
+        ]
+        self._commands.set_offline(offline)
+        who = ", ".join(offline)
+        self._health.warn(
+            "lamps", f"offline: {who}; switch them on at the wall, or look into their bridge" if who else ""
+        )
+
+    async def _end(self, client: "aiomqtt.Client") -> None:
+        """Switch off the lamps that are lit."""
+        from aiomqtt import MqttError  # noqa: PLC0415 - an extra
+
+        # without a connection, the broker publishes the last will
+        with contextlib.suppress(MqttError, OSError):  # TimeoutError is one
+            async with asyncio.timeout(OFF_S):
+                await asyncio.gather(
+                    *(self._publish(client, lamp_id, DARK) for lamp_id in self._commands.lit)
+                )
+                await self._tell_status(client, OFFLINE)
+
+
+def make_lamps(config: MqttConfig, around: Surroundings) -> MqttLamps:
+    """Return an output of `config`, which opens nothing yet.
+
+    Raises:
+        ConfigError: As `MqttLamps`.
+    """
+    return MqttLamps(config, OutputHealth(around.health, config.broker))
+
+
+MQTT = LedOutput(
+    summary="single lamps: smart lights by MQTT (Zigbee2MQTT, Home Assistant)",
+    config=MqttConfig,
+    make=make_lamps,
+    argument="broker",
+    example="HOST",
+    discover=find_lamps,
+)

@@ -1,0 +1,168 @@
+"""Pixels of strips on the pixels of an output: parts, offsets, order of colours, direction, gaps. Pure."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pointit.schemas import Strip, StripsFrame
+from pointit.services.led_driver.segment import Segment
+
+Indices = NDArray[np.intp]
+
+WHOLE = 1 << 40
+"""Pixels of a block where an output is not divided."""
+
+_COLORS = "RGB"
+
+
+@dataclass(frozen=True, slots=True)
+class Block:
+    """Consecutive bytes of an output's pixels that are addressed together, such as those of a universe."""
+
+    number: int
+    """Number of the universe."""
+    start: int
+    """First byte."""
+    size: int
+    """Number of bytes, up to the last pixel that is in use."""
+
+
+class PixelMap:
+    """Source of each byte that an output sends."""
+
+    def __init__(
+        self, strips: Sequence[Strip], gather: Indices, colors: int, blocks: tuple[Block, ...]
+    ) -> None:
+        """Map `strips`; `map_pixels` does so by segments.
+
+        Args:
+            strips: strips in use.
+            gather: for each byte of the output, the index of its source in the bytes of `strips` one behind
+                the other, 3 a pixel, and of a dark byte behind them.
+            colors: bytes of a pixel of the output, 3 or 4.
+            blocks: division of the output's bytes.
+        """
+        self._strips = strips
+        self._sizes = {strip.id: 3 * strip.pixels for strip in strips}
+        self._gather = gather
+        self.colors = colors
+        """Bytes of a pixel of the output: 3, or 4 with white."""
+        self.blocks = blocks
+        """Division of the output's bytes, by number. Without divisions there is one, of the first number."""
+
+    @property
+    def size(self) -> int:
+        """Return the number of bytes of a frame of the output."""
+        return len(self._gather)
+
+    @property
+    def pixels(self) -> int:
+        """Return the number of pixels of the output, with those in gaps."""
+        return self.size // self.colors
+
+    def covering(self, old: "PixelMap") -> "PixelMap":
+        """Return this map with the pixels and blocks that only `old` has, dark: none of them stays lit."""
+        own = {block.number: self._gather[block.start : block.start + block.size] for block in self.blocks}
+        sizes = {block.number: block.size for block in old.blocks}
+        dark = sum(self._sizes.values())
+        gather = np.zeros(0, dtype=np.intp)
+        blocks: list[Block] = []
+        for number in sorted(own.keys() | sizes.keys()):
+            part = own.get(number, gather[:0])
+            size = max(len(part), sizes.get(number, 0))
+            blocks.append(Block(number, len(gather), size))
+            gather = np.concatenate((gather, part, np.full(size - len(part), dark, dtype=np.intp)))
+        return PixelMap(self._strips, gather, self.colors, tuple(blocks))
+
+    def output_bytes(self, frame: StripsFrame) -> bytes:
+        """Return the pixels of the output that show `frame`. What the frame lacks is dark."""
+        shown = {strip.id: strip.rgb for strip in frame.strips}
+        parts = [shown.get(name, b"")[:size].ljust(size, b"\0") for name, size in self._sizes.items()]
+        source = np.frombuffer(b"".join((*parts, b"\0")), dtype=np.uint8)
+        return source.take(self._gather, mode="clip").tobytes()  # all are valid: skips the check
+
+
+def map_pixels(
+    segments: Sequence[Segment],
+    strips: Sequence[Strip],
+    *,
+    block_pixels: int = WHOLE,
+    first_block: int = 0,
+) -> tuple[PixelMap, list[str]]:
+    """Return the pixels of `strips` on an output, and sentences about what cannot be shown.
+
+    Args:
+        segments: parts of strips; all strips in their order if empty.
+        strips: strips of the map.
+        block_pixels: number of pixels of a universe. What does not fit continues in the next one.
+        first_block: number of the output's first universe.
+    """
+    problems: list[str] = []
+    by_id = {strip.id: strip for strip in strips}
+    segments = segments or [Segment(strip=name) for name in by_id]
+    colors = len(segments[0].order) if segments else len(_COLORS)
+    used = [by_id[name] for name in dict.fromkeys(segment.strip for segment in segments) if name in by_id]
+    ends = np.cumsum([0, *(3 * strip.pixels for strip in used)])
+    first_byte = {strip.id: int(start) for strip, start in zip(used, ends, strict=False)}
+    targets: list[Indices] = []
+    sources: list[Indices] = []
+    end = 0
+    for segment in segments:
+        if (strip := by_id.get(segment.strip)) is None:
+            problems.append(f"the map has no strip {segment.strip}: correct `segments`")
+            continue
+        pixels = strip.pixels - segment.first if segment.pixels is None else segment.pixels
+        if segment.first + pixels > strip.pixels or pixels <= 0:
+            problems.append(
+                f"strip {strip.id} has {strip.pixels} pixels, a segment wants {segment.first} to "
+                f"{segment.first + max(pixels, 1) - 1}: correct `segments`"
+            )
+            pixels = max(0, strip.pixels - segment.first)
+        if segment.universe is not None and block_pixels == WHOLE:
+            problems.append(f"the output has no universes: remove `universe: {segment.universe}`")
+            segment = segment.model_copy(update={"universe": None})  # noqa: PLW2901
+        start = _start(segment, end, block_pixels, first_block)
+        if start < 0:
+            problems.append(f"universe {segment.universe} lies before the output's first, {first_block}")
+            continue
+        end = start + pixels
+        numbers = np.arange(segment.first, segment.first + pixels, dtype=np.intp)
+        bytes_of_pixel = [_COLORS.find(color) for color in segment.order]
+        first_of_pixel = first_byte[strip.id] + 3 * (numbers[::-1] if segment.reversed else numbers)
+        source = first_of_pixel[:, None] + np.array(bytes_of_pixel, dtype=np.intp)
+        source[:, [each < 0 for each in bytes_of_pixel]] = ends[-1]  # white
+        targets.append(np.arange(start, end, dtype=np.intp))
+        sources.append(source)
+    target = np.concatenate(targets) if targets else np.zeros(0, dtype=np.intp)
+    if len(np.unique(target)) < len(target):
+        problems.append("two segments share pixels of the output, which show the later one: correct `offset`")
+    places, blocks = _divide(target, colors, block_pixels, first_block)
+    gather = np.full((sum(block.size for block in blocks) // colors, colors), ends[-1], dtype=np.intp)
+    if sources:
+        gather[places] = np.concatenate(sources)
+    return PixelMap(used, gather.ravel(), colors, blocks), problems
+
+
+def _start(segment: Segment, end: int, block_pixels: int, first_block: int) -> int:
+    """Return the first pixel of the output for `segment`, negative if it lies before the output."""
+    if segment.universe is not None:
+        return (segment.universe - first_block) * block_pixels + (segment.offset or 0)
+    return end if segment.offset is None else segment.offset
+
+
+def _divide(
+    target: Indices, colors: int, block_pixels: int, first_block: int
+) -> tuple[Indices, tuple[Block, ...]]:
+    """Return the places of the pixels `target` where only blocks in use are kept, and these."""
+    numbers, block_of = np.unique(target // block_pixels, return_inverse=True)
+    pixels = np.zeros(len(numbers), dtype=np.intp)
+    within = target % block_pixels
+    np.maximum.at(pixels, block_of, within + 1)
+    starts = np.cumsum(pixels) - pixels
+    blocks = tuple(
+        Block(first_block + int(number), int(start) * colors, int(count) * colors)
+        for number, start, count in zip(numbers, starts, pixels, strict=True)
+    )
+    return starts[block_of] + within, blocks

@@ -1,0 +1,1 @@
+"""Output to controllers on a serial port: expanders (UPXL), Adalight."""

@@ -1,0 +1,108 @@
+"""Output to a controller on a serial port that takes Adalight: an Arduino, or WLED on USB."""
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+from pydantic import Field
+
+from pointit.runtime.health.surroundings import HealthSink
+from pointit.schemas import Strip, StripsFrame
+from pointit.services.led_driver.output.pixel_map import map_pixels
+from pointit.services.led_driver.output.power import Power
+from pointit.services.led_driver.output.serial_port import adalight_protocol
+from pointit.services.led_driver.output.serial_port.serial_config import (
+    BITS_PER_BYTE,
+    SerialOutputConfig,
+    wire_time_s,
+)
+from pointit.services.led_driver.output.serial_port.serial_output import SerialFrame, SerialOutput
+from pointit.services.led_driver.outputs import LedOutput
+
+
+class AdalightConfig(SerialOutputConfig):
+    """A controller on a serial port that takes Adalight, of which the pixels have three colours."""
+
+    kind: str = Field(default="adalight", description="kind of controller")
+
+
+@dataclass(frozen=True)
+class AdalightFrame(SerialFrame):
+    """Pixels of the controller, 3 bytes each."""
+
+    pixels: bytes
+
+    draws_while_receiving: ClassVar[bool] = False
+
+    def opening(self) -> "AdalightFrame":
+        """Return a dark frame: its rest behind an aborted one is no command of WLED, such as another rate."""
+        return self.dark()
+
+    def dark(self) -> "AdalightFrame":
+        """Return the same pixels, all black."""
+        return replace(self, pixels=bytes(len(self.pixels)))
+
+    def data(self) -> bytes:
+        """Return the bytes of the protocol that show it."""
+        return adalight_protocol.encode_frame(self.pixels)
+
+    def draw_time_s(self) -> float:
+        """Return the time that the controller takes to draw it, s."""
+        return adalight_protocol.draw_time_s(len(self.pixels) // 3)
+
+
+class AdalightOutput(SerialOutput):
+    """Sends frames to one controller."""
+
+    def __init__(self, config: AdalightConfig, account: HealthSink) -> None:
+        super().__init__(config, account)
+        self._adalight = config
+        self._power = Power(config)
+        self._map, _ = map_pixels((), ())
+
+    def set_strips(self, strips: Sequence[Strip]) -> None:
+        """Set the map's strips. Reports in health what the controller and its wire cannot show."""
+        pixel_map, problems = map_pixels(self._adalight.segments, strips)
+        if pixel_map.pixels > adalight_protocol.MAX_PIXELS:
+            problems.append(f"{pixel_map.pixels} pixels are more than Adalight has, 65536: use more outputs")
+            pixel_map, _ = map_pixels((), ())
+        self._map = pixel_map.covering(self._map)
+        self.set_problems([*problems, *_too_slow(self._adalight, pixel_map.pixels)])
+
+    def show(self, frame: StripsFrame, age_s: float = 0.0) -> None:
+        """Send `frame`, which shows what was captured `age_s` ago. Returns at once."""
+        if not self._map.pixels:
+            return
+        (pixels,), load = self._power.send([self._map.output_bytes(frame)])
+        self._health.show_load(load, self._adalight.max_current_a)
+        self.send(AdalightFrame(pixels, shown_s=time.monotonic(), age_s=age_s))
+
+
+def _too_slow(config: AdalightConfig, pixels: int) -> list[str]:
+    """Return a message if wire and board carry fewer frames than wanted for so many pixels."""
+    wire_s = wire_time_s(adalight_protocol.HEADER_BYTES + 3 * pixels, config.baud)
+    frame_s = wire_s + adalight_protocol.draw_time_s(pixels)
+    if frame_s * config.wanted_rate_hz <= 1.0:
+        return []
+    room_s = (
+        1.0 / config.wanted_rate_hz
+        - adalight_protocol.LATCH_TIME_S
+        - wire_time_s(adalight_protocol.HEADER_BYTES, config.baud)
+    )
+    fitting = int(room_s / (3 * BITS_PER_BYTE / config.baud + adalight_protocol.PIXEL_TIME_S))
+    sentence = (
+        f"{pixels} pixels at {config.baud} baud: {frame_s * 1e3:.0f} ms a frame, {1.0 / frame_s:.1f} frames "
+        f"a second; {max(0, fitting)} pixels fit at {config.wanted_rate_hz:g} frames a second: raise `baud` "
+        "here and on the controller, use more outputs, or lower `wanted_rate_hz`"
+    )
+    return [sentence]
+
+
+ADALIGHT = LedOutput(
+    summary="an Arduino or WLED on a serial port (Adalight)",
+    config=AdalightConfig,
+    make=lambda config, around: AdalightOutput(config, around.health),
+    argument="port",
+    example="PORT",
+)

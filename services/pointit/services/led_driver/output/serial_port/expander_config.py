@@ -1,0 +1,60 @@
+"""Parameters of a serial LED expander."""
+
+from typing import Literal, Self
+
+from pydantic import Field, field_validator, model_validator
+
+from pointit.runtime.config.config import Config
+from pointit.services.led_driver.output.serial_port.serial_config import SerialOutputConfig
+from pointit.services.led_driver.segment import Segment, validated_order
+
+CHANNELS = 64
+
+Board = Literal["v1", "v2", "v3"]
+
+
+class ChannelConfig(Config):
+    """Connection of a strip to its controller."""
+
+    channel: int = Field(ge=0, le=63, description="board number (0-7) times 8 plus port (0-7)")
+    order: str = Field(
+        default="GRB",
+        description="order of the colours on the LEDs' wire: GRB, RGB, GRBW ...",
+    )
+
+    _order = field_validator("order")(validated_order)
+
+
+class ExpanderConfig(SerialOutputConfig):
+    """A serial LED expander (UPXL: ElectroMage, Pixelblaze)."""
+
+    kind: str = Field(default="expander", description="kind of controller")
+    baud: int = Field(default=2_000_000, gt=0, le=4_000_000, description="bits per second")
+    board: Board = Field(
+        default="v2", description="generation of the board: v1, v2, v3 drive 240, 800, 1600 pixels a channel"
+    )
+    channels: dict[str, ChannelConfig] = Field(
+        default={},
+        description="connections by strip id; strips in the map's order on channels 0, 1, 2 ... if empty. "
+        "Parts of strips are in `segments`, whose `universe` is the channel",
+    )
+
+    @field_validator("segments")
+    @classmethod
+    def _equally_wide(cls, segments: tuple[Segment, ...]) -> tuple[Segment, ...]:
+        return segments  # in place of the base's: each channel may have a width of its own
+
+    @model_validator(mode="after")
+    def _one_strip_a_channel(self) -> Self:
+        if self.channels and self.segments:
+            raise ValueError("use `channels` or `segments`, not both")
+        if any(segment.universe not in range(CHANNELS) for segment in self.segments):
+            raise ValueError(f"segments: each needs its channel, 0 to {CHANNELS - 1}, as `universe`")
+        taken: dict[int, str] = {}
+        for strip_id, channel in self.channels.items():
+            other = taken.setdefault(channel.channel, strip_id)
+            if other != strip_id:
+                raise ValueError(
+                    f"channels: strips {other!r} and {strip_id!r} share channel {channel.channel}"
+                )
+        return self

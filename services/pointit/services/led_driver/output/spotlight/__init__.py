@@ -1,0 +1,1 @@
+"""A moving head whose beam follows a cursor."""

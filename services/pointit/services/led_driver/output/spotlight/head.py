@@ -1,0 +1,133 @@
+"""Geometry of a moving head: angles of pan and tilt at which its beam meets a point, and their motion. Pure.
+
+The fixture's frame {F} has its origin where both axes cross, and z along the pan axis from the base to the
+head. At pan 0 and tilt 0, the middles of both ranges, the beam leaves along z. Tilt turns it about y, and pan
+then about z.
+"""
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from pointit.geometry import rotation, vector
+from pointit.geometry.rotation import Quaternion
+from pointit.geometry.vector import Vec3
+
+POLE_RAD = 1e-6
+"""Angle to the pan axis below which any pan will do."""
+
+NEAREST_M = 1e-3
+"""Distance from the fixture below which a point has no direction."""
+
+
+@dataclass(frozen=True, slots=True)
+class Angles:
+    """Angles of both axes from the middle of their range, rad."""
+
+    pan_rad: float
+    tilt_rad: float
+
+    def mirrored(self) -> "Angles":
+        """Return the angles of a head whose pan turns the other way round."""
+        return Angles(-self.pan_rad, self.tilt_rad)
+
+
+HOME = Angles(0.0, 0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """Range and speed of both axes."""
+
+    pan_range_rad: float
+    """Whole range, symmetric about 0."""
+    tilt_range_rad: float
+    pan_speed_radps: float
+    tilt_speed_radps: float
+
+    def allow(self, angles: Angles) -> bool:
+        """Return True if the head can turn to `angles`."""
+        return (
+            abs(angles.pan_rad) <= self.pan_range_rad / 2.0
+            and abs(angles.tilt_rad) <= self.tilt_range_rad / 2.0
+        )
+
+    def duration_s(self, start: Angles, end: Angles) -> float:
+        """Return the time that the head takes from `start` to `end`, s."""
+        return max(
+            abs(end.pan_rad - start.pan_rad) / self.pan_speed_radps,
+            abs(end.tilt_rad - start.tilt_rad) / self.tilt_speed_radps,
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Mounting:
+    """Pose of the fixture in the room."""
+
+    position_m: Vec3
+    """Place where both axes cross, {W}."""
+    world_from_fixture: Quaternion
+
+    @staticmethod
+    def from_degrees(position_m: Vec3, yaw_deg: float, pitch_deg: float, roll_deg: float) -> "Mounting":
+        """Return the pose whose rotation is roll about x, then pitch about y, then yaw about z of {W}."""
+        yaw = rotation.from_yaw(math.radians(yaw_deg))
+        pitch = rotation.from_axis_angle((0.0, 1.0, 0.0), math.radians(pitch_deg))
+        roll = rotation.from_axis_angle((1.0, 0.0, 0.0), math.radians(roll_deg))
+        return Mounting(position_m, rotation.multiply(yaw, rotation.multiply(pitch, roll)))
+
+    def beam(self, angles: Angles) -> Vec3:
+        """Return the direction of the beam at `angles`, {W}."""
+        return rotation.rotate(self.world_from_fixture, direction(angles))
+
+    def angles(self, point_m: Vec3, start: Angles, limits: Limits) -> Angles | None:
+        """Return the angles at which the beam meets `point_m`, those reached soonest from `start`.
+
+        None if the point is out of range, or at the fixture itself.
+        """
+        offset = vector.subtract(point_m, self.position_m)
+        if vector.norm(offset) < NEAREST_M:
+            return None
+        x, y, z = rotation.rotate(rotation.inverse(self.world_from_fixture), offset)
+        level = math.hypot(x, y)
+        tilt_rad = math.atan2(level, z)
+        pan_rad = start.pan_rad if tilt_rad < POLE_RAD else math.atan2(y, x)
+        choices = [
+            Angles(pan, tilt)
+            for turned, tilt in ((pan_rad, tilt_rad), (pan_rad + math.pi, -tilt_rad))
+            for pan in _turns(turned, limits.pan_range_rad)
+        ]
+        allowed = [choice for choice in choices if limits.allow(choice)]
+        return min(allowed, key=lambda choice: limits.duration_s(start, choice), default=None)
+
+
+def direction(angles: Angles) -> Vec3:
+    """Return the direction of the beam at `angles`, {F}."""
+    level = math.sin(angles.tilt_rad)
+    return (
+        level * math.cos(angles.pan_rad),
+        level * math.sin(angles.pan_rad),
+        math.cos(angles.tilt_rad),
+    )
+
+
+def _turns(pan_rad: float, range_rad: float) -> Iterable[float]:
+    """Return the angles equal to `pan_rad` but for whole turns, within the range."""
+    first = math.ceil((-range_rad / 2.0 - pan_rad) / math.tau)
+    last = math.floor((range_rad / 2.0 - pan_rad) / math.tau)
+    return (pan_rad + turn * math.tau for turn in range(first, last + 1))
+
+
+def moved(start: Angles, end: Angles, limits: Limits, elapsed_s: float) -> Angles:
+    """Return where the head is `elapsed_s` after `start` on its way to `end`.
+
+    Both axes arrive together, so that the beam takes a smooth way.
+    """
+    duration_s = limits.duration_s(start, end)
+    if duration_s <= elapsed_s:
+        return end
+    share = elapsed_s / duration_s
+    return Angles(
+        start.pan_rad + share * (end.pan_rad - start.pan_rad),
+        start.tilt_rad + share * (end.tilt_rad - start.tilt_rad),
+    )

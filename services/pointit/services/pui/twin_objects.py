@@ -1,0 +1,122 @@
+"""Objects that two trackers report: one id in both, or two ids that stay at one place. Pure."""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pointit.schemas import NS_PER_S, TrackedObject, TrackedObjects
+
+Array = NDArray[np.float64]
+
+CHECK_S = 0.5
+"""Time between two comparisons."""
+
+FRESH_S = 1.0
+"""Objects of trackers whose stamps differ by more are not compared."""
+
+STAYS_S = 2.0
+"""Time for which two objects must stay at one place to count as one."""
+
+SIGMA_M = 0.05
+"""Standard deviation of positions whose tracker does not state it, m."""
+
+GATE = 2.0
+"""Number of standard deviations of the distance up to which two positions are the same place."""
+
+
+@dataclass(frozen=True, order=True)
+class Twin:
+    """An object that two trackers report."""
+
+    tracker: str
+    object_id: str
+    other_tracker: str
+    other_id: str
+
+    @property
+    def sentence(self) -> str:
+        """Return the problem and the remedy."""
+        if self.object_id == self.other_id:
+            return (
+                f"the trackers {self.tracker} and {self.other_tracker} both report {self.object_id}: leave "
+                "it out of one of them, or rename it if these are two things"
+            )
+        return (
+            f"{self.object_id} of the tracker {self.tracker} and {self.other_id} of {self.other_tracker} "
+            "stay at one place: if they are one thing, leave it out of one of them"
+        )
+
+
+class TwinFinder:
+    """Compares the newest objects of all trackers."""
+
+    def __init__(self) -> None:
+        """Start without any objects."""
+        self._newest: dict[str, TrackedObjects] = {}
+        self._since_ns: dict[Twin, int] = {}
+        self._checked_ns: int | None = None
+
+    def on_objects(self, tracker: str, message: TrackedObjects) -> None:
+        """Set the objects of `tracker`, and compare if it is time."""
+        self._newest[tracker] = message
+        now_ns = message.stamp_ns
+        if len(self._newest) < 2:
+            return
+        if self._checked_ns is not None and abs(now_ns - self._checked_ns) < CHECK_S * NS_PER_S:
+            return
+        self._checked_ns = now_ns
+        fresh_ns = FRESH_S * NS_PER_S
+        there = {
+            name: newest
+            for name, newest in sorted(self._newest.items())
+            if newest.objects and abs(now_ns - newest.stamp_ns) <= fresh_ns
+        }
+        near = set(_near(there, now_ns))
+        self._since_ns = {twin: min(self._since_ns.get(twin, now_ns), now_ns) for twin in near}
+
+    @property
+    def twins(self) -> tuple[Twin, ...]:
+        """Return the objects that two trackers report now, in order."""
+        now_ns = self._checked_ns or 0
+        return tuple(
+            sorted(
+                twin
+                for twin, since_ns in self._since_ns.items()
+                if twin.object_id == twin.other_id or now_ns - since_ns >= STAYS_S * NS_PER_S
+            )
+        )
+
+
+def _near(trackers: dict[str, TrackedObjects], now_ns: int) -> Iterator[Twin]:
+    """Yield the pairs of objects of different trackers with one id, or at one place at `now_ns`."""
+    names = list(trackers)
+    for index, name in enumerate(names):
+        own, places, sigmas = _placed(trackers[name], now_ns)
+        ids = {item.id for item in own}
+        order = np.argsort(places[:, 0])
+        for other in names[index + 1 :]:
+            theirs, other_places, other_sigmas = _placed(trackers[other], now_ns)
+            for item in theirs:
+                if item.id in ids:
+                    yield Twin(name, item.id, other, item.id)
+            reach_m = GATE * math.hypot(float(sigmas.max()), float(other_sigmas.max()))
+            ends = np.searchsorted(places[order, 0], other_places[:, :1] + (-reach_m, reach_m))
+            for row, (begin, end) in enumerate(ends.tolist()):
+                columns = order[begin:end]
+                apart_m = np.linalg.norm(places[columns] - other_places[row], axis=1)
+                is_near = apart_m <= GATE * np.hypot(sigmas[columns], other_sigmas[row])
+                for column in map(int, columns[is_near]):
+                    if own[column].id != theirs[row].id:
+                        yield Twin(name, own[column].id, other, theirs[row].id)
+
+
+def _placed(message: TrackedObjects, now_ns: int) -> tuple[tuple[TrackedObject, ...], Array, Array]:
+    """Return the objects, their positions at `now_ns` (n x 3), and the standard deviations of these (n)."""
+    late_s = (now_ns - message.stamp_ns) / NS_PER_S
+    places = np.array([item.position_m for item in message.objects], dtype=np.float64)
+    speeds = np.array([item.velocity_mps for item in message.objects], dtype=np.float64)
+    sigmas = [SIGMA_M if item.position_sigma_m is None else item.position_sigma_m for item in message.objects]
+    return message.objects, places + late_s * speeds, np.array(sigmas, dtype=np.float64)

@@ -1,0 +1,1 @@
+"""Records what travels on the site in a file."""

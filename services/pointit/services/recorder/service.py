@@ -1,0 +1,156 @@
+"""Reads every topic and presence of the site, and hands them undecoded to the thread that writes them."""
+
+import asyncio
+import functools
+import logging
+import re
+import time
+from pathlib import Path
+from typing import ClassVar
+
+from pointit.recording.head import make_head
+from pointit.runtime.bus.contract import AnyTopic, Undecoded
+from pointit.runtime.errors import ConfigError
+from pointit.runtime.service.service import Context, Scope, Service
+from pointit.schemas import NS_PER_S, Message
+from pointit.schemas.topics import ANY, IMU, PRESENCES, RAY, SERVICE_ALIVE, TOPICS, WRIST, Presence
+from pointit.services.recorder.config import RecorderConfig
+from pointit.services.recorder.pseudonyms import Pseudonyms
+from pointit.services.recorder.sink import Arrival, Sink
+from pointit.services.service_plugin import add_all_rows
+
+REPORT_S = 0.5
+PROGRESS_S = 10.0
+"""Periods of metrics and of lines in the log, s."""
+ALONE_S = 3.0
+"""Time without any other service after which the log says so."""
+NOT_OF_SITE = ("recorder", "router")
+"""Services that tell nothing of a session."""
+
+log = logging.getLogger(__name__)
+
+
+class Recorder(Service[RecorderConfig]):
+    """Records everything that travels on the site in a file that Foxglove and Lichtblick open, too."""
+
+    NAME: ClassVar[str] = "recorder"
+    SCOPE: ClassVar[Scope] = "site"
+    CONFIG = RecorderConfig
+    TIME_MAY_STEP: ClassVar[bool] = True
+    IS_COMMAND: ClassVar[bool] = False
+    """If true, it ends when nothing more can be written, and says if no service runs; else, in a run, its
+    health says what cannot be written."""
+
+    @classmethod
+    def validate_config(cls, config: RecorderConfig) -> None:
+        """Check that the folder of the file exists, and that there are topics to leave out."""
+        if config.file and not Path(config.file).expanduser().resolve().parent.is_dir():
+            raise ConfigError(f"{config.file}: its folder does not exist; create it, or record elsewhere")
+        known = {part for topic in TOPICS for part in topic.key.split("/") if "{" not in part}
+        for part in config.without:
+            if part not in known:
+                raise ConfigError(
+                    f"without {part}: no topic is called so; choose from {', '.join(sorted(known))}"
+                )
+
+    def __init__(self, config: RecorderConfig, context: Context) -> None:
+        super().__init__(config, context)
+        add_all_rows()  # their services may run in other processes
+        now_ns = self.clock.now_ns()
+        path = Path(config.file or f"pointit-{self.bus.site}-{now_ns // NS_PER_S}.mcap").expanduser()
+        head = make_head(
+            self.bus.site,
+            now_ns,
+            seed=config.seed,
+            without=config.without,
+            pseudonyms=config.pseudonyms,
+        )
+        self._sink = Sink(path.resolve(), head, Pseudonyms() if config.pseudonyms else None)
+        self._began_s = time.monotonic()
+        self._told: set[str] = set()
+        self._others: set[str] = set()
+        self._alone_s: float | None = self._began_s if self.IS_COMMAND else None
+        """Monotonic time since which no other service is there. None if there is one, or it was said."""
+        self.has_heard = False
+        """Whether anything of the site has come."""
+        for presence in PRESENCES:
+            self.bus.watch(presence, functools.partial(self._on_presence, presence))
+        for topic in TOPICS:
+            if not set(config.without) & set(topic.key.split("/")):
+                name = config.person if config.person and topic in (IMU, WRIST, RAY) else ANY
+                self.bus.tap(topic, functools.partial(self._on_message, topic), name)
+        log.info("recording to %s", self._sink.path)
+
+    @property
+    def problem(self) -> str:
+        """Return an error message if nothing more is written, else `""`."""
+        return self._sink.problem
+
+    async def run(self) -> None:
+        """Report until cancelled."""
+        told_s = self._began_s
+        try:
+            while not (self.IS_COMMAND and self.problem):
+                await asyncio.sleep(REPORT_S)
+                self._report()
+                if time.monotonic() - told_s >= PROGRESS_S:
+                    told_s = time.monotonic()
+                    log.info("%s so far", self._figures())
+        finally:
+            await self._sink.close()
+            self._report()
+            log.info("%s in %s", self._figures(), self._sink.path)
+
+    def _figures(self) -> str:
+        sink = self._sink
+        lasted_s = time.monotonic() - self._began_s
+        return f"recorded {sink.entries} messages, {sink.size / 1e6:.2f} MB, {lasted_s:.0f} s"
+
+    def _report(self) -> None:
+        sink = self._sink
+        self.bus.set_metric("recorded", float(sink.entries), "messages")
+        self.bus.set_metric("size", sink.size / 1e6, "MB")
+        self._warn("file", sink.problem)
+        for cause, count in list(sink.left_out.items()):
+            self._warn(cause, f"{count} messages are not in the recording: {cause}")
+        problem = self.bus.problem
+        kind = re.sub(r"\d+", "", problem)  # without the seconds, which count up
+        if problem and kind not in self._told:
+            self._told.add(kind)
+            log.warning("not everything is recorded: %s", problem)
+        if self._alone_s is not None and time.monotonic() - self._alone_s >= ALONE_S:
+            self._alone_s = None
+            log.warning(
+                "no service runs on site %s%s: `pointit doctor` tells of problems, Ctrl-C ends the recording",
+                self.bus.site,
+                " any more" if self.has_heard else "",
+            )
+
+    def _warn(self, topic: str, sentence: str) -> None:
+        """Show `sentence` in health, and log it if it is a new kind of trouble."""
+        if sentence and topic not in self._told:
+            log.error("%s", sentence)
+            self._told.add(topic)
+        self.bus.warn(topic, sentence)
+
+    def _on_message(self, topic: AnyTopic, message: Message | Undecoded, name: str) -> None:
+        self._hear(name)
+        self._sink.add(Arrival(self.clock.now_ns(), topic, name, message))
+
+    def _on_presence(self, presence: Presence, name: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
+        if self._hear(name) and presence is SERVICE_ALIVE:
+            (self._others.add if present else self._others.discard)(name)
+            if self._others:
+                self._alone_s = None
+            elif not present and self.IS_COMMAND:
+                self._alone_s = time.monotonic()
+        self._sink.add(Arrival(self.clock.now_ns(), presence, name, present))
+
+    def _hear(self, name: str) -> bool:
+        """Return True, and note it, if `name` is something of the site."""
+        is_of_site = not name.startswith(NOT_OF_SITE)
+        self.has_heard = self.has_heard or is_of_site
+        return is_of_site
+
+
+SERVICE = Recorder

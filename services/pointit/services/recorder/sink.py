@@ -1,0 +1,219 @@
+"""The thread that decodes and writes what has arrived, so that a slow disk holds up nobody."""
+
+import functools
+import logging
+import threading
+import time
+from collections import Counter, deque
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple, TypeVar
+
+from pointit.recording.entries import AnyRow, Entry
+from pointit.recording.exchanges import entry_of
+from pointit.recording.head import Head
+from pointit.runtime.bus.contract import Undecoded
+from pointit.runtime.host.threads import in_daemon_thread
+from pointit.schemas import DecodeError, Message, ServedRequest
+from pointit.services.recorder.file_series import FileSeries
+from pointit.services.recorder.pseudonyms import Pseudonyms
+
+BATCH_S = 0.1
+"""Period at which the thread works: short, as it holds Python's lock meanwhile."""
+
+FLUSH_S = 0.5
+"""Longest time until what was written is on disk, s."""
+
+MAX_WAITING = 30_000
+"""Most messages that wait for the disk: about half a minute of four people."""
+
+MAX_WAITING_BYTES = 64 * 1024 * 1024
+"""Most bytes that wait of messages from other processes."""
+
+LEARN_S = 2.0
+"""Time that messages wait for names that come after them, if people get pseudonyms."""
+
+CLOSE_S = 5.0
+"""Longest time that closing waits for the disk."""
+
+TOO_SLOW = "machine or disk are too slow"
+ENDED = "nothing more could be written"
+INVALID = "they are not valid"
+FAULTY = "a fault of PointIt, see the log"
+TOO_MANY_KEYS = "there are too many keys"
+"""Causes for which messages are left out."""
+
+log = logging.getLogger(__name__)
+
+T = TypeVar("T")
+R = TypeVar("R")
+
+
+class Arrival(NamedTuple):
+    """A message, or a change of presence, as it arrived."""
+
+    time_ns: int
+    row: AnyRow
+    name: str
+    body: Message | Undecoded | bool
+
+
+class Sink:
+    """A recording and its thread."""
+
+    def __init__(self, path: Path, head: Head, pseudonyms: Pseudonyms | None = None) -> None:
+        """Create the file, or one with a number if there is one, and start the thread.
+
+        Args:
+            path: the file.
+            head: facts about the recording.
+            pseudonyms: what to replace names with, or None to keep them. Used in the thread.
+
+        Raises:
+            ConfigError: If it cannot be written.
+        """
+        self._files = FileSeries(path, head)
+        self._pseudonyms = pseudonyms
+        self._lock = threading.Lock()
+        self._waiting: deque[Arrival] = deque()
+        self._waiting_bytes = 0
+        self._held: deque[tuple[float, Entry]] = deque()
+        """Entries that wait for names, and when they were decoded (monotonic, s)."""
+        self._keys: dict[tuple[str, str], str] = {}
+        self._ending = threading.Event()
+        self.problem = ""
+        """Error message if nothing more is written, else `""`."""
+        self.entries = 0
+        """Number of entries written."""
+        self.size = 0
+        """Number of bytes in the files."""
+        self.left_out: Counter[str] = Counter()
+        """Number of messages that are not written, by cause."""
+        self._thread = threading.Thread(target=self._work, name="recorder writes", daemon=True)
+        self._thread.start()
+
+    @property
+    def path(self) -> Path:
+        """Return the file that is being written."""
+        return self._files.path
+
+    def add(self, arrival: Arrival) -> None:
+        """Hand `arrival` to the thread. From any thread; never waits for the disk."""
+        size = _size(arrival)
+        with self._lock:
+            if self.problem:
+                self.left_out[ENDED] += 1
+            elif len(self._waiting) >= MAX_WAITING or self._waiting_bytes + size > MAX_WAITING_BYTES:
+                self.left_out[TOO_SLOW] += 1
+            else:
+                self._waiting.append(arrival)
+                self._waiting_bytes += size
+
+    async def close(self) -> None:
+        """Write the rest and the index, and end the thread; give up on a disk that hangs."""
+        self._ending.set()
+        await in_daemon_thread(functools.partial(self._thread.join, CLOSE_S), "recorder ends")
+        if self._thread.is_alive() and not self.problem:
+            self._end(f"{self.path}: the disk hangs; what it has taken is readable")
+
+    def _work(self) -> None:
+        """Write what arrives until the end. In the thread."""
+        try:
+            with self._files:
+                self._write_all()
+        except Exception as error:
+            if not isinstance(error, OSError):
+                log.exception("the recorder's thread has failed")
+            reason = (isinstance(error, OSError) and error.strerror) or str(error) or type(error).__name__
+            self._end(
+                f"{self.path}: {reason}; nothing more is recorded, "
+                f"and the {self.entries} messages before are readable"
+            )
+
+    def _end(self, problem: str) -> None:
+        """Take nothing more, and count what waited."""
+        with self._lock:
+            self.problem = problem
+            self.left_out[ENDED] += len(self._waiting) + len(self._held)
+            self._waiting.clear()
+            self._held.clear()
+
+    def _write_all(self) -> None:
+        flushed_s = time.monotonic()
+        is_over = False
+        while not is_over:
+            is_over = self._ending.wait(BATCH_S)
+            for _ in range(len(self._waiting)):
+                arrival = self._next()
+                entry = self._guarded(self._entry, arrival) if arrival is not None else None
+                if entry is not None:
+                    self._held.append((time.monotonic(), entry))
+            learnt_s = time.monotonic() - (LEARN_S if self._pseudonyms is not None and not is_over else 0.0)
+            while self._held and self._held[0][0] <= learnt_s:
+                self._guarded(self._write, self._held.popleft()[1])
+            if time.monotonic() - flushed_s >= FLUSH_S:
+                self._files.flush()
+                flushed_s = time.monotonic()
+                self._count()
+        self._files.close()
+        self._count()
+
+    def _next(self) -> Arrival | None:
+        with self._lock:
+            if not self._waiting:  # given up meanwhile
+                return None
+            arrival = self._waiting.popleft()
+            self._waiting_bytes -= _size(arrival)
+        return arrival
+
+    def _count(self) -> None:
+        self.entries, self.size = self._files.entries, self._files.size
+        if self._files.left_out:
+            with self._lock:
+                self.left_out[TOO_MANY_KEYS] = self._files.left_out
+
+    def _guarded(self, step: Callable[[T], R], item: T) -> R | None:
+        """Return the result of `step` for `item`, or None if it fails: one message may not end all."""
+        try:
+            return step(item)
+        except OSError:
+            raise
+        except Exception:
+            with self._lock:
+                self.left_out[FAULTY] += 1
+                is_first = self.left_out[FAULTY] == 1
+            if is_first:
+                log.exception("a message cannot be recorded")
+            return None
+
+    def _entry(self, arrival: Arrival) -> Entry | None:
+        """Return the entry of `arrival`, or None if it is not valid."""
+        time_ns, row, name, body = arrival
+        entry: Entry | None = None
+        try:
+            if not isinstance(body, bool | Message):
+                body = body.decode()
+        except DecodeError:
+            pass
+        else:
+            if isinstance(body, ServedRequest):
+                entry = entry_of(body, name, time_ns)
+            else:
+                key = self._keys.get((row.key, name))
+                if key is None:
+                    key = self._keys[row.key, name] = row.at(name)
+                entry = Entry(time_ns, key, row, name, body)
+        if entry is None:
+            with self._lock:
+                self.left_out[INVALID] += 1
+        elif self._pseudonyms is not None:
+            self._pseudonyms.learn(entry)
+        return entry
+
+    def _write(self, entry: Entry) -> None:
+        self._files.add(entry if self._pseudonyms is None else self._pseudonyms.replace(entry))
+
+
+def _size(arrival: Arrival) -> int:
+    """Return the bytes of a message from another process; those of this one are no copies."""
+    return 0 if isinstance(arrival.body, bool | Message) else arrival.body.size

@@ -1,0 +1,1 @@
+"""One robot that people steer."""

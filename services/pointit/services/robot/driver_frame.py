@@ -1,0 +1,50 @@
+"""Reports and commands between the frame of a driver, which the map places, and {W}."""
+
+from dataclasses import replace
+
+from pointit.geometry import vector
+from pointit.geometry.rotation import inverse, rotate
+from pointit.geometry.vector import Vec3
+from pointit.maps.frames import point_in_world, yaw_in_world
+from pointit.schemas.environment import Frame
+from pointit.services.robot.robot_driver import Command, Follow, FollowPath, Land, ReportItem, RobotReport
+
+
+def in_world(item: ReportItem, frame: Frame) -> ReportItem:
+    """Return a report of a driver in {W}."""
+    return report_in_world(item, frame) if isinstance(item, RobotReport) else item
+
+
+def report_in_world(report: RobotReport, frame: Frame) -> RobotReport:
+    """Return a report of a pose in {W}."""
+    return replace(
+        report,
+        position_m=point_in_world(report.position_m, frame),
+        velocity_mps=rotate(frame.orientation_xyzw, report.velocity_mps),
+        yaw_rad=yaw_in_world(report.yaw_rad, frame),
+    )
+
+
+def in_frame(command: Command, frame: Frame) -> Command:
+    """Return a command that is in {W} as the driver gets it."""
+    match command:
+        case Follow():
+            place, yaw_rad = _point(command.position_m, frame), _yaw(command.yaw_rad, frame)
+            return replace(command, position_m=place, yaw_rad=yaw_rad)
+        case FollowPath():
+            points = tuple(_point(each, frame) for each in command.points_m)
+            return replace(command, points_m=points, yaw_rad=_yaw(command.yaw_rad, frame))
+        case Land(position_m=place) if place is not None:
+            return replace(command, position_m=_point(place, frame))
+        case _:
+            return command
+
+
+def _point(point_m: Vec3, frame: Frame) -> Vec3:
+    return rotate(inverse(frame.orientation_xyzw), vector.subtract(point_m, frame.position_m))
+
+
+def _yaw(yaw_rad: float | None, frame: Frame) -> float | None:
+    if yaw_rad is None:
+        return None
+    return vector.azimuth(rotate(inverse(frame.orientation_xyzw), vector.direction(yaw_rad, 0.0)))

@@ -1,0 +1,282 @@
+"""One AGV: its messages become reports, commands become its orders. Pure; time is an argument."""
+
+from collections.abc import Callable
+
+from pointit.geometry.vector import wrap
+from pointit.runtime.health.surroundings import Surroundings
+from pointit.runtime.mqtt.agv_messages import (
+    Connection,
+    HeaderCheck,
+    LastPose,
+    State,
+    Visualization,
+    parse,
+    velocity_on_map,
+)
+from pointit.schemas import NS_PER_S
+from pointit.services.robot.drivers.vda5050.agv_orders import AgvOrders, Outcome
+from pointit.services.robot.drivers.vda5050.master_messages import InstantAction, MessageEncoder, Order
+from pointit.services.robot.drivers.vda5050.route import Point
+from pointit.services.robot.drivers.vda5050.vda5050_config import Vda5050Config
+from pointit.services.robot.robot_driver import (
+    Command,
+    Follow,
+    FollowPath,
+    Land,
+    LinkLost,
+    OrderStatus,
+    Report,
+    RobotReport,
+    RobotSpec,
+    TakeOff,
+)
+
+REPEAT_S = 0.08
+"""Age of a report that is repeated while the AGV stands, s. It sends its state when it begins to drive."""
+POLL_S = 0.4
+"""Time without a message at which an AGV that has an order is asked for its state, s."""
+SILENT_S = 35.0
+"""Time without a message after which an AGV counts as lost, s. By the standard it sends one every 30 s."""
+
+FARTHEST_M = 1e6
+"""Limit of coordinates, m."""
+SLOWEST_MPS = 0.05
+"""Smallest speed that is ordered, m/s; at 0 an AGV would never arrive."""
+
+MqttPublication = tuple[str, str]
+"""MQTT topic and payload."""
+
+
+class Agv:
+    """Keeps what one AGV says apart from what it is told."""
+
+    def __init__(self, config: Vda5050Config, spec: RobotSpec, around: Surroundings) -> None:
+        """Begin without a connection."""
+        self._config = config
+        self._spec = spec
+        self._around = around
+        self._report: Report = lambda _item: None
+        now_ns: Callable[[], int] = around.clock.now_ns
+        self._encoder = MessageEncoder(
+            config.interface, config.version, config.manufacturer, config.serial_number, now_ns
+        )
+        self._orders = AgvOrders(f"{now_ns():x}", config.base_m, 1.0 / config.max_order_rate_hz, self._tell)
+        self._headers = {"state": HeaderCheck(), "visualization": HeaderCheck()}
+        self._is_up = False
+        """True while the broker is connected."""
+        self._polls = 0
+        self._last: RobotReport | None = None
+        """Newest report, or None while the AGV is not connected."""
+        self._lost = ""
+        self._map_id = config.map_id
+        self._is_driving = False
+        self._battery: float | None = None
+        self._heard_s = 0.0
+        self._polled_s = 0.0
+        self._repeated_s = 0.0
+
+    @property
+    def is_active(self) -> bool:
+        """Return True while the AGV may move by what it was told."""
+        return self._orders.is_active
+
+    def topic(self, name: str) -> str:
+        """Return the MQTT topic `name`, such as `state`, of the AGV."""
+        return self._encoder.topic(name)
+
+    def set_report(self, report: Report) -> None:
+        """Set who is told."""
+        self._report = report
+
+    def on_connected(self) -> MqttPublication:
+        """Wait for the AGV at a broker that is connected now. Returns a question for its state.
+
+        Some AGVs report every 30 s only: nobody is to wait for that.
+        """
+        self._is_up = True
+        self._disconnect(
+            f"no AGV reports at {self.topic('state')} on {self._config.broker}: switch it on, or correct "
+            "`manufacturer`, `serial_number`, `interface` or `version`"
+        )
+        return self._state_request()
+
+    def on_disconnected(self, reason: str) -> None:
+        """Forget the AGV, since the broker is not connected for `reason`."""
+        self._is_up = False
+        self._disconnect(reason)
+
+    def on_message(self, topic: str, payload: object, now_s: float) -> None:
+        """Take a message of the broker. What does not fit is dropped, and said in health."""
+        name = topic.rpartition("/")[2]
+        message = (
+            parse(Connection, payload)
+            if name == "connection"
+            else parse(State, payload)
+            if name == "state"
+            else parse(Visualization, payload)
+        )
+        self._around.health.warn(
+            name,
+            ""
+            if message
+            else f"{topic}: a message is not one of VDA 5050 {self._config.version} and is "
+            "dropped; correct `version`, or update the AGV",
+        )
+        if isinstance(message, Connection):
+            self._on_connection(message)
+        elif message is not None and name in self._headers:
+            if not self._headers[name].is_new(message.header_id):
+                return
+            self._heard_s = now_s
+            if isinstance(message, State):
+                self._is_driving = message.driving
+                battery = message.battery_state
+                self._battery = battery.battery_charge / 100 if battery else None
+            self._on_pose(message)
+            if isinstance(message, State):
+                self._orders.on_state(message)
+
+    def command(self, command: Command) -> None:
+        """Carry out `command`, unless an AGV cannot."""
+        problem = _problem(command)
+        if problem:
+            self._report(OrderStatus(command.order, "refused", problem))
+            return
+        if isinstance(command, Follow):
+            x, y, _z = command.position_m
+            self._orders.follow(command.order, (x, y), _wrapped(command.yaw_rad), self._speed_mps(command))
+        elif isinstance(command, FollowPath):
+            points = [(x, y) for x, y, _z in command.points_m]
+            self._orders.drive(command.order, points, _wrapped(command.yaw_rad), self._speed_mps(command))
+        else:
+            self._orders.stop(command.order)
+
+    def step(self, now_s: float) -> list[MqttPublication]:
+        """Return the messages to publish at `now_s`, and report an AGV that stands."""
+        if not self._is_up:
+            return []
+        if self._last is not None and now_s - self._heard_s > SILENT_S:
+            self._disconnect(f"the AGV has sent nothing for {SILENT_S:.0f} s: look at its network")
+        publications = [self._written(each) for each in self._orders.step(now_s)]
+        self._around.health.warn("agv", self._orders.problem)
+        is_resting = not (self._is_driving or self._orders.is_active)
+        if self._last is not None and is_resting and now_s - max(self._heard_s, self._repeated_s) >= REPEAT_S:
+            self._repeated_s = now_s
+            self._say(self._last.position_m, self._last.yaw_rad, (0.0, 0.0), self._last.position_sigma_m)
+        if self._orders.is_active and now_s - max(self._heard_s, self._polled_s) >= POLL_S:
+            self._polled_s = now_s
+            publications.append(self._state_request())
+        return publications
+
+    def farewell(self) -> list[MqttPublication]:
+        """Return the messages to publish at the end of the driver: an AGV that may move is told to stop."""
+        if not self._orders.is_active:
+            return []
+        self._orders.stop(0)
+        return [self._written(each) for each in self._orders.step(self._heard_s)]
+
+    def _speed_mps(self, command: Follow | FollowPath) -> float:
+        own_mps, limit_mps = self._spec.max_speed_mps, command.max_speed_mps
+        return max(SLOWEST_MPS, own_mps if limit_mps is None else min(own_mps, limit_mps))
+
+    def _on_connection(self, connection: Connection) -> None:
+        if connection.connection_state == "ONLINE":
+            for check in self._headers.values():
+                check.forget()  # it may have been restarted
+            return
+        told = (
+            "the AGV is switched off"
+            if connection.connection_state == "OFFLINE"
+            else "the AGV has lost its connection"
+        )
+        self._disconnect(f"{told} ({connection.connection_state}): switch it on, or look at its network")
+
+    def _on_pose(self, message: Visualization) -> None:
+        position = message.agv_position
+        if position is None:
+            return
+        if not position.position_initialized:
+            self._disconnect("the AGV does not know where it is: set its position at the vehicle")
+            return
+        if self._config.map_id not in ("", position.map_id):
+            self._disconnect(
+                f"the AGV is on map {position.map_id[:50]!r}, and not on {self._config.map_id!r}: correct "
+                "`map_id`, or drive it back"
+            )
+            return
+        self._map_id = position.map_id
+        place = (position.x, position.y)
+        velocity = velocity_on_map(message, self._seen())
+        if self._last is None:
+            self._orders.on_connected(place)
+        else:
+            self._orders.on_position(place)
+        self._lost = ""
+        self._say((*place, 0.0), position.theta, velocity, position.deviation_range)
+
+    def _seen(self) -> LastPose | None:
+        if self._last is None:
+            return None
+        age_s = (self._around.clock.now_ns() - self._last.stamp_ns) / NS_PER_S
+        return LastPose(self._last.position_m[:2], self._last.velocity_mps[:2], age_s)
+
+    def _say(
+        self,
+        position_m: tuple[float, float, float],
+        yaw_rad: float,
+        velocity: Point,
+        sigma_m: float | None,
+    ) -> None:
+        self._last = RobotReport(
+            stamp_ns=self._around.clock.now_ns(),
+            position_m=position_m,
+            yaw_rad=yaw_rad,
+            velocity_mps=(*velocity, 0.0),
+            position_sigma_m=sigma_m,
+            battery=self._battery,
+        )
+        self._report(self._last)
+
+    def _disconnect(self, reason: str) -> None:
+        self._last = None
+        for check in self._headers.values():
+            check.forget()
+        self._orders.on_disconnected()
+        if reason != self._lost:
+            self._lost = reason
+            self._report(LinkLost(reason))
+
+    def _tell(self, number: int, outcome: Outcome, reason: str) -> None:
+        if number:
+            self._report(OrderStatus(number, outcome, reason))
+
+    def _written(self, sent: Order | InstantAction) -> MqttPublication:
+        if isinstance(sent, Order):
+            return self._encoder.order(sent, self._map_id)
+        return self._encoder.actions([sent])
+
+    def _state_request(self) -> MqttPublication:
+        self._polls += 1
+        action_id = f"{self._orders.session}-state-{self._polls}"
+        return self._encoder.actions([InstantAction("stateRequest", action_id)])
+
+
+def _problem(command: Command) -> str:
+    """Return an error message if an AGV cannot carry out `command`, else `""`."""
+    if isinstance(command, TakeOff | Land):
+        return "an AGV drives and cannot fly: steer it as a ground robot (`kind: ground`)"
+    places = (
+        command.points_m
+        if isinstance(command, FollowPath)
+        else (command.position_m,)
+        if isinstance(command, Follow)
+        else ()
+    )
+    is_place = all(abs(value) <= FARTHEST_M for place in places for value in place)  # also if it is a number
+    if not is_place or (isinstance(command, FollowPath) and not places):
+        return "there is no such place"
+    return ""
+
+
+def _wrapped(yaw_rad: float | None) -> float | None:
+    return None if yaw_rad is None else wrap(yaw_rad)

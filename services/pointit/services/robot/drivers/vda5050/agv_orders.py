@@ -1,0 +1,325 @@
+"""Orders of one AGV: what is sent for a command, and what the AGV makes of it. Pure; time is an argument."""
+
+import math
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+from pointit.runtime.mqtt.agv_messages import State, blocked_by
+from pointit.services.robot.drivers.vda5050.master_messages import InstantAction, Node, Order, node_id
+from pointit.services.robot.drivers.vda5050.route import Point, Route
+
+PREFIX = "pointit-"
+"""Beginning of the ids of our orders. One that nobody steers is cancelled, also that of an earlier run."""
+RESEND_S = 1.0
+"""Time without an answer after which a message is sent again, s. Orders are lost in radio networks."""
+MAX_TRIES = 5
+"""Number of times that an order is sent before it counts as failed."""
+SAME_TARGET_M = 0.1
+"""Change of a target that is not worth an order, m. A cursor trembles by some centimetres."""
+NODES_AHEAD = 4
+"""Maximum number of released nodes ahead of the AGV: so many that updates come before it has to brake."""
+
+Outcome = Literal["accepted", "done", "cancelled", "refused", "failed"]
+Tell = Callable[[int, Outcome, str], None]
+"""Called with the number of a command, what became of it, and the reason."""
+
+
+@dataclass(frozen=True)
+class _Sent:
+    """The order that the AGV carries out, or should."""
+
+    order: Order
+    """As sent last."""
+    sent_s: float
+    tries: int = 1
+    is_confirmed: bool = False
+    reached: int = 0
+    """Sequence id of the last node that was reached."""
+
+    @property
+    def last(self) -> Node:
+        """Return the last released node."""
+        return self.order.nodes[-1]
+
+
+class AgvOrders:
+    """Decides what is sent to one AGV.
+
+    An order is handed out in steps: at most four nodes ahead of the AGV are released, and updates append to
+    them. So a new target replaces the way beyond the next nodes without a stop, and an AGV that loses its
+    connection, which by the standard drives on to its last released node, drives `base_m` at most.
+    """
+
+    def __init__(self, session: str, base_m: float, interval_s: float, tell: Tell) -> None:
+        """Begin without an order and without a connection.
+
+        Args:
+            session: makes the ids of orders differ from those of other runs.
+            base_m: length of the way that is released ahead of the AGV, m.
+            interval_s: shortest time between two orders, s.
+            tell: is told what becomes of commands.
+        """
+        self.session = f"{PREFIX}{session}"
+        """Beginning of the ids of this run."""
+        self._step_m = base_m / NODES_AHEAD
+        self._interval_s = interval_s
+        self._tell = tell
+        self._made = 0
+        self._is_linked = False
+        self._number = 0
+        self._route = Route()
+        self._yaw_rad: float | None = None
+        self._speed_mps: float | None = None
+        self._is_path = False
+        self._is_accepted = False
+        """True after the AGV has accepted the first order of a path."""
+        self._position: Point | None = None
+        self._blocked = ""
+        self._is_paused = False
+        self._is_idle = False
+        """True if the AGV has said that it has no nodes to reach."""
+        self._sent: _Sent | None = None
+        self._last_order_s = -math.inf
+        self._is_cancelling = False
+        """True until a cancellation is answered."""
+        self._cancel_ids: deque[str] = deque(maxlen=64)
+        """Ids of this cancellation, a new one each time it is sent: the AGV may answer any of them, late."""
+        self._cancel_s = -math.inf
+        self._cancel_tries = 0
+        self._stop_number = 0
+        """Number of the stop that the cancellation is for, or 0."""
+
+    @property
+    def is_active(self) -> bool:
+        """Return True from a command to its end, while the AGV may move."""
+        return bool(self._sent or self._route or self._is_cancelling)
+
+    @property
+    def problem(self) -> str:
+        """Return a sentence if the AGV does not stop, or does not start, else `""`."""
+        if self._cancel_tries > MAX_TRIES:
+            return (
+                "the AGV does not confirm that it stops: press its emergency stop, and look at its connection"
+            )
+        return "the AGV is paused: press its button, or let its master go on" if self._is_paused else ""
+
+    def follow(self, number: int, target: Point, yaw_rad: float | None, speed_mps: float | None) -> None:
+        """Go to `target`, m, which replaces what was ordered before."""
+        if not self._is_linked or self._is_refused(number):
+            return
+        self._number, self._is_path = number, False
+        end = self._route.end or (self._sent.last.place if self._sent else self._position)
+        if end is not None and math.dist(end, target) < SAME_TARGET_M:
+            return
+        self._yaw_rad, self._speed_mps = yaw_rad, speed_mps
+        self._route.replace([target])
+
+    def drive(
+        self, number: int, points: Sequence[Point], yaw_rad: float | None, speed_mps: float | None
+    ) -> None:
+        """Go along `points`, m, which replace what was ordered before."""
+        if not self._is_linked or self._is_refused(number):
+            return
+        self._number, self._is_path, self._is_accepted = number, True, False
+        self._yaw_rad, self._speed_mps = yaw_rad, speed_mps
+        self._route.replace(points)
+
+    def stop(self, number: int) -> None:
+        """Cancel what the AGV does, unless it is known to have nothing to do."""
+        self._number, self._stop_number = 0, number
+        if self._is_idle and not self._sent and not self._is_cancelling:
+            self._drop()
+            self._end_stop()
+            return
+        self._drop()
+        self._cancel()
+
+    def on_connected(self, position: Point) -> None:
+        """Set that the AGV is connected, and where it is, m."""
+        self._position = position
+        self._is_linked = True
+        self._cancel_s = -math.inf
+
+    def on_disconnected(self) -> None:
+        """Set that the AGV is not connected, and forget what was ordered."""
+        self._is_linked = self._is_idle = False
+        if self._sent or self._route:
+            self._finish("failed", "the connection to the AGV is lost")
+
+    def on_position(self, position: Point) -> None:
+        """Set where the AGV is, m."""
+        self._position = position
+
+    def on_state(self, state: State) -> None:
+        """Compare a state, newer than those before, with what was ordered."""
+        self._blocked = blocked_by(state)
+        self._is_paused = state.paused and bool(state.node_states)
+        self._is_idle = not state.node_states
+        if self._is_cancelling:
+            self._check_cancelled(state)
+            return
+        if self._blocked and (self._sent or self._route):
+            self._finish("refused", self._blocked)
+            return
+        if self._sent is None:
+            if state.node_states and state.order_id.startswith(PREFIX):
+                self._cancel()
+            return
+        if state.order_id == self._sent.order.order_id:
+            self._check_progress(self._sent, state)
+        elif self._sent.is_confirmed:
+            self._sent = None  # that of another is not ours to cancel
+            self._finish("failed", "another master control has given the AGV an order")
+        if self._sent is not None and not self._sent.is_confirmed:
+            self._check_refusal(self._sent.order, state)
+
+    def step(self, now_s: float) -> list[Order | InstantAction]:
+        """Return the messages to send at `now_s`; a cancellation also to an AGV that does not report."""
+        if self._is_cancelling:
+            return self._send_cancellation(now_s)
+        if not self._is_linked:
+            return []
+        if self._sent is not None and not self._sent.is_confirmed:
+            return self._send_again(self._sent, now_s)
+        if not self._route or now_s - self._last_order_s < self._interval_s:
+            return []
+        order = self._first_order() if self._sent is None else self._update(self._sent)
+        if order is None:
+            return []
+        self._last_order_s = now_s
+        reached = self._sent.reached if self._sent else 0
+        self._sent = _Sent(order, now_s, reached=reached)
+        return [order]
+
+    def _first_order(self) -> Order | None:
+        assert self._position is not None, "known while it is linked"  # noqa: S101 - for the type checkers
+        start = Node(0, *self._position)
+        nodes = self._nodes_behind(start, NODES_AHEAD)
+        if not nodes:  # it is there
+            self._arrive()
+            return None
+        self._made += 1
+        return Order(f"{self.session}-{self._made}", 0, (start, *nodes), self._speed_mps)
+
+    def _update(self, sent: _Sent) -> Order | None:
+        ahead = (sent.last.sequence_id - sent.reached) // 2
+        nodes = self._nodes_behind(sent.last, NODES_AHEAD - ahead)
+        if not nodes:
+            return None
+        return replace(
+            sent.order,
+            update_id=sent.order.update_id + 1,
+            nodes=(sent.last, *nodes),
+            max_speed_mps=self._speed_mps,
+        )
+
+    def _nodes_behind(self, node: Node, number: int) -> tuple[Node, ...]:
+        nodes: list[Node] = []
+        while len(nodes) < number:
+            place = self._route.next_node(node.place, self._step_m)
+            if place is None:
+                break
+            theta = self._yaw_rad if not self._route else None
+            node = Node(node.sequence_id + 2, *place, theta=theta)
+            nodes.append(node)
+        return tuple(nodes)
+
+    def _send_again(self, sent: _Sent, now_s: float) -> list[Order | InstantAction]:
+        if now_s - sent.sent_s < RESEND_S:
+            return []
+        if sent.tries >= MAX_TRIES:
+            self._finish("failed", "the AGV does not answer: look at its mode and its connection")
+            return self._send_cancellation(now_s)
+        self._sent = replace(sent, sent_s=now_s, tries=sent.tries + 1)
+        return [sent.order]
+
+    def _check_progress(self, sent: _Sent, state: State) -> None:
+        if state.last_node_id == node_id(state.order_id, state.last_node_sequence_id):
+            sent = replace(sent, reached=max(sent.reached, state.last_node_sequence_id))
+        if not sent.is_confirmed and state.order_update_id >= sent.order.update_id:
+            sent = replace(sent, is_confirmed=True)
+            if self._is_path and not self._is_accepted:
+                self._is_accepted = True
+                self._tell(self._number, "accepted", "")
+        self._sent = sent
+        if state.node_states:
+            return
+        end = sent.last if sent.is_confirmed else sent.order.nodes[0]  # of what the AGV has accepted
+        if sent.is_confirmed:
+            self._sent = None
+        if sent.reached < end.sequence_id:
+            self._finish("cancelled", "it was cancelled at the AGV, or by another master control")
+        elif sent.is_confirmed and not self._route:
+            self._arrive()
+
+    def _check_refusal(self, order: Order, state: State) -> None:
+        for error in state.errors:
+            if error.is_about("orderId", order.order_id) and error.is_about(
+                "orderUpdateId", str(order.update_id), default=True
+            ):
+                self._finish("refused", error.describe())
+                return
+
+    def _check_cancelled(self, state: State) -> None:
+        # an answer is waited for: an order that is still on its way to the AGV would be carried out later
+        answered = any(
+            each.action_id in self._cancel_ids and each.action_status in ("FINISHED", "FAILED")
+            for each in state.action_states
+        ) or any(  # nothing to cancel
+            error.is_about("actionId", action_id) for error in state.errors for action_id in self._cancel_ids
+        )
+        has_cleared = bool(self._blocked)  # by hand, without an answer
+        if not (answered or has_cleared) or (state.node_states and state.order_id.startswith(PREFIX)):
+            return
+        self._is_cancelling = False
+        self._cancel_tries = 0
+        self._end_stop()
+
+    def _end_stop(self) -> None:
+        if self._stop_number:
+            self._tell(self._stop_number, "done", "")
+            self._stop_number = 0
+
+    def _send_cancellation(self, now_s: float) -> list[Order | InstantAction]:
+        if now_s - self._cancel_s < RESEND_S:
+            return []
+        self._cancel_s = now_s
+        self._cancel_tries += 1
+        self._made += 1
+        self._cancel_ids.append(f"{self.session}-{self._made}")
+        return [InstantAction("cancelOrder", self._cancel_ids[-1])]
+
+    def _arrive(self) -> None:
+        if self._number and self._is_path:
+            self._tell(self._number, "done", "")
+        self._number = 0
+
+    def _is_refused(self, number: int) -> bool:
+        """Refuse a command if the AGV carries out none, and return True then."""
+        if not self._blocked:
+            return False
+        self._number = number
+        self._finish("refused", self._blocked)
+        return True
+
+    def _finish(self, outcome: Outcome, reason: str) -> None:
+        """End the command, stop the AGV, and say why."""
+        if self._sent is not None:
+            self._cancel()
+        self._drop()
+        number, self._number = self._number, 0
+        self._tell(number, outcome, reason)
+
+    def _drop(self) -> None:
+        self._sent = None
+        self._route.replace([])
+
+    def _cancel(self) -> None:
+        """Ask for a cancellation, which is sent until it is answered."""
+        if not self._is_cancelling:
+            self._is_cancelling = True
+            self._cancel_ids.clear()
+            self._cancel_s = -math.inf
+            self._cancel_tries = 0

@@ -1,0 +1,136 @@
+"""Driver of an AGV by VDA 5050: the connection to its broker."""
+
+import asyncio
+import contextlib
+from typing import TYPE_CHECKING
+
+from pointit.runtime.errors import ConfigError
+from pointit.runtime.health.surroundings import Surroundings
+from pointit.runtime.mqtt.broker import (
+    client_options,
+    connected,
+    describe_error,
+    require_client,
+    uncancelled,
+)
+from pointit.runtime.service.shutdown import first_cause
+from pointit.services.robot.drivers.vda5050.agv import Agv, MqttPublication
+from pointit.services.robot.drivers.vda5050.search import find_agvs
+from pointit.services.robot.drivers.vda5050.vda5050_config import Vda5050Config
+from pointit.services.robot.robot_driver import Command, Report, RobotPlugin, RobotSpec
+
+if TYPE_CHECKING:
+    import aiomqtt
+
+TOPICS = (("connection", 1), ("state", 0), ("visualization", 0))
+"""Topics of an AGV, with their quality of service by the standard."""
+TICK_S = 0.05
+"""Longest wait between two looks at what is to be sent or reported, s."""
+RETRY_S = 1.0
+"""Wait after an error, s."""
+ACK_S = 5.0
+"""Time for a broker to acknowledge a message, after which the connection counts as lost, s."""
+END_S = 0.4
+"""Maximum time to stop the AGV at the end, s."""
+
+
+def check(config: Vda5050Config) -> None:
+    """Check that an AGV can be reached by `config`, as far as can be said without the broker.
+
+    Raises:
+        ConfigError: If the extra is missing, the AGV is not named, or a file cannot be read.
+    """
+    require_client("AGVs by VDA 5050")
+    for name in ("broker", "manufacturer", "serial_number"):
+        if not getattr(config, name):
+            raise ConfigError(f"{name}: is missing; `pointit devices` shows the AGVs of a broker")
+    client_options(config)
+
+
+class Vda5050Driver:
+    """Steers one AGV as its master control."""
+
+    def __init__(self, config: Vda5050Config, spec: RobotSpec, around: Surroundings) -> None:
+        """Prepare; nothing is opened yet.
+
+        Raises:
+            ConfigError: If the extra is missing, the AGV is not named, or a file cannot be read.
+        """
+        check(config)
+        self._options = client_options(config)
+        self._has_user = bool(config.username)
+        self._agv = Agv(config, spec, around)
+        self._changed = asyncio.Event()
+
+    def command(self, command: Command) -> None:
+        """Carry out `command`, which replaces those before. Returns at once."""
+        self._agv.command(command)
+        self._changed.set()
+
+    async def run(self, report: Report) -> None:
+        """Report until cancelled, then stop the AGV if it may move."""
+        from aiomqtt import MqttError  # noqa: PLC0415 - an extra
+
+        self._agv.set_report(report)
+        while True:
+            try:
+                await self._serve()
+            except* (MqttError, OSError) as errors:
+                self._agv.on_disconnected(describe_error(first_cause(errors), has_user=self._has_user))
+            await asyncio.sleep(RETRY_S)
+
+    async def _serve(self) -> None:
+        """Connect, and steer until the connection is lost; whatever else ends it stops the AGV first."""
+        from aiomqtt import MqttError  # noqa: PLC0415 - an extra
+
+        async with connected(self._options) as client:
+            try:
+                async with asyncio.TaskGroup() as tasks:
+                    tasks.create_task(self._read(client), name="AGV's messages")
+                    tasks.create_task(self._send(client), name="AGV's orders")
+            except BaseException as error:
+                if not isinstance(first_cause(error), MqttError | OSError):
+                    await self._end(client)
+                raise
+
+    async def _read(self, client: "aiomqtt.Client") -> None:
+        loop = asyncio.get_running_loop()
+        async for message in client.messages:
+            self._agv.on_message(str(message.topic), message.payload, loop.time())
+            self._changed.set()
+
+    async def _send(self, client: "aiomqtt.Client") -> None:
+        loop = asyncio.get_running_loop()
+        topics = [(self._agv.topic(name), qos) for name, qos in TOPICS]
+        await uncancelled(client.subscribe(topics))
+        await self._publish(client, self._agv.on_connected())
+        while True:
+            self._changed.clear()
+            for publication in self._agv.step(loop.time()):
+                await self._publish(client, publication)
+            with contextlib.suppress(TimeoutError):
+                async with asyncio.timeout(TICK_S):
+                    await self._changed.wait()
+
+    async def _publish(self, client: "aiomqtt.Client", publication: MqttPublication) -> None:
+        topic, payload = publication
+        # acknowledged, so that a broker that hangs is noticed; the AGV subscribes without, by the standard
+        await uncancelled(client.publish(topic, payload, qos=1, timeout=ACK_S))
+
+    async def _end(self, client: "aiomqtt.Client") -> None:
+        """Stop the AGV; the task counts as cancelled, so `uncancelled` would raise here."""
+        from aiomqtt import MqttError  # noqa: PLC0415 - an extra
+
+        # without a connection, the AGV ends at its last released node
+        with contextlib.suppress(MqttError, OSError):
+            for topic, payload in self._agv.farewell():
+                await client.publish(topic, payload, qos=1, timeout=END_S)
+
+
+VDA5050 = RobotPlugin(
+    summary="an AGV by VDA 5050 over MQTT, with PointIt as its master control",
+    config=Vda5050Config,
+    make=Vda5050Driver,
+    check=check,
+    discover=find_agvs,
+)

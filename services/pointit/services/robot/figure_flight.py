@@ -1,0 +1,135 @@
+"""The figure of a robot that nobody steers, while a person is localized by following it. Pure."""
+
+import math
+from collections.abc import Callable, Sequence
+
+from pointit.geometry.vector import Vec3
+from pointit.schemas import NS_PER_S, Localization
+from pointit.services.robot.config import RobotConfig
+from pointit.services.robot.current_order import CurrentOrder
+from pointit.services.robot.figure import AssumedPerson, best_figure, figures
+from pointit.services.robot.robot_driver import Command, FollowPath, Land, RobotReport, Stop, TakeOff
+
+AROUND_M = 2.5
+"""Distance from the robot at which a person stands of whom nothing is known."""
+
+DIRECTIONS = 8
+"""Number of directions in which they may."""
+
+MOST_TRIED = 12
+"""Number of figures, the most informative, that are checked for fences, people and robots."""
+
+PAUSE_S = 1.0
+"""Least time from one figure to the next: one that is refused is not repeated at every step."""
+
+LONGEST_S = 120.0
+"""A localization that began longer ago is over, even if nothing has said so, s."""
+
+NO_FIGURE = "there is no room for a figure that a person could follow: steer the robot to a free place first"
+
+
+class FigureFlight:
+    """Begins a figure when a localization names the robot, repeats it, and ends it with the localization."""
+
+    def __init__(self, config: RobotConfig, name: str) -> None:
+        """Start without anybody to be localized."""
+        self._config = config
+        self._name = name
+        self._followers: dict[str, int] = {}
+        """People who are localized by this robot, and since when, ns."""
+        self._is_begun = False
+        self._tried_ns: int | None = None
+        """Time of the last figure."""
+        self.problem = ""
+        """Reason for which there is no figure, or `""`."""
+
+    def _is_wanted(self, now_ns: int) -> bool:
+        """Return True while somebody is localized by this robot."""
+        return any(abs(now_ns - since_ns) < LONGEST_S * NS_PER_S for since_ns in self._followers.values())
+
+    def on_localization(self, user: str, news: Localization) -> None:
+        """Update whether `user` is localized by this robot."""
+        is_ours = news.phase == "sampling" and news.purpose == "pose" and news.target_id == self._name
+        self._followers.pop(user, None)
+        if is_ours and not news.ahead:
+            self._followers[user] = news.since_ns
+
+    def on_gone(self, user: str) -> None:
+        """Note that the localizer of `user` has ended."""
+        self._followers.pop(user, None)
+
+    def forget(self) -> None:
+        """Note that somebody steers the robot now, or that it was stopped: the figure is over."""
+        self._is_begun = False
+        self.problem = ""
+
+    def command(
+        self,
+        report: RobotReport,
+        order: CurrentOrder,
+        way_problem: Callable[[Sequence[Vec3]], str],
+        speed_limit_mps: Callable[[Sequence[Vec3]], float],
+        now_ns: int,
+    ) -> Command | None:
+        """Return the command to a robot that nobody steers, or None.
+
+        Args:
+            report: its last one.
+            order: what it carries out.
+            way_problem: returns the reason not to go along points, or `""`.
+            speed_limit_mps: returns the greatest speed along points.
+            now_ns: the time.
+        """
+        if not self._is_wanted(now_ns):
+            return self._end(report, order)
+        is_early = self._tried_ns is not None and abs(now_ns - self._tried_ns) < PAUSE_S * NS_PER_S
+        if order.command is not None or is_early:
+            return None
+        self._tried_ns = now_ns
+        if self._config.kind == "quadrotor" and not report.is_flying:
+            x, y, z = report.position_m
+            height_m = self._config.figure.height_m
+            self.problem = way_problem(((x, y, z + height_m),))
+            if self.problem:
+                return None
+            self._is_begun = True
+            return TakeOff(order.next(), height_m)
+        length_m = self._config.max_speed_mps * self._config.figure.duration_s
+        ranked = figures(
+            report.position_m,
+            self._people(report.position_m, is_flying=report.is_flying),
+            length_m=length_m,
+            is_flying=self._config.kind == "quadrotor",
+        )
+        chosen = best_figure(ranked[:MOST_TRIED], lambda points: not way_problem(points))
+        if chosen is None:
+            self.problem = NO_FIGURE
+            return None
+        self._is_begun, self.problem = True, ""
+        return FollowPath(order.next(), chosen.points_m[1:], None, speed_limit_mps(chosen.points_m))
+
+    def _end(self, report: RobotReport, order: CurrentOrder) -> Command | None:
+        """Return the command that ends a figure: the robot stops, and a quadrotor lands where it is."""
+        self.problem = ""
+        if not self._is_begun:
+            return None
+        if isinstance(order.command, FollowPath | TakeOff):
+            return Stop(order.next())
+        self._is_begun = False
+        return Land(order.next(), None) if report.is_flying else None
+
+    def _people(self, here_m: Vec3, *, is_flying: bool) -> list[AssumedPerson]:
+        """Return where those who follow may stand: as configured, else anywhere around."""
+        config = self._config
+        apart_m = config.keep_out_m + config.figure.person_sigma_m + config.radius_m
+        if config.figure.people_m:
+            return [AssumedPerson(place_m, apart_m) for place_m in config.figure.people_m]
+        turns = [math.tau * number / DIRECTIONS for number in range(DIRECTIONS)]
+        floor_m = here_m[2] - (config.figure.height_m if is_flying else 0.0)
+        return [
+            AssumedPerson(
+                (here_m[0] + AROUND_M * math.cos(turn), here_m[1] + AROUND_M * math.sin(turn), floor_m),
+                apart_m,
+            )
+            for turn in turns
+        ]

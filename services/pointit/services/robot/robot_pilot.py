@@ -1,0 +1,394 @@
+"""Decides what a robot is told: who steers it, where it may go, when it stops. Pure."""
+
+import math
+from dataclasses import replace
+
+from pointit.geometry.vector import Vec3
+from pointit.schemas import NS_PER_S, Cursor, Environment, Goal, Localization, RobotPhase, Steering
+from pointit.services.robot.config import RobotConfig
+from pointit.services.robot.current_order import CurrentOrder
+from pointit.services.robot.figure_flight import FigureFlight
+from pointit.services.robot.ownership import Ownership
+from pointit.services.robot.report_check import report_fault
+from pointit.services.robot.robot_driver import (
+    Command,
+    Follow,
+    FollowPath,
+    Land,
+    LinkLost,
+    OrderStatus,
+    ReportItem,
+    RobotReport,
+    Stop,
+    TakeOff,
+)
+from pointit.services.robot.robot_safety import RobotSafety, StopReason
+from pointit.services.robot.standstill import ProgressMonitor, StandstillMonitor
+from pointit.services.robot.targets import Targets
+
+ANSWER_S = 3.0
+"""A robot that has not answered an order for so long is said to be silent, s."""
+CLAIM_AGE_S = 2.0
+"""A person who has named the robot longer ago, or so much ahead, does not get it, s."""
+GOAL_AGE_S = 2.0
+"""A goal pointed at longer ago, or so much ahead, is refused, s."""
+MOVING_MPS = 0.05
+"""A slower robot counts as standing, m/s."""
+UNREACHABLE = "the robot cannot go where you point: point at the floor"
+NEAR_M = 0.1
+"""A robot that follows is there, and a point of its way is passed, at this distance, m."""
+
+
+class RobotPilot:
+    """Turns what people want of a robot into commands to its driver, as far as safety permits."""
+
+    def __init__(self, config: RobotConfig, name: str, safety: RobotSafety) -> None:
+        """Start without any report. The robot is told to stop when it reports first."""
+        self._config = config
+        self._name = name
+        self._safety = safety
+        self._owners = Ownership(name)
+        self._targets = Targets(config)
+        self._order = CurrentOrder()
+        self._figure = FigureFlight(config, name)
+        self._standstill = StandstillMonitor(config, name)
+        self._progress = ProgressMonitor()
+        self.report: RobotReport | None = None
+        """Last report that was used, in {W}."""
+        self._lost = "nothing has been heard of the robot yet: look whether its driver is connected"
+        self._is_expected = True
+        """True until the robot has been heard of, or should have been."""
+        self._started_ns: int | None = None
+        self._since_ns = 0
+        """Time of the first report after the last loss. What people wanted before counts no more."""
+        self._cursors: dict[str, Cursor] = {}
+        self._goal: Goal | None = None
+        """Goal that waits until the robot can go."""
+        self._goal_ns: dict[str, int] = {}
+        """Stamps of the last goals by person."""
+        self._stop: StopReason | None = None
+        """Reason to stand still; a stop that freed it counts until somebody takes it."""
+        self._is_silent = self._is_jumping = False
+        self._halts = False
+        """True if the driver has to be told to stop."""
+        self._refused: tuple[str, Vec3 | None] | None = None
+        """Mode and place of steering that the robot refused: it is not asked again."""
+        self._problem = ""
+        """Reason not to do what it is asked for."""
+        self._wait = ""
+        """That it does not go on along its path, which it has not given up, or `""`."""
+
+    @property
+    def user(self) -> str:
+        """Return the person who steers it, or `""`."""
+        return self._owners.user
+
+    @property
+    def reason(self) -> str:
+        """Return the reason not to move as asked, or `""`."""
+        if self._lost:
+            return "" if self._is_expected else self._lost
+        if self._standstill.problem:
+            return self._standstill.problem
+        return (
+            self._stop.text if self._stop is not None else self._problem or self._wait or self._figure.problem
+        )
+
+    @property
+    def goal_ns(self) -> int:
+        """Return the stamp of the goal that it carries out, or 0."""
+        return self._order.goal_ns
+
+    @property
+    def way_m(self) -> tuple[Vec3, ...]:
+        """Return the rest of its way from where it is, or nothing."""
+        return () if self.report is None else self._order.way_m(self.report.position_m)
+
+    @property
+    def phase(self) -> RobotPhase:
+        """Return its phase."""
+        report, command = self.report, self._order.command
+        if self._lost or self._is_silent or report is None:
+            return "lost"
+        is_down = self._is_flyer and not report.is_flying
+        if self._stop is not None:
+            return "landed" if is_down else "stopped"
+        if isinstance(command, Land):
+            return "landing"
+        if isinstance(command, TakeOff):
+            return "taking_off"
+        if is_down:
+            return "landed"
+        is_away = isinstance(command, Follow) and math.dist(command.position_m, report.position_m) > NEAR_M
+        is_on_way = isinstance(command, FollowPath) or is_away
+        return "moving" if is_on_way or math.hypot(*report.velocity_mps) > MOVING_MPS else "idle"
+
+    @property
+    def _is_flyer(self) -> bool:
+        return self._config.kind == "quadrotor"
+
+    def on_map(self, environment: Environment) -> None:
+        """Update the map."""
+        self._targets.on_map(environment)
+        self._safety.on_map(environment)
+
+    def on_presence(self, user: str, *, present: bool) -> None:
+        """Update whether a person's services run."""
+        self._owners.on_presence(user, present=present)
+        self._safety.on_presence(user, present)
+        if not present:
+            self._cursors.pop(user, None)
+            self._figure.on_gone(user)
+
+    def on_localizer_end(self, user: str) -> None:
+        """Note that nothing localizes a person any longer."""
+        self._figure.on_gone(user)
+
+    def on_localization(self, user: str, news: Localization) -> None:
+        """Update whether a person is localized by following the robot."""
+        self._figure.on_localization(user, news)
+
+    def on_steering(self, user: str, steering: Steering) -> None:
+        """Update what a person wants."""
+        self._owners.on_steering(user, steering)
+
+    def on_cursor(self, user: str, cursor: Cursor) -> None:
+        """Update a person's cursor."""
+        self._cursors[user] = cursor
+        self._safety.on_cursor(user, cursor)
+
+    def on_goal(self, user: str, goal: Goal, now_ns: int) -> None:
+        """Take a goal of the person who steers the robot. One that comes twice or late is not followed."""
+        is_new = goal.stamp_ns > self._goal_ns.get(user, 0)
+        if user != self.user or goal.robot not in ("", self._name) or not is_new:
+            return
+        age_s = (now_ns - goal.stamp_ns) / NS_PER_S
+        if age_s < -GOAL_AGE_S:
+            self._problem = f"the goal is {-age_s:.1f} s ahead of the robot's clock: synchronize the clocks"
+            return
+        self._goal_ns[user] = goal.stamp_ns
+        if age_s > GOAL_AGE_S:
+            self._problem = f"the goal came {age_s:.1f} s late: point there again, and look for a slow link"
+        else:
+            self._goal = goal
+
+    def on_item(self, item: ReportItem, now_ns: int) -> str:
+        """Take what the driver reports. Return why it cannot be used, or `""`."""
+        match item:
+            case RobotReport():
+                if fault := report_fault(item):
+                    self._safety.on_link_lost(fault)
+                    return fault
+                if problem := self._safety.on_report(item, now_ns):
+                    return problem
+                if self._lost:
+                    self._since_ns = now_ns
+                    self._halts = True  # it may carry out what it was told before
+                self.report, self._lost = item, ""
+                self._is_expected = False
+                self._order.pass_points(item.position_m, max(NEAR_M, self._config.radius_m))
+            case LinkLost(reason=reason):
+                self._lost, self._goal = reason, None
+                self._is_expected = False
+                self._order.drop()
+                self._safety.on_link_lost(reason)
+            case OrderStatus():
+                self._on_status(item)
+        return ""
+
+    def on_stop_request(self, reason: str) -> None:
+        """Stop it; nobody steers it any longer."""
+        self._release(StopReason("person", reason, is_freeing=True))
+
+    def step(self, now_ns: int) -> Command | None:
+        """Return the next command to the driver, or None."""
+        if self._is_expected:
+            self._started_ns = now_ns if self._started_ns is None else self._started_ns
+            self._is_expected = now_ns - self._started_ns <= self._config.report_timeout_s * NS_PER_S
+        self._change_owner(now_ns)
+        self._obey_safety(now_ns)
+        self._halts |= self._moves_without_order(now_ns)
+        stuck = self._progress.problem(self._order.command, self.report, now_ns)
+        self._wait = stuck if isinstance(self._order.command, FollowPath) else ""
+        if stuck and not self._wait:
+            self._release(StopReason("stuck", stuck, is_freeing=True))
+        if self._halts:
+            self._halts = False
+            self._order.drop()
+            return Stop(self._order.next())
+        report = self.report
+        if self._stop is not None or self._lost or report is None:
+            self._figure.forget()
+            return None
+        if not self.user:
+            return self._figure_command(report, now_ns)
+        self._figure.forget()
+        if (silent_s := self._order.unanswered_s(now_ns)) > ANSWER_S:
+            self._problem = f"the robot has not answered its order for {silent_s:.0f} s: look at its driver"
+        command = self._wanted(report, now_ns)
+        if command is not None:
+            goal_ns = self._goal_ns.get(self.user, 0) if isinstance(command, FollowPath) else 0
+            self._order.give(command, now_ns, goal_ns)
+        return command
+
+    def _moves_without_order(self, now_ns: int) -> bool:
+        """Return True if it has to be told again to stop. A landed quadrotor may be carried."""
+        report = self.report
+        is_known = report is not None and not (self._lost or self._is_silent or self._is_jumping)
+        is_ordered = not isinstance(self._order.command, Stop | None)
+        if report is None or not is_known or is_ordered or (self._is_flyer and not report.is_flying):
+            self._standstill.forget()
+            return False
+        return self._standstill.is_left(report, now_ns)
+
+    def _figure_command(self, report: RobotReport, now_ns: int) -> Command | None:
+        """Return the command to the robot, which nobody steers, for a person who is localized by it."""
+        safety = self._safety
+        command = self._figure.command(
+            report, self._order, safety.way_problem, safety.speed_limit_mps, now_ns
+        )
+        if isinstance(command, Stop):
+            self._order.drop()
+        elif command is not None:
+            self._order.give(command, now_ns)
+        return command
+
+    def _obey_safety(self, now_ns: int) -> None:
+        stop = self._safety.stop(self.user, self._owners.steering.mode, now_ns)
+        self._is_silent = stop is not None and stop.kind == "report"
+        self._is_jumping = stop is not None and stop.kind == "jump"
+        if stop is None:
+            if self._stop is not None and (not self._stop.is_freeing or self._stop.kind == "report"):
+                self._stop = None
+            return
+        before = self._stop
+        if stop.is_freeing and (self.user or before is None):
+            self._release(stop)
+            return
+        self._halts |= before is None
+        if before is None or not before.is_freeing:
+            self._stop = stop
+        self._goal = None
+        self._order.drop()
+
+    def _change_owner(self, now_ns: int) -> None:
+        """Take the robot from who lets go of it, and give it to the first who wants it and may have it."""
+        if self._owners.is_let_go():
+            self._free()
+        if self.user:
+            return
+        age_ns = round(CLAIM_AGE_S * NS_PER_S)
+        span_ns = (max(self._since_ns, now_ns - age_ns), now_ns + age_ns)
+        wanted = self._owners.candidate(*span_ns)
+        if wanted:
+            self._problem = self._lost or self._safety.take_problem(wanted, now_ns)
+        elif late := self._owners.late(*span_ns):
+            self._problem = f"{late} asked for the robot too long ago, or by another clock: take it again"
+        else:
+            self._problem = ""
+        if wanted and not self._problem:
+            self._owners.take(wanted)
+            self._stop = None
+
+    def _free(self) -> None:
+        """Take it from who steers it."""
+        self._owners.free()
+        self._end_steering()
+
+    def _release(self, stop: StopReason) -> None:
+        """Stop it, take it from who steers it, and give it to nobody who does not ask again."""
+        self._owners.free_of_all()
+        self._end_steering()
+        self._stop = stop
+
+    def _end_steering(self) -> None:
+        self._halts = True
+        self._goal = self._refused = None
+        self._problem = ""
+        self._order.drop()
+
+    def _wanted(self, report: RobotReport, now_ns: int) -> Command | None:
+        """Return the command by which the robot begins, or goes on with, what its person wants."""
+        steering, command = self._owners.steering, self._order.command
+        if self._refused != (steering.mode, steering.target_m):
+            self._refused = None
+        if isinstance(command, TakeOff):
+            return None
+        if steering.mode != "goals":
+            self._goal = None
+        if steering.mode == "land":
+            return self._landing(steering.target_m, report)
+        if isinstance(command, Land):  # they have changed their mind
+            return Stop(self._order.next())
+        if self._refused is not None:
+            return None
+        if self._is_flyer and not report.is_flying:
+            wants = steering.mode != "none"
+            return TakeOff(self._order.next(), self._config.hover_m) if wants else None
+        if steering.mode == "follow":
+            return self._following(report, now_ns)
+        if isinstance(command, Follow) or (steering.mode == "none" and isinstance(command, FollowPath)):
+            return self._hold("")
+        return self._path(report, now_ns) if steering.mode == "goals" else None
+
+    def _hold(self, problem: str) -> Command | None:
+        """Return the command by which it stays where it is, if it does not already."""
+        self._problem = problem
+        command = self._order.command
+        return None if command is None or isinstance(command, Stop) else Stop(self._order.next())
+
+    def _following(self, report: RobotReport, now_ns: int) -> Command | None:
+        cursor = self._cursors.get(self.user)
+        target = None if cursor is None else self._targets.of_cursor(cursor, report.position_m)
+        if target is None:
+            return self._hold(UNREACHABLE)
+        set_point = self._safety.set_point(self.user, target, now_ns)
+        self._problem = set_point.problem
+        return Follow(self._order.next(), set_point.position_m, None, set_point.max_speed_mps)
+
+    def _path(self, report: RobotReport, now_ns: int) -> Command | None:
+        goal, self._goal = self._goal, None
+        if goal is None:
+            return None
+        here_m, wanted_m = report.position_m, (*goal.via_m, goal.position_m)
+        if not all(self._targets.is_reachable(point, here_m) for point in wanted_m):
+            self._problem = UNREACHABLE
+            return None
+        points = tuple(self._targets.above(point, here_m) for point in wanted_m)
+        self._problem = self._safety.target_problem(self.user, points, now_ns, sigma_m=goal.position_sigma_m)
+        if self._problem:
+            return None
+        speed_mps = self._safety.speed_limit_mps((here_m, *points))
+        return FollowPath(self._order.next(), points, goal.yaw_rad, speed_mps)
+
+    def _landing(self, place_m: Vec3 | None, report: RobotReport) -> Command | None:
+        """Return the next command of a landing, or None. If it stands, it is free."""
+        command = self._order.command
+        if not self._is_flyer or (not report.is_flying and not isinstance(command, Land)):
+            self._free()
+            self._halts = False
+            return Stop(self._order.next())
+        if self._refused is not None or (isinstance(command, Land) and command.position_m == place_m):
+            return None
+        way = () if place_m is None else (self._targets.above(place_m, report.position_m), place_m)
+        problem = self._safety.way_problem(way) if way else ""  # an arm that is lowered ends no landing
+        if problem:
+            self._refused = ("land", place_m)
+            return self._hold(problem)
+        self._problem = ""
+        return Land(self._order.next(), place_m, self._safety.speed_limit_mps(way) if way else None)
+
+    def _on_status(self, status: OrderStatus) -> None:
+        """Note what became of the present order. What is said of earlier ones is no news."""
+        command = self._order.end(status)
+        if command is None:
+            return
+        if status.state != "done":
+            why = f": {status.reason}" if status.reason else ""
+            self._problem = f"the robot has {status.state} its order{why}; point there again, or elsewhere"
+            if not isinstance(command, FollowPath):
+                self._refused = (self._owners.steering.mode, self._owners.steering.target_m)
+        elif isinstance(command, Land):
+            self._free()
+        elif isinstance(command, TakeOff) and self.report is not None:
+            self.report = replace(self.report, is_flying=True)

@@ -1,0 +1,1 @@
+"""Permitted places and speeds of a robot, and its reasons to stop: no safety function."""

@@ -1,0 +1,163 @@
+"""The people around a robot: where they are, and whether the one who steers it is sure and holds on."""
+
+import math
+
+from pointit.geometry.floor_sigma import place_sigma_m
+from pointit.geometry.plane import is_level
+from pointit.schemas import NS_PER_S, Cursor, Environment, Interaction, UserPose
+from pointit.services.robot.config import RobotConfig
+from pointit.services.robot.robot_safety import StopReason
+from pointit.services.robot.safety.obstacles import CylinderObstacle
+
+LEVEL_WORKSPACE = "workspace/horizontal"
+EXTERNAL_S = 2.0
+"""Age of a pose from an external tracker, which comes all the time, at which it is stale."""
+FORGOTTEN_S = 600.0
+"""Time after which a person whose services have ended is no longer kept clear of."""
+
+
+class People:
+    """Poses, interactions, cursors and presence of everybody."""
+
+    def __init__(self, config: RobotConfig, robot: str) -> None:
+        """Start without anybody."""
+        self._config = config
+        self._robot = robot
+        self._level: frozenset[str] = frozenset()
+        self._poses: dict[str, UserPose] = {}
+        self._interactions: dict[str, Interaction] = {}
+        self._cursors: dict[str, Cursor] = {}
+        self._pointed: dict[str, Cursor] = {}
+        """The last cursor of each person that is on something."""
+        self._gone_ns: dict[str, int | None] = {}
+        """People whose services have ended, and when that was seen."""
+
+    def on_map(self, environment: Environment) -> None:
+        """Update the level planes."""
+        self._level = frozenset(plane.id for plane in environment.planes if is_level(plane.normal))
+
+    def on_pose(self, user: str, pose: UserPose) -> None:
+        """Update a person's pose."""
+        self._poses[user] = pose
+
+    def on_presence(self, user: str, *, is_present: bool) -> None:
+        """Update a person's presence. The place of a person who is gone is kept for a while."""
+        if is_present:
+            self._gone_ns.pop(user, None)
+            return
+        self._gone_ns.setdefault(user, None)
+        for state in (self._interactions, self._cursors, self._pointed):
+            state.pop(user, None)
+
+    def on_interaction(self, user: str, interaction: Interaction) -> None:
+        """Update a person's interaction."""
+        self._interactions[user] = interaction
+
+    def on_cursor(self, user: str, cursor: Cursor) -> None:
+        """Update a person's cursor."""
+        self._cursors[user] = cursor
+        if cursor.point_m is not None:
+            self._pointed[user] = cursor
+
+    def cylinders(self, now_ns: int) -> tuple[CylinderObstacle, ...]:
+        """Return the space of each person: `keep_out_m` and twice the sigma of their place around it."""
+        for user, gone_ns in tuple(self._gone_ns.items()):
+            if gone_ns is None:
+                self._gone_ns[user] = now_ns
+            elif now_ns - gone_ns > FORGOTTEN_S * NS_PER_S:
+                self._poses.pop(user, None)
+        return tuple(
+            CylinderObstacle(
+                "people", user, pose.position_m, self._config.keep_out_m + 2.0 * _place_sigma_m(pose)
+            )
+            for user, pose in self._poses.items()
+        )
+
+    def stop_reason(self, user: str, now_ns: int) -> StopReason | None:
+        """Return the reason not to do what `user` wants, whatever they point at, or None."""
+        if gone := self.presence_stop_reason(user):
+            return gone
+        interaction = self._interactions.get(user)
+        if interaction is None or interaction.state != "pointing":
+            text = f"{user} is not pointing: press the button, then take {self._robot} again"
+            return StopReason("not_pointing", text, is_freeing=True)
+        pose = self._poses.get(user)
+        if pose is None:
+            return StopReason("pose", f"{user}'s position is unknown: localize first", is_freeing=True)
+        age_s = (now_ns - pose.stamp_ns) / NS_PER_S
+        if pose.method == "external" and age_s > EXTERNAL_S:
+            text = f"{user}'s position is {age_s:.1f} s old: look at the tracker that gives it"
+            return StopReason("pose", text, is_freeing=False)
+        if interaction.is_unsure:
+            text = f"{user}'s direction has become uncertain: press twice, then point at a lamp once"
+            return StopReason("unsure", text, is_freeing=False)
+        return None
+
+    def presence_stop_reason(self, user: str) -> StopReason | None:
+        """Return the reason not to do what `user` has ordered already, or None."""
+        if user not in self._gone_ns:
+            return None
+        text = f"{user}'s services have ended: {self._robot} waits until somebody takes it"
+        return StopReason("gone", text, is_freeing=True)
+
+    def cursor_stop_reason(self, user: str, now_ns: int, *, follows: bool) -> StopReason | None:
+        """Return the reason why `user`'s pointing cannot move a robot now, or None.
+
+        Args:
+            user: the person.
+            now_ns: time.
+            follows: True if the robot follows their cursor, which must be on a place that is sure; False if
+                it carries out a goal, when their arm must only report.
+        """
+        config = self._config
+        cursor = self._cursors.get(user)
+        timeout_s = (
+            config.cursor_timeout_s if follows else max(config.cursor_timeout_s, config.report_timeout_s)
+        )
+        if cursor is None:
+            text = f"there are no data of {user}'s arm: look at the wrist's battery and link"
+            return StopReason("cursor", text, is_freeing=False)
+        age_s = (now_ns - cursor.stamp_ns) / NS_PER_S
+        if abs(age_s) > timeout_s:
+            text = (
+                f"the last data of {user}'s arm are {age_s:.1f} s old: look at the wrist's battery and link"
+            )
+            if age_s < 0.0:
+                text = f"{user}'s arm is {-age_s:.1f} s ahead of this machine: synchronize the two clocks"
+            return StopReason("cursor", text, is_freeing=False)
+        if not follows:
+            return None
+        pointed = self._pointed.get(user)
+        if pointed is None or (now_ns - pointed.stamp_ns) / NS_PER_S > timeout_s:
+            text = f"{user} points past everything: point at the place for {self._robot}"
+            return StopReason("cursor", text, is_freeing=False)
+        return self.sigma_stop_reason(self.sigma_m(user, pointed))
+
+    def sigma_stop_reason(self, sigma_m: float) -> StopReason | None:
+        """Return the reason to refuse a place known to `sigma_m`, or None."""
+        limit_m = self._config.max_cursor_sigma_m
+        if sigma_m <= limit_m:
+            return None
+        how = f"sure to {sigma_m:.1f} m only, limit {limit_m:g} m" if math.isfinite(sigma_m) else "not known"
+        text = f"the pointed place is {how}: choose one nearer to you, or localize again"
+        return StopReason("unsure", text, is_freeing=False)
+
+    def sigma_m(self, user: str, cursor: Cursor) -> float:
+        """Return 1 sigma of the place of `cursor` along its worse direction, infinite if unknown."""
+        pose = self._poses.get(user)
+        if pose is None or cursor.origin_m is None or cursor.point_m is None:
+            return math.inf
+        is_level = cursor.surface_id == LEVEL_WORKSPACE or (
+            cursor.solid == "plane" and cursor.surface_id in self._level
+        )
+        aim_rad = math.radians(self._config.aim_sigma_deg)
+        return place_sigma_m(
+            cursor.point_m, pose.position_m, pose.covariance, cursor.origin_m, aim_rad, is_level=is_level
+        )
+
+
+def _place_sigma_m(pose: UserPose) -> float:
+    """Return 1 sigma of the position on the floor along its worse direction."""
+    xx, xy, _, _, yy = pose.covariance[:5]
+    middle, half = (xx + yy) / 2.0, math.hypot((xx - yy) / 2.0, xy)
+    return math.sqrt(max(0.0, middle + half))

@@ -1,0 +1,253 @@
+"""Permission of targets, set-points and speeds, and the reasons to stop. No safety function."""
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+from pointit.geometry.vector import Vec3, add, norm, scale, subtract
+from pointit.schemas import NS_PER_S, Cursor, Environment, Interaction, RobotState, UserPose
+from pointit.services.robot.config import RobotConfig
+from pointit.services.robot.robot_driver import RobotReport
+from pointit.services.robot.robot_safety import PermittedSetPoint, StopReason
+from pointit.services.robot.safety.obstacles import CylinderObstacle, KeepIn, KeepOut, Obstacle
+from pointit.services.robot.safety.people import FORGOTTEN_S, People
+from pointit.services.robot.safety.region import MARGIN_M, Region
+from pointit.services.robot.safety.reports import MOVING_MPS, Reports
+from pointit.services.robot.safety.speeds import (
+    NEAR_M,
+    lead_m,
+    path_limit_mps,
+    predicted_place_m,
+    speed_limit_mps,
+    stopping_m,
+)
+
+TOO_FAST_MPS = 0.2
+"""Excess over the limit near people at which a robot is stopped: it is still slowing down below that."""
+LEAVING = 0.5
+"""Least gain of clearance, by the rise or fall, of a robot that rises or comes down in a person's space."""
+NO_MAP = "the map of the room has not come yet, with its fences: see that `pui` runs"
+
+
+class Safety:
+    """Permission of what one robot is told."""
+
+    def __init__(self, config: RobotConfig, robot: str) -> None:
+        """Start without a map, people, other robots and reports."""
+        self._config = config
+        self._robot = robot
+        self._people = People(config, robot)
+        self._reports = Reports(config, robot)
+        self._fences: tuple[Obstacle, ...] | None = None
+        """None before the map has come: then it must not move."""
+        self._others: dict[str, RobotState] = {}
+        self._heard_ns: dict[str, int] = {}
+        """Time of the first step after the last state of another robot."""
+        self._now_ns = 0
+        self._stop: tuple[str, StopReason] | None = None
+        """Last reason to stop, and who steered it then. Its text stays while its kind does."""
+
+    def on_map(self, environment: Environment) -> None:
+        """Update fences and level planes."""
+        self._fences = tuple(
+            KeepIn(fence) if fence.kind == "keep_in" else KeepOut(fence) for fence in environment.fences
+        )
+        self._people.on_map(environment)
+
+    def on_pose(self, user: str, pose: UserPose) -> None:
+        """Update the pose of any person."""
+        self._people.on_pose(user, pose)
+
+    def on_presence(self, user: str, present: bool) -> None:  # noqa: FBT001 - as the bus says it
+        """Update whether the services of any person run."""
+        self._people.on_presence(user, is_present=present)
+
+    def on_interaction(self, user: str, interaction: Interaction) -> None:
+        """Update the interaction of any person."""
+        self._people.on_interaction(user, interaction)
+
+    def on_cursor(self, user: str, cursor: Cursor) -> None:
+        """Update the cursor of any person."""
+        self._people.on_cursor(user, cursor)
+
+    def on_robot(self, name: str, state: RobotState) -> None:
+        """Update the state of another robot. Its last place counts for a while if it sends no other."""
+        is_unknown = state.phase == "lost" and name not in self._others  # its place is only that of its start
+        if name != self._robot and not is_unknown:
+            self._others[name] = state
+            self._heard_ns.pop(name, None)
+
+    def on_report(self, report: RobotReport, now_ns: int) -> str:
+        """Check a report of this robot, in {W}. Return why it is not used, or `""`."""
+        return self._reports.on_report(report, now_ns)
+
+    def on_link_lost(self, reason: str) -> None:
+        """Note that this robot is not connected."""
+        self._reports.on_link_lost(reason)
+
+    def take_problem(self, user: str, now_ns: int) -> str:
+        """Return the reason why `user` cannot steer this robot now, or `""`.
+
+        A quadrotor does not take off beside people.
+        """
+        self._now_ns = now_ns
+        stop = self._reports.stop_reason(now_ns) or self._people.stop_reason(user, now_ns)
+        if stop is not None or self._fences is None:
+            return NO_MAP if stop is None else stop.text
+        report = self._reports.newest
+        if self._config.kind == "ground" or report is None or report.is_flying:
+            return ""
+        region = self._region()
+        hover_m = add(report.position_m, (0.0, 0.0, self._config.hover_m))
+        blocker = region.blocker(hover_m, 0.0)
+        if blocker is None:
+            return ""
+        short_m = -region.clearance_m(blocker, hover_m)
+        near = f"{short_m:.1f} m too near to {blocker.name}"
+        return f"{self._robot} would hover {near}: carry it away, or make room"
+
+    def target_problem(self, user: str, points_m: Sequence[Vec3], now_ns: int, *, sigma_m: float) -> str:
+        """Return the reason not to go along points, known to `sigma_m` (1 sigma), or `""`."""
+        stop = (
+            self._reports.stop_reason(now_ns)
+            or self._people.stop_reason(user, now_ns)
+            or self._people.cursor_stop_reason(user, now_ns, follows=False)
+            or self._people.sigma_stop_reason(sigma_m)
+        )
+        return self.way_problem(points_m) if stop is None else stop.text
+
+    def way_problem(self, points_m: Sequence[Vec3]) -> str:
+        """Return the reason not to send it along points for anybody, or `""`."""
+        if self._fences is None:
+            return NO_MAP
+        region = self._region()
+        start_m = self._place_m()
+        for index, (leg_start_m, leg_end_m) in enumerate(pairwise((start_m, *points_m)), start=1):
+            which = "the place" if index == len(points_m) else f"way-point {index}"
+            if blocker := region.blocker(leg_end_m):
+                return self._too_near(which, blocker, region.clearance_m(blocker, leg_end_m))
+            if blocker := region.way(leg_start_m, leg_end_m).blocker:
+                return f"the way to {which} comes too near to {blocker.name}: set way-points around it"
+        return ""
+
+    def set_point(self, user: str, target_m: Vec3, now_ns: int) -> PermittedSetPoint:
+        """Return where it may go on its way to the place at which `user` points.
+
+        Without a usable report or with a reason to stop it is the robot's own place.
+        """
+        place_m = self._place_m()
+        stop = self.stop(user, "follow", now_ns)
+        if stop is not None:
+            return PermittedSetPoint(place_m, self._config.max_approach_mps, stop.text)
+        region = self._region()
+        reach_m = lead_m(self._config, self._config.max_speed_mps)
+        ahead_m, blocker = region.toward(place_m, target_m, reach_m)
+        step = subtract(ahead_m, place_m)
+        limit_mps = speed_limit_mps(self._config, region, place_m, step)
+        most_m = max(lead_m(self._config, limit_mps), MARGIN_M)
+        if norm(step) > most_m:
+            ahead_m = add(place_m, scale(step, most_m / norm(step)))
+        problem = "" if blocker is None else f"{blocker.name} is in {self._robot}'s way: point elsewhere"
+        return PermittedSetPoint(ahead_m, limit_mps, problem)
+
+    def stop(self, user: str, mode: str, now_ns: int) -> StopReason | None:
+        """Return the reason to stand still now, or None. `user`: who steers, or `""`; `mode`: of `Steering`.
+
+        A landing goes on when its person no longer points: in the air it would wait for another one.
+        """
+        self._now_ns = now_ns
+        for name in tuple(self._others):
+            if now_ns - self._heard_ns.setdefault(name, now_ns) > FORGOTTEN_S * NS_PER_S:
+                del self._others[name]
+        stop = self._reports.stop_reason(now_ns)
+        if stop is None and user and mode == "land":
+            stop = self._people.presence_stop_reason(user)
+        elif stop is None and user:
+            stop = self._people.stop_reason(user, now_ns) or (
+                self._people.cursor_stop_reason(user, now_ns, follows=mode == "follow")
+            )
+        stop = stop or self._stop_before_obstacle() or self._stop_above_person(mode)
+        if stop is None:
+            self._stop = None
+        elif self._stop is None or (self._stop[0], self._stop[1].kind) != (user, stop.kind):
+            self._stop = (user, stop)
+        return None if self._stop is None else self._stop[1]
+
+    def speed_limit_mps(self, points_m: Sequence[Vec3]) -> float:
+        """Return the greatest speed along points, from where it is."""
+        return path_limit_mps(self._config, self._region(), (self._place_m(), *points_m))
+
+    def _stop_before_obstacle(self) -> StopReason | None:
+        """Return the obstacle that it cannot avoid unless it brakes now, or that it is in already."""
+        report, velocity_mps = self._reports.newest, self._reports.velocity_mps
+        if report is None or norm(velocity_mps) < MOVING_MPS:
+            return None
+        if self._fences is None:
+            return StopReason("fence", NO_MAP, is_freeing=False)
+        region, place_m = self._region(), report.position_m
+        rest_m = predicted_place_m(self._config, place_m, velocity_mps)
+        blocker = (
+            region.way(place_m, rest_m, 0.0).blocker
+            or (_not_left(region, place_m, rest_m) if abs(velocity_mps[2]) >= MOVING_MPS else None)
+            or self._too_fast_near(region, place_m, norm(velocity_mps))
+        )
+        return None if blocker is None else self._stop_for(blocker, region.clearance_m(blocker, place_m))
+
+    def _stop_above_person(self, mode: str) -> StopReason | None:
+        """Return the person in whose space a landing has been stopped: it goes on when they are away."""
+        if mode != "land" or self._stop is None or self._stop[1].kind != "people":
+            return None
+        region, place_m = self._region(), self._place_m()
+        person = _not_left(region, place_m, place_m)
+        return None if person is None else self._stop_for(person, region.clearance_m(person, place_m))
+
+    def _stop_for(self, blocker: Obstacle, gap_m: float) -> StopReason:
+        if gap_m < 0.0:
+            text = f"{self._robot} is {-gap_m:.1f} m too near to {blocker.name}: point away from it"
+        else:
+            text = f"{self._robot} stops before {blocker.name}: point elsewhere"
+        return StopReason(blocker.kind, text, is_freeing=False)
+
+    def _too_fast_near(self, region: Region, place_m: Vec3, speed_mps: float) -> Obstacle | None:
+        """Return the person near whom it exceeds the limit of speed, or None."""
+        if speed_mps <= self._config.max_approach_mps + TOO_FAST_MPS:
+            return None
+        people = (each for each in region.obstacles if each.kind == "people")
+        return next((each for each in people if region.clearance_m(each, place_m) < NEAR_M - MARGIN_M), None)
+
+    def _too_near(self, which: str, blocker: Obstacle, clearance_m: float) -> str:
+        if clearance_m < 0.0 and blocker.kind == "fence":
+            return f"{which} is beyond {blocker.name}: choose one on the robot's side of it"
+        short_m = MARGIN_M - clearance_m
+        return f"{which} is {short_m:.1f} m too near to {blocker.name}: choose one farther away"
+
+    def _place_m(self) -> Vec3:
+        """Return its last known place."""
+        report = self._reports.newest
+        return self._config.start_m if report is None else report.position_m
+
+    def _region(self) -> Region:
+        """Return where it may be now."""
+        config, report = self._config, self._reports.newest
+        sigma_m = 0.0 if report is None else report.position_sigma_m or 0.0
+        others = (self._cylinder(name, state) for name, state in self._others.items())
+        obstacles = (*(self._fences or ()), *self._people.cylinders(self._now_ns), *others)
+        return Region(obstacles, config.radius_m + 2.0 * sigma_m)
+
+    def _cylinder(self, name: str, state: RobotState) -> CylinderObstacle:
+        """Return the space of another robot: its size, twice its place's sigma, and its way to a stop."""
+        reach_m = state.radius_m + 2.0 * (state.position_sigma_m or 0.0)
+        reach_m += stopping_m(self._config, norm(state.velocity_mps))
+        return CylinderObstacle("robots", f"robot {name}", state.position_m, reach_m, half_height_m=reach_m)
+
+
+def _not_left(region: Region, place_m: Vec3, rest_m: Vec3) -> Obstacle | None:
+    """Return the person in whose space a robot rises or comes down, instead of leaving it, or None.
+
+    Their spaces are infinitely high: up and down do not lead away.
+    """
+    least_m = LEAVING * abs(rest_m[2] - place_m[2])
+    for each in region.obstacles:
+        gap_m = region.clearance_m(each, place_m)
+        if each.kind == "people" and gap_m < 0.0 and region.clearance_m(each, rest_m) - gap_m <= least_m:
+            return each
+    return None

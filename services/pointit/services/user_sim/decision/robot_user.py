@@ -1,0 +1,227 @@
+"""Steering a robot: point at it, press, then land it on a spot, or send it along spots, and so on."""
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from typing import Literal
+
+from pointit.geometry.vector import Vec3
+from pointit.schemas import NS_PER_S, Feedback, RobotKind, RobotState
+from pointit.services.user_sim.decision.decision_times import DecisionTimes
+from pointit.services.user_sim.decision.goal import IN_AIR_M, REST, Goal
+from pointit.services.user_sim.sight.sight import Sight
+
+AIM_S = 2.4
+"""Usual time from turning to a robot to the press: reaction, reach, and a moment of holding, s."""
+ANSWER_S = 4.0
+"""Time without a cue after which the person aims and presses again, s."""
+PAUSE_S = 4.0
+"""Usual time for which a robot that refused is left alone, s."""
+OVER_M = 0.12
+"""Distance of a robot from a spot within which the person is content, m."""
+CONTENT_S = 0.6
+"""Time for which it stays there before the press, s."""
+ENOUGH_S = 25.0
+"""Time of steering to a spot after which the person presses anyway, s."""
+RESULT_S = 40.0
+"""Time without the result of a press after which the person starts again, s."""
+WAYPOINT_S = 8.0
+"""Time at a place without a cue after which the person points at it again, s."""
+PATH = 2
+"""Number of spots of a path: a way-point and a goal."""
+
+Stage = Literal["choose", "aim", "asked", "steer", "sent"]
+
+
+class _RobotUser(ABC):
+    """Takes a robot of one kind. Cues are told apart by ear: tick, double chime, buzz, tock."""
+
+    def __init__(self, kind: RobotKind, spots_m: Sequence[Vec3], pace: DecisionTimes) -> None:
+        """Start without a robot."""
+        self._kind = kind
+        self._spots_m = spots_m
+        self._pace = pace
+        self._stage: Stage = "choose"
+        self._since_ns = self._called_ns = 0
+        self._attempts = 0
+        self._presses = 0
+        self._robot = ""
+        self._next: int = 0
+        """Index of the next spot, which counts on."""
+        self._pause_until_ns: dict[str, int] = {}
+
+    def goal(self, now_ns: int, sight: Sight) -> Goal:
+        """Return the robot or spot to point at, with the presses so far, or rest."""
+        if not 0 <= now_ns - self._called_ns <= NS_PER_S:
+            self._enter("choose", now_ns)  # the person did not point meanwhile, so that they have no robot
+        self._called_ns = now_ns
+        for cue in sight.cues:
+            self._on_cue(cue, now_ns)
+        robots = sight.robots(now_ns)
+        if self._stage == "choose":
+            self._choose(robots, now_ns)
+        robot = robots.get(self._robot)
+        if self._stage in ("aim", "asked"):
+            return self._at_robot(robot, now_ns)
+        if self._stage == "choose":
+            return REST
+        return self._at_spot(robot, now_ns)
+
+    @abstractmethod
+    def _at_spot(self, robot: RobotState | None, now_ns: int) -> Goal:
+        """Return the spot to point at with `robot`, which the person has."""
+
+    @abstractmethod
+    def _on_result(self, cue: Feedback, now_ns: int) -> None:
+        """Process a cue while the person steers."""
+
+    def _choose(self, robots: dict[str, RobotState], now_ns: int) -> None:
+        free = [
+            name
+            for name, robot in robots.items()
+            if robot.kind == self._kind and self._pause_until_ns.get(name, 0) <= now_ns
+        ]
+        if free and self._spots_m:
+            self._robot = free[self._attempts % len(free)]
+            self._attempts += 1
+            self._enter("aim", now_ns)
+
+    def _at_robot(self, robot: RobotState | None, now_ns: int) -> Goal:
+        if robot is None:
+            self._enter("choose", now_ns)
+            return REST
+        if self._stage == "aim" and self._lasted_s(now_ns) > self._usually(AIM_S):
+            self._press("asked", now_ns)
+        elif self._stage == "asked" and self._lasted_s(now_ns) > ANSWER_S:
+            self._aim_again(now_ns)
+        return Goal(
+            key=f"robot {self._robot} {self._attempts}",
+            point_m=robot.position_m,
+            velocity_mps=robot.velocity_mps,
+            stamp_ns=robot.stamp_ns,
+            presses=self._presses,
+        )
+
+    def _on_cue(self, cue: Feedback, now_ns: int) -> None:
+        if cue.cue == "deselected":
+            self._enter("choose", now_ns)
+        elif self._stage == "asked" and cue.cue == "selected":
+            self._enter("steer", now_ns)
+        elif self._stage == "asked" and cue.cue == "refused":
+            if "no robot" in cue.text:
+                self._aim_again(now_ns)
+            elif "longer" not in cue.text:
+                self._pause_until_ns[self._robot] = now_ns + round(self._usually(PAUSE_S) * NS_PER_S)
+                self._enter("choose", now_ns)
+        elif self._stage in ("steer", "sent"):
+            self._on_result(cue, now_ns)
+
+    def _aim_again(self, now_ns: int) -> None:
+        """Reach for the robot once more, with another error."""
+        self._attempts += 1
+        self._enter("aim", now_ns)
+
+    def _enter(self, stage: Stage, now_ns: int) -> None:
+        self._stage, self._since_ns = stage, now_ns
+
+    def _press(self, stage: Stage, now_ns: int) -> None:
+        self._presses += 1
+        self._enter(stage, now_ns)
+
+    def _lasted_s(self, now_ns: int) -> float:
+        return (now_ns - self._since_ns) / NS_PER_S
+
+    def _usually(self, duration_s: float) -> float:
+        """Return the person's own time for what usually takes `duration_s`."""
+        return duration_s * self._pace.quickness
+
+    @property
+    def _spot_m(self) -> Vec3:
+        return self._spots_m[self._next % len(self._spots_m)]
+
+
+class QuadrotorUser(_RobotUser):
+    """Takes a quadrotor, steers it over a spot, seeing where it hovers, and lands it. Then the next spot."""
+
+    def __init__(self, spots_m: Sequence[Vec3], pace: DecisionTimes) -> None:
+        """Fly to `spots_m` in turn."""
+        super().__init__("quadrotor", spots_m, pace)
+        self._over_since_ns: int | None = None
+
+    def _at_spot(self, robot: RobotState | None, now_ns: int) -> Goal:
+        if self._stage == "sent" and self._lasted_s(now_ns) > RESULT_S:
+            self._enter("choose", now_ns)
+        elif self._stage == "steer" and self._is_content(robot, now_ns):
+            self._press("sent", now_ns)
+        return Goal(
+            key=f"spot {self._next}",
+            point_m=self._spot_m,
+            closed_loop=True,
+            robot=self._robot,
+            presses=self._presses,
+        )
+
+    def _is_content(self, robot: RobotState | None, now_ns: int) -> bool:
+        """Return True if the robot has been over the spot for a moment, or the person has tried for long."""
+        axes = 3 if self._spot_m[2] > IN_AIR_M else 2
+        is_over = robot is not None and math.dist(robot.position_m[:axes], self._spot_m[:axes]) <= OVER_M
+        if not is_over:
+            self._over_since_ns = None
+        elif self._over_since_ns is None:
+            self._over_since_ns = now_ns
+        since_ns = self._over_since_ns
+        has_stayed = since_ns is not None and now_ns - since_ns >= self._usually(CONTENT_S) * NS_PER_S
+        return has_stayed or self._lasted_s(now_ns) > ENOUGH_S
+
+    def _on_result(self, cue: Feedback, now_ns: int) -> None:
+        if self._stage != "sent":
+            return
+        if cue.chime == "double":
+            self._next += 1
+            self._enter("choose", now_ns)
+        elif cue.cue == "refused":
+            self._enter("steer", now_ns)
+
+
+class GroundRobotUser(_RobotUser):
+    """Takes a ground robot and sends it along spots, seeing the cursor's light. Then along the next ones."""
+
+    def __init__(self, spots_m: Sequence[Vec3], pace: DecisionTimes) -> None:
+        """Drive to `spots_m` in turn."""
+        super().__init__("ground", spots_m, pace)
+        self._set = 0
+        """Number of way-points set so far."""
+
+    def _at_spot(self, robot: RobotState | None, now_ns: int) -> Goal:  # noqa: ARG002 - the other kind's need
+        if self._stage == "sent" and self._lasted_s(now_ns) > RESULT_S:
+            self._enter("steer", now_ns)
+        elif self._stage == "steer" and self._set >= PATH:
+            if self._lasted_s(now_ns) > self._usually(CONTENT_S):
+                self._press("sent", now_ns)
+        elif self._stage == "steer" and self._lasted_s(now_ns) > WAYPOINT_S:
+            self._attempts += 1
+            self._since_ns = now_ns
+        return Goal(
+            key=f"spot {self._next} {self._attempts}",
+            point_m=self._spot_m,
+            closed_loop=True,
+            presses=self._presses,
+        )
+
+    def _on_result(self, cue: Feedback, now_ns: int) -> None:
+        if self._stage == "steer" and cue.cue == "selected":
+            self._set += 1
+            self._next += self._set < PATH
+            self._since_ns = now_ns
+        elif self._stage == "steer" and cue.cue == "refused":  # not there: another place
+            self._next += 1
+            self._since_ns = now_ns
+        elif self._stage == "sent" and cue.chime == "double":
+            self._next += 1
+            self._enter("steer", now_ns)
+        elif self._stage == "sent" and cue.cue == "refused":
+            self._enter("steer", now_ns)
+
+    def _enter(self, stage: Stage, now_ns: int) -> None:
+        self._set = 0
+        super()._enter(stage, now_ns)

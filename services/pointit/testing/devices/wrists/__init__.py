@@ -1,0 +1,1 @@
+"""Wrists in software: the device's side of their protocols."""

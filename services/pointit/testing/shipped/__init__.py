@@ -1,0 +1,1 @@
+"""Harnesses of the plug-ins that come with PointIt, declared like those of any package."""

@@ -1,0 +1,117 @@
+"""`pointit leds test`: what each step lights, on a controller that takes DDP; and the dark at its end."""
+
+import signal
+import socket
+import subprocess
+import sys
+from collections.abc import Iterator
+
+import pytest
+from click.testing import CliRunner
+
+from pointit.cli.run import leds_test
+from pointit.schemas import Strip
+from pointit.services.led_driver.picture import strip_test
+from pointit.services.led_driver.picture.strip_test import steps_of
+
+HEADER = 10
+RED, GREEN, BLUE = b"\xff\0\0", b"\0\xff\0", b"\0\0\xff"
+COUNT = 150
+"""Pixels of each of the two strips of scenario_3."""
+
+
+@pytest.fixture(autouse=True)
+def _same_logs(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Leave the logs of the tests that follow as they are."""
+    monkeypatch.setattr(leds_test, "setup_logging", str)
+
+
+@pytest.fixture
+def receiver() -> Iterator[socket.socket]:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as bound:
+        bound.bind(("127.0.0.1", 0))
+        bound.settimeout(120.0)
+        yield bound
+
+
+def output_of(bound: socket.socket) -> list[str]:
+    port = bound.getsockname()[1]
+    return ["--set", f"led-driver.outputs=[{{kind: ddp, host: 127.0.0.1, port: {port}}}]"]
+
+
+def pixels_of(bound: socket.socket) -> list[bytes]:
+    """Return the pixels of the frames that have arrived."""
+    bound.setblocking(False)
+    frames: list[bytes] = []
+    while True:
+        try:
+            frames.append(bound.recv(2000)[HEADER:])
+        except BlockingIOError:
+            return frames
+
+
+@pytest.mark.parametrize("pixels", [1, 2, 7, 150, 4096])
+def test_each_strip_shows_its_ends_a_pixel_that_runs_between_and_three_colors(pixels: int) -> None:
+    line = ((1.0, 2.0, 0.5), (1.0, 3.0, 0.5), (4.0, 3.0, 0.5))
+    ends, run, *colors = steps_of(Strip(id="a", line_m=line, pixels=pixels, direction=-1))
+    assert ends.text.endswith("at (4, 3, 0.5) m in the map; last red, at (1, 2, 0.5) m")
+    (picture,) = ends.pictures
+    assert picture[-3:] == RED
+    assert pixels == 1 or picture[:3] == GREEN
+    assert picture.count(0xFF) == min(pixels, 2)
+    lit = [picture.index(0xFF) // 3 for picture in run.pictures]
+    assert lit == sorted(set(lit))
+    assert (lit[0], lit[-1]) == (0, pixels - 1)
+    assert [step.pictures[0][:3] for step in colors] == [RED, GREEN, BLUE]
+    assert {len(picture) for step in (ends, run, *colors) for picture in step.pictures} == {3 * pixels}
+
+
+def test_steps_of_the_named_strip_are_lit_and_told(
+    receiver: socket.socket, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("ENDS_S", "RUN_S", "COLOR_S"):
+        monkeypatch.setattr(strip_test, name, 0.4)
+    monkeypatch.setattr(strip_test, "RUN_PICTURES", 3)
+    monkeypatch.setattr(leds_test, "CONNECT_S", 0.5)
+    arguments = ["scenario_3", "--strip", "1", *output_of(receiver)]
+    done = CliRunner().invoke(leds_test.command, arguments, catch_exceptions=False)
+    assert done.exit_code == 0
+    assert done.output.count("strip 1: ") == done.output.count("strip") == 5
+    frames = pixels_of(receiver)
+    assert {len(frame) for frame in frames} == {2 * 3 * COUNT}
+    assert not any(any(frame[: 3 * COUNT]) for frame in frames)  # strip 0
+    seen = [frame[3 * COUNT :] for frame in frames]
+    wanted = [
+        GREEN + bytes(3 * COUNT - 6) + RED,
+        b"\xff" * 3 + bytes(3 * COUNT - 3),
+        bytes(3 * COUNT - 3) + b"\xff" * 3,
+        *(10 * color + bytes(3 * COUNT - 30) for color in (RED, GREEN, BLUE)),
+        bytes(3 * COUNT),
+    ]
+    places = [seen.index(picture) for picture in wanted[:-1]]
+    assert places == sorted(places)
+    assert seen[-1] == wanted[-1]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["scenario_3"], "has no LED output: add --leds"),
+        (["scenario_3", "--set", "led-driver.outputs=[{kind: none}]"], "has no LED output: add --leds"),
+        (["scenario_3", "--leds", "ddp:x", "--strip", "9"], "the map has no such strip; it has 0, 1"),
+    ],
+)
+def test_nothing_to_test_is_told(arguments: list[str], message: str) -> None:
+    with pytest.raises(Exception, match=message):
+        CliRunner().invoke(leds_test.command, arguments, catch_exceptions=False)
+
+
+def test_interrupted_test_leaves_the_strips_dark(receiver: socket.socket) -> None:
+    command = [sys.executable, "-m", "pointit.cli", "leds", "test", "scenario_3", *output_of(receiver)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        while not any(lit := receiver.recv(2000)[HEADER:]):
+            pass
+        process.send_signal(signal.SIGINT)
+        process.communicate(timeout=90)
+    assert lit[:3] == GREEN
+    assert not any(pixels_of(receiver)[-1])

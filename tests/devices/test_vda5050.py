@@ -1,0 +1,325 @@
+"""AGVs by VDA 5050: the virtual AGV of vda-5050-lib, on a genuine broker (mosquitto)."""
+
+import asyncio
+import contextlib
+import json
+import math
+import subprocess
+from collections.abc import AsyncGenerator, Iterator
+from pathlib import Path
+from typing import Any
+
+import aiomqtt
+import pytest
+
+from pointit.bridges.agv_tracker.config import AgvTrackerConfig
+from pointit.bridges.agv_tracker.service import AgvTracker
+from pointit.geometry.vector import Vec3
+from pointit.runtime.clock import WallClock
+from pointit.runtime.health.surroundings import Surroundings
+from pointit.runtime.service.service import Launch, run_service
+from pointit.schemas import RobotState, Steering
+from pointit.schemas.environment import Frame
+from pointit.schemas.topics import MAP, OBJECTS
+from pointit.services.robot.config import RobotConfig
+from pointit.services.robot.drivers.vda5050.driver import VDA5050
+from pointit.services.robot.drivers.vda5050.search import find_agvs_on
+from pointit.services.robot.robot_driver import (
+    Follow,
+    FollowPath,
+    LinkLost,
+    OrderStatus,
+    ReportItem,
+    RobotDriver,
+    RobotReport,
+    RobotSpec,
+    Stop,
+)
+from pointit.services.robot.service import Robot
+from pointit.testing.trial import TrialHealth
+from tests.examples.running import running
+from tests.support.bench import memory_bench, until
+from tests.support.buses import free_port, is_listening
+from tests.support.mqtt import broker
+from tests.support.npm_program import fetched
+from tests.unit.robot.flight import ROBOT, ROOM, Pilotage
+
+AGV = Path(__file__).with_name("vda5050_agv")
+TOPICS = "uagv/v2/acme/7"
+PATIENCE_S = 60.0
+START = (1.0, 2.0)
+SPEC = RobotSpec(
+    name="cart",
+    kind="ground",
+    start_m=(0.0, 0.0, 0.0),
+    start_yaw_rad=0.0,
+    radius_m=0.3,
+    hover_m=0.2,
+    max_speed_mps=2.0,
+    max_acceleration_mps2=1.0,
+)
+
+pytestmark = pytest.mark.timeout(400)
+
+
+@pytest.fixture(scope="module")
+def node(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, Path]:
+    folder = tmp_path_factory.mktemp("vda5050")
+    return fetched(AGV, folder), folder / "agv.mjs"
+
+
+@pytest.fixture
+def port(tmp_path: Path) -> Iterator[int]:
+    with broker(tmp_path) as port:
+        yield port
+
+
+class VirtualAgv:
+    """An AGV of vda-5050-lib in a process of its own."""
+
+    def __init__(self, process: asyncio.subprocess.Process) -> None:
+        self._process = process
+
+    def set(self, **state: object) -> None:
+        """Change its state, by the names of the standard."""
+        assert self._process.stdin is not None
+        self._process.stdin.write(json.dumps(state).encode() + b"\n")
+
+
+@contextlib.asynccontextmanager
+async def agv_on(
+    port: int, node: tuple[str, Path], version: str = "2.0.0", speed: float = 2.0
+) -> AsyncGenerator[VirtualAgv]:
+    await until(lambda: is_listening(port), what="the broker")
+    words = (node[0], str(node[1]), str(port), version, *map(str, START), str(speed))
+    process = await asyncio.create_subprocess_exec(*words, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+    try:
+        assert process.stdout is not None
+        assert await process.stdout.readline() == b"ready\n"
+        yield VirtualAgv(process)
+    finally:
+        with contextlib.suppress(ProcessLookupError):
+            process.kill()
+        await process.wait()
+
+
+class Steered:
+    """A driver, and what it has reported."""
+
+    def __init__(self, driver: RobotDriver) -> None:
+        self.driver = driver
+        self.items: list[ReportItem] = []
+        self._orders = 0
+
+    def tell(self, kind: type[Any], *values: Any) -> int:
+        self._orders += 1
+        self.driver.command(kind(self._orders, *values))
+        return self._orders
+
+    @property
+    def place(self) -> Vec3 | None:
+        item = next((each for each in reversed(self.items) if not isinstance(each, OrderStatus)), None)
+        return item.position_m if isinstance(item, RobotReport) else None
+
+    def away_m(self, point: tuple[float, float]) -> float:
+        return math.dist(self.place[:2], point) if self.place else math.inf
+
+    def outcomes(self, order: int) -> list[tuple[str, str]]:
+        return [(each.state, each.reason) for each in self.of(OrderStatus) if each.order == order]
+
+    def of(self, kind: type[Any]) -> list[Any]:
+        return [each for each in self.items if isinstance(each, kind)]
+
+    @property
+    def lost(self) -> list[str]:
+        return [each.reason for each in self.of(LinkLost)]
+
+
+@contextlib.asynccontextmanager
+async def steering(port: int, **parameters: object) -> AsyncGenerator[Steered]:
+    values = {"broker": f"127.0.0.1:{port}", "manufacturer": "acme", "serial_number": "7", **parameters}
+    around = Surroundings(clock=WallClock(), health=TrialHealth(), folder=Surroundings.detached().folder)
+    steered = Steered(VDA5050.make(VDA5050.config.model_validate(values), SPEC, around))
+    async with running(steered.driver.run(steered.items.append)):
+        yield steered
+
+
+@contextlib.asynccontextmanager
+async def overheard(port: int, name: str) -> AsyncGenerator[list[dict[str, Any]]]:
+    """Yield the messages of a topic, as the broker has ordered them."""
+    heard: list[dict[str, Any]] = []
+
+    async def listen() -> None:
+        async for message in client.messages:
+            assert isinstance(message.payload, bytes)
+            heard.append(json.loads(message.payload))
+
+    await until(lambda: is_listening(port), what="the broker")
+    async with aiomqtt.Client("127.0.0.1", port) as client:
+        await client.subscribe(f"{TOPICS}/{name}", qos=1)
+        async with running(listen()):
+            yield heard
+
+
+@pytest.mark.parametrize("version", ["1.1.0", "2.0.0"])
+async def test_an_agv_drives_along_a_path_and_reports_it(
+    port: int, node: tuple[str, Path], version: str
+) -> None:
+    async with agv_on(port, node, version), steering(port, version=version) as steered:
+        await until(lambda: steered.away_m(START) < 0.01, PATIENCE_S, "a report")
+        order = steered.tell(FollowPath, ((1.5, 2.0, 0.0), (1.5, 2.8, 0.0)))
+        await until(lambda: ("done", "") in steered.outcomes(order), PATIENCE_S, "the end of the path")
+        assert steered.outcomes(order) == [("accepted", ""), ("done", "")]
+        assert steered.away_m((1.5, 2.8)) < 0.01
+        places = [each.position_m for each in steered.of(RobotReport)]
+        assert min(math.dist(place[:2], (1.5, 2.0)) for place in places) < 0.3, "it drove round the corner"
+
+
+async def test_an_agv_follows_the_newest_place_with_few_orders(port: int, node: tuple[str, Path]) -> None:
+    async with agv_on(port, node), steering(port) as steered, overheard(port, "order") as orders:
+        await until(lambda: steered.place is not None, PATIENCE_S, "a report")
+        loop = asyncio.get_running_loop()
+        began_s = loop.time()
+        for number in range(100):
+            steered.tell(Follow, (1.0 + 0.01 * number, 2.0, 0.0))
+            await asyncio.sleep(0.01)
+        steered.tell(Follow, (1.8, 3.0, 0.0))
+        await until(lambda: steered.away_m((1.8, 3.0)) < 0.01, PATIENCE_S, "its arrival")
+        assert len(orders) <= 2.0 * (loop.time() - began_s) + 1
+        assert {each["nodes"][-1]["released"] for each in orders} == {True}
+
+
+async def test_a_stop_cancels_the_order_and_the_next_path_is_driven(
+    port: int, node: tuple[str, Path]
+) -> None:
+    async with agv_on(port, node, speed=0.5), steering(port) as steered:
+        await until(lambda: steered.place is not None, PATIENCE_S, "a report")
+        path = steered.tell(FollowPath, ((9.0, 2.0, 0.0),))
+        await until(lambda: steered.away_m(START) > 0.2, PATIENCE_S, "its departure")
+        stop = steered.tell(Stop)
+        await until(lambda: steered.outcomes(stop) == [("done", "")], PATIENCE_S, "its stop")
+        assert steered.place is not None
+        assert steered.place[0] < 2.5
+        assert ("done", "") not in steered.outcomes(path)
+        back = steered.tell(FollowPath, ((*START, 0.0),))
+        await until(lambda: ("done", "") in steered.outcomes(back), PATIENCE_S, "its way back")
+        assert steered.away_m(START) < 0.01
+
+
+async def test_a_person_points_and_the_agv_comes_and_drives_on_along_a_path(
+    port: int, node: tuple[str, Path]
+) -> None:
+    agv = {"broker": f"127.0.0.1:{port}", "manufacturer": "acme", "serial_number": "7"}
+    config = RobotConfig.model_validate(
+        {"driver": "vda5050", "frame": "agvs", "vda5050": agv, "max_cursor_sigma_m": 1.0}
+    )
+    turned = (0.0, 0.0, math.sqrt(0.5), math.sqrt(0.5))  # x of its map is y of the room
+    room = ROOM.model_copy(
+        update={"frames": (Frame(id="agvs", position_m=(2.0, 0.0, 0.0), orientation_xyzw=turned),)}
+    )
+    async with agv_on(port, node, speed=1.0), memory_bench(WallClock()) as bench:
+        pilotage = Pilotage(bench)
+        bench.put(MAP, room)
+        launch = Launch(service=Robot, config=config, name=ROBOT)
+        async with running(run_service(launch, bench.bus, bench.clock)), running(pilotage.send_cursors()):
+            await pilotage.until(lambda state: state.phase == "idle")
+            assert pilotage.state.position_m == pytest.approx((0.0, 1.0, 0.0))
+            pilotage.arrive("anna")
+            pilotage.point("anna", (0.5, 2.0, 0.0))
+            pilotage.steer("anna", Steering(stamp_ns=0, robot=ROBOT, mode="follow"))
+
+            def is_there(state: RobotState) -> bool:
+                return state.user == "anna" and math.dist(state.position_m, (0.5, 2.0, 0.0)) < 0.11
+
+            await pilotage.until(is_there, PATIENCE_S)
+            pilotage.steer("anna", Steering(stamp_ns=0, robot=ROBOT, mode="goals"))
+            await pilotage.until(lambda state: state.phase == "idle", PATIENCE_S)
+            pilotage.send("anna", (0.0, 2.5, 0.0), (0.5, 2.5, 0.0))
+
+            def has_arrived(state: RobotState) -> bool:
+                return state.phase == "idle" and math.dist(state.position_m, (0.0, 2.5, 0.0)) < 0.01
+
+            await pilotage.until(has_arrived, PATIENCE_S)
+            assert pilotage.objects[-1].objects[0].position_m == pytest.approx((0.0, 2.5, 0.0), abs=0.01)
+
+
+async def test_an_order_that_another_master_cancels_ends_with_a_sentence(
+    port: int, node: tuple[str, Path]
+) -> None:
+    async with agv_on(port, node, speed=0.5), steering(port) as steered:
+        await until(lambda: steered.place is not None, PATIENCE_S, "a report")
+        order = steered.tell(Follow, (9.0, 2.0, 0.0))
+        await until(lambda: steered.away_m(START) > 0.2, PATIENCE_S, "its departure")
+        action = {"actionType": "cancelOrder", "actionId": "other", "blockingType": "NONE"}
+        header = {"headerId": 1, "timestamp": "2026-01-01T00:00:00.00Z", "version": "2.0.0"}
+        agv = {"manufacturer": "acme", "serialNumber": "7"}
+        async with aiomqtt.Client("127.0.0.1", port) as other:
+            await other.publish(
+                f"{TOPICS}/instantActions", json.dumps({**header, **agv, "instantActions": [action]})
+            )
+        await until(lambda: bool(steered.outcomes(order)), PATIENCE_S, "the end of the order")
+        ((state, reason),) = steered.outcomes(order)
+        assert (state, reason) == ("cancelled", "it was cancelled at the AGV, or by another master control")
+
+
+async def test_a_restarted_broker_leaves_nothing_that_moves(tmp_path: Path, node: tuple[str, Path]) -> None:
+    port = free_port()
+    async with contextlib.AsyncExitStack() as stack:
+        with broker(tmp_path, port):
+            await stack.enter_async_context(agv_on(port, node, speed=0.5))
+            driver = await stack.enter_async_context(contextlib.AsyncExitStack())
+            steered = await driver.enter_async_context(steering(port))
+            await until(lambda: steered.place is not None, PATIENCE_S, "a report")
+            order = steered.tell(FollowPath, ((9.0, 2.0, 0.0),))
+            await until(lambda: steered.away_m(START) > 0.2, PATIENCE_S, "its departure")
+        await until(lambda: "cannot be reached" in str(steered.lost), PATIENCE_S, "the sentence")
+        assert [state for state, _ in steered.outcomes(order)] == ["accepted", "failed"]
+        with broker(tmp_path, port):
+            await until(lambda: steered.place is not None, PATIENCE_S, "a report")
+            async with overheard(port, "state") as states:
+                await until(lambda: bool(states) and not states[-1]["nodeStates"], PATIENCE_S, "its stop")
+            assert steered.place is not None
+            there = steered.place
+            assert there[0] < START[0] + 2.0, "it drove no farther than what was released"
+            again = steered.tell(FollowPath, ((there[0] - 0.4, START[1], 0.0),))
+            await until(lambda: ("done", "") in steered.outcomes(again), PATIENCE_S, "a new path")
+            await driver.aclose()
+
+
+async def test_an_agv_that_is_switched_off_or_in_manual_mode_refuses_with_a_sentence(
+    port: int, node: tuple[str, Path]
+) -> None:
+    async with steering(port) as steered:
+        await until(
+            lambda: "no AGV reports at uagv/v2/acme/7/state" in str(steered.lost), PATIENCE_S, "nobody"
+        )
+        async with agv_on(port, node) as agv:
+            await until(lambda: steered.place is not None, PATIENCE_S, "a report")
+            assert [each.label for each in await find_agvs_on("127.0.0.1", port, 2.0)] == [
+                "acme 7: AGV of VDA 5050 2, ONLINE"
+            ]
+            agv.set(operatingMode="MANUAL")
+
+            def refused() -> bool:
+                steered.tell(Follow, (9.0, 2.0, 0.0))
+                return any("is in mode MANUAL" in each.reason for each in steered.of(OrderStatus))
+
+            await until(refused, PATIENCE_S, "a refusal")
+        await until(lambda: "(CONNECTIONBROKEN)" in str(steered.lost), PATIENCE_S, "the last will")
+
+
+async def test_an_agv_that_others_steer_is_a_tracked_object(port: int, node: tuple[str, Path]) -> None:
+    config = AgvTrackerConfig.model_validate({"broker": f"127.0.0.1:{port}", "frame": "agvs"})
+    frame = Frame(id="agvs", position_m=(2.0, 0.0, 0.0))
+    async with agv_on(port, node, speed=0.5), memory_bench(WallClock()) as bench:
+        seen = bench.collect(OBJECTS, "agvs")
+        bench.put(MAP, ROOM.model_copy(update={"frames": (frame,)}))
+        launch = Launch(service=AgvTracker, config=config)
+        async with running(run_service(launch, bench.bus, bench.clock)), steering(port) as steered:
+            await until(lambda: bool(seen) and bool(seen[-1].objects), PATIENCE_S, "the AGV")
+            assert seen[-1].objects[0].id == "acme-7"
+            assert seen[-1].objects[0].position_m == pytest.approx((3.0, 2.0, 0.0))
+            await until(lambda: steered.place is not None, PATIENCE_S, "a report")
+            steered.tell(FollowPath, ((9.0, 2.0, 0.0),))
+            await until(lambda: seen[-1].objects[0].velocity_mps[0] > 0.4, PATIENCE_S, "its motion")
+            await until(lambda: seen[-1].objects[0].position_m[0] > 3.3, PATIENCE_S, "its way")

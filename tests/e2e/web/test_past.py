@@ -1,0 +1,125 @@
+"""A recording in a browser: played, paused and scrubbed, and seen as it was."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+from playwright.async_api import Browser, Locator, expect
+
+from pointit.runtime.virtual_time import START_NS
+from pointit.schemas import NS_PER_S, SelectionEvent
+from tests.e2e.web.axe import violations
+from tests.e2e.web.conftest import page_is_built
+from tests.e2e.web.window import Window
+from tests.support.commands import Commands
+from tests.support.links import link_in
+from tests.support.recorded import session, write_recording
+
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(300)]
+
+USER = "anna"
+LENGTH_S = 10.0
+"""The simulated person selects a package within this time."""
+
+PLAYS = "window.pointit.site.playing?.is_playing"
+POSITION = "(window.pointit.site.sentNs - window.pointit.site.timeline.began_ns) / 1e9"
+SELECTED = "(window.pointit.site.selection?.objects ?? []).map(({ id }) => id)"
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """A recording, the first selection in it, and when that was, s from its beginning."""
+
+    path: Path
+    event: SelectionEvent
+    at_s: float
+
+    @property
+    def share(self) -> float:
+        """Return the position of the selection, as a share of the length."""
+        return self.at_s / LENGTH_S
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
+    page_is_built()
+    entries = session("scenario_4", LENGTH_S, (USER,))
+    path = tmp_path_factory.mktemp("recorded") / "lab.mcap"
+    write_recording(path, entries)
+    time_ns, event = next(
+        (each.time_ns, each.body)
+        for each in entries
+        if isinstance(each.body, SelectionEvent) and each.body.event == "selected"
+    )
+    return Recorded(path, event, (time_ns - START_NS) / NS_PER_S)
+
+
+async def on(lane: Locator, share: float) -> tuple[float, float]:
+    """Return where `share` of the time is in a lane, px."""
+    box = await lane.bounding_box()
+    assert box is not None
+    return box["x"] + share * box["width"], box["y"] + box["height"] / 2
+
+
+async def test_a_recording_is_played_paused_and_scrubbed(
+    browser: Browser, commands: Commands, recorded: Recorded
+) -> None:
+    command = commands.start("page", str(recorded.path), "--port", "0", "--no-browser")
+    await command.says("its link is in")
+    url = link_in(command.out)
+    window = await Window.open(browser, url, has_touch=True)
+    page = window.page
+    await window.is_shown()
+    await expect(page.locator("#pill-text")).to_have_text("Past")
+    await window.until(f"{POSITION} > 0.5", "it plays")
+    await page.get_by_role("combobox", name="Speed").select_option("0.25")
+    if not await page.evaluate(PLAYS):  # a busy machine has shown the page after the end
+        await page.get_by_role("button", name="Play", exact=True).click()
+        await window.until(PLAYS, "it plays again")
+    await page.keyboard.press("Space")
+    await window.until(f"{PLAYS} === false", "it pauses")
+
+    lane = page.get_by_role("img", name=f"{USER}, Selected: 1")
+    await page.mouse.move(*await on(lane, 0.95))
+    await page.mouse.down()
+    await window.until(f"{POSITION} > 0.9 * {LENGTH_S}", "the mouse holds the position")
+    await window.until(f"{SELECTED}.length === 1", "what was selected then")
+    await page.mouse.move(*await on(lane, recorded.share - 0.05), steps=5)
+    await window.until(f"{SELECTED}.length === 0", "what was selected before")
+    await page.mouse.up()
+    await page.mouse.move(*await on(lane, recorded.share))
+    await expect(lane.locator("..")).to_have_attribute("title", f"selected {_called(recorded.event)}")
+
+    await page.keyboard.press("e")
+    await window.until(f"Math.abs({POSITION} - {recorded.at_s}) < 0.02", "a key leads to the selection")
+    await expect(page.locator("#said")).to_contain_text(f"{USER}: selected {_called(recorded.event)}")
+    assert await window.until(f"{SELECTED}.length && {SELECTED}") == [recorded.event.object_id]
+    await page.keyboard.press("Shift+E")
+    await window.until(f"{POSITION} < 1", "to the event before")
+    before_s = await page.evaluate(POSITION)
+    await page.keyboard.press(".")
+    await window.until(f"{POSITION} > {before_s} && {POSITION} < {before_s} + 0.1", "to the next message")
+
+    await page.touchscreen.tap(*await on(lane, 0.5))
+    await window.until(f"Math.abs({POSITION} - {0.5 * LENGTH_S}) < 0.2", "a finger sets the position")
+    assert await page.evaluate(PLAYS) is False
+    slider = page.get_by_role("slider", name="Position")
+    await slider.focus()
+    await page.keyboard.press("End")
+    await window.until(f"{POSITION} > {LENGTH_S} - 0.1", "the slider's own keys")
+    await page.get_by_role("button", name="Play", exact=True).click()
+    await window.until(f"{PLAYS} && {POSITION} < 0.9 * {LENGTH_S}", "from the beginning again")
+    await page.get_by_role("combobox", name="Speed").select_option("8")
+    await window.until(f"{PLAYS} === false", "the end")
+
+    assert await violations(page) == []
+    await page.set_viewport_size({"width": 390, "height": 844})
+    await expect(lane).to_be_visible()
+    assert await page.evaluate("document.documentElement.scrollWidth") <= 390
+    assert await violations(page) == []
+    assert (window.faults, await window.violations()) == ([], [])
+    assert (await command.stop()).code == 0
+
+
+def _called(event: SelectionEvent) -> str:
+    return f"{event.kind} {event.object_id.rpartition('-')[2]}"

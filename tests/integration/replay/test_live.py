@@ -1,0 +1,183 @@
+"""A recording played on a site."""
+
+import asyncio
+from pathlib import Path
+
+import pytest
+
+from pointit.recording.entries import Entry, entry
+from pointit.recording.reader import Recording
+from pointit.recording.writer import RecordingWriter
+from pointit.replay.levels import ReplayError
+from pointit.replay.live import play_live
+from pointit.replay.playing import plan_replay
+from pointit.runtime.bus.contract import AnyTopic
+from pointit.runtime.bus.local_broker import LocalBroker
+from pointit.runtime.bus.memory_bus import MemoryBus
+from pointit.runtime.virtual_time import run_virtually
+from pointit.schemas import (
+    NS_PER_S,
+    ClockTick,
+    Configuration,
+    Deployment,
+    Environment,
+    Health,
+    ImuSample,
+    KeyHealth,
+)
+from pointit.schemas.catalogue.example import example
+from pointit.schemas.topics import (
+    CLOCK,
+    CONFIGURATION,
+    DEPLOYMENT,
+    HEALTH,
+    IMU,
+    MAP,
+    SERVICE_ALIVE,
+    Delivery,
+    Topic,
+)
+from tests.support.buses import site_of
+
+RECORDING = Path(__file__).parents[2] / "replay" / "recordings" / "lamps.mcap"
+
+
+class Ignored:
+    """Takes a result."""
+
+    def recorded(self, entry: Entry) -> None:
+        pass
+
+    def replayed(self, entry: Entry, *, is_recomputed: bool) -> None:
+        pass
+
+
+async def test_a_site_gets_the_messages_and_the_time_of_the_recording() -> None:
+    samples: list[ImuSample] = []
+    ticks: list[ClockTick] = []
+    maps: list[Environment] = []
+    async with site_of("zenoh-peer") as site:
+        site.b.subscribe(IMU, lambda sample, _user: samples.append(sample))
+        site.b.subscribe(CLOCK, lambda tick, _name: ticks.append(tick))
+        site.b.subscribe(MAP, lambda room, _name: maps.append(room))
+        await site.settle()
+        with Recording.open(RECORDING) as recording:
+            began_ns, ended_ns = recording.began_ns, recording.ended_ns
+            await play_live(plan_replay(recording, "edge"), site.a, Ignored(), 5.0)
+        await site.settle()
+    assert [room.name for room in maps] == ["lab"]
+    assert samples
+    assert all(began_ns <= sample.stamp_ns <= ended_ns for sample in samples)
+    assert ticks
+    assert ticks[0].speed == 5.0
+    assert began_ns <= ticks[0].sim_ns < began_ns + 2_000_000_000
+
+
+async def test_a_site_that_runs_the_same_services_is_refused() -> None:
+    async with site_of("zenoh-peer") as site:
+        site.b.announce(SERVICE_ALIVE, "pui")
+        await site.settle()
+        with Recording.open(RECORDING) as recording:
+            plan = plan_replay(recording, "edge")
+            with pytest.raises(ReplayError, match=r"runs pui, as the recording does: end them"):
+                await play_live(plan, site.a, Ignored(), 1.0)
+    assert len(asyncio.all_tasks()) == 1
+
+
+def recording_with_observers(path: Path) -> Path:
+    """Write the first second of a recording of a site with a page, a recorder and a simulated person."""
+    with Recording.open(RECORDING) as source:
+        first_ns = source.began_ns
+        entries = [each for each in source.entries() if each.time_ns < first_ns + NS_PER_S]
+        began: list[Entry] = []
+        for name in ("recorder", "web", "user-sim.anna"):
+            said = Configuration(stamp_ns=first_ns, service=name, instance=name)
+            began += [
+                entry(first_ns, CONFIGURATION, name, said),
+                entry(first_ns, SERVICE_ALIVE, name, True),
+                entry(first_ns, HEALTH, name, example(Health)),
+            ]
+        began.append(entry(first_ns, DEPLOYMENT, "run.lab", example(Deployment)))
+        with path.open("wb") as file:
+            writer = RecordingWriter(file, source.head)
+            for each in (*began, *entries):
+                writer.add(each)
+            writer.close()
+    return path
+
+
+class Compared(Ignored):
+    """Takes the states that are compared."""
+
+    def __init__(self) -> None:
+        self.states: set[str] = set()
+
+    def recorded(self, entry: Entry) -> None:
+        self._add(entry)
+
+    def replayed(self, entry: Entry, *, is_recomputed: bool) -> None:
+        if is_recomputed:
+            self._add(entry)
+
+    def _add(self, entry: Entry) -> None:
+        if isinstance(entry.row, Topic) and entry.row.delivery is Delivery.STATE:
+            self.states.add(entry.key)
+
+
+def test_what_services_skip_is_said_and_states_of_the_start_are_not_compared(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    path, compared = recording_with_observers(tmp_path / "run.mcap"), Compared()
+    keys = (
+        KeyHealth(key="users/anna/imu", direction="in", rate_hz=50.0, dropped=4, lost=3),
+        KeyHealth(key="users/anna/ray", direction="out", rate_hz=50.0, dropped=9),
+    )
+
+    async def play() -> None:
+        exchange = LocalBroker()
+        bus, service = MemoryBus(exchange), MemoryBus(exchange)
+        asyncio.get_running_loop().call_later(
+            0.9,
+            lambda: service.publisher(HEALTH, "pointing.anna").put(
+                example(Health).model_copy(update={"keys": keys})
+            ),
+        )
+        with Recording.open(path) as recording:
+            await play_live(plan_replay(recording, "edge"), bus, compared, 1.0)
+        await bus.close()
+        await service.close()
+
+    run_virtually(play())
+    assert "services skipped 7 messages (users/anna/imu), as this machine is too slow" in caplog.text
+    assert compared.states == set()
+
+
+def subscribe(bus: MemoryBus, topic: AnyTopic, names: set[str]) -> None:
+    """Collect whose messages come."""
+    bus.subscribe(topic, lambda _message, name: names.add(name))
+
+
+def test_a_site_keeps_its_own_page_and_recorder_and_gets_no_recorded_ones(tmp_path: Path) -> None:
+    path = recording_with_observers(tmp_path / "run.mcap")
+    came: dict[str, set[str]] = {}
+
+    async def play() -> None:
+        exchange = LocalBroker()
+        bus, onlooker = MemoryBus(exchange), MemoryBus(exchange)
+        for topic in (HEALTH, CONFIGURATION, DEPLOYMENT):
+            subscribe(onlooker, topic, came.setdefault(topic.key, set()))
+        announced = came.setdefault(SERVICE_ALIVE.key, set())
+        onlooker.announce(SERVICE_ALIVE, "web")
+        onlooker.watch(SERVICE_ALIVE, lambda name, _present: announced.add(name))
+        with Recording.open(path) as recording:
+            await play_live(plan_replay(recording, "edge"), bus, Ignored(), 1.0)
+        await bus.close()
+        await onlooker.close()
+
+    run_virtually(play())
+    assert {"web", "recorder"} & came[SERVICE_ALIVE.key] == {"web"}
+    for key in (SERVICE_ALIVE.key, HEALTH.key, CONFIGURATION.key):
+        assert {"pui", "user-sim.anna"} <= came[key], key
+    for key in (HEALTH.key, CONFIGURATION.key):
+        assert not {"web", "recorder"} & came[key], key
+    assert not came[DEPLOYMENT.key]

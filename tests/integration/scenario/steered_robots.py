@@ -1,0 +1,116 @@
+"""Plays scenarios with robots and several people, on a bus in memory, in virtual time."""
+
+import asyncio
+import math
+import os
+import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from unittest import mock
+
+from pointit.geometry.vector import Vec3
+from pointit.launch.plan.launches import Choices, site_launches, user_launches
+from pointit.launch.plan.scenario import Scenario, read_scenario
+from pointit.launch.run.monitor import Monitor
+from pointit.launch.run.robot_score import RobotsScore
+from pointit.launch.run.score import Score
+from pointit.runtime.bus.local_broker import LocalBroker
+from pointit.runtime.bus.memory_bus import MemoryBus
+from pointit.runtime.service.service import run_services
+from pointit.runtime.virtual_time import VirtualClock, run_virtually
+from pointit.schemas import Feedback, Goal, RobotState
+from pointit.schemas.topics import FEEDBACK, GOAL, ROBOT_STATE
+from pointit.services.user_sim.person import Person
+from tests.integration.scenario.play import watched_people
+
+
+@dataclass
+class Flights:
+    """Record of the robots' movements and people's cues."""
+
+    robots: RobotsScore = field(default_factory=RobotsScore)
+    landed_off_m: list[float] = field(default_factory=list[float])
+    """Distance of each landing from the spot that the person meant."""
+    sent_off_m: list[float] = field(default_factory=list[float])
+    """Distance of each goal from the spot that the person meant."""
+    cues: list[tuple[str, Feedback]] = field(default_factory=list[tuple[str, Feedback]])
+    """Person and cue."""
+    owners: list[tuple[str, str]] = field(default_factory=list[tuple[str, str]])
+    """Robot and person, or nobody, at each change."""
+    nearest_m: float = math.inf
+    """Least distance of a robot in motion from a person, level."""
+    phases: set[tuple[str, str]] = field(default_factory=set[tuple[str, str]])
+    """Robots, and what each did."""
+    heights_m: dict[str, float] = field(default_factory=dict[str, float])
+    """Greatest height of each robot."""
+    _states: dict[str, RobotState] = field(default_factory=dict[str, RobotState])
+
+    def texts(self, user: str) -> list[str]:
+        """Return the texts of a person's cues."""
+        return [cue.text for name, cue in self.cues if name == user]
+
+    def on_state(self, robot: str, state: RobotState, people: dict[str, Person]) -> None:
+        before = self._states.get(robot)
+        self._states[robot] = state
+        self.heights_m[robot] = max(self.heights_m.get(robot, 0.0), state.position_m[2])
+        self.phases.add((robot, state.phase))
+        if state.user != ("" if before is None else before.user):
+            self.owners.append((robot, state.user))
+        if state.phase in {"moving", "landing", "taking_off"}:
+            apart = (math.dist(state.position_m[:2], each.position_m[:2]) for each in people.values())
+            self.nearest_m = min(self.nearest_m, *apart)
+        if before is not None and before.phase == "landing" and state.phase == "landed":
+            self.landed_off_m.append(_off_m(people[before.user], state.position_m))
+
+    def on_goal(self, goal: Goal, person: Person) -> None:
+        self.sent_off_m.append(_off_m(person, goal.position_m))
+
+
+def _off_m(person: Person, place_m: Vec3) -> float:
+    """Return the distance of a place from where the person means to point, level."""
+    meant_m = person.goal.point_m
+    return math.inf if meant_m is None else math.dist(place_m[:2], meant_m[:2])
+
+
+def play_robots(
+    scenario: str | Scenario,
+    duration_s: float,
+    *,
+    seed: int = 0,
+    users: Sequence[str] = ("anna",),
+    settings: Sequence[str] = (),
+) -> Flights:
+    """Run `scenario` for people; the same arguments give the same outcome."""
+    plan = read_scenario(scenario) if isinstance(scenario, str) else scenario
+    choices = Choices(seed=seed, settings=settings)
+    with tempfile.TemporaryDirectory() as state, mock.patch.dict(os.environ, {"POINTIT_STATE": state}):
+        return run_virtually(_play(plan, choices, users, duration_s))
+
+
+async def _play(plan: Scenario, choices: Choices, users: Sequence[str], duration_s: float) -> Flights:
+    launches = site_launches(plan, choices)
+    for index, user in enumerate(users):
+        launches += user_launches(plan, choices, user, index)
+    bus = MemoryBus(LocalBroker())
+    flights = Flights()
+    born: list[Person] = []
+    people: dict[str, Person] = {}
+
+    def on_state(state: RobotState, robot: str) -> None:
+        people.update((person.user, person) for person in born)
+        flights.on_state(robot, state, people)
+
+    bus.subscribe(ROBOT_STATE, on_state)
+    bus.subscribe(GOAL, lambda goal, user: flights.on_goal(goal, people[user]))
+    bus.subscribe(FEEDBACK, lambda cue, user: flights.cues.append((user, cue)))
+    monitor = Monitor(Score(()), VirtualClock(), robots=flights.robots)
+    monitor.attach(bus)
+    with watched_people(born):
+        running = asyncio.create_task(run_services(launches, bus, VirtualClock()))
+        await asyncio.wait({running}, timeout=duration_s)
+    if running.done():
+        running.result()
+    running.cancel()
+    await asyncio.gather(running, return_exceptions=True)
+    await bus.close()
+    return flights

@@ -1,0 +1,95 @@
+"""Scenarios 5 and 6 as shipped: simulated people fly and land a quadrotor, and send a rover along paths."""
+
+import statistics
+from collections.abc import Iterable
+
+import pytest
+
+from pointit.launch.plan.scenario import read_scenario
+from tests.integration.scenario.steered_robots import Flights, play_robots
+
+SOME = [
+    pytest.param(range(1, 4), 32.0, id="3 seeds"),
+    pytest.param(range(1, 21), 120.0, id="20 seeds", marks=pytest.mark.long),
+]
+WITHOUT_FENCES = ("pui.map=lab",)
+"""For less computing."""
+LANDED_M = 0.25
+"""Largest median distance of landings from where they were meant to be."""
+
+
+def fences_crossed(flights: Flights) -> int:
+    return sum(score.fences_crossed for score in flights.robots.robots.values())
+
+
+@pytest.mark.parametrize(("seeds", "duration_s"), SOME)
+def test_people_land_a_quadrotor_where_they_mean_to_and_no_fence_is_crossed(
+    seeds: Iterable[int], duration_s: float
+) -> None:
+    off_m: list[float] = []
+    for seed in seeds:
+        flights = play_robots("scenario_5", duration_s, seed=seed)
+        assert len(flights.landed_off_m) >= duration_s // 25.0, seed
+        assert statistics.median(flights.landed_off_m) < LANDED_M, seed
+        assert fences_crossed(flights) == 0, seed
+        assert flights.nearest_m > 1.0
+        assert ("rover", "moving") not in flights.phases
+        off_m += flights.landed_off_m
+    assert statistics.median(off_m) < 0.15
+
+
+@pytest.mark.parametrize(("seeds", "duration_s"), SOME)
+def test_people_send_a_rover_along_paths_by_the_light_of_strips(
+    seeds: Iterable[int], duration_s: float
+) -> None:
+    off_m: list[float] = []
+    for seed in seeds:
+        flights = play_robots("scenario_6", duration_s, seed=seed)
+        rover = flights.robots.robots["rover"]
+        assert rover.goals_reached >= duration_s // 25.0, seed
+        assert rover.goals - rover.goals_reached <= 1, seed  # the last is on its way
+        assert fences_crossed(flights) == 0, seed
+        assert flights.nearest_m > 1.0
+        assert ("quad", "moving") not in flights.phases
+        off_m += flights.sent_off_m
+    assert statistics.median(off_m) < LANDED_M
+
+
+def turns(flights: Flights, robot: str) -> list[str]:
+    """Return the people who steered a robot, in turn. Checks that it was free in between."""
+    users = [user for name, user in flights.owners if name == robot]
+    assert users[1::2] == [""] * (len(users) // 2)
+    return users[::2]
+
+
+def test_two_people_share_one_quadrotor_which_is_never_of_both() -> None:
+    flights = play_robots("scenario_5", 50.0, seed=2, users=("anna", "ben"), settings=WITHOUT_FENCES)
+    assert set(turns(flights, "quad")) == {"anna", "ben"}
+    told = [*flights.texts("anna"), *flights.texts("ben")]
+    assert any(text.startswith("quad is steered by ") for text in told)
+    assert statistics.median(flights.landed_off_m) < LANDED_M
+
+
+def test_two_people_steer_two_robots_at_once() -> None:
+    scenario = read_scenario("scenario_5")
+    scenario.site["robot.swift"] = {"kind": "quadrotor", "start_m": [1.2, 2.0, 0.0], "radius_m": 0.15}
+    scenario.user["user-sim"]["spots_m"] = [[3.6, 3.4, 0.0], [1.4, 3.2, 0.0]]
+    flights = play_robots(scenario, 24.0, seed=1, users=("anna", "ben"), settings=WITHOUT_FENCES)
+    assert turns(flights, "quad")
+    assert turns(flights, "swift")
+    own: dict[str, str] = {}
+    both = False
+    for robot, user in flights.owners:
+        if user:
+            assert user not in own.values()  # a person has one robot at most
+            own[robot] = user
+        else:
+            own.pop(robot, None)
+        both |= len(own) == 2
+    assert both
+    assert flights.landed_off_m
+
+
+def test_a_quadrotor_hovers_higher_on_a_higher_workspace() -> None:
+    flights = play_robots("scenario_5", 9.0, seed=1, settings=("pui.workspace_height_m=0.8",))
+    assert flights.heights_m["quad"] == pytest.approx(1.0, abs=0.1)

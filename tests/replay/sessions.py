@@ -1,0 +1,109 @@
+"""The sessions of the gate, and how they were recorded: simulated people, real services, virtual time."""
+
+from pathlib import Path
+
+from pointit.recording.entries import Entry
+from pointit.recording.head import make_head
+from pointit.recording.reader import Recording
+from pointit.recording.writer import RecordingWriter
+from pointit.replay.collector import Collector
+from pointit.replay.levels import SERVICES, Split
+from pointit.runtime.bus.contract import Bus
+from pointit.runtime.virtual_time import START_NS, VirtualClock
+from pointit.schemas import NS_PER_S
+from pointit.schemas.system import split_instance
+from pointit.schemas.topics import CONFIGURATION, HEALTH, MAP, SERVICE_ALIVE
+from tests.golden.sessions import ROBOT, BadLink, Session, choices, play
+
+RECORDINGS = Path(__file__).with_name("recordings")
+
+SESSIONS: dict[str, Session] = {
+    "lamps": Session(
+        scenario="scenario_1", duration_s=8.0, happens=("leds/led_1/color", "users/anna/cursor=lamp")
+    ),
+    "strips": Session(scenario="scenario_2", duration_s=8.0, happens=("users/anna/cursor=strip",)),
+    "fraction": Session(scenario="scenario_3", duration_s=20.0, happens=("selection/events=selected",)),
+    "gauge": Session(scenario="scenario_4", duration_s=20.0, happens=("selection/events=selected",)),
+    "hold": Session(
+        scenario="scenario_3",
+        duration_s=15.0,
+        choices=choices(
+            "supervisor.profile.body.neck_to_shoulder_m=0.2",
+            "user-sim.body.neck_to_shoulder_m=0.2",
+            method="hold",
+            hand="left",
+        ),
+        happens=("selection/events=selected",),
+    ),
+    "goal": Session(scenario="send_a_robot", duration_s=20.0, happens=("users/anna/goal",)),
+    "drift": Session(
+        scenario="scenario_2",
+        duration_s=45.0,
+        choices=choices(
+            "user-sim.aim.elevation_bias_deg=10", "user-sim.wristband.yaw_drift_degpmin=40", localize=True
+        ),
+        happens=("users/anna/pose=static_targets", "users/anna/anchor", "users/anna/cursor=strip"),
+    ),
+    "robot": Session(
+        scenario="scenario_2",
+        duration_s=25.0,
+        choices=choices("localizer.method=moving_target", localize=True),
+        site={"robot-replay": {"recording": ROBOT}},
+        happens=("users/anna/pose=moving_target", "users/anna/cursor=strip"),
+    ),
+    "two_people": Session(
+        scenario="scenario_3",
+        duration_s=45.0,
+        choices=choices(localize=True),
+        users=("anna", "ben"),
+        happens=("users/anna/pose=static_targets", "users/ben/pose=static_targets"),
+    ),
+    "four_people": Session(
+        scenario="scenario_4",
+        duration_s=12.0,
+        users=("anna", "ben", "carl", "dora"),
+        happens=("users/dora/hover",),
+    ),
+    "restarts": Session(
+        scenario="scenario_3", duration_s=20.0, restarts=True, happens=("selection/events=selected",)
+    ),
+    "bad_link": Session(
+        scenario="scenario_3",
+        duration_s=20.0,
+        link=BadLink,
+        happens=("selection/events=selected",),
+    ),
+}
+
+
+def record(name: str) -> Path:
+    """Record the session `name`: what its edge wrote, and when its services began and ended."""
+    session = SESSIONS[name]
+    entries: list[Entry] = []
+
+    def listen(onlooker: Bus) -> None:
+        Collector(onlooker, VirtualClock(), entries.append)
+
+    play(session, listen, through_link=True)
+    split = Split("edge", {entry.name for entry in entries if entry.row is CONFIGURATION})
+    end_ns = START_NS + round((session.duration_s - 0.01) * NS_PER_S)
+    path = RECORDINGS / f"{name}.mcap"
+    path.parent.mkdir(exist_ok=True)
+    with path.open("wb") as file:
+        writer = RecordingWriter(file, make_head("memory", START_NS, seed=session.choices.seed))
+        for entry in entries:
+            if entry.time_ns < end_ns and _is_input(entry, split):
+                writer.add(entry)
+        writer.close()
+    return path
+
+
+def _is_input(entry: Entry, split: Split) -> bool:
+    if entry.row in (CONFIGURATION, SERVICE_ALIVE):
+        return split_instance(entry.name)[0] in SERVICES["edge"]
+    return entry.row is MAP or (entry.row is not HEALTH and not split.is_recomputed(entry))
+
+
+def open_recording(name: str) -> Recording:
+    """Return the recording of the session `name`."""
+    return Recording.open(RECORDINGS / f"{name}.mcap")

@@ -1,0 +1,73 @@
+"""Recordings for tests: simulated people in a scenario, in virtual time, as the recorder would see them."""
+
+import asyncio
+import functools
+import os
+import tempfile
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+from unittest import mock
+
+from pointit.launch.plan.launches import Choices, site_launches, user_launches
+from pointit.launch.plan.scenario import read_scenario
+from pointit.recording.entries import Entry, entry
+from pointit.recording.head import make_head
+from pointit.recording.writer import RecordingWriter
+from pointit.runtime.bus.local_broker import LocalBroker
+from pointit.runtime.bus.memory_bus import MemoryBus
+from pointit.runtime.service.service import run_services
+from pointit.runtime.virtual_time import START_NS, VirtualClock, run_virtually
+from pointit.schemas import Message
+from pointit.schemas.topics import PRESENCES, TOPICS, Delivery, Presence, Topic
+
+SITE = "lab"
+
+
+def session(scenario: str, duration_s: float, users: tuple[str, ...] = ("anna",)) -> list[Entry]:
+    """Return the entries of a recorder while `users` point in `scenario`."""
+    others = {name: value for name, value in os.environ.items() if not name.startswith("POINTIT_")}
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        mock.patch.dict(os.environ, others | {"POINTIT_STATE": folder}, clear=True),
+    ):
+        return run_virtually(_session(scenario, duration_s, users))
+
+
+def write_recording(path: Path, entries: list[Entry]) -> None:
+    """Write a recording of `entries`."""
+    with path.open("wb") as file:
+        writer = RecordingWriter(file, make_head(SITE, START_NS))
+        for each in entries:
+            writer.add(each)
+        writer.close()
+
+
+async def _session(scenario: str, duration_s: float, users: tuple[str, ...]) -> list[Entry]:
+    plan, choices = read_scenario(scenario), Choices(seed=1)
+    launches = site_launches(plan, choices)
+    for index, user in enumerate(users):
+        launches += user_launches(plan, choices, user, index)
+    exchange, clock = LocalBroker(), VirtualClock()
+    onlooker, bus = MemoryBus(exchange), MemoryBus(exchange)
+    entries: list[Entry] = []
+
+    def on_message(row: Topic[Any], message: Message, name: str) -> None:
+        entries.append(entry(clock.now_ns(), row, name, message))
+
+    def on_presence(row: Presence, name: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
+        entries.append(entry(clock.now_ns(), row, name, present))
+
+    for presence in PRESENCES:
+        onlooker.watch(presence, functools.partial(on_presence, presence))
+    for topic in TOPICS:
+        onlooker.subscribe(replace(topic, delivery=Delivery.EVENT), functools.partial(on_message, topic))
+    life = asyncio.create_task(run_services(launches, bus, clock))
+    await asyncio.wait([life], timeout=duration_s)
+    kept = list(entries)  # the end of the services is not part of it
+    life.cancel()
+    await asyncio.gather(life, return_exceptions=True)
+    await asyncio.sleep(1.0)
+    await bus.close()
+    await onlooker.close()
+    return kept

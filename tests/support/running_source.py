@@ -1,0 +1,107 @@
+"""A source that runs beside phones on sockets of this machine."""
+
+import asyncio
+import contextlib
+from collections.abc import AsyncGenerator, Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+from pointit.plugins import ImuSource, Item, Surroundings
+from pointit.runtime.clock import WallClock
+from pointit.runtime.health.surroundings import NullHealth
+from tests.support.buses import free_udp_port
+
+
+class Health(NullHealth):
+    """Health whose present warnings can be read."""
+
+    def __init__(self) -> None:
+        self.warnings: dict[str, str] = {}
+
+    def warn(self, topic: str, sentence: str) -> None:
+        self.warnings.pop(topic, None)
+        if sentence:
+            self.warnings[topic] = sentence
+
+    def clear(self, topic: str) -> None:
+        self.warnings.pop(topic, None)
+
+
+@dataclass
+class Running:
+    """A source, its port, its warnings, and what it has delivered."""
+
+    source: Any
+    port: int
+    warnings: dict[str, str]
+    items: list[Item] = field(default_factory=list[Item])
+
+    def of(self, kind: type[Any]) -> list[Any]:
+        return [item for item in self.items if isinstance(item, kind)]
+
+
+@contextlib.asynccontextmanager
+async def running(plugin: ImuSource, **parameters: object) -> AsyncGenerator[Running]:
+    """Run a source, by default at a free port."""
+    port = parameters.setdefault("port", free_udp_port())
+    assert isinstance(port, int)
+    health = Health()
+    around = Surroundings(
+        clock=WallClock(), health=health, folder=Surroundings.detached().folder, user="anna"
+    )
+    source = plugin.make(plugin.config.model_validate(parameters), around)
+    found = Running(source, port, health.warnings)
+    task = asyncio.create_task(source.run(found.items.append))
+    try:
+        yield found
+    finally:
+        task.cancel()
+        await asyncio.wait({task})
+    assert task.cancelled()
+
+
+class Phone(asyncio.DatagramProtocol):
+    """A sender of datagrams that remembers what it hears."""
+
+    def __init__(self, port: int) -> None:
+        self._port = port
+        self.heard: list[bytes] = []
+        self.transport: asyncio.DatagramTransport | None = None
+
+    def connection_made(self, transport: asyncio.DatagramTransport) -> None:  # type: ignore[override]
+        self.transport = transport
+
+    def datagram_received(self, data: bytes, addr: tuple[str, int]) -> None:
+        del addr
+        self.heard.append(data)
+
+    def say(self, data: bytes, host: str = "127.0.0.1") -> None:
+        assert self.transport is not None
+        self.transport.sendto(data, (host, self._port))
+
+    def saying(self, data: bytes, condition: Callable[[], bool]) -> Callable[[], bool]:
+        """Return `condition` as one that sends `data` each time before."""
+
+        def said() -> bool:
+            self.say(data)
+            return condition()
+
+        return said
+
+    def of_kind(self, kind: int) -> list[bytes]:
+        """Return the heard datagrams that begin with `kind`."""
+        return [data for data in self.heard if int.from_bytes(data[:4]) == kind]
+
+
+@contextlib.asynccontextmanager
+async def phone_at(port: int, host: str = "127.0.0.1") -> AsyncGenerator[Phone]:
+    """Open a phone's socket at `host`, from which it sends to `port`."""
+    loop = asyncio.get_running_loop()
+    transport, phone = await loop.create_datagram_endpoint(
+        lambda: Phone(port), local_addr=(host, 0), allow_broadcast=True
+    )
+    try:
+        yield phone
+    finally:
+        transport.abort()
+        await asyncio.sleep(0)

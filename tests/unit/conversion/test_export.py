@@ -1,0 +1,215 @@
+"""A recording as CSV tables."""
+
+import csv
+import signal
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from pointit.cli.main import command
+from pointit.conversion.columns import columns_of
+from pointit.conversion.export_csv import FILES, export_csv
+from pointit.recording import container
+from pointit.recording.entries import Entry, Exchange
+from pointit.recording.reader import Recording
+from pointit.runtime.errors import ConfigError
+from pointit.schemas import (
+    Done,
+    Hover,
+    ImuSample,
+    Localization,
+    SelectionEvent,
+    SetSpeed,
+    StripsFrame,
+    TrackedObject,
+    TrackedObjects,
+    UserPose,
+)
+from pointit.schemas.topics import (
+    HOVER,
+    IMU,
+    LOCALIZATION,
+    OBJECTS,
+    POSE,
+    SELECTION_EVENTS,
+    SET_SPEED,
+    STRIPS_FRAME,
+    TOPICS,
+    USER_ALIVE,
+)
+from tests.unit.conversion.session import BEGAN_NS, at, said, write
+
+LEVEL = (0.0, 0.0, 0.0, 1.0)
+
+
+def table(path: Path) -> list[dict[str, str]]:
+    with path.open(newline="", encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+def session() -> list[Entry]:
+    boxes = tuple(TrackedObject(id=name, kind="red", position_m=(1.0, 2.0, 0.5)) for name in ("a", "b"))
+    chosen = SelectionEvent(stamp_ns=at(1.5), event="selected", object_id="a", user="anna", cause="dwell")
+    speed = Exchange[SetSpeed, Done](
+        stamp_ns=at(2.0), query=SetSpeed(speed_mps=0.5), reply=Done(message="it runs")
+    )
+    return [
+        said(0.0, USER_ALIVE, "anna", True),
+        said(0.5, IMU, "anna", ImuSample(stamp_ns=at(0.4), seq=3, orientation_xyzw=LEVEL)),
+        said(1.0, OBJECTS, "conveyor", TrackedObjects(stamp_ns=at(1.0), objects=boxes)),
+        *(said(each, HOVER, "anna", Hover(stamp_ns=at(each), object_id="a")) for each in (1.0, 1.25, 1.5)),
+        said(1.5, SELECTION_EVENTS, "", chosen),
+        said(1.6, STRIPS_FRAME, "", StripsFrame(stamp_ns=at(1.6), strips=(), light_s=0.0)),
+        said(2.0, SET_SPEED, "", speed),
+    ]
+
+
+def test_every_message_is_a_row_with_units_in_the_columns(tmp_path: Path) -> None:
+    exported = export_csv(session(), BEGAN_NS, tmp_path)
+    (sample,) = table(tmp_path / "imu.csv")
+    assert sample["time_s"] == "0.4"
+    assert (sample["stamp_ns"], sample["user"], sample["seq"]) == (str(at(0.4)), "anna", "3")
+    assert (sample["orientation_x"], sample["orientation_w"]) == ("0.0", "1.0")
+    assert sample["angular_velocity_x_radps"] == ""
+    assert [(row["id"], row["tracker"], row["position_y_m"]) for row in table(tmp_path / "objects.csv")] == [
+        ("a", "conveyor", "2.0"),
+        ("b", "conveyor", "2.0"),
+    ]
+    assert exported.rows["objects.csv"] == 2
+    assert exported.left_out == {"strips/frame": 1}
+
+
+def test_selections_acts_and_requests_are_tables(tmp_path: Path) -> None:
+    export_csv(session(), BEGAN_NS, tmp_path)
+    (selection,) = table(tmp_path / "selections.csv")
+    assert (selection["user"], selection["object_id"], selection["pointed_s"]) == ("anna", "a", "0.5")
+    (act,) = table(tmp_path / "acts.csv")
+    assert (act["object_kind"], act["outcome"], act["duration_s"]) == ("red", "selected", "0.5")
+    (request,) = table(tmp_path / "requests.csv")
+    assert (request["request"], request["time_s"]) == ("conveyor/set_speed", "2.0")
+    assert '"speed_mps":0.5' in request["query"]
+    assert "it runs" in request["reply"]
+
+
+def test_the_dictionary_describes_every_column(tmp_path: Path) -> None:
+    export_csv(session(), BEGAN_NS, tmp_path)
+    described = [(row["file"], row["column"]) for row in table(tmp_path / "columns.csv")]
+    found = [
+        (path.name, column)
+        for path in tmp_path.glob("*.csv")
+        if path.name != "columns.csv"
+        for column in path.read_text().splitlines()[0].split(",")
+    ]
+    assert sorted(described) == sorted(found)
+    units = {(row["file"], row["column"]): row["unit"] for row in table(tmp_path / "columns.csv")}
+    assert units["objects.csv", "velocity_x_mps"] == "m/s"
+    assert units["imu.csv", "orientation_x"] == ""
+
+
+def test_columns_of_a_table_have_different_names() -> None:
+    for topic in TOPICS:
+        names = [column.name for column in columns_of(topic.message)]
+        assert len(names) == len(set(names)), topic.key
+    assert set(FILES) <= {topic.key for topic in TOPICS}
+
+
+def test_a_covariance_has_a_named_column_for_each_entry(tmp_path: Path) -> None:
+    pose = UserPose(
+        stamp_ns=at(0.0),
+        position_m=(1.0, 2.0, 0.0),
+        yaw_rad=0.5,
+        covariance=(1.0, 2.0, 3.0, 2.0, 5.0, 6.0, 3.0, 6.0, 9.0),
+    )
+    export_csv([said(0.0, POSE, "anna", pose)], BEGAN_NS, tmp_path)
+    (row,) = table(tmp_path / "poses.csv")
+    assert (row["covariance_x_yaw_m_rad"], row["covariance_y_y_m2"], row["covariance_yaw_yaw_rad2"]) == (
+        "3.0",
+        "5.0",
+        "9.0",
+    )
+
+
+def test_a_list_is_one_cell_of_json(tmp_path: Path) -> None:
+    message = Localization(stamp_ns=at(0.0), phase="sampling", ahead=("ben", "carl"))
+    export_csv([said(0.0, LOCALIZATION, "anna", message)], BEGAN_NS, tmp_path)
+    (row,) = table(tmp_path / "localizations.csv")
+    assert row["ahead"] == '["ben","carl"]'
+
+
+def test_no_text_of_a_recording_is_a_formula_of_a_spreadsheet(tmp_path: Path) -> None:
+    bad = SelectionEvent(stamp_ns=at(0.0), event="refused", object_id='=HYPERLINK("x")', user="@anna")
+    export_csv([said(0.0, SELECTION_EVENTS, "", bad)], BEGAN_NS, tmp_path)
+    (row,) = table(tmp_path / "events.csv")
+    assert (row["object_id"], row["user"]) == ('\'=HYPERLINK("x")', "'@anna")
+
+
+def test_tables_are_not_overwritten_unless_told_and_then_no_old_one_stays(tmp_path: Path) -> None:
+    (tmp_path / "own.csv").write_text("mine")
+    export_csv(session(), BEGAN_NS, tmp_path)
+    with pytest.raises(ConfigError, match=r"has acts\.csv and 7 more; give another folder, or --overwrite"):
+        export_csv(session()[:2], BEGAN_NS, tmp_path)
+    assert (tmp_path / "objects.csv").exists()
+    export_csv(session()[:2], BEGAN_NS, tmp_path, overwrite=True)
+    assert {path.name for path in tmp_path.iterdir()} == {
+        *("own.csv", "columns.csv", "selections.csv", "acts.csv", "imu.csv")
+    }
+
+
+def test_nothing_stays_of_an_export_that_fails(tmp_path: Path) -> None:
+    def broken() -> Iterator[Entry]:
+        yield session()[1]
+        raise OSError(28, "No space left on device")
+
+    with pytest.raises(ConfigError, match=r"cannot be written \(No space left on device\)"):
+        export_csv(broken(), BEGAN_NS, tmp_path)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_nothing_stays_of_an_export_whose_last_bytes_find_the_disk_full(tmp_path: Path) -> None:
+    (tmp_path / "imu.csv.part").symlink_to("/dev/full")
+    with pytest.raises(ConfigError, match=r"cannot be written \(No space left on device\)"):
+        export_csv(session(), BEGAN_NS, tmp_path)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_nothing_stays_of_an_export_that_is_interrupted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(_: Recording) -> Iterator[Entry]:
+        yield session()[1]
+        signal.raise_signal(signal.SIGTERM)
+        yield session()[2]
+
+    path = write(tmp_path / "session.mcap", session())
+    monkeypatch.setattr(Recording, "entries", interrupted)
+    before = signal.signal(signal.SIGTERM, signal.SIG_IGN)  # the command has to listen by itself
+    try:
+        result = CliRunner().invoke(command, ["export", str(path), "--to", str(tmp_path / "tables")])
+    finally:
+        signal.signal(signal.SIGTERM, before)
+    assert result.exit_code != 0
+    assert list((tmp_path / "tables").iterdir()) == []
+
+
+def test_an_export_that_lacks_messages_of_a_damaged_file_fails(tmp_path: Path) -> None:
+    path = write(tmp_path / "session.mcap", session())
+    data = path.read_bytes()
+    with path.open("rb") as file:
+        first, *_, last = (place for place in container.records(file) if place.opcode == 6)
+    place = first.offset + 200
+    path.write_bytes(data[:place] + bytes([data[place] ^ 0xFF]) + data[place + 1 : last.offset + last.length])
+    arguments = ["export", str(path), "--to", str(tmp_path / "tables")]
+    result = CliRunner().invoke(command, arguments, standalone_mode=False)
+    assert result.return_value == 1, result.output
+    assert "messages that have lost their description: 1" in result.stderr
+
+
+def test_the_command_exports_a_recording_and_tells_what_has_no_table(tmp_path: Path) -> None:
+    path = write(tmp_path / "session.mcap", session())
+    result = CliRunner().invoke(command, ["export", str(path), "--to", str(tmp_path / "tables")])
+    assert result.exit_code == 0, result.output
+    assert f"{tmp_path / 'tables' / 'imu.csv'}: 1 rows" in result.stdout
+    assert "Messages without a table: 1 of strips/frame." in result.stdout
+    assert len(table(tmp_path / "tables" / "objects.csv")) == 2

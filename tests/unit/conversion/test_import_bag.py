@@ -1,0 +1,299 @@
+"""ROS 2 bags of the ROS toolkit as recordings; the bags are written by rosbags' own writer."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from click.testing import CliRunner, Result
+from rosbags.rosbag2 import StoragePlugin, Writer
+
+from pointit.bridges.ros2.types.types import Types
+from pointit.cli.main import command
+from pointit.geometry.vector import Vec3
+from pointit.recording.reader import Recording
+from pointit.schemas import (
+    NS_PER_S,
+    ButtonEvent,
+    Cursor,
+    Hover,
+    ImuSample,
+    Interaction,
+    Message,
+    PointingRay,
+    SelectionEvent,
+    TrackedObjects,
+    UserPose,
+)
+from tests.unit.conversion.session import at
+
+TYPES = Types("jazzy")
+MAP = """
+belts:
+  b1: {centerline: [[0, 0, 1], [4, 0, 1]], width: 0.5}
+strips:
+  s1: {line: [[0, 2, 1], [0, 4, 1]], pixels: 10}
+"""
+
+Said = tuple[float, str, str, Any]
+"""Time, topic, type, value."""
+
+
+def make(kind: str, /, **fields: Any) -> Any:
+    return TYPES.make(kind, **fields)
+
+
+def stamped(time_s: float, frame: str = "") -> Any:
+    seconds, rest = divmod(at(time_s), NS_PER_S)
+    stamp = make("builtin_interfaces/msg/Time", sec=seconds, nanosec=rest)
+    return make("std_msgs/msg/Header", stamp=stamp, frame_id=frame)
+
+
+def turned(x: float = 0.0, y: float = 0.0, z: float = 0.0, w: float = 1.0) -> Any:
+    return make("geometry_msgs/msg/Quaternion", x=x, y=y, z=z, w=w)
+
+
+def pose(time_s: float, place_m: Vec3, **rotation: float) -> Any:
+    x, y, z = place_m
+    place = make("geometry_msgs/msg/Point", x=x, y=y, z=z)
+    inner = make("geometry_msgs/msg/Pose", position=place, orientation=turned(**rotation))
+    return make("geometry_msgs/msg/PoseStamped", header=stamped(time_s), pose=inner)
+
+
+def frame(time_s: float, child: str, parent: str = "world") -> Any:
+    moved = make(
+        "geometry_msgs/msg/Transform",
+        translation=make("geometry_msgs/msg/Vector3", x=1.0, y=2.0, z=0.0),
+        rotation=turned(z=1.0, w=0.0),
+    )
+    one = make(
+        "geometry_msgs/msg/TransformStamped",
+        header=stamped(time_s, parent),
+        child_frame_id=child,
+        transform=moved,
+    )
+    return make("tf2_msgs/msg/TFMessage", transforms=[one])
+
+
+def on(line: str, share: float) -> Any:
+    return make("conveyor_msgs/msg/PositionOnStrip", name=line, position=share)
+
+
+def packages(time_s: float, *placed: tuple[int, str, float]) -> Any:
+    made = [
+        make("conveyor_msgs/msg/Package", uid=uid, position=on(line, share), type=1, length=0.4)
+        for uid, line, share in placed
+    ]
+    return make("conveyor_msgs/msg/PackageList", header=stamped(time_s), packages=made)
+
+
+def uids(*numbers: int) -> Any:
+    return make("conveyor_msgs/msg/PackageUIDList", uids=np.array(numbers, dtype=np.uint32))
+
+
+def pointers(line: str, share: float, *over: int) -> Any:
+    one = make(
+        "conveyor_msgs/msg/Pointer",
+        position=on(line, share),
+        distance=0.1,
+        overlay=uids(*over),
+        user_name="user1",
+    )
+    return make("conveyor_msgs/msg/PointerList", pointers=[one])
+
+
+ROTATION = ("/user1/metawear_ros/rotation", "geometry_msgs/msg/QuaternionStamped")
+BUTTON = ("/user1/metawear_ros/button", "std_msgs/msg/Bool")
+STATE = ("/user1/state_transition", "conveyor_msgs/msg/State")
+PACKAGES = ("/packages", "conveyor_msgs/msg/PackageList")
+SELECTED = ("/selected_packages", "conveyor_msgs/msg/PackageUIDList")
+POINTERS = ("/pointers", "conveyor_msgs/msg/PointerList")
+
+
+def rotation(time_s: float, **parts: float) -> Said:
+    value = make(
+        "geometry_msgs/msg/QuaternionStamped", header=stamped(time_s - 0.01), quaternion=turned(**parts)
+    )
+    return (time_s, *ROTATION, value)
+
+
+def pressed(time_s: float, *, down: bool) -> Said:
+    return (time_s, *BUTTON, make("std_msgs/msg/Bool", data=down))
+
+
+def state(time_s: float, name: str) -> Said:
+    return (time_s, *STATE, make("conveyor_msgs/msg/State", node_name="supervisor", state=name))
+
+
+def bag(path: Path, said: Sequence[Said], storage: StoragePlugin = StoragePlugin.SQLITE3) -> Path:
+    """Write a bag as `ros2 bag record` does, with the types' definitions and hashes."""
+    with Writer(path, version=9, storage_plugin=storage) as writer:
+        connections: dict[str, Any] = {}
+        for time_s, topic, kind, value in said:
+            if topic not in connections:
+                connections[topic] = writer.add_connection(topic, kind, typestore=TYPES._definitions.store)
+            writer.write(connections[topic], at(time_s), TYPES.encode(kind, value))
+    return path
+
+
+def run(source: Path, *options: str) -> Result:
+    arguments = ["import", str(source), "--to", str(source.parent / "session.mcap"), *options]
+    return CliRunner().invoke(command, arguments)
+
+
+def imported(source: Path, *options: str) -> dict[str, list[Any]]:
+    """Import a bag. Return the messages by key."""
+    result = run(source, *options)
+    assert result.exit_code == 0, result.output
+    found: dict[str, list[Any]] = {}
+    with Recording.open(source.parent / "session.mcap") as recording:
+        for entry in recording.entries():
+            assert isinstance(entry.body, Message)
+            found.setdefault(entry.key, []).append(entry.body)
+        assert recording.invalid == 0
+    return found
+
+
+@pytest.fixture
+def room(tmp_path: Path) -> Path:
+    path = tmp_path / "room.yaml"
+    path.write_text(MAP)
+    return path
+
+
+@pytest.mark.parametrize("storage", list(StoragePlugin))
+def test_a_person_of_a_bag(tmp_path: Path, storage: StoragePlugin) -> None:
+    found = imported(
+        bag(
+            tmp_path / "bag",
+            [
+                rotation(1.0),
+                pressed(1.1, down=True),
+                pressed(1.2, down=True),
+                pressed(1.3, down=False),
+                pressed(1.4, down=True),
+                (
+                    1.5,
+                    "/user1/pointing_ray",
+                    "geometry_msgs/msg/PoseStamped",
+                    pose(1.5, (0.0, 0.0, 1.6), z=1.0, w=0.0),
+                ),
+                (1.6, "/user1/mocap_pose", "geometry_msgs/msg/PoseStamped", pose(1.6, (1.0, 2.0, 0.0))),
+                (1.7, "/tf", "tf2_msgs/msg/TFMessage", frame(1.7, "user1/human_footprint")),
+                (1.8, "/tf", "tf2_msgs/msg/TFMessage", frame(1.8, "robot/base_link")),
+                state(1.9, "waiting_relloc"),
+            ],
+            storage,
+        )
+    )
+    assert found.keys() == {
+        *(f"users/user1/{name}" for name in ("imu", "button", "ray", "pose", "interaction")),
+    }
+    assert found["users/user1/imu"] == [
+        ImuSample(stamp_ns=at(0.99), seq=1, orientation_xyzw=(0.0, 0.0, 0.0, 1.0))
+    ]
+    assert [event.stamp_ns for event in found["users/user1/button"]] == [at(1.1), at(1.4)]
+    assert all(isinstance(event, ButtonEvent) for event in found["users/user1/button"])
+    (ray,) = found["users/user1/ray"]
+    assert isinstance(ray, PointingRay)
+    assert ray.origin_m == (0.0, 0.0, 1.6)
+    assert ray.direction == pytest.approx((-1.0, 0.0, 0.0))
+    measured, told = found["users/user1/pose"]
+    assert isinstance(told, UserPose)
+    assert (measured.method, measured.position_m, measured.yaw_rad) == ("external", (1.0, 2.0, 0.0), 0.0)
+    assert (told.method, told.position_m) == ("fixed", (1.0, 2.0, 0.0))
+    assert abs(told.yaw_rad) == pytest.approx(np.pi)
+    assert found["users/user1/interaction"] == [Interaction(stamp_ns=at(1.9), seq=1, state="localizing")]
+
+
+def test_packages_and_pointers_get_their_places_by_the_map(tmp_path: Path, room: Path) -> None:
+    found = imported(
+        bag(
+            tmp_path / "bag",
+            [
+                (1.0, *PACKAGES, packages(1.0, (7, "b1", 0.25))),
+                (1.5, *PACKAGES, packages(1.5, (7, "b1", 0.375), (8, "strip_s1", 0.5))),
+                (1.5, *POINTERS, pointers("b1", 0.5, 7)),
+                (1.6, *POINTERS, pointers("", 0.0)),
+                (1.7, *SELECTED, uids(7)),
+                (1.8, *SELECTED, uids(7)),
+                (1.9, *SELECTED, uids(8)),
+            ],
+        ),
+        *("--map", str(room)),
+    )
+    assert found["map"][0].stamp_ns == at(1.0)
+    first, second = found["objects/conveyor"]
+    assert isinstance(first, TrackedObjects)
+    (item,) = first.objects
+    assert (item.id, item.kind, item.surface, item.surface_id) == ("7", "red", "belt", "b1")
+    assert (item.position_m, item.surface_position_m) == ((1.0, 0.0, 1.0), 1.0)
+    assert second.objects[0].surface_speed_mps == pytest.approx(1.0)
+    assert (second.objects[1].surface, second.objects[1].position_m) == ("strip", (0.0, 3.0, 1.0))
+    met, missed = found["users/user1/cursor"]
+    assert isinstance(met, Cursor)
+    assert (met.surface, met.point_m, missed.surface) == ("belt", (2.0, 0.0, 1.0), "none")
+    assert [hover.object_id for hover in found["users/user1/hover"]] == ["7", ""]
+    assert all(isinstance(hover, Hover) for hover in found["users/user1/hover"])
+    events = found["selection/events"]
+    assert all(isinstance(event, SelectionEvent) for event in events)
+    assert [(event.event, event.object_id) for event in events] == [
+        ("selected", "7"),
+        ("deselected", "7"),
+        ("selected", "8"),
+    ]
+
+
+def test_what_is_left_out_is_told_with_the_reason(tmp_path: Path) -> None:
+    source = bag(
+        tmp_path / "bag",
+        [
+            rotation(1.0),
+            rotation(1.1, w=0.0),
+            state(1.2, "dancing"),
+            (1.3, *PACKAGES, packages(1.3, (7, "b1", 0.25))),
+            (1.4, "/chatter", "std_msgs/msg/Bool", make("std_msgs/msg/Bool", data=True)),
+            (1.5, "/user1/metawear_ros/button", "std_msgs/msg/UInt8", make("std_msgs/msg/UInt8", data=1)),
+            (1.6, f"/{'a' * 70}/metawear_ros/rotation", *rotation(1.6)[2:]),
+        ],
+    )
+    result = run(source)
+    assert result.exit_code == 0, result.output
+    assert "/user1/metawear_ros/rotation: 1 messages" in result.stdout
+    notes = {line.split(": ")[1]: line.split(": left out, ")[1] for line in result.stderr.splitlines()}
+    assert "the norm of its quaternion is 0" in notes["/user1/metawear_ros/rotation"]
+    assert notes["/user1/state_transition"] == "the state 'dancing' is unknown"
+    assert notes["/packages"] == "its places need the room; give it by --map"
+    assert notes["/chatter"] == "a recording has no place for it"
+    assert "its type is std_msgs/msg/UInt8" in notes["/user1/metawear_ros/button"]
+    assert "use 1 to 64 letters" in notes[f"/{'a' * 70}/metawear_ros/rotation"]
+
+
+def test_stamps_of_another_clock_give_way_to_the_bags(tmp_path: Path) -> None:
+    source = bag(tmp_path / "bag", [(100.0, *rotation(1.0)[1:])])
+    assert imported(source)["users/user1/imu"][0].stamp_ns == at(100.0)
+
+
+def test_what_is_no_bag_is_told_in_a_sentence_and_nothing_is_written(tmp_path: Path) -> None:
+    (tmp_path / "broken.db3").write_bytes(b"SQLite format 3\0" + bytes(200))
+    (tmp_path / "broken.mcap").write_bytes(b"\x89MCAP0\r\n" + bytes(200))
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "folder" / "metadata.yaml").write_text("rosbag2_bagfile_information: {version: 99}")
+    for name in ("broken.db3", "broken.mcap", "folder"):
+        result = run(tmp_path / name)
+        assert result.exit_code != 0
+        assert f"{tmp_path / name}: cannot be read as a ROS 2 bag" in str(
+            result.exception or result.output
+        ), name
+    assert not (tmp_path / "session.mcap").exists()
+
+
+def test_a_bag_without_anything_to_record_writes_nothing_and_says_why(tmp_path: Path) -> None:
+    source = bag(
+        tmp_path / "bag", [(1.4, "/chatter", "std_msgs/msg/Bool", make("std_msgs/msg/Bool", data=True))]
+    )
+    result = run(source)
+    assert "nothing in the source can be recorded" in str(result.exception or result.output)
+    assert "/chatter: left out, a recording has no place for it" in result.stderr
+    assert not (tmp_path / "session.mcap").exists()

@@ -1,0 +1,128 @@
+"""A CSV file of an arm as a recording."""
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from pointit.cli.main import command
+from pointit.conversion.import_csv import EPOCH_NS, csv_entries
+from pointit.geometry import rotation, vector
+from pointit.recording.reader import Recording
+from pointit.runtime.errors import ConfigError
+from pointit.schemas import NS_PER_S, ImuSample, PointingRay, TrackedObjects
+from pointit.schemas.topics import CONFIGURATION, IMU, LOCALIZATION, OBJECTS, PROFILE, RAY
+from tests.support.data import data_file
+from tests.unit.evaluation.recorded import Stand, write_motion, write_track
+
+
+def invoke(*arguments: str) -> str:
+    """Run the command. Return its standard output, or raise its exception."""
+    result = CliRunner().invoke(command, [*arguments], standalone_mode=False)
+    if result.exception is not None:
+        raise result.exception
+    return result.stdout
+
+
+@pytest.fixture
+def motion(tmp_path: Path) -> Path:
+    return write_motion(tmp_path, Stand(), duration_s=3.0)
+
+
+def test_arm_robot_and_head_are_streams_in_order_of_time(motion: Path) -> None:
+    entries = list(csv_entries(motion, user="anna", mounting="minus_x"))
+    counts = {key: sum(entry.key == key for entry in entries) for key in {entry.key for entry in entries}}
+    assert counts == {
+        PROFILE.at("anna"): 1,
+        LOCALIZATION.at("anna"): 1,
+        CONFIGURATION.at("pointing.anna"): 1,
+        CONFIGURATION.at("localizer.anna"): 1,
+        IMU.at("anna"): 91,
+        OBJECTS.at("robot"): 91,
+        OBJECTS.at("mocap"): 91,
+    }
+    times = [entry.time_ns for entry in entries]
+    assert times == sorted(times)
+    assert (times[0], times[-1]) == (EPOCH_NS, EPOCH_NS + 3 * NS_PER_S)
+
+
+def test_the_mounting_is_taken_off(motion: Path) -> None:
+    stand = Stand()
+    entries = list(csv_entries(motion, user="anna", mounting="minus_x"))
+    robot = next(entry.body for entry in entries if entry.key == OBJECTS.at("robot"))
+    arm = next(entry.body for entry in entries if entry.key == IMU.at("anna"))
+    assert isinstance(robot, TrackedObjects)
+    assert isinstance(arm, ImuSample)
+    azimuth = vector.azimuth(rotation.rotate(arm.orientation_xyzw, (1.0, 0.0, 0.0)))
+    expected = stand.rays(np.array([robot.objects[0].position_m]))[0, 0]
+    assert abs(vector.wrap(azimuth - float(expected))) < 1e-6
+
+
+def test_the_person_follows_the_robot_unless_the_index_says_otherwise(motion: Path) -> None:
+    idle = motion.rename(motion.with_name("idle_0.csv"))
+    keys = {entry.key for entry in csv_entries(idle, user="anna", mounting="minus_x")}
+    assert LOCALIZATION.at("anna") not in keys
+    assert OBJECTS.at("robot") in keys
+
+
+def test_points_on_the_floor_become_rays_from_the_eyes(tmp_path: Path) -> None:
+    stand = Stand()
+    track = write_track(tmp_path, stand, duration_s=3.0)
+    (track.parent / "index.json").unlink()
+    entries = list(csv_entries(track, user="anna", mounting="minus_x"))
+    rays = [entry.body for entry in entries if entry.row is RAY]
+    robots = {entry.time_ns: entry.body for entry in entries if entry.key == OBJECTS.at("robot")}
+    with track.open(newline="") as file:
+        assert len(rays) == sum(bool(row["px"]) for row in csv.DictReader(file))
+    for ray in rays:
+        assert isinstance(ray, PointingRay)
+        assert ray.origin_m == pytest.approx((0.0, 0.0, stand.eyes_m))
+        robot = robots[ray.stamp_ns]
+        assert isinstance(robot, TrackedObjects)
+        azimuth, elevation = stand.rays(np.array([robot.objects[0].position_m]))[0].tolist()
+        assert vector.angle_between(ray.direction, vector.direction(azimuth, elevation)) < 1e-6
+    assert {entry.key for entry in entries} >= {LOCALIZATION.at("anna"), CONFIGURATION.at("localizer.anna")}
+    assert CONFIGURATION.at("pointing.anna") not in {entry.key for entry in entries}
+
+
+def test_who_flies_the_robot_is_not_taken_for_one_who_follows_it(tmp_path: Path) -> None:
+    track = write_track(tmp_path, Stand(), duration_s=1.0)
+    index = {"files": [{"file": track.name, "interface": "POINTING"}]}
+    (track.parent / "index.json").write_text(json.dumps(index))
+    keys = {entry.key for entry in csv_entries(track, user="anna", mounting="minus_x")}
+    assert keys == {RAY.at("anna"), OBJECTS.at("robot"), OBJECTS.at("mocap")}
+
+
+def test_the_command_writes_a_recording_that_is_not_overwritten(motion: Path, tmp_path: Path) -> None:
+    path = tmp_path / "session.mcap"
+    assert invoke("import", str(motion), "--to", str(path), "--user", "anna") == f"{path}: 277 entries\n"
+    with Recording.open(path) as recording:
+        assert recording.counts[IMU.at("anna")] == 91
+        assert recording.problem == ""
+    with pytest.raises(ConfigError, match="exists already; give another file, or --overwrite"):
+        invoke("import", str(motion), "--to", str(path))
+    invoke("import", str(motion), "--to", str(path), "--overwrite")
+
+
+def test_mistakes_are_told_and_nothing_is_written(motion: Path, tmp_path: Path) -> None:
+    path = tmp_path / "session.mcap"
+    with pytest.raises(ConfigError, match="there is no such mounting; there are plus_x, minus_x"):
+        invoke("import", str(motion), "--to", str(path), "--mounting", "knee")
+    with pytest.raises(ConfigError, match=r"nothing\.csv: there is no such file or folder"):
+        invoke("import", str(tmp_path / "nothing.csv"), "--to", str(path))
+    (tmp_path / "notes.txt").write_text("hello")
+    with pytest.raises(ConfigError, match="is neither a CSV file nor a ROS 2 bag"):
+        invoke("import", str(tmp_path / "notes.txt"), "--to", str(path))
+    assert not path.exists()
+
+
+def test_a_public_recording_is_imported_whole(tmp_path: Path) -> None:
+    path = tmp_path / "session.mcap"
+    source = data_file("recordings/motion_relloc/triangle-s1.csv")
+    invoke("import", str(source), "--to", str(path))
+    with Recording.open(path) as recording:
+        assert recording.counts[IMU.at("user1")] == 1132
+        assert recording.counts[OBJECTS.at("mocap")] == 1132

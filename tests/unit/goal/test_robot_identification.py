@@ -1,0 +1,144 @@
+"""The robot that a person points at is identified, and doubt is stated as such."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pointit.evaluation.robots.identification import BEGIN_NS, rates, simulated_results
+from pointit.evaluation.robots.simulated_follower import RATE_HZ, SimulatedFollower
+from pointit.geometry import vector
+from pointit.geometry.vector import Vec3
+from pointit.schemas import NS_PER_S, PointingRay, UserPose
+from pointit.services.goal.robot_identification import Identification, RobotIdentifier
+
+LEFT: Vec3 = (2.0, 1.5, 1.0)
+RIGHT: Vec3 = (2.0, -1.5, 0.2)
+WALL: Vec3 = (-3.0, 0.0, 1.2)
+STEP_NS = round(NS_PER_S / RATE_HZ)
+COVARIANCE = (0.02, 0.0, 0.0, 0.0, 0.02, 0.0, 0.0, 0.0, 0.005)
+
+
+class Pointer:
+    """A person who is 5 degrees off, and robots that report ten times a second."""
+
+    def __init__(
+        self, robots: dict[str, Vec3], *, at_m: Vec3 = (0.0, 0.0, 0.0), yaw_rad: float = 0.0
+    ) -> None:
+        self.core = RobotIdentifier()
+        self.robots, self._at_m, self._yaw_rad = robots, at_m, yaw_rad
+        self.now_ns = BEGIN_NS
+        self.core.on_pose(UserPose(stamp_ns=0, position_m=at_m, yaw_rad=yaw_rad, covariance=COVARIANCE))
+
+    def at(self, place_m: Vec3, duration_s: float) -> Identification:
+        eyes = vector.add(self._at_m, (0.0, 0.0, 1.64))
+        away = vector.subtract(place_m, eyes)
+        azimuth = vector.azimuth(away) - self._yaw_rad + math.radians(5.0)
+        aim = vector.direction(azimuth, vector.elevation(away) - math.radians(3.0))
+        for number in range(round(duration_s * RATE_HZ)):
+            self.now_ns += STEP_NS
+            self.core.on_ray(PointingRay(stamp_ns=self.now_ns, origin_m=(0.0, 0.0, 1.64), direction=aim))
+            if number % 5 == 0:
+                for robot, robot_m in self.robots.items():
+                    self.core.on_robot(robot, self.now_ns, robot_m)
+        return self.core.identify(self.now_ns)
+
+
+def test_one_of_two_is_identified_in_3_s_and_probabilities_mean_what_they_say() -> None:
+    results = simulated_results(range(20), (3.0,))
+    for rate in rates(results):
+        if rate.subject == "all":
+            assert rate.right.value >= 0.95, rate
+            assert rate.wrong.value <= 0.05, rate
+    stated = np.mean([guess.probability for guess in results])
+    true = np.mean([guess.is_right for guess in results])
+    assert abs(stated - true) < 0.1
+
+
+def test_robots_beside_each_other_are_told_apart_by_their_motion_only() -> None:
+    near = {"a": LEFT, "b": vector.add(LEFT, (0.0, 0.25, 0.0))}
+    assert Pointer(near).at(LEFT, 3.0).chosen == ""
+    rng = np.random.default_rng(3)
+    person = replace(SimulatedFollower.drawn(rng), x_m=0.0, y_m=0.0, yaw_rad=0.0)
+    core = RobotIdentifier()
+    core.on_pose(UserPose(stamp_ns=0, position_m=(0.0, 0.0, 0.0), yaw_rad=0.0, covariance=COVARIANCE))
+    times_s = np.arange(0.0, 3.0, 1.0 / RATE_HZ)
+
+    def there_and_back(times: np.ndarray) -> np.ndarray:
+        return np.stack([np.full(len(times), 2.0), np.sin(2.0 * times), np.full(len(times), 1.0)], axis=1)
+
+    stamp_ns = BEGIN_NS
+    for time_s, aim in zip(times_s, person.directions(there_and_back, times_s, rng), strict=True):
+        stamp_ns = BEGIN_NS + round(time_s * NS_PER_S)
+        x, y, z = there_and_back(np.array([time_s]))[0].tolist()
+        core.on_robot("moves", stamp_ns, (x, y, z))
+        core.on_robot("stands", stamp_ns, (2.0, 0.3, 1.0))
+        core.on_ray(PointingRay(stamp_ns=stamp_ns, origin_m=(0.0, 0.0, 1.64), direction=tuple(aim.tolist())))
+    assert core.identify(stamp_ns).chosen == "moves"
+
+
+def test_pointing_at_no_robot_chooses_none() -> None:
+    found = Pointer({"left": LEFT, "right": RIGHT}).at(WALL, 3.0)
+    assert found.chosen == ""
+    assert found.none_probability > 0.99
+
+
+def test_another_robot_is_chosen_soon_after_the_arm_has_turned() -> None:
+    pointer = Pointer({"left": LEFT, "right": RIGHT})
+    assert pointer.at(LEFT, 3.0).chosen == "left"
+    assert pointer.at(RIGHT, 1.2).chosen == "right"
+
+
+def test_nobody_is_identified_without_pose_rays_or_recent_reports() -> None:
+    pointer = Pointer({"left": LEFT})
+    assert pointer.core.identify(BEGIN_NS) == Identification()
+    assert pointer.at(LEFT, 1.0).chosen == "left"
+    assert pointer.core.identify(pointer.now_ns + 2 * NS_PER_S) == Identification()
+    pointer.core.on_pose(None)
+    assert pointer.core.identify(pointer.now_ns) == Identification()
+    pointer = Pointer({"left": LEFT})
+    pointer.at(LEFT, 1.0)
+    pointer.core.forget("left")
+    assert pointer.core.identify(pointer.now_ns) == Identification()
+
+
+def test_a_clock_that_is_set_back_begins_a_new_window() -> None:
+    pointer = Pointer({"left": LEFT, "right": RIGHT})
+    pointer.at(LEFT, 3.0)
+    pointer.now_ns -= 60 * NS_PER_S
+    assert pointer.at(RIGHT, 1.2).chosen == "right"
+
+
+@given(
+    shift=st.tuples(*[st.floats(-100.0, 100.0)] * 2),
+    yaw_rad=st.floats(-math.pi, math.pi),
+    covariance=st.lists(st.floats(-1e12, 1e12), min_size=9, max_size=9),
+)
+@settings(max_examples=25, deadline=None)
+def test_the_room_may_lie_anywhere_and_a_covariance_may_be_none(
+    shift: tuple[float, float], yaw_rad: float, covariance: list[float]
+) -> None:
+    moved = (*shift, 0.0)
+    robots = {"left": vector.add(LEFT, moved), "right": vector.add(RIGHT, moved)}
+    pointer = Pointer(robots, at_m=moved, yaw_rad=yaw_rad)
+    here, there = Pointer({"left": LEFT, "right": RIGHT}).at(LEFT, 0.5), pointer.at(robots["left"], 0.5)
+    assert there.none_probability == pytest.approx(here.none_probability, abs=1e-6)
+    assert [each.object_id for each in there.candidates] == ["left", "right"]
+    odd_pose = {"stamp_ns": 0, "position_m": moved, "yaw_rad": yaw_rad, "covariance": tuple(covariance)}
+    pointer.core.on_pose(UserPose.model_validate(odd_pose))
+    odd = pointer.core.identify(pointer.now_ns)
+    assert sum(each.probability for each in odd.candidates) + odd.none_probability == pytest.approx(1.0)
+
+
+def test_a_robot_that_reports_two_places_at_nearly_the_same_time_is_no_error() -> None:
+    pointer = Pointer({"left": LEFT})
+    pointer.at(LEFT, 1.2)
+    for number in range(40, -1, -1):
+        stamp_ns = pointer.now_ns - number * STEP_NS // 2
+        pointer.core.on_robot("right", stamp_ns - 1, RIGHT)
+        pointer.core.on_robot("right", stamp_ns, (2.0, 1.0, 0.5))
+    found = pointer.core.identify(pointer.now_ns)
+    assert {each.object_id for each in found.candidates} == {"left", "right"}

@@ -1,0 +1,247 @@
+"""A person takes a robot by pointing at it, steers it, and hears what it does; the robot decides."""
+
+import math
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pointit.geometry.vector import Vec3
+from pointit.schemas import Environment, UserPose
+from tests.unit.goal.floor import START_NS
+from tests.unit.goal.steered import QUAD, ROVER, Ben
+
+THERE: Vec3 = (1.5, 1.5, 0.0)
+BEYOND: Vec3 = (-1.0, 2.0, 0.0)
+
+
+def test_a_press_takes_the_robot_pointed_at_which_then_follows() -> None:
+    ben = Ben().point(QUAD)
+    assert ben.steering.robot == ""
+    assert ben.steering.candidates[0].object_id == "quad"
+    assert ben.steering.candidates[0].probability > 0.9
+    ben.press().point(QUAD, 0.3)
+    assert (ben.steering.robot, ben.steering.mode, ben.steering.candidates) == ("quad", "follow", ())
+    assert [cue.cue for cue in ben.cues] == ["selected"]
+    assert ben.text == "quad is yours: it takes off and follows where you point; press to land it there"
+
+
+def test_a_robot_is_taken_by_staying_on_it_where_that_is_configured() -> None:
+    ben = Ben(take="dwell").point(ROVER, 0.8)
+    assert ben.steering.robot == ""
+    assert ben.point(ROVER, 2.0).steering.robot == "rover"
+    assert Ben().point(ROVER, 4.0).steering.robot == ""
+
+
+def test_two_robots_side_by_side_are_told_apart_by_pointing_on_or_neither_is_taken() -> None:
+    ben = Ben()
+    ben.robots["rover"]["position_m"] = (2.0, 0.15, 0.1)
+    ben.point((2.0, 0.07, 0.0)).press()
+    assert ben.text in {
+        "two robots may be meant, quad and rover: point longer at one",
+        "two robots may be meant, rover and quad: point longer at one",
+    }
+    assert ben.cues[-1].cue == "refused"
+    assert ben.steering.robot == ""
+    ben.robots["rover"]["position_m"] = (0.0, 2.0, 0.1)  # it drives away
+    ben.point(QUAD, 2.5)
+    assert ben.steering.robot == "quad"
+
+
+def test_an_unclear_press_is_forgotten_after_three_seconds() -> None:
+    ben = Ben()
+    ben.robots["rover"]["position_m"] = (2.0, 0.15, 0.1)
+    ben.point((2.0, 0.07, 0.0)).press().point((2.0, 0.07, 0.0), 3.2)
+    ben.robots["rover"]["position_m"] = (0.0, 2.0, 0.1)
+    assert ben.point(QUAD, 3.0).steering.robot == ""
+
+
+def test_a_press_where_no_robot_is_takes_none() -> None:
+    ben = Ben().point((-2.0, -1.0, 0.0), 2.0).press()
+    assert (ben.steering.robot, ben.text) == ("", "no robot is where you point: point at one, then press")
+
+
+def test_the_press_that_began_the_pointing_takes_nothing() -> None:
+    ben = Ben().point(QUAD, 0.1)
+    ben.press(ago_s=0.1)
+    assert ben.cues == []
+
+
+def test_a_robot_of_another_person_is_refused_at_once() -> None:
+    ben = Ben().set("quad", user="anna").take("quad")
+    assert ben.steering.robot == ""
+    assert ben.text == "quad is steered by anna: wait until it is free, or point at another robot"
+
+
+def test_the_robot_decides_who_has_it_when_two_ask() -> None:
+    ben = Ben()
+    ben.obeys = False
+    ben.point(QUAD).press()
+    assert ben.steering.robot == "quad"
+    ben.set("quad", user="anna")
+    assert ben.steering.robot == ""
+    assert "steered by anna" in ben.text
+    assert "selected" not in [cue.cue for cue in ben.cues]
+
+
+def test_a_reason_of_the_robot_is_the_answer_and_a_silent_one_is_given_up() -> None:
+    ben = Ben()
+    ben.obeys = False
+    ben.set("quad", reason="the battery is empty: charge it").point(QUAD).press().point(QUAD, 1.0)
+    assert (ben.steering.robot, ben.text) == ("", "quad: the battery is empty: charge it")
+    ben.set("quad", reason="").point(QUAD).press().point(QUAD, 3.5)
+    assert (ben.steering.robot, ben.text) == ("", "quad does not answer: see that it runs, and take it again")
+
+
+def test_a_press_lands_the_quadrotor_where_the_cursor_was_just_before() -> None:
+    ben = Ben().take("quad").set("quad", phase="idle").point(THERE).point((1.6, 1.7, 0.0), 0.08).press()
+    assert (ben.steering.robot, ben.steering.mode) == ("quad", "land")
+    assert ben.steering.target_m == pytest.approx(THERE)  # the press moved the arm
+    ben.set("quad", phase="landing").press()
+    assert ben.steering.mode == "land"
+    ben.set("quad", phase="landed", position_m=THERE, user="")
+    assert (ben.steering.robot, ben.steering.mode, ben.text) == ("", "none", "quad has landed")
+    assert ben.cues[-1].chime == "double"
+    assert ben.steering.target_m is None
+
+
+def test_a_refused_landing_leaves_the_quadrotor_following() -> None:
+    ben = Ben().take("quad").set("quad", phase="idle").point(THERE).press()
+    ben.set("quad", reason="a fence is there: point at another place")
+    assert (ben.steering.mode, ben.text) == ("follow", "quad: a fence is there: point at another place")
+    assert len(ben.cues) == 3
+    ben.report("quad")
+    assert len(ben.cues) == 3  # each reason once
+
+
+def test_reasons_with_changing_numbers_are_told_every_two_seconds() -> None:
+    ben = Ben().take("quad").set("quad", phase="idle")
+    for away_m in range(30):
+        ben.set("quad", reason=f"the fence is {away_m / 10:.1f} m away").point(THERE, 0.1)
+    assert [cue.cue for cue in ben.cues] == ["selected", "refused", "refused"]
+
+
+def test_nothing_lands_near_a_person_or_on_a_wall() -> None:
+    ben = Ben().take("quad").set("quad", phase="idle")
+    ben.steps.on_pose("anna", UserPose(stamp_ns=START_NS, position_m=THERE, yaw_rad=0.0))
+    ben.point(THERE).press()
+    assert ben.steering.mode == "follow"
+    assert "from anna" in ben.text
+    ben.steps.on_map(Environment(stamp_ns=START_NS, name="void"))
+    ben.point(BEYOND).press()
+    assert ben.text == "no robot lands there: point at the floor as you press"
+
+
+def test_stays_are_way_points_and_a_press_sends_the_path() -> None:
+    ben = Ben().take("rover").point(ROVER, 2.0)
+    assert ben.steering.waypoints_m == ()  # still at the robot
+    ben.point(THERE).point(BEYOND)
+    assert len(ben.steering.waypoints_m) == 2
+    assert ben.text == "way-point 2: press to send rover, or stay at the next place"
+    ben.press()
+    (goal,) = ben.goals
+    assert (goal.robot, goal.confirmed_by) == ("rover", "press")
+    assert goal.via_m == (pytest.approx(THERE),)
+    assert goal.position_m == pytest.approx(BEYOND)
+    assert goal.yaw_rad == pytest.approx(math.atan2(2.0, -1.0))
+    assert ben.steering.waypoints_m == ()
+    ben.set("rover", phase="moving", goal_ns=goal.stamp_ns).point(BEYOND, 4.0)
+    assert ben.text == "rover goes there"
+    ben.set("rover", phase="idle", goal_ns=0, position_m=(-1.1, 2.0, 0.1))
+    assert (ben.text, ben.cues[-1].chime) == ("rover has arrived", "double")
+    assert ben.steering.robot == "rover"
+
+
+def test_a_goal_that_is_not_reached_or_not_taken_is_said() -> None:
+    ben = Ben().take("rover").point(THERE).press()
+    ben.set("rover", phase="moving", goal_ns=ben.goals[0].stamp_ns).set("rover", phase="idle", goal_ns=0)
+    assert "before its goal: send it again" in ben.text
+    ben.point(BEYOND).press().point(BEYOND, 3.5)
+    assert ben.text == "rover has not taken the goal: set its way-points again"
+
+
+def test_a_press_without_way_points_sends_nothing_but_takes_another_robot_pointed_at() -> None:
+    ben = Ben().take("rover").point((-2.0, -1.0, 0.0), 0.5).press()
+    assert (ben.goals, ben.steering.robot) == ([], "rover")
+    assert ben.text == "rover has no way-point yet: stay at a place for 1 s, then press"
+    ben.point(QUAD, 3.0)
+    assert ben.steering.waypoints_m == ()
+    assert ben.text == "quad stands there: press to take it instead, or stay at another place"
+    ben.press().point(QUAD, 0.3)
+    assert (ben.goals, ben.steering.robot, ben.steering.mode) == ([], "quad", "follow")
+
+
+def test_ceasing_to_point_lets_the_robot_go() -> None:
+    ben = Ben().take("rover").point(THERE)
+    ben.rest()
+    assert (ben.steering.robot, ben.steering.mode, ben.steering.waypoints_m) == ("", "none", ())
+    assert ben.text == "rover is let go, as you stopped pointing: it stays where it is"
+    ben.point(QUAD).press()
+    assert ben.steering.robot == ""
+
+
+def test_a_robot_that_frees_itself_or_falls_silent_is_lost() -> None:
+    ben = Ben().take("rover")
+    ben.set("rover", user="", phase="stopped", reason="anna stopped it")
+    assert (ben.steering.robot, ben.text) == ("", "rover is no longer yours: anna stopped it")
+    ben.set("rover", reason="").take("rover").wait(2.5)
+    assert (ben.steering.robot, ben.cues[-1].cue) == ("", "deselected")
+    assert ben.text == "rover is lost: it reports nothing; see that its process runs"
+    ben.press()
+    assert ben.steering.robot == ""
+
+
+ACTS = st.lists(
+    st.one_of(
+        st.tuples(st.just("point"), st.sampled_from([QUAD, ROVER, THERE, BEYOND, (0.2, 0.1, 0.0)])),
+        st.tuples(st.just("press"), st.none()),
+        st.tuples(st.just("rest"), st.none()),
+        st.tuples(st.just("start"), st.none()),
+        st.tuples(
+            st.just("state"),
+            st.tuples(
+                st.sampled_from(["quad", "rover"]),
+                st.sampled_from(["", "ben", "anna"]),
+                st.sampled_from(["landed", "idle", "moving", "stopped", "lost"]),
+                st.sampled_from(["", "it is stuck"]),
+            ),
+        ),
+        st.tuples(st.just("wait"), st.none()),
+    ),
+    max_size=14,
+)
+
+
+@settings(max_examples=25, deadline=None)
+@given(ACTS)
+def test_whatever_happens_a_person_without_a_robot_wants_nothing_of_one(acts: list[tuple[str, Any]]) -> None:
+    ben = Ben()
+    for act, what in acts:
+        before = len(ben.goals)
+        match act:
+            case "point":
+                ben.point(what, 1.2)
+            case "press":
+                ben.press()
+            case "rest":
+                ben.rest()
+            case "start":
+                ben.start()
+            case "state":
+                robot, user, phase, reason = what
+                ben.set(robot, user=user, phase=phase, reason=reason)
+            case _:
+                ben.wait(2.5)
+        steering = ben.steering
+        assert steering.robot == ben.steps.robot
+        assert (steering.mode == "none") == (steering.robot == "")
+        assert (steering.target_m is not None) == (steering.mode == "land")
+        assert not steering.waypoints_m or steering.mode == "goals"
+        for goal in ben.goals[before:]:
+            assert act == "press"
+            assert goal.robot == "rover" == steering.robot
+            assert ben.robots["rover"]["user"] == "ben"
+    for cue in ben.cues:
+        assert cue.text
+        assert not cue.text.endswith(".")

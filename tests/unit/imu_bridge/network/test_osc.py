@@ -1,0 +1,92 @@
+"""Orientations, rates, buttons and batteries of devices that speak Open Sound Control.
+
+The datagrams are python-osc's. Addresses and orders are those of the documentation of each device; none of
+them was tried.
+"""
+
+import math
+
+import pytest
+from pythonosc.osc_bundle_builder import OscBundleBuilder
+from pythonosc.osc_message_builder import OscMessageBuilder, build_msg
+
+from pointit.schemas import NS_PER_S
+from pointit.services.imu_bridge.network.contents import DatagramError
+from pointit.services.imu_bridge.network.osc import OscConfig, OscDecoder
+from pointit.services.imu_bridge.reading import Battery, Item, Press, RawReading, Reading
+
+WXYZ, XYZW = [0.5, -0.5, 0.5, -0.5], (-0.5, 0.5, -0.5, 0.5)
+NOW = 1_800_000_000 * NS_PER_S
+
+
+def datagram(address: str, *arguments: float | str) -> bytes:
+    return bytes(build_msg(address, list(arguments)).dgram)
+
+
+def items(decoder: OscDecoder, address: str, *arguments: float | str) -> list[Item]:
+    return list(decoder.items(datagram(address, *arguments), NOW))
+
+
+@pytest.mark.parametrize(
+    ("address", "numbers"),
+    [
+        ("/quaternion", WXYZ),  # NGIMU
+        ("/gyrosc/quat", WXYZ),
+        ("/SceneRotator/quaternions", WXYZ),
+        ("/my-phone/quaternion", [*XYZW]),  # ZIG SIM
+    ],
+)
+def test_orientations_of_known_devices(address: str, numbers: list[float]) -> None:
+    assert items(OscDecoder(OscConfig()), address, *numbers) == [Reading(NOW, XYZW)]
+
+
+def test_address_and_order_are_configurable() -> None:
+    decoder = OscDecoder(OscConfig(address="/wrist/7", order="xyzw"))
+    assert items(decoder, "/wrist/7", *XYZW) == [Reading(NOW, XYZW)]
+    assert items(decoder, "/wrist/8", *XYZW) == []
+    assert items(decoder, "/quaternion", *XYZW) == []
+
+
+def test_time_of_a_bundle_is_the_time_of_the_device() -> None:
+    message = OscMessageBuilder("/quaternion")
+    for number in WXYZ:
+        message.add_arg(number)
+    bundle = OscBundleBuilder(1_700_000_000)
+    bundle.add_content(message.build())
+    data = bytes(bundle.build().dgram)
+    assert OscDecoder(OscConfig()).items(data, NOW) == [Reading(NOW, XYZW, 1_700_000_000 * NS_PER_S)]
+
+
+def test_rates_are_used_until_an_orientation_comes() -> None:
+    decoder = OscDecoder(OscConfig())
+    (raw,) = items(decoder, "/sensors", 90.0, 0.0, -180.0, 0.0, 0.0, 1.0, 20.0, 0.0, 40.0, 1013.0)
+    assert isinstance(raw, RawReading)
+    assert raw.angular_velocity_radps == pytest.approx((math.pi / 2, 0.0, -math.pi))
+    assert raw.acceleration_mps2 == pytest.approx((0.0, 0.0, 9.80665))
+    assert items(decoder, "/quaternion", *WXYZ) == [Reading(NOW, XYZW)]
+    assert items(decoder, "/sensors", *[0.0] * 10) == []
+
+
+def test_battery_when_it_changes_and_button_when_it_is_pressed() -> None:
+    decoder = OscDecoder(OscConfig())
+    for expected in ([Battery(0.75, 3.875)], []):
+        assert items(decoder, "/battery", 75.0, 60.0, 3.875, 100.0, "charging") == expected
+    assert items(decoder, "/button") == [Press(NOW)]
+    assert items(decoder, "/gyrosc/button", 1.0, 1.0) == [Press(NOW)]
+    assert items(decoder, "/gyrosc/button", 1.0, 0.0) == []
+
+
+@pytest.mark.parametrize(
+    "numbers", [[0.0] * 4, [math.nan, 0.0, 0.0, 1.0], [math.inf] * 4, [2.0, 0.0, 0.0, 0.0]]
+)
+def test_what_is_no_orientation_is_refused(numbers: list[float]) -> None:
+    with pytest.raises(DatagramError, match="norm"):
+        items(OscDecoder(OscConfig()), "/quaternion", *numbers)
+
+
+def test_messages_that_are_too_short_or_not_numbers_are_passed_over() -> None:
+    decoder = OscDecoder(OscConfig())
+    assert items(decoder, "/quaternion", 1.0, 0.0) == []
+    assert items(decoder, "/battery", math.nan, 60.0, 3.9) == []
+    with pytest.raises(DatagramError, match="three finite numbers"):
+        items(decoder, "/sensors", math.nan, *[0.0] * 9)

@@ -1,0 +1,158 @@
+"""Formats of apps that send datagrams. Nothing here was tried with the apps themselves."""
+
+import json
+import math
+import struct
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pointit.schemas import NS_PER_S
+from pointit.services.imu_bridge.network.contents import DatagramError
+from pointit.services.imu_bridge.network.udp import LONGEST_DATAGRAM, UdpConfig, UdpDecoder
+from pointit.services.imu_bridge.reading import Item, Press, RawReading, Reading
+
+XYZW = (-0.5, 0.5, -0.5, 0.5)
+NOW = 1_800_000_000 * NS_PER_S
+
+
+def items(data: bytes | object, decoder: UdpDecoder | None = None, stamp_ns: int = NOW) -> list[Item]:
+    content = data if isinstance(data, bytes) else json.dumps(data).encode()
+    return list((decoder or UdpDecoder(UdpConfig())).items(content, stamp_ns))
+
+
+def android(sensor: str, values: list[float], timestamp: int = 5 * NS_PER_S) -> dict[str, Any]:
+    return {"type": f"android.sensor.{sensor}", "timestamp": timestamp, "values": values, "accuracy": 3}
+
+
+def wearmocap(
+    wxyz: tuple[float, ...], time: tuple[float, float, float, float] = (14.0, 30.0, 5.0, 250e6)
+) -> bytes:
+    return struct.pack(">28f", 0.01, *time, *wxyz, *[0.1] * 19)
+
+
+def test_sensagram_sends_androids_rotation_vector() -> None:
+    assert items(android("game_rotation_vector", [*XYZW])) == [Reading(NOW, XYZW, 5 * NS_PER_S)]
+    assert items(android("rotation_vector", [*XYZW, 0.1])) == [Reading(NOW, XYZW, 5 * NS_PER_S)]
+    (old,) = items(android("rotation_vector", [-0.5, 0.5, -0.5]))
+    assert isinstance(old, Reading)
+    assert old.world_from_sensor == pytest.approx(XYZW)
+
+
+def test_of_two_rotation_vectors_the_first_is_used() -> None:
+    decoder = UdpDecoder(UdpConfig())
+    assert len(items(android("rotation_vector", [*XYZW]), decoder)) == 1
+    assert items(android("game_rotation_vector", [*XYZW]), decoder) == []
+    assert len(items(android("rotation_vector", [*XYZW]), decoder)) == 1
+
+
+def test_rates_and_accelerations_are_paired_until_an_orientation_comes() -> None:
+    decoder = UdpDecoder(UdpConfig())
+    rates = android("gyroscope", [0.1, 0.2, 0.3])
+    assert items(rates, decoder) == []
+    assert items(android("accelerometer", [0.0, 0.0, 9.81]), decoder) == []
+    assert items(rates, decoder) == [RawReading(NOW, (0.1, 0.2, 0.3), (0.0, 0.0, 9.81), 5 * NS_PER_S)]
+    assert items(rates, decoder, NOW + NS_PER_S) == []  # that acceleration is too old
+    assert items(android("light", [12.0]), decoder) == []
+    items(android("game_rotation_vector", [*XYZW]), decoder)
+    items(android("accelerometer", [0.0, 0.0, 9.81]), decoder)
+    assert items(rates, decoder) == []
+
+
+def test_time_of_wearmocap_runs_on_at_midnight() -> None:
+    decoder = UdpDecoder(UdpConfig())
+    times_s: list[float] = []
+    for time in (
+        (23.0, 59.0, 59.0, 750e6),
+        (0.0, 0.0, 0.0, 250e6),
+        (23.0, 59.0, 59.0, 875e6),
+        (0.0, 0.0, 1.0, 0.0),
+    ):
+        (reading,) = items(wearmocap((1.0, 0.0, 0.0, 0.0), time), decoder)
+        assert isinstance(reading, Reading)
+        assert reading.device_time_ns is not None
+        times_s.append(reading.device_time_ns / NS_PER_S - 86400)
+    assert times_s == [-0.25, 0.25, -0.125, 1.0]
+
+
+def test_wearmocap_sends_28_floats() -> None:
+    time_ns = (14 * 3600 + 30 * 60 + 5) * NS_PER_S + NS_PER_S // 4
+    assert items(wearmocap((0.5, -0.5, 0.5, -0.5))) == [Reading(NOW, XYZW, time_ns)]
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        {"x": -0.5, "y": 0.5, "z": -0.5, "w": 0.5},
+        {"qw": 0.5, "QX": "-0.5", "qy": 0.5, "qz": -0.5},
+        {
+            "device": {"name": "phone"},
+            "sensordata": {"quaternion": {"x": -0.5, "y": 0.5, "z": -0.5, "w": 0.5}},
+        },
+        {"quat": [0.5, -0.5, 0.5, -0.5]},
+        b"0.5,-0.5,0.5,-0.5",
+        b" Quaternion: 0.5 -0.5 0.5 -0.5\r\n",
+    ],
+)
+def test_quaternions_as_json_and_as_text(content: object) -> None:
+    assert items(content) == [Reading(NOW, XYZW)]
+
+
+def test_order_of_lists_and_lines_is_configurable() -> None:
+    decoder = UdpDecoder(UdpConfig(order="xyzw"))
+    assert items(b"-0.5,0.5,-0.5,0.5\nbutton double\n", decoder) == [Reading(NOW, XYZW), Press(NOW, "double")]
+    assert items({"orientation": [*XYZW]}, decoder) == [Reading(NOW, XYZW)]
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        b"{",
+        b"{}",
+        b'{"values": [1, 2]}',
+        b'{"values": ["a", {}, null, 1]}',
+        b'{"values": [NaN, 0, 0, 1]}',
+        b'{"x": 1e999, "y": 0, "z": 0, "w": 0}',
+        b'{"x": 0, "y": 0, "z": 0, "w": ' + b"9" * 4000 + b"}",
+        b'{"a":' * 800,
+        b"1,2,3",
+        b"nan,0,0,1",
+        b"\xff" * 64,
+        b"1,0,0,0," * 600,
+        wearmocap((math.nan, 0.0, 0.0, 1.0)),
+        wearmocap((0.0, 0.0, 0.0, 0.0)),
+    ],
+)
+def test_what_is_no_orientation_is_refused(data: bytes) -> None:
+    with pytest.raises(DatagramError):
+        items(data)
+
+
+leaves = st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5)
+keys = st.sampled_from(["values", "type", "timestamp", "x", "y", "z", "w", "quaternion", "sensordata"])
+contents = st.dictionaries(
+    keys,
+    st.recursive(
+        leaves, lambda inner: st.lists(inner, max_size=5) | st.dictionaries(keys, inner), max_leaves=20
+    ),
+)
+
+
+@given(
+    contents.map(lambda content: json.dumps(content).encode())
+    | st.binary(max_size=130)
+    | st.binary(min_size=112, max_size=112)
+)
+def test_any_datagram_is_read_or_refused(data: bytes) -> None:
+    decoder = UdpDecoder(UdpConfig())
+    for _ in range(2):
+        try:
+            found = decoder.items(data, NOW)
+        except DatagramError:
+            assert len(data) <= LONGEST_DATAGRAM
+            continue
+        for item in found:
+            if isinstance(item, Reading):
+                assert math.hypot(*item.world_from_sensor) == pytest.approx(1.0)

@@ -1,0 +1,323 @@
+"""A serial wrist's port, speed and format found by trying, its commands and cues, over pseudo-terminals."""
+
+import asyncio
+import contextlib
+import errno
+import os
+import random
+import subprocess
+import termios
+from collections.abc import AsyncGenerator, Callable
+from contextlib import asynccontextmanager
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+from serial import Serial
+from serial.tools import list_ports
+
+from pointit.geometry import rotation
+from pointit.runtime.clock import WallClock
+from pointit.runtime.config.device_plugin import FoundDevice
+from pointit.runtime.host.serial_port import PortSettings, is_open_elsewhere, open_port
+from pointit.schemas import Feedback
+from pointit.services.imu_bridge.reading import Disconnected, Item, Reading, Reconnected
+from pointit.services.imu_bridge.serial import ports as serial_ports
+from pointit.services.imu_bridge.serial import source as serial_source
+from pointit.services.imu_bridge.serial.config import SerialConfig
+from pointit.services.imu_bridge.serial.ports import discover, set_speed
+from pointit.services.imu_bridge.serial.source import SerialSource
+from pointit.testing.devices.serial_formats import (
+    bno085_orientation,
+    witmotion_packet,
+    witmotion_quaternion,
+    ximu3_text,
+)
+from tests.support.bench import until
+from tests.support.pty_device import PtyDevice, pty_device
+
+POSTURE = rotation.from_azimuth_elevation(0.7, -0.3)
+LINE = b"1,0,0,0\n"
+
+
+class Health:
+    """Health that remembers warnings and metrics."""
+
+    def __init__(self) -> None:
+        self.warnings: dict[str, str] = {}
+        self.metrics: dict[str, float] = {}
+
+    def warn(self, topic: str, sentence: str) -> None:
+        self.warnings.pop(topic, None)
+        if sentence:
+            self.warnings[topic] = sentence
+
+    def clear(self, topic: str) -> None:
+        self.warnings.pop(topic, None)
+
+    def set_metric(self, name: str, value: float | None, unit: str = "") -> None:
+        del unit
+        self.metrics.pop(name, None)
+        if value is not None:
+            self.metrics[name] = value
+
+    def reached(self, latency_s: float) -> None:
+        raise AssertionError(latency_s)
+
+
+class Run:
+    """A running source, and what it delivers."""
+
+    def __init__(self, config: SerialConfig) -> None:
+        self.health = Health()
+        self.source = SerialSource(config, WallClock(), self.health)
+        self.items: list[Item] = []
+
+    @property
+    def readings(self) -> list[Reading]:
+        return [item for item in self.items if isinstance(item, Reading)]
+
+
+@asynccontextmanager
+async def running(**values: object) -> AsyncGenerator[Run]:
+    run = Run(SerialConfig.model_validate(values))
+    task = asyncio.create_task(run.source.run(run.items.append))
+    try:
+        yield run
+    finally:
+        task.cancel()
+        await asyncio.wait({task})
+
+
+@asynccontextmanager
+async def sending(step: Callable[[], object]) -> AsyncGenerator[None]:
+    """Call `step` 100 times a second."""
+
+    async def work() -> None:
+        while True:
+            step()
+            await asyncio.sleep(0.01)
+
+    task = asyncio.create_task(work())
+    try:
+        yield
+    finally:
+        task.cancel()
+        await asyncio.wait({task})
+
+
+class FreshWitMotion:
+    """A WT901 as it is sold: 9600 baud, no quaternions."""
+
+    def __init__(self, device: PtyDevice) -> None:
+        self._device = device
+        self._noise = random.Random(1)
+        self._sends_both = self._sends_quaternions = False
+        self.received = bytearray()
+
+    def step(self) -> None:
+        self.received += self._device.receive(0)
+        if termios.tcgetattr(self._device.master)[5] != termios.B9600:
+            self._device.send(self._noise.randbytes(44))
+            return
+        self._sends_both = bytes.fromhex("ff aa 02 08 02") in self.received
+        self._sends_quaternions = bytes.fromhex("ff aa 02 00 02") in self.received
+        if not self._sends_quaternions:
+            for kind in (0x53,) if self._sends_both else (0x51, 0x52, 0x53, 0x54):
+                self._device.send(witmotion_packet(kind, 0, 0, 0, 0))
+        if self._sends_both or self._sends_quaternions:
+            self._device.send(witmotion_quaternion(POSTURE))
+
+
+async def test_device_as_sold_is_found_at_its_speed_and_switched_to_quaternions(tmp_path: Path) -> None:
+    with pty_device(tmp_path / "imu") as device:
+        wrist = FreshWitMotion(device)
+        async with running(port=str(device.path)) as run, sending(wrist.step):
+            await until(lambda: wrist.received.endswith(bytes.fromhex("ff aa 03 08 00")))
+            assert run.health.metrics == {"port of WitMotion": 9600.0}
+            run.items.clear()
+            await until(lambda: len(run.readings) > 5)
+            assert run.readings[-1].world_from_sensor == pytest.approx(POSTURE, abs=1e-3)
+            assert not run.health.warnings
+
+
+async def test_other_format_on_the_same_connection_is_recognized_after_the_time_limit(tmp_path: Path) -> None:
+    with pty_device(tmp_path / "imu") as device:
+        packets = [LINE]
+        async with (
+            running(port=str(device.path), timeout_s=0.2) as run,
+            sending(lambda: device.send(packets[-1])),
+        ):
+            await until(lambda: "port of lines of text" in run.health.metrics)
+            packets.append(bno085_orientation(POSTURE))
+            await until(lambda: "port of BNO085 (UART-RVC)" in run.health.metrics)
+            await until(lambda: "silent" not in run.health.warnings)
+            assert [type(item) for item in run.items].count(Reconnected) == 1
+
+
+async def test_forced_format_is_kept_and_named_in_the_warning(tmp_path: Path) -> None:
+    with pty_device(tmp_path / "imu") as device:
+        async with (
+            running(port=str(device.path), timeout_s=0.2, format="witmotion", baud=57600) as run,
+            sending(lambda: device.send(LINE)),
+        ):
+            await until(lambda: "tried WitMotion at 57600 baud" in run.health.warnings.get("silent", ""))
+            assert termios.tcgetattr(device.master)[5] == termios.B57600
+            assert not run.readings
+
+
+async def test_loss_of_the_device_is_delivered(tmp_path: Path) -> None:
+    with pty_device(tmp_path / "imu") as device:
+        async with running(port=str(device.path)) as run:
+            async with sending(lambda: device.send(LINE)):
+                await until(lambda: bool(run.readings))
+            device.unplug()
+            await until(lambda: any(isinstance(item, Disconnected) for item in run.items))
+            assert "plug the device in" in run.health.warnings["port"]
+
+
+async def test_cue_flashes_the_led_of_an_ximu3(tmp_path: Path) -> None:
+    with pty_device(tmp_path / "imu") as device:
+        received = bytearray()
+
+        def step() -> None:
+            device.send(ximu3_text("Q", 1, 1, 0, 0, 0))
+            received.extend(device.receive(0))
+
+        async with running(port=str(device.path)) as run:
+            cue = Feedback(stamp_ns=0, seq=1, cue="selected", color=(0, 255, 0))
+            run.source.cue(cue)  # not connected yet: dropped
+            async with sending(step):
+                await until(lambda: bool(run.readings))
+                run.source.cue(cue)
+                await until(lambda: bytes(received) == b'{"colour":"00FF00"}\n{"colour":null}\n')
+
+
+def terminal(device: PtyDevice) -> str:
+    """Return the path of the device without links."""
+    return os.path.realpath(device.path)
+
+
+def present(monkeypatch: pytest.MonkeyPatch, *devices: PtyDevice) -> None:
+    """Have the machine's serial ports be `devices`."""
+    ports = [SimpleNamespace(device=terminal(each), description="UART") for each in devices]
+    monkeypatch.setattr(list_ports, "comports", lambda: ports)
+    monkeypatch.setattr(serial_source, "SEARCH_S", (0.3, 0.3))
+    monkeypatch.setattr(serial_source, "SEARCH_PAUSE_S", (0.05, 0.05))
+    monkeypatch.setattr(serial_source, "SEARCH_STEP_S", 0.05)
+
+
+async def test_only_port_that_answers_is_used_when_none_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with pty_device(tmp_path / "one") as silent, pty_device(tmp_path / "two") as wrist:
+        present(monkeypatch, silent, wrist)
+        async with running() as run:
+            await until(lambda: "no serial port answers" in run.health.warnings.get("port", ""))
+            async with sending(lambda: wrist.send(LINE)):
+                await until(lambda: bool(run.readings))
+            assert not run.health.warnings
+
+
+async def test_wrist_that_comes_back_at_another_port_is_found_when_none_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with pty_device(tmp_path / "one") as first, pty_device(tmp_path / "two") as second:
+        present(monkeypatch, first)
+        async with running() as run:
+            async with sending(lambda: first.send(LINE)):
+                await until(lambda: bool(run.readings))
+            present(monkeypatch, second)
+            first.unplug()
+            await until(lambda: any(isinstance(item, Disconnected) for item in run.items))
+            run.items.clear()
+            async with sending(lambda: second.send(LINE)):
+                await until(lambda: bool(run.readings))
+            assert not run.health.warnings
+
+
+async def test_port_that_was_silent_is_left_to_others_while_a_new_one_is_tried(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    opened: list[str] = []
+
+    def opening(settings: PortSettings) -> Serial:
+        opened.append(settings.port)
+        return open_port(settings)
+
+    with pty_device(tmp_path / "one") as silent, pty_device(tmp_path / "two") as wrist:
+        present(monkeypatch, silent)
+        monkeypatch.setattr(serial_source, "SEARCH_PAUSE_S", (600.0, 600.0))
+        monkeypatch.setattr(serial_ports, "open_port", opening)
+        async with sending(lambda: wrist.send(LINE)), running() as run:
+            await until(lambda: "no serial port answers" in run.health.warnings.get("port", ""))
+            with open_port(PortSettings(port=terminal(silent), baud=9600)):
+                present(monkeypatch, silent, wrist)
+                monkeypatch.setattr(serial_source, "SEARCH_PAUSE_S", (600.0, 600.0))
+                await until(lambda: bool(run.readings))
+        assert opened.count(terminal(silent)) == 1
+
+
+def test_port_that_goes_away_while_its_speed_is_changed_is_an_os_error(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def gone(_port: Serial) -> None:
+        raise termios.error(errno.EIO, "Input/output error")
+
+    monkeypatch.setattr(Serial, "reset_input_buffer", gone)
+    with pty_device(tmp_path / "one") as device:
+        port = Serial(terminal(device))
+        with contextlib.closing(port), pytest.raises(OSError, match="Input/output error"):
+            set_speed(port, 115200)
+
+
+async def test_ports_are_named_when_several_answer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with pty_device(tmp_path / "one") as first, pty_device(tmp_path / "two") as second:
+        present(monkeypatch, first, second)
+
+        def step() -> None:
+            first.send(LINE)
+            second.send(bno085_orientation(POSTURE))
+
+        async with sending(step), running() as run:
+            await until(lambda: "2 serial ports answer" in run.health.warnings.get("port", ""))
+            said = run.health.warnings["port"]
+            for device in (first, second):
+                assert terminal(device) in said
+            assert "--imu serial:/dev/" in said
+
+
+async def test_search_lists_all_ports_and_leaves_alone_those_of_other_programs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with (
+        pty_device(tmp_path / "wrist") as wrist,
+        pty_device(tmp_path / "silent") as silent,
+        pty_device(tmp_path / "held") as held,
+    ):
+        present(monkeypatch, wrist, silent, held)
+        with (tmp_path / "held").open("rb") as port:
+            holder = subprocess.Popen(["sleep", "600"], stdin=port)  # noqa: ASYNC220, S607
+        try:
+            assert is_open_elsewhere(str(held.path))
+            assert not is_open_elsewhere(str(silent.path))
+
+            def step() -> None:
+                wrist.send(LINE)
+                held.send(LINE)
+
+            details: object = {}
+            found: dict[str, FoundDevice] = {}
+            async with sending(step):
+                while not details:  # on a busy machine, one search may be too short
+                    found = {device.address: device for device in await discover(0.3)}
+                    details = found[terminal(wrist)].details
+        finally:
+            holder.kill()
+            holder.wait()
+        assert {address: device.label for address, device in found.items()} == {
+            terminal(wrist): "UART: lines of text at 115200 baud",
+            terminal(silent): "UART: silent",
+            terminal(held): "UART: another program has it open",
+        }
+        assert details == {"format": "text", "baud": 115200}

@@ -1,0 +1,84 @@
+"""Robots of a run: landings, goals and fences are counted from their states alone."""
+
+from typing import Any
+
+from pointit.geometry.vector import Vec3
+from pointit.launch.run.robot_score import RobotsScore, robot_lines
+from pointit.schemas import Environment, Goal, RobotState
+from pointit.schemas.environment import Fence
+
+SQUARE = ((0.0, 0.0), (4.0, 0.0), (4.0, 4.0), (0.0, 4.0))
+RACK = ((3.0, 3.0), (4.0, 3.0), (4.0, 4.0), (3.0, 4.0))
+ROOM = Environment(
+    stamp_ns=0,
+    name="arena",
+    fences=(
+        Fence(id="area", kind="keep_in", outline_m=SQUARE, high_m=2.0),
+        Fence(id="rack", kind="keep_out", outline_m=RACK),
+    ),
+)
+
+
+def state(position_m: Vec3, phase: Any = "moving", **fields: Any) -> RobotState:
+    usual: dict[str, Any] = {
+        "stamp_ns": 0,
+        "kind": "quadrotor",
+        "yaw_rad": 0.0,
+        "velocity_mps": (0.0, 0.0, 0.0),
+        "radius_m": 0.2,
+    }
+    return RobotState(phase=phase, position_m=position_m, **(usual | fields))
+
+
+def test_a_landing_counts_with_its_distance_from_the_nearest_spot() -> None:
+    score = RobotsScore([(1.0, 1.0, 0.0), (3.0, 1.0, 0.0)])
+    score.on_state("quad", state((1.0, 1.0, 0.2)))
+    score.on_state("quad", state((1.0, 1.1, 0.1), "landing", target_m=(1.0, 1.2, 0.0)))
+    score.on_state("quad", state((1.0, 1.1, 0.0), "landed"))
+    score.on_state("quad", state((1.0, 1.1, 0.0), "landed"))
+    assert score.as_dict()["quad"]["landed_off_m"] == [0.1]
+    assert robot_lines(score.as_dict()) == ["quad landed once, 0.10 m from the place."]
+
+
+def test_without_spots_a_landing_is_measured_from_where_the_robot_was_sent() -> None:
+    score = RobotsScore()
+    score.on_state("quad", state((1.0, 1.0, 0.2)))
+    score.on_state("quad", state((1.0, 1.1, 0.1), "landing", target_m=(1.0, 1.4, 0.0)))
+    score.on_state("quad", state((1.0, 1.1, 0.0), "landed"))
+    assert score.as_dict()["quad"]["landed_off_m"] == [0.3]
+
+
+def test_a_goal_is_reached_where_the_robot_ends_near_it() -> None:
+    score = RobotsScore()
+    for goal_ns, end_m in ((5, 2.0), (7, 1.0)):
+        score.on_state("rover", state((0.5, 0.5, 0.0), "idle"))
+        sent = Goal(
+            stamp_ns=goal_ns,
+            position_m=(2.0, 0.5, 0.0),
+            robot="rover",
+            yaw_rad=0.0,
+            age_s=0.0,
+            position_sigma_m=0.1,
+            clearance_m=2.0,
+            proposed_ns=goal_ns,
+            confirmed_by="press",
+        )
+        score.on_goal(sent)
+        score.on_state("rover", state((0.6, 0.5, 0.0), goal_ns=goal_ns))
+        score.on_state("rover", state((end_m, 0.5, 0.0), "idle"))
+    assert robot_lines(score.as_dict()) == ["rover reached 1 of 2 goals."]
+
+
+def test_each_crossing_of_a_fence_counts_once() -> None:
+    score = RobotsScore()
+    score.on_map(ROOM)
+    for place_m in ((1.0, 1.0, 0.2), (3.5, 3.5, 0.2), (3.6, 3.5, 0.2), (1.0, 1.0, 0.2), (1.0, 1.0, 2.1)):
+        score.on_state("quad", state(place_m))
+    assert score.as_dict()["quad"]["fences_crossed"] == 2
+    assert robot_lines(score.as_dict()) == ["quad crossed fences 2 times."]
+
+
+def test_robots_that_did_nothing_are_not_mentioned() -> None:
+    score = RobotsScore()
+    score.on_state("quad", state((1.0, 1.0, 0.0), "landed"))
+    assert robot_lines(score.as_dict()) == []

@@ -1,0 +1,88 @@
+"""Several of a service on one site, each under a name of its own."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from pointit.diagnosis.writers import present_writers, start_command
+from pointit.launch.plan.launches import Choices, site_launches
+from pointit.launch.plan.scenario import Scenario
+from pointit.launch.plan.settings import check_settings
+from pointit.launch.run.subprocesses import Processes
+from pointit.runtime.errors import ConfigError
+from pointit.runtime.service.service import Launch
+from pointit.schemas import KeyNameError
+from pointit.schemas.topics import ROBOT_STATE
+from pointit.services.registry import person_of
+
+PLACES = [{"position_m": [0.0, 0.0, 0.0]}]
+
+
+def scenario(**site: dict[str, Any]) -> Scenario:
+    named = {name.replace("_", ".", 1): parameters for name, parameters in site.items()}
+    return Scenario.model_validate({"about": "a", "places": PLACES, "site": named}, strict=False)
+
+
+def parameters(launches: list[Launch], name: str) -> list[Any]:
+    return [launch.config.model_dump()[name] for launch in launches]
+
+
+def test_each_has_its_name_and_parameters() -> None:
+    launches = site_launches(scenario(robot_quad={"kind": "quadrotor"}, robot_cart={}), Choices())
+    assert [launch.instance for launch in launches] == ["robot.quad", "robot.cart"]
+    assert parameters(launches, "kind") == ["quadrotor", "ground"]
+    assert all(launch.is_single for launch in launches)
+
+
+def test_parameters_are_set_for_one_or_for_all(tmp_path: Path) -> None:
+    file = tmp_path / "a.yaml"
+    file.write_text("robot.cart: {radius_m: 0.4}\nrobot: {radius_m: 0.3, hover_m: 0.5}\n", encoding="utf-8")
+    choices = Choices(files=[file], settings=["robot.cart.max_speed_mps=0.3", "robot.keep_out_m=2"])
+    launches = site_launches(scenario(robot_quad={}, robot_cart={}), choices)
+    check_settings(launches, choices)
+    assert parameters(launches, "radius_m") == [0.3, 0.4]
+    assert parameters(launches, "hover_m") == [0.5, 0.5]
+    assert parameters(launches, "max_speed_mps") == [1.0, 0.3]
+    assert parameters(launches, "keep_out_m") == [2.0, 2.0]
+
+
+def test_a_setting_of_a_driver_is_not_taken_for_one_of_a_robot() -> None:
+    choices = Choices(settings=["robot.sim.seed=3"])
+    (launch,) = site_launches(scenario(robot_quad={}), choices)
+    check_settings([launch], choices)
+    section: Any = launch.config
+    assert section.section("sim").seed == 3
+
+
+def test_a_setting_of_an_absent_one_is_refused() -> None:
+    choices = Choices(settings=["robot.car.max_speed_mps=1"])
+    launches = site_launches(scenario(robot_quad={}), choices)
+    with pytest.raises(ConfigError, match=r"robot\.car is not among what this starts: robot\.quad"):
+        check_settings(launches, choices)
+
+
+@pytest.mark.parametrize(
+    ("site", "sentence"),
+    [
+        ({"pui_two": {}}, r"pui\.two: a site has one pui; leave out 'two'"),
+        ({"robot_a b": {}}, r"name 'a b': use 1 to 64 letters"),
+        ({"rowbot_a": {}}, "no service 'rowbot'"),
+    ],
+)
+def test_a_name_that_cannot_be_is_refused(site: dict[str, dict[str, Any]], sentence: str) -> None:
+    with pytest.raises((ConfigError, KeyNameError), match=sentence):
+        site_launches(scenario(**site), Choices())
+
+
+def test_its_command_starts_that_one_again() -> None:
+    assert start_command("robot", "quad") == "pointit service run robot --name quad"
+    assert start_command("robot") == "pointit service run robot"
+    (launch,) = site_launches(scenario(robot_quad={}), Choices())
+    command = Processes([launch], site="lab", connect="tcp/a:1").command(launch)
+    assert command[command.index("--name") + 1] == "quad"
+
+
+def test_its_name_is_no_person_and_it_writes_of_itself_only() -> None:
+    assert (person_of("robot.quad"), person_of("pointing.anna"), person_of("web.2")) == ("", "anna", "")
+    assert present_writers(ROBOT_STATE, "quad", ["robot.quad", "robot.cart", "pui"]) == ["robot.quad"]

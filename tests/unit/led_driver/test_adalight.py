@@ -1,0 +1,104 @@
+"""Adalight: the bytes, and what its wire carries."""
+
+import asyncio
+import re
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pointit.runtime.health.surroundings import NullHealth
+from pointit.schemas import Strip, StripFrame, StripsFrame
+from pointit.services.led_driver.output.serial_port import adalight_protocol
+from pointit.services.led_driver.output.serial_port.adalight import (
+    AdalightConfig,
+    AdalightFrame,
+    AdalightOutput,
+)
+from pointit.testing import PtyDevice
+from tests.support.bench import until
+
+
+class Told(NullHealth):
+    """Keeps warnings."""
+
+    def __init__(self) -> None:
+        self.warnings: dict[str, str] = {}
+
+    def warn(self, topic: str, sentence: str) -> None:
+        self.warnings[topic] = sentence
+
+
+@pytest.mark.parametrize(
+    ("pixels", "header"), [(1, "416461000055"), (2, "416461000154"), (1000, "41646103e7b1")]
+)
+def test_header_matches_the_golden_bytes(pixels: int, header: str) -> None:
+    data = bytes(range(3)) * pixels
+    assert adalight_protocol.encode_frame(data) == bytes.fromhex(header) + data
+
+
+@given(st.integers(1, adalight_protocol.MAX_PIXELS))
+def test_count_and_check_byte_are_those_of_the_pixels(pixels: int) -> None:
+    frame = adalight_protocol.encode_frame(bytes(3 * pixels))
+    assert int.from_bytes(frame[3:5], "big") + 1 == pixels
+    assert frame[5] == frame[3] ^ frame[4] ^ 0x55
+
+
+def warning(pixels: int, **fields: object) -> str:
+    told = Told()
+    output = AdalightOutput(AdalightConfig.model_validate({"port": "x", **fields}), told)
+    strips = [
+        Strip(id=f"{first}", line_m=((0, 0, 0), (1, 0, 0)), pixels=min(4096, pixels - first))
+        for first in range(0, pixels, 4096)
+    ]
+    output.set_strips(strips)
+    return told.warnings["wiring x"]
+
+
+def test_rate_that_the_wire_does_not_carry_is_told_with_what_fits() -> None:
+    sentence = warning(300)
+    assert "300 pixels at 115200 baud: 88 ms a frame, 11.4 frames a second" in sentence
+    fitting = re.search(r"(\d+) pixels fit", sentence)
+    assert fitting is not None
+    assert warning(int(fitting[1])) == ""
+    assert warning(int(fitting[1]) + 1)
+    assert warning(300, baud=1_000_000) == ""
+
+
+def test_more_pixels_than_the_protocol_counts_are_refused() -> None:
+    assert "69632 pixels are more than Adalight has" in warning(17 * 4096)
+
+
+def test_dark_frame_has_the_same_pixels() -> None:
+    assert AdalightFrame(b"\1\2\3" * 5).dark().data() == AdalightFrame(bytes(15)).data()
+
+
+def test_frame_without_pixels_is_not_sent() -> None:
+    output = AdalightOutput(AdalightConfig(port="x"), NullHealth())
+    output.show(StripsFrame(stamp_ns=1, strips=(StripFrame(id="a", rgb=b"\1\2\3"),)))
+    assert output._newest is None
+
+
+async def test_pixels_that_a_new_map_lacks_become_dark() -> None:
+    output = AdalightOutput(AdalightConfig(port="x", gamma=1.0), NullHealth())
+    for pixels in (2, 1):
+        output.set_strips([Strip(id="a", line_m=((0, 0, 0), (1, 0, 0)), pixels=pixels)])
+        output.show(StripsFrame(stamp_ns=1, strips=(StripFrame(id="a", rgb=b"\1\2\3" * pixels),)))
+    assert isinstance(output._newest, AdalightFrame)
+    assert output._newest.pixels == b"\1\2\3\0\0\0"
+
+
+async def test_port_is_opened_with_a_dark_frame_which_contains_no_command() -> None:
+    device = PtyDevice()
+    await device.plug()
+    output = AdalightOutput(AdalightConfig(port=str(device.path), baud=4_000_000, gamma=1.0), NullHealth())
+    output.set_strips([Strip(id="a", line_m=((0, 0, 0), (1, 0, 0)), pixels=2)])
+    output.show(StripsFrame(stamp_ns=1, strips=(StripFrame(id="a", rgb=b"\xb1X\1\2\3\4"),)))
+    running = asyncio.create_task(output.run())
+    header = bytes.fromhex("416461000154")
+    await until(lambda: len(device.received) >= 24)
+    running.cancel()
+    await asyncio.wait({running})
+    assert device.received[:24] == header + bytes(6) + header + b"\xb1X\1\2\3\4"
+    await device.unplug()
+    device.close()

@@ -1,0 +1,213 @@
+"""Datagrams of frames: newest wins, resent, limited in rate, dark at the end; errors named."""
+
+import asyncio
+import functools
+import socket
+import threading
+from collections.abc import AsyncGenerator
+from contextlib import asynccontextmanager
+
+import pytest
+
+from pointit.schemas import Strip, StripFrame, StripsFrame
+from pointit.services.led_driver.output import datagram_sender
+from pointit.services.led_driver.output.datagram_sender import Datagram, Destination
+from pointit.services.led_driver.output.network_output import NetworkOutput, Wire
+from pointit.services.led_driver.output.pixel_map import PixelMap
+from pointit.services.led_driver.outputs import OutputConfig
+from pointit.testing import UdpDevice
+from tests.support.bench import until
+
+STRIP = Strip(id="a", line_m=((0, 0, 0), (1, 0, 0)), pixels=2)
+
+
+class Told:
+    """Takes warnings and metrics."""
+
+    def __init__(self) -> None:
+        self.warnings: dict[str, str] = {}
+        self.metrics: dict[str, float | None] = {}
+
+    def warn(self, topic: str, sentence: str) -> None:
+        if sentence:
+            self.warnings[topic] = sentence
+        else:
+            self.clear(topic)
+
+    def clear(self, topic: str) -> None:
+        self.warnings.pop(topic, None)
+
+    def set_metric(self, name: str, value: float | None, unit: str = "") -> None:  # noqa: ARG002 - as the bus
+        self.metrics[name] = value
+
+    def reached(self, latency_s: float) -> None:
+        assert latency_s >= 0.0
+
+
+def plain(pixels: bytes, _map: PixelMap, number: int) -> list[Datagram]:
+    return [Datagram(bytes((number % 256,)) + pixels)]
+
+
+def frame(value: int) -> StripsFrame:
+    return StripsFrame(stamp_ns=1, strips=(StripFrame(id="a", rgb=bytes([value] * 6)),))
+
+
+@asynccontextmanager
+async def running(
+    port: int, told: Told, host: str = "127.0.0.1", rate_hz: float = 1000.0
+) -> AsyncGenerator[NetworkOutput]:
+    output = NetworkOutput(
+        OutputConfig(gamma=1.0),
+        Destination(host=host, port=port),
+        Wire(encode=plain, max_rate_hz=rate_hz),
+        told,
+        host,
+    )
+    output.set_strips([STRIP])
+    work = asyncio.create_task(output.run())
+    yield output
+    work.cancel()
+    await asyncio.wait({work})
+
+
+@asynccontextmanager
+async def receiver() -> AsyncGenerator[UdpDevice]:
+    device = UdpDevice()
+    await device.plug()
+    yield device
+    await device.unplug()
+    device.close()
+
+
+async def test_frame_arrives_is_resent_and_ends_dark(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(datagram_sender, "KEEP_ALIVE_S", 0.01)
+    told = Told()
+    async with receiver() as device:
+        async with running(device.port, told) as output:
+            output.show(frame(7), 0.01)
+            await until(lambda: [each[1:] for each in device.datagrams[-3:]] == [bytes([7] * 6)] * 3)
+            assert output.light_s > 0.0
+            assert told.metrics["frame rate 127.0.0.1"] == pytest.approx(1000.0, rel=0.5)
+            assert (told.metrics["network rate 127.0.0.1"] or 0.0) > 0.0
+        await until(lambda: device.datagrams[-1][1:] == bytes(6))
+        counts = [each[0] for each in device.datagrams]
+        assert counts == [(counts[0] + k) % 256 for k in range(len(counts))]
+    assert not told.warnings
+
+
+async def test_newest_frame_replaces_those_that_the_rate_does_not_allow() -> None:
+    async with receiver() as device, running(device.port, Told(), rate_hz=20.0) as output:
+        output.show(frame(255))
+        await until(lambda: bool(device.datagrams))
+        for value in range(1, 255):
+            output.show(frame(value))
+            await asyncio.sleep(0)
+        await until(lambda: device.datagrams[-1][1:] == bytes([254] * 6))
+        assert len(device.datagrams) < 20
+
+
+async def test_refused_frames_are_named_and_arrive_when_the_light_is_back() -> None:
+    told, device = Told(), UdpDevice()
+    async with running(device.port, told) as output:
+        device.close()  # nobody listens
+        output.show(frame(1))
+        await until(lambda: "does not listen" in told.warnings.get("network 127.0.0.1", ""))
+        await device.plug()
+        output.show(frame(2))
+        await until(lambda: any(each[1:] == bytes([2] * 6) for each in device.datagrams))
+        await until(lambda: not told.warnings)
+        await device.unplug()
+
+
+async def test_pixels_that_a_new_map_lacks_become_dark() -> None:
+    async with receiver() as device, running(device.port, Told()) as output:
+        output.show(frame(7))
+        await until(lambda: last_is(device, 7))
+        output.set_strips([STRIP.model_copy(update={"pixels": 1})])
+        output.show(StripsFrame(stamp_ns=1, strips=(StripFrame(id="a", rgb=bytes((1, 2, 3))),)))
+        await until(lambda: device.datagrams[-1][1:] == bytes((1, 2, 3, 0, 0, 0)))
+        output.set_strips([])
+        await until(lambda: device.datagrams[-1][1:] == bytes(6))
+
+
+async def test_same_map_again_does_not_blink(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(datagram_sender, "KEEP_ALIVE_S", 0.01)
+    async with receiver() as device, running(device.port, Told()) as output:
+        output.show(frame(7))
+        await until(lambda: last_is(device, 7))
+        lit, count = len(device.datagrams), len(device.datagrams) + 3
+        output.set_strips([STRIP.model_copy()])
+        await until(lambda: len(device.datagrams) >= count)
+        assert {each[1:] for each in device.datagrams[lit:]} == {bytes([7] * 6)}
+
+
+async def test_light_that_is_back_while_a_retry_waits_ends_dark(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(datagram_sender, "RETRY_S", 1000.0)
+    told, device = Told(), UdpDevice()
+    async with running(device.port, told) as output:
+        output.show(frame(1))
+        device.close()  # nobody listens
+        output.show(frame(2))
+        await until(lambda: "does not listen" in told.warnings.get("network 127.0.0.1", ""))
+        await device.plug()
+    await until(lambda: [each[1:] for each in device.datagrams] == [bytes(6)])
+    await device.unplug()
+
+
+async def test_refusal_of_an_earlier_frame_does_not_keep_the_light_on(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(datagram_sender, "KEEP_ALIVE_S", 1000.0)
+    told, device = Told(), UdpDevice()
+    device.close()  # nobody listens
+    async with running(device.port, told):
+        await until(lambda: "network rate 127.0.0.1" in told.metrics)
+        await device.plug()
+    await until(lambda: [each[1:] for each in device.datagrams] == [bytes(6)])
+    await device.unplug()
+
+
+def last_is(device: UdpDevice, value: int) -> bool:
+    return bool(device.datagrams) and device.datagrams[-1][1] == value
+
+
+async def test_light_that_cannot_be_found_delays_no_other(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = asyncio.Event()
+    loop = asyncio.get_running_loop()
+    answer = threading.Event()
+
+    def resolve(*_: object) -> object:
+        loop.call_soon_threadsafe(asked.set)
+        answer.wait(60.0)
+        raise socket.gaierror(socket.EAI_NONAME, "no such name")
+
+    monkeypatch.setattr(socket, "getaddrinfo", resolve)
+    told = Told()
+    async with (
+        receiver() as device,
+        running(device.port, Told()) as other,
+        running(4048, told, host="kitchen.local") as lost,
+    ):
+        await asked.wait()
+        for value in range(1, 100):
+            lost.show(frame(value))
+            other.show(frame(value))
+            await until(functools.partial(last_is, device, value))
+        answer.set()
+        await until(lambda: "name is not known" in told.warnings.get("network kitchen.local", ""))
+
+
+async def test_segments_that_do_not_fit_the_map_are_named() -> None:
+    told = Told()
+    config = OutputConfig.model_validate({"segments": [{"strip": "b"}]})
+    output = NetworkOutput(
+        config,
+        Destination(host="127.0.0.1", port=1),
+        Wire(encode=plain, max_rate_hz=1.0),
+        told,
+        "127.0.0.1",
+    )
+    output.set_strips([STRIP])
+    assert told.warnings == {"segments 127.0.0.1": "127.0.0.1: the map has no strip b: correct `segments`"}
+    output.set_strips([STRIP.model_copy(update={"id": "b"})])
+    assert not told.warnings

@@ -1,0 +1,233 @@
+"""A moving head: angles at which its beam meets a point, motion, ownership, channels, and what it sends."""
+
+import asyncio
+import math
+from collections.abc import AsyncGenerator
+from contextlib import asynccontextmanager
+from typing import Any
+
+import pytest
+import pytest_asyncio
+from hypothesis import assume, given
+from hypothesis import strategies as st
+from pydantic import ValidationError
+
+from pointit.geometry import vector
+from pointit.geometry.vector import Vec3
+from pointit.runtime.health.surroundings import NullHealth
+from pointit.schemas import Cursor
+from pointit.services.led_driver.output.spotlight.beam import DARK, Beam, BeamState
+from pointit.services.led_driver.output.spotlight.config import SpotlightConfig
+from pointit.services.led_driver.output.spotlight.fixture import Fixture
+from pointit.services.led_driver.output.spotlight.head import HOME, Angles, Limits, Mounting, moved
+from pointit.services.led_driver.output.spotlight.ownership import Aim, BeamOwnership
+from pointit.services.led_driver.output.spotlight.spotlight import Spotlight
+from pointit.testing import UdpDevice
+from pointit.testing.shipped.led import e131_frames
+from tests.support.bench import until
+from tests.unit.led_driver.test_network_output import Told
+
+RED, BLUE = (255, 0, 0), (0, 0, 255)
+WIDE = Limits(math.radians(540), math.radians(270), math.radians(180), math.radians(90))
+HANGING = Mounting.from_degrees((0.0, 0.0, 3.0), 0.0, 0.0, 180.0)
+
+metres = st.floats(-10, 10)
+degrees = st.floats(-180, 180)
+mountings = st.builds(Mounting.from_degrees, st.tuples(metres, metres, metres), degrees, degrees, degrees)
+points = st.tuples(metres, metres, metres)
+reached = st.builds(Angles, st.floats(-4.7, 4.7), st.floats(-2.3, 2.3))
+
+
+@given(mountings, points, reached)
+def test_beam_at_the_angles_of_a_point_meets_it(mounting: Mounting, point_m: Vec3, start: Angles) -> None:
+    way_m = vector.subtract(point_m, mounting.position_m)
+    assume(vector.norm(way_m) > 0.01)
+    angles = mounting.angles(point_m, start, WIDE)
+    if angles is None:  # behind the base, where the head cannot turn to
+        assert vector.angle_between(way_m, mounting.beam(HOME)) > WIDE.tilt_range_rad / 2 - 1e-9
+        return
+    assert WIDE.allow(angles)
+    assert vector.angle_between(mounting.beam(angles), way_m) < 1e-6
+
+
+@given(reached, st.floats(-0.05, 0.05), st.floats(-0.05, 0.05))
+def test_nearby_points_are_reached_by_a_small_turn(start: Angles, pan: float, tilt: float) -> None:
+    assume(abs(start.tilt_rad) > 0.2)
+    near = Angles(start.pan_rad + pan, start.tilt_rad + tilt)
+    assume(WIDE.allow(near))
+    angles = HANGING.angles(vector.add(HANGING.position_m, HANGING.beam(near)), start, WIDE)
+    assert angles is not None
+    assert angles.pan_rad == pytest.approx(near.pan_rad, abs=1e-6)
+    assert angles.tilt_rad == pytest.approx(near.tilt_rad, abs=1e-6)
+
+
+def test_hanging_head_points_down_and_around() -> None:
+    down = HANGING.angles((0.0, 0.0, 0.0), Angles(0.7, 0.3), WIDE)
+    assert down is not None
+    assert (down.pan_rad, down.tilt_rad) == pytest.approx((0.7, 0.0))  # any pan will do, and it stays
+    aside = HANGING.angles((2.0, 0.0, 3.0), HOME, WIDE)
+    assert aside is not None
+    assert (aside.pan_rad, aside.tilt_rad) == pytest.approx((0.0, math.pi / 2))
+    assert HANGING.angles((0.0, 0.0, 9.0), HOME, WIDE) is None
+
+
+@given(reached, reached, st.lists(st.floats(0.0, 0.5), max_size=8))
+def test_motion_keeps_the_speed_of_both_axes_and_arrives_in_time(
+    start: Angles, end: Angles, steps: list[float]
+) -> None:
+    angles = start
+    for step_s in steps:
+        after = moved(angles, end, WIDE, step_s)
+        assert abs(after.pan_rad - angles.pan_rad) <= WIDE.pan_speed_radps * step_s + 1e-9
+        assert abs(after.tilt_rad - angles.tilt_rad) <= WIDE.tilt_speed_radps * step_s + 1e-9
+        angles = after
+    assert moved(angles, end, WIDE, WIDE.duration_s(start, end) + 1e-9) == end
+
+
+def test_beam_is_dark_while_it_must_turn_far() -> None:
+    beam = Beam(HANGING, WIDE, math.radians(20))
+    beam.aim((2.0, 0.0, 3.0), RED, 0.0)
+    assert beam.state(0.0) == BeamState(HOME, DARK)
+    assert beam.state(0.5).color == DARK
+    lit = beam.state(0.9)  # 9° before the target at 90° a second
+    assert (lit.color, beam.moves) == (RED, True)
+    assert beam.state(1.0).angles.tilt_rad == pytest.approx(math.pi / 2)
+    assert not beam.moves
+
+
+def test_beam_stays_dark_where_it_is_without_a_point_or_out_of_reach() -> None:
+    beam = Beam(HANGING, WIDE)
+    beam.aim((2.0, 0.0, 3.0), RED, 0.0)
+    half = beam.state(0.5).angles
+    beam.aim(None, RED, 0.5)
+    assert beam.state(3.0) == BeamState(half, DARK)
+    assert beam.in_reach
+    beam.aim((0.0, 0.0, 9.0), RED, 3.0)
+    assert beam.state(4.0) == BeamState(half, DARK)
+    assert not beam.in_reach
+
+
+def test_beam_belongs_to_who_began_to_point_last() -> None:
+    people = BeamOwnership()
+    assert people.aim is None
+    people.set_cursor("ann", (1, 0, 0), RED)
+    people.set_cursor("bob", (2, 0, 0), BLUE)
+    people.set_cursor("ann", (3, 0, 0), RED)  # she goes on
+    assert people.aim == Aim("bob", (2, 0, 0), BLUE)
+    people.set_cursor("bob", None, BLUE)
+    assert people.aim == Aim("ann", (3, 0, 0), RED)
+    people.set_cursor("ann", None, RED)
+    assert people.aim is None
+
+
+def test_beam_of_a_named_person_follows_nobody_else() -> None:
+    people = BeamOwnership("ann")
+    people.set_cursor("bob", (2, 0, 0), BLUE)
+    assert people.aim is None
+    people.set_cursor("ann", (1, 0, 0), RED)
+    assert people.aim == Aim("ann", (1, 0, 0), RED)
+
+
+def slots_of(angles: Angles, **values: Any) -> bytes:
+    return Fixture(SpotlightConfig.model_validate(values)).slots(BeamState(angles, RED))
+
+
+def test_channels_are_those_of_the_manual_behind_the_address() -> None:
+    values = slots_of(Angles(math.radians(135), math.radians(-135)), address=11, fixed_channels={9: 200})
+    assert values[10:19] == bytes((0xBF, 0xFF, 0, 0, 255, 255, 0, 0, 200))
+    assert len(values) == 512
+    assert not any(values[:10] + values[19:])
+
+
+def test_axis_without_a_fine_channel_is_rounded_and_an_inverted_one_mirrored() -> None:
+    channels = {
+        "pan": 2,
+        "pan_fine": 0,
+        "tilt": 1,
+        "tilt_fine": 0,
+        "dimmer": 3,
+        "red": 0,
+        "green": 0,
+        "blue": 0,
+    }
+    quarter = Angles(math.radians(135), math.radians(67.5))
+    assert slots_of(quarter, channels=channels)[:4] == bytes((191, 191, 255, 0))
+    assert slots_of(quarter, channels=channels, invert_pan=True)[:2] == bytes((191, 64))
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        {"universe": 0},
+        {"protocol": "artnet", "universe": 40000},
+        {"host": "multicast"},
+        {"address": 510},
+        {"channels": {"tilt": 1}},
+        {"fixed_channels": {5: 0}},
+        {"fixed_channels": {0: 0}},
+        {"fixed_channels": {9: 256}},
+        {"channels": {"dimmer": 0, "red": 0}},
+    ],
+)
+def test_impossible_fixtures_are_refused(values: dict[str, object]) -> None:
+    with pytest.raises(ValidationError):
+        SpotlightConfig.model_validate(values)
+
+
+@pytest_asyncio.fixture
+async def device() -> AsyncGenerator[UdpDevice]:
+    device = UdpDevice()
+    await device.plug()
+    yield device
+    await device.unplug()
+    device.close()
+
+
+@asynccontextmanager
+async def shining(device: UdpDevice) -> AsyncGenerator[Spotlight]:
+    """Yield a hanging head 3 m above the room's origin, which has turned 90° within 50 ms."""
+    spotlight = Spotlight(
+        SpotlightConfig(host=device.host, port=device.port, tilt_range_deg=360, tilt_speed_degps=2000),
+        NullHealth(),
+    )
+    work = asyncio.create_task(spotlight.run())
+    yield spotlight
+    work.cancel()
+    await asyncio.wait({work})
+
+
+def cursor(point_m: Vec3 | None) -> Cursor:
+    return Cursor(stamp_ns=1, surface="none", point_m=point_m)
+
+
+THERE = bytes((0x80, 0, 0xBF, 0xFF))
+"""Pan 0, and 90° of a range of 360° of tilt."""
+
+
+def newest(device: UdpDevice) -> bytes:
+    return (e131_frames(bytes(device.received)) or [bytes(512)])[-1]
+
+
+async def test_beam_follows_the_cursor_and_is_dark_without_one(device: UdpDevice) -> None:
+    async with shining(device) as spotlight:
+        spotlight.show_cursor("ann", cursor((2.0, 0.0, 3.0)), RED)
+        await until(lambda: newest(device)[:8] == THERE + bytes((255, 255, 0, 0)))
+        spotlight.show_cursor("ann", cursor(None), RED)
+        await until(lambda: newest(device)[:8] == THERE + bytes(4))
+
+
+async def test_head_stays_dark_where_it_is_when_its_stream_is_terminated(device: UdpDevice) -> None:
+    async with shining(device) as spotlight:
+        spotlight.show_cursor("ann", cursor((2.0, 0.0, 3.0)), RED)
+        await until(lambda: newest(device)[:5] == THERE + bytes((255,)))
+    await until(lambda: [packet[112] for packet in device.datagrams[-4:]] == [0, 0x40, 0x40, 0x40])
+    assert all(packet[126:134] == THERE + bytes(4) for packet in device.datagrams[-4:])
+
+
+async def test_cursor_out_of_reach_is_named_until_it_is_back() -> None:
+    told = Told()
+    spotlight = Spotlight(SpotlightConfig(host="head"), told)
+    spotlight.show_cursor("ann", cursor((0.0, 0.0, 9.0)), RED)
+    assert "cursor of ann" in told.warnings["reach head"]
+    spotlight.show_cursor("ann", cursor((1.0, 0.0, 0.0)), RED)
+    assert not told.warnings

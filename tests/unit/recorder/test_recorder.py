@@ -1,0 +1,383 @@
+"""The recorder on a bus in memory: everything is in the file, and what cannot be written is said."""
+
+import asyncio
+import itertools
+import os
+import random
+from collections.abc import AsyncGenerator, AsyncIterator, Callable
+from contextlib import asynccontextmanager
+from pathlib import Path
+from typing import IO, Any, Self
+
+import pytest
+
+from pointit.bridges.web.config import Place, WebConfig
+from pointit.recording import container
+from pointit.recording.entries import Entry, body_kind
+from pointit.recording.library import Chunk, Opcode
+from pointit.recording.reader import Recording
+from pointit.recording.writer import RecordingWriter
+from pointit.runtime.bus.local_broker import LocalBroker
+from pointit.runtime.bus.memory_bus import MemoryBus
+from pointit.runtime.clock import WallClock
+from pointit.runtime.config.published import published_parameters
+from pointit.runtime.errors import ConfigError, RefusedError
+from pointit.runtime.health.service_bus import ServiceBus
+from pointit.runtime.service.service import Launch, run_service
+from pointit.schemas import (
+    Configuration,
+    Cursor,
+    Deployment,
+    ExpectedService,
+    Feedback,
+    Health,
+    ImuSample,
+    SetBrightness,
+    StripFrame,
+    StripsFrame,
+    UserProfile,
+)
+from pointit.schemas.catalogue.example import example
+from pointit.schemas.topics import (
+    BUTTON,
+    CONFIGURATION,
+    CURSOR,
+    DEPLOYMENT,
+    FEEDBACK,
+    HEALTH,
+    IMU,
+    LAMP_COLOR,
+    PROFILE,
+    SERVICE_ALIVE,
+    SET_BRIGHTNESS,
+    STRIPS_FRAME,
+    USER_ALIVE,
+)
+from pointit.services.recorder.config import RecorderConfig
+from pointit.services.recorder.service import Recorder
+from tests.support.bench import until
+
+LEVEL = (0.0, 0.0, 0.0, 1.0)
+
+
+class Site:
+    """A bus on which things happen, and a recorder."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.exchange = LocalBroker()
+        self.bus = MemoryBus(self.exchange)
+        self.health: list[Health] = []
+        self.bus.subscribe(HEALTH, lambda message, _name: self.health.append(message), "recorder")
+
+    @asynccontextmanager
+    async def recorded(self, **parameters: Any) -> AsyncGenerator[None]:
+        own = MemoryBus(self.exchange)
+        config = RecorderConfig(file=str(self.path), **parameters)
+        task = asyncio.create_task(run_service(Launch(service=Recorder, config=config), own, WallClock()))
+        await until(lambda: "recorder" in self.exchange.present.get(SERVICE_ALIVE.key, {}))
+        try:
+            yield
+        finally:
+            task.cancel()
+            await asyncio.gather(task, return_exceptions=True)
+            await own.close()
+
+    def read(self, keys: Callable[[str], bool] | None = None) -> list[Entry]:
+        with Recording.open(self.path) as recording:
+            found = list(recording.entries(keys))
+            assert (recording.problem, recording.invalid, recording.unknown) == ("", 0, {})
+            return found
+
+    def bodies(self, key: str) -> list[Any]:
+        return [each.body for each in self.read(lambda other: other == key)]
+
+
+@pytest.fixture
+async def site(tmp_path: Path) -> AsyncIterator[Site]:
+    site = Site(tmp_path / "session.mcap")
+    yield site
+    await site.bus.close()
+
+
+def sample(number: int) -> ImuSample:
+    return ImuSample(stamp_ns=1000 + number, seq=number, orientation_xyzw=LEVEL)
+
+
+async def test_every_message_is_recorded_also_those_that_others_would_skip(site: Site) -> None:
+    messages = [sample(number) for number in (*range(200), 150)]  # the last is out of order
+    async with site.recorded():
+        publisher = site.bus.publisher(IMU, "anna")
+        for message in messages:
+            publisher.put(message)
+        await asyncio.sleep(0)
+    assert site.bodies(IMU.at("anna")) == messages
+
+
+async def test_states_from_before_are_at_the_beginning(site: Site) -> None:
+    profile = UserProfile(stamp_ns=1, seq=1)
+    site.bus.publisher(PROFILE, "anna").put(profile)
+    async with site.recorded():
+        await asyncio.sleep(0)
+    assert site.bodies(PROFILE.at("anna")) == [profile]
+    assert [body.service for body in site.bodies(CONFIGURATION.at("recorder"))] == ["recorder"]
+
+
+async def test_requests_are_recorded_with_reply_or_refusal(site: Site) -> None:
+    async def serve(query: SetBrightness, _name: str) -> Any:
+        if query.brightness < 0.5:
+            raise RefusedError("too dark")
+        return SET_BRIGHTNESS.reply(message="dimmed")
+
+    server = ServiceBus(site.bus, WallClock(), "led-driver", "led-driver")
+    async with site.recorded():
+        server.serve(SET_BRIGHTNESS, serve)
+        await site.bus.call(SET_BRIGHTNESS, SetBrightness(brightness=0.75))
+        with pytest.raises(RefusedError):
+            await site.bus.call(SET_BRIGHTNESS, SetBrightness(brightness=0.25))
+        await asyncio.sleep(0)
+    done, refused = site.bodies("leds/brightness")
+    kind: Any = body_kind(SET_BRIGHTNESS)
+    reply = SET_BRIGHTNESS.reply(message="dimmed")
+    assert done == kind(stamp_ns=done.stamp_ns, query=SetBrightness(brightness=0.75), reply=reply)
+    assert refused == kind(
+        stamp_ns=refused.stamp_ns, query=SetBrightness(brightness=0.25), refusal="too dark"
+    )
+
+
+async def test_presence_is_recorded_as_it_changes(site: Site) -> None:
+    before = site.bus.announce(USER_ALIVE, "anna")
+    async with site.recorded():
+        await asyncio.sleep(0)
+        before.close()
+        await asyncio.sleep(0)
+    assert site.bodies(USER_ALIVE.at("anna")) == [True, False]
+
+
+async def test_topics_are_left_out_on_request(site: Site) -> None:
+    async with site.recorded(without=("imu",)):
+        site.bus.publisher(IMU, "anna").put(sample(1))
+        site.bus.publisher(BUTTON, "anna").put(example(BUTTON.message))
+        await asyncio.sleep(0)
+    keys = {each.key for each in site.read()}
+    assert "users/anna/button" in keys
+    assert "users/anna/imu" not in keys
+    with Recording.open(site.path) as recording:
+        assert recording.head.without == ("imu",)
+
+
+async def test_pseudonyms_stand_for_people_everywhere(site: Site) -> None:
+    async with site.recorded(pseudonyms=True):
+        for user in ("anna", "anna-lena", "user"):
+            site.bus.announce(USER_ALIVE, user)
+        await asyncio.sleep(0)
+        feedback = Feedback(stamp_ns=1, cue="selected", chime="tick", text="anna: give it to anna-lena, user")
+        site.bus.publisher(FEEDBACK, "anna").put(feedback)
+        report = Health(stamp_ns=1, service="pointing", instance="pointing.anna", user="anna", pid=1)
+        site.bus.publisher(HEALTH, "pointing.anna").put(report)
+        await asyncio.sleep(0)
+    numbers = {each.name for each in site.read() if each.row is USER_ALIVE}
+    assert numbers == {"person-1", "person-2", "person-3"}
+    (said,) = (each for each in site.read() if each.row is FEEDBACK)
+    assert (said.name, said.body) == (
+        "person-1",
+        feedback.model_copy(update={"text": "person-1: give it to person-2, person-3"}),
+    )
+    assert site.bodies("health/pointing.person-1") == [
+        report.model_copy(update={"instance": "pointing.person-1", "user": "person-1"})
+    ]
+    assert b"anna" not in b"".join(str(each).encode() for each in site.read())
+
+
+async def test_names_are_nowhere_in_the_file_also_if_they_are_learnt_late(site: Site) -> None:
+    command = ("pointit", "service", "pointing", "--user", "anna")
+    expected = ExpectedService(service="pointing", user="anna", command=command)
+    web = WebConfig(places={"Chris": Place(position_m=(1.0, 0.0, 0.0))})
+    parameters = published_parameters(web)
+    async with site.recorded(pseudonyms=True):
+        told = Health(
+            stamp_ns=1, service="web", instance="web", pid=1, host="Anna-laptop", warnings=("ben_2",)
+        )
+        site.bus.publisher(HEALTH, "web").put(told)
+        run = Deployment(stamp_ns=1, name="scenario_1", services=(expected,))
+        site.bus.publisher(DEPLOYMENT, "run.1").put(run)
+        configuration = Configuration(stamp_ns=1, service="web", instance="web", parameters=parameters)
+        site.bus.publisher(CONFIGURATION, "web").put(configuration)
+        site.bus.publisher(DEPLOYMENT, "ben").put(Deployment(stamp_ns=1, name="ben"))
+        await asyncio.sleep(0)
+    content = unpacked(site.path).lower()
+    assert b"person-1-laptop" in content
+    for name in (b"anna", b"ben", b"chris"):
+        assert name not in content
+    (replaced,) = site.bodies(CONFIGURATION.at("web"))
+    (place,) = WebConfig.model_validate_json(replaced.parameters).places.items()
+    assert place[0].startswith("person-")
+    assert place[1] == web.places["Chris"]
+
+
+async def test_names_that_are_numbers_or_words_of_messages_cost_no_message(site: Site) -> None:
+    names = ("1", "0", "red", "selected", "true", "stamp_ns")
+    feedback = Feedback(stamp_ns=1, cue="selected", chime="tick", text="1 has 0.1 m, led_1")
+    async with site.recorded(pseudonyms=True):
+        for user in names:
+            site.bus.announce(USER_ALIVE, user)
+        publisher = site.bus.publisher(CURSOR, "1")
+        for number in range(100):
+            publisher.put(Cursor(stamp_ns=number, seq=number, miss_rad=0.1))
+        site.bus.publisher(FEEDBACK, "1").put(feedback)
+        site.bus.publisher(LAMP_COLOR, "led_1").put(example(LAMP_COLOR.message))
+        await asyncio.sleep(0)
+    cursors = [each.body for each in site.read() if each.row is CURSOR]
+    assert cursors == [Cursor(stamp_ns=number, seq=number, miss_rad=0.1) for number in range(100)]
+    (said,) = (each for each in site.read() if each.row is FEEDBACK)
+    one = said.name
+    assert said.body == feedback.model_copy(update={"text": f"{one} has 0.1 m, led_1"})
+    assert site.bodies(LAMP_COLOR.at("led_1")) == [example(LAMP_COLOR.message)]
+
+
+def unpacked(path: Path) -> bytes:
+    """Return the records of a recording, unpacked."""
+    found = b""
+    with path.open("rb") as file:
+        for place in container.records(file):
+            if place.opcode == Opcode.CHUNK:
+                found += container.unpack(container.read(file, place, Chunk))
+    return found
+
+
+async def test_a_lost_router_is_said_once(
+    site: Site, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    seconds = itertools.count()
+    problem = property(lambda _bus: f"router at tcp/127.0.0.1:7447 lost {next(seconds)} s ago; trying again")
+    monkeypatch.setattr(MemoryBus, "problem", problem)
+    monkeypatch.setattr("pointit.services.recorder.service.REPORT_S", 0.001)
+    async with site.recorded():
+        await until(lambda: next(seconds) > 50)
+    assert caplog.text.count("not everything is recorded: router at tcp/127.0.0.1:7447 lost") == 1
+
+
+async def test_a_site_on_which_nothing_runs_is_said_before_and_after_its_services(
+    site: Site, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr("pointit.services.recorder.service.REPORT_S", 0.001)
+    monkeypatch.setattr("pointit.services.recorder.service.ALONE_S", 0.02)
+    monkeypatch.setattr(Recorder, "IS_COMMAND", True)
+    before, after = "no service runs on site memory: ", "no service runs on site memory any more: "
+    async with site.recorded():
+        site.bus.announce(SERVICE_ALIVE, "router")
+        await until(lambda: before in caplog.text)
+        service = site.bus.announce(SERVICE_ALIVE, "pui")
+        await until(lambda: "pui" in site.exchange.present.get(SERVICE_ALIVE.key, {}))
+        await asyncio.sleep(0.1)
+        assert after not in caplog.text
+        service.close()
+        await until(lambda: after in caplog.text)
+    assert (caplog.text.count(before), caplog.text.count(after)) == (1, 1)
+
+
+async def test_file_that_exists_is_never_overwritten(site: Site) -> None:
+    site.path.write_bytes(b"precious")
+    async with site.recorded():
+        await asyncio.sleep(0)
+    assert site.path.read_bytes() == b"precious"
+    site.path = site.path.with_name("session-2.mcap")
+    assert site.read()
+
+
+class FullDisk:
+    """A file on a disk that gets full."""
+
+    def __init__(self, file: IO[bytes], room: int) -> None:
+        self._file, self._room = file, room
+
+    def write(self, data: bytes) -> int:
+        self._room -= len(data)
+        if self._room < 0:
+            raise OSError(28, os.strerror(28))
+        return self._file.write(data)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._file.close()
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._file, name)
+
+
+async def test_full_disk_is_said_and_what_is_there_is_readable(
+    site: Site, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    opened = Path.open
+
+    def full(path: Path, mode: str = "r", **options: Any) -> Any:
+        file = opened(path, mode, **options)
+        return FullDisk(file, 100_000) if mode == "xb" else file
+
+    monkeypatch.setattr(Path, "open", full)
+    async with site.recorded():
+        publisher = site.bus.publisher(STRIPS_FRAME)
+        noise, number = random.Random(1), 0
+
+        def is_told() -> bool:
+            nonlocal number
+            if number < len(site.health):
+                number += 1
+                strip = StripFrame(id="s", rgb=noise.randbytes(3000))
+                publisher.put(StripsFrame(stamp_ns=number, seq=number, strips=(strip,)))
+            return any("No space left" in each for report in site.health for each in report.warnings)
+
+        await until(is_told)
+    assert "No space left on device; nothing more is recorded" in caplog.text
+    with Recording.open(site.path) as recording:
+        frames = [each.body for each in recording.entries() if each.row is STRIPS_FRAME]
+        assert [frame.seq for frame in frames if isinstance(frame, StripsFrame)] == [
+            *range(1, len(frames) + 1)
+        ]
+        assert frames
+        assert "it ends in the middle" in recording.problem
+
+
+async def test_health_tells_how_many_messages_are_left_out_and_why(
+    site: Site, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    added = RecordingWriter.add
+
+    def add(self: RecordingWriter, entry: Entry) -> None:
+        if entry.row is BUTTON:
+            raise RuntimeError("a fault")
+        added(self, entry)
+
+    monkeypatch.setattr(RecordingWriter, "add", add)
+    sentence = "2 messages are not in the recording: a fault of PointIt, see the log"
+    async with site.recorded():
+        for _ in range(2):
+            site.bus.publisher(BUTTON, "anna").put(example(BUTTON.message))
+        await until(lambda: any(sentence in report.warnings for report in site.health))
+
+
+@pytest.mark.parametrize(
+    ("parameters", "sentence"),
+    [
+        ({"file": "/nowhere/at/all/a.mcap"}, "its folder does not exist"),
+        ({"without": ("smell",)}, "no topic is called so; choose from"),
+    ],
+)
+def test_wrong_parameters_are_refused_before_the_start(parameters: dict[str, Any], sentence: str) -> None:
+    with pytest.raises(ConfigError, match=sentence):
+        Recorder.validate_config(RecorderConfig(**parameters))
+
+
+async def test_movements_of_one_person_only_are_recorded_for_an_identity_that_may_read_no_others(
+    site: Site,
+) -> None:
+    async with site.recorded(person="anna"):
+        for user in ("anna", "ben"):
+            site.bus.publisher(IMU, user).put(sample(1))
+            site.bus.publisher(BUTTON, user).put(example(BUTTON.message))
+        await asyncio.sleep(0)
+    keys = {each.key for each in site.read()}
+    assert {"users/anna/imu", "users/anna/button", "users/ben/button"} <= keys
+    assert "users/ben/imu" not in keys

@@ -1,0 +1,272 @@
+"""Foreign, newer and hostile files: one sentence, bounded memory."""
+
+import io
+import resource
+import struct
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from mcap.data_stream import RecordBuilder
+from mcap.records import Channel, Chunk
+from mcap.writer import Writer
+from zstandard import ZstdCompressor
+
+from pointit.recording.entries import RecordingError
+from pointit.recording.head import METADATA, make_head
+from pointit.recording.reader import Recording
+from pointit.recording.writer import RecordingWriter
+from pointit.schemas import NS_PER_S, ImuSample
+from pointit.schemas.catalogue.example import example
+
+START = 1_700_000_000 * NS_PER_S
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    return tmp_path / "session.mcap"
+
+
+class Hostile(Writer):
+    """Writes the head of a recording, and then what it is given."""
+
+    def __init__(self, file: io.BufferedWriter) -> None:
+        super().__init__(file)
+        self.file = file
+        self.start(profile="", library="hostile")
+        self.add_metadata(METADATA, {"head": make_head("lab", START).model_dump_json()})
+
+    def chunk(self, data: bytes) -> None:
+        self.packed_chunk(ZstdCompressor().compress(data), len(data))
+
+    def packed_chunk(self, packed: bytes, size: int, compression: str = "zstd") -> None:
+        self.file.write(
+            records(
+                Chunk(
+                    compression=compression,
+                    data=packed,
+                    message_start_time=START,
+                    message_end_time=START,
+                    uncompressed_crc=0,
+                    uncompressed_size=size,
+                )
+            )
+        )
+
+
+@pytest.fixture
+def hostile(path: Path) -> Iterator[Hostile]:
+    with path.open("wb") as file:
+        yield Hostile(file)
+
+
+def records(*parts: Any) -> bytes:
+    builder = RecordBuilder()
+    for part in parts:
+        part.write(builder)
+    content: bytes = builder.end()  # type: ignore[no-untyped-call]
+    return content
+
+
+def zeros_packed(total: int) -> bytes:
+    packer = ZstdCompressor(level=1).compressobj()
+    block = bytes(1 << 20)
+    return b"".join(packer.compress(block) for _ in range(total >> 20)) + packer.flush()
+
+
+def channel(number: int, topic: str, key: str = "") -> Channel:
+    return Channel(number, topic, "json", {"key": key, "row": "topic"}, 0)
+
+
+def bomb(hostile: Hostile) -> None:
+    hostile.packed_chunk(zeros_packed(1 << 30), 10 * 10**9)
+
+
+def claimed_bomb(hostile: Hostile) -> None:
+    """A frame whose own header promises 10 GB, which a decompressor may allocate at once."""
+    header = b"\x28\xb5\x2f\xfd" + bytes([0b1100_0000, 0]) + struct.pack("<Q", 10 * 10**9)
+    hostile.packed_chunk(header + b"\x01\x00\x00", 10 * 10**9)
+
+
+def many_channels(hostile: Hostile) -> None:
+    hostile.chunk(records(*(channel(k, f"/{k}", f"users/u{k}/imu") for k in range(25_000))))
+
+
+def repeated_channels(hostile: Hostile) -> None:
+    block = records(*(channel(k, f"/{k}") for k in range(10_000)))
+    for _ in range(10):
+        hostile.chunk(block)
+    hostile.chunk(records(channel(1, "/other")))
+
+
+def huge_channels(hostile: Hostile) -> None:
+    for block in range(5):
+        hostile.chunk(records(*(channel(block * 9 + k, "/a" * 512_000) for k in range(9))))
+
+
+def renamed_channel(hostile: Hostile) -> None:
+    hostile.chunk(records(channel(1, "/a"), channel(1, "/b")))
+
+
+def unknown_packing(hostile: Hostile) -> None:
+    hostile.packed_chunk(b"abc", 3, "lz4")
+
+
+def cut_record(hostile: Hostile) -> None:
+    hostile.chunk(struct.pack("<BQ", 5, 2**60) + b"abc")
+
+
+def random_schema(hostile: Hostile) -> None:
+    hostile.chunk(struct.pack("<BQ", 3, 6) + b"\x01\x00\xff\xff\xff\xff")
+
+
+def empty_records(hostile: Hostile) -> None:
+    hostile.chunk(struct.pack("<BQ", 9, 0) * 100_000)
+
+
+def empty_messages(hostile: Hostile) -> None:
+    hostile.chunk(records(channel(0, "/a")) + (struct.pack("<BQ", 5, 22) + bytes(22)) * 20_000)
+
+
+def not_packed(hostile: Hostile) -> None:
+    data = (struct.pack("<BQ", 5, 22) + bytes(22)) * 60_000
+    hostile.packed_chunk(data, len(data), "")
+
+
+def far_future(hostile: Hostile) -> None:
+    hostile.chunk(
+        records(channel(0, "/a")) + struct.pack("<BQ", 5, 22) + struct.pack("<HIQQ", 0, 0, 2**63, 0)
+    )
+
+
+@pytest.mark.parametrize(
+    ("attack", "sentence"),
+    [
+        (bomb, "unpacks to more than"),
+        (claimed_bomb, "another size than it says"),
+        (repeated_channels, "one number to two channels"),
+        (many_channels, "more than 20000 channels"),
+        (huge_channels, "bytes about them"),
+        (renamed_channel, "one number to two channels"),
+        (unknown_packing, "packed with 'lz4'"),
+        (cut_record, "a record is cut off"),
+        (random_schema, "is damaged"),
+        (empty_records, "a record of the kind 9"),
+        (empty_messages, "too many records for its size"),
+        (not_packed, "too many records for its size"),
+        (far_future, "is beyond 64 bits"),
+    ],
+)
+def test_hostile_file_costs_one_sentence_and_little_memory(
+    attack: Callable[[Hostile], None], sentence: str, hostile: Hostile, path: Path
+) -> None:
+    attack(hostile)
+    hostile.file.flush()
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    with Recording.open(path) as recording:
+        assert list(recording.entries()) == []
+        assert sentence in recording.problem
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 200_000  # KiB
+
+
+def message_of(hostile: Hostile, schema: str, content: bytes, key: str = "users/anna/imu") -> None:
+    number = hostile.register_schema(schema, "jsonschema", b"{}")
+    channel = hostile.register_channel("/x", "json", number, {"key": key, "row": "topic"})
+    hostile.add_message(channel, START, content, START)
+    hostile.flush()  # type: ignore[no-untyped-call]
+
+
+@pytest.mark.parametrize(
+    ("schema", "content", "complaint"),
+    [
+        ("ImuSample.v1", b"not json", "Invalid JSON"),
+        ("ImuSample.v1", b'{"stamp_ns": "soon"}', "stamp_ns"),
+        ("Nonsense.v1", b"{}", "Field required"),
+        ("ImuSample.v1", b"[" * 10_000, "ImuSample"),
+        ("ImuSample.v1", b" " * 10**6, "at most"),
+    ],
+)
+def test_message_that_is_none_is_counted_with_the_first_complaint(
+    schema: str, content: bytes, complaint: str, hostile: Hostile, path: Path
+) -> None:
+    message_of(hostile, schema, content)
+    hostile.finish()  # type: ignore[no-untyped-call]
+    hostile.file.flush()
+    with Recording.open(path) as recording:
+        assert list(recording.entries()) == []
+        assert recording.invalid == 1
+        assert complaint in recording.complaint
+
+
+def test_newer_message_is_read_without_its_unknown_fields(hostile: Hostile, path: Path) -> None:
+    message = example(ImuSample)
+    newer = message.model_dump_json().encode()[:-1] + b', "temperature_c": 20.5}'
+    message_of(hostile, "ImuSample.v9", newer)
+    hostile.finish()  # type: ignore[no-untyped-call]
+    hostile.file.flush()
+    with Recording.open(path) as recording:
+        assert [each.body for each in recording.entries()] == [message]
+
+
+def test_channel_of_an_unknown_topic_is_counted_and_not_read(hostile: Hostile, path: Path) -> None:
+    message_of(hostile, "Smell.v1", b"{}", key="users/anna/smell")
+    hostile.finish()  # type: ignore[no-untyped-call]
+    hostile.file.flush()
+    with Recording.open(path) as recording:
+        assert (recording.counts, recording.unknown) == ({}, {"/x": 1})
+        assert list(recording.entries()) == []
+
+
+def foreign(path: Path) -> None:
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        message_of(writer, "ImuSample.v1", b"{}")  # type: ignore[arg-type]
+        writer.finish()  # type: ignore[no-untyped-call]
+
+
+def newer_format(path: Path) -> None:
+    with path.open("wb") as file:
+        head = make_head("lab", START).model_copy(update={"format": 2, "version": "9.0"})
+        RecordingWriter(file, head).close()
+
+
+def absent(path: Path) -> None:
+    assert not path.exists()
+
+
+def of_ros_1(path: Path) -> None:
+    path.write_bytes(b"#ROSBAG V2.0\n" * 99)
+
+
+def begun_as_one(path: Path) -> None:
+    path.write_bytes(b"\x89MCAP0\r\n" + bytes(range(256)))
+
+
+def begun_only(path: Path) -> None:
+    path.write_bytes(b"\x89MCAP0\r\n")
+
+
+@pytest.mark.parametrize(
+    ("make", "sentence"),
+    [
+        (absent, "cannot be read: No such file"),
+        (Path.mkdir, "cannot be read: Is a directory"),
+        (Path.touch, "is no recording"),
+        (of_ros_1, "is no recording"),
+        (begun_as_one, "is no recording of PointIt"),
+        (begun_only, "it ends in the middle"),
+        (foreign, "is no recording of PointIt"),
+        (newer_format, "written by a newer PointIt (9.0)"),
+    ],
+)
+def test_file_that_is_no_recording_is_refused_in_one_sentence(
+    make: Callable[[Path], object], sentence: str, path: Path
+) -> None:
+    make(path)
+    with pytest.raises(RecordingError) as error:
+        Recording.open(path)
+    assert sentence in str(error.value)
+    assert str(path) in str(error.value)
+    assert "\n" not in str(error.value)

@@ -1,0 +1,235 @@
+"""Recordings: entries that were written are read back, also from a file that is cut off or damaged."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from mcap.reader import make_reader
+
+from pointit.recording import container, reader
+from pointit.recording.entries import Entry, Exchange, RecordingError, body_kind, entry
+from pointit.recording.head import make_head
+from pointit.recording.reader import Recording
+from pointit.recording.writer import RecordingWriter
+from pointit.schemas import NS_PER_S, Cursor, Done, Message, SetSpeed, encode
+from pointit.schemas.catalogue.example import example
+from pointit.schemas.topics import (
+    BUTTON,
+    CURSOR,
+    REQUESTS,
+    SET_SPEED,
+    TOPICS,
+    USER_ALIVE,
+    Request,
+    Topic,
+)
+
+START = 1_700_000_000 * NS_PER_S
+
+
+def at(seconds: float) -> int:
+    return START + round(seconds * NS_PER_S)
+
+
+def cursor(seconds: float, user: str = "anna") -> Entry:
+    return entry(
+        at(seconds), CURSOR, user, Cursor(stamp_ns=at(seconds), seq=round(seconds * 50), miss_rad=0.1)
+    )
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    return tmp_path / "session.mcap"
+
+
+def write(path: Path, entries: list[Entry], **head: Any) -> None:
+    with path.open("wb") as file:
+        writer = RecordingWriter(file, make_head("lab", START, **head))
+        for each in entries:
+            writer.add(each)
+        writer.close()
+
+
+def session(seconds: float = 10.0) -> list[Entry]:
+    return [cursor(k / 50) for k in range(round(50 * seconds))]
+
+
+@pytest.mark.parametrize("topic", [pytest.param(topic, id=topic.key) for topic in TOPICS])
+def test_every_message_is_read_as_it_was_written(topic: Topic[Message], path: Path) -> None:
+    message = example(topic.message)
+    written = entry(at(1.0), topic, "anna" if topic.placeholder else "", message)
+    write(path, [written])
+    with Recording.open(path) as recording:
+        (found,) = recording.entries()
+        assert found == written
+        assert isinstance(found.body, Message)
+        assert encode(found.body) == encode(message)
+        assert (recording.problem, recording.counts) == ("", {written.key: 1})
+
+
+@pytest.mark.parametrize("request_row", [pytest.param(row, id=row.key) for row in REQUESTS])
+def test_every_request_is_read_with_its_reply_or_its_refusal(
+    request_row: Request[Any, Any], path: Path
+) -> None:
+    kind: Any = body_kind(request_row)
+    query = example(request_row.query)
+    name = "anna" if request_row.placeholder else ""
+    answered = kind(stamp_ns=at(1.0), query=query, reply=example(request_row.reply))
+    refused = kind(stamp_ns=at(2.0), query=query, refusal="not now")
+    written = [entry(at(k), request_row, name, body) for k, body in enumerate((answered, refused))]
+    write(path, written)
+    with Recording.open(path) as recording:
+        assert list(recording.entries()) == written
+        assert recording.invalid == 0
+
+
+def test_presence_head_times_and_counts_are_read_back(path: Path) -> None:
+    there = [entry(at(0.0), USER_ALIVE, "anna", True), entry(at(9.0), USER_ALIVE, "anna", False)]
+    written = [there[0], *session(5.0), there[1]]
+    write(path, written, seed=7, without=("imu",), pseudonyms=True)
+    with Recording.open(path) as recording:
+        assert list(recording.entries()) == written
+        assert recording.head == make_head("lab", START, seed=7, without=("imu",), pseudonyms=True)
+        assert (recording.began_ns, recording.ended_ns) == (at(0.0), at(9.0))
+        assert recording.counts == {"alive/users/anna": 2, "users/anna/cursor": 250}
+
+
+def test_entries_are_those_of_the_keys_and_times_that_are_asked_for(path: Path) -> None:
+    write(path, [each for k in range(100) for each in (cursor(k / 10), cursor(k / 10, "ben"))])
+    with Recording.open(path) as recording:
+        found = list(recording.entries(lambda key: key == CURSOR.at("ben"), at(2.0), at(3.0)))
+        assert [(each.name, each.time_ns) for each in found] == [("ben", at(2.0 + k / 10)) for k in range(10)]
+        assert len(list(recording.entries())) == 200
+
+
+def test_time_never_falls_even_when_the_clock_was_set_back(path: Path) -> None:
+    write(path, [cursor(5.0), cursor(1.0), cursor(6.0)])
+    with Recording.open(path) as recording:
+        assert [each.time_ns for each in recording.entries()] == [at(5.0), at(5.0), at(6.0)]
+
+
+def test_other_readers_find_the_key_the_schema_and_the_stamp(path: Path) -> None:
+    exchange = Exchange[SetSpeed, Done](stamp_ns=at(0.5), query=SetSpeed(speed_mps=0.2), reply=Done())
+    write(path, [cursor(1.0), entry(at(1.0), SET_SPEED, "", exchange)])
+    with path.open("rb") as file:
+        messages = list(make_reader(file, validate_crcs=True).iter_messages())
+    (schema, plain, message), (request_schema, request, _) = messages
+    assert schema is not None
+    assert request_schema is not None
+    assert (schema.name, schema.encoding, plain.message_encoding) == (
+        Cursor.schema_name(),
+        "jsonschema",
+        "json",
+    )
+    assert (plain.message_encoding, plain.topic, plain.metadata) == (
+        "json",
+        "/users/anna/cursor",
+        {"key": "users/anna/cursor", "row": "topic"},
+    )
+    assert (message.publish_time, message.sequence) == (at(1.0), 50)
+    assert (request.topic, request_schema.name) == (
+        "/conveyor/set_speed",
+        f"{SetSpeed.schema_name()}+{Done.schema_name()}",
+    )
+
+
+@pytest.mark.parametrize("share", [0.999, 0.7, 0.4])
+def test_file_that_ends_in_the_middle_is_read_but_for_the_last_half_second(path: Path, share: float) -> None:
+    written = session()
+    with path.open("wb") as file:
+        writer = RecordingWriter(file, make_head("lab", START))
+        sizes: list[int] = []
+        for each in written:
+            writer.add(each)
+            file.flush()
+            sizes.append(file.tell())
+    whole = path.read_bytes()
+    end = round(len(whole) * share)
+    path.write_bytes(whole[:end])
+    written_by_then = sum(size <= end for size in sizes)
+    with Recording.open(path) as recording:
+        found = list(recording.entries())
+        assert found == written[: len(found)]
+        assert len(found) >= written_by_then - 25 > 50
+        assert "it ends in the middle" in recording.problem
+        assert recording.problem.startswith(f"{path} is not whole")
+
+
+def test_recording_that_is_too_long_is_read_to_the_limit(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write(path, session())
+    monkeypatch.setattr(reader, "MAX_CHUNKS", 5)
+    with Recording.open(path) as recording:
+        assert "it has more than 5 chunks" in recording.problem
+        assert list(recording.entries()) == session()[: sum(recording.counts.values())] != []
+
+
+def test_damaged_chunk_is_left_out_and_said(path: Path) -> None:
+    write(path, session())
+    with path.open("rb") as file:
+        chunks = [place for place in container.records(file) if place.opcode == 6]
+    data = bytearray(path.read_bytes())
+    data[chunks[4].offset + 200] ^= 0xFF
+    path.write_bytes(data)
+    with Recording.open(path) as recording:
+        assert len(list(recording.entries())) == 500 - 25
+        assert "a chunk of it" in recording.problem
+
+
+def test_damage_anywhere_never_raises_anything_else(path: Path) -> None:
+    """One byte after the other is changed; the file is read, or refused in a sentence."""
+    write(path, [*session(1.0), entry(at(2.0), BUTTON, "anna", example(BUTTON.message))])
+    whole = path.read_bytes()
+    for place in range(0, len(whole), 101):
+        data = bytearray(whole)
+        data[place] ^= 0xA5
+        path.write_bytes(data)
+        try:
+            with Recording.open(path) as recording:
+                assert len(list(recording.entries())) <= 51
+        except RecordingError:
+            pass
+
+
+def test_channels_that_were_described_in_a_damaged_chunk_are_known_from_the_end(path: Path) -> None:
+    write(path, session())
+    damage(path, chunks(path)[0].offset + 200)
+    with Recording.open(path) as recording:
+        assert len(list(recording.entries())) == 500 - 25
+        assert recording.lost == 0
+    path.write_bytes(path.read_bytes()[: chunks(path)[-1].offset])  # killed: the end is missing, too
+    with Recording.open(path) as recording:
+        assert list(recording.entries()) == []
+        assert recording.lost == sum(recording.unknown.values()) > 400
+        assert f"messages that have lost their description: {recording.lost}" in recording.problem
+
+
+@pytest.mark.parametrize("place", [-9, -1, -8])
+def test_reading_goes_on_behind_a_damaged_head_of_a_chunk(path: Path, place: int) -> None:
+    write(path, session())
+    third = chunks(path)[2]
+    damage(path, third.offset + place)
+    with Recording.open(path) as recording:
+        assert len(list(recording.entries())) >= 500 - 50
+        assert recording.ended_ns == session()[-1].time_ns
+        assert "is not whole" in recording.problem
+
+
+def test_reading_goes_on_behind_zeros(path: Path) -> None:
+    write(path, session())
+    data, third = bytearray(path.read_bytes()), chunks(path)[2]
+    data[third.offset - 9 : third.offset + third.length + 40] = bytes(third.length + 49)
+    path.write_bytes(data)
+    with Recording.open(path) as recording:
+        assert len(list(recording.entries())) == 500 - 25
+        assert "it is damaged between two chunks" in recording.problem
+
+
+def chunks(path: Path) -> list[container.Place]:
+    with path.open("rb") as file:
+        return [place for place in container.records(file) if place.opcode == 6]
+
+
+def damage(path: Path, offset: int) -> None:
+    data = bytearray(path.read_bytes())
+    data[offset] ^= 0xFF
+    path.write_bytes(data)

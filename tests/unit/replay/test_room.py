@@ -1,0 +1,83 @@
+"""The recorded map as a file."""
+
+from pathlib import Path
+
+import pytest
+
+from pointit.maps.file import load_map, shipped_maps
+from pointit.replay.levels import ReplayError
+from pointit.replay.room import check_map, write_room
+from pointit.schemas import Environment
+from pointit.schemas.environment import Box, Cloud, Cylinder, Fence, Plane, Sphere
+
+
+def again(room: Environment, folder: Path) -> Environment:
+    path = write_room(room, folder)
+    assert path is not None
+    return load_map(str(path), room.stamp_ns)
+
+
+@pytest.mark.parametrize("name", shipped_maps())
+def test_shipped_maps_are_read_again_as_they_were(name: str, tmp_path: Path) -> None:
+    room = load_map(name, 5)
+    assert again(room, tmp_path) == room
+
+
+def test_solids_and_fences_are_read_again_as_they_were(tmp_path: Path) -> None:
+    room = load_map("lab", 5).model_copy(
+        update={
+            "boxes": (Box(id="table", center_m=(1.0, 2.0, 0.4), size_m=(1.0, 0.6, 0.8), yaw_rad=0.5),),
+            "planes": (
+                Plane(id="floor", center_m=(0.0, 0.0, 0.0), normal=(0.0, 0.0, 1.0)),
+                Plane(id="wall", center_m=(0.0, 3.0, 1.0), normal=(0.0, -1.0, 0.0), size_m=(4.0, 2.0)),
+            ),
+            "cylinders": (Cylinder(id="tank", center_m=(3.0, 0.0, 0.0), radius_m=0.4, height_m=1.5),),
+            "spheres": (Sphere(id="ball", center_m=(2.0, 2.0, 1.0), radius_m=0.2),),
+            "fences": (
+                Fence(id="hall", kind="keep_in", outline_m=((0.0, 0.0), (9.0, 0.0), (0.0, 9.0)), low_m=0.0),
+                Fence(id="desk", kind="keep_out", outline_m=((0.0, 0.0), (1.0, 0.0), (0.0, 1.0)), high_m=1.0),
+            ),
+        }
+    )
+    assert again(room, tmp_path) == room
+
+
+def test_a_map_with_clouds_is_not_written_since_its_points_are_not_in_the_message(tmp_path: Path) -> None:
+    cloud = Cloud(id="scan", points=9, low_m=(0.0, 0.0, 0.0), high_m=(1.0, 1.0, 1.0))
+    assert write_room(load_map("lab", 5).model_copy(update={"clouds": (cloud,)}), tmp_path) is None
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("name", ["../../outside", "/outside", "a\0b", "", "..", "x" * 5000])
+def test_a_map_with_a_hostile_name_is_written_into_the_folder(name: str, tmp_path: Path) -> None:
+    folder = tmp_path / "inside"
+    folder.mkdir()
+    path = write_room(load_map("lab", 5).model_copy(update={"name": name}), folder)
+    assert path is not None
+    assert path.resolve().parent == folder
+    assert [each.name for each in tmp_path.iterdir()] == ["inside"]
+
+
+@pytest.mark.parametrize(
+    "name", ["../secret.yaml", "/etc/hostname", "link.yaml", "folder", "a\0b", "x" * 5000, "none"]
+)
+def test_a_recorded_map_elsewhere_is_not_opened(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    here = tmp_path / "here"
+    (here / "folder").mkdir(parents=True)
+    (tmp_path / "secret.yaml").touch()
+    (here / "link.yaml").symlink_to(tmp_path / "secret.yaml")
+    monkeypatch.chdir(here)
+    with pytest.raises(ReplayError, match="neither shipped nor a file in the current folder"):
+        check_map(name)
+
+
+def test_a_recorded_map_that_is_shipped_or_here_is_used(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "maps").mkdir()
+    (tmp_path / "maps" / "mine.yaml").touch()
+    monkeypatch.chdir(tmp_path)
+    for name in ("lab", "maps/mine.yaml", str(tmp_path / "maps" / "mine.yaml")):
+        check_map(name)

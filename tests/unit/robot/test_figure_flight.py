@@ -1,0 +1,125 @@
+"""A robot that nobody steers flies a figure while somebody is localized by it, and no longer."""
+
+import asyncio
+import math
+
+import pytest
+
+from pointit.schemas import Localization, Steering, UserPose
+from pointit.schemas.topics import LOCALIZATION, POSE, SERVICE_ALIVE
+from pointit.services.robot.config import FigureConfig, RobotConfig
+from pointit.services.robot.figure_flight import NO_FIGURE
+from tests.unit.robot.flight import ROBOT, Pilotage, fly
+
+SAMPLING = Localization(stamp_ns=0, phase="sampling", target_id=ROBOT)
+SOLVED = SAMPLING.model_copy(update={"phase": "solved"})
+QUADROTOR = RobotConfig(kind="quadrotor", figure=FigureConfig(people_m=((2.5, 0.0, 0.0),)))
+
+
+def begin(pilotage: Pilotage, ago_s: float = 0.0) -> None:
+    """Say that anna is localized by the robot, since `ago_s`."""
+    since_ns = pilotage.bench.clock.now_ns() - round(ago_s * 1e9)
+    pilotage.bench.put(LOCALIZATION, SAMPLING.model_copy(update={"since_ns": since_ns}), "anna")
+
+
+def test_a_quadrotor_takes_off_flies_figures_and_lands_when_the_person_is_found() -> None:
+    async def flight(pilotage: Pilotage) -> None:
+        await pilotage.until(lambda state: state.phase == "landed")
+        begin(pilotage)
+        await pilotage.until(lambda state: state.phase == "taking_off" and state.user == "")
+        await pilotage.until(lambda state: state.phase == "moving")
+        away = await pilotage.until(lambda state: math.hypot(*state.position_m[:2]) > 0.4)
+        assert away.position_m[2] > 0.3
+        await pilotage.until(lambda state: math.hypot(*state.position_m[:2]) < 0.2, 30.0)
+        await pilotage.until(lambda state: math.hypot(*state.position_m[:2]) > 0.4, 30.0)
+        assert all(math.dist(state.position_m[:2], (2.5, 0.0)) > 1.2 for state in pilotage.states)
+        pilotage.bench.put(LOCALIZATION, SOLVED, "anna")
+        await pilotage.until(lambda state: state.phase == "landing")
+        await pilotage.until(lambda state: state.phase == "landed")
+
+    fly(flight, QUADROTOR)
+
+
+def test_a_ground_robot_drives_a_figure_and_stops() -> None:
+    async def drive(pilotage: Pilotage) -> None:
+        await pilotage.until(lambda state: state.phase == "idle")
+        begin(pilotage)
+        await pilotage.until(lambda state: state.phase == "moving")
+        await pilotage.until(lambda state: math.hypot(*state.position_m) > 0.4)
+        pilotage.bench.put(LOCALIZATION, SOLVED, "anna")
+        stopped = await pilotage.until(lambda state: state.phase == "idle")
+        assert stopped.position_m[2] == pytest.approx(0.0)
+
+    fly(drive, QUADROTOR.model_copy(update={"kind": "ground"}))
+
+
+def test_nobody_else_s_localization_moves_it_and_who_steers_it_keeps_it() -> None:
+    async def flight(pilotage: Pilotage) -> None:
+        await pilotage.until(lambda state: state.phase == "landed")
+        for other in (
+            {"target_id": "led_1"},
+            {"purpose": "anchor"},
+            {"ahead": ("ben",)},
+            {"phase": "refused"},
+        ):
+            pilotage.bench.put(
+                LOCALIZATION,
+                SAMPLING.model_copy(update={"since_ns": pilotage.bench.clock.now_ns(), **other}),
+                "anna",
+            )
+            await asyncio.sleep(0.5)
+            assert pilotage.state.phase == "landed"
+        pilotage.arrive("ben")
+        pilotage.point("ben", (0.5, 0.0, 0.0))
+        pilotage.steer("ben", Steering(stamp_ns=0, robot=ROBOT, mode="follow"))
+        await pilotage.until(lambda state: state.user == "ben")
+        begin(pilotage)
+        await asyncio.sleep(8.0)
+        assert math.dist(pilotage.state.position_m, (0.5, 0.0, 0.2)) < 0.15
+
+    fly(flight, QUADROTOR)
+
+
+def test_a_quadrotor_takes_off_for_a_figure_only_with_room_above_it() -> None:
+    async def flight(pilotage: Pilotage) -> None:
+        await pilotage.until(lambda state: state.phase == "landed")
+        now_ns = pilotage.bench.clock.now_ns()
+        bob = UserPose(stamp_ns=now_ns, position_m=(0.3, 0.0, 0.0), yaw_rad=0.0)
+        pilotage.arrive("bob")
+        pilotage.bench.put(POSE, bob, "bob")
+        begin(pilotage)
+        await pilotage.until(lambda state: "too near to bob" in state.reason)
+        await asyncio.sleep(3.0)
+        assert {state.phase for state in pilotage.states} <= {"lost", "landed"}
+
+    fly(flight, QUADROTOR)
+
+
+def test_a_figure_ends_with_the_localizer_and_an_old_localization_begins_none() -> None:
+    async def drive(pilotage: Pilotage) -> None:
+        await pilotage.until(lambda state: state.phase == "idle")
+        begin(pilotage, ago_s=200.0)
+        await asyncio.sleep(3.0)
+        assert pilotage.state.phase == "idle"
+        localizer = pilotage.bench.bus.announce(SERVICE_ALIVE, "localizer.anna")
+        begin(pilotage)
+        await pilotage.until(lambda state: state.phase == "moving")
+        localizer.close()
+        await pilotage.until(lambda state: state.phase == "idle")
+        await asyncio.sleep(3.0)
+        assert pilotage.state.phase == "idle"
+
+    fly(drive, QUADROTOR.model_copy(update={"kind": "ground"}))
+
+
+def test_a_robot_without_room_says_so_and_stays() -> None:
+    async def drive(pilotage: Pilotage) -> None:
+        await pilotage.until(lambda state: state.phase == "idle")
+        begin(pilotage)
+        await pilotage.until(lambda state: state.reason == NO_FIGURE)
+        assert pilotage.state.phase == "idle"
+        pilotage.bench.put(LOCALIZATION, SOLVED, "anna")
+        await pilotage.until(lambda state: state.reason == "")
+
+    near = FigureConfig(people_m=((0.9, 0.0, 0.0),))
+    fly(drive, RobotConfig(kind="ground", figure=near))

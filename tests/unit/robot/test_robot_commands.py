@@ -1,0 +1,36 @@
+"""`pointit robot list` and `stop`, on a bus in memory."""
+
+import pytest
+from click.testing import CliRunner
+
+from pointit.cli.inspect.robot import find_robots, rows, stop, stop_robots
+from tests.unit.robot.flight import ROBOT, Pilotage, fly
+
+
+def test_a_robot_is_found_and_stopped_and_an_absent_one_is_said() -> None:
+    async def flight(pilotage: Pilotage) -> None:
+        await pilotage.until(lambda state: state.phase == "landed")
+        bus = pilotage.bench.bus
+        (row,) = rows(await find_robots(bus))
+        assert (row["robot"], row["kind"], row["phase"], row["user"]) == (ROBOT, "quadrotor", "landed", "")
+        assert (row["x_m"], row["reason"]) == (0.0, "")
+        problems = await stop_robots(bus, [ROBOT, "nobody"], "a child runs there")
+        assert list(problems) == ["nobody"]
+        stopped = await pilotage.until(lambda state: bool(state.reason))
+        assert "(a child runs there)" in stopped.reason
+
+    fly(flight)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ([], "name the robots to stop, or give --all"),
+        ([ROBOT, "--all"], "give either the robots to stop or --all, not both"),
+    ],
+    ids=["none", "both"],
+)
+def test_robots_to_stop_are_named_or_all(arguments: list[str], message: str) -> None:
+    result = CliRunner().invoke(stop, arguments)
+    assert result.exit_code == 2
+    assert message in result.output

@@ -1,0 +1,149 @@
+"""No fence is crossed and no person approached, whatever is pointed at, lost or reported."""
+
+import math
+import random
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Literal
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pointit.geometry.polygon import Polygon
+from pointit.geometry.vector import Vec3
+from pointit.schemas import RobotKind
+from pointit.schemas.environment import Fence
+from pointit.services.robot.config import RobotConfig
+from pointit.services.robot.robot_driver import RobotReport
+from tests.unit.robot.steered_robot import Steered
+
+Event = Literal["point", "nothing", "no cursor", "no report", "nan", "jump", "rest", "unsure", "far"]
+DISTURBANCES: tuple[Event, ...] = (
+    "nothing", "no cursor", "no report", "nan", "jump", "rest", "unsure", "far",
+)  # fmt: skip
+EVENTS = 6
+
+
+def star(rng: random.Random, center_m: tuple[float, float], least_m: float, most_m: float) -> Polygon:
+    """Return a polygon around a point, often with corners that point inwards."""
+    count = rng.randint(3, 7)
+    corners: list[tuple[float, float]] = []
+    for index in range(count):
+        angle, radius_m = math.tau * index / count, rng.uniform(least_m, most_m)
+        corners.append((center_m[0] + radius_m * math.cos(angle), center_m[1] + radius_m * math.sin(angle)))
+    return Polygon(corners)
+
+
+def random_fences(rng: random.Random) -> tuple[Fence, ...]:
+    """Return a fence around the robot's start at the origin, and some volumes beside it."""
+    inside = star(rng, (0.0, 0.0), 1.5, 5.0)
+    fences = [Fence(id="hall", kind="keep_in", outline_m=inside.corners_m, high_m=2.5)]
+    for index in range(rng.randint(0, 3)):
+        angle, range_m = rng.uniform(0.0, math.tau), rng.uniform(1.6, 3.5)
+        outside = star(rng, (range_m * math.cos(angle), range_m * math.sin(angle)), 0.2, 0.9)
+        high_m = rng.choice((None, 1.0))
+        fences.append(
+            Fence(id=f"v{index}", kind="keep_out", outline_m=outside.corners_m, low_m=-1.0, high_m=high_m)
+        )
+    return tuple(fences)
+
+
+def fence_gap_m(fence: Fence, place_m: Vec3, radius_m: float) -> float:
+    """Return the distance of a robot's hull from the forbidden side of a fence, negative beyond it."""
+    apart_m = Polygon(fence.outline_m).signed_distance_m(place_m[:2])
+    high_m = math.inf if fence.high_m is None else fence.high_m
+    if fence.kind == "keep_in":
+        return min(-apart_m, high_m - place_m[2]) - radius_m
+    return max(apart_m, place_m[2] - high_m) - radius_m
+
+
+def broken_report(event: Event, report: RobotReport) -> RobotReport:
+    match event:
+        case "nan":
+            return replace(report, position_m=(math.nan, 0.0, 0.0))
+        case "jump":
+            return replace(report, position_m=(report.position_m[0] + 5.0, *report.position_m[1:]))
+        case _:
+            return report
+
+
+@dataclass(frozen=True)
+class Course:
+    """A room, and what happens in it."""
+
+    config: RobotConfig
+    fences: tuple[Fence, ...]
+    people_m: dict[str, Vec3]
+    person_sigma_m: float
+    events: list[tuple[Event, Vec3, float]]
+
+    @property
+    def keep_m(self) -> float:
+        """Return the least distance from people."""
+        return self.config.keep_out_m + self.config.radius_m + 2.0 * self.person_sigma_m
+
+
+def random_course(kind: RobotKind, seed: int) -> Course:
+    """Return a course: numbers drawn by Hypothesis itself are mostly 0 and robots would hardly move."""
+    rng = random.Random(seed)
+    config = RobotConfig(
+        driver="sim",
+        kind=kind,
+        radius_m=0.2,
+        keep_out_m=0.8,
+        aim_sigma_deg=0.0,
+        max_speed_mps=rng.choice((0.5, 1.0, 2.0, 3.0)),
+        max_acceleration_mps2=rng.choice((0.8, 2.0)),
+    )
+    people_m: dict[str, Vec3] = {"ada": (0.0, -2.5, 0.0)}
+    angle, range_m = rng.uniform(0.0, math.tau), rng.uniform(1.8, 4.0)
+    people_m["bob"] = (range_m * math.cos(angle), range_m * math.sin(angle), 0.0)
+    events: list[tuple[Event, Vec3, float]] = []
+    for _ in range(EVENTS):
+        target_m = (rng.uniform(-5.0, 5.0), rng.uniform(-5.0, 5.0), rng.choice((0.0, rng.uniform(0.0, 3.0))))
+        event: Event = rng.choice(DISTURBANCES) if rng.random() < 0.3 else "point"
+        events.append((event, target_m, rng.uniform(0.3, 2.5)))
+    return Course(config, random_fences(rng), people_m, rng.choice((0.0, 0.1, 0.3)), events)
+
+
+def check_course(course: Course) -> float:
+    """Steer the robot through all that happens, check its place every 10 ms, and return its way, m."""
+    steered = Steered(course.config, course.fences, course.people_m, person_sigma_m=course.person_sigma_m)
+    event: Event = "point"
+    places_m: list[Vec3] = []
+
+    def check() -> None:
+        place_m = steered.report.position_m
+        places_m.append(place_m)
+        for fence in course.fences:
+            assert fence_gap_m(fence, place_m, course.config.radius_m) > 0.0, (fence, place_m)
+        for person_m in course.people_m.values():
+            assert math.dist(place_m[:2], person_m[:2]) > course.keep_m, (person_m, place_m)
+
+    steered.on_step = check
+    steered.change_report = lambda report: broken_report(event, report)
+    for event, target_m, seconds in course.events:
+        steered.is_cursor_alive = event != "no cursor"
+        steered.are_reports_alive = event != "no report"
+        steered.target_m = None if event == "nothing" else (9e5, -9e5, 0.0) if event == "far" else target_m
+        steered.interact("idle" if event == "rest" else "pointing", is_unsure=event == "unsure")
+        steered.run(0.5 if event == "jump" else seconds)
+    return sum(math.dist(start_m, end_m) for start_m, end_m in pairwise(places_m))
+
+
+@settings(deadline=None, max_examples=8)
+@given(st.integers(0, 2**32))
+def test_a_quadrotor_crosses_no_fence_and_approaches_nobody(seed: int) -> None:
+    check_course(random_course("quadrotor", seed))
+
+
+@settings(deadline=None, max_examples=8)
+@given(st.integers(0, 2**32))
+def test_a_ground_robot_crosses_no_fence_and_approaches_nobody(seed: int) -> None:
+    check_course(random_course("ground", seed))
+
+
+@pytest.mark.parametrize("kind", ["quadrotor", "ground"])
+def test_the_robots_of_these_courses_do_move(kind: RobotKind) -> None:
+    assert sum(check_course(random_course(kind, seed)) for seed in range(4)) > 4 * 0.5

@@ -1,0 +1,378 @@
+"""An AGV by VDA 5050 that is steered: what is sent to it, and what is reported of it."""
+
+import json
+import math
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pointit.services.robot.robot_driver import Follow, FollowPath, Land, Stop, TakeOff
+from tests.unit.robot.vda5050.agv_bench import AgvBench
+
+FAR = (9.0, 0.0, 0.0)
+
+
+@pytest.fixture(name="bench")
+def _bench() -> AgvBench:
+    bench = AgvBench()
+    bench.connect()
+    bench.run(0.1)
+    assert bench.lost[-1].startswith("no AGV reports at uagv/v2/acme/7/state on hub: switch it on")
+    assert bench.reports[-1].position_m == (0.0, 0.0, 0.0)
+    return bench
+
+
+def orders(bench: AgvBench) -> list[dict[str, object]]:
+    return [json.loads(payload) for topic, payload in bench.sent if topic.endswith("/order")]
+
+
+def test_a_path_is_handed_out_in_steps_and_driven_without_a_pause(bench: AgvBench) -> None:
+    path = bench.tell(FollowPath, ((3.0, 0.0, 0.0), (3.0, 4.0, 0.0)), 1.5)
+    bench.run(8.0)
+    assert bench.outcomes(path) == [("accepted", ""), ("done", "")]
+    assert bench.virtual.place == (3.0, 4.0)
+    assert bench.virtual.farthest_base_m <= 1.0 + 1e-6
+    sent = orders(bench)
+    assert len({order["orderId"] for order in sent}) == 1, "one order, and its updates"
+    assert [order["orderUpdateId"] for order in sent] == list(range(len(sent)))
+    assert len(sent) <= 2 * 8
+    assert not bench.agv.is_active
+
+
+def test_a_new_place_is_gone_to_behind_the_released_way_and_small_changes_are_not(bench: AgvBench) -> None:
+    bench.tell(Follow, FAR)
+    bench.run(2.0)
+    for number in range(20):
+        bench.tell(Follow, (2.0, 1.0 + 0.004 * number, 0.0))
+        bench.run(0.05)
+    sent = len(orders(bench))
+    bench.run(3.0)
+    assert math.dist(bench.virtual.place, (2.0, 1.0)) < 0.11
+    assert bench.virtual.farthest_base_m <= 1.0 + 1e-6
+    assert sent <= 2 * 3 + 1
+    settled = len(orders(bench))
+    bench.tell(Follow, (2.0, 1.05, 0.0))
+    bench.run(2.0)
+    assert len(orders(bench)) == settled
+
+
+def test_a_stop_cancels_and_an_idle_agv_is_left_alone(bench: AgvBench) -> None:
+    idle = bench.tell(Stop)
+    assert bench.outcomes(idle) == [("done", "")]
+    bench.tell(FollowPath, (FAR,))
+    bench.run(1.0)
+    stop = bench.tell(Stop)
+    bench.run(0.2)
+    assert bench.outcomes(stop) == [("done", "")]
+    assert bench.virtual.base == []
+    assert bench.topics().count("instantActions") == 2, "the question at the beginning, and the cancellation"
+    there = bench.virtual.place
+    bench.run(3.0)
+    assert bench.virtual.place == there
+
+
+def test_lost_orders_and_cancellations_are_sent_again(bench: AgvBench) -> None:
+    lost: list[str] = []
+
+    def lose_the_first(topic: str) -> bool:
+        lost.append(topic)
+        return len(lost) <= 1 and topic.endswith(("/order", "/instantActions"))
+
+    bench.is_lossy = lose_the_first
+    path = bench.tell(FollowPath, ((1.0, 0.0, 0.0),))
+    bench.run(3.0)
+    assert bench.outcomes(path)[-1] == ("done", "")
+    first, second = orders(bench)[:2]
+    assert (first["orderId"], first["orderUpdateId"]) == (second["orderId"], second["orderUpdateId"])
+    bench.tell(FollowPath, (FAR,))
+    bench.run(0.5)
+    lost.clear()
+    stop = bench.tell(Stop)
+    bench.run(2.0)
+    assert bench.outcomes(stop) == [("done", "")]
+    assert bench.virtual.base == []
+
+
+def test_a_late_answer_to_a_cancellation_counts_though_others_were_sent_since(bench: AgvBench) -> None:
+    bench.tell(FollowPath, (FAR,))
+    bench.run(1.0)
+    bench.is_lossy = lambda topic: topic.endswith("/instantActions")
+    sent = len(bench.sent)
+    stop = bench.tell(Stop)
+    bench.run(2.5)
+    cancellations = [each for each in bench.sent[sent:] if "cancelOrder" in each[1]]
+    assert len(cancellations) == 3
+    assert bench.outcomes(stop) == []
+    bench.virtual.receive(*cancellations[0])
+    bench.run(0.1)
+    assert bench.outcomes(stop) == [("done", "")]
+    assert not bench.agv.is_active
+
+
+def test_an_agv_that_does_not_answer_fails_the_order_and_is_stopped_when_it_does(bench: AgvBench) -> None:
+    bench.is_lossy = lambda topic: topic.endswith(("/order", "/instantActions"))
+    path = bench.tell(FollowPath, (FAR,))
+    bench.run(7.0)
+    assert bench.outcomes(path) == [
+        ("failed", "the AGV does not answer: look at its mode and its connection")
+    ]
+    assert len(orders(bench)) == 5
+    bench.run(8.0)
+    assert "does not confirm that it stops" in bench.health.warnings["agv"]
+    bench.is_lossy = lambda _topic: False
+    bench.virtual.receive(*bench.sent[-1])
+    bench.run(2.0)
+    assert not bench.agv.is_active
+    assert "agv" not in bench.health.warnings
+
+
+def test_a_refused_order_is_told_with_the_reason_of_the_agv(bench: AgvBench) -> None:
+    bench.virtual.place = (5.0, 5.0)  # carried away, and not yet said
+    path = bench.tell(FollowPath, (FAR,))
+    for publication in bench.agv.step(bench.now_s + 1.0):
+        bench.deliver(publication)
+    bench.run(1.0)
+    assert bench.outcomes(path) == [("refused", "noRouteError")]
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"operatingMode": "MANUAL"}, "mode MANUAL"),
+        ({"safetyState": {"eStop": "AUTOACK", "fieldViolation": True}}, "emergency stop"),
+        ({"errors": [{"errorType": "wheel", "errorLevel": "FATAL"}]}, "needs help (wheel)"),
+    ],
+)
+def test_an_agv_that_cannot_drive_is_stopped_and_refuses_until_it_can(
+    bench: AgvBench, change: dict[str, object], words: str
+) -> None:
+    path = bench.tell(FollowPath, (FAR,))
+    bench.run(1.0)
+    bench.virtual.extra = change
+    bench.virtual.has_changed = True
+    bench.run(1.0)
+    assert bench.virtual.base == [], "it does not drive on when that is over"
+    again = bench.tell(Follow, FAR)
+    for order in (path, again):
+        state, reason = bench.outcomes(order)[-1]
+        assert state == "refused"
+        assert words in reason
+    bench.virtual.extra = {}
+    bench.virtual.has_changed = True
+    bench.run(0.5)
+    there = bench.virtual.place
+    bench.run(2.0)
+    assert bench.virtual.place == there
+    bench.tell(Follow, FAR)
+    bench.run(2.0)
+    assert bench.virtual.place != there
+
+
+def test_an_order_that_somebody_else_cancels_or_replaces_ends(bench: AgvBench) -> None:
+    path = bench.tell(FollowPath, (FAR,))
+    bench.run(1.0)
+    bench.virtual.base = []
+    bench.virtual.has_changed = True
+    bench.run(3.0)
+    cancelled = ("cancelled", "it was cancelled at the AGV, or by another master control")
+    assert bench.outcomes(path) == [("accepted", ""), cancelled]
+    path = bench.tell(FollowPath, (FAR,))
+    bench.run(0.5)
+    bench.virtual.extra = {"orderId": "of another"}
+    bench.virtual.has_changed = True
+    sent = len(bench.sent)
+    bench.run(0.2)
+    assert bench.outcomes(path)[-1] == ("failed", "another master control has given the AGV an order")
+    assert bench.topics()[sent:] == [], "that of another is not cancelled"
+
+
+def test_an_order_that_is_cancelled_while_its_update_is_on_the_way_is_not_refused_but_cancelled(
+    bench: AgvBench,
+) -> None:
+    path = bench.tell(FollowPath, (FAR,))
+    bench.is_lossy = lambda topic: topic.endswith("/order") and len(orders(bench)) == 2
+    while len(orders(bench)) < 2:
+        bench.run(0.05)
+    bench.virtual.base = []
+    bench.virtual.receive(*bench.sent[-1])
+    assert b"orderUpdateError" in bench.virtual.state()
+    bench.virtual.has_changed = True
+    bench.is_lossy = lambda _topic: False
+    bench.run(1.0)
+    assert [state for state, _ in bench.outcomes(path)][-1] == "cancelled"
+    assert not bench.agv.is_active
+
+
+def test_what_was_ordered_before_a_lost_link_is_cancelled_afterwards(bench: AgvBench) -> None:
+    path = bench.tell(FollowPath, (FAR,))
+    bench.run(1.0)
+    bench.agv.on_disconnected("the broker is gone")
+    assert bench.outcomes(path)[-1] == ("failed", "the connection to the AGV is lost")
+    assert bench.lost[-1] == "the broker is gone"
+    ended = len(bench.sent)
+    bench.run(0.2)
+    bench.tell(Follow, FAR)
+    bench.run(0.2)
+    assert len(bench.sent) == ended
+    bench.connect()
+    bench.run(2.0)
+    assert bench.topics()[ended:] == ["instantActions", "instantActions"], "a question and a cancellation"
+    assert bench.virtual.base == []
+
+
+def test_an_order_of_an_earlier_run_is_cancelled() -> None:
+    earlier = AgvBench()
+    earlier.connect()
+    earlier.run(0.1)
+    earlier.tell(FollowPath, (FAR,))
+    earlier.run(0.5)
+    bench = AgvBench()
+    bench.virtual = earlier.virtual
+    bench.connect()
+    bench.run(0.2)
+    assert bench.virtual.base == []
+
+
+def test_the_end_of_the_driver_stops_an_agv_that_moves(bench: AgvBench) -> None:
+    assert bench.agv.farewell() == []
+    bench.tell(FollowPath, (FAR,))
+    bench.run(0.5)
+    for publication in bench.agv.farewell():
+        bench.deliver(publication)
+    assert bench.virtual.base == []
+
+
+def test_states_that_come_late_or_twice_change_nothing(bench: AgvBench) -> None:
+    path = bench.tell(FollowPath, ((2.0, 0.0, 0.0),))
+    early = bench.virtual.state()
+    for _ in range(60):
+        bench.run(0.05)
+        bench.hear("state", early)
+        bench.hear("state", early)
+    assert bench.outcomes(path) == [("accepted", ""), ("done", "")]
+
+
+def test_an_agv_that_stands_is_reported_ten_times_a_second_until_it_is_silent_for_long(
+    bench: AgvBench,
+) -> None:
+    bench.is_lossy = lambda _topic: True
+    before = len(bench.reports)
+    bench.run(10.0)
+    assert 90 <= len(bench.reports) - before <= 101
+    assert bench.reports[-1].stamp_ns >= bench.clock.now_ns() - 150_000_000
+    assert (bench.reports[-1].battery, bench.reports[-1].velocity_mps) == (0.8, (0.0, 0.0, 0.0))
+    bench.run(26.0)
+    assert bench.lost[-1] == "the AGV has sent nothing for 35 s: look at its network"
+
+
+def test_an_agv_that_should_drive_and_says_nothing_is_asked_and_not_made_up(bench: AgvBench) -> None:
+    bench.tell(FollowPath, (FAR,))
+    bench.run(0.5)
+    bench.is_lossy = lambda _topic: True
+    reported, sent = len(bench.reports), len(bench.sent)
+    bench.run(3.0)
+    assert len(bench.reports) == reported
+    questions = [payload for _topic, payload in bench.sent[sent:] if "stateRequest" in payload]
+    assert 5 <= len(questions) <= 8
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "words"),
+    [
+        ("connection", {"connectionState": "OFFLINE"}, "switched off (OFFLINE)"),
+        ("connection", {"connectionState": "CONNECTIONBROKEN"}, "lost its connection (CONNECTIONBROKEN)"),
+        (
+            "visualization",
+            {"agvPosition": {"x": 0, "y": 0, "theta": 0, "mapId": "hall", "positionInitialized": False}},
+            "does not know where it is",
+        ),
+        (
+            "visualization",
+            {"agvPosition": {"x": 0, "y": 0, "theta": 0, "mapId": "yard", "positionInitialized": True}},
+            "is on map 'yard', and not on 'hall'",
+        ),
+    ],
+)
+def test_an_agv_without_a_place_or_a_connection_is_lost_and_comes_back(
+    name: str, change: dict[str, object], words: str
+) -> None:
+    bench = AgvBench(map_id="hall")
+    bench.connect()
+    bench.run(0.1)
+    path = bench.tell(FollowPath, (FAR,))
+    bench.run(0.5)
+    bench.hear(name, json.dumps({"headerId": 900, **change}).encode())
+    assert words in bench.lost[-1]
+    assert bench.outcomes(path)[-1][0] == "failed"
+    bench.virtual.drive(0.1)
+    bench.run(2.0)
+    assert bench.virtual.base == []
+    assert bench.reports[-1].position_m[0] > 0.1
+
+
+def test_an_agv_flies_not(bench: AgvBench) -> None:
+    for order in (bench.tell(TakeOff, 0.5), bench.tell(Land)):
+        ((state, reason),) = bench.outcomes(order)
+        assert (state, "cannot fly" in reason) == ("refused", True)
+
+
+def test_messages_of_another_kind_are_said_and_dropped(bench: AgvBench) -> None:
+    bench.hear("state", b"{}")
+    assert bench.health.warnings["state"].startswith("uagv/v2/acme/7/state: a message is not one of VDA 5050")
+    bench.hear("state", bench.virtual.state())
+    assert "state" not in bench.health.warnings
+
+
+names = st.sampled_from(["state", "visualization", "connection", "order", ""])
+steps = st.lists(
+    st.one_of(
+        st.tuples(st.just("hear"), names, st.binary(max_size=40)),
+        st.tuples(st.just("change"), st.sampled_from(["driving", "orderId", "nodeStates"]), st.text()),
+        st.tuples(st.just("follow"), st.floats(-5, 5), st.floats(-5, 5)),
+        st.tuples(st.just("path"), st.floats(-5, 5), st.floats(-5, 5)),
+        st.tuples(st.just("stop"), st.none(), st.none()),
+        st.tuples(st.just("lose"), st.booleans(), st.booleans()),
+        st.tuples(st.just("broker"), st.booleans(), st.none()),
+    ),
+    max_size=12,
+)
+
+
+@settings(max_examples=60)
+@given(steps)
+def test_whatever_happens_little_is_released_and_a_stop_stops(
+    chosen: list[tuple[str, Any, Any]],
+) -> None:
+    bench = AgvBench()
+    bench.connect()
+    for what, a, b in chosen:
+        if what == "hear":
+            bench.hear(str(a), b)
+        elif what == "change":
+            bench.virtual.extra = {str(a): b}
+            bench.virtual.has_changed = True
+        elif what == "follow":
+            bench.tell(Follow, (a, b, 0.0))
+        elif what == "path":
+            bench.tell(FollowPath, ((a, b, 0.0), (b, a, 0.0)))
+        elif what == "stop":
+            bench.tell(Stop)
+        elif what == "lose":
+            is_lossy = bool(a)
+            bench.is_lossy = lambda _topic, is_lossy=is_lossy: is_lossy  # type: ignore[misc]
+        elif a:
+            bench.connect()
+        else:
+            bench.agv.on_disconnected("gone")
+        bench.run(0.4)
+    assert bench.virtual.farthest_base_m <= 1.0 + 1e-6
+    bench.virtual.extra = {}
+    bench.is_lossy = lambda _topic: False
+    bench.connect()
+    bench.tell(Stop)
+    bench.run(2.5)
+    assert bench.virtual.base == []
+    assert not bench.agv.is_active
+    assert len(orders(bench)) <= 2 * (bench.now_s - 100.0) + 1

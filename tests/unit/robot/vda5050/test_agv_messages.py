@@ -1,0 +1,232 @@
+"""Messages of VDA 5050: those of the specification, and whatever a broker may deliver."""
+
+import json
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pointit.runtime.mqtt.agv_messages import (
+    Connection,
+    HeaderCheck,
+    LastPose,
+    State,
+    Visualization,
+    blocked_by,
+    parse,
+    velocity_on_map,
+)
+from pointit.services.robot.drivers.vda5050.master_messages import (
+    InstantAction,
+    MessageEncoder,
+    Node,
+    Order,
+    Version,
+    iso_time,
+)
+
+HEADER = """"headerId": 15, "timestamp": "2017-04-15T11:40:03.12Z", "version": "2.0.0",
+  "manufacturer": "KIT", "serialNumber": "0001" """
+STATE = f"""{{{HEADER}, "orderId": "1234", "orderUpdateId": 1, "zoneSetId": "",
+  "lastNodeId": "pumpenhaus_1", "lastNodeSequenceId": 4,
+  "nodeStates": [{{"nodeId": "7", "sequenceId": 6, "released": true, "nodePosition": {{"x": 1, "y": 2,
+    "theta": 0.0, "allowedDeviationXY": 0, "mapId": "f1"}}}}],
+  "edgeStates": [{{"edgeId": "e3", "sequenceId": 5, "released": true}}],
+  "agvPosition": {{"positionInitialized": true, "localizationScore": 0.9, "deviationRange": 0.1,
+    "x": 1.5, "y": -2.25, "theta": -1.57, "mapId": "f1", "mapDescription": "first floor"}},
+  "velocity": {{"vx": 0.5, "vy": 0, "omega": 0.1}}, "loads": [], "driving": true, "paused": false,
+  "newBaseRequest": true, "distanceSinceLastNode": 0.2,
+  "actionStates": [{{"actionId": "a1", "actionType": "cancelOrder", "actionStatus": "RUNNING"}}],
+  "batteryState": {{"batteryCharge": 80, "batteryVoltage": 24.1, "charging": false, "reach": 4000}},
+  "operatingMode": "AUTOMATIC", "errors": [], "informations": [{{"infoType": "x", "infoLevel": "DEBUG"}}],
+  "safetyState": {{"eStop": "NONE", "fieldViolation": false}}, "vendorField": [1, 2]}}"""
+BROKEN = f'{{{HEADER}, "connectionState": "CONNECTIONBROKEN"}}'
+
+anything = st.recursive(
+    st.none() | st.booleans() | st.floats() | st.integers() | st.text(max_size=9),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=9), inner, max_size=3),
+    max_leaves=6,
+)
+state_fields = st.dictionaries(
+    st.sampled_from(sorted(json.loads(STATE))) | st.sampled_from(["", "x"]), anything, max_size=4
+)
+
+
+def test_a_state_of_the_specification_is_understood() -> None:
+    state = parse(State, STATE.encode())
+    assert state is not None
+    assert (state.header_id, state.order_id, state.order_update_id) == (15, "1234", 1)
+    assert (state.last_node_id, state.last_node_sequence_id) == ("pumpenhaus_1", 4)
+    assert [(node.node_id, node.sequence_id) for node in state.node_states] == [("7", 6)]
+    assert state.agv_position is not None
+    position = state.agv_position
+    assert (position.x, position.y, position.theta, position.map_id) == (1.5, -2.25, -1.57, "f1")
+    assert position.deviation_range == 0.1
+    assert state.velocity is not None
+    assert state.velocity.vx == 0.5
+    assert [(each.action_id, each.action_status) for each in state.action_states] == [("a1", "RUNNING")]
+    assert state.battery_state is not None
+    assert (state.battery_state.battery_charge, state.driving, blocked_by(state)) == (80.0, True, "")
+
+
+def test_a_last_will_of_the_specification_is_understood() -> None:
+    will = parse(Connection, BROKEN.encode())
+    assert will is not None
+    assert will.connection_state == "CONNECTIONBROKEN"
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        ({"operatingMode": "SERVICE"}, "the AGV is in mode SERVICE: switch it to AUTOMATIC"),
+        (
+            {"safetyState": {"eStop": "MANUAL", "fieldViolation": False}},
+            "the emergency stop of the AGV is active: release it at the vehicle",
+        ),
+        (
+            {"errors": [{"errorType": "dirty", "errorLevel": "FATAL", "errorDescription": "laser\n 1"}]},
+            "the AGV needs help (dirty: laser 1): look after it",
+        ),
+        ({"errors": [{"errorType": "dusty", "errorLevel": "WARNING"}]}, ""),
+    ],
+)
+def test_an_agv_that_takes_no_orders_says_why(change: dict[str, object], sentence: str) -> None:
+    state = parse(State, json.dumps({**json.loads(STATE), **change}).encode())
+    assert state is not None
+    assert blocked_by(state) == sentence
+
+
+@pytest.mark.parametrize(
+    "payload",
+    [
+        b"",
+        b"null",
+        b"[1]",
+        b"\xff\xfe",
+        b"[" * 100_000,
+        STATE.replace("1.5,", "NaN,").encode(),
+        STATE.replace("1.5,", "1e999,").encode(),
+        STATE.replace('"headerId": 15', '"headerId": 4294967296').encode(),
+        STATE.replace('"headerId": 15', f'"headerId": {"9" * 5000}').encode(),
+        STATE.encode() + b" " * 2_000_000,
+        "a text",
+        7,
+        None,
+    ],
+    ids=lambda payload: str(payload)[:12],
+)
+def test_what_is_no_message_is_none(payload: object) -> None:
+    assert parse(State, payload) is None
+
+
+@given(st.binary(max_size=200) | anything.map(lambda each: json.dumps(each).encode()))
+def test_no_payload_raises(payload: bytes) -> None:
+    for kind in (Connection, State, Visualization):
+        parse(kind, payload)
+
+
+@given(state_fields)
+def test_no_state_with_wrong_fields_raises(fields: dict[str, object]) -> None:
+    state = parse(State, json.dumps({**json.loads(STATE), **fields}).encode())
+    if state is not None:
+        assert len(blocked_by(state)) < 1000
+
+
+def test_messages_that_come_late_or_twice_are_told_from_those_of_a_restarted_agv() -> None:
+    check = HeaderCheck()
+    assert [check.is_new(each) for each in (5, 5, 4, 6, 500, 400)] == [True, False, False, True, True, False]
+    assert check.is_new(2), "it counts from the start"
+    check.forget()
+    last = 2**32 - 1
+    assert [check.is_new(each) for each in (last, 0, last)] == [True, True, False]
+    check.forget()
+    assert check.is_new(0)
+
+
+@pytest.mark.parametrize("version", ["1.1.0", "2.0.0"])
+def test_orders_and_actions_are_written_as_the_specification_wants(version: Version) -> None:
+    letterhead = MessageEncoder("uagv", version, "KIT", "0001", lambda: 1_492_256_403_120_000_000)
+    order = Order("o", 1, (Node(2, 0.5, 0.0), Node(4, 1.0, 0.123456, theta=1.5)), 0.5)
+    topic, payload = letterhead.order(order, "f1")
+    header = {
+        "headerId": 0,
+        "timestamp": "2017-04-15T11:40:03.12Z",
+        "version": version,
+        "manufacturer": "KIT",
+        "serialNumber": "0001",
+    }
+    assert topic == f"uagv/v{version[0]}/KIT/0001/order"
+    assert json.loads(payload) == {
+        **header,
+        "orderId": "o",
+        "orderUpdateId": 1,
+        "nodes": [
+            {
+                "nodeId": "o.2",
+                "sequenceId": 2,
+                "released": True,
+                "nodePosition": {"x": 0.5, "y": 0.0, "mapId": "f1"},
+                "actions": [],
+            },
+            {
+                "nodeId": "o.4",
+                "sequenceId": 4,
+                "released": True,
+                "nodePosition": {"x": 1.0, "y": 0.1235, "theta": 1.5, "mapId": "f1"},
+                "actions": [],
+            },
+        ],
+        "edges": [
+            {
+                "edgeId": "o.3",
+                "sequenceId": 3,
+                "released": True,
+                "startNodeId": "o.2",
+                "endNodeId": "o.4",
+                "actions": [],
+                "maxSpeed": 0.5,
+            }
+        ],
+    }
+    action = {"actionType": "cancelOrder", "actionId": "c", "blockingType": "NONE"}
+    topic, payload = letterhead.actions([InstantAction("cancelOrder", "c")])
+    assert topic == f"uagv/v{version[0]}/KIT/0001/instantActions"
+    names = ("instantActions",) if version[0] == "1" else ("instantActions", "actions")
+    assert json.loads(payload) == {**header, **{key: [action] for key in names}}
+    _, second = letterhead.actions([InstantAction("cancelOrder", "d")])
+    assert json.loads(second)["headerId"] == 1, "counted by topic"
+
+
+def test_times_are_in_utc() -> None:
+    assert iso_time(0) == "1970-01-01T00:00:00.00Z"
+
+
+@pytest.mark.parametrize(
+    ("velocity", "place", "age_s", "expected"),
+    [
+        ({"vx": 0.5, "vy": 0.0}, (0.0, 0.0), 0.1, (0.0, 0.5)),  # stands, and begins to drive forward
+        ({"vx": 0.5, "vy": 0.0}, (0.0, -0.1), 0.1, (0.0, 0.5)),
+        ({"vx": 0.0, "vy": 0.5}, (0.0, -0.1), 0.1, (0.0, 0.5)),  # in the frame of the map
+        ({"vx": -0.5, "vy": 0.0}, (0.0, 0.1), 0.1, (0.0, -0.5)),  # backwards
+        (None, (0.0, -0.1), 0.2, (0.0, 0.5)),
+        (None, (0.0, -0.1), 0.001, (7.0, 7.0)),  # two messages at once
+        (None, (0.0, 0.0), 0.2, (0.0, 0.0)),
+    ],
+)
+def test_a_velocity_points_to_where_the_agv_has_gone_whatever_its_frame(
+    velocity: dict[str, float] | None,
+    place: tuple[float, float],
+    age_s: float,
+    expected: tuple[float, float],
+) -> None:
+    position = {"x": 0.0, "y": 0.0, "theta": math.pi / 2, "mapId": "hall"}
+    message = Visualization.model_validate({"agvPosition": position, "velocity": velocity})
+    assert velocity_on_map(message, LastPose(place, (7.0, 7.0), age_s)) == pytest.approx(expected)
+
+
+def test_an_agv_seen_first_has_the_velocity_that_it_states() -> None:
+    position = {"x": 0.0, "y": 0.0, "theta": 0.0, "mapId": "hall"}
+    message = Visualization.model_validate({"agvPosition": position, "velocity": {"vx": 0.5}})
+    assert velocity_on_map(message, None) == pytest.approx((0.5, 0.0))
+    assert velocity_on_map(Visualization.model_validate({"agvPosition": position}), None) == (0.0, 0.0)

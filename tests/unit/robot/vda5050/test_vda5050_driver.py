@@ -1,0 +1,70 @@
+"""The driver of AGVs at a broker that is a queue: what it sends when it ends."""
+
+import asyncio
+import contextlib
+from collections.abc import AsyncGenerator, AsyncIterator
+from typing import Any
+
+import aiomqtt
+import pytest
+
+from pointit.runtime.health.surroundings import Surroundings
+from pointit.services.robot.drivers.vda5050 import driver as vda5050
+from pointit.services.robot.drivers.vda5050.agv import Agv
+from pointit.services.robot.drivers.vda5050.driver import Vda5050Driver
+from pointit.services.robot.drivers.vda5050.vda5050_config import Vda5050Config
+from pointit.services.robot.robot_driver import FollowPath, ReportItem, RobotReport
+from pointit.testing.devices.virtual_agv import VirtualAgv
+from pointit.testing.trial import TrialHealth
+from tests.support.bench import ManualClock, until
+from tests.unit.robot.vda5050.agv_bench import SPEC
+
+STATE = "uagv/v2/acme/7/state"
+
+
+class Broker:
+    """A connected client, and the AGV behind it, which stands."""
+
+    def __init__(self) -> None:
+        self.agv = VirtualAgv()
+        self.incoming: asyncio.Queue[aiomqtt.Message] = asyncio.Queue()
+
+    @property
+    async def messages(self) -> AsyncIterator[aiomqtt.Message]:
+        while True:
+            yield await self.incoming.get()
+
+    async def subscribe(self, *_arguments: Any) -> None: ...
+
+    async def publish(self, topic: str, payload: str, **_options: Any) -> None:
+        self.agv.receive(topic, payload)
+        self.say()
+
+    def say(self) -> None:
+        self.incoming.put_nowait(aiomqtt.Message(STATE, self.agv.state(), 0, False, 1, None))
+
+
+async def test_an_error_in_the_driver_stops_the_agv_before_it_ends(monkeypatch: pytest.MonkeyPatch) -> None:
+    broker = Broker()
+
+    @contextlib.asynccontextmanager
+    async def connected(_options: object) -> AsyncGenerator[Broker]:
+        yield broker
+
+    def fail(*_arguments: object) -> None:
+        raise ArithmeticError
+
+    monkeypatch.setattr(vda5050, "connected", connected)
+    config = Vda5050Config(broker="hub", manufacturer="acme", serial_number="7")
+    around = Surroundings(clock=ManualClock(), health=TrialHealth(), folder=Surroundings.detached().folder)
+    driver = Vda5050Driver(config, SPEC, around)
+    items: list[ReportItem] = []
+    running = asyncio.ensure_future(driver.run(items.append))
+    await until(lambda: any(isinstance(each, RobotReport) for each in items))
+    driver.command(FollowPath(1, ((9.0, 0.0, 0.0),)))
+    await until(lambda: bool(broker.agv.base))
+    monkeypatch.setattr(Agv, "on_message", fail)
+    broker.say()
+    with pytest.raises(ExceptionGroup):
+        await running
+    assert broker.agv.base == []

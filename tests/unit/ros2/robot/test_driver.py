@@ -1,0 +1,270 @@
+"""The driver `ros2`: its pose, its link, its two ways to move a robot, and bad configurations."""
+
+import asyncio
+import contextlib
+import dataclasses
+import math
+from collections.abc import AsyncGenerator
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pointit.bridges.ros2.robot.config import Ros2RobotConfig
+from pointit.bridges.ros2.robot.driver import Ros2Driver
+from pointit.bridges.ros2.robot.plugin import ROS2
+from pointit.bridges.ros2.robot.pose_input import PoseReader
+from pointit.bridges.ros2.tracking.config import PoseSource
+from pointit.bridges.ros2.types.definitions import Definitions
+from pointit.bridges.ros2.types.types import Types
+from pointit.plugins import (
+    NS_PER_S,
+    ConfigError,
+    Follow,
+    FollowPath,
+    Land,
+    LinkLost,
+    OrderStatus,
+    ReportItem,
+    RobotReport,
+    RobotSpec,
+    Stop,
+    TakeOff,
+)
+from pointit.runtime.config.config import Layers
+from tests.support.bench import START_NS, ManualClock, until
+from tests.unit.ros2.robot.fake_nav2 import FakeNav2
+from tests.unit.ros2.scenes import NOW_NS, jazzy
+from tests.unit.ros2.tracking.test_trackers import ODOMETRY, POSE, TF, header, make, pose, transform
+from tests.unit.ros2.values import any_value
+
+GROUND = RobotSpec(
+    name="agv-1",
+    kind="ground",
+    start_m=(0.0, 0.0, 0.0),
+    start_yaw_rad=0.0,
+    radius_m=0.3,
+    hover_m=0.5,
+    max_speed_mps=1.0,
+    max_acceleration_mps2=1.0,
+)
+QUAD = dataclasses.replace(GROUND, name="quad", kind="quadrotor")
+SETPOINTS = "/mavros/setpoint_position/local"
+
+
+class Around:
+    """Surroundings of the driver."""
+
+    def __init__(self) -> None:
+        self.clock = ManualClock()
+        self.health = self
+        self.warnings: dict[str, str] = {}
+
+    def warn(self, topic: str, sentence: str) -> None:
+        self.warnings[topic] = sentence
+
+    def clear(self, topic: str) -> None:
+        self.warnings.pop(topic, None)
+
+    def set_metric(self, name: str, value: float | None, unit: str = "") -> None: ...
+
+    def reached(self, latency_s: float) -> None: ...
+
+
+class Bench:
+    """A running driver in a graph in which there is only the test."""
+
+    def __init__(self, graph: FakeNav2, around: Around, driver: Ros2Driver) -> None:
+        self.graph, self.around, self.driver = graph, around, driver
+        self.items: list[ReportItem] = []
+
+    @property
+    def reports(self) -> list[RobotReport]:
+        return [item for item in self.items if isinstance(item, RobotReport)]
+
+    @property
+    def news(self) -> list[tuple[int, str]]:
+        return [(item.order, item.state) for item in self.items if isinstance(item, OrderStatus)]
+
+    def is_at(self, x: float, z: float = 0.0) -> None:
+        """Publish the robot's pose, now."""
+        where = pose(x)
+        where.position.z = z
+        self.say("/pose", POSE, header=header("map", self.around.clock.now_ns()), pose=where)
+
+    def say(self, topic: str, name: str, /, **fields: Any) -> None:
+        self.graph.readers[topic](jazzy().encode(name, make(name, **fields)))
+
+
+def types_of(_distro: str) -> Types:
+    return jazzy()
+
+
+@contextlib.asynccontextmanager
+async def driving(
+    monkeypatch: pytest.MonkeyPatch, spec: RobotSpec, **parameters: Any
+) -> AsyncGenerator[Bench]:
+    graph, around = FakeNav2(), Around()
+
+    async def opened(config: Any, *_others: Any, **_more: Any) -> FakeNav2:
+        graph.node = config.node
+        return graph
+
+    monkeypatch.setattr("pointit.bridges.ros2.robot.driver.opened", opened)
+    monkeypatch.setattr("pointit.bridges.ros2.robot.driver.Types", types_of)
+    config = Ros2RobotConfig.model_validate(parameters)
+    made: Any = around
+    bench = Bench(graph, around, Ros2Driver(config, spec, made))
+    running = asyncio.create_task(bench.driver.run(bench.items.append))
+    try:
+        await until(lambda: "/tf" in graph.readers or running.done())
+        yield bench
+    finally:
+        running.cancel()
+        with contextlib.suppress(asyncio.CancelledError):
+            await running
+
+
+TOPIC = {"pose": {"topic": "/pose"}}
+DRONE = {"control": "setpoints", **TOPIC}
+
+
+async def test_a_ground_robot_reports_drives_and_stops_when_the_driver_ends(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    async with driving(monkeypatch, GROUND, **TOPIC) as bench:
+        assert bench.graph.node == "/pointit_agv_1"
+        assert isinstance(bench.items[0], LinkLost)
+        bench.driver.command(FollowPath(1, ((1.0, 0.0, 0.0),)))
+        assert bench.news == [(1, "refused")]  # it is not connected
+        bench.is_at(0.5)
+        assert bench.reports[-1].position_m == (0.5, 0.0, 0.0)
+        assert bench.reports[-1].stamp_ns == START_NS
+        bench.driver.command(Stop(2))  # harmless
+        bench.driver.command(FollowPath(3, ((1.0, 0.0, 0.0),)))
+        await until(lambda: (3, "accepted") in bench.news)
+        (goal,) = bench.graph.goals
+    assert bench.graph.cancelled == [goal]
+    assert not bench.graph.readers
+
+
+async def test_a_pose_that_fails_to_come_is_a_lost_link_until_it_comes_again(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    async with driving(monkeypatch, GROUND, **TOPIC) as bench:
+        bench.is_at(0.5)
+        bench.around.clock.advance(1.1)
+        await until(lambda: isinstance(bench.items[-1], LinkLost))
+        lost = bench.items[-1]
+        assert isinstance(lost, LinkLost)
+        assert "no pose comes from /pose" in lost.reason
+        bench.is_at(0.6)
+        assert isinstance(bench.items[-1], RobotReport)
+
+
+async def test_a_bad_pose_is_told_in_health_and_not_reported(monkeypatch: pytest.MonkeyPatch) -> None:
+    async with driving(monkeypatch, GROUND, **TOPIC) as bench:
+        bench.say("/pose", POSE, header=header("moon"), pose=pose())
+        assert "no transform leads from 'moon' to 'map'" in bench.around.warnings["pose"]
+        bench.graph.readers["/pose"](b"\x00\x01\x00\x00short")
+        assert "was dropped" in bench.around.warnings["pose"]
+        assert bench.reports == []
+        bench.is_at(0.0)
+        assert bench.around.warnings["pose"] == ""
+
+
+async def test_the_pose_of_a_frame_comes_from_tf(monkeypatch: pytest.MonkeyPatch) -> None:
+    async with driving(monkeypatch, GROUND) as bench:
+        bench.say("/tf", TF, transforms=[transform("odom", "base_link", 1.0)])
+        assert bench.reports == []
+        bench.say("/tf", TF, transforms=[transform("map", "odom", 2.0, math.pi / 2)])
+        assert bench.reports[-1].position_m == pytest.approx((2.0, 1.0, 0.0))
+        assert bench.reports[-1].yaw_rad == pytest.approx(math.pi / 2)
+
+
+async def test_a_drone_takes_off_follows_and_lands_by_set_points(monkeypatch: pytest.MonkeyPatch) -> None:
+    async with driving(monkeypatch, QUAD, **DRONE) as bench:
+        bench.is_at(0.0)
+        assert not bench.reports[-1].is_flying
+
+        def sent_z() -> float:
+            bench.around.clock.advance(0.05)
+            cdrs = bench.graph.sent[SETPOINTS]
+            at = jazzy().decode(POSE, cdrs[-1]).pose.position if cdrs else None
+            bench.is_at(0.0 if at is None else at.x, 0.0 if at is None else max(at.z, 0.0))
+            return -1.0 if at is None else float(at.z)
+
+        bench.driver.command(Stop(0))
+        bench.driver.command(TakeOff(1, 0.2))
+        await until(lambda: sent_z() == pytest.approx(0.2) and (1, "done") in bench.news)
+        assert bench.reports[-1].is_flying
+        bench.driver.command(Follow(2, (0.1, 0.0, 0.3)))
+        await until(lambda: sent_z() == pytest.approx(0.3))
+        bench.driver.command(Land(3))
+        await until(lambda: sent_z() < 0.05 and (3, "done") in bench.news)
+        assert not bench.reports[-1].is_flying
+        message = jazzy().decode(POSE, bench.graph.sent[SETPOINTS][-1])
+        assert message.header.frame_id == "map"
+
+
+@pytest.mark.parametrize(
+    ("parameters", "expected"),
+    [
+        ({"action": "navigate_to_pose"}, "begin with /"),
+        ({"pose": {"type": "conveyor_msgs/PackageList", "topic": "/packages"}}, "a robot's pose comes from"),
+        ({"pose": {"type": "tf"}}, "frame"),
+        ({"control": "teleport"}, "setpoints"),
+    ],
+)
+def test_parameters_that_cannot_work_are_refused(parameters: dict[str, Any], expected: str) -> None:
+    layers = Layers()
+    layers.add(parameters, "site.yaml")
+    with pytest.raises(ConfigError, match=expected):
+        layers.build(Ros2RobotConfig)
+
+
+@pytest.mark.parametrize(
+    ("spec", "parameters", "expected"),
+    [
+        (QUAD, {}, "set it to setpoints"),
+        (GROUND, {"control": "setpoints"}, "set it to nav2"),
+        (GROUND, {"backend": {"endpoint": "robot"}}, "no address"),
+    ],
+)
+def test_a_driver_that_cannot_work_is_not_made(
+    spec: RobotSpec, parameters: dict[str, Any], expected: str
+) -> None:
+    made: Any = Around()
+    with pytest.raises(ConfigError, match=expected):
+        Ros2Driver(Ros2RobotConfig.model_validate(parameters), spec, made)
+
+
+def test_the_plug_in_makes_the_driver() -> None:
+    made: Any = Around()
+    assert isinstance(ROS2.make(Ros2RobotConfig(), GROUND, made), Ros2Driver)
+
+
+FIELDS = {name: fields for name, (_, fields) in Definitions("jazzy").store.fielddefs.items()}
+SOURCES = {
+    POSE: PoseSource(topic="/pose"),
+    ODOMETRY: PoseSource(topic="/odom", type="nav_msgs/Odometry"),
+    TF: PoseSource(type="tf", frame="base_link"),
+}
+
+
+@pytest.mark.parametrize("name", SOURCES)
+@given(data=st.data())
+def test_whatever_comes_as_a_pose_is_a_finite_report_or_a_sentence(name: str, data: st.DataObject) -> None:
+    reader = PoseReader(SOURCES[name], "map")
+    value = data.draw(any_value(jazzy(), FIELDS, name))
+    if name == TF:
+        found = reader.transforms(value, NOW_NS, is_static=data.draw(st.booleans()))
+    else:
+        value.header = header("", 0)
+        found = reader.message(value, NOW_NS)
+    if isinstance(found, RobotReport):
+        assert all(map(math.isfinite, (*found.position_m, *found.velocity_mps, found.yaw_rad)))
+        assert found.stamp_ns <= NOW_NS + NS_PER_S
+    else:
+        assert len(found) < 300

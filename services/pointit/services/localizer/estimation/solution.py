@@ -5,9 +5,13 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from pointit.services.localizer.estimation.angular_residuals import PARAMETERS, Array
+from pointit.services.localizer.estimation.angular_residuals import PARAMETERS, Array, Rays
 from pointit.services.localizer.estimation.levenberg_marquardt import SAME_POSE, Weights
-from pointit.services.localizer.estimation.uncertainty import NoiseModel
+from pointit.services.localizer.estimation.refinement import NoiseModel
+from pointit.services.localizer.estimation.sample_blocks import Pointings
+
+KNOWN = 1e-4
+"""Standard deviation (m, s, rad) of what is known."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -18,26 +22,27 @@ class SolverSettings:
     """Standard deviation sideways of rays that follow a target (pointing.md §1: 1.8 to 3.8 degrees)."""
     elevation_sigma_rad: float = math.radians(3.0)
     """The same upwards: the elevation depends on body measures, the azimuth does not."""
-    act_sigma_rad: float = math.radians(5.0)
-    """Standard deviation sideways of one pointing at a target at rest (§7: 4 to 6 degrees)."""
+    act_sigma_rad: float = math.radians(3.0)
+    """Standard deviation sideways of one pointing at a target at rest; 2 to 2.5 degrees of six recorded
+    people of eight, 5 to 10 of the others."""
     bias_sigma_rad: float = math.radians(10.0)
     """Standard deviation of people's elevation bias."""
     bias_rad: float = 0.0
     """Expected elevation bias: 0, or what was found about the person before."""
     elevation_slope: float = 0.0
-    """Expected elevation of the rays per elevation of the targets, less 1."""
-    elevation_slope_sigma: float = 0.15
-    """Its standard deviation: people exaggerate how high targets are. 0 for a mouse."""
-    azimuth_slope_sigma: float = 0.15
-    """The same of azimuths, about their mean: people exaggerate how far targets are aside. 0 for a mouse."""
+    """Expected exaggeration of heights: a target is at 1 - slope times the elevation of its ray."""
+    elevation_slope_sigma: float = 0.05
+    """Its standard deviation. 0 for a mouse."""
+    azimuth_slope_sigma: float = 0.0
+    """The same of azimuths, about their mean; 0 is best for all recorded people but two of twelve."""
     scatter_rad: float | None = None
     """Sigma sideways of one pointing of this person, if it was found before."""
     body_sigma_m: float = 0.1
     """Standard deviation of the eyes' horizontal position over the feet, which more rays do not reduce."""
     height_sigma_m: float = 0.05
     """Standard deviation of the eye height above the floor; a large one leaves it free."""
-    model_sigma_rad: float = 0.1
-    """Standard deviation of a ray's constant error: eyes or finger 7 cm off, over an arm of 0.7 m."""
+    model_sigma_rad: float = 0.05
+    """Standard deviation of a ray's constant error: eyes or finger 3 cm off, over an arm of 0.7 m."""
     independent_hz: float = 2.0
     """Independent pointings per second of following; a hold at a target at rest is one."""
     latency_sigma_s: float = 0.15
@@ -45,7 +50,7 @@ class SolverSettings:
     latency_s: float = 0.0
     """Expected latency of these reports against the rays."""
     min_samples: int = 20
-    max_residual_rad: float = math.radians(9.0)
+    max_residual_rad: float = math.radians(5.0)
     """Rms angle above which the person did not follow a moving target."""
     max_act_residual_rad: float = math.radians(12.0)
     """Rms angle above which the person did not point at targets at rest."""
@@ -68,18 +73,33 @@ class SolverSettings:
     def weights(self) -> Weights:
         """Return the weights of the descent."""
         prior = np.zeros(PARAMETERS)
-        prior[3], prior[4] = self.bias_sigma_rad**-2, max(self.height_sigma_m, 1e-4) ** -2
+        prior[3], prior[4] = self.bias_sigma_rad**-2, max(self.height_sigma_m, KNOWN) ** -2
         return Weights(sigma_rad=np.array([[self.ray_sigma_rad], [self.elevation_sigma_rad]]), prior=prior)
 
     def noise_model(self, *, is_still: bool) -> NoiseModel:
         """Return the noise model for targets at rest or moving."""
         sideways = self.act_sigma_rad if is_still else self.ray_sigma_rad
+        share = 1.0 if self.scatter_rad is None else self.scatter_rad / sideways
+        sigmas = (
+            *(self.bias_sigma_rad, self.height_sigma_m),
+            *(self.elevation_slope_sigma, self.azimuth_slope_sigma),
+            0.0 if is_still else self.latency_sigma_s,
+        )
         return NoiseModel(
-            sigma_rad=np.array([sideways, self.elevation_sigma_rad]),
+            sigma_rad=share * np.array([sideways, self.elevation_sigma_rad]),
             independent_hz=0.0 if is_still else self.independent_hz,  # a reach errs until the next one
             body_sigma_m=self.body_sigma_m,
             model_sigma_rad=self.model_sigma_rad,
-            latency_sigma_s=0.0 if is_still else self.latency_sigma_s,
+            prior=np.array([0.0, 0.0, 0.0, *(max(sigma, KNOWN) ** -2 for sigma in sigmas)]),
+        )
+
+    def rays(self, pointings: Pointings, centre: Array) -> Rays:
+        """Return `pointings` less what is expected of the person, with targets relative to `centre` (3)."""
+        rays = Rays.of(pointings.origins_m, pointings.directions, pointings.targets_m - centre)
+        if not (self.bias_rad or self.elevation_slope):
+            return rays
+        return replace(
+            rays, elevations_rad=(1.0 - self.elevation_slope) * rays.elevations_rad - self.bias_rad
         )
 
     def residual_limit_rad(self, *, is_still: bool) -> float:
@@ -110,7 +130,7 @@ class Solution:
     z_sigma_m: float = 0.0
     bias_sigma_rad: float = 0.0
     elevation_slope: float = 0.0
-    """Elevation of the rays per elevation of the targets, less 1."""
+    """Exaggeration of heights: a target is at 1 - slope times the elevation of its ray."""
     elevation_slope_sigma: float = 0.0
     azimuth_slope: float = 0.0
     """The same of azimuths about their mean."""
@@ -122,14 +142,20 @@ class Solution:
     """Standard deviation sideways of one pointing of this person."""
     alternative: float = 0.0
     """Probability that the person stands at another place that fits, too."""
-    late: Array = field(default_factory=lambda: np.zeros((3, 3)))
-    """3 x 3: the part of `covariance` that comes from the uncertain latency of the tracker."""
+    of_latency: Array = field(default_factory=lambda: np.zeros(3))
+    """Covariance of x, y and yaw with the latency of the tracker."""
 
     @property
     def position_sigma_m(self) -> float:
         """Return the standard deviation along the worse horizontal direction."""
         (xx, xy), (_, yy) = self.covariance[:2, :2].tolist()
         return math.sqrt(max(0.0, 0.5 * (xx + yy) + math.hypot(0.5 * (xx - yy), xy)))
+
+    @property
+    def timely(self) -> Array:
+        """Return the covariance if the latency of the tracker were known."""
+        of_latency = self.of_latency / max(self.latency_sigma_s, KNOWN)
+        return self.covariance - np.outer(of_latency, of_latency)
 
     def is_near(self, other: "Solution") -> bool:
         """Return True if the two poses are the same for practical purposes."""
@@ -148,7 +174,7 @@ class Solution:
         """
         off = np.array([self.x_m - other.x_m, self.y_m - other.y_m, 0.0])
         off[2] = math.remainder(self.yaw_rad - other.yaw_rad, math.tau)
-        both = self.covariance - self.late + other.covariance - other.late
+        both = self.timely + other.timely
         both[2, 2] += drift_rad**2
         return float(off @ np.linalg.solve(both, off))
 

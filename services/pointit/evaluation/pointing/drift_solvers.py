@@ -86,7 +86,7 @@ def _filtered(course: HoldSequence, anchors: Sequence[int], told: int, *, rests:
         rest = hold.rest
         if rests and rest is not None:
             drift.update_rest_rate(
-                rest.stamp_ns, rest.yaw_rate_radps, rest.sigma_radps, rest.creep_sigma_radps
+                rest.stamp_ns, rest.yaw_rate_radps, rest.sigma_radps, is_raised=rest.is_raised
             )
     pose: DriftPose = drift.predict(round(course.holds[told].at_s * NS_PER_S))
     return YawEstimate(pose.yaw_rad, pose.yaw_sigma_rad)

@@ -135,8 +135,8 @@ class DriftFilter:
     ) -> AnchorResult:
         """Apply one pointing at a known place without a cursor.
 
-        Rejected if it is likelier that the person pointed elsewhere; the next anchor shows whether that was
-        right. If it is likelier that the IMU was turned or the person moved, the pose follows.
+        Rejected if it is likelier that the IMU was turned, the person moved or they pointed elsewhere.
+        Then the pose is as uncertain as these three differ, and the next anchor shows which of them is right.
 
         Args:
             stamp_ns: middle of the hold; the filter advances to it if it is newer.
@@ -171,23 +171,21 @@ class DriftFilter:
         seen = innovation(state.means, sight, late_s)
         allowed = settings.gate * state.innovation_sigmas(seen, noise)
         off = -innovation(state.moments()[0][None], sight, late_s).value[0]
-        _, moved, missed = state.update(
+        usual, moved, missed = state.update(
             seen,
             [
                 *self._cases(noise, settings.moved_sigma_m, other=settings.outlier_share),
                 Case(settings.outlier_share, noise + elsewhere, np.zeros(5)),
             ],
         )
-        said = _sentence(off, allowed)
-        accepted = bool(missed < 0.5)
+        accepted = bool(usual >= max(moved, missed))
         if accepted:
             self._anchored_ns = max(self._anchored_ns, stamp_ns)
         return AnchorResult(
             accepted=accepted,
             azimuth_error_rad=float(off[0]),
             elevation_error_rad=float(off[1]),
-            reason="" if accepted else f"{said}; point at that target again, arm straight",
-            note=f"{said}: the IMU was turned or the person moved, and the pose follows" if moved > 0.5 else "",
+            reason="" if accepted else _sentence(off, allowed),
         )
 
     def update_heading(
@@ -316,13 +314,16 @@ class DriftFilter:
 
 
 def _sentence(off: Array, allowed: Array) -> str:
-    """Return where the target was beside the ray.
+    """Return the reason for the rejection of a pointing.
 
     Args:
         off: azimuth and elevation of the target minus those of the ray, rad.
         allowed: limits of both, rad.
     """
-    azimuth, elevation = np.degrees(off)
-    if abs(off[0]) / allowed[0] >= abs(off[1]) / allowed[1]:
-        return f"the target was {abs(azimuth):.0f}° to the {'left' if azimuth > 0 else 'right'} of the ray"
-    return f"the target was {abs(elevation):.0f}° {'above' if elevation > 0 else 'below'} the ray"
+    worst = int(np.argmax(np.abs(off) / allowed))
+    by, limit = math.degrees(off[worst]), math.degrees(allowed[worst])
+    side = ("to the left of" if by > 0 else "to the right of", "above" if by > 0 else "below")[worst]
+    return (
+        f"the target was {abs(by):.0f}° {side} the ray where at most {limit:.0f}° is accepted; "
+        "point at that target again, arm straight"
+    )

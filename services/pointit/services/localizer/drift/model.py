@@ -11,7 +11,7 @@ from pointit.geometry.vector import Vec3
 Array = NDArray[np.float64]
 
 X, Y, YAW, RATE, CREEP = range(5)
-"""State indices: m, m, rad, rad/s, rad/s. Creep is the rate at which the person's raised arm turns at rest."""
+"""State indices: m, m, rad, rad/s, rad/s. Creep is the rate at which a person's raised arm turns at rest."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -20,7 +20,7 @@ class DriftSettings:
 
     rate_sigma_radps: float = math.radians(0.25)
     """Standard deviation of the yaw rate of an unknown IMU."""
-    rate_walk_radps: float = math.radians(0.002)
+    rate_walk_radps: float = math.radians(0.01)
     """Random walk of the rate: standard deviation after one second, growing with the square root of time."""
     max_rate_radps: float = math.radians(1.0)
     """Fastest drift of an IMU, and upper bound of the rate's standard deviation."""
@@ -28,7 +28,7 @@ class DriftSettings:
     """Random walk of the yaw besides its rate: standard deviation after one second (0.5° in a minute)."""
     position_walk_m: float = 0.0065
     """Random walk of a standing person: standard deviation after one second (5 cm in a minute)."""
-    anchor_sigma_rad: float = math.radians(3.5)
+    anchor_sigma_rad: float = math.radians(3.0)
     """Standard deviation of one pointing sideways, as an angle at the eyes."""
     elevation_sigma_rad: float = math.radians(3.0)
     """The same upwards: scatter within a person and the unknown part of their bias."""
@@ -38,12 +38,12 @@ class DriftSettings:
     """Rests beyond this number of standard deviations are rejected."""
     moved_share: float = 0.05
     """Probability that the IMU was turned or the person moved between two measurements of the yaw."""
-    moved_sigma_m: float = 0.5
+    moved_sigma_m: float = 0.3
     turned_sigma_rad: float = math.radians(60.0)
     """Standard deviations of such a move and turn."""
     outlier_share: float = 0.05
     """Probability that a person points elsewhere than at the known place."""
-    outlier_sigma_rad: float = math.radians(20.0)
+    outlier_sigma_rad: float = math.radians(45.0)
     """Standard deviation of such a pointing."""
     max_late_s: float = 5.0
     """Measurements older than this are rejected."""

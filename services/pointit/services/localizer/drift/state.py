@@ -2,7 +2,7 @@
 
 Each measurement splits every component into cases (nothing unusual; the IMU was turned or the person moved;
 the person pointed elsewhere), weighs them by their likelihood and keeps the most probable (a Gaussian sum
-filter: Alspach and Sorenson, 1972). A contradicted rate is so forgotten as soon as another history is likelier.
+filter: Alspach and Sorenson, 1972). So a contradicted rate is forgotten as soon as another past is likelier.
 """
 
 import math
@@ -13,7 +13,17 @@ from typing import NamedTuple
 import numpy as np
 
 from pointit.schemas import NS_PER_S
-from pointit.services.localizer.drift.model import CREEP, RATE, YAW, Array, DriftPose, DriftSettings, Fix, X, Y
+from pointit.services.localizer.drift.model import (
+    CREEP,
+    RATE,
+    YAW,
+    Array,
+    DriftPose,
+    DriftSettings,
+    Fix,
+    X,
+    Y,
+)
 
 MAX_COMPONENTS = 8
 """Number of components that are kept."""
@@ -198,7 +208,7 @@ def bounded(covariance: Array, settings: DriftSettings) -> Array:
     sigmas = np.sqrt(np.maximum(np.diagonal(covariance, axis1=-2, axis2=-1), 1e-300))
     shrink = np.minimum(1.0, largest / sigmas)
     both = 0.5 * (covariance + covariance.swapaxes(-1, -2))
-    return np.asarray(both * shrink[..., :, None] * shrink[..., None, :])
+    return np.asarray(both * (shrink[..., :, None] * shrink[..., None, :]))
 
 
 def nearest_psd(covariance: Array) -> Array:

@@ -23,6 +23,7 @@ import numpy as np
 from pointit.evaluation.datasets import proximity_feedback
 from pointit.evaluation.datasets.proximity_feedback import FloorTrial, read_floor_trials
 from pointit.evaluation.pointing.drift_courses import chained, courses, hold_sigma_rad
+from pointit.evaluation.pointing.drift_innovation import innovation_rows
 from pointit.evaluation.pointing.drift_left_out import left_out
 from pointit.evaluation.pointing.drift_simulated import normal_row, simulated_rows
 from pointit.evaluation.pointing.drift_solvers import SOLVERS, Trial, YawEstimate, predictable
@@ -79,21 +80,26 @@ def recorded_rows(trials: Sequence[FloorTrial], tick: Callable[[str], None]) -> 
         condition: predictable(chains if condition == CHAINED else runs, anchors_s, told_s)
         for condition, anchors_s, told_s in CONDITIONS
     }
+    tick("drift: settings chosen by the others")
+    others = left_out(predicted)
     for condition, some in predicted.items():
         tick(f"drift: {condition}")
-        rows += _rows(condition, some, sigma_rad)
-    tick("drift: settings chosen by the others")
-    for condition, guesses in left_out(predicted).items():
-        rows += _solver_rows(condition, LEFT_OUT, guesses, sigma_rad)
-    return rows
+        rows += _rows(condition, some, others[condition], sigma_rad)
+    return rows + innovation_rows(trials, runs)
 
 
-def _rows(condition: str, trials: Sequence[Trial], sigma_rad: float) -> list[Row]:
+def _rows(
+    condition: str,
+    trials: Sequence[Trial],
+    others: Sequence[tuple[Trial, YawEstimate]],
+    sigma_rad: float,
+) -> list[Row]:
     """Return a row for each person and solver, and for all people together."""
     rows: list[Row] = []
     for name, solver in SOLVERS.items():
         guesses = [(one, solver(one.course, one.anchors, one.told)) for one in trials]
         rows += _solver_rows(condition, name, guesses, sigma_rad)
+    rows += _solver_rows(condition, LEFT_OUT, others, sigma_rad)
     if trials:
         rows.append(
             normal_row(proximity_feedback.NAME, condition, "scatter of one hold", len(trials), sigma_rad)

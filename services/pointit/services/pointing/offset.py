@@ -31,8 +31,8 @@ posture and on the visibility of the hand, so it counts as scatter."""
 HOLD_RAD = math.radians(1.0)
 """Scatter of one person's elevation between pointings."""
 SCATTERS_RAD = np.radians(np.linspace(0.5, 6.0, 12))
-"""Such scatters, all equally probable, for the sigma that is stated: 0.3 to 1.1° of people who see their hand,
-2.2 to 5.0° of people who see nothing (`vr_eyefinger`)."""
+"""Such scatters, all equally probable, for the sigma that is stated: 0.3 to 1.1° of people who see their
+hand, 2.2 to 5.0° of people who see nothing (`vr_eyefinger`)."""
 HOLD_AZIMUTH_RAD = math.radians(4.0)
 """Scatter of the azimuth, times the cosine of the elevation."""
 HOLD_COUNT = 4.0

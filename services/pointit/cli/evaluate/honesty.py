@@ -24,7 +24,7 @@ from pointit.evaluation.recordings.data_folder import recordings_folder
 )
 @click.option("--quick", is_flag=True, help="fewer people and windows: a minute instead of several")
 @click.option("--durations", is_flag=True, help="a row for each duration and number of lamps, too")
-@click.option("--gate", is_flag=True, help="end with an error if a row is worse than its stated limits")
+@click.option("--gate", is_flag=True, help="--quick, and an error if a row is worse than its stated limits")
 @click.option(
     "--seed",
     type=click.IntRange(min=0),
@@ -66,7 +66,7 @@ def honesty(
     check_writable(json_file)
     chosen = [each for each in INJECTIONS if not names or each.name in names]
     with interruptible():
-        size = QUICK if quick else FULL
+        size = QUICK if quick or gate else FULL
         recordings = None if data is None else recordings_folder(data)
         if recordings is None:
             click.echo("note: simulated people only: give --data DIR with the recordings", err=True)

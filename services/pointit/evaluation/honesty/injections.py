@@ -11,7 +11,10 @@ import numpy as np
 
 from pointit.evaluation.localization.arm_rays import STATURE_M, eye_height_m, scaled_body
 from pointit.evaluation.localization.trial import Array, Trial
+from pointit.geometry import vector
+from pointit.geometry.vector import Vec3
 from pointit.schemas import BodyMeasures
+from pointit.sim.aim import Stance
 
 Change = Callable[[Trial, np.random.Generator], Trial]
 
@@ -55,15 +58,15 @@ def arm_directions(trial: Trial, beside_m: Array | None = None) -> Array:
 
     Args:
         trial: rays from the eyes.
-        beside_m: offset of each shoulder from its place below the eyes, n x 3 or 3, {H}.
+        beside_m: offset of the shoulder from its place below the eyes, 3, {H}.
     """
     body = _body(trial)
     arm_m = body.shoulder_to_wrist_m + body.wrist_to_finger_m
-    shoulder_m = np.zeros_like(trial.pointings.directions) if beside_m is None else beside_m + 0.0
-    shoulder_m[:, 2] -= body.neck_to_eyes_m
+    shoulder_m = np.array([0.0, 0.0, -body.neck_to_eyes_m])
+    shoulder_m += 0.0 if beside_m is None else beside_m
     rays = trial.pointings.directions
-    half = np.einsum("ij,ij->i", rays, shoulder_m)
-    square = half**2 - np.einsum("ij,ij->i", shoulder_m, shoulder_m) + arm_m**2
+    half = rays @ shoulder_m
+    square = half**2 - shoulder_m @ shoulder_m + arm_m**2
     finger_m = (half + np.sqrt(np.maximum(square, 0.0)))[:, None] * rays
     arms = finger_m - shoulder_m
     return np.asarray(arms / np.linalg.norm(arms, axis=1)[:, None], dtype=np.float64)
@@ -96,27 +99,31 @@ def shoulder(to_right_m: float) -> Change:
 
     def change(trial: Trial, rng: np.random.Generator) -> Trial:
         del rng
-        return _beside(trial, trial.pointings.directions, to_right_m)
+        return _beside(trial, to_right_m)
 
     return change
 
 
 def shoulder_unknown(trial: Trial, rng: np.random.Generator) -> Trial:
     """Move the shoulder up to `BESIDE_M` to either side."""
-    return _beside(trial, trial.pointings.directions, float(rng.uniform(-BESIDE_M, BESIDE_M)))
+    return _beside(trial, float(rng.uniform(-BESIDE_M, BESIDE_M)))
+
+
+def _beside(trial: Trial, to_right_m: float) -> Trial:
+    hand = "right" if to_right_m > 0.0 else "left"
+    body = _body(trial).model_copy(update={"neck_to_shoulder_m": abs(to_right_m)})
+    stance = Stance(body, hand)
+    rays: list[Vec3] = [(x, y, z) for x, y, z in trial.pointings.directions.tolist()]
+    aims = (stance.aim_at(vector.add(stance.eyes_m, ray)) for ray in rays)
+    return with_arms(trial, np.array([vector.direction(*each) for each in aims], dtype=np.float64))
 
 
 def shoulder_still(trial: Trial, rng: np.random.Generator) -> Trial:
     """Move the shoulder to the right of a body that does not turn, and faces the middle of all rays."""
     del rng
-    facing = np.broadcast_to(trial.pointings.directions.mean(axis=0), trial.pointings.directions.shape)
-    return _beside(trial, facing, BESIDE_M)
-
-
-def _beside(trial: Trial, facing: Array, to_right_m: float) -> Trial:
-    level = np.maximum(np.hypot(facing[:, 0], facing[:, 1]), 1e-6)
-    right = np.stack([facing[:, 1] / level, -facing[:, 0] / level, np.zeros(len(facing))], axis=1)
-    return with_arms(trial, arm_directions(trial, to_right_m * right))
+    facing = trial.pointings.directions.mean(axis=0)
+    right = np.array([facing[1], -facing[0], 0.0]) / max(math.hypot(facing[0], facing[1]), 1e-6)
+    return with_arms(trial, arm_directions(trial, BESIDE_M * right))
 
 
 def height(taller_m: float) -> Change:

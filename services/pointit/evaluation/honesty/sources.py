@@ -26,7 +26,7 @@ class Size:
 
 
 FULL = Size(people=100, rooms=12, windows=None)
-QUICK = Size(people=24, rooms=4, windows=4)
+QUICK = Size(people=16, rooms=4, windows=4)
 
 
 @dataclass

@@ -11,12 +11,13 @@ from pointit.evaluation.datasets.proximity_feedback import PHASES, FloorTrial, r
 from pointit.evaluation.pointing.drift import LEFT_OUT, drift_rows, recorded_rows
 from pointit.evaluation.pointing.drift_courses import chained, courses, hold_sigma_rad
 from pointit.evaluation.pointing.drift_innovation import innovation_rows
-from pointit.evaluation.pointing.drift_left_out import left_out
+from pointit.evaluation.pointing.drift_left_out import candidates, left_out
 from pointit.evaluation.pointing.drift_simulated import ANCHORS_S, bound_rad, outcome, simulated_rows
-from pointit.evaluation.pointing.drift_solvers import predictable
+from pointit.evaluation.pointing.drift_solvers import Trial, YawEstimate, filtered, predictable
 from pointit.evaluation.pointing.drifting_person import DriftPersonModel
 from pointit.evaluation.recordings.row import ALL, Row
 from pointit.geometry import vector
+from pointit.services.localizer.drift.model import DriftSettings
 from tests.support.data import data_file
 
 HEADER = "trial,target_id,target_x,target_y,phase,t,x,y,trial_len_samples\n"
@@ -189,18 +190,30 @@ def test_with_rests_nobody_is_worse_off_than_by_anchoring_again() -> None:
 
 
 def test_settings_of_a_person_are_chosen_by_the_others(tmp_path: Path) -> None:
-    """Nothing of what is predicted for a person changes with the errors of their own predictions."""
+    """Even if other settings would predict that person exactly."""
     for number, rate in enumerate((-0.3, 0.2, 0.4)):
         record(tmp_path, rate, subject=f"{number:02}", seed=number)
     trials = predictable(courses(read_floor_trials(tmp_path)), (0.0, 45.0), 90.0)
     told = left_out({"90 s": trials})["90 s"]
     assert [one for one, _ in told] == trials
-    alone = [one for one in trials if one.course.subject == "00"]
-    last = alone[0].course.holds[2]
-    spoiled_course = replace(alone[0].course, holds=(*alone[0].course.holds[:2], last.turned(1.0, 0.0)))
-    spoiled = [replace(one, course=spoiled_course) if one is alone[0] else one for one in trials]
-    assert left_out({"90 s": spoiled})["90 s"][0][1] == told[0][1]
-    assert left_out({"90 s": alone})["90 s"] == []
+
+    def off_rad(one: Trial, guess: YawEstimate, settings: DriftSettings) -> float:
+        other = filtered(one.course, one.anchors, one.told, settings)
+        return math.remainder(other.yaw_rad - guess.yaw_rad, math.tau)
+
+    own = [(one, guess) for one, guess in told if one.course.subject == "00"]
+    other = max(candidates(), key=lambda each: sum(abs(off_rad(*one, each)) for one in own))
+    suited = list(trials)
+    for one, guess in own:
+        *before, last = one.course.holds
+        away_rad = off_rad(one, guess, other) + one.error_rad(guess)
+        exact = replace(one.course, holds=(*before, last.turned(away_rad, 0.0)))
+        suited[trials.index(one)] = replace(one, course=exact)
+        fitting = filtered(exact, one.anchors, one.told, other)
+        assert abs(suited[trials.index(one)].error_rad(fitting)) < 1e-9
+    guesses = [guess for one, guess in left_out({"90 s": suited})["90 s"] if one.course.subject == "00"]
+    assert guesses == [guess for _, guess in own]
+    assert left_out({"90 s": [one for one, _ in own]})["90 s"] == []
 
 
 def test_steering_a_cursor_tells_nothing_and_a_reach_without_one_tells_the_yaw(tmp_path: Path) -> None:

@@ -31,11 +31,12 @@ PEAK_S = 0.5
 STOPPED = 0.2
 """Share of its peak speed below which a reach has ended."""
 
-STOPS: tuple[tuple[str, Phase], ...] = (
+POINTED: tuple[tuple[str, Phase], ...] = (
     ("first stop without a cursor", "open_loop_reach"),
     ("first stop with a cursor", "feedback_reach"),
+    ("hold with a cursor", "feedback_hold"),
 )
-HELD = "hold with a cursor"
+"""Kinds of pointing, and the phase that has them."""
 RESTED = "rest"
 
 
@@ -47,7 +48,7 @@ def innovation_rows(trials: Sequence[FloorTrial], runs: Sequence[HoldSequence]) 
         runs: the same as sequences of holds.
     """
     rows: list[Row] = []
-    for condition, phase in (*STOPS, (HELD, "feedback_hold")):
+    for condition, phase in POINTED:
         both = [
             (_innovation_rad(trial, trial.phases["open_loop_hold"]), _innovation_rad(trial, stretch, phase))
             for trial in trials

@@ -59,11 +59,11 @@ class DriftState:
     def __init__(self, fix: Fix, settings: DriftSettings) -> None:
         """Start at `fix` with an IMU of unknown drift."""
         self._settings = settings
-        self.weights = np.ones(1)
+        self.weights: Array = np.ones(1)
         """n, sum 1, the largest first."""
-        self.means = np.array([[fix.x_m, fix.y_m, math.remainder(fix.yaw_rad, math.tau), 0.0, 0.0]])
+        self.means: Array = np.array([[fix.x_m, fix.y_m, math.remainder(fix.yaw_rad, math.tau), 0.0, 0.0]])
         """n x 5."""
-        self.covariances = np.zeros((1, 5, 5))
+        self.covariances: Array = np.zeros((1, 5, 5))
         """n x 5 x 5."""
         self.covariances[0, :3, :3] = nearest_psd(fix.covariance)
         self.covariances[0, RATE, RATE] = settings.rate_sigma_radps**2
@@ -124,7 +124,7 @@ class DriftState:
         """
         value, slope = seen
         across = slope.swapaxes(1, 2)
-        means, covariances, scores = [], [], []
+        means, covariances, scores = list[Array](), list[Array](), list[Array]()
         for case in cases:
             noise = case.noise + np.eye(len(case.noise)) * LEAST_SIGMA**2
             widened = self.covariances + np.diag(case.widened)

@@ -22,6 +22,16 @@ class SolverSettings:
     """Standard deviation sideways of one pointing at a target at rest (§7: 4 to 6 degrees)."""
     bias_sigma_rad: float = math.radians(10.0)
     """Standard deviation of people's elevation bias."""
+    bias_rad: float = 0.0
+    """Expected elevation bias: 0, or what was found about the person before."""
+    elevation_slope: float = 0.0
+    """Expected elevation of the rays per elevation of the targets, less 1."""
+    elevation_slope_sigma: float = 0.15
+    """Its standard deviation: people exaggerate how high targets are. 0 for a mouse."""
+    azimuth_slope_sigma: float = 0.15
+    """The same of azimuths, about their mean: people exaggerate how far targets are aside. 0 for a mouse."""
+    scatter_rad: float | None = None
+    """Sigma sideways of one pointing of this person, if it was found before."""
     body_sigma_m: float = 0.1
     """Standard deviation of the eyes' horizontal position over the feet, which more rays do not reduce."""
     height_sigma_m: float = 0.05
@@ -32,6 +42,8 @@ class SolverSettings:
     """Independent pointings per second of following; a hold at a target at rest is one."""
     latency_sigma_s: float = 0.15
     """Standard deviation of the latency of reports of a moving target, if its tracker does not state it."""
+    latency_s: float = 0.0
+    """Expected latency of these reports against the rays."""
     min_samples: int = 20
     max_residual_rad: float = math.radians(9.0)
     """Rms angle above which the person did not follow a moving target."""
@@ -97,6 +109,17 @@ class Solution:
     """Error of the eye height from the body measures; the floor's height if that was left free."""
     z_sigma_m: float = 0.0
     bias_sigma_rad: float = 0.0
+    elevation_slope: float = 0.0
+    """Elevation of the rays per elevation of the targets, less 1."""
+    elevation_slope_sigma: float = 0.0
+    azimuth_slope: float = 0.0
+    """The same of azimuths about their mean."""
+    azimuth_slope_sigma: float = 0.0
+    latency_s: float = 0.0
+    """Latency of the reports of a moving target against the rays."""
+    latency_sigma_s: float = 0.0
+    scatter_rad: float = 0.0
+    """Standard deviation sideways of one pointing of this person."""
     alternative: float = 0.0
     """Probability that the person stands at another place that fits, too."""
     late: Array = field(default_factory=lambda: np.zeros((3, 3)))

@@ -132,7 +132,9 @@ class LearntPointing(SchemaModel):
     """What localizations have found of a person's pointing with one device and mounting."""
 
     mounting: Annotated[str, Field(max_length=128, description="as in `ImuSample`")] = ""
-    elevation_bias_rad: Annotated[Gaussian, Field(description="the person's rays lie higher by it")]
+    elevation_bias_rad: Annotated[
+        Gaussian | None, Field(description="the person's rays lie higher by it; None if unknown")
+    ] = None
     elevation_slope: Annotated[
         Gaussian | None, Field(description="change of that bias per elevation; None if unknown")
     ] = None

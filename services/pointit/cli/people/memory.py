@@ -63,6 +63,7 @@ def describe(learnt: LearntPointing) -> Iterator[str]:
     bias = learnt.elevation_bias_rad
     if bias is not None:
         mean_deg, sigma_deg = math.degrees(bias.mean), math.degrees(bias.sigma)
-        yield f"points {abs(mean_deg):.1f}° too {'high' if mean_deg >= 0 else 'low'} (1 sigma {sigma_deg:.1f}°)"
+        way = "high" if mean_deg >= 0 else "low"
+        yield f"points {abs(mean_deg):.1f}° too {way} (1 sigma {sigma_deg:.1f}°)"
     count = learnt.localizations
     yield f"from {count} localization{'s' if count != 1 else ''}, the last one at {minute(learnt.learnt_ns)}"

@@ -26,7 +26,9 @@ def memory_file(user: str) -> StateFile[StoredMemory]:
     Raises:
         KeyNameError: If `user` cannot be a name.
     """
-    return StateFile.at(state_directory() / "users" / check_name(user, "user") / "memory.json", StoredMemory)
+    return StateFile[StoredMemory].at(
+        state_directory() / "users" / check_name(user, "user") / "memory.json", StoredMemory
+    )
 
 
 class MemoryFile:

@@ -112,8 +112,10 @@ def localization(
             raise ConfigError("--set: recordings have none; leave it out with --recording")
         evaluate_sessions(recordings, subjects, json_file, brief=brief, baselines=baselines, jobs=jobs)
         return
+    from pointit.cli.evaluate.over_people_table import print_over_people  # noqa: PLC0415 - as above
     from pointit.evaluation.datasets import SETS, read_trials  # noqa: PLC0415 - SciPy is wanted only here
     from pointit.evaluation.localization.localization import BASELINE_TRIALS, localization_rows  # noqa: PLC0415 - as above
+    from pointit.evaluation.localization.over_people import over_people  # noqa: PLC0415 - as above
 
     check_sets(sets, list(SETS))
     check_writable(json_file)
@@ -129,7 +131,15 @@ def localization(
                 jobs=jobs,
                 tick=lambda done, _: tell_progress("localizations", done),
             )
-        tell(rows, json_file, _localization_remarks(rows, BASELINE_TRIALS), brief=brief)
+        over = {name: over_people([row for row in rows if row.set == name], OURS) for name in sets_of(rows)}
+        written = {name: [each.as_json() for each in of_set] for name, of_set in over.items() if of_set}
+        if write_json({**document(rows), "over_people": written}, json_file):
+            return
+        screen = evaluation_console()
+        print_rows(screen, shown(rows, brief=brief), _localization_remarks(rows, BASELINE_TRIALS))
+        for name, of_set in over.items():
+            if of_set:
+                print_over_people(screen, f"{name}, over people", of_set, OURS)
 
 
 @click.command("pointing")
@@ -179,5 +189,14 @@ def check_sets(sets: Sequence[str], known: Sequence[str], option: str = "--set")
 def tell(rows: Sequence[Row], json_file: Path | None, remarks: Sequence[str], *, brief: bool) -> None:
     """Print `rows` as tables, and write them to `json_file` if given."""
     if not write_json(document(rows), json_file):
-        shown = [row for row in rows if row.subject == ALL] if brief else rows
-        print_rows(evaluation_console(), shown, remarks)
+        print_rows(evaluation_console(), shown(rows, brief=brief), remarks)
+
+
+def shown(rows: Sequence[Row], *, brief: bool) -> list[Row]:
+    """Return `rows`, without those of single people if `brief`."""
+    return [row for row in rows if row.subject == ALL or not brief]
+
+
+def sets_of(rows: Sequence[Row]) -> list[str]:
+    """Return the names of the sets of `rows`, in order."""
+    return list(dict.fromkeys(row.set for row in rows))

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from pointit.evaluation.localization.baselines import BaselineEstimate, mean_angle_4dof, mean_angle_z0
 from pointit.evaluation.localization.cramer_rao import median_bounds_m
 from pointit.evaluation.localization.scoring import Key, Outcome, rows_of
+from pointit.evaluation.localization.taken import LIMITS, judged
 from pointit.evaluation.localization.trial import Trial
 from pointit.evaluation.recordings.parallel import map_parallel
 from pointit.evaluation.recordings.row import Row
@@ -30,9 +31,6 @@ be too optimistic."""
 
 ANY = replace(STATED, max_residual_rad=math.inf, max_act_residual_rad=math.inf, bias_sigma_limit=math.inf)
 """Accepts the best fit, as the baselines do."""
-
-ACCEPTED = SolverSettings()
-"""The localizer's own limits."""
 
 
 def ours(pointings: Pointings) -> Solution | Refusal:
@@ -63,7 +61,7 @@ class Task:
     """A trial, and its solvers."""
 
     trial: Trial
-    bound_m: float
+    bound_m: float = math.nan
     solvers: tuple[str, ...]
 
 
@@ -110,15 +108,15 @@ def _tasks(trials: Sequence[Trial], *, baselines: bool) -> Iterator[Task]:
 
 
 def _bounds(trials: Sequence[Trial]) -> list[float]:
-    """Return the bound of each trial, with a subject's scatter pooled over a set and condition."""
-    groups: dict[Key, list[int]] = {}
+    """Return the bound of each trial, from the errors of its person in their other trials, too."""
+    sets: dict[str, list[int]] = {}
     for number, trial in enumerate(trials):
-        groups.setdefault(Key.of(trial), []).append(number)
-    bounds = [math.nan] * len(trials)
-    for numbers in groups.values():
+        sets.setdefault(trial.set, []).append(number)
+    found = [math.nan] * len(trials)
+    for numbers in sets.values():
         for number, bound_m in zip(numbers, median_bounds_m([trials[i] for i in numbers]), strict=True):
-            bounds[number] = bound_m
-    return bounds
+            found[number] = bound_m
+    return found
 
 
 def _outcome(trial: Trial, bound_m: float, name: str) -> Outcome:
@@ -133,17 +131,21 @@ def _outcome(trial: Trial, bound_m: float, name: str) -> Outcome:
             solver=name,
             solve_ms=solve_ms,
             refused=found.reason,
+            taken=False,
+            recording=trial.recording,
+            start_s=trial.start_s,
             position_m=_off_m(best, trial) if isinstance(best, Solution) else math.nan,
             bound_m=bound_m,
         )
     yaw_deg = math.nan
     if trial.yaw_rad is not None and math.isfinite(found.yaw_rad):
         yaw_deg = math.degrees(math.remainder(found.yaw_rad - trial.yaw_rad, math.tau))
-    sigma_m, yaw_sigma_deg, is_sure = math.nan, math.nan, True
+    sigma_m, yaw_sigma_deg, is_sure, is_taken = math.nan, math.nan, True, None
     if isinstance(found, Solution):
+        is_taken = isinstance(judged(trial.pointings), Solution)
         is_sure = (
-            found.position_sigma_m <= ACCEPTED.max_position_sigma_m
-            and found.yaw_sigma_rad <= ACCEPTED.max_yaw_sigma_rad
+            found.position_sigma_m <= LIMITS.max_position_sigma_m
+            and found.yaw_sigma_rad <= LIMITS.max_yaw_sigma_rad
         )
         sigma_m, yaw_sigma_deg = found.position_sigma_m, math.degrees(found.yaw_sigma_rad)
     return Outcome(
@@ -155,6 +157,9 @@ def _outcome(trial: Trial, bound_m: float, name: str) -> Outcome:
         position_sigma_m=sigma_m,
         yaw_sigma_deg=yaw_sigma_deg,
         is_sure=is_sure,
+        taken=is_taken,
+        recording=trial.recording,
+        start_s=trial.start_s,
         bound_m=bound_m,
     )
 

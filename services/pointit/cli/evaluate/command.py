@@ -13,7 +13,7 @@ from pointit.cli.evaluate.table import evaluation_console, print_rows
 from pointit.evaluation.datasets.proximity_feedback import NAME as FEEDBACK
 from pointit.evaluation.pointing.drift import CHAINED, CHAINS_REMARK
 from pointit.evaluation.recordings.data_folder import recordings_folder
-from pointit.evaluation.recordings.row import ALL, Row, document
+from pointit.evaluation.recordings.row import ALL, Row, arranged, document
 from pointit.runtime.errors import ConfigError
 
 OURS = "pointit"
@@ -116,6 +116,7 @@ def localization(
     from pointit.evaluation.datasets import SETS, read_trials  # noqa: PLC0415 - SciPy is wanted only here
     from pointit.evaluation.localization.localization import BASELINE_TRIALS, localization_rows  # noqa: PLC0415 - as above
     from pointit.evaluation.localization.over_people import over_people  # noqa: PLC0415 - as above
+    from pointit.evaluation.localization.priors import prior_rows  # noqa: PLC0415 - as above
 
     check_sets(sets, list(SETS))
     check_writable(json_file)
@@ -131,12 +132,17 @@ def localization(
                 jobs=jobs,
                 tick=lambda done, _: tell_progress("localizations", done),
             )
+            priors = prior_rows(
+                reading.trials, baselines=baselines, tick=lambda done: tell_progress("priors", done)
+            )
+        rows = arranged([*rows, *priors.rows])
         over = {name: over_people([row for row in rows if row.set == name], OURS) for name in sets_of(rows)}
         written = {name: [each.as_json() for each in of_set] for name, of_set in over.items() if of_set}
         if write_json({**document(rows), "over_people": written}, json_file):
             return
+        remarks = [*_localization_remarks(rows, BASELINE_TRIALS), *priors.remarks]
         screen = evaluation_console()
-        print_rows(screen, shown(rows, brief=brief), _localization_remarks(rows, BASELINE_TRIALS))
+        print_rows(screen, shown(rows, brief=brief), remarks)
         for name, of_set in over.items():
             if of_set:
                 print_over_people(screen, f"{name}, over people", of_set, OURS)

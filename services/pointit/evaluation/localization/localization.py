@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 
 from pointit.evaluation.localization.baselines import BaselineEstimate, mean_angle_4dof, mean_angle_z0
 from pointit.evaluation.localization.cramer_rao import median_bounds_m
-from pointit.evaluation.localization.scoring import Key, Outcome, rows_of
-from pointit.evaluation.localization.taken import LIMITS, judged
+from pointit.evaluation.localization.scoring import Key, Outcome, rows_of, until_taken_rows
+from pointit.evaluation.localization.taken import LIMITS, mounting_message
 from pointit.evaluation.localization.trial import Trial
 from pointit.evaluation.recordings.parallel import map_parallel
-from pointit.evaluation.recordings.row import Row
+from pointit.evaluation.recordings.row import Row, arranged
 from pointit.services.localizer.estimation.estimator import (
     Pointings,
     Refusal,
@@ -89,12 +89,13 @@ def localization_rows(
         results[number] = outcomes
         done += len(pieces[number])
         tick(done, len(tasks))
-    return rows_of([outcome for _, outcomes in sorted(results.items()) for outcome in outcomes])
+    outcomes = [outcome for _, of_piece in sorted(results.items()) for outcome in of_piece]
+    return arranged([*rows_of(outcomes), *until_taken_rows(outcomes)])
 
 
 def solved(tasks: Sequence[Task]) -> list[Outcome]:
     """Return the outcome of each solver on each trial. Runs in other processes."""
-    return [_outcome(task.trial, task.bound_m, name) for task in tasks for name in task.solvers]
+    return [outcome(task.trial, task.bound_m, name, SOLVERS[name]) for task in tasks for name in task.solvers]
 
 
 def _tasks(trials: Sequence[Trial], *, baselines: bool) -> Iterator[Task]:
@@ -119,9 +120,10 @@ def _bounds(trials: Sequence[Trial]) -> list[float]:
     return found
 
 
-def _outcome(trial: Trial, bound_m: float, name: str) -> Outcome:
+def outcome(trial: Trial, bound_m: float, name: str, solver: Solver) -> Outcome:
+    """Return the outcome of `solver`, called `name`, on `trial`."""
     began_ns = time.process_time_ns()
-    found = SOLVERS[name](trial.pointings)
+    found = solver(trial.pointings)
     solve_ms = (time.process_time_ns() - began_ns) / 1e6
     key = Key.of(trial)
     if isinstance(found, Refusal):
@@ -142,11 +144,11 @@ def _outcome(trial: Trial, bound_m: float, name: str) -> Outcome:
         yaw_deg = math.degrees(math.remainder(found.yaw_rad - trial.yaw_rad, math.tau))
     sigma_m, yaw_sigma_deg, is_sure, is_taken = math.nan, math.nan, True, None
     if isinstance(found, Solution):
-        is_taken = isinstance(judged(trial.pointings), Solution)
         is_sure = (
             found.position_sigma_m <= LIMITS.max_position_sigma_m
             and found.yaw_sigma_rad <= LIMITS.max_yaw_sigma_rad
         )
+        is_taken = is_sure and not mounting_message(trial.pointings, found)
         sigma_m, yaw_sigma_deg = found.position_sigma_m, math.degrees(found.yaw_sigma_rad)
     return Outcome(
         key=key,

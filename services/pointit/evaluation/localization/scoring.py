@@ -66,22 +66,23 @@ class Outcome:
 
 
 def rows_of(outcomes: Sequence[Outcome]) -> list[Row]:
-    """Return a row for each set, condition, subject and solver, and for all subjects of a set together.
-
-    People who follow a robot have another one, `UNTIL`, over the starts of windows of several lengths.
-    """
+    """Return a row for each set, condition, subject and solver, and for all subjects of a set together."""
     groups: dict[tuple[str, str, str, str], list[Outcome]] = {}
     for outcome in outcomes:
         key = outcome.key
         for subject in (ALL, key.subject):
             groups.setdefault((key.set, key.condition, subject, outcome.solver), []).append(outcome)
-    rows = [_row(*names, group) for names, group in groups.items()]
+    return arranged(_row(*names, group) for names, group in groups.items())
+
+
+def until_taken_rows(outcomes: Sequence[Outcome]) -> list[Row]:
+    """Return rows of people who follow a robot, over the starts of windows of several lengths."""
     starts: dict[tuple[str, str, str], list[Outcome]] = {}
     for outcome in outcomes:
         if outcome.recording and outcome.taken is not None:
             for subject in (ALL, outcome.key.subject):
                 starts.setdefault((outcome.key.set, subject, outcome.solver), []).append(outcome)
-    return arranged([*rows, *(row for names, group in starts.items() for row in _until_taken(*names, group))])
+    return [row for names, group in starts.items() for row in _until_taken(*names, group)]
 
 
 def _until_taken(name: str, subject: str, solver: str, outcomes: Sequence[Outcome]) -> Iterator[Row]:

@@ -38,7 +38,7 @@ def test_what_two_people_select_leaves_at_bay_1(stack: Stack) -> None:
             re.search(r"red \d+ dispatched at bay 1", log) for log in logs.values()
         )
 
-    until(done, lambda: "\n".join(stack.log(name) for name in ("init", *ALL)), 240.0)
+    until(done, lambda: "\n".join(stack.log(name) for name in ("init", *ALL)), 160.0)
 
 
 def test_all_is_well_inside(stack: Stack) -> None:

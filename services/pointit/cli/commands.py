@@ -159,6 +159,11 @@ COMMANDS: dict[str, tuple[Entry, ...]] = {
                         ),
                     ),
                 ),
+                command(
+                    "memory",
+                    "show or erase what localizations found of a person's pointing",
+                    "pointit.cli.people.memory:command",
+                ),
                 command("press", "press a person's button from here", "pointit.cli.people.press:command"),
             ),
         ),
@@ -335,6 +340,11 @@ COMMANDS: dict[str, tuple[Entry, ...]] = {
                     "pointing",
                     "systematic errors and IMU drift after their correction",
                     "pointit.cli.evaluate.command:pointing",
+                ),
+                command(
+                    "honesty",
+                    "whether stated uncertainties hold, with faults injected",
+                    "pointit.cli.evaluate.honesty:honesty",
                 ),
                 command(
                     "selection",

@@ -18,7 +18,10 @@ from pointit.schemas import Message
 from pointit.schemas.topics import Topic
 
 PATIENCE_S = 2.0
-"""Timeout of finding a site, s."""
+"""Timeout of a site's first message, s."""
+
+CONNECT_PATIENCE_S = 5.0
+"""Timeout of finding a site, s: a router on a busy machine may take seconds to answer."""
 
 SILENT_S = 1.0
 """Wait after which a notice is printed, s."""
@@ -33,7 +36,7 @@ def site_options() -> list[click.Parameter]:
 
 @asynccontextmanager
 async def join_site(
-    site: str, connect: Sequence[str], *, patience_s: float = PATIENCE_S
+    site: str, connect: Sequence[str], *, patience_s: float = CONNECT_PATIENCE_S
 ) -> AsyncGenerator[ZenohBus]:
     """Yield a bus that has joined `site`. Errors inside name the address, unless it was given.
 

@@ -13,7 +13,7 @@ from pointit.cli.evaluate.table import evaluation_console, print_rows
 from pointit.evaluation.datasets.proximity_feedback import NAME as FEEDBACK
 from pointit.evaluation.pointing.drift import CHAINED, CHAINS_REMARK
 from pointit.evaluation.recordings.data_folder import recordings_folder
-from pointit.evaluation.recordings.row import ALL, Row, document
+from pointit.evaluation.recordings.row import ALL, Row, arranged, document
 from pointit.runtime.errors import ConfigError
 
 OURS = "pointit"
@@ -112,8 +112,11 @@ def localization(
             raise ConfigError("--set: recordings have none; leave it out with --recording")
         evaluate_sessions(recordings, subjects, json_file, brief=brief, baselines=baselines, jobs=jobs)
         return
+    from pointit.cli.evaluate.over_people_table import print_over_people  # noqa: PLC0415 - as above
     from pointit.evaluation.datasets import SETS, read_trials  # noqa: PLC0415 - SciPy is wanted only here
     from pointit.evaluation.localization.localization import BASELINE_TRIALS, localization_rows  # noqa: PLC0415 - as above
+    from pointit.evaluation.localization.over_people import over_people  # noqa: PLC0415 - as above
+    from pointit.evaluation.localization.priors import prior_rows  # noqa: PLC0415 - as above
 
     check_sets(sets, list(SETS))
     check_writable(json_file)
@@ -129,7 +132,20 @@ def localization(
                 jobs=jobs,
                 tick=lambda done, _: tell_progress("localizations", done),
             )
-        tell(rows, json_file, _localization_remarks(rows, BASELINE_TRIALS), brief=brief)
+            priors = prior_rows(
+                reading.trials, baselines=baselines, tick=lambda done: tell_progress("priors", done)
+            )
+        rows = arranged([*rows, *priors.rows])
+        over = {name: over_people([row for row in rows if row.set == name], OURS) for name in sets_of(rows)}
+        written = {name: [each.as_json() for each in of_set] for name, of_set in over.items() if of_set}
+        if write_json({**document(rows), "over_people": written}, json_file):
+            return
+        remarks = [*_localization_remarks(rows, BASELINE_TRIALS), *priors.remarks]
+        screen = evaluation_console()
+        print_rows(screen, shown(rows, brief=brief), remarks)
+        for name, of_set in over.items():
+            if of_set:
+                print_over_people(screen, f"{name}, over people", of_set, OURS)
 
 
 @click.command("pointing")
@@ -164,19 +180,29 @@ def pointing(
         tell(rows, json_file, _pointing_remarks(rows), brief=brief)
 
 
-def check_sets(sets: Sequence[str], known: Sequence[str]) -> None:
-    """Check that all `sets` are `known`.
+def check_sets(sets: Sequence[str], known: Sequence[str], option: str = "--set") -> None:
+    """Check that all `sets`, or other names given by `option`, are `known`.
 
     Raises:
-        ConfigError: If one is not; lists the known sets.
+        ConfigError: If one is not; lists the known ones.
     """
     for name in sets:
         if name not in known:
-            raise ConfigError(f"--set {name}: there is no such set; there are {', '.join(known)}")
+            what = option.removeprefix("--")
+            raise ConfigError(f"{option} {name}: there is no such {what}; there are {', '.join(known)}")
 
 
 def tell(rows: Sequence[Row], json_file: Path | None, remarks: Sequence[str], *, brief: bool) -> None:
     """Print `rows` as tables, and write them to `json_file` if given."""
     if not write_json(document(rows), json_file):
-        shown = [row for row in rows if row.subject == ALL] if brief else rows
-        print_rows(evaluation_console(), shown, remarks)
+        print_rows(evaluation_console(), shown(rows, brief=brief), remarks)
+
+
+def shown(rows: Sequence[Row], *, brief: bool) -> list[Row]:
+    """Return `rows`, without those of single people if `brief`."""
+    return [row for row in rows if row.subject == ALL or not brief]
+
+
+def sets_of(rows: Sequence[Row]) -> list[str]:
+    """Return the names of the sets of `rows`, in order."""
+    return list(dict.fromkeys(row.set for row in rows))

@@ -8,10 +8,11 @@ from dataclasses import dataclass, replace
 
 from pointit.evaluation.localization.baselines import BaselineEstimate, mean_angle_4dof, mean_angle_z0
 from pointit.evaluation.localization.cramer_rao import median_bounds_m
-from pointit.evaluation.localization.scoring import Key, Outcome, rows_of
+from pointit.evaluation.localization.scoring import Key, Outcome, rows_of, until_taken_rows
+from pointit.evaluation.localization.taken import LIMITS, judged
 from pointit.evaluation.localization.trial import Trial
 from pointit.evaluation.recordings.parallel import map_parallel
-from pointit.evaluation.recordings.row import Row
+from pointit.evaluation.recordings.row import Row, arranged
 from pointit.services.localizer.estimation.estimator import (
     Pointings,
     Refusal,
@@ -30,9 +31,6 @@ be too optimistic."""
 
 ANY = replace(STATED, max_residual_rad=math.inf, max_act_residual_rad=math.inf, bias_sigma_limit=math.inf)
 """Accepts the best fit, as the baselines do."""
-
-ACCEPTED = SolverSettings()
-"""The localizer's own limits."""
 
 
 def ours(pointings: Pointings) -> Solution | Refusal:
@@ -63,7 +61,7 @@ class Task:
     """A trial, and its solvers."""
 
     trial: Trial
-    bound_m: float
+    bound_m: float = math.nan
     solvers: tuple[str, ...]
 
 
@@ -91,12 +89,13 @@ def localization_rows(
         results[number] = outcomes
         done += len(pieces[number])
         tick(done, len(tasks))
-    return rows_of([outcome for _, outcomes in sorted(results.items()) for outcome in outcomes])
+    outcomes = [outcome for _, of_piece in sorted(results.items()) for outcome in of_piece]
+    return arranged([*rows_of(outcomes), *until_taken_rows(outcomes)])
 
 
 def solved(tasks: Sequence[Task]) -> list[Outcome]:
     """Return the outcome of each solver on each trial. Runs in other processes."""
-    return [_outcome(task.trial, task.bound_m, name) for task in tasks for name in task.solvers]
+    return [outcome(task.trial, task.bound_m, name, SOLVERS[name]) for task in tasks for name in task.solvers]
 
 
 def _tasks(trials: Sequence[Trial], *, baselines: bool) -> Iterator[Task]:
@@ -110,22 +109,27 @@ def _tasks(trials: Sequence[Trial], *, baselines: bool) -> Iterator[Task]:
 
 
 def _bounds(trials: Sequence[Trial]) -> list[float]:
-    """Return the bound of each trial, with a subject's scatter pooled over a set and condition."""
-    groups: dict[Key, list[int]] = {}
+    """Return the bound of each trial, from the errors of its person in their other trials, too."""
+    sets: dict[str, list[int]] = {}
     for number, trial in enumerate(trials):
-        groups.setdefault(Key.of(trial), []).append(number)
-    bounds = [math.nan] * len(trials)
-    for numbers in groups.values():
+        sets.setdefault(trial.set, []).append(number)
+    found = [math.nan] * len(trials)
+    for numbers in sets.values():
         for number, bound_m in zip(numbers, median_bounds_m([trials[i] for i in numbers]), strict=True):
-            bounds[number] = bound_m
-    return bounds
+            found[number] = bound_m
+    return found
 
 
-def _outcome(trial: Trial, bound_m: float, name: str) -> Outcome:
+def outcome(trial: Trial, bound_m: float, name: str, solver: Solver) -> Outcome:
+    """Return the outcome of `solver`, called `name`, on `trial`."""
     began_ns = time.process_time_ns()
-    found = SOLVERS[name](trial.pointings)
+    found = solver(trial.pointings)
     solve_ms = (time.process_time_ns() - began_ns) / 1e6
     key = Key.of(trial)
+    taken_m = None
+    if solver is ours:
+        verdict = judged(trial.pointings)
+        taken_m = _off_m(verdict, trial) if isinstance(verdict, Solution) else math.inf
     if isinstance(found, Refusal):
         best = solve(trial.pointings, ANY)
         return Outcome(
@@ -133,6 +137,9 @@ def _outcome(trial: Trial, bound_m: float, name: str) -> Outcome:
             solver=name,
             solve_ms=solve_ms,
             refused=found.reason,
+            taken_m=taken_m,
+            recording=trial.recording,
+            start_s=trial.start_s,
             position_m=_off_m(best, trial) if isinstance(best, Solution) else math.nan,
             bound_m=bound_m,
         )
@@ -142,8 +149,8 @@ def _outcome(trial: Trial, bound_m: float, name: str) -> Outcome:
     sigma_m, yaw_sigma_deg, is_sure = math.nan, math.nan, True
     if isinstance(found, Solution):
         is_sure = (
-            found.position_sigma_m <= ACCEPTED.max_position_sigma_m
-            and found.yaw_sigma_rad <= ACCEPTED.max_yaw_sigma_rad
+            found.position_sigma_m <= LIMITS.max_position_sigma_m
+            and found.yaw_sigma_rad <= LIMITS.max_yaw_sigma_rad
         )
         sigma_m, yaw_sigma_deg = found.position_sigma_m, math.degrees(found.yaw_sigma_rad)
     return Outcome(
@@ -155,6 +162,9 @@ def _outcome(trial: Trial, bound_m: float, name: str) -> Outcome:
         position_sigma_m=sigma_m,
         yaw_sigma_deg=yaw_sigma_deg,
         is_sure=is_sure,
+        taken_m=taken_m,
+        recording=trial.recording,
+        start_s=trial.start_s,
         bound_m=bound_m,
     )
 

@@ -4,7 +4,7 @@ Maximum a posteriori estimate from angles, of x, y, yaw, the person's elevation 
 uncertainty of body measures, the eye height, with the feet on the floor. It starts from many poses because
 reflected poses are minima, too. The weights are those of the tremor within a hold, one measurement each
 0.15 s: an error that lasts a whole hold goes into yaw and bias, and weighing it heavier made positions of
-recorded people worse. The covariance comes from `uncertainty`, where all errors count.
+recorded people worse. What else is uncertain follows in `refinement`, and the covariance with it.
 """
 
 import math
@@ -72,7 +72,7 @@ def solve(
     weights = trust.weights()
     first = initial_poses(rays, weights)
     if start is not None:
-        first = np.vstack([first, _pose_of(start, centre)])
+        first = np.vstack([first, _pose_of(start, centre, trust)])
     poses = _out_of_reach(rays, minimize(rays, first, weights).poses)
     if not len(poses):
         return Refusal(NOWHERE)
@@ -161,6 +161,6 @@ def _missed_rad(rays: Rays, pose: Array) -> Array:
     return np.asarray(2.0 * np.arctan(0.5 * np.hypot(left, above)), dtype=np.float64).ravel()
 
 
-def _pose_of(solution: Solution, centre: Array) -> Array:
+def _pose_of(solution: Solution, centre: Array, trust: SolverSettings) -> Array:
     place = [solution.x_m - centre[0], solution.y_m - centre[1]]
-    return np.array([*place, solution.yaw_rad, solution.bias_rad, solution.z_m])
+    return np.array([*place, solution.yaw_rad, solution.bias_rad - trust.bias_rad, solution.z_m])

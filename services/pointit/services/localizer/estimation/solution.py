@@ -55,7 +55,7 @@ class SolverSettings:
     max_act_residual_rad: float = math.radians(12.0)
     """Rms angle above which the person did not point at targets at rest."""
     bias_sigma_limit: float = 2.5
-    """Number of standard deviations of the elevation bias beyond which it is not pointing."""
+    """Standard deviations of the elevation bias from the expected one beyond which it is not pointing."""
     max_position_sigma_m: float = 0.8
     max_yaw_sigma_rad: float = math.radians(14.0)
     trims: bool = True

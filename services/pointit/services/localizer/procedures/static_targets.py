@@ -19,8 +19,9 @@ from pointit.services.localizer.estimation.estimator import (
     Refusal,
     Solution,
     SolverSettings,
-    solve,
 )
+from pointit.services.localizer.memory.person_memory import PersonMemory
+from pointit.services.localizer.memory.recall import solve
 from pointit.services.localizer.outputs import Output, pose_message
 from pointit.services.localizer.procedures.lamp_procedure import LampProcedure
 from pointit.services.localizer.procedures.lamps import max_holds, usable
@@ -36,8 +37,17 @@ WORTHWHILE = 0.9
 class StaticTargets(LampProcedure):
     """One run of the procedure."""
 
-    def __init__(self, lamps: Sequence[Lamp], config: LocalizerConfig) -> None:
-        """Create the procedure for at least one lamp, in the order of lighting."""
+    def __init__(
+        self, lamps: Sequence[Lamp], config: LocalizerConfig, memory: PersonMemory | None = None
+    ) -> None:
+        """Create the procedure.
+
+        Args:
+            lamps: at least one, in the order of lighting.
+            config: times and limits.
+            memory: of the person, None if there is none.
+        """
+        self._memory = memory or PersonMemory()
         self._lamps = tuple(lamps)
         self._trust = config.believed()
         self._max_holds = max_holds(config, len(self._lamps))
@@ -67,7 +77,7 @@ class StaticTargets(LampProcedure):
         """Return the lamp to light now."""
         if self._config.order == "given":
             return self._lamps[len(self._holds)]
-        trust, rays, solution = self._trust, self._rays, self._solution
+        trust, rays, solution = self._memory.recall(self._trust), self._rays, self._solution
         acuity = ObservationModel(
             ray_sigma_rad=trust.act_sigma_rad,
             elevation_sigma_rad=trust.elevation_sigma_rad,
@@ -125,7 +135,8 @@ class StaticTargets(LampProcedure):
         stamps = np.array([ray.stamp_ns - rays[0].stamp_ns for ray in rays]) / NS_PER_S
         positions = np.array(targets, dtype=np.float64).reshape(-1, 3)
         pointings = Pointings(stamps, ray_math.origins(rays), ray_math.directions(rays), positions)
-        return solve(pointings, ray_math.believed(trust, rays), floor_m=self._config.floor_m)
+        believed = ray_math.believed(self._memory.recall(trust), rays)
+        return solve(pointings, believed, floor_m=self._config.floor_m)
 
     def _finish(self, now_ns: int, result: Solution | Refusal) -> list[Output]:
         if isinstance(result, Refusal):
@@ -137,6 +148,7 @@ class StaticTargets(LampProcedure):
         self._running = False
         return [
             pose_message(result, "static_targets", self._rays[-1].stamp_ns, self._config),
+            *self._memory.learn(result, self._trust, now_ns),
             self._localization(now_ns, "solved", residual_rad=result.residual_rad, progress=1.0),
         ]
 

@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -63,11 +64,9 @@ def test_slope_of_elevations_is_found_if_it_is_open() -> None:
 
 @given(st.sampled_from(["elevation_slope_sigma", "azimuth_slope_sigma", "bias_sigma_rad", "body_sigma_m"]))
 def test_less_known_about_a_person_is_less_known_about_their_pose(name: str) -> None:
+    known: list[dict[str, Any]] = [{name: sigma} for sigma in (0.0001, 0.05, 0.3)]
     for rays in (pointings(Person(0.6, -0.4, 1.0), CORNERS), pointings(Person(), WAY, each=1)):
-        sigmas_m = [
-            solved(rays, dataclasses.replace(UNLIMITED, **{name: sigma})).position_sigma_m
-            for sigma in (0.0001, 0.05, 0.3)
-        ]
+        sigmas_m = [solved(rays, dataclasses.replace(UNLIMITED, **each)).position_sigma_m for each in known]
         assert sigmas_m == sorted(sigmas_m)
         assert sigmas_m[-1] > sigmas_m[0]
 

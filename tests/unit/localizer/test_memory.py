@@ -1,4 +1,4 @@
-"""What localizations teach about a person: never too sure, slowly forgotten, contradicted with effect."""
+"""Memory of a person: never too sure, slowly forgotten, contradicted with effect."""
 
 import math
 from dataclasses import replace

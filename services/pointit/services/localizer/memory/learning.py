@@ -1,4 +1,4 @@
-"""What localizations found of a person's pointing, from one to the next; pure.
+"""Systematic errors of a person's pointing, from one localization to the next; pure.
 
 A Kalman filter for each quantity. Between two localizations it changes by what changes between the sessions
 of a person, and slowly decays to what is known of people in general (Ornstein-Uhlenbeck). The posterior of a
@@ -50,7 +50,7 @@ QUANTITIES = (BIAS,)
 
 
 def recalled(quantity: Quantity, learnt: LearntPointing, trust: SolverSettings, now_ns: int) -> Gaussian:
-    """Return what is expected of `quantity` now, never surer than `session_sigma`."""
+    """Return mean and sigma to be expected of `quantity` now, never surer than `session_sigma`."""
     people = gaussian(quantity, trust)
     aged = _aged(quantity, learnt, people, now_ns)
     sigma = people.sigma if aged is None else math.hypot(aged.sigma, quantity.session_sigma)

@@ -23,8 +23,7 @@ WELL_DETERMINED = 0.25
 recorded people who follow a robot has 0.3 to 0.6 after 3 s, below 0.25 after 5 s, 0.1 to 0.2 after 10 s."""
 
 CONTRADICTION = 2.0
-"""Number of sigmas beyond which a localization contradicts the memory. A wrong memory is noticed after 2 to
-3 s of following then, and a right one is hardly ever missed."""
+"""Number of sigmas beyond which a localization contradicts the memory, which then teaches nothing new."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -65,7 +65,8 @@ def test_only_the_router_has_a_user_that_stays() -> None:
     for path in SERVICES:
         is_router = path.stem == "pointit-router"
         assert settings(path).get("DynamicUser", []) == ([] if is_router else ["yes"]), path.name
-        assert bool(settings(path).get("LoadCredential")) is not is_router, path.name
+        identities = [each for each in settings(path).get("Environment", ()) if each.startswith("IDENTITY=")]
+        assert bool(identities) is not is_router, path.name
 
 
 @pytest.fixture

@@ -57,7 +57,7 @@ class Totals:
             self.values[labels] += count - last if count >= last else count
         for key in health.keys[:MAX_TOPICS]:
             labels = Labels("messages", service, _topic(key.key), key.direction)
-            self.values[labels] += key.rate_hz * (health.uptime_s - since_s)
+            self.values[labels] += round(key.rate_hz * (health.uptime_s - since_s))
         self._last[instance] = (health, counts)
         if len(self._last) > MAX_INSTANCES:
             self._last.popitem(last=False)

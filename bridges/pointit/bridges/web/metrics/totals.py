@@ -1,10 +1,10 @@
 """Totals that only grow, from counters that start again with each restart of a service; pure."""
 
 from collections import Counter, OrderedDict, defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
-from pointit.schemas import Health
+from pointit.schemas import Health, KeyHealth
 from pointit.schemas.topics import TOPICS
 
 MAX_INSTANCES = 4096
@@ -50,34 +50,37 @@ class Totals:
             return
         else:
             counts_before = {}  # restarted
-        counts = dict(_counts(service, health))
+        keys = _keys(health)
+        counts = dict(_counts(service, health, keys))
         for labels, count in counts.items():
             # a counter below its last value has started again
             last = counts_before.get(labels, 0.0)
             self.values[labels] += count - last if count >= last else count
-        for key in health.keys[:MAX_TOPICS]:
-            labels = Labels("messages", service, _topic(key.key), key.direction)
+        for key in keys:
+            labels = Labels("messages", service, key.key, key.direction)
             self.values[labels] += round(key.rate_hz * (health.uptime_s - since_s))
         self._last[instance] = (health, counts)
         if len(self._last) > MAX_INSTANCES:
             self._last.popitem(last=False)
 
 
-def _counts(service: str, health: Health) -> Iterator[tuple[Labels, float]]:
+def _keys(health: Health) -> list[KeyHealth]:
+    """Return the traffic of a report, with `OTHER` for unknown topics."""
+    known = {topic.key for topic in TOPICS}
+    return [
+        key if key.key in known else key.model_copy(update={"key": OTHER}) for key in health.keys[:MAX_TOPICS]
+    ]
+
+
+def _counts(service: str, health: Health, keys: Iterable[KeyHealth]) -> Iterator[tuple[Labels, float]]:
     """Yield the counters of a report since the start of its service."""
     yield Labels("errors", service), health.errors
     discarded: Counter[Labels] = Counter()
-    for key in health.keys[:MAX_TOPICS]:
-        if key.direction == "out":
-            continue
-        topic = _topic(key.key)
-        for reason, count in (("dropped", key.dropped), ("lost", key.lost), ("invalid", key.invalid)):
-            discarded[Labels("discarded", service, topic, reason)] += count
+    for key in keys:
+        if key.direction == "in":
+            for reason, count in (("dropped", key.dropped), ("lost", key.lost), ("invalid", key.invalid)):
+                discarded[Labels("discarded", service, key.key, reason)] += count
     yield from discarded.items()
     for figure in health.figures:
         if figure.name == "refused":
             yield Labels("refused", service), max(0.0, figure.value)
-
-
-def _topic(key: str) -> str:
-    return key if any(topic.key == key for topic in TOPICS) else OTHER

@@ -33,7 +33,7 @@ class Prometheus:
             answer = httpx.get(f"{self._url}/query", params={"query": expression}, timeout=10.0)
         except httpx.TransportError:
             return None  # it has not started yet
-        if answer.status_code != httpx.codes.OK:
+        if not answer.is_success:
             return None
         result = answer.json()["data"]["result"]
         return float(result[0]["value"][1]) if result else None

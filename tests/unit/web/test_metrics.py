@@ -1,12 +1,12 @@
 """Metrics of a site, from examples of messages; totals over restarts."""
 
+import importlib
 import math
 from typing import Any
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from prometheus_client.openmetrics import parser
 from prometheus_client.registry import CollectorRegistry
 
 from pointit.bridges.web.metrics import site_metrics as module
@@ -186,8 +186,8 @@ def test_the_text_is_what_parsers_of_both_formats_take(metrics: SiteMetrics) -> 
     metrics.take("pui", health("pui", keys=(key(CURSOR.key, "out", rate_hz=50.0),), latency=quantiles))
     content, media_type = exposition(metrics, OPEN_METRICS)
     assert media_type.startswith("application/openmetrics-text")
-    parse: Any = parser.text_string_to_metric_families  # untyped
-    families = {family.name: family for family in parse(content.decode())}
+    parser: Any = importlib.import_module("prometheus_client.openmetrics.parser")  # untyped
+    families = {family.name: family for family in parser.text_string_to_metric_families(content.decode())}
     (site,) = families["pointit_site"].samples
     assert site.labels == {"site": "lab", "version": "1.2.3"}
     assert families["pointit_messages"].samples[0].value == 50

@@ -5,7 +5,6 @@ from collections import defaultdict
 from itertools import accumulate
 
 from prometheus_client.metrics_core import HistogramMetricFamily
-from prometheus_client.utils import floatToGoString
 
 from pointit.schemas import Quantiles
 
@@ -36,7 +35,7 @@ class Durations:
     def family(self, name: str, about: str) -> HistogramMetricFamily:
         """Return the histogram under `name`, with its help."""
         family = HistogramMetricFamily(name, about, labels=("service", "statistic"))
-        bounds = [*map(floatToGoString, BOUNDS_S), "+Inf"]
+        bounds = [*map(str, BOUNDS_S), "+Inf"]
         for key, counts in self._counts.items():
             buckets = list(zip(bounds, map(float, accumulate(counts)), strict=True))
             family.add_metric(key, buckets, self._sums_s[key])

@@ -17,12 +17,7 @@ LIMITS = SolverSettings()
 def judged(pointings: Pointings, trust: SolverSettings = LIMITS) -> Solution | Refusal:
     """Return the pose that the localizer takes from `pointings`, or its refusal."""
     found = solve(pointings, trust)
-    wrong = mounting_message(pointings, found, trust)
-    return Refusal(wrong, found.residual_rad) if wrong else found
-
-
-def mounting_message(pointings: Pointings, found: Solution | Refusal, trust: SolverSettings = LIMITS) -> str:
-    """Return why the localizer refuses `found` because of the sensor's mounting, or `""`."""
     if not len(pointings) or blocks(pointings).is_still:
-        return ""
-    return mounting_fault(pointings, found, trust, 0.0)
+        return found
+    wrong = mounting_fault(pointings, found, trust, 0.0)
+    return Refusal(wrong, found.residual_rad) if wrong else found

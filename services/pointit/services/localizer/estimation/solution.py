@@ -22,9 +22,8 @@ class SolverSettings:
     """Standard deviation sideways of rays that follow a target (pointing.md §1: 1.8 to 3.8 degrees)."""
     elevation_sigma_rad: float = math.radians(3.0)
     """The same upwards: the elevation depends on body measures, the azimuth does not."""
-    act_sigma_rad: float = math.radians(3.0)
-    """Standard deviation sideways of one pointing at a target at rest; 2 to 2.5 degrees of six recorded
-    people of eight, 5 to 10 of the others."""
+    act_sigma_rad: float = math.radians(5.0)
+    """Standard deviation sideways of one pointing at a target at rest (§7: 4 to 6 degrees)."""
     bias_sigma_rad: float = math.radians(10.0)
     """Standard deviation of people's elevation bias."""
     bias_rad: float = 0.0

@@ -120,9 +120,9 @@ def test_rays_of_before_the_start_make_no_pose_however_late_they_come() -> None:
 
 
 def test_progress_falls_while_the_robot_is_lost() -> None:
-    procedure = started(config())
-    seen = last_told(live(procedure, 0.0, 7.0)).progress
+    procedure = started(config(window_s=3.0))
+    seen = last_told(live(procedure, 0.0, 3.4)).progress
     assert seen > 0.5
-    lost = [message.progress for message in told(live(procedure, 7.0, 20.0, is_tracked=False))]
+    lost = [message.progress for message in told(live(procedure, 3.4, 20.0, is_tracked=False))]
     assert lost == sorted(lost, reverse=True)
     assert lost[-1] == 0.0

@@ -9,7 +9,8 @@ from typing import Any
 
 from pointit.schemas import NS_PER_S, Candidate, PointingRay, TrackedObjects
 from pointit.services.localizer.config import LocalizerConfig
-from pointit.services.localizer.estimation.estimator import Refusal, Solution, SolverSettings, solve
+from pointit.services.localizer.estimation.estimator import Refusal, Solution, SolverSettings
+from pointit.services.localizer.estimation.following import AGREEING, followed, has_settled
 from pointit.services.localizer.estimation.mounting import mounting_fault
 from pointit.services.localizer.outputs import Output, Phase, pose_message
 from pointit.services.localizer.procedures.procedure import Procedure
@@ -26,15 +27,9 @@ ROBOT = "robot"
 MIN_LATENCY_SIGMA_S = 0.02
 """Lower bound of the latency's uncertainty: the IMU's radio jitters by 5 to 20 ms."""
 
-AGREEING = 2.37
-"""Median of chi-square of x, y and yaw. Differences of a person who follows share rays and constant errors:
-on recordings they stay below 1.4. An arm that came late makes 10 to 20.
-"""
-
 WHOLE = 0.9
-"""Share of the window that a person must have followed before the procedure may end."""
+"""Share of the window from which rays need not follow closely any more; see `estimation.following`."""
 
-CHANGED = "the newest rays contradict the ones before; keep following the robot with the arm straight"
 CONTRADICTED = (
     "the rays contradict the pose, so they are not pointed at the robot any more; the pose stays. If the "
     "person has moved, localize again"
@@ -44,17 +39,20 @@ MAX_TRACKS = 256
 """Largest number of robots; those reported last are kept."""
 
 
-MIN_SPAN_S = 2.0
+MIN_SPAN_S = 1.5
 """Time of pointing before the first solution."""
 
 SOLVE_HZ = 2.0
+"""Rate of solutions once there is a pose."""
+
+SEARCH_HZ = 4.0
+"""Rate of solutions before."""
 
 
 class MovingTarget(Procedure):
     """One run of the procedure.
 
-    It ends when nine tenths of a window are accepted: in a shorter one an arm that came late makes poses that
-    are wrong and look certain. With `autostart` it continues, and publishes poses of shorter windows before.
+    It ends as soon as a pose is accepted. With `autostart` it continues, and refines the pose.
     """
 
     _due_ns: int
@@ -126,17 +124,14 @@ class MovingTarget(Procedure):
         """Solve when it is time."""
         if now_ns < self._due_ns:
             return []
-        self._due_ns = now_ns + round(NS_PER_S / SOLVE_HZ)
         result = self._try()
+        self._due_ns = now_ns + round(NS_PER_S / (SEARCH_HZ if isinstance(result, Refusal) else SOLVE_HZ))
         if isinstance(result, Refusal):
             return self._missed(now_ns, result)
         if self._surest is not None and self._contradicts(result, *self._surest):
             return self._missed(now_ns, Refusal(CONTRADICTED, result.residual_rad))
         self._solution = result
         pose = pose_message(result, "moving_target", self._rays.newest_ns, self._config)
-        if self._surest is None and not (self._is_whole(self._span_s) or self._is_late(now_ns)):
-            shown = [pose] if self._config.autostart else []
-            return [*shown, self._localization(now_ns, "sampling", residual_rad=result.residual_rad)]
         if self._surest is None or result.position_sigma_m <= self._surest[0].position_sigma_m:
             self._surest = (result, self._rays.newest_ns)
         self._running = self._config.autostart
@@ -180,7 +175,11 @@ class MovingTarget(Procedure):
         meant = next((track for _, track, each in solved if each is result), None)
         if meant is None:  # refused because two robots move in the same way, not because of one robot's rays
             return result
-        wrong = mounting_fault(self._rays.pointings(meant), result, trust, self._config.floor_m)
+        pointings, floor_m = self._rays.pointings(meant), self._config.floor_m
+        if isinstance(result, Refusal) and has_settled(pointings, result, trust, floor_m=floor_m):
+            self._rays.forget_older_half()
+            return result
+        wrong = mounting_fault(pointings, result, trust, floor_m)
         return Refusal(wrong, result.residual_rad) if wrong else result
 
     def _forget_left(self, now_ns: int, tracker: str | None = None) -> None:
@@ -203,18 +202,13 @@ class MovingTarget(Procedure):
             return Refusal("keep following the robot with the arm straight")
         if track.latency_sigma_s is not None:
             trust = replace(trust, latency_sigma_s=max(track.latency_sigma_s, MIN_LATENCY_SIGMA_S))
-        floor_m = self._config.floor_m
-        result = solve(pointings, trust, floor_m=floor_m, start=self._solution)
-        if isinstance(result, Refusal) or not self._is_whole(pointings.span_s):
-            return result
-        unlimited = replace(trust, max_position_sigma_m=math.inf, max_yaw_sigma_rad=math.inf)
-        middle_s = pointings.stamps_s[-1] - 0.5 * self._config.window_s
-        half = solve(pointings.only(pointings.stamps_s >= middle_s), unlimited, floor_m=floor_m, start=result)
-        is_steady = isinstance(half, Refusal) or half.differs(result) <= AGREEING
-        return result if is_steady else Refusal(CHANGED, result.residual_rad)
-
-    def _is_whole(self, span_s: float) -> bool:
-        return span_s >= WHOLE * self._config.window_s
+        return followed(
+            pointings,
+            trust,
+            whole_s=WHOLE * self._config.window_s,
+            floor_m=self._config.floor_m,
+            start=self._solution,
+        )
 
     def _is_late(self, now_ns: int) -> bool:
         return now_ns - self.since_ns >= self._config.give_up_s * NS_PER_S

@@ -337,6 +337,11 @@ COMMANDS: dict[str, tuple[Entry, ...]] = {
                     "pointit.cli.evaluate.command:pointing",
                 ),
                 command(
+                    "honesty",
+                    "whether stated uncertainties hold, with faults injected",
+                    "pointit.cli.evaluate.honesty:honesty",
+                ),
+                command(
                     "selection",
                     "simulated people select: time, wrong, missed, by method",
                     "pointit.cli.evaluate.selection:selection",

@@ -53,9 +53,14 @@ class Writer:
     """So many questions are lost with the link."""
     after: int = 0
     """Number of answers that still come to the next query."""
+    unable: int = 0
+    """Number of questions that Zenoh refuses to send."""
     asked: list[str] = field(default_factory=list[str])
 
     def get(self, selector: str, callback: Any, **_: Any) -> None:
+        if self.unable:
+            self.unable -= 1
+            raise zenoh.ZError("no link")
         self.asked.append(selector)
         first, last = selector.partition("_sn=")[2].split("..")
         answers = [each for each in self.kept if int(first) <= each <= int(last)]
@@ -138,6 +143,24 @@ async def test_a_writer_that_never_answers_is_given_up(reader: Reader) -> None:
     assert reader.lost == [2]
     assert reader.got == [1, 4]
     assert len(reader.writer.asked) == 6
+
+
+async def test_samples_that_come_late_by_themselves_close_their_gap(reader: Reader) -> None:
+    reader.hear(1, 4, 2, 3)
+    await until(lambda: len(reader.got) == 4)
+    assert reader.got == [1, 2, 3, 4]
+    reader.hear(5)
+    assert reader.got[-1] == 5
+    assert not reader.lost
+    assert not reader.writer.asked
+
+
+async def test_a_session_that_cannot_ask_is_asked_again(reader: Reader) -> None:
+    reader.writer.kept, reader.writer.unable = range(20), 2
+    reader.hear(1, 3)
+    await until(lambda: len(reader.got) == 3)
+    assert reader.got == [1, 2, 3]
+    assert not reader.lost
 
 
 async def test_only_so_many_are_held(reader: Reader, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -164,15 +164,16 @@ def pointing(
         tell(rows, json_file, _pointing_remarks(rows), brief=brief)
 
 
-def check_sets(sets: Sequence[str], known: Sequence[str]) -> None:
-    """Check that all `sets` are `known`.
+def check_sets(sets: Sequence[str], known: Sequence[str], option: str = "--set") -> None:
+    """Check that all `sets`, or other names given by `option`, are `known`.
 
     Raises:
-        ConfigError: If one is not; lists the known sets.
+        ConfigError: If one is not; lists the known ones.
     """
     for name in sets:
         if name not in known:
-            raise ConfigError(f"--set {name}: there is no such set; there are {', '.join(known)}")
+            what = option.removeprefix("--")
+            raise ConfigError(f"{option} {name}: there is no such {what}; there are {', '.join(known)}")
 
 
 def tell(rows: Sequence[Row], json_file: Path | None, remarks: Sequence[str], *, brief: bool) -> None:

@@ -27,6 +27,9 @@ FILE = "endpoints.csv"
 TARGETS = (2, 3, 4, 6)
 """Numbers of different targets in a trial."""
 
+ALL_TARGETS = 27
+"""Number of targets in the room."""
+
 SUBSETS = 100
 """Trials of each subject and number of targets: random targets, a random act of each."""
 
@@ -68,8 +71,14 @@ class _Acts:
     """Mean angle of the rays to the left of the targets, since forearms are not parallel to them."""
 
 
-def read(folder: Path, reading: Reading) -> None:
+def read(folder: Path, reading: Reading, counts: Sequence[int] = TARGETS, subsets: int = SUBSETS) -> None:
     """Add random subsets of the targets of each subject, the same ones in each run.
+
+    Args:
+        folder: of the set.
+        reading: gets the trials.
+        counts: numbers of different targets in a trial.
+        subsets: trials of each subject and number of targets.
 
     Raises:
         ConfigError: If the file is damaged.
@@ -87,8 +96,8 @@ def read(folder: Path, reading: Reading) -> None:
         )
     for (subject,), rows in groups.items():
         acts = _acts(table.only(rows), subject)
-        for count in TARGETS:
-            _add(acts, count, reading)
+        for count in counts:
+            _add(acts, count, subsets, reading)
 
 
 def _acts(table: Table, subject: str) -> _Acts:
@@ -137,7 +146,7 @@ def _acts(table: Table, subject: str) -> _Acts:
     )
 
 
-def _add(acts: _Acts, count: int, reading: Reading) -> None:
+def _add(acts: _Acts, count: int, subsets: int, reading: Reading) -> None:
     kinds = int(acts.kinds.max()) + 1
     if kinds < count:
         reading.notes.append(
@@ -145,7 +154,7 @@ def _add(acts: _Acts, count: int, reading: Reading) -> None:
         )
         return
     random = np.random.default_rng([zlib.crc32(acts.subject.encode()), count])
-    for _ in range(SUBSETS):
+    for _ in range(subsets):
         wanted = random.choice(kinds, size=count, replace=False)
         chosen = [int(random.choice(np.flatnonzero(acts.kinds == kind))) for kind in wanted]
         head = acts.heads_m[chosen].mean(axis=0)

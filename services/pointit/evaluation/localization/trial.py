@@ -2,13 +2,13 @@
 
 import math
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pointit.services.localizer.estimation.estimator import Pointings
+from pointit.services.localizer.estimation.estimator import GAP_S, Pointings
 
 Array = NDArray[np.float64]
 
@@ -40,6 +40,10 @@ class Trial:
     """True azimuth of {H}'s x axis in {W}, or None if unknown."""
     independent_hz: float | None = 2.0
     """Independent pointings per second, since errors in a hold are correlated. None if unknown."""
+    recording: str = ""
+    """Name of the recording of following."""
+    start_s: float = 0.0
+    """Start of the window in it."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,6 +58,24 @@ class FollowRecording:
     """n x 3, {W}."""
     eye_height_m: float
     yaw_rad: float | None
+    name: str = ""
+
+    def shifted(self, shift_s: float) -> "FollowRecording":
+        """Return the recording with the robot reported where it was `shift_s` before; gaps are left out."""
+        pointings = self.pointings
+        stamps_s = pointings.stamps_s
+        then_s = stamps_s - shift_s
+        after = np.clip(np.searchsorted(stamps_s, then_s), 1, len(stamps_s) - 1)
+        kept = (then_s >= stamps_s[0]) & (then_s <= stamps_s[-1])
+        kept &= stamps_s[after] - stamps_s[after - 1] <= GAP_S
+        targets_m = np.stack(
+            [np.interp(then_s, stamps_s, pointings.targets_m[:, axis]) for axis in range(3)], axis=1
+        )
+        return replace(
+            self,
+            pointings=replace(pointings, targets_m=targets_m).only(kept),
+            heads_m=self.heads_m[kept],
+        )
 
     def trials(self, windows_s: Iterable[float] = WINDOWS_S) -> Iterator[Trial]:
         """Yield windows of each length, one every `STRIDE_S`; the truth is the mean position of the head.
@@ -66,7 +88,7 @@ class FollowRecording:
             starts_s = _starts(stamps_s, length_s)
             starts_s = starts_s[starts_s < last_s + 1e-9]
             begins, ends = np.searchsorted(stamps_s, (starts_s, starts_s + length_s))
-            for begin, end in zip(begins.tolist(), ends.tolist(), strict=True):
+            for start_s, begin, end in zip(starts_s.tolist(), begins.tolist(), ends.tolist(), strict=True):
                 part = slice(begin, end)
                 if end - begin < 2:
                     continue
@@ -85,6 +107,8 @@ class FollowRecording:
                     x_m=float(head[0]),
                     y_m=float(head[1]),
                     yaw_rad=self.yaw_rad,
+                    recording=self.name,
+                    start_s=start_s,
                 )
 
 
@@ -101,6 +125,8 @@ class Reading:
     """Trials read from recordings."""
 
     trials: list[Trial] = field(default_factory=list[Trial])
+    followed: list[FollowRecording] = field(default_factory=list[FollowRecording])
+    """Recordings of following, from which trials were read."""
     notes: list[str] = field(default_factory=list[str])
     """Messages about skipped data, with the reason."""
 
@@ -111,6 +137,8 @@ class Reading:
     def follow(self, path: Path, following: FollowRecording) -> None:
         """Add the trials of `following`, read from `path`, or a note if there are none."""
         before = len(self.trials)
+        following = replace(following, name=path.stem)
+        self.followed.append(following)
         self.trials.extend(following.trials())
         if len(self.trials) == before:
             length_s = float(following.pointings.stamps_s[-1])

@@ -41,6 +41,10 @@ class SimulatedFollower:
     """Time by which the arm is behind the robot."""
     wander_rad: float
     """Standard deviation, per axis, of the error that changes."""
+    elevation_slope: float = 0.0
+    """Elevation of the rays above the robot's, per angle of the robot over the horizon."""
+    azimuth_slope: float = 0.0
+    """The same sideways, per angle from the middle of the course."""
 
     @classmethod
     def drawn(cls, rng: np.random.Generator, *, reach_m: float = 1.0) -> "SimulatedFollower":
@@ -63,8 +67,10 @@ class SimulatedFollower:
         The first `REACH_S` are the reach from a resting arm. Rays start at (0, 0, `eyes_m`).
         """
         away = course(times_s - self.lag_s) - (self.x_m, self.y_m, self.eyes_m)
-        azimuths = np.unwrap(np.arctan2(away[:, 1], away[:, 0])) + self.aim_rad
-        elevations = np.arctan2(away[:, 2], np.hypot(away[:, 0], away[:, 1])) + self.bias_rad
+        azimuths = np.unwrap(np.arctan2(away[:, 1], away[:, 0]))
+        azimuths += self.azimuth_slope * (azimuths - azimuths.mean()) + self.aim_rad
+        elevations = np.arctan2(away[:, 2], np.hypot(away[:, 0], away[:, 1]))
+        elevations += self.elevation_slope * elevations + self.bias_rad
         share = np.clip((times_s - times_s[0]) / REACH_S, 0.0, 1.0)
         share = share**3 * (10.0 - 15.0 * share + 6.0 * share**2)  # minimum jerk
         azimuths += (1.0 - share) * rng.uniform(-math.pi, math.pi)

@@ -4,10 +4,13 @@
 
 import asyncio
 import contextlib
+import logging
 from typing import Any
 
 import zenoh
 from zenoh.handlers import Callback
+
+log = logging.getLogger(__name__)
 
 
 async def query_replies(
@@ -41,7 +44,7 @@ async def query_replies(
 async def query_samples(
     session: zenoh.Session, selector: str, *, timeout_s: float, under_any_key: bool = False
 ) -> list[zenoh.Sample]:
-    """Return all samples with which others answer, in order of arrival.
+    """Return all samples with which others answer, in order of arrival; none if Zenoh cannot ask now.
 
     Args:
         session: asks.
@@ -49,15 +52,19 @@ async def query_samples(
         timeout_s: who answers later is not waited for.
         under_any_key: answers may be about other keys than the one that is asked for.
     """
-    replies = await query_replies(
-        session,
-        selector,
-        target=zenoh.QueryTarget.ALL,
-        consolidation=zenoh.ConsolidationMode.NONE,
-        timeout=timeout_s,
-        allowed_destination=zenoh.Locality.REMOTE,
-        accept_replies=zenoh.ReplyKeyExpr.ANY if under_any_key else None,
-    )
+    try:
+        replies = await query_replies(
+            session,
+            selector,
+            target=zenoh.QueryTarget.ALL,
+            consolidation=zenoh.ConsolidationMode.NONE,
+            timeout=timeout_s,
+            allowed_destination=zenoh.Locality.REMOTE,
+            accept_replies=zenoh.ReplyKeyExpr.ANY if under_any_key else None,
+        )
+    except zenoh.ZError as error:  # who asks in the background asks again: it must not end
+        log.warning("%s cannot be asked for: %s", selector, error)
+        return []
     return [each.ok for each in replies if each.ok is not None and each.ok.kind == zenoh.SampleKind.PUT]
 
 

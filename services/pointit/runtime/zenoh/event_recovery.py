@@ -82,7 +82,7 @@ class EventRecovery:
         writer, number = (str(source.source_id.zid), source.source_id.eid), source.source_sn
         with self._lock:
             last = self._last.pop(writer, None)
-            self._last[writer] = number
+            self._last[writer] = number if last is None else max(last, number)
             if len(self._last) > MAX_WRITERS:
                 self._last.popitem(last=False)
             gap = self._gaps.get(writer)
@@ -116,6 +116,8 @@ class EventRecovery:
                 if self._gaps.get(writer) is not gap:
                     return
                 missing = gap.wanted - gap.held.keys()
+            if not missing:  # they came late, by themselves
+                break
             # One more than what is missing: its own answer, the last one, tells that the writer has said all.
             first, beyond = min(missing), max(missing) + 1
             selector = f"{gap.about}?_sn={first}..{beyond}"

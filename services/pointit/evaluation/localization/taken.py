@@ -1,0 +1,23 @@
+"""The running localizer's verdict on the pointings of one window or of several lamps."""
+
+from pointit.services.localizer.estimation.estimator import (
+    Pointings,
+    Refusal,
+    Solution,
+    SolverSettings,
+    solve,
+)
+from pointit.services.localizer.estimation.mounting import mounting_fault
+from pointit.services.localizer.estimation.sample_blocks import blocks
+
+LIMITS = SolverSettings()
+"""The localizer's own priors and limits, as configured by default."""
+
+
+def judged(pointings: Pointings, trust: SolverSettings = LIMITS) -> Solution | Refusal:
+    """Return the pose that the localizer takes from `pointings`, or its refusal."""
+    found = solve(pointings, trust)
+    if not len(pointings) or blocks(pointings).is_still:
+        return found
+    wrong = mounting_fault(pointings, found, trust, 0.0)
+    return Refusal(wrong, found.residual_rad) if wrong else found

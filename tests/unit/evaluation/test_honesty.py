@@ -1,0 +1,337 @@
+"""Faults are what they are said to be, rows say how far stated uncertainties hold, and regressions fail."""
+
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Literal
+
+import click
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from pointit.cli.evaluate.honesty import honesty
+from pointit.evaluation.honesty import targets
+from pointit.evaluation.honesty.honesty import WINDOWS_S, honesty_rows, sources_of, trials_of, verdict
+from pointit.evaluation.honesty.injections import (
+    BESIDE_M,
+    INJECTIONS,
+    NONE,
+    across,
+    arm_directions,
+    backwards,
+    drift,
+    garbage,
+    height,
+    shoulder,
+    shoulder_still,
+    with_arms,
+)
+from pointit.evaluation.honesty.lamps import chosen
+from pointit.evaluation.honesty.row import EVERY, HonestyRow, Judged, rows_of
+from pointit.evaluation.honesty.simulated_people import followers, rooms
+from pointit.evaluation.honesty.sources import QUICK, people
+from pointit.evaluation.honesty.targets import TARGETS, missed, regressions, stated
+from pointit.evaluation.localization import taken
+from pointit.evaluation.localization.arm_rays import STATURE_M, along, scaled_body
+from pointit.evaluation.localization.trial import Array, FollowRecording, Trial
+from pointit.runtime.errors import ConfigError
+from pointit.services.localizer.estimation.estimator import Pointings, Refusal, Solution
+from pointit.services.pointing.arm_ray import ArmRay
+
+
+def rng() -> np.random.Generator:
+    return np.random.default_rng(7)
+
+
+def azimuths(trial: Trial) -> Array:
+    rays = trial.pointings.directions
+    return np.asarray(np.unwrap(np.arctan2(rays[:, 1], rays[:, 0])), dtype=np.float64)
+
+
+def elevations(trial: Trial) -> Array:
+    return np.asarray(np.arcsin(trial.pointings.directions[:, 2]), dtype=np.float64)
+
+
+@pytest.fixture(scope="module")
+def follower() -> FollowRecording:
+    return followers([3])[0]
+
+
+@pytest.fixture(scope="module")
+def following(follower: FollowRecording) -> Trial:
+    return next(follower.trials([10.0]))
+
+
+@pytest.fixture(scope="module")
+def room() -> Trial:
+    return rooms([3])[0]
+
+
+@pytest.mark.parametrize(("to_right_m", "hand"), [(BESIDE_M, "right"), (-BESIDE_M, "left")])
+def test_who_knows_of_the_shoulder_finds_the_rays_again(
+    following: Trial, to_right_m: float, hand: Literal["left", "right"]
+) -> None:
+    """The service `pointing`, told the measure, undoes what is injected."""
+    after = shoulder(to_right_m)(following, rng())
+    turned = float(np.degrees(np.mean(azimuths(after) - azimuths(following))))
+    assert 10.0 < abs(turned) < 25.0
+    assert after.yaw_rad is not None
+    assert following.yaw_rad is not None
+    back = after.yaw_rad + math.radians(turned) - following.yaw_rad
+    assert math.remainder(back, math.tau) == pytest.approx(0.0, abs=1e-2)
+    told = scaled_body(STATURE_M).model_copy(update={"neck_to_shoulder_m": BESIDE_M})
+    arms = np.array([along(arm) for arm in arm_directions(after).tolist()])
+    _, directions = ArmRay(told, hand=hand).rays(arms)
+    assert directions == pytest.approx(following.pointings.directions, abs=1e-6)
+
+
+def test_arms_and_rays_are_each_others_inverse(following: Trial) -> None:
+    same = with_arms(following, arm_directions(following))
+    assert same.pointings.directions == pytest.approx(following.pointings.directions, abs=1e-9)
+    assert same.yaw_rad == pytest.approx(following.yaw_rad)
+
+
+def test_a_still_body_turns_rays_by_different_angles(following: Trial) -> None:
+    turning = azimuths(shoulder(BESIDE_M)(following, rng())) - azimuths(following)
+    still = azimuths(shoulder_still(following, rng())) - azimuths(following)
+    assert np.ptp(still) > 2.0 * np.ptp(turning)
+
+
+def test_a_wrong_height_is_in_the_origins_alone(following: Trial) -> None:
+    taller = height(0.2)(following, rng())
+    assert taller.pointings.origins_m[:, 2] - following.pointings.origins_m[:, 2] == pytest.approx(0.2)
+    assert taller.pointings.directions is following.pointings.directions
+
+
+@pytest.mark.parametrize("share", [0.05, 0.15])
+def test_a_share_of_the_rays_is_garbage(following: Trial, share: float) -> None:
+    after = garbage(share)(following, rng())
+    changed = np.any(after.pointings.directions != following.pointings.directions, axis=1)
+    assert np.mean(changed) == pytest.approx(share, rel=0.35)
+
+
+def test_drift_turns_by_one_degree_a_second_about_the_middle(following: Trial) -> None:
+    turns = np.degrees(azimuths(drift(following, rng())) - azimuths(following))
+    turns -= 360.0 * np.round(turns.mean() / 360.0)
+    assert abs(turns[-1] - turns[0]) == pytest.approx(10.0, abs=0.1)
+    assert turns.mean() == pytest.approx(0.0, abs=1e-6)
+
+
+def test_a_sensor_across_does_not_rise_with_the_arm(following: Trial) -> None:
+    rises = elevations(following)
+    assert np.std(rises) > math.radians(2.0)
+    assert abs(np.polyfit(rises, elevations(across(following, rng())), 1)[0]) < 0.5
+    assert np.polyfit(rises, elevations(backwards(following, rng())), 1)[0] < -0.5
+
+
+def test_late_reports_are_those_of_before(follower: FollowRecording) -> None:
+    late = follower.shifted(0.5)
+    assert len(late.pointings) == pytest.approx(len(follower.pointings) - 25, abs=1)
+    now, then = late.pointings, follower.pointings
+    at = int(np.searchsorted(then.stamps_s, now.stamps_s[100] - 0.5 + 1e-9))
+    assert now.targets_m[100] == pytest.approx(then.targets_m[at], abs=0.02)
+    assert np.any(
+        np.abs(now.targets_m[100] - then.targets_m[np.searchsorted(then.stamps_s, now.stamps_s[100])]) > 0.1
+    )
+
+
+def test_a_gap_is_not_bridged(follower: FollowRecording) -> None:
+    there = follower.pointings
+    gap = (there.stamps_s < 4.0) | (there.stamps_s > 6.0)
+    torn = replace(follower, pointings=there.only(gap), heads_m=follower.heads_m[gap])
+    stamps_s = torn.shifted(0.2).pointings.stamps_s
+    assert not np.any((stamps_s > 6.0) & (stamps_s < 6.2))
+
+
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize(("wrong_lamp", "expected"), [(False, 0), (True, 1)])
+def test_a_wrong_lamp_is_one_that_was_not_pointed_at(
+    room: Trial, seed: int, *, wrong_lamp: bool, expected: int
+) -> None:
+    trial = chosen(room, 3, np.random.default_rng(seed), wrong_lamp=wrong_lamp)
+    rays, lamps = room.pointings.directions.tolist(), room.pointings.targets_m.tolist()
+    lamp_of = dict(zip(map(tuple, rays), map(tuple, lamps), strict=True))
+    pointed = [lamp_of[tuple(ray)] for ray in trial.pointings.directions[::40].tolist()]
+    lit = [tuple(lamp) for lamp in trial.pointings.targets_m[::40].tolist()]
+    assert len(set(lit)) == len(set(pointed)) == len(trial.pointings) // 40 == 3
+    assert len(set(lit) - set(pointed)) == expected
+    assert sum(one != other for one, other in zip(lit, pointed, strict=True)) == expected
+
+
+def test_lamps_on_one_wall_and_holds_one_after_the_other(room: Trial) -> None:
+    trial = chosen(room, 4, rng(), one_wall=True)
+    assert np.ptp(trial.pointings.targets_m[:, 0]) < 1e-6
+    assert np.ptp(trial.pointings.targets_m[:, 1]) > 0.5
+    steps = np.diff(trial.pointings.stamps_s)
+    assert np.all(steps > 0.0)
+    assert np.count_nonzero(steps > 1.0) == 3
+    assert trial.condition == "4 lamps"
+
+
+def test_each_condition_gives_the_same_trials_again(follower: FollowRecording, room: Trial) -> None:
+    for source in sources_of([follower], [room], most=1):
+        first, again = list(trials_of(source)), list(trials_of(source))
+        assert [len(trial.pointings) for trial in first] == [len(trial.pointings) for trial in again]
+        for one, other in zip(first, again, strict=True):
+            assert np.array_equal(one.pointings.directions, other.pointings.directions)
+            assert np.array_equal(one.pointings.targets_m, other.pointings.targets_m)
+
+
+def test_a_person_is_followed_for_each_window_once(follower: FollowRecording) -> None:
+    (source,) = sources_of([follower], [], [each for each in INJECTIONS if each.name == NONE])
+    assert [trial.condition for trial in trials_of(source)] == [f"{window:g} s" for window in WINDOWS_S]
+
+
+def pose(x_m: float, y_m: float, sigma_m: float, yaw_sigma_rad: float = 0.1) -> Solution:
+    return Solution(
+        x_m=x_m, y_m=y_m, yaw_rad=0.0, bias_rad=0.0, residual_rad=0.0, samples=9,
+        covariance=np.diag([sigma_m**2, sigma_m**2, yaw_sigma_rad**2]),
+    )  # fmt: skip
+
+
+def test_an_honest_solver_meets_the_targets(monkeypatch: pytest.MonkeyPatch, following: Trial) -> None:
+    """Errors drawn from the stated covariance: nominal square, 2 sigma of both, nobody confidently wrong."""
+    drawn = np.random.default_rng(1)
+    trial = replace(following, x_m=0.0, y_m=0.0, yaw_rad=0.0)
+
+    def found(_: Pointings) -> Solution:
+        yaw_rad = float(drawn.normal(0.0, 0.1))
+        place = drawn.normal(0.0, 0.2, 2) * (1.0, 0.3)
+        return replace(
+            pose(float(place[0]), float(place[1]), 0.2),
+            yaw_rad=yaw_rad,
+            covariance=np.diag([0.04, 0.0036, 0.01]),
+        )
+
+    monkeypatch.setattr("pointit.evaluation.honesty.honesty.judged", found)
+    row = rows_of([verdict(trial, NONE) for _ in range(3000)])[0]
+    assert row.square == pytest.approx(1.0, abs=0.1)
+    assert row.within_2_sigma == pytest.approx(0.95, abs=0.015)
+    assert row.yaw_within_2_sigma == pytest.approx(0.954, abs=0.015)
+    assert TARGETS.broken_by(replace(row, wrong=None)) == []
+
+
+def test_a_row_counts_who_is_confidently_wrong() -> None:
+    def one(error_m: float, *, in_place: bool, is_taken: bool = True, subject: str = "a") -> Judged:
+        return Judged(
+            set="s", condition=NONE, duration="2 s", subject=subject, taken=is_taken,
+            error_m=error_m, square=error_m, in_place=in_place, in_yaw=True,
+        )  # fmt: skip
+
+    rows = rows_of(
+        [
+            one(0.1, in_place=True),
+            one(0.6, in_place=True, subject="b"),
+            one(0.4, in_place=False, subject="c"),
+            one(0.7, in_place=False),
+            one(9.0, in_place=False, is_taken=False),
+        ]
+    )
+    assert [row.duration for row in rows] == [EVERY, "2 s"]
+    row = rows[0]
+    assert (row.n, row.taken, row.within_2_sigma) == (5, 0.8, 0.5)
+    assert row.wrong is not None
+    assert row.wrong.value == pytest.approx(0.25)
+    assert row.wrong.low < 0.25 < row.wrong.high
+    assert row.without_one == pytest.approx((1 / 3, 2 / 3))
+    assert row.error_m is not None
+    assert row.error_m.median == pytest.approx(0.5)
+
+
+def test_a_refused_trial_is_not_taken(following: Trial) -> None:
+    turned = backwards(following, rng())
+    assert isinstance(taken.judged(turned.pointings), Refusal)
+    assert not verdict(turned, "mounted backwards").taken
+
+
+def test_what_misses_the_targets_is_named() -> None:
+    good = rows_of(
+        Judged(
+            set="s", condition=NONE, duration="2 s", subject="a", taken=True, error_m=0.1, square=1.0,
+            in_place=number % 20 != 0, in_yaw=number % 20 != 0,
+        )
+        for number in range(100)
+    )  # fmt: skip
+    assert missed(good) == []
+    wide = [replace(row, square=0.3, within_2_sigma=1.0) for row in good]
+    (only,) = missed(wide)
+    assert only[1] == ["2 sigma of the place 100.0 %", "squared error 0.30"]
+
+
+def test_a_row_worse_than_its_limits_is_a_regression(monkeypatch: pytest.MonkeyPatch) -> None:
+    rows = simulated_rows(QUICK.people // 8, ["height +0.2 m"])
+    wide = targets.Limits(within_least=0.0, within_most=1.0, yaw_least=0.0, yaw_most=1.0, square_least=0.0,
+                          square_most=99.0, wrong_most=1.0)  # fmt: skip
+    keys = [(row.set, row.condition) for row in rows]
+    monkeypatch.setattr(targets, "stated", lambda: dict.fromkeys(keys, wide))
+    assert regressions(rows) == []
+    monkeypatch.setattr(targets, "stated", lambda: dict.fromkeys(keys, replace(wide, taken_least=1.01)))
+    assert all("taken" in told for told in regressions(rows))
+    monkeypatch.setattr(targets, "stated", dict)
+    assert regressions(rows)[0].endswith("no limits are stated")
+
+
+def simulated_rows(count: int, names: Sequence[str] = ()) -> list[HonestyRow]:
+    injections = [each for each in INJECTIONS if not names or each.name in names]
+    sources = sources_of(followers(range(count)), rooms(range(count)), injections, 1)
+    return honesty_rows(sources, jobs=1, tick=lambda _done, _of: None)
+
+
+def test_simulated_people_are_no_worse_than_stated() -> None:
+    """The gate: `pointit evaluate honesty --gate` without recordings."""
+    assert regressions(simulated_rows(QUICK.people)) == []
+
+
+def test_each_row_of_the_gate_has_limits() -> None:
+    known = stated()
+    simulated = {(name, each.name) for each in INJECTIONS for name, fits in
+                 (("simulated", each.follows), ("simulated lamps", each.points)) if fits}  # fmt: skip
+    assert simulated <= set(known)
+
+
+def invoke(*arguments: str) -> tuple[str, str]:
+    every = (*arguments, "--quick", "--jobs", "1", "--set", "simulated")
+    result = CliRunner().invoke(honesty, every, standalone_mode=False, env={"COLUMNS": "140"})
+    if result.exception is not None:
+        raise result.exception
+    return result.stdout, result.stderr
+
+
+@pytest.fixture
+def no_recordings(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("POINTIT_DATA", raising=False)
+
+
+@pytest.mark.usefixtures("no_recordings")
+def test_the_table_has_a_row_for_each_condition_and_names_what_is_missed() -> None:
+    out, err = invoke("--condition", NONE, "--condition", "time -0.5 s")
+    assert "simulated people only" in err
+    assert [line for line in out.splitlines() if line.split()[:3] == ["as", "they", "are"]]
+    assert "simulated, time -0.5 s: 2 sigma of the place" in out
+    longer, _ = invoke("--condition", NONE, "--durations")
+    assert {"2 s", "10 s"} <= {" ".join(line.split()[3:5]) for line in longer.splitlines()}
+
+
+@pytest.mark.usefixtures("no_recordings")
+def test_the_gate_fails_only_if_asked(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(targets, "stated", dict)
+    written, _ = invoke("--condition", NONE, "--json", "-")
+    assert json.loads(written)["worse"] == []
+    with pytest.raises(click.ClickException, match="no limits are stated"):
+        invoke("--condition", NONE, "--gate")
+
+
+@pytest.mark.usefixtures("no_recordings")
+def test_an_unknown_condition_is_refused_with_those_there_are() -> None:
+    with pytest.raises(ConfigError, match=r"--condition rain: there is no such condition; there are as they"):
+        invoke("--condition", "rain")
+
+
+def test_recorded_people_of_a_missing_set_are_noted(tmp_path: Path) -> None:
+    found = people(tmp_path, ["motion_relloc"], QUICK)
+    assert not found.followed
+    assert not found.rooms
+    assert "there is no such folder" in found.notes[0]

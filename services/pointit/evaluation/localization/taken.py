@@ -1,6 +1,5 @@
 """The running localizer's verdict on the pointings of one window or of several lamps."""
 
-from pointit.services.localizer.config import LocalizerConfig
 from pointit.services.localizer.estimation.estimator import (
     Pointings,
     Refusal,
@@ -12,13 +11,9 @@ from pointit.services.localizer.estimation.following import followed
 from pointit.services.localizer.estimation.holds import held
 from pointit.services.localizer.estimation.mounting import mounting_fault
 from pointit.services.localizer.estimation.sample_blocks import blocks
-from pointit.services.localizer.procedures.moving_target import WHOLE
 
 LIMITS = SolverSettings()
 """The localizer's own priors and limits, as configured by default."""
-
-WHOLE_S = WHOLE * LocalizerConfig().window_s
-"""Time from which the localizer takes rays that follow less closely."""
 
 
 def judged(pointings: Pointings, trust: SolverSettings = LIMITS) -> Solution | Refusal:
@@ -27,6 +22,6 @@ def judged(pointings: Pointings, trust: SolverSettings = LIMITS) -> Solution | R
         return solve(pointings, trust)
     if blocks(pointings).is_still:
         return held(pointings, trust)
-    found = followed(pointings, trust, whole_s=WHOLE_S)
+    found = followed(pointings, trust)
     wrong = mounting_fault(pointings, found, trust, 0.0)
     return Refusal(wrong, found.residual_rad) if wrong else found

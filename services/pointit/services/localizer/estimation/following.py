@@ -1,9 +1,10 @@
 """Check that rays follow a moving target, which an arm that came late or does not point does not.
 
 Rays of a few seconds leave little redundancy, so that a wrong pose can look certain. Recorded people who
-follow miss by 0.4 to 1.9 degrees rms (the middle 80 %), and the target explains nine tenths of their movement
-or more; an arm that comes up within the window misses by 2.3 degrees or more, and of a hanging or typing arm
-the target explains little. Until a window is whole, only such rays are taken.
+follow miss by 0.4 to 1.9 degrees rms (the middle 80 %), others by up to 4, and the target explains nine
+tenths of their movement or more. An arm that comes up within 2 or 3 s misses by 2.3 degrees or more, within
+5 s mostly by 3.5 or more, and of a hanging or typing arm the target explains little. So the shorter the time,
+the closer the rays must follow.
 """
 
 import math
@@ -15,11 +16,14 @@ from pointit.services.localizer.estimation.estimator import Pointings, solve
 from pointit.services.localizer.estimation.solution import Refusal, Solution, SolverSettings
 from pointit.services.localizer.estimation.spikes import without_spikes
 
-SETTLED = 1.1
-"""Largest rms of the rays of a part of a window, in sigmas of a ray."""
+CLOSE = 1.1
+"""Largest rms of few rays, in sigmas of a ray."""
+
+CLOSE_PER_S = 0.3
+"""The same of many, per second of following."""
 
 EXPLAINED = 0.85
-"""Least share of the rays' variance that the target explains in a part of a window."""
+"""Least share of the rays' variance that the target explains."""
 
 AGREEING = 2.37
 """Median of chi-square of x, y and yaw. Differences of a person who follows share rays and constant errors:
@@ -34,7 +38,6 @@ def followed(
     pointings: Pointings,
     trust: SolverSettings,
     *,
-    whole_s: float,
     floor_m: float = 0.0,
     start: Solution | None = None,
 ) -> Solution | Refusal:
@@ -43,7 +46,6 @@ def followed(
     Args:
         pointings: the rays.
         trust: weights and limits.
-        whole_s: time of following from which rays that miss by more are taken, too.
         floor_m: height in {W} of the floor.
         start: a pose found before, used as an additional start.
     """
@@ -51,7 +53,7 @@ def followed(
     result = solve(pointings, trust, floor_m=floor_m, start=start)
     if isinstance(result, Refusal):
         return result
-    if pointings.span_s < whole_s and not is_settled(pointings, result.residual_rad, trust):
+    if not is_settled(pointings, result.residual_rad, trust):
         return Refusal(UNSETTLED, result.residual_rad)
     half = solve(newest_half(pointings), _unlimited(trust), floor_m=floor_m, start=result)
     is_steady = isinstance(half, Refusal) or half.differs(result) <= AGREEING
@@ -65,7 +67,8 @@ def is_settled(pointings: Pointings, residual_rad: float, trust: SolverSettings)
     azimuths = np.angle(headings * np.conj(headings.mean()))
     elevations = np.arctan2(pointings.directions[:, 2], level)
     variance = float(np.var(azimuths * level) + np.var(elevations))
-    return residual_rad**2 <= min((SETTLED * trust.ray_sigma_rad) ** 2, (1.0 - EXPLAINED) * variance)
+    limit_rad = trust.ray_sigma_rad * max(CLOSE, CLOSE_PER_S * pointings.span_s)
+    return residual_rad**2 <= min(limit_rad**2, (1.0 - EXPLAINED) * variance)
 
 
 def has_settled(

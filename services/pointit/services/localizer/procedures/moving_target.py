@@ -10,7 +10,13 @@ from typing import Any
 from pointit.schemas import NS_PER_S, Candidate, PointingRay, TrackedObjects
 from pointit.services.localizer.config import LocalizerConfig
 from pointit.services.localizer.estimation.estimator import Refusal, Solution, SolverSettings
-from pointit.services.localizer.estimation.following import AGREEING, followed, has_settled
+from pointit.services.localizer.estimation.following import (
+    AGREEING,
+    CHANGED,
+    UNSETTLED,
+    followed,
+    has_settled,
+)
 from pointit.services.localizer.estimation.mounting import mounting_fault
 from pointit.services.localizer.outputs import Output, Phase, pose_message
 from pointit.services.localizer.procedures.procedure import Procedure
@@ -26,9 +32,6 @@ ROBOT = "robot"
 
 MIN_LATENCY_SIGMA_S = 0.02
 """Lower bound of the latency's uncertainty: the IMU's radio jitters by 5 to 20 ms."""
-
-WHOLE = 0.9
-"""Share of the window from which rays need not follow closely any more; see `estimation.following`."""
 
 CONTRADICTED = (
     "the rays contradict the pose, so they are not pointed at the robot any more; the pose stays. If the "
@@ -126,10 +129,10 @@ class MovingTarget(Procedure):
             return []
         result = self._try()
         self._due_ns = now_ns + round(NS_PER_S / (SEARCH_HZ if isinstance(result, Refusal) else SOLVE_HZ))
+        if self._surest is not None and self._contradicts(result, *self._surest):
+            result = Refusal(CONTRADICTED, result.residual_rad)
         if isinstance(result, Refusal):
             return self._missed(now_ns, result)
-        if self._surest is not None and self._contradicts(result, *self._surest):
-            return self._missed(now_ns, Refusal(CONTRADICTED, result.residual_rad))
         self._solution = result
         pose = pose_message(result, "moving_target", self._rays.newest_ns, self._config)
         if self._surest is None or result.position_sigma_m <= self._surest[0].position_sigma_m:
@@ -202,18 +205,14 @@ class MovingTarget(Procedure):
             return Refusal("keep following the robot with the arm straight")
         if track.latency_sigma_s is not None:
             trust = replace(trust, latency_sigma_s=max(track.latency_sigma_s, MIN_LATENCY_SIGMA_S))
-        return followed(
-            pointings,
-            trust,
-            whole_s=WHOLE * self._config.window_s,
-            floor_m=self._config.floor_m,
-            start=self._solution,
-        )
+        return followed(pointings, trust, floor_m=self._config.floor_m, start=self._solution)
 
     def _is_late(self, now_ns: int) -> bool:
         return now_ns - self.since_ns >= self._config.give_up_s * NS_PER_S
 
-    def _contradicts(self, solution: Solution, surest: Solution, surest_ns: int) -> bool:
+    def _contradicts(self, solution: Solution | Refusal, surest: Solution, surest_ns: int) -> bool:
+        if isinstance(solution, Refusal):
+            return solution.reason in {CHANGED, UNSETTLED}
         rate_radps = math.radians(self._config.drift.rate_sigma_degps)
         drift_rad = rate_radps * (self._rays.newest_ns - surest_ns) / NS_PER_S
         return surest.differs(solution, drift_rad) > AGREEING

@@ -44,6 +44,7 @@ DEVICES = {
         "sources.py",
     },
     "keeper": {"record.py"},
+    "localizer": {"memory/memory_file.py"},
     "recorder": {"file_series.py", "sink.py"},
     "led-driver": {
         "guarded_output.py",

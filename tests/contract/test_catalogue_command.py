@@ -36,7 +36,7 @@ def test_all_topics_and_requests_are_shown() -> None:
     assert code(result) == 0
     for text in (
         "users/{user}/imu",
-        "ImuSample.v2",
+        "ImuSample.v3",
         "conveyor/add_package",
         "AddPackageReply.v1",
         "led-driver",
@@ -54,12 +54,12 @@ def test_a_message_is_shown_with_its_fields() -> None:
 
 def test_json_is_the_schema_and_the_asyncapi_document() -> None:
     assert json.loads(run("ImuSample", "--json").output) == catalogue.message_schema(ImuSample)
-    assert json.loads(run("ImuSample.v2", "--json").output) == catalogue.message_schema(ImuSample)
+    assert json.loads(run("ImuSample.v3", "--json").output) == catalogue.message_schema(ImuSample)
     assert json.loads(run("--json").output)["asyncapi"] == "3.0.0"
 
 
 @pytest.mark.parametrize(
-    ("name", "hint"), [("ImuSampel", "did you mean ImuSample"), ("ImuSample.v9", "today's is ImuSample.v2")]
+    ("name", "hint"), [("ImuSampel", "did you mean ImuSample"), ("ImuSample.v9", "today's is ImuSample.v3")]
 )
 def test_an_unknown_message_is_answered_with_a_hint(name: str, hint: str) -> None:
     with pytest.raises(SchemaError, match=hint):
@@ -72,7 +72,7 @@ def test_write_then_check(tmp_path: Path) -> None:
     assert "run `pointit topic schema --write`" in run("--check", *arguments).stderr
     result = run("--write", *arguments)
     assert code(result) == 0
-    assert f"wrote {tmp_path / 'messages' / 'ImuSample.v2.json'}" in result.output
+    assert f"wrote {tmp_path / 'messages' / 'ImuSample.v3.json'}" in result.output
     assert code(run("--check", *arguments)) == 0
     assert code(run("--write", *arguments)) == 0
     assert json.loads(run("--write", "--json", *arguments).output) == {"written": []}
@@ -82,13 +82,13 @@ def test_write_then_check(tmp_path: Path) -> None:
 def test_a_change_is_refused_and_nothing_is_written(tmp_path: Path) -> None:
     arguments = ("--dir", str(tmp_path))
     run("--write", *arguments)
-    path = tmp_path / "messages" / "ImuSample.v2.json"
+    path = tmp_path / "messages" / "ImuSample.v3.json"
     schema = json.loads(path.read_bytes())
     del schema["properties"]["battery"]
     path.write_text(json.dumps(schema), encoding="utf-8")
     (tmp_path / "README.md").unlink()
     with pytest.raises(
-        SchemaError, match=r"raise `version` of ImuSample to 3 and run `pointit topic schema --write`"
+        SchemaError, match=r"raise `version` of ImuSample to 4 and run `pointit topic schema --write`"
     ):
         code(run("--write", *arguments))
     assert not (tmp_path / "README.md").exists()

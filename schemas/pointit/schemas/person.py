@@ -31,7 +31,7 @@ class ImuSample(Message):
     of the sensor on the arm.
     """
 
-    version: ClassVar[int] = 2
+    version: ClassVar[int] = 3
 
     orientation_xyzw: QuaternionXyzw
     angular_velocity_radps: Annotated[Vec3 | None, Field(description="in the arm frame, rad/s")] = None
@@ -45,6 +45,14 @@ class ImuSample(Message):
             "restarted device"
         ),
     ] = 0
+    mounting: Annotated[
+        str,
+        Field(
+            max_length=128,
+            description="device and how it sits on the arm, such as `ble metamotion`; empty if unknown. With "
+            "another one a person's pointing has other systematic errors",
+        ),
+    ] = ""
 
 
 class WristSample(Message):
@@ -111,6 +119,31 @@ class PointingOffset(SchemaModel):
     sigma_rad: Annotated[Extent, Field(description="1 sigma of the elevation that is left, rad")] = 0.0
     anchors: Annotated[int, Field(ge=0, description="pointings it was fitted from")] = 0
     fitted_ns: Annotated[Ns, Field(description="when, Unix ns")] = 0
+
+
+class Gaussian(SchemaModel):
+    """A quantity that is known to a standard deviation."""
+
+    mean: Real
+    sigma: Extent
+
+
+class LearntPointing(SchemaModel):
+    """What localizations have found of a person's pointing with one device and mounting."""
+
+    mounting: Annotated[str, Field(max_length=128, description="as in `ImuSample`")] = ""
+    elevation_bias_rad: Annotated[
+        Gaussian | None, Field(description="the person's rays lie higher by it; None if unknown")
+    ] = None
+    elevation_slope: Annotated[
+        Gaussian | None, Field(description="change of that bias per elevation; None if unknown")
+    ] = None
+    azimuth_slope: Annotated[Gaussian | None, Field(description="the same of the azimuth")] = None
+    latency_s: Annotated[
+        Gaussian | None, Field(description="of the tracker's reports behind the wrist's; None if unknown")
+    ] = None
+    localizations: Annotated[Count, Field(description="localizations it was learnt from")] = 1
+    learnt_ns: Annotated[Ns, Field(description="time of the last one, Unix ns")]
 
 
 class UserProfile(Message):

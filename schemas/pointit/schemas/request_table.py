@@ -68,6 +68,13 @@ POINT_ANCHOR = Request(
     server="localizer",
     about="point at one lamp to set the pose right",
 )
+READ_MEMORY = Request(
+    key="localizer/{user}/memory",
+    query=requests.ReadMemory,
+    reply=requests.ReadMemoryReply,
+    server="localizer",
+    about="what localizations found of the person's pointing, or forget it",
+)
 SET_OFFSET = Request(
     key="profile/{user}/set_offset",
     query=requests.SetOffset,
@@ -177,6 +184,7 @@ REQUESTS: list[Request[Any, Any]] = [
     SET_POSE,
     SET_HEADING,
     POINT_ANCHOR,
+    READ_MEMORY,
     SET_OFFSET,
     CLEAR_SELECTION,
     UNDO_SELECTION,

@@ -5,7 +5,7 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import Field
 
 from pointit.schemas.base import Fraction, Many, Name, Ns, QuaternionXyzw, Query, Real, Reply, Rgb, Vec3
-from pointit.schemas.person import PointingOffset
+from pointit.schemas.person import LearntPointing, PointingOffset
 from pointit.schemas.pointing import Covariance
 from pointit.schemas.selection import SelectionEvent
 
@@ -94,6 +94,18 @@ class SetOffset(Query):
     """Keep a person's pointing offset."""
 
     offset: Annotated[PointingOffset | None, Field(description="None removes it")] = None
+
+
+class ReadMemory(Query):
+    """Read what localizations have found of a person's pointing, or erase it."""
+
+    erase: bool = False
+
+
+class ReadMemoryReply(Reply):
+    """What is remembered now."""
+
+    learnt: Annotated[Many[LearntPointing], Field(description="one for each device and mounting")] = ()
 
 
 class SetMounting(Query):

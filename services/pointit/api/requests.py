@@ -118,7 +118,7 @@ class ConveyorRequests(_Requests[D], Generic[D, R]):
         return self._do(topics.RESET_CONVEYOR)
 
 
-class LocalizerRequests(_Requests[D]):
+class LocalizerRequests(_Requests[D], Generic[D, R]):
     """Requests to a person's localizer."""
 
     def start(self, user: str, method: Literal["static_targets", "moving_target"] | None = None) -> D:
@@ -157,6 +157,11 @@ class LocalizerRequests(_Requests[D]):
     def point_anchor(self, user: str, lamp: str = "") -> D:
         """Ask `user` to point at one lamp without a cursor, to correct the pose; `""`: the best one."""
         return self._do(topics.POINT_ANCHOR, user, lamp=lamp)
+
+    def memory(self, user: str, *, erase: bool = False) -> R:
+        """Read what localizations have found of the pointing of `user`, or erase it."""
+        reply: R = self._ask(topics.READ_MEMORY, user, erase=erase)
+        return reply
 
 
 class ProfileRequests(_Requests[D]):

@@ -32,6 +32,7 @@ from pointit.schemas import (
     PointingRay,
     Query,
     ReadHistoryReply,
+    ReadMemoryReply,
     Reply,
     SelectionEvent,
     SetMethodReply,
@@ -73,7 +74,7 @@ class Site:
             Awaitable[Done], Awaitable[SetMethodReply], Awaitable[ReadHistoryReply]
         ](send)
         self.conveyor = requests.ConveyorRequests[Awaitable[Done], Awaitable[AddPackageReply]](send)
-        self.localizer = requests.LocalizerRequests[Awaitable[Done]](send)
+        self.localizer = requests.LocalizerRequests[Awaitable[Done], Awaitable[ReadMemoryReply]](send)
         self.profile = requests.ProfileRequests[Awaitable[Done]](send)
         self.pui = requests.PuiRequests[Awaitable[Done], Awaitable[SetToleranceReply]](send)
         self.robots = requests.RobotsRequests[Awaitable[Done]](send)

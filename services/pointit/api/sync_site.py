@@ -24,6 +24,7 @@ from pointit.schemas import (
     Done,
     LampColor,
     ReadHistoryReply,
+    ReadMemoryReply,
     SetMethodReply,
     SetMountingReply,
     SetToleranceReply,
@@ -139,7 +140,7 @@ class SyncSite:
         send = self.call
         self.select = requests.SelectRequests[Done, SetMethodReply, ReadHistoryReply](send)
         self.conveyor = requests.ConveyorRequests[Done, AddPackageReply](send)
-        self.localizer = requests.LocalizerRequests[Done](send)
+        self.localizer = requests.LocalizerRequests[Done, ReadMemoryReply](send)
         self.profile = requests.ProfileRequests[Done](send)
         self.pui = requests.PuiRequests[Done, SetToleranceReply](send)
         self.robots = requests.RobotsRequests[Done](send)

@@ -159,6 +159,11 @@ COMMANDS: dict[str, tuple[Entry, ...]] = {
                         ),
                     ),
                 ),
+                command(
+                    "memory",
+                    "show or erase what localizations found of a person's pointing",
+                    "pointit.cli.people.memory:command",
+                ),
                 command("press", "press a person's button from here", "pointit.cli.people.press:command"),
             ),
         ),

@@ -110,6 +110,7 @@ PROCESSES: list[Process] = [
             topics.SET_POSE,
             topics.SET_HEADING,
             topics.POINT_ANCHOR,
+            topics.READ_MEMORY,
         ),
     ),
     Process(

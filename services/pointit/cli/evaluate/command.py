@@ -13,7 +13,7 @@ from pointit.cli.evaluate.table import evaluation_console, print_rows
 from pointit.evaluation.datasets.proximity_feedback import NAME as FEEDBACK
 from pointit.evaluation.pointing.drift import CHAINED, CHAINS_REMARK
 from pointit.evaluation.recordings.data_folder import recordings_folder
-from pointit.evaluation.recordings.row import ALL, Row, document
+from pointit.evaluation.recordings.row import ALL, Row, arranged, document
 from pointit.runtime.errors import ConfigError
 
 OURS = "pointit"
@@ -114,6 +114,7 @@ def localization(
         return
     from pointit.evaluation.datasets import SETS, read_trials  # noqa: PLC0415 - SciPy is wanted only here
     from pointit.evaluation.localization.localization import BASELINE_TRIALS, localization_rows  # noqa: PLC0415 - as above
+    from pointit.evaluation.localization.priors import prior_rows  # noqa: PLC0415 - as above
 
     check_sets(sets, list(SETS))
     check_writable(json_file)
@@ -129,7 +130,11 @@ def localization(
                 jobs=jobs,
                 tick=lambda done, _: tell_progress("localizations", done),
             )
-        tell(rows, json_file, _localization_remarks(rows, BASELINE_TRIALS), brief=brief)
+            priors = prior_rows(
+                reading.trials, baselines=baselines, tick=lambda done: tell_progress("priors", done)
+            )
+        remarks = [*_localization_remarks(rows, BASELINE_TRIALS), *priors.remarks]
+        tell(arranged([*rows, *priors.rows]), json_file, remarks, brief=brief)
 
 
 @click.command("pointing")

@@ -96,7 +96,7 @@ def localization_rows(
 
 def solved(tasks: Sequence[Task]) -> list[Outcome]:
     """Return the outcome of each solver on each trial. Runs in other processes."""
-    return [_outcome(task.trial, task.bound_m, name) for task in tasks for name in task.solvers]
+    return [outcome(task.trial, task.bound_m, name, SOLVERS[name]) for task in tasks for name in task.solvers]
 
 
 def _tasks(trials: Sequence[Trial], *, baselines: bool) -> Iterator[Task]:
@@ -121,9 +121,10 @@ def _bounds(trials: Sequence[Trial]) -> list[float]:
     return bounds
 
 
-def _outcome(trial: Trial, bound_m: float, name: str) -> Outcome:
+def outcome(trial: Trial, bound_m: float, name: str, solver: Solver) -> Outcome:
+    """Return the outcome of `solver`, called `name`, on `trial`."""
     began_ns = time.process_time_ns()
-    found = SOLVERS[name](trial.pointings)
+    found = solver(trial.pointings)
     solve_ms = (time.process_time_ns() - began_ns) / 1e6
     key = Key.of(trial)
     if isinstance(found, Refusal):

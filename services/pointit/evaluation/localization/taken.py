@@ -7,10 +7,10 @@ from pointit.services.localizer.estimation.estimator import (
     SolverSettings,
     solve,
 )
-from pointit.services.localizer.estimation.following import followed
-from pointit.services.localizer.estimation.holds import held
 from pointit.services.localizer.estimation.mounting import mounting_fault
 from pointit.services.localizer.estimation.sample_blocks import blocks
+from pointit.services.localizer.verification.following import followed
+from pointit.services.localizer.verification.holds import held
 
 LIMITS = SolverSettings()
 """The localizer's own priors and limits, as configured by default."""

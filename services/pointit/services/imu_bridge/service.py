@@ -40,6 +40,8 @@ log = logging.getLogger(__name__)
 
 REPORT_S = 1.0
 """Time between two reports on the device, s."""
+MOVED_FROM_OUTSIDE = f"page {DEVICE_NAMES['arm']}"
+"""Mounting of an arm that is not moved by a device on it, as in `ImuSample`."""
 EXPLANATIONS = ("link", "port", "silent", "sensor", "number")
 """Topics of sources' warnings that say why nothing comes."""
 
@@ -156,6 +158,7 @@ class ImuBridge(Service[ImuBridgeConfig]):
                 device_time_ns=sample.device_time_ns,
                 battery=self._wrist.monitor.battery,
                 yaw_epoch=self._wrist.epoch.count,
+                mounting=self._mounting.label,
             )
         )
 
@@ -190,6 +193,7 @@ class ImuBridge(Service[ImuBridgeConfig]):
                 device_time_ns=turned.device_time_ns,
                 battery=sample.battery,
                 yaw_epoch=turned.yaw_epoch,
+                mounting=MOVED_FROM_OUTSIDE if sample.device == "arm" else self._phone.label,
             )
         )
 

@@ -68,6 +68,14 @@ class MountingSelection:
         """Return the mounting of a page's phone."""
         return cls(ImuBridgeConfig(source="page", mounting="phone"), kept, key=PHONE)
 
+    @property
+    def label(self) -> str:
+        """Return the source and its mounting, as in `ImuSample`; a rotation in thousandths."""
+        config = self._config
+        if config.explicit_mounting is None and not self.is_measured:
+            return f"{self._key} {config.mounting}"
+        return f"{self._key} {' '.join(f'{value:.3f}' for value in self.sensor_from_arm)}"
+
     def set(self, query: SetMounting, now_ns: int) -> StoredMountings | None:
         """Set the requested mounting. Return the mountings to store, or None if they are unchanged.
 

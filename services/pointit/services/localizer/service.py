@@ -22,6 +22,8 @@ from pointit.schemas import (
     Localization,
     PointAnchor,
     PointingRay,
+    ReadMemory,
+    ReadMemoryReply,
     RobotState,
     SetHeading,
     SetPose,
@@ -41,6 +43,7 @@ from pointit.schemas.topics import (
     POINT_ANCHOR,
     POSE,
     RAY,
+    READ_MEMORY,
     ROBOT_STATE,
     SERVICE_ALIVE,
     SET_HEADING,
@@ -49,6 +52,8 @@ from pointit.schemas.topics import (
 )
 from pointit.services.localizer.config import LocalizerConfig
 from pointit.services.localizer.estimation.estimator import Refusal
+from pointit.services.localizer.memory.memory_file import MemoryFile
+from pointit.services.localizer.memory.person_memory import PersonMemory, Remember
 from pointit.services.localizer.outputs import Output, WithdrawPose
 from pointit.services.localizer.pose_manager import PoseManager, Response
 
@@ -68,7 +73,9 @@ class Localizer(Service[LocalizerConfig]):
 
     def __init__(self, config: LocalizerConfig, context: Context) -> None:
         super().__init__(config, context)
-        self._locating = PoseManager(self.user, config)
+        self._memory_file = MemoryFile(self.user, self.bus)
+        self._memory = PersonMemory(self._memory_file.read(), is_used=config.remember)
+        self._locating = PoseManager(self.user, config, self._memory)
         self._busy = asyncio.Event()
         self._followed = asyncio.Event()
         self._sent: Counter[str] = Counter()
@@ -91,6 +98,7 @@ class Localizer(Service[LocalizerConfig]):
         self.bus.serve(SET_POSE, self._set_pose, self.user)
         self.bus.serve(SET_HEADING, self._set_heading, self.user)
         self.bus.serve(POINT_ANCHOR, self._point_anchor, self.user)
+        self.bus.serve(READ_MEMORY, self._read_memory, self.user)
 
     async def run(self) -> None:
         """Step procedures and track the pose. The procedure that runs is cancelled at the end."""
@@ -98,6 +106,7 @@ class Localizer(Service[LocalizerConfig]):
             async with asyncio.TaskGroup() as group:
                 group.create_task(self._step(), name=f"localizer.{self.user} procedure")
                 group.create_task(self._follow(), name=f"localizer.{self.user} drift")
+                group.create_task(self._memory_file.keep(), name=f"localizer.{self.user} memory")
         finally:
             self._emit(self._locating.stop(self.clock.now_ns()))
 
@@ -186,6 +195,13 @@ class Localizer(Service[LocalizerConfig]):
     async def _point_anchor(self, query: PointAnchor, _user: str) -> Done:
         return self._done(self._locating.point_anchor(query.lamp, self.clock.now_ns()))
 
+    async def _read_memory(self, query: ReadMemory, _user: str) -> ReadMemoryReply:
+        message = ""
+        if query.erase:
+            self._memory.erase()
+            message = await self._memory_file.erase()
+        return ReadMemoryReply(message=message, learnt=self._memory.learnt)
+
     def _done(self, answer: Response | Refusal) -> Done:
         """Publish the outputs of an answer and return the reply.
 
@@ -209,6 +225,8 @@ class Localizer(Service[LocalizerConfig]):
                     self._anchors.put(output.model_copy(update={"seq": self._next(ANCHOR.key)}))
                 case WithdrawPose():
                     self._withdraw_pose()
+                case Remember():
+                    self._memory_file.put(output.learnt)
         self._set(self._busy, is_on=self._locating.is_busy)
         self._set(self._followed, is_on=self._locating.is_followed)
 

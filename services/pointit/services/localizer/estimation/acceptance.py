@@ -36,7 +36,7 @@ def check_solution(
         return Refusal(ONE_VIEW if _is_one_view(rays) else NOWHERE)
     if residual_rad > limit_rad:
         return Refusal(_missed(residual_rad, rays, limit_rad), residual_rad)
-    if abs(solution.bias_rad) > trust.bias_sigma_limit * trust.bias_sigma_rad:
+    if abs(solution.bias_rad - trust.bias_rad) > trust.bias_sigma_limit * trust.bias_sigma_rad:
         return Refusal(
             f"the rays would lie {math.degrees(solution.bias_rad):+.0f}° too high all the time, which is not "
             "pointing; point at each target, arm straight",

@@ -43,7 +43,7 @@ def origins(rays: Sequence[PointingRay]) -> Array:
 
 
 def believed(trust: SolverSettings, rays: Iterable[PointingRay]) -> SolverSettings:
-    """Return `trust` with the elevation uncertainty of the person's calibration.
+    """Return `trust` with the elevation uncertainty of the person's calibration, which leaves no known bias.
 
     Only if all rays are of a calibrated person; the largest sigma counts.
     """
@@ -51,7 +51,8 @@ def believed(trust: SolverSettings, rays: Iterable[PointingRay]) -> SolverSettin
     known = [sigma for sigma in sigmas if sigma is not None]
     if not known or len(known) < len(sigmas):
         return trust
-    return replace(trust, bias_sigma_rad=max(LEAST_BIAS_SIGMA_RAD, min(max(known), trust.bias_sigma_rad)))
+    sigma_rad = max(LEAST_BIAS_SIGMA_RAD, min(max(known), trust.bias_sigma_rad))
+    return replace(trust, bias_rad=0.0, bias_sigma_rad=sigma_rad)
 
 
 @dataclass(frozen=True, slots=True)

@@ -50,7 +50,7 @@ class SolverSettings:
     max_act_residual_rad: float = math.radians(12.0)
     """Rms angle above which the person did not point at targets at rest."""
     bias_sigma_limit: float = 2.5
-    """Number of standard deviations of the elevation bias beyond which it is not pointing."""
+    """Standard deviations of the elevation bias from the expected one beyond which it is not pointing."""
     max_position_sigma_m: float = 0.8
     max_yaw_sigma_rad: float = math.radians(14.0)
     trims: bool = True
@@ -67,9 +67,11 @@ class SolverSettings:
 
     def weights(self) -> Weights:
         """Return the weights of the descent."""
-        prior = np.zeros(PARAMETERS)
+        prior, expected = np.zeros(PARAMETERS), np.zeros(PARAMETERS)
         prior[3], prior[4] = self.bias_sigma_rad**-2, max(self.height_sigma_m, 1e-4) ** -2
-        return Weights(sigma_rad=np.array([[self.ray_sigma_rad], [self.elevation_sigma_rad]]), prior=prior)
+        expected[3] = self.bias_rad
+        sigma_rad = np.array([[self.ray_sigma_rad], [self.elevation_sigma_rad]])
+        return Weights(sigma_rad=sigma_rad, prior=prior, expected=expected)
 
     def noise_model(self, *, is_still: bool) -> NoiseModel:
         """Return the noise model for targets at rest or moving."""

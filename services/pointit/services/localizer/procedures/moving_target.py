@@ -10,14 +10,8 @@ from typing import Any
 from pointit.schemas import NS_PER_S, Candidate, PointingRay, TrackedObjects
 from pointit.services.localizer.config import LocalizerConfig
 from pointit.services.localizer.estimation.estimator import Refusal, Solution, SolverSettings
-from pointit.services.localizer.estimation.following import (
-    AGREEING,
-    CHANGED,
-    UNSETTLED,
-    followed,
-    has_settled,
-)
 from pointit.services.localizer.estimation.mounting import mounting_fault
+from pointit.services.localizer.memory.person_memory import PersonMemory, Remember
 from pointit.services.localizer.outputs import Output, Phase, pose_message
 from pointit.services.localizer.procedures.procedure import Procedure
 from pointit.services.localizer.procedures.target_disambiguation import (
@@ -26,6 +20,13 @@ from pointit.services.localizer.procedures.target_disambiguation import (
     rank_by_posterior,
 )
 from pointit.services.localizer.procedures.time_sync import RayWindow, Track
+from pointit.services.localizer.verification.following import (
+    AGREEING,
+    CHANGED,
+    UNSETTLED,
+    followed,
+    has_settled,
+)
 
 ROBOT = "robot"
 """Kind of the objects that are followed if no id is given."""
@@ -79,8 +80,10 @@ class MovingTarget(Procedure):
     _span_s: float
     """Time of pointing in the window at the last solution."""
 
-    def __init__(self, config: LocalizerConfig) -> None:
+    def __init__(self, config: LocalizerConfig, memory: PersonMemory | None = None) -> None:
+        """Create the procedure; `memory` is of the person, None if there is none."""
         super().__init__(config)
+        self._memory = memory or PersonMemory()
         self._trust = config.believed()
         self._clear(0)
 
@@ -120,6 +123,7 @@ class MovingTarget(Procedure):
             del self._tracks[next(iter(self._tracks))]
 
     def _begin(self, now_ns: int) -> list[Output]:
+        self._memory.begin(now_ns)
         self._clear(now_ns)
         return [self._localization(now_ns, "sampling")]
 
@@ -135,11 +139,14 @@ class MovingTarget(Procedure):
             return self._missed(now_ns, result)
         self._solution = result
         pose = pose_message(result, "moving_target", self._rays.newest_ns, self._config)
+        remember = list[Remember]()
         if self._surest is None or result.position_sigma_m <= self._surest[0].position_sigma_m:
             self._surest = (result, self._rays.newest_ns)
+            remember = self._memory.learn(result, self._trust, now_ns)
         self._running = self._config.autostart
         return [
             pose,
+            *remember,
             self._localization(now_ns, "solved", residual_rad=result.residual_rad, progress=1.0),
         ]
 
@@ -165,7 +172,7 @@ class MovingTarget(Procedure):
             return Refusal("no rays come; check that the IMU is on and sends")
         self._forget_left(self._newest_ray_ns)
         self._span_s = 0.0
-        trust = self._rays.believed(self._trust)
+        trust = self._rays.believed(self._memory.recall(self._trust))
         solved = [(key[1], track, self._solve(key, track, trust)) for key, track in self._tracks.items()]
         if not solved:
             return Refusal("the robot is not tracked any more; check its tracker")

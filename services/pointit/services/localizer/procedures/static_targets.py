@@ -18,13 +18,15 @@ from pointit.services.localizer.estimation.estimator import (
     Pointings,
     Refusal,
     Solution,
-    solve,
+    SolverSettings,
 )
-from pointit.services.localizer.estimation.holds import held, odd_hold
+from pointit.services.localizer.memory.person_memory import PersonMemory
+from pointit.services.localizer.memory.recall import solve
 from pointit.services.localizer.outputs import Output, pose_message
 from pointit.services.localizer.procedures.lamp_procedure import LampProcedure
 from pointit.services.localizer.procedures.lamps import max_holds, usable
 from pointit.services.localizer.procedures.next_target import EYES_M, ObservationModel, next_target
+from pointit.services.localizer.verification.holds import held, odd_hold
 
 MIN_LAMPS = 2
 """Number of lamps before a pose can be solved."""
@@ -36,8 +38,17 @@ WORTHWHILE = 0.9
 class StaticTargets(LampProcedure):
     """One run of the procedure."""
 
-    def __init__(self, lamps: Sequence[Lamp], config: LocalizerConfig) -> None:
-        """Create the procedure for at least one lamp, in the order of lighting."""
+    def __init__(
+        self, lamps: Sequence[Lamp], config: LocalizerConfig, memory: PersonMemory | None = None
+    ) -> None:
+        """Create the procedure.
+
+        Args:
+            lamps: at least one, in the order of lighting.
+            config: times and limits.
+            memory: of the person, None if there is none.
+        """
+        self._memory = memory or PersonMemory()
         self._lamps = tuple(lamps)
         self._trust = config.believed()
         self._max_holds = max_holds(config, len(self._lamps))
@@ -67,7 +78,7 @@ class StaticTargets(LampProcedure):
         """Return the lamp to light now."""
         if self._config.order == "given":
             return self._lamps[len(self._holds)]
-        trust, rays, solution = self._trust, self._rays, self._solution
+        trust, rays, solution = self._memory.recall(self._trust), self._rays, self._solution
         acuity = ObservationModel(
             ray_sigma_rad=trust.act_sigma_rad,
             elevation_sigma_rad=trust.elevation_sigma_rad,
@@ -121,14 +132,15 @@ class StaticTargets(LampProcedure):
 
     def _solve(self) -> Solution | Refusal:
         """Return the pose, or why it is not accepted."""
-        trust = ray_math.believed(self._trust, self._rays)
-        return held(self._pointings(), trust, floor_m=self._config.floor_m)
+        return held(self._pointings(), self._believed(), floor_m=self._config.floor_m)
 
     def _so_far(self) -> Solution | Refusal:
         """Return the pose however uncertain it is, to choose the next lamp."""
-        trust = ray_math.believed(self._trust, self._rays)
-        unlimited = replace(trust, max_position_sigma_m=math.inf, max_yaw_sigma_rad=math.inf)
+        unlimited = replace(self._believed(), max_position_sigma_m=math.inf, max_yaw_sigma_rad=math.inf)
         return solve(self._pointings(), unlimited, floor_m=self._config.floor_m)
+
+    def _believed(self) -> SolverSettings:
+        return ray_math.believed(self._memory.recall(self._trust), self._rays)
 
     def _pointings(self) -> Pointings:
         rays = self._rays
@@ -147,6 +159,7 @@ class StaticTargets(LampProcedure):
         self._running = False
         return [
             pose_message(result, "static_targets", self._rays[-1].stamp_ns, self._config),
+            *self._memory.learn(result, self._trust, now_ns),
             self._localization(
                 now_ns, "solved", residual_rad=result.residual_rad, reason=self._left_out(), progress=1.0
             ),
@@ -154,8 +167,7 @@ class StaticTargets(LampProcedure):
 
     def _left_out(self) -> str:
         """Return a message about a pointing that does not count, or `""`."""
-        trust = ray_math.believed(self._trust, self._rays)
-        odd = odd_hold(self._pointings(), trust, floor_m=self._config.floor_m)
+        odd = odd_hold(self._pointings(), self._believed(), floor_m=self._config.floor_m)
         if odd is None:
             return ""
         return f"pointing {odd + 1}, at {self._holds[odd][1].id}, missed it by far and does not count"

@@ -51,6 +51,10 @@ export interface Everything {
   ReadHistory: ReadHistory;
   SelectionEvent: SelectionEvent;
   ReadHistoryReply: ReadHistoryReply;
+  ReadMemory: ReadMemory;
+  Gaussian: Gaussian;
+  LearntPointing: LearntPointing;
+  ReadMemoryReply: ReadMemoryReply;
   ReleaseObject: ReleaseObject;
   ResetConveyor: ResetConveyor;
   RobotPlan: RobotPlan;
@@ -943,6 +947,10 @@ export interface ImuSample {
    */
   device_time_ns: number | null;
   /**
+   * device and how it sits on the arm, such as `ble metamotion`; empty if unknown. With another one a person's pointing has other systematic errors
+   */
+  mounting: string;
+  /**
    * @minItems 4
    * @maxItems 4
    */
@@ -1206,6 +1214,65 @@ export interface ReadHistoryReply {
    * the latest last; number, stamp, object and event are those of the message then
    */
   events: SelectionEvent[];
+  /**
+   * the effect, in one sentence for a person
+   */
+  message: string;
+}
+/**
+ * Read what localizations have found of a person's pointing, or erase it.
+ */
+export interface ReadMemory {
+  erase: boolean;
+}
+/**
+ * A quantity that is known to a standard deviation.
+ */
+export interface Gaussian {
+  mean: number;
+  sigma: number;
+}
+/**
+ * What localizations have found of a person's pointing with one device and mounting.
+ */
+export interface LearntPointing {
+  /**
+   * the same of the azimuth
+   */
+  azimuth_slope: Gaussian | null;
+  /**
+   * the person's rays lie higher by it; None if unknown
+   */
+  elevation_bias_rad: Gaussian | null;
+  /**
+   * change of that bias per elevation; None if unknown
+   */
+  elevation_slope: Gaussian | null;
+  /**
+   * of the tracker's reports behind the wrist's; None if unknown
+   */
+  latency_s: Gaussian | null;
+  /**
+   * time of the last one, Unix ns
+   */
+  learnt_ns: number;
+  /**
+   * localizations it was learnt from
+   */
+  localizations: number;
+  /**
+   * as in `ImuSample`
+   */
+  mounting: string;
+}
+/**
+ * What is remembered now.
+ */
+export interface ReadMemoryReply {
+  /**
+   * one for each device and mounting
+   */
+  learnt: LearntPointing[];
   /**
    * the effect, in one sentence for a person
    */

@@ -12,11 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pointit.services.localizer.estimation.angular_residuals import Rays, angular_errors
-from pointit.services.localizer.estimation.estimator import GAP_S, Pointings, solve
 from pointit.services.localizer.estimation.mounting import held_mounting_fault
-from pointit.services.localizer.estimation.sample_blocks import JUMP_M
+from pointit.services.localizer.estimation.sample_blocks import GAP_S, JUMP_M, Pointings
 from pointit.services.localizer.estimation.solution import Refusal, Solution, SolverSettings
-from pointit.services.localizer.estimation.spikes import without_spikes
+from pointit.services.localizer.memory.recall import solve
+from pointit.services.localizer.verification.spikes import without_spikes
 
 AGREEING = 1.2
 """Largest rms of holds that agree, in sigmas of one pointing sideways."""

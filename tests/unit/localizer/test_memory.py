@@ -1,0 +1,147 @@
+"""What localizations teach about a person: never too sure, slowly forgotten, contradicted with effect."""
+
+import math
+from dataclasses import replace
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pointit.schemas import NS_PER_S, Gaussian, LearntPointing
+from pointit.services.localizer.estimation.estimator import Solution, SolverSettings
+from pointit.services.localizer.memory.learning import BIAS, DECAY_S, learn, recalled
+from pointit.services.localizer.memory.person_memory import MAX_MOUNTINGS, PersonMemory
+from pointit.services.localizer.memory.recall import solve
+from tests.unit.localizer.person import Person, pointings
+from tests.unit.localizer.solving import CORNERS, position_error_m, solved
+
+TRUST = SolverSettings(max_position_sigma_m=1e6, max_yaw_sigma_rad=1e6)
+TRUE = Person(0.5, -0.4, 1.1, math.radians(8.0))
+DAY_NS = 86_400 * NS_PER_S
+BAND = "band left"
+WAY = [(2.0, 0.01 * step, 0.9) for step in range(50)]
+"""Half a metre of a robot's way, where a bias looks like another distance."""
+FOUND = solved(pointings(TRUE, CORNERS), TRUST)
+
+
+def found(bias_deg: float, sigma_deg: float) -> Solution:
+    return replace(FOUND, bias_rad=math.radians(bias_deg), bias_sigma_rad=math.radians(sigma_deg))
+
+
+def memory(bias_deg: float, sigma_deg: float = 1.0) -> LearntPointing:
+    bias = Gaussian(mean=math.radians(bias_deg), sigma=math.radians(sigma_deg))
+    return LearntPointing(mounting=BAND, elevation_bias_rad=bias, learnt_ns=0)
+
+
+def expected_deg(learnt: LearntPointing | None, now_ns: int = 0) -> tuple[float, float]:
+    assert learnt is not None
+    prior = recalled(BIAS, learnt, TRUST, now_ns)
+    return math.degrees(prior.mean), math.degrees(prior.sigma)
+
+
+@given(st.lists(st.tuples(st.floats(-9.0, 9.0), st.floats(0.0, 20.0), st.integers(0, DAY_NS)), max_size=20))
+def test_it_is_never_surer_than_people_are_steady_nor_vaguer_than_people_in_general(
+    localizations: list[tuple[float, float, int]],
+) -> None:
+    learnt, now_ns = None, 0
+    for bias_deg, sigma_deg, wait_ns in localizations:
+        now_ns += wait_ns
+        learnt = learn(learnt, found(bias_deg, sigma_deg), TRUST, BAND, now_ns)
+        if learnt is not None:
+            _, stated_deg = expected_deg(learnt, now_ns)
+            assert 2.0 <= stated_deg <= math.degrees(TRUST.bias_sigma_rad) + 1e-9
+
+
+def test_what_a_certain_localization_finds_is_expected_next_and_a_vague_one_teaches_nothing() -> None:
+    first = learn(None, found(8.0, 1.5), TRUST, BAND, 0)
+    assert expected_deg(first) == pytest.approx((8.0, 2.5))  # 1.5° and 2° between sessions
+    assert learn(None, found(8.0, 4.0), TRUST, BAND, 0) is None
+    before = memory(8.0, sigma_deg=5.0)
+    assert learn(before, found(10.0, 4.0), TRUST, BAND, 0) == before
+
+
+def test_it_is_forgotten_slowly() -> None:
+    learnt = memory(8.0)
+    mean_deg, sigma_deg = expected_deg(learnt, 7 * DAY_NS)
+    assert 7.0 < mean_deg < 8.0
+    assert 2.3 < sigma_deg < 5.5
+    mean_deg, sigma_deg = expected_deg(learnt, round(10 * DECAY_S) * NS_PER_S)
+    assert abs(mean_deg) < 0.01
+    assert sigma_deg == pytest.approx(math.degrees(TRUST.bias_sigma_rad), rel=1e-3)
+    assert expected_deg(learnt, -DAY_NS) == expected_deg(learnt, 0)  # a clock that was set back
+
+
+def test_a_contradiction_widens_and_does_not_average() -> None:
+    after = learn(memory(8.0), found(1.0, 1.5), TRUST, BAND, 0)
+    mean_deg, sigma_deg = expected_deg(after)
+    assert mean_deg == pytest.approx(8.0)
+    assert sigma_deg > 7.0
+    again = learn(after, found(1.0, 1.5), TRUST, BAND, 0)
+    assert expected_deg(again) == pytest.approx((1.0, 2.5))
+    assert learn(memory(8.0), found(-4.0, 1.5), TRUST, BAND, 0) is None  # nothing is left of it
+
+
+def test_a_right_memory_makes_a_short_following_more_certain() -> None:
+    rays = pointings(TRUE, WAY, each=1, noise_rad=math.radians(1.5))
+    without = solved(rays, TRUST)
+    for at_deg in (6.0, 8.0, 10.0):  # right up to the change between sessions
+        person = PersonMemory([memory(at_deg)])
+        person.mounting = BAND
+        result = solve(rays, person.recall(TRUST))
+        assert isinstance(result, Solution)
+        assert result.position_sigma_m < 0.9 * without.position_sigma_m
+        assert position_error_m(result, TRUE) < 2.0 * result.position_sigma_m
+
+
+@pytest.mark.parametrize("wrong_deg", [-8.0, -2.0, 20.0])
+def test_a_wrong_memory_neither_shifts_nor_refuses_a_pose(wrong_deg: float) -> None:
+    person = PersonMemory([memory(wrong_deg)])
+    person.mounting = BAND
+    rays = pointings(TRUE, CORNERS, noise_rad=math.radians(0.5))
+    result = solve(rays, person.recall(TRUST))
+    assert isinstance(result, Solution)
+    expected = solved(rays, TRUST)
+    assert (result.x_m, result.y_m, result.bias_rad) == (expected.x_m, expected.y_m, expected.bias_rad)
+
+
+def test_each_mounting_has_its_own() -> None:
+    person = PersonMemory([memory(8.0)])
+    for mounting in ("", "band right"):
+        person.mounting = mounting
+        assert person.recall(TRUST) == TRUST
+    person.begin(DAY_NS)
+    assert person.learn(found(3.0, 1.0), TRUST, DAY_NS)
+    assert [each.mounting for each in person.learnt] == [BAND, "band right"]
+    person.mounting = ""
+    assert person.learn(found(5.0, 1.0), TRUST, DAY_NS) == []
+    for number in range(MAX_MOUNTINGS):
+        person.mounting = f"band {number}"
+        person.learn(found(5.0, 1.0), TRUST, DAY_NS)
+    assert [each.mounting for each in person.learnt] == [f"band {number}" for number in range(MAX_MOUNTINGS)]
+
+
+def test_a_calibrated_person_and_who_switched_it_off_have_none() -> None:
+    calibrated, off = PersonMemory([memory(8.0)]), PersonMemory([memory(8.0)], is_used=False)
+    calibrated.mounting = off.mounting = BAND
+    assert calibrated.recall(TRUST) != TRUST
+    calibrated.is_calibrated = True
+    for person in (calibrated, off):
+        assert person.recall(TRUST) == TRUST
+        assert person.learn(found(3.0, 1.0), TRUST, DAY_NS) == []
+        assert person.learnt == (memory(8.0),)
+
+
+def test_poses_of_one_localization_which_share_rays_do_not_add_up() -> None:
+    person = PersonMemory()
+    person.mounting = BAND
+    person.begin(DAY_NS)
+    person.learn(found(3.0, 1.5), TRUST, DAY_NS)
+    assert person.recall(TRUST) == TRUST
+    (remember,) = person.learn(found(4.0, 1.0), TRUST, DAY_NS)
+    (learnt,) = remember.learnt
+    assert learnt.localizations == 1
+    person.begin(DAY_NS)
+    assert person.recall(TRUST).bias_rad == pytest.approx(math.radians(4.0))
+    person.erase()
+    assert person.recall(TRUST) == TRUST
+    assert person.learnt == ()

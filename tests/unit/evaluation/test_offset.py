@@ -1,6 +1,7 @@
 """The evaluation of offset correction: on a made-up set with known answers, and on the recordings."""
 
 import math
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -139,6 +140,11 @@ def test_recorded_people() -> None:
     assert ladder.angle_deg is not None
     assert before.angle_deg is not None
     assert ladder.angle_deg.rms < 0.33 * before.angle_deg.rms
+    for anchors in ("1 anchor", "2 anchors", "4 anchors", "8 anchors"):
+        for seen, solver in product(("hand seen", "nothing seen"), ("pitch", "ladder")):
+            within = one(rows, f"{anchors}, {seen}", solver).within_2_sigma
+            assert within is not None
+            assert within >= 0.88
     floor = "proximity_feedback"
     assert pitch_deg(one(rows, "no anchor", "none", name=floor)) > 3.4
     # the scatter within these people alone allows 1.74 deg

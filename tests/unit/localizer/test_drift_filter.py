@@ -61,7 +61,7 @@ def test_one_anchor_a_minute_tells_the_drift_of_an_exact_person() -> None:
     truth = drifted(PERSON, 4 * MINUTE_NS)
     assert abs(yaw_difference(pose.yaw_rad, truth.yaw_rad)) < math.radians(1.0)
     assert pose.yaw_rate_radps == pytest.approx(RATE_RADPS, abs=math.radians(0.03))
-    assert pose.yaw_rate_sigma_radps < math.radians(0.05)
+    assert pose.yaw_rate_sigma_radps < 0.5 * DriftSettings().rate_sigma_radps
     assert pose.anchored_ns == 3 * MINUTE_NS
     assert math.hypot(pose.x_m - PERSON.x, pose.y_m - PERSON.y) < 0.05
 
@@ -86,18 +86,23 @@ def test_pose_at_a_later_time_does_not_change_the_filter() -> None:
     assert far.yaw_rad == pytest.approx(ahead.yaw_rad, abs=1e-12)
 
 
-def test_an_outlier_is_rejected_named_and_leaves_no_trace() -> None:
+def test_an_outlier_is_rejected_named_and_forgotten_after_the_next_anchor() -> None:
     drift, spared = calibrated(PERSON), calibrated(PERSON)
     at_ns = 4 * MINUTE_NS
     beside = point(drift, drifted(PERSON, at_ns), LAMPS[0], at_ns, math.radians(32.0))
     assert not beside.accepted
     assert math.degrees(beside.azimuth_error_rad) == pytest.approx(-32.0, abs=2.0)
-    assert "31° to the right" in beside.reason
+    assert "32° to the right" in beside.reason
     assert "point at that target again" in beside.reason
-    spared.predict(at_ns)
-    assert drift.at(at_ns).yaw_rad == spared.at(at_ns).yaw_rad
-    assert np.array_equal(drift.at(at_ns).covariance, spared.at(at_ns).covariance)
-    assert point(drift, drifted(PERSON, at_ns), LAMPS[0], at_ns + NS_PER_S).accepted
+    truth = drifted(PERSON, at_ns)
+    doubted = drift.at(at_ns)
+    assert abs(yaw_difference(doubted.yaw_rad, truth.yaw_rad)) < 3.0 * doubted.yaw_sigma_rad
+    assert doubted.anchored_ns == 3 * MINUTE_NS
+    for each in (drift, spared):
+        assert point(each, truth, LAMPS[0], at_ns + NS_PER_S).accepted
+    have, want = drift.at(at_ns + NS_PER_S), spared.at(at_ns + NS_PER_S)
+    assert have.yaw_rad == pytest.approx(want.yaw_rad, abs=math.radians(1.0))
+    assert have.yaw_rate_radps == pytest.approx(want.yaw_rate_radps, abs=math.radians(0.02))
 
 
 def test_a_pointing_far_too_high_is_rejected() -> None:
@@ -121,7 +126,6 @@ def test_a_turned_imu_is_believed_the_second_time() -> None:
     believed = point(drift, drifted(turned, second_ns), LAMPS[1], second_ns)
     assert believed.accepted
     assert believed.reason == ""
-    assert "turned" in believed.note
     pose = drift.at(second_ns)
     error = abs(yaw_difference(pose.yaw_rad, drifted(turned, second_ns).yaw_rad))
     assert error < math.radians(2.0)
@@ -136,7 +140,6 @@ def test_a_drift_beyond_the_prior_is_believed_too() -> None:
         point(drift, drifted(PERSON, m * MINUTE_NS, fast), LAMPS[m % 3], m * MINUTE_NS) for m in (1, 2)
     ]
     assert [result.accepted for result in results] == [False, True]
-    assert "faster than estimated" in results[1].note
     pose = drift.predict(3 * MINUTE_NS)
     error = yaw_difference(pose.yaw_rad, drifted(PERSON, 3 * MINUTE_NS, fast).yaw_rad)
     assert abs(error) < math.radians(8.0)
@@ -152,10 +155,8 @@ def test_anchors_that_contradict_each_other_end_in_a_doubt() -> None:
         for at_ns in (4 * MINUTE_NS + i * NS_PER_S,)
     ]
     assert not any(result.accepted for result in results)
-    assert "localize again" in results[-1].reason
-    assert "localize again" not in results[0].reason
     assert drift.at(5 * MINUTE_NS).yaw_sigma_rad > 2 * sure.yaw_sigma_rad
-    assert drift.at(5 * MINUTE_NS).position_sigma_m > 0.4
+    assert drift.at(5 * MINUTE_NS).position_sigma_m > 2 * sure.position_sigma_m
 
 
 def test_a_person_who_walked_keeps_yaw_and_rate() -> None:
@@ -177,8 +178,8 @@ def test_two_localizations_tell_the_rate() -> None:
     at_ns = 2 * MINUTE_NS
     drift.reset(fix(drifted(PERSON, at_ns), at_ns))
     pose = drift.at(at_ns)
-    assert pose.yaw_rate_radps == pytest.approx(RATE_RADPS, rel=0.03)
-    assert pose.yaw_rate_sigma_radps == pytest.approx(math.radians(2.0 * math.sqrt(2.0)) / 120, rel=0.2)
+    assert pose.yaw_rate_radps == pytest.approx(RATE_RADPS, rel=0.1)
+    assert pose.yaw_rate_sigma_radps < 0.5 * DriftSettings().rate_sigma_radps
 
 
 def test_localizations_of_the_same_rays_tell_no_rate() -> None:
@@ -200,15 +201,15 @@ def test_localizations_of_the_same_rays_tell_no_rate() -> None:
     assert pose.yaw_sigma_rad == pytest.approx(math.radians(2.0))
 
 
-def test_a_yaw_that_does_not_fit_is_taken_and_the_rate_doubted() -> None:
+def test_a_yaw_that_does_not_fit_is_taken_and_the_rate_kept() -> None:
+    """An IMU that is turned on the arm drifts as before."""
     drift = calibrated(PERSON)
     at_ns = 4 * MINUTE_NS
     turned = Person(PERSON.x, PERSON.y, PERSON.yaw_rad - 2.0)
     drift.reset(fix(turned, at_ns))
     pose = drift.at(at_ns)
-    assert yaw_difference(pose.yaw_rad, turned.yaw_rad) == pytest.approx(0.0)
-    assert pose.yaw_rate_sigma_radps == pytest.approx(DriftSettings().rate_sigma_radps)
-    assert pose.yaw_rate_radps == pytest.approx(RATE_RADPS, abs=math.radians(0.03))
+    assert yaw_difference(pose.yaw_rad, turned.yaw_rad) == pytest.approx(0.0, abs=math.radians(0.5))
+    assert pose.yaw_rate_radps == pytest.approx(RATE_RADPS, abs=math.radians(0.05))
 
 
 @pytest.mark.parametrize("restarted", [False, True])
@@ -246,13 +247,13 @@ def test_a_late_localization_counts_as_one_in_time(late_s: float) -> None:
     late.reset(new)
     have = late.at(now_ns)
     assert have.yaw_rad == pytest.approx(want.yaw_rad, abs=math.radians(0.2))
-    assert have.yaw_sigma_rad == pytest.approx(want.yaw_sigma_rad, rel=0.01)
+    assert have.yaw_sigma_rad == pytest.approx(want.yaw_sigma_rad, rel=0.03)
     assert have.yaw_rate_radps == pytest.approx(want.yaw_rate_radps, rel=0.02)
     assert have.yaw_rate_sigma_radps == pytest.approx(want.yaw_rate_sigma_radps, rel=0.05)
     assert have.position_sigma_m == pytest.approx(want.position_sigma_m, rel=0.01)
     # a minute on, both have become as uncertain: the rate and the yaw hang together in both
     later_ns = now_ns + MINUTE_NS
-    assert late.at(later_ns).yaw_sigma_rad == pytest.approx(timely.at(later_ns).yaw_sigma_rad, rel=0.01)
+    assert late.at(later_ns).yaw_sigma_rad == pytest.approx(timely.at(later_ns).yaw_sigma_rad, rel=0.03)
 
 
 def test_facing_a_wall_sets_the_yaw_beyond_the_gate() -> None:
@@ -282,14 +283,29 @@ def test_a_resting_arm_tells_the_rate_and_a_moving_one_does_not() -> None:
 
 
 def test_an_arm_held_up_cannot_make_the_rate_surer_than_people_creep() -> None:
-    drift = DriftFilter(fix(PERSON, 0))
-    creep = math.radians(0.2)
-    results = [
-        drift.update_rest_rate(s * NS_PER_S, RATE_RADPS, math.radians(0.02), creep) for s in range(1, 60)
-    ]
-    assert results[0].accepted
-    assert not results[-1].accepted
-    assert drift.at(60 * NS_PER_S).yaw_rate_sigma_radps > 0.5 * creep
+    held, hanging = DriftFilter(fix(PERSON, 0)), DriftFilter(fix(PERSON, 0))
+    for second in range(1, 60):
+        for drift in (held, hanging):
+            assert drift.update_rest_rate(
+                second * NS_PER_S, RATE_RADPS, math.radians(0.05), is_raised=drift is held
+            ).accepted
+    creep_radps = DriftSettings().creep_sigma_radps
+    assert held.at(60 * NS_PER_S).yaw_rate_sigma_radps > 0.5 * creep_radps
+    assert hanging.at(60 * NS_PER_S).yaw_rate_sigma_radps < 0.2 * creep_radps
+
+
+def test_a_creep_that_anchors_have_told_makes_rests_of_a_raised_arm_tell_the_rate() -> None:
+    """Anchors give the rate, so that rests show the creep; later rests show that the rate has changed."""
+    creep = math.radians(0.3)
+    drift = calibrated(PERSON)
+    for second in range(10):
+        at_ns = 3 * MINUTE_NS + second * NS_PER_S
+        drift.update_rest_rate(at_ns, RATE_RADPS + creep, math.radians(0.05), is_raised=True)
+    assert drift.at(3 * MINUTE_NS).yaw_rate_radps == pytest.approx(RATE_RADPS, abs=math.radians(0.12))
+    changed = RATE_RADPS - math.radians(0.3)
+    for minute in range(4, 9):
+        drift.update_rest_rate(minute * MINUTE_NS, changed + creep, math.radians(0.05), is_raised=True)
+    assert drift.at(8 * MINUTE_NS).yaw_rate_radps == pytest.approx(changed, abs=math.radians(0.15))
 
 
 def test_a_late_anchor_counts_at_its_own_time() -> None:

@@ -126,6 +126,13 @@ _COLUMNS = (
         cell=lambda row: _share(row.yaw_within_2_sigma),
         note=_SIGMA_NOTE,
     ),
+    _Column(
+        name="slope",
+        rank=22,
+        cell=lambda row: None if row.slope is None else f"{row.slope:.2f} ± {row.slope_sigma:.2f}",
+        note="`slope`: change of a measurement with the drift; 0: it tells nothing. `yaw °` is then the "
+        "scatter about it (of `rest`: °/s).",
+    ),
     *_spread("pitch °", lambda row: row.pitch_deg, 2, (6, 7, 18)),
     *_spread("angle °", lambda row: row.angle_deg, 2, (8, 9), "`angle °`: between ray and target."),
     *_spread("ms", lambda row: row.solve_ms, 2, (5, 21), "`ms`: processor time of a solve."),

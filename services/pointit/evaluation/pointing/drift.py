@@ -22,15 +22,28 @@ import numpy as np
 
 from pointit.evaluation.datasets import proximity_feedback
 from pointit.evaluation.datasets.proximity_feedback import FloorTrial, read_floor_trials
-from pointit.evaluation.pointing.drift_courses import HoldSequence, chained, courses, hold_sigma_rad
+from pointit.evaluation.pointing.drift_courses import chained, courses, hold_sigma_rad
+from pointit.evaluation.pointing.drift_innovation import innovation_rows
+from pointit.evaluation.pointing.drift_left_out import left_out
 from pointit.evaluation.pointing.drift_simulated import normal_row, simulated_rows
-from pointit.evaluation.pointing.drift_solvers import SOLVERS
+from pointit.evaluation.pointing.drift_solvers import SOLVERS, Trial, YawEstimate, predictable
 from pointit.evaluation.recordings.row import ALL, Row, Spread
 
 PEOPLE = 300
 
 CHAINED = "3 min, 1 anchor/min"
 """Condition with chained runs."""
+
+CONDITIONS = (
+    ("45 s, 1 anchor", (0.0,), 45.0),
+    ("90 s, 1 anchor", (0.0,), 90.0),
+    ("90 s, 2 anchors", (0.0, 45.0), 90.0),
+    (CHAINED, (0.0, 60.0, 120.0), 180.0),
+)
+"""Name, times of the anchors and time of the predicted hold, s."""
+
+LEFT_OUT = "pointit, left out"
+"""`pointit, rests` with the settings that the other people chose."""
 
 CHAINS_REMARK = (
     f"`{CHAINED}` of {proximity_feedback.NAME}: the runs of each of four people chained in every order, n "
@@ -63,51 +76,54 @@ def recorded_rows(trials: Sequence[FloorTrial], tick: Callable[[str], None]) -> 
     chains = list(chained(runs))
     sigma_rad = hold_sigma_rad(runs)
     rows: list[Row] = []
-    for condition, some, anchors_s, told_s in (
-        ("45 s, 1 anchor", runs, (0.0,), 45.0),
-        ("90 s, 1 anchor", runs, (0.0,), 90.0),
-        ("90 s, 2 anchors", runs, (0.0, 45.0), 90.0),
-        (CHAINED, chains, (0.0, 60.0, 120.0), 180.0),
-    ):
+    predicted = {
+        condition: predictable(chains if condition == CHAINED else runs, anchors_s, told_s)
+        for condition, anchors_s, told_s in CONDITIONS
+    }
+    tick("drift: settings chosen by the others")
+    others = left_out(predicted)
+    for condition, some in predicted.items():
         tick(f"drift: {condition}")
-        rows += _rows(condition, some, anchors_s, told_s, sigma_rad)
-    return rows
+        rows += _rows(condition, some, others[condition], sigma_rad)
+    return rows + innovation_rows(trials, runs)
 
 
 def _rows(
-    condition: str, some: Sequence[HoldSequence], anchors_s: Sequence[float], told_s: float, sigma_rad: float
+    condition: str,
+    trials: Sequence[Trial],
+    others: Sequence[tuple[Trial, YawEstimate]],
+    sigma_rad: float,
 ) -> list[Row]:
     """Return a row for each person and solver, and for all people together."""
-    trials: list[tuple[HoldSequence, list[int], int]] = []
-    for course in some:
-        told = course.nearest(told_s)
-        anchors = sorted({course.nearest(at_s) for at_s in anchors_s})
-        away_s = course.holds[told].at_s - course.holds[0].at_s - told_s
-        if anchors[-1] < told and abs(away_s) <= 0.25 * told_s:
-            trials.append((course, anchors, told))
     rows: list[Row] = []
     for name, solver in SOLVERS.items():
-        errors: list[tuple[str, float, float | None]] = []
-        for course, anchors, told in trials:
-            guess = solver(course, anchors, told)
-            error = math.remainder(guess.yaw_rad - course.holds[told].yaw_rad, math.tau)
-            errors.append((course.subject, error, guess.sigma_rad))
-        for subject in (*dict.fromkeys(one[0] for one in errors), ALL):
-            mine = [one for one in errors if subject in (one[0], ALL)]
-            inside = [abs(e) <= 2.0 * math.hypot(s, sigma_rad) for _, e, s in mine if s is not None]
-            rows.append(
-                Row(
-                    set=proximity_feedback.NAME,
-                    subject=subject,
-                    condition=condition,
-                    solver=name,
-                    n=len(mine),
-                    yaw_deg=Spread.of(math.degrees(e) for _, e, _ in mine),
-                    yaw_within_2_sigma=float(np.mean(inside)) if inside else None,
-                )
-            )
+        guesses = [(one, solver(one.course, one.anchors, one.told)) for one in trials]
+        rows += _solver_rows(condition, name, guesses, sigma_rad)
+    rows += _solver_rows(condition, LEFT_OUT, others, sigma_rad)
     if trials:
         rows.append(
             normal_row(proximity_feedback.NAME, condition, "scatter of one hold", len(trials), sigma_rad)
+        )
+    return rows
+
+
+def _solver_rows(
+    condition: str, solver: str, guesses: Sequence[tuple[Trial, YawEstimate]], sigma_rad: float
+) -> list[Row]:
+    errors = [(one.course.subject, one.error_rad(guess), guess.sigma_rad) for one, guess in guesses]
+    rows: list[Row] = []
+    for subject in (*dict.fromkeys(one[0] for one in errors), ALL):
+        mine = [one for one in errors if subject in (one[0], ALL)]
+        inside = [abs(e) <= 2.0 * math.hypot(s, sigma_rad) for _, e, s in mine if s is not None]
+        rows.append(
+            Row(
+                set=proximity_feedback.NAME,
+                subject=subject,
+                condition=condition,
+                solver=solver,
+                n=len(mine),
+                yaw_deg=Spread.of(math.degrees(e) for _, e, _ in mine),
+                yaw_within_2_sigma=float(np.mean(inside)) if inside else None,
+            )
         )
     return rows

@@ -73,7 +73,7 @@ def outcome(seed: int, ways: DriftPersonModel, anchors_s: Sequence[float], jump_
         for rest in (*(stillness.add(*sample) for sample in samples), stillness.end()):
             if rest is not None:
                 rested.update_rest_rate(
-                    rest.stamp_ns, rest.yaw_rate_radps, rest.sigma_radps, rest.creep_sigma_radps
+                    rest.stamp_ns, rest.yaw_rate_radps, rest.sigma_radps, is_raised=rest.is_raised
                 )
         target, direction = person.pointing(at_s, jump_rad if number == 1 else 0.0)
         for drift in (plain, rested):

@@ -23,6 +23,39 @@ class YawEstimate:
     sigma_rad: float | None = None
 
 
+@dataclass(frozen=True)
+class Trial:
+    """A later hold's yaw is to be predicted."""
+
+    course: HoldSequence
+    anchors: tuple[int, ...]
+    """Indices of the anchors, including 0."""
+    told: int
+    """Index of the hold to predict."""
+
+    def error_rad(self, guess: YawEstimate) -> float:
+        """Return the error of a prediction."""
+        return math.remainder(guess.yaw_rad - self.course.holds[self.told].yaw_rad, math.tau)
+
+
+def predictable(some: Sequence[HoldSequence], anchors_s: Sequence[float], told_s: float) -> list[Trial]:
+    """Return the trials of sequences that have a hold near `told_s` and the anchors before it.
+
+    Args:
+        some: sequences.
+        anchors_s: times of the anchors after the first hold.
+        told_s: time of the hold to predict.
+    """
+    trials: list[Trial] = []
+    for course in some:
+        told = course.nearest(told_s)
+        anchors = tuple(sorted({course.nearest(at_s) for at_s in anchors_s}))
+        away_s = course.holds[told].at_s - course.holds[0].at_s - told_s
+        if anchors[-1] < told and abs(away_s) <= 0.25 * told_s:
+            trials.append(Trial(course, anchors, told))
+    return trials
+
+
 Solver = Callable[[HoldSequence, Sequence[int], int], YawEstimate]
 """Arguments: course, indices of the anchors (including 0, none the last), index of the hold to predict."""
 
@@ -52,15 +85,17 @@ def _constant_rate(course: HoldSequence, anchors: Sequence[int], told: int) -> Y
 
 
 def _filter(course: HoldSequence, anchors: Sequence[int], told: int) -> YawEstimate:
-    return _filtered(course, anchors, told, rests=False)
+    return filtered(course, anchors, told, DriftSettings(), rests=False)
 
 
 def _filter_and_rests(course: HoldSequence, anchors: Sequence[int], told: int) -> YawEstimate:
-    return _filtered(course, anchors, told, rests=True)
+    return filtered(course, anchors, told, DriftSettings())
 
 
-def _filtered(course: HoldSequence, anchors: Sequence[int], told: int, *, rests: bool) -> YawEstimate:
-    settings = DriftSettings()
+def filtered(
+    course: HoldSequence, anchors: Sequence[int], told: int, settings: DriftSettings, *, rests: bool = True
+) -> YawEstimate:
+    """Return the prediction of `DriftFilter` with these settings, with or without rests."""
     first = course.holds[0]
     level = math.cos(vector.elevation(first.direction_h))
     drift = DriftFilter(
@@ -86,7 +121,7 @@ def _filtered(course: HoldSequence, anchors: Sequence[int], told: int, *, rests:
         rest = hold.rest
         if rests and rest is not None:
             drift.update_rest_rate(
-                rest.stamp_ns, rest.yaw_rate_radps, rest.sigma_radps, rest.creep_sigma_radps
+                rest.stamp_ns, rest.yaw_rate_radps, rest.sigma_radps, is_raised=rest.is_raised
             )
     pose: DriftPose = drift.predict(round(course.holds[told].at_s * NS_PER_S))
     return YawEstimate(pose.yaw_rad, pose.yaw_sigma_rad)

@@ -15,6 +15,8 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import brentq
+from scipy.special import ndtr
 
 from pointit.geometry import vector
 from pointit.schemas import Anchor, PointingOffset
@@ -28,10 +30,16 @@ Between people it is 2.8° about a mean of 2.8° (pointing.md §3). But the sign
 posture and on the visibility of the hand, so it counts as scatter."""
 HOLD_RAD = math.radians(1.0)
 """Scatter of one person's elevation between pointings."""
+SCATTERS_RAD = np.radians(np.linspace(0.5, 6.0, 12))
+"""Such scatters, all equally probable, for the sigma that is stated: 0.3 to 1.1° of people who see their
+hand, 2.2 to 5.0° of people who see nothing (`vr_eyefinger`)."""
 HOLD_AZIMUTH_RAD = math.radians(4.0)
 """Scatter of the azimuth, times the cosine of the elevation."""
 HOLD_COUNT = 4.0
 """Weight of the two prior scatters, in pointings."""
+
+INSIDE = 0.9545
+"""Probability of a normal error within two sigma."""
 
 NOT_POINTING_RAD = math.radians(25.0)
 """Elevation errors beyond this are no pointing."""
@@ -117,7 +125,8 @@ def fit(
     spread = _spread(level * turned, HOLD_AZIMUTH_RAD)
     heading_sigma = min(spread / math.sqrt(float(weight.sum())), math.pi)
 
-    constant, scatter, doubt = _pitch(off[:, 1])
+    constant, scatter = _pitch(off[:, 1])
+    sigma = _sigma(off[:, 1], constant, PERSON_RAD)
     reference = _middle(rays[:, 2])
     azimuth_terms, elevation_terms = np.zeros(6), np.array([constant, 0.0, 0.0, 0.0, 0.0, 0.0])
     polynomials, ranges = 0, ((0.0, 0.0), (0.0, 0.0))
@@ -128,7 +137,7 @@ def fit(
             bent = _bent(where, off[:, 1], np.ones(len(rays)), scatter, PERSON_RAD)
             if bent is not None:
                 elevation_terms, left = bent
-                scatter, doubt = _spread(left, HOLD_RAD), 0.0  # leave-one-out errors include the doubt
+                sigma = _sigma(left, 0.0, 0.0)  # leave-one-out errors include the doubt
                 polynomials += 1
             bent = _bent(where, turned, level, spread, HOLD_AZIMUTH_RAD)
             if bent is not None:
@@ -141,7 +150,7 @@ def fit(
         reference_rad=reference,
         azimuth_range_rad=ranges[0],
         elevation_range_rad=ranges[1],
-        sigma_rad=math.hypot(scatter, doubt) * _student_factor(len(rays)),
+        sigma_rad=sigma,
         anchors=len(rays),
         fitted_ns=fitted_ns,
     )
@@ -166,22 +175,42 @@ def _gate(off: Array, level: Array) -> tuple[NDArray[np.bool_], float]:
     return kept, heading
 
 
-def _pitch(off: Array) -> tuple[float, float, float]:
-    """Return the most probable constant of the elevation, the scatter about it, and its own sigma."""
+def _pitch(off: Array) -> tuple[float, float]:
+    """Return the most probable constant of the elevation, and the scatter about it."""
     scatter = _spread(off - off.mean(), HOLD_RAD)
     sharpness = len(off) / scatter**2 + 1.0 / PERSON_RAD**2
-    return float(off.sum() / scatter**2 / sharpness), scatter, 1.0 / math.sqrt(sharpness)
+    return float(off.sum() / scatter**2 / sharpness), scatter
+
+
+def _sigma(off: Array, constant: float, person_rad: float) -> float:
+    """Return half of the interval in which the error of a new pointing lies with 95 %.
+
+    The scatter is unknown: each of `SCATTERS_RAD` counts by the likelihood of the anchors.
+
+    Args:
+        off: n errors of the anchors, rad.
+        constant: their correction, rad.
+        person_rad: standard deviation of people's own constants about 0; 0 without one.
+    """
+    count, variance, person = len(off), SCATTERS_RAD**2, person_rad**2
+    shrunk = count * person / (count * person + variance)
+    score = -count * np.log(SCATTERS_RAD) + 0.5 * np.log(1.0 - shrunk)
+    score -= 0.5 * (float(off @ off) - shrunk * count * float(off.mean()) ** 2) / variance
+    weights = np.exp(score - score.max())
+    weights /= weights.sum()
+    away = shrunk * float(off.mean()) - constant
+    sigmas = np.sqrt(variance + shrunk * variance / count)
+
+    def beyond(limit: float) -> float:
+        inside = ndtr((limit - away) / sigmas) - ndtr((-limit - away) / sigmas)
+        return float(weights @ inside) - INSIDE
+
+    return 0.5 * brentq(beyond, 0.0, 10.0 * float(sigmas.max() + np.abs(away).max()), xtol=1e-6)
 
 
 def _spread(left: Array, believed: float) -> float:
     """Return the sigma of residuals about a mean, combined with the prior `believed`."""
     return math.sqrt((HOLD_COUNT * believed**2 + float(left @ left)) / (HOLD_COUNT + len(left) - 1))
-
-
-def _student_factor(count: int) -> float:
-    """Return the factor on a sigma for a scatter that was only estimated (Student)."""
-    freedom = HOLD_COUNT + count - 1
-    return math.sqrt(freedom / (freedom - 2.0))
 
 
 def _bent(

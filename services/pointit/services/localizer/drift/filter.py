@@ -1,4 +1,4 @@
-"""Pose of {H} in {W} while the IMU's yaw drifts: an extended Kalman filter on x, y, yaw and yaw rate.
+"""Pose of {H} in {W} while the IMU's yaw drifts: a Gaussian sum filter on x, y, yaw and yaw rate.
 
 Pointing with a visible cursor gives no information: people steer the cursor onto the target, whatever the
 drift. Measurements are pointing at a known place without a cursor (`update_anchor`), pointing in a known
@@ -7,16 +7,15 @@ Pointing.md §3, §4.
 """
 
 import math
-from dataclasses import replace
 
 import numpy as np
 
 from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S
-from pointit.services.localizer.drift import innovation_gate
-from pointit.services.localizer.drift.innovation_gate import AGREED, DRIFTED, Rejected
+from pointit.services.localizer.drift.bearing import innovation, predicted_bearing
 from pointit.services.localizer.drift.model import (
+    CREEP,
     RATE,
     YAW,
     AnchorMeasurement,
@@ -25,19 +24,22 @@ from pointit.services.localizer.drift.model import (
     DriftPose,
     DriftSettings,
     Fix,
+    X,
+    Y,
 )
-from pointit.services.localizer.drift.state import DriftState, Innovation, predicted_bearing
+from pointit.services.localizer.drift.state import Case, DriftState, Innovation, bounded, nearest_psd
 
 __all__ = ["AnchorResult", "DriftFilter", "DriftPose", "DriftSettings", "Fix"]
 
-RATE_FORGOTTEN = "the yaw does not change at the estimated rate, which is discarded"
-"""Note of an anchor that contradicts only the rate."""
-
-LEAST_SIGMA = 1e-6
-"""Lower bound of measurement noise (rad, rad/s)."""
-
 NEAREST_M = 0.2
 """Smallest horizontal distance from the eyes to a target."""
+
+ANYWHERE_M = 1e4
+ANY_YAW_RAD = 10.0 * math.pi
+"""Standard deviations of a position and of a yaw of which nothing is known."""
+
+OLDEST_REST_S = 60.0
+"""Age up to which rests count: rates change slowly."""
 
 
 class DriftFilter:
@@ -49,14 +51,7 @@ class DriftFilter:
         self._state = DriftState(fix, self._settings)
         self._anchored_ns = 0
         self._fixed_ns = 0
-        self._agreed = 0
-        """Number of consecutive yaws that fit one rate."""
-        self._agreed_ns = 0
-        """Time of the newest of them."""
-        self._other: tuple[DriftState, int, int] | None = None
-        """State, `_agreed` and `_agreed_ns` in case the anchor against the rate is an outlier."""
-        self._rejected: list[Rejected] = []
-        self._took(fix, fits=False)
+        self._took(fix)
 
     def set_time(self, now_ns: int | None) -> None:
         """Set the time. A clock step back beyond the age limit of measurements moves the state back, too.
@@ -67,33 +62,41 @@ class DriftFilter:
         Args:
             now_ns: None if not known.
         """
-        if now_ns is None or not self._is_set_back(now_ns):
+        if now_ns is None or now_ns >= self._state.stamp_ns - self._settings.max_late_s * NS_PER_S:
             return
         self._state.stamp_ns = now_ns
-        self._other = None
         self._anchored_ns = min(self._anchored_ns, now_ns)
         self._fixed_ns = min(self._fixed_ns, now_ns)
-        self._agreed_ns = min(self._agreed_ns, now_ns)
-        self._rejected.clear()
 
     def reset(self, fix: Fix, *, now_ns: int | None = None) -> None:
         """Apply a new localization.
 
         The person may have walked anywhere, so the old position is discarded. The yaw of {H} is the IMU's yaw
-        origin and does not change by walking: if the new yaw fits the predicted one within the gate, both are
-        fused, which measures the rate as well. Otherwise the new yaw replaces the old one and the rate is
-        uncertain again, starting from 0 unless it was confirmed. If the rays of both fixes overlap in time,
-        the new fix replaces the old one and the rate is kept, so that the same rays never count twice.
+        origin and does not change by walking: the new yaw and the predicted one are fused, which measures
+        the rate as well, unless it is likelier that the IMU was turned. If the rays of both fixes overlap in
+        time, the new yaw replaces the old one and the rate is kept, so that the same rays never count twice.
 
         Args:
             fix: the new pose; its stamp may lie before the last prediction.
             now_ns: the time, see `set_time`.
         """
         self.set_time(now_ns)
-        since_ns = fix.since_ns if fix.since_ns is not None else fix.stamp_ns
-        is_new = since_ns > self._fixed_ns
-        fits = self._state.move_to(fix, keeps_yaw=is_new, keeps_rate=self._is_confirmed)
-        self._took(fix, fits=fits and is_new)
+        state = self._state
+        state.advance(fix.stamp_ns)
+        late_s = state.late_s(fix.stamp_ns)
+        is_new = (fix.since_ns if fix.since_ns is not None else fix.stamp_ns) > self._fixed_ns
+        state.forget(X, ANYWHERE_M, fix.x_m)
+        state.forget(Y, ANYWHERE_M, fix.y_m)
+        if not is_new:
+            state.forget(YAW, ANY_YAW_RAD)
+            state.means[:, YAW] = fix.yaw_rad + late_s * state.means[:, RATE]
+        yaw = self._yaw_innovation(fix.yaw_rad, late_s)
+        value, slope = np.zeros((len(yaw.value), 3)), np.zeros((len(yaw.value), 3, 5))
+        slope[:, [0, 1], [X, Y]] = 1.0
+        value[:, 2:], slope[:, 2:] = yaw
+        noise = bounded(nearest_psd(fix.covariance), self._settings) + state.walked(late_s)[:3, :3]
+        state.update(Innovation(value, slope), self._cases(noise, moved_m=0.0)[: 2 if is_new else 1])
+        self._took(fix)
 
     def reset_yaw(self, stamp_ns: int, *, is_restarted: bool) -> None:
         """Make the yaw unknown because the IMU's yaw origin changes at `stamp_ns`.
@@ -104,12 +107,9 @@ class DriftFilter:
         """
         self.set_time(stamp_ns)
         self._state.advance(stamp_ns)
-        self._state.reset_yaw()
-        self._other = None
+        self._state.forget(YAW, 0.5 * self._settings.max_yaw_sigma_rad)
         if is_restarted:
-            self._state.reset_rate()
-            self._agreed = 0
-        self._rejected.clear()
+            self._state.forget(RATE, self._settings.rate_sigma_radps, 0.0)
 
     def predict(self, now_ns: int) -> DriftPose:
         """Advance to `now_ns` and return the pose. The filter follows a clock step back."""
@@ -135,11 +135,8 @@ class DriftFilter:
     ) -> AnchorResult:
         """Apply one pointing at a known place without a cursor.
 
-        Rejected if it is beyond the gate, unless only an unconfirmed rate puts it there: that rate may come
-        from a jump, so it is discarded and the anchor is accepted until the next one shows which of the two
-        was wrong. If `accept_after` consecutive rejected anchors agree, the IMU was turned or the person
-        moved, and they are accepted. If `reset_after` in a row contradict each other, the pose becomes
-        uncertain and the reason asks for a new localization.
+        Rejected if it is likelier that the IMU was turned, the person moved or they pointed elsewhere.
+        Then the pose is as uncertain as these three differ, and the next anchor shows which of them is right.
 
         Args:
             stamp_ns: middle of the hold; the filter advances to it if it is newer.
@@ -152,6 +149,7 @@ class DriftFilter:
             now_ns: the time, see `set_time`.
         """
         self.set_time(now_ns)
+        settings = self._settings
         sight = AnchorMeasurement(
             stamp_ns=stamp_ns,
             target_m=(target_m[0], target_m[1], target_m[2] - self._floor_m),
@@ -163,27 +161,31 @@ class DriftFilter:
         rejection = self._untimely(stamp_ns) or self._unusable(sight, direction_h, samples)
         if rejection:
             return AnchorResult(accepted=False, reason=rejection)
-        self._state.advance(stamp_ns)
-        self._decide(sight)
-        seen = self._state.innovation(sight)
-        azimuth, elevation = -float(seen.value[0]), -float(seen.value[1])
-        allowed = self._settings.gate * np.sqrt(seen.variances)
-        if np.all(np.abs(seen.value) <= allowed):
-            self._rejected.clear()
-            self._state.apply(seen)
+        state = self._state
+        state.advance(stamp_ns)
+        late_s = state.late_s(stamp_ns)
+        level = math.cos(sight.elevation_rad)
+        azimuth_sigma = math.hypot(settings.anchor_sigma_rad, spread_rad) / level
+        noise = np.diag([azimuth_sigma**2, settings.elevation_sigma_rad**2 + spread_rad**2])
+        elsewhere = np.diag([(settings.outlier_sigma_rad / level) ** 2, settings.outlier_sigma_rad**2])
+        seen = innovation(state.means, sight, late_s)
+        allowed = settings.gate * state.innovation_sigmas(seen, noise)
+        off = -innovation(state.moments()[0][None], sight, late_s).value[0]
+        usual, moved, missed = state.update(
+            seen,
+            [
+                *self._cases(noise, settings.moved_sigma_m, other=settings.outlier_share),
+                Case(settings.outlier_share, noise + elsewhere, np.zeros(5)),
+            ],
+        )
+        accepted = bool(usual >= max(moved, missed))
+        if accepted:
             self._anchored_ns = max(self._anchored_ns, stamp_ns)
-            self._agree(stamp_ns)
-            return AnchorResult(accepted=True, azimuth_error_rad=azimuth, elevation_error_rad=elevation)
-        if not self._is_confirmed and self._fits_without_rate(sight):
-            self._rejected.clear()
-            self._anchored_ns = max(self._anchored_ns, stamp_ns)
-            self._agree(stamp_ns, is_first=True)
-            return AnchorResult(
-                accepted=True, azimuth_error_rad=azimuth, elevation_error_rad=elevation, note=RATE_FORGOTTEN
-            )
-        noise = seen.noise
-        return self._on_outlier(
-            Rejected(sight, azimuth, elevation, float(noise[0]), float(noise[1])), allowed
+        return AnchorResult(
+            accepted=accepted,
+            azimuth_error_rad=float(off[0]),
+            elevation_error_rad=float(off[1]),
+            reason="" if accepted else _sentence(off, allowed),
         )
 
     def update_heading(
@@ -197,7 +199,8 @@ class DriftFilter:
     ) -> AnchorResult:
         """Apply pointing in a known direction: "face the wall and press".
 
-        People do this on purpose, so there is no gate: beyond it the yaw is replaced.
+        People do this on purpose, so it is never rejected: if it is likelier that the IMU was turned, the yaw
+        is replaced.
 
         Args:
             stamp_ns: time of pointing.
@@ -207,30 +210,24 @@ class DriftFilter:
             now_ns: the time, see `set_time`.
         """
         self.set_time(now_ns)
-        settings = self._settings
         rejection = self._untimely(stamp_ns)
-        if not rejection and abs(vector.elevation(direction_h)) > settings.max_elevation_rad:
+        if not rejection and abs(vector.elevation(direction_h)) > self._settings.max_elevation_rad:
             rejection = "the arm points too steeply for a direction; point level at the wall"
         if not rejection and not (math.isfinite(azimuth_w_rad) and 0.0 < sigma_rad < math.inf):
             rejection = "the direction is not a finite angle; give the wall's azimuth in degrees"
         if rejection:
             return AnchorResult(accepted=False, reason=rejection)
-        self._state.advance(stamp_ns)
-        late_s = self._state.late_s(stamp_ns)
-        slope = np.array([[0.0, 0.0, 1.0, -late_s]])
-        yaw = azimuth_w_rad - vector.azimuth(direction_h)
-        self._other = None
-        away = math.remainder(yaw - float(self._state.mean[YAW] - late_s * self._state.mean[RATE]), math.tau)
-        noise = max(sigma_rad, LEAST_SIGMA) ** 2
-        note = ""
-        if away**2 > settings.gate**2 * (float((slope @ self._state.covariance @ slope.T)[0, 0]) + noise):
-            note = f"the yaw was off by {math.degrees(away):+.0f}° and was replaced"
-            self._state.inflate_covariance(away**2, 0.0)
-            self._contradict_rate()
-        self._state.update(np.array([away]), slope, np.array([[noise]]))
-        self._rejected.clear()
+        state = self._state
+        state.advance(stamp_ns)
+        late_s = state.late_s(stamp_ns)
+        yaw_rad = azimuth_w_rad - vector.azimuth(direction_h)
+        mean, _ = state.moments()
+        away = math.remainder(yaw_rad - float(mean[YAW] - late_s * mean[RATE]), math.tau)
+        _, moved = state.update(
+            self._yaw_innovation(yaw_rad, late_s), self._cases(np.array([[sigma_rad**2]]), moved_m=0.0)
+        )
         self._anchored_ns = max(self._anchored_ns, stamp_ns)
-        self._agree(stamp_ns)
+        note = f"the yaw was off by {math.degrees(away):+.0f}° and was replaced" if moved > 0.5 else ""
         return AnchorResult(accepted=True, azimuth_error_rad=away, note=note)
 
     def update_rest_rate(
@@ -238,93 +235,63 @@ class DriftFilter:
         stamp_ns: int,
         yaw_rate_radps: float,
         sigma_radps: float,
-        creep_sigma_radps: float = 0.0,
         *,
+        is_raised: bool = False,
         now_ns: int | None = None,
     ) -> AnchorResult:
         """Apply the yaw rate of a resting arm; see `RestYawRate`.
 
-        Creep does not average out, so the rate is used only while the known rate is less certain than creep.
+        A raised arm creeps at a rate that is constant for one person, which is estimated, too.
 
         Args:
-            stamp_ns: middle of the rest; up to a minute old, since rates change slowly.
+            stamp_ns: middle of the rest; up to `OLDEST_REST_S` old.
             yaw_rate_radps: of {H} in {W}: minus the rate at which the IMU turned.
             sigma_radps: its standard deviation, > 0.
-            creep_sigma_radps: standard deviation of an error that all such rests of this person share.
+            is_raised: True unless the arm hangs.
             now_ns: the time, see `set_time`.
         """
         self.set_time(now_ns)
-        settings = self._settings
-        sigma = max(math.hypot(sigma_radps, creep_sigma_radps), LEAST_SIGMA)
-        usable = math.isfinite(yaw_rate_radps) and math.isfinite(sigma)
-        if not usable or abs(yaw_rate_radps) > settings.max_rate_radps + settings.gate * sigma:
+        settings, state = self._settings, self._state
+        noise = np.array([[sigma_radps**2]])
+        allowed = settings.gate * (sigma_radps + (settings.creep_sigma_radps if is_raised else 0.0))
+        usable = math.isfinite(yaw_rate_radps) and math.isfinite(sigma_radps)
+        if not usable or abs(yaw_rate_radps) > settings.max_rate_radps + allowed:
             return AnchorResult(accepted=False, reason="the arm turned faster than any IMU drifts; rest it")
-        if stamp_ns < self._state.stamp_ns - 60 * NS_PER_S:
+        if stamp_ns < state.stamp_ns - OLDEST_REST_S * NS_PER_S:
             return AnchorResult(accepted=False, reason="the rest is more than a minute old; check the clocks")
-        self._state.advance(stamp_ns)
-        away = yaw_rate_radps - float(self._state.mean[RATE])
-        variance = float(self._state.covariance[RATE, RATE])
-        if variance <= creep_sigma_radps**2:
-            return AnchorResult(
-                accepted=False, reason="a raised arm does not measure the drift better; let it hang"
-            )
-        total = variance + sigma**2
-        if away**2 > settings.gate**2 * total:
+        state.advance(stamp_ns)
+        slope = np.zeros((len(state.means), 1, 5))
+        slope[:, 0, RATE], slope[:, 0, CREEP] = 1.0, float(is_raised)
+        seen = Innovation(yaw_rate_radps - np.einsum("nki,ni->nk", slope, state.means), slope)
+        away = float(state.weights @ seen.value[:, 0])
+        if abs(away) > settings.gate * float(state.innovation_sigmas(seen, noise)[0]):
             return AnchorResult(
                 accepted=False,
                 reason=f"the resting arm turned {math.degrees(away) * 60:+.0f}° a minute beside the known "
                 "drift; rest it on something that does not move",
             )
-        self._state.update(np.array([away]), np.array([[0.0, 0.0, 0.0, 1.0]]), np.array([[sigma**2]]))
+        state.update(seen, [Case(1.0, noise, np.zeros(5))])
         return AnchorResult(accepted=True)
 
-    def _is_set_back(self, now_ns: int) -> bool:
-        return now_ns < self._state.stamp_ns - self._settings.max_late_s * NS_PER_S
+    def _cases(self, noise: Array, moved_m: float, other: float = 0.0) -> list[Case]:
+        """Return the cases that nothing unusual happened, and that the IMU was turned or the person moved."""
+        settings = self._settings
+        moved = np.zeros(5)
+        moved[[X, Y, YAW]] = moved_m**2, moved_m**2, settings.turned_sigma_rad**2
+        usual = 1.0 - settings.moved_share - other
+        return [Case(usual, noise, np.zeros(5)), Case(settings.moved_share, noise, moved)]
 
-    @property
-    def _is_confirmed(self) -> bool:
-        return self._agreed >= self._settings.confirmed_after
+    def _yaw_innovation(self, yaw_rad: float, late_s: float) -> Innovation:
+        """Return the comparison of a yaw that was measured `late_s` ago with the state."""
+        means = self._state.means
+        away = yaw_rad - means[:, YAW] + late_s * means[:, RATE]
+        slope = np.zeros((len(means), 1, 5))
+        slope[:, 0, YAW], slope[:, 0, RATE] = 1.0, -late_s
+        return Innovation((np.remainder(away + math.pi, math.tau) - math.pi)[:, None], slope)
 
-    def _agree(self, stamp_ns: int, *, is_first: bool = False) -> None:
-        """Count a yaw at `stamp_ns` that fits the earlier ones, or start from 1 if `is_first`."""
-        if is_first or not self._agreed:
-            self._agreed, self._agreed_ns = 1, stamp_ns
-        elif stamp_ns - self._agreed_ns >= self._settings.confirming_s * NS_PER_S:
-            self._agreed, self._agreed_ns = self._agreed + 1, stamp_ns
-
-    def _contradict_rate(self) -> None:
-        """Discard the rate unless it is confirmed: an IMU that is turned drifts as before."""
-        if not self._is_confirmed:
-            self._state.reset_rate()
-            self._agreed = 0
-
-    def _fits_without_rate(self, sight: AnchorMeasurement) -> bool:
-        """Update the state with `sight` but without the rate if it fits. Return True if it does."""
-        state = self._state.without_rate(self._agreed_ns)
-        seen = state.innovation(sight)
-        if np.any(seen.value**2 > self._settings.gate**2 * seen.variances):
-            return False
-        state.apply(seen)
-        self._other = (self._state, self._agreed, self._agreed_ns)
-        self._state = state
-        return True
-
-    def _decide(self, sight: AnchorMeasurement) -> None:
-        """Return to the state before the anchor against the rate if `sight` is likelier there."""
-        if self._other is None:
-            return
-        state, agreed, agreed_ns = self._other
-        self._other = None
-        state.advance(self._state.stamp_ns)
-        if _deviance(state.innovation(sight)) < _deviance(self._state.innovation(sight)):
-            self._state, self._agreed, self._agreed_ns = state, agreed, agreed_ns
-
-    def _took(self, fix: Fix, *, fits: bool) -> None:
+    def _took(self, fix: Fix) -> None:
         self._floor_m = fix.floor_m
         self._fixed_ns = fix.until_ns if fix.until_ns is not None else fix.stamp_ns
-        self._agree(fix.stamp_ns, is_first=not fits)
-        self._other = None
-        self._rejected.clear()
         if fix.is_anchored:
             self._anchored_ns = fix.stamp_ns
 
@@ -341,46 +308,22 @@ class DriftFilter:
             return "no usable ray came while the person pointed; see the IMU"
         if abs(sight.elevation_rad) > self._settings.max_elevation_rad:
             return "the target is too steeply above or below; choose one farther away"
-        if predicted_bearing(self._state.mean, sight)[2] < NEAREST_M:
+        if predicted_bearing(self._state.means, sight)[2].min() < NEAREST_M:
             return "the person would stand on the target; choose one farther away"
         return ""
 
-    def _on_outlier(self, outlier: Rejected, allowed: Array) -> AnchorResult:
-        """Return the result for an anchor beyond the gate: accepted if it agrees with the ones before."""
-        settings = self._settings
-        self._rejected.append(outlier)
-        verdict = innovation_gate.judge_rejected(
-            self._rejected,
-            settings.gate,
-            self._state.rate_sigma_radps,
-            since_ns=self._anchored_ns,
-            accept_after=settings.accept_after,
-            reset_after=settings.reset_after,
-        )
-        result = AnchorResult(
-            accepted=False,
-            azimuth_error_rad=outlier.azimuth_error_rad,
-            elevation_error_rad=outlier.elevation_error_rad,
-            reason=innovation_gate.sentence(outlier, allowed, verdict),
-        )
-        if verdict in {AGREED, DRIFTED}:
-            believed = self._rejected[-settings.accept_after :]
-            self._rejected.clear()
-            if verdict == AGREED:
-                self._state.inflate_covariance(outlier.azimuth_error_rad**2, settings.moved_sigma_m**2)
-                self._contradict_rate()
-            else:
-                self._state.inflate_rate_variance(settings.max_rate_radps)
-            for accepted in believed:
-                self._state.apply(self._state.innovation(accepted.sight))
-            self._anchored_ns = max(self._anchored_ns, outlier.sight.stamp_ns)
-            return replace(result, accepted=True, reason="", note=result.reason)
-        if verdict:
-            self._rejected.clear()
-            self._state.inflate_covariance(settings.turned_sigma_rad**2, settings.moved_sigma_m**2)
-        return result
 
+def _sentence(off: Array, allowed: Array) -> str:
+    """Return the reason for the rejection of a pointing.
 
-def _deviance(seen: Innovation) -> float:
-    """Return minus twice the logarithm of the likelihood of a pointing, but for a constant."""
-    return float(np.sum(seen.value**2 / seen.variances + np.log(seen.variances)))
+    Args:
+        off: azimuth and elevation of the target minus those of the ray, rad.
+        allowed: limits of both, rad.
+    """
+    worst = int(np.argmax(np.abs(off) / allowed))
+    by, limit = math.degrees(off[worst]), math.degrees(allowed[worst])
+    side = ("to the left of" if by > 0 else "to the right of", "above" if by > 0 else "below")[worst]
+    return (
+        f"the target was {abs(by):.0f}° {side} the ray where at most {limit:.0f}° is accepted; "
+        "point at that target again, arm straight"
+    )

@@ -10,8 +10,8 @@ from pointit.geometry.vector import Vec3
 
 Array = NDArray[np.float64]
 
-X, Y, YAW, RATE = range(4)
-"""State indices: m, m, rad, rad/s."""
+X, Y, YAW, RATE, CREEP = range(5)
+"""State indices: m, m, rad, rad/s, rad/s. Creep is the rate at which a person's raised arm turns at rest."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -20,7 +20,7 @@ class DriftSettings:
 
     rate_sigma_radps: float = math.radians(0.25)
     """Standard deviation of the yaw rate of an unknown IMU."""
-    rate_walk_radps: float = math.radians(0.002)
+    rate_walk_radps: float = math.radians(0.01)
     """Random walk of the rate: standard deviation after one second, growing with the square root of time."""
     max_rate_radps: float = math.radians(1.0)
     """Fastest drift of an IMU, and upper bound of the rate's standard deviation."""
@@ -28,24 +28,23 @@ class DriftSettings:
     """Random walk of the yaw besides its rate: standard deviation after one second (0.5° in a minute)."""
     position_walk_m: float = 0.0065
     """Random walk of a standing person: standard deviation after one second (5 cm in a minute)."""
-    anchor_sigma_rad: float = math.radians(3.5)
+    anchor_sigma_rad: float = math.radians(3.0)
     """Standard deviation of one pointing sideways, as an angle at the eyes."""
     elevation_sigma_rad: float = math.radians(3.0)
     """The same upwards: scatter within a person and the unknown part of their bias."""
+    creep_sigma_radps: float = math.radians(0.2)
+    """Standard deviation, between people, of the rate at which a raised arm creeps."""
     gate: float = 3.0
-    """Measurements beyond this number of standard deviations are rejected."""
-    accept_after: int = 2
-    """Number of consecutive rejected anchors that are accepted if they agree."""
-    confirmed_after: int = 3
-    """Number of consecutive yaws that confirm a rate. Two determine one even if the IMU jumped."""
-    confirming_s: float = 15.0
-    """Shortest time between yaws that confirm a rate."""
-    reset_after: int = 3
-    """Number of consecutive contradicting anchors after which the pose becomes uncertain."""
-    moved_sigma_m: float = 0.5
-    """Standard deviation of a person's move when anchors no longer fit."""
-    turned_sigma_rad: float = math.radians(15.0)
-    """Standard deviation of an IMU's turn when anchors contradict each other."""
+    """Rests beyond this number of standard deviations are rejected."""
+    moved_share: float = 0.05
+    """Probability that the IMU was turned or the person moved between two measurements of the yaw."""
+    moved_sigma_m: float = 0.3
+    turned_sigma_rad: float = math.radians(60.0)
+    """Standard deviations of such a move and turn."""
+    outlier_share: float = 0.05
+    """Probability that a person points elsewhere than at the known place."""
+    outlier_sigma_rad: float = math.radians(45.0)
+    """Standard deviation of such a pointing."""
     max_late_s: float = 5.0
     """Measurements older than this are rejected."""
     max_elevation_rad: float = math.radians(70.0)

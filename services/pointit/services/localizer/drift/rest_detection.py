@@ -44,10 +44,8 @@ class StillnessSettings:
     """Correlation time of the tremor."""
     turn_sigma_radps: float = math.radians(0.03)
     """Standard deviation of a resting body's turn, a lower bound for each rest."""
-    creep_sigma_radps: float = math.radians(0.2)
-    """Standard deviation of a raised arm's creep, constant for one person: drifts measured by holds were off
-    by 5.3° in 45 s (pointing.md §3).
-    """
+    raised_sigma_radps: float = math.radians(0.18)
+    """Standard deviation of the turn of a raised arm between rests, besides its constant creep."""
     hanging_rad: float = math.radians(-50.0)
     """Elevation below which the arm hangs and does not creep."""
     gate: float = 3.0
@@ -64,8 +62,8 @@ class RestYawRate:
     """Yaw rate of {H} in {W}: minus the rate at which the resting arm turned in {H}."""
     sigma_radps: float
     """Standard deviation of this rest alone."""
-    creep_sigma_radps: float
-    """Standard deviation of the error that all rests of a raised arm share; 0 for a hanging arm."""
+    is_raised: bool
+    """True unless the arm hangs: a raised arm creeps."""
     span_s: float
 
 
@@ -199,12 +197,13 @@ class RestDetector:
             return None
         sigma = share * max(settings.hold_sigma_rad, spreads[2])
         x, y, z, w = self._last
-        hangs = 2.0 * (x * z - w * y) < math.sin(settings.hanging_rad)  # height of the arm's x axis
+        is_raised = 2.0 * (x * z - w * y) >= math.sin(settings.hanging_rad)  # height of the arm's x axis
+        turn = settings.raised_sigma_radps if is_raised else settings.turn_sigma_radps
         return RestYawRate(
             stamp_ns=start_ns + round(span_s / 2 * NS_PER_S),
             yaw_rate_radps=-rates[2],
-            sigma_radps=math.hypot(sigma, settings.turn_sigma_radps),
-            creep_sigma_radps=0.0 if hangs else settings.creep_sigma_radps,
+            sigma_radps=math.hypot(sigma, turn),
+            is_raised=is_raised,
             span_s=span_s,
         )
 

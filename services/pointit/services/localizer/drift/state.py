@@ -1,16 +1,22 @@
-"""State of the drift filter at one time: x, y, yaw, yaw rate and their covariance."""
+"""Gaussian mixture of x, y, yaw, yaw rate and creep: a short list of what may have happened to a pose.
 
-import copy
+Each measurement splits every component into cases (nothing unusual; the IMU was turned or the person moved;
+the person pointed elsewhere), weighs them by their likelihood and keeps the most probable (a Gaussian sum
+filter: Alspach and Sorenson, 1972). So a contradicted rate is forgotten as soon as another past is likelier.
+"""
+
 import math
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
 from pointit.schemas import NS_PER_S
 from pointit.services.localizer.drift.model import (
+    CREEP,
     RATE,
     YAW,
-    AnchorMeasurement,
     Array,
     DriftPose,
     DriftSettings,
@@ -19,50 +25,64 @@ from pointit.services.localizer.drift.model import (
     Y,
 )
 
+MAX_COMPONENTS = 8
+"""Number of components that are kept."""
+
+LEAST_SIGMA = 1e-6
+"""Lower bound of measurement noise (rad, rad/s, m)."""
+
 
 class Innovation(NamedTuple):
-    """A pointing compared with what the state predicts: azimuth and elevation, rad."""
+    """A measurement of k values compared with each of n components."""
 
     value: Array
-    """2: measured minus expected."""
+    """n x k: measured minus expected."""
     slope: Array
-    """2 x 4, derivatives of the measurement by the state."""
+    """n x k x 5, derivatives of the expected values by the state."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """What may have happened at a measurement of k values."""
+
+    share: float
+    """Prior probability."""
     noise: Array
-    """2: variances of pointing."""
-    variances: Array
-    """2: variances of `value`."""
+    """k x k, covariance of the measurement."""
+    widened: Array
+    """5, variances by which the state changed before it."""
 
 
 class DriftState:
-    """Predicts, applies measurements and fixes, and can be made uncertain. It does not reject anything."""
+    """The mixture at one time. It predicts and applies measurements; the caller names the cases."""
 
     def __init__(self, fix: Fix, settings: DriftSettings) -> None:
         """Start at `fix` with an IMU of unknown drift."""
         self._settings = settings
-        self.mean = np.array([fix.x_m, fix.y_m, math.remainder(fix.yaw_rad, math.tau), 0.0])
-        self.covariance = np.zeros((4, 4))
-        self.covariance[:3, :3] = nearest_psd(fix.covariance)
-        self.covariance[RATE, RATE] = settings.rate_sigma_radps**2
+        self.weights: Array = np.ones(1)
+        """n, sum 1, the largest first."""
+        self.means: Array = np.array([[fix.x_m, fix.y_m, math.remainder(fix.yaw_rad, math.tau), 0.0, 0.0]])
+        """n x 5."""
+        self.covariances: Array = np.zeros((1, 5, 5))
+        """n x 5 x 5."""
+        self.covariances[0, :3, :3] = nearest_psd(fix.covariance)
+        self.covariances[0, RATE, RATE] = settings.rate_sigma_radps**2
+        self.covariances[0, CREEP, CREEP] = settings.creep_sigma_radps**2
         self.stamp_ns = fix.stamp_ns
         self._bound()
-
-    @property
-    def is_yaw_unknown(self) -> bool:
-        """Return True if the yaw is too uncertain to be used."""
-        return float(self.covariance[YAW, YAW]) >= self._blank_variance
-
-    @property
-    def rate_sigma_radps(self) -> float:
-        """Return the standard deviation of the yaw rate."""
-        return math.sqrt(max(0.0, float(self.covariance[RATE, RATE])))
 
     def late_s(self, stamp_ns: int) -> float:
         """Return the age of a measurement at `stamp_ns` relative to the state, s; at least 0."""
         return max(0, self.stamp_ns - stamp_ns) / NS_PER_S
 
+    def moments(self) -> tuple[Array, Array]:
+        """Return mean (5) and covariance (5 x 5) of the mixture."""
+        return _moments(self.weights, self.means, self.covariances, self._settings)
+
     def at(self, now_ns: int, anchored_ns: int) -> DriftPose:
         """Return the pose at `now_ns` or the last measurement, whichever is later; the state stays."""
-        mean, covariance = self._predicted(max(0, now_ns - self.stamp_ns) / NS_PER_S)
+        means, covariances = self._predicted(max(0, now_ns - self.stamp_ns) / NS_PER_S)
+        mean, covariance = _moments(self.weights, means, covariances, self._settings)
         return DriftPose(
             x_m=float(mean[X]),
             y_m=float(mean[Y]),
@@ -77,217 +97,118 @@ class DriftState:
     def advance(self, stamp_ns: int) -> None:
         """Advance to `stamp_ns` if that is later."""
         if stamp_ns > self.stamp_ns:
-            self.mean, self.covariance = self._predicted((stamp_ns - self.stamp_ns) / NS_PER_S)
+            self.means, self.covariances = self._predicted((stamp_ns - self.stamp_ns) / NS_PER_S)
             self.stamp_ns = stamp_ns
 
-    def innovation(self, sight: AnchorMeasurement) -> Innovation:
-        """Return the comparison of `sight`, which may be older than the state, with the state."""
-        settings, late_s = self._settings, self.late_s(sight.stamp_ns)
-        mean = self.mean.copy()
-        mean[YAW] -= late_s * mean[RATE]
-        expected, slope, _ = predicted_bearing(mean, sight)
-        slope[:, RATE] = -late_s * slope[:, YAW]
-        value = np.array(
-            [
-                math.remainder(sight.azimuth_rad - float(expected[0]), math.tau),
-                sight.elevation_rad - float(expected[1]),
-            ]
-        )
-        level = math.cos(sight.elevation_rad)
-        noise = np.array(
-            [
-                (settings.anchor_sigma_rad**2 + sight.spread_rad**2) / level**2,
-                settings.elevation_sigma_rad**2 + sight.spread_rad**2,
-            ]
-        )
-        return Innovation(value, slope, noise, np.diag(slope @ self.covariance @ slope.T) + noise)
+    def innovation_sigmas(self, seen: Innovation, noise: Array) -> Array:
+        """Return the standard deviations (k) of an innovation in the whole mixture.
 
-    def apply(self, seen: Innovation) -> None:
-        """Apply a pointing."""
-        self.update(seen.value, seen.slope, np.diag(seen.noise))
+        Args:
+            seen: innovation of each component.
+            noise: k x k.
+        """
+        total = seen.slope @ self.covariances @ seen.slope.swapaxes(1, 2) + noise
+        variances = np.diagonal(total, axis1=1, axis2=2)
+        mean = self.weights @ seen.value
+        return np.asarray(np.sqrt(self.weights @ (variances + (seen.value - mean) ** 2)))
 
-    def update(self, innovation: Array, slope: Array, noise: Array) -> None:
+    def update(self, seen: Innovation, cases: Sequence[Case]) -> Array:
         """Apply a measurement (Joseph form: stays symmetric and positive).
 
         Args:
-            innovation: n, measured minus expected.
-            slope: n x 4, derivatives of the measurement by the state.
-            noise: n x n.
+            seen: innovation of each component.
+            cases: their shares need not sum to 1.
+
+        Returns:
+            posterior probabilities of the cases.
         """
-        covariance = self.covariance
-        total = slope @ covariance @ slope.T + noise
-        gain = np.linalg.solve(total, slope @ covariance).T
-        keep = np.eye(4) - gain @ slope
-        self.mean = self.mean + gain @ innovation
-        self.covariance = keep @ covariance @ keep.T + gain @ noise @ gain.T
+        value, slope = seen
+        across = slope.swapaxes(1, 2)
+        means, covariances, scores = list[Array](), list[Array](), list[Array]()
+        for case in cases:
+            noise = case.noise + np.eye(len(case.noise)) * LEAST_SIGMA**2
+            widened = self.covariances + np.diag(case.widened)
+            total = slope @ widened @ across + noise
+            gain = np.linalg.solve(total, slope @ widened).swapaxes(1, 2)
+            keep = np.eye(5) - gain @ slope
+            means.append(self.means + np.einsum("nik,nk->ni", gain, value))
+            covariances.append(keep @ widened @ keep.swapaxes(1, 2) + gain @ noise @ gain.swapaxes(1, 2))
+            away = np.linalg.solve(total, value[..., None])[..., 0]
+            likelihood = -0.5 * (np.sum(away * value, axis=1) + np.linalg.slogdet(total)[1])
+            with np.errstate(divide="ignore"):
+                scores.append(np.log(self.weights) + math.log(case.share) + likelihood)
+        score = np.concatenate(scores)
+        weights = np.exp(score - score.max())
+        kept = np.argsort(-weights, kind="stable")[:MAX_COMPONENTS]
+        self.weights = weights[kept] / weights[kept].sum()
+        self.means, self.covariances = np.concatenate(means)[kept], np.concatenate(covariances)[kept]
         self._bound()
+        return np.asarray(weights.reshape(len(cases), -1).sum(axis=1) / weights.sum())
 
-    def move_to(self, fix: Fix, *, keeps_yaw: bool, keeps_rate: bool) -> bool:
-        """Apply a new localization and discard the old position. Return False if the yaws contradict.
-
-        A fix that is older than the state is advanced to its time with the known rate. If its yaw and the old
-        one fit within the gate, both are fused, which measures the rate, too, with the correlation from the
-        rate that they share. If they do not fit, the old yaw is dropped and the rate is uncertain again.
+    def forget(self, index: int, sigma: float, mean: float | None = None) -> None:
+        """Drop what is known about one part of the state, with its correlations.
 
         Args:
-            fix: the new pose.
-            keeps_yaw: True to use the old yaw; otherwise the rate stays as it was.
-            keeps_rate: True to start from the old rate, rather than 0, if the yaws do not fit.
+            index: of the part.
+            sigma: its new standard deviation.
+            mean: its new mean. None: as it was.
         """
+        self.covariances[:, index, :] = self.covariances[:, :, index] = 0.0
+        self.covariances[:, index, index] = sigma**2
+        if mean is not None:
+            self.means[:, index] = mean
+
+    def walked(self, passed_s: float) -> Array:
+        """Return the covariance (5 x 5) that random walks add in `passed_s`."""
         settings = self._settings
-        self.advance(fix.stamp_ns)
-        late_s = self.late_s(fix.stamp_ns)
-        rate, rate_variance = float(self.mean[RATE]), float(self.covariance[RATE, RATE])
-        mean, covariance = self._brought(fix, rate, rate_variance, late_s)
-        fits = True
-        if keeps_yaw and not self.is_yaw_unknown:
-            yaw, shared = float(self.mean[YAW]), float(self.covariance[YAW, RATE])
-            joint = np.zeros((5, 5))
-            """Joint covariance of the fix, advanced to now with the rate, and the old yaw."""
-            joint[:4, :4] = covariance
-            joint[4, 4] = self.covariance[YAW, YAW]
-            joint[4, YAW] = joint[YAW, 4] = late_s * shared
-            joint[4, RATE] = joint[RATE, 4] = shared
-            apart = np.array([0.0, 0.0, 1.0, 0.0, -1.0])
-            both = joint @ apart
-            total = float(apart @ both)
-            away = math.remainder(yaw - float(mean[YAW]), math.tau)
-            if total > 0.0 and abs(away) <= settings.gate * math.sqrt(total):
-                mean = mean + both[:4] / total * away
-                keep = np.eye(5) - np.outer(both / total, apart)
-                covariance = (keep @ joint @ keep.T)[:4, :4]  # not by a difference, so that it stays positive
-            else:
-                fits = False
-                rate = rate if keeps_rate else 0.0
-                mean, covariance = self._brought(fix, rate, settings.rate_sigma_radps**2, late_s)
-        self.mean, self.covariance = mean, covariance
-        self._bound()
-        return fits
-
-    def inflate_covariance(self, yaw_variance: float, position_variance: float) -> None:
-        """Make the parts of the pose less certain independently, and reset the rate's uncertainty."""
-        covariance = self.covariance
-        covariance[YAW, :2] = covariance[:2, YAW] = 0.0
-        covariance[YAW, YAW] += yaw_variance
-        covariance[[X, Y], [X, Y]] += position_variance
-        self.inflate_rate_variance(self._settings.rate_sigma_radps)
-
-    def inflate_rate_variance(self, sigma_radps: float) -> None:
-        """Set the standard deviation of the rate and drop its correlations."""
-        self.covariance[RATE, :3] = self.covariance[:3, RATE] = 0.0
-        self.covariance[RATE, RATE] = sigma_radps**2
-        self._bound()
-
-    def without_rate(self, since_ns: int) -> "DriftState":
-        """Return the state as if the rate had been unknown since the yaw of `since_ns`."""
-        other = copy.copy(self)
-        passed_s = max(0, self.stamp_ns - since_ns) / NS_PER_S
-        back = np.eye(4)
-        back[YAW, RATE] = -passed_s
-        other.mean, other.covariance = back @ self.mean, back @ self.covariance @ back.T
-        other.covariance[YAW, YAW] += (passed_s * self._settings.rate_sigma_radps) ** 2
-        other.reset_rate()
-        return other
-
-    def reset_yaw(self) -> None:
-        """Make the yaw unknown; position and rate stay."""
-        covariance = self.covariance
-        blank = max(self._blank_variance, float(covariance[YAW, YAW]))
-        covariance[YAW, :] = covariance[:, YAW] = 0.0
-        covariance[YAW, YAW] = blank
-
-    def reset_rate(self) -> None:
-        """Reset the rate to that of an unknown IMU."""
-        self.mean[RATE] = 0.0
-        self.inflate_rate_variance(self._settings.rate_sigma_radps)
-
-    @property
-    def _blank_variance(self) -> float:
-        return (0.5 * self._settings.max_yaw_sigma_rad) ** 2
-
-    def _brought(self, fix: Fix, rate: float, rate_variance: float, late_s: float) -> tuple[Array, Array]:
-        """Return mean (4) and covariance (4 x 4) of `fix` and a rate, advanced by `late_s`.
-
-        Not bounded: yaw and rate must stay consistent with the old yaw, which has the same rate.
-        """
-        mean = np.array([fix.x_m, fix.y_m, math.remainder(fix.yaw_rad, math.tau), rate])
-        covariance = np.zeros((4, 4))
-        covariance[:3, :3] = bounded(nearest_psd(fix.covariance), self._settings)
-        covariance[RATE, RATE] = rate_variance
-        return _propagated(mean, covariance, late_s, self._settings)
+        walk = settings.rate_walk_radps**2 * passed_s
+        added = np.zeros((5, 5))
+        added[[X, Y], [X, Y]] = settings.position_walk_m**2 * passed_s
+        added[YAW, YAW] = settings.yaw_walk_rad**2 * passed_s + walk * passed_s**2 / 3.0
+        added[YAW, RATE] = added[RATE, YAW] = walk * passed_s / 2.0
+        added[RATE, RATE] = walk
+        return added
 
     def _predicted(self, passed_s: float) -> tuple[Array, Array]:
-        mean, covariance = _propagated(self.mean, self.covariance, passed_s, self._settings)
-        return mean, bounded(covariance, self._settings) if passed_s > 0.0 else covariance
+        if passed_s <= 0.0:
+            return self.means, self.covariances
+        step = np.eye(5)
+        step[YAW, RATE] = passed_s
+        covariances = step @ self.covariances @ step.T + self.walked(passed_s)
+        return self.means @ step.T, bounded(covariances, self._settings)
 
     def _bound(self) -> None:
         limit = self._settings.max_rate_radps
-        self.mean[YAW] = math.remainder(float(self.mean[YAW]), math.tau)
-        self.mean[RATE] = min(max(float(self.mean[RATE]), -limit), limit)
-        self.covariance = bounded(self.covariance, self._settings)
+        self.means[:, RATE] = np.clip(self.means[:, RATE], -limit, limit)
+        self.covariances = bounded(self.covariances, self._settings)
 
 
-def predicted_bearing(mean: Array, sight: AnchorMeasurement) -> tuple[Array, Array, float]:
-    """Return the bearing of the target from the person's eyes.
-
-    Args:
-        mean: 4: x, y (m), yaw (rad) of {H} in {W}; the rest is ignored.
-        sight: target and origin of the ray.
-
-    Returns:
-        azimuth and elevation in {H} (2), their derivatives by the state (2 x 4), horizontal distance (m).
-    """
-    cos_yaw, sin_yaw = math.cos(mean[2]), math.sin(mean[2])
-    eye_x = cos_yaw * sight.origin_m[0] - sin_yaw * sight.origin_m[1]
-    eye_y = sin_yaw * sight.origin_m[0] + cos_yaw * sight.origin_m[1]
-    east = sight.target_m[0] - float(mean[0]) - eye_x
-    north = sight.target_m[1] - float(mean[1]) - eye_y
-    up = sight.target_m[2] - sight.origin_m[2]
-    away = max(math.hypot(east, north), 1e-9)
-    square = away * away
-    azimuth = math.remainder(math.atan2(north, east) - float(mean[2]), math.tau)
-    lower = -up / (square + up * up)
-    slope = np.zeros((2, 4))
-    slope[0, :3] = north / square, -east / square, -1.0 - (east * eye_x + north * eye_y) / square
-    slope[1, :3] = (
-        -lower * east / away,
-        -lower * north / away,
-        lower * (east * eye_y - north * eye_x) / away,
-    )
-    return np.array([azimuth, math.atan2(up, away)]), slope, away
-
-
-def _propagated(
-    mean: Array, covariance: Array, passed_s: float, settings: DriftSettings
+def _moments(
+    weights: Array, means: Array, covariances: Array, settings: DriftSettings
 ) -> tuple[Array, Array]:
-    """Return copies of mean (4) and covariance (4 x 4) advanced by `passed_s`, not bounded."""
-    mean = mean.copy()
-    if passed_s <= 0.0:
-        return mean, covariance.copy()
-    mean[YAW] = math.remainder(float(mean[YAW] + mean[RATE] * passed_s), math.tau)
-    step = np.eye(4)
-    step[YAW, RATE] = passed_s
-    covariance = step @ covariance @ step.T
-    walk = settings.rate_walk_radps**2 * passed_s
-    covariance[[X, Y], [X, Y]] += settings.position_walk_m**2 * passed_s
-    covariance[YAW, YAW] += settings.yaw_walk_rad**2 * passed_s + walk * passed_s**2 / 3.0
-    covariance[YAW, RATE] += walk * passed_s / 2.0
-    covariance[RATE, YAW] += walk * passed_s / 2.0
-    covariance[RATE, RATE] += walk
-    return mean, covariance
+    """Return mean (5) and covariance (5 x 5) of a mixture, yaws taken around that of the first component."""
+    away = means - means[0]
+    away[:, YAW] = np.remainder(away[:, YAW] + math.pi, math.tau) - math.pi
+    middle = weights @ away
+    away -= middle
+    mean = means[0] + middle
+    mean[YAW] = math.remainder(float(mean[YAW]), math.tau)
+    covariance = np.einsum("n,nij->ij", weights, covariances + away[:, :, None] * away[:, None, :])
+    return mean, bounded(covariance, settings)
 
 
 def bounded(covariance: Array, settings: DriftSettings) -> Array:
-    """Return `covariance` (3 x 3 of x, y, yaw, or 4 x 4 with the rate) symmetric and within the bounds.
+    """Return covariances (3 x 3 of x, y, yaw, or n x 5 x 5 of states) symmetric and within the bounds.
 
     Correlations stay.
     """
     away = settings.max_position_sigma_m
-    largest = np.array([away, away, settings.max_yaw_sigma_rad, settings.max_rate_radps])
-    largest = largest[: len(covariance)]
-    sigmas = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+    rate = settings.max_rate_radps
+    largest = np.array([away, away, settings.max_yaw_sigma_rad, rate, rate])[: covariance.shape[-1]]
+    sigmas = np.sqrt(np.maximum(np.diagonal(covariance, axis1=-2, axis2=-1), 1e-300))
     shrink = np.minimum(1.0, largest / sigmas)
-    return np.asarray(0.5 * (covariance + covariance.T) * np.outer(shrink, shrink))
+    both = 0.5 * (covariance + covariance.swapaxes(-1, -2))
+    return np.asarray(both * (shrink[..., :, None] * shrink[..., None, :]))
 
 
 def nearest_psd(covariance: Array) -> Array:

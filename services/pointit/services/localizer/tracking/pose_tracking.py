@@ -272,7 +272,7 @@ class PoseTracker:
                 measured.stamp_ns,
                 measured.yaw_rate_radps,
                 measured.sigma_radps,
-                measured.creep_sigma_radps,
+                is_raised=measured.is_raised,
                 now_ns=now_ns,
             )
 

@@ -31,8 +31,8 @@ from pointit.services.localizer.verification.following import (
 ROBOT = "robot"
 """Kind of the objects that are followed if no id is given."""
 
-MIN_LATENCY_SIGMA_S = 0.02
-"""Lower bound of the latency's uncertainty: the IMU's radio jitters by 5 to 20 ms."""
+WRIST_SIGMA_S = 0.02
+"""1 sigma of the time of rays whose wrist does not state it: the IMU's radio jitters by 5 to 20 ms."""
 
 CONTRADICTED = (
     "the rays contradict the pose, so they are not pointed at the robot any more; the pose stays. If the "
@@ -84,6 +84,8 @@ class MovingTarget(Procedure):
         """Create the procedure; `memory` is of the person, None if there is none."""
         super().__init__(config)
         self._memory = memory or PersonMemory()
+        self.wrist_sigma_s: float | None = None
+        """1 sigma of the time of the rays, as the wrist states it. None if it does not."""
         self._trust = config.believed()
         self._clear(0)
 
@@ -210,8 +212,9 @@ class MovingTarget(Procedure):
         self._span_s = max(self._span_s, pointings.span_s)
         if pointings.span_s < MIN_SPAN_S:
             return Refusal("keep following the robot with the arm straight")
-        if track.latency_sigma_s is not None:
-            trust = replace(trust, latency_sigma_s=max(track.latency_sigma_s, MIN_LATENCY_SIGMA_S))
+        tracker_s = trust.latency_sigma_s if track.latency_sigma_s is None else track.latency_sigma_s
+        wrist_s = WRIST_SIGMA_S if self.wrist_sigma_s is None else self.wrist_sigma_s
+        trust = replace(trust, latency_sigma_s=math.hypot(tracker_s, wrist_s))
         return followed(pointings, trust, floor_m=self._config.floor_m, start=self._solution)
 
     def _is_late(self, now_ns: int) -> bool:

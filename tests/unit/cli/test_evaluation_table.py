@@ -78,7 +78,7 @@ def test_80_columns_show_what_counts_most() -> None:
     line = next(line for line in text.splitlines() if "3 targets" in line and "4-DoF" in line)
     assert line.split()[:9] == ["3", "targets", "4-DoF", "1234", "12", "0.254", "0.512", "100", "%"]
     assert "`4-DoF`, `z=0`: the baselines mean-angle-4dof" in " ".join(text.split())
-    assert "shows also: unsure, all m, p90 of all m, linear" in " ".join(text.split())
+    assert "shows also: unsure, all m, p90 of all m, bound" in " ".join(text.split())
 
 
 def test_a_wide_terminal_shows_all_with_full_names() -> None:
@@ -86,7 +86,7 @@ def test_a_wide_terminal_shows_all_with_full_names() -> None:
     assert "mean-angle-z0" in text
     assert "`z=0`" not in text
     assert "shows also" not in text
-    for word in ("unsure", "linear", "misled", "> 1 m"):
+    for word in ("unsure", "bound", "misled", "> 1 m"):
         assert word in heads(text)
     wider = printed(BRIEF, 80).split("With ")[1].split()[0]
     assert "shows also" in printed(BRIEF, int(wider) - 1)
@@ -95,8 +95,8 @@ def test_a_wide_terminal_shows_all_with_full_names() -> None:
 
 def test_notes_are_about_columns_that_are_shown() -> None:
     narrow, wide = printed(BRIEF, 80), printed(BRIEF, 200)
-    assert "independent pointings" not in narrow
-    assert "independent pointings" in wide
+    assert "posterior" not in narrow
+    assert "posterior" in wide
     assert "localizer accepts" not in printed(DRIFT, 200)
 
 

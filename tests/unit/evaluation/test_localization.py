@@ -11,7 +11,7 @@ import pytest
 from pointit.cli.common.output import to_json
 from pointit.evaluation.datasets import read_trials
 from pointit.evaluation.localization.localization import BASELINE_TRIALS, OURS, SOLVERS, localization_rows
-from pointit.evaluation.localization.scoring import Key, Outcome, rows_of
+from pointit.evaluation.localization.scoring import UNTIL, Key, Outcome, rows_of, until_taken_rows
 from pointit.evaluation.recordings.row import Row, arranged, document
 from tests.support.data import data_file
 from tests.unit.evaluation.recorded import Stand, write_acts, write_simulated, write_track
@@ -87,6 +87,34 @@ def test_what_is_refused_counts_among_all() -> None:
     assert only.every_m.median == pytest.approx(1.6)
 
 
+def at(start_s: float, window_s: int, error_m: float, *, taken: bool) -> Outcome:
+    found = outcome(error_m, condition=f"{window_s} s")
+    return dataclasses.replace(found, recording="r", start_s=start_s, taken=taken)
+
+
+def test_what_the_localizer_takes_and_after_which_time() -> None:
+    outcomes = [
+        *(at(0.0, window_s, 0.1 * window_s, taken=window_s >= 3) for window_s in (2, 3, 10)),
+        *(at(1.0, window_s, 0.1 * window_s, taken=window_s >= 2) for window_s in (2, 3, 10)),
+        *(at(2.0, window_s, 0.1 * window_s, taken=window_s >= 3) for window_s in (2, 3, 10)),
+        at(3.0, 2, 9.0, taken=True),  # the recording ends too soon
+    ]
+    short = row(rows_of(outcomes), subject="a", condition="2 s")
+    assert short.taken == pytest.approx(2 / 4)
+    until = row(until_taken_rows(outcomes), subject="all", condition=UNTIL)
+    assert (until.n, until.taken, until.until_taken_s) == (3, 1.0, 3.0)
+    assert until.taken_m is not None
+    assert until.taken_m.median == pytest.approx(0.3)
+    assert until.taken_m.rms == pytest.approx(math.sqrt((0.3**2 + 0.2**2 + 0.3**2) / 3))
+
+
+def test_who_is_never_taken_has_no_time() -> None:
+    found = until_taken_rows([at(float(start), 10, 0.1, taken=start == 0) for start in range(3)])
+    until = row(found, subject="all", condition=UNTIL)
+    assert (until.n, until.until_taken_s) == (3, None)
+    assert until.taken == pytest.approx(1 / 3)
+
+
 def test_who_is_unsure_does_not_mislead() -> None:
     rows = rows_of([outcome(1.5, sigma_m=0.8)])
     assert (rows[0].misled, rows[0].share_above_1m, rows[0].within_2_sigma) == (0.0, 1.0, 1.0)
@@ -160,7 +188,11 @@ def rows(tmp_path_factory: pytest.TempPathFactory) -> list[Row]:
 def test_each_solver_has_its_row(rows: list[Row]) -> None:
     assert {row.solver for row in rows} == set(SOLVERS) == {"pointit", "mean-angle-4dof", "mean-angle-z0"}
     assert {row.subject for row in rows} == {"all", "user9"}
-    assert {row.condition for row in rows} == {"1 s", "2 s", "3 s", "5 s", "8 s"}
+    assert {row.condition for row in rows} == {"1 s", "2 s", "3 s", "5 s", "8 s"}  # too short for `UNTIL`
+    taken = {row.condition: row.taken for row in rows if row.solver == OURS and row.subject == "all"}
+    assert taken["8 s"] == 1.0
+    assert taken["1 s"] == 0.0
+    assert all(row.taken is None for row in rows if row.solver != OURS)
 
 
 def test_a_bias_is_metres_for_the_original_and_none_for_ours(rows: list[Row]) -> None:

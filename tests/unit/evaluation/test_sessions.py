@@ -213,6 +213,7 @@ def test_each_person_counts_once_and_methods_are_compared_within_people() -> Non
     ours, other = over_people(rows, "pointit")
     assert (ours.people, ours.ratio, ours.without_one) == (3, None, None)
     assert ours.error.value == pytest.approx(0.2)
+    assert ours.error_without_one == pytest.approx((0.02**0.5, 0.08**0.5))
     # logarithms are apart by ln 2: s = ln 2, t(0.975, 2) = 4.303
     reach = math.exp(4.303 * math.log(2.0) / math.sqrt(3.0))
     assert ours.error.low == pytest.approx(0.2 / reach, rel=1e-3)

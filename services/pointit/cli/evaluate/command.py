@@ -112,8 +112,10 @@ def localization(
             raise ConfigError("--set: recordings have none; leave it out with --recording")
         evaluate_sessions(recordings, subjects, json_file, brief=brief, baselines=baselines, jobs=jobs)
         return
+    from pointit.cli.evaluate.over_people_table import print_over_people  # noqa: PLC0415 - as above
     from pointit.evaluation.datasets import SETS, read_trials  # noqa: PLC0415 - SciPy is wanted only here
     from pointit.evaluation.localization.localization import BASELINE_TRIALS, localization_rows  # noqa: PLC0415 - as above
+    from pointit.evaluation.localization.over_people import over_people  # noqa: PLC0415 - as above
     from pointit.evaluation.localization.priors import prior_rows  # noqa: PLC0415 - as above
 
     check_sets(sets, list(SETS))
@@ -133,8 +135,17 @@ def localization(
             priors = prior_rows(
                 reading.trials, baselines=baselines, tick=lambda done: tell_progress("priors", done)
             )
+        rows = arranged([*rows, *priors.rows])
+        over = {name: over_people([row for row in rows if row.set == name], OURS) for name in sets_of(rows)}
+        written = {name: [each.as_json() for each in of_set] for name, of_set in over.items() if of_set}
+        if write_json({**document(rows), "over_people": written}, json_file):
+            return
         remarks = [*_localization_remarks(rows, BASELINE_TRIALS), *priors.remarks]
-        tell(arranged([*rows, *priors.rows]), json_file, remarks, brief=brief)
+        screen = evaluation_console()
+        print_rows(screen, shown(rows, brief=brief), remarks)
+        for name, of_set in over.items():
+            if of_set:
+                print_over_people(screen, f"{name}, over people", of_set, OURS)
 
 
 @click.command("pointing")
@@ -184,5 +195,14 @@ def check_sets(sets: Sequence[str], known: Sequence[str], option: str = "--set")
 def tell(rows: Sequence[Row], json_file: Path | None, remarks: Sequence[str], *, brief: bool) -> None:
     """Print `rows` as tables, and write them to `json_file` if given."""
     if not write_json(document(rows), json_file):
-        shown = [row for row in rows if row.subject == ALL] if brief else rows
-        print_rows(evaluation_console(), shown, remarks)
+        print_rows(evaluation_console(), shown(rows, brief=brief), remarks)
+
+
+def shown(rows: Sequence[Row], *, brief: bool) -> list[Row]:
+    """Return `rows`, without those of single people if `brief`."""
+    return [row for row in rows if row.subject == ALL or not brief]
+
+
+def sets_of(rows: Sequence[Row]) -> list[str]:
+    """Return the names of the sets of `rows`, in order."""
+    return list(dict.fromkeys(row.set for row in rows))

@@ -6,15 +6,14 @@ from pathlib import Path
 import click
 
 from pointit.cli.common.interruption import interruptible
-from pointit.cli.common.output import Section, print_table
 from pointit.cli.common.progress import progress
 from pointit.cli.evaluate.file import check_writable, write_json
+from pointit.cli.evaluate.over_people_table import print_over_people
 from pointit.cli.evaluate.table import evaluation_console, print_rows
 from pointit.evaluation.localization.localization import OURS, localization_rows
 from pointit.evaluation.localization.over_people import MIN_PEOPLE, OverPeople, over_people
 from pointit.evaluation.localization.recorded import read_sessions
 from pointit.evaluation.recordings.row import ALL, Row, arranged, document
-from pointit.evaluation.selection.difference import Interval
 from pointit.runtime.errors import ConfigError
 
 
@@ -59,25 +58,7 @@ def evaluate_sessions(
 def _show(rows: Sequence[Row], over: Sequence[OverPeople]) -> None:
     screen = evaluation_console()
     print_rows(screen, rows, ["`live`: as found in the session; `anchors`: pointing at lamps afterwards."])
-    if not over:
+    if over:
+        print_over_people(screen, "over people", over, OURS)
+    else:
         click.echo(f"No interval over people: at least {MIN_PEOPLE} have to be scored.")
-        return
-    about = f"geometric mean of each person's median error, and its 95 % interval; ratio: to {OURS}"
-    cells = tuple(
-        {
-            "condition": each.condition,
-            "solver": each.solver,
-            "people": each.people,
-            "error": _interval(each.error, each.unit),
-            "ratio": "" if each.ratio is None else _interval(each.ratio),
-            "without one person": ""
-            if each.without_one is None
-            else "{:.2f} to {:.2f}".format(*each.without_one),
-        }
-        for each in over
-    )
-    print_table(screen, Section(name="over people", about=about, rows=cells))
-
-
-def _interval(interval: Interval, unit: str = "") -> str:
-    return f"{interval.value:.2f} {unit} ({interval.low:.2f} to {interval.high:.2f})".replace("  ", " ")

@@ -94,6 +94,19 @@ _COLUMNS = (
         note="`unsure`: poses with a larger stated sigma than the localizer accepts; it requests another "
         "target then.",
     ),
+    _Column(
+        name="taken",
+        rank=14,
+        cell=lambda row: _share(row.taken),
+        note="`taken`: share of the trials whose pose the running localizer takes.",
+    ),
+    _Column(
+        name="after s",
+        rank=14,
+        cell=lambda row: _number(row.until_taken_s, 0),
+        note="`after s`: shortest window whose pose is taken, median over starts; `-`: most are never.",
+    ),
+    *_spread("taken m", lambda row: row.taken_m, 3, (14, 14), "`taken m`: error of the taken poses."),
     *_spread("m", lambda row: row.position_m, 3, (1, 2), "`m`: error of the poses that were stated, median."),
     *_spread(
         "all m",
@@ -103,12 +116,11 @@ _COLUMNS = (
         "`all m`: error of all trials, of the refused ones with the pose that fits best.",
     ),
     _Column(
-        name="linear",
+        name="bound",
         rank=16,
         cell=lambda row: _number(row.bound_m, 3),
-        note="`linear`: median error of an unbiased, linear estimate from the subject's own scatter with 2 "
-        "independent pointings a second; who knows more of people beforehand, or whose errors are more "
-        "alike, can do better.",
+        note="`bound`: median error of an ideal solver of the same trials, who knows how bias, slopes and "
+        "latency go together in the person, and their scatter (posterior Cramér-Rao bound).",
     ),
     _Column(name="> 1 m", rank=12, cell=lambda row: _share(row.share_above_1m)),
     _Column(

@@ -62,7 +62,6 @@ def read(folder: Path, reading: Reading) -> None:
                 y_m=float(data["truth_user_xy"][i, 1]),
                 # the file has azimuth in {H} = azimuth in {W} + yaw, the opposite sign of ours
                 yaw_rad=-float(data["truth_yaw_rad"][i]),
-                independent_hz=None,  # errors are white in one scenario, constant over a hold in others
             )
         )
 

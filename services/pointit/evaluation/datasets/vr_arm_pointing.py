@@ -170,7 +170,6 @@ def _add(acts: _Acts, count: int, subsets: int, reading: Reading) -> None:
                 x_m=float(head[0] - origin_m[0]),
                 y_m=float(head[1] - origin_m[1]),
                 yaw_rad=math.remainder(yaw_rad - acts.lean_rad, math.tau),
-                independent_hz=1.0 / HOLD_S,
             )
         )
 

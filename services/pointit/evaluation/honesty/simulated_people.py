@@ -162,7 +162,6 @@ def _room(seed: int) -> Trial:
         x_m=person.x_m,
         y_m=person.y_m,
         yaw_rad=_yaw_rad(person),
-        independent_hz=1.0 / HOLD_S,
     )
 
 

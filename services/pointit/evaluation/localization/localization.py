@@ -8,10 +8,11 @@ from dataclasses import dataclass, replace
 
 from pointit.evaluation.localization.baselines import BaselineEstimate, mean_angle_4dof, mean_angle_z0
 from pointit.evaluation.localization.cramer_rao import median_bounds_m
-from pointit.evaluation.localization.scoring import Key, Outcome, rows_of
+from pointit.evaluation.localization.scoring import Key, Outcome, rows_of, until_taken_rows
+from pointit.evaluation.localization.taken import LIMITS, refusal_message
 from pointit.evaluation.localization.trial import Trial
 from pointit.evaluation.recordings.parallel import map_parallel
-from pointit.evaluation.recordings.row import Row
+from pointit.evaluation.recordings.row import Row, arranged
 from pointit.services.localizer.estimation.estimator import (
     Pointings,
     Refusal,
@@ -30,9 +31,6 @@ be too optimistic."""
 
 ANY = replace(STATED, max_residual_rad=math.inf, max_act_residual_rad=math.inf, bias_sigma_limit=math.inf)
 """Accepts the best fit, as the baselines do."""
-
-ACCEPTED = SolverSettings()
-"""The localizer's own limits."""
 
 
 def ours(pointings: Pointings) -> Solution | Refusal:
@@ -63,7 +61,7 @@ class Task:
     """A trial, and its solvers."""
 
     trial: Trial
-    bound_m: float
+    bound_m: float = math.nan
     solvers: tuple[str, ...]
 
 
@@ -91,7 +89,8 @@ def localization_rows(
         results[number] = outcomes
         done += len(pieces[number])
         tick(done, len(tasks))
-    return rows_of([outcome for _, outcomes in sorted(results.items()) for outcome in outcomes])
+    outcomes = [outcome for _, of_piece in sorted(results.items()) for outcome in of_piece]
+    return arranged([*rows_of(outcomes), *until_taken_rows(outcomes)])
 
 
 def solved(tasks: Sequence[Task]) -> list[Outcome]:
@@ -110,15 +109,15 @@ def _tasks(trials: Sequence[Trial], *, baselines: bool) -> Iterator[Task]:
 
 
 def _bounds(trials: Sequence[Trial]) -> list[float]:
-    """Return the bound of each trial, with a subject's scatter pooled over a set and condition."""
-    groups: dict[Key, list[int]] = {}
+    """Return the bound of each trial, from the errors of its person in their other trials, too."""
+    sets: dict[str, list[int]] = {}
     for number, trial in enumerate(trials):
-        groups.setdefault(Key.of(trial), []).append(number)
-    bounds = [math.nan] * len(trials)
-    for numbers in groups.values():
+        sets.setdefault(trial.set, []).append(number)
+    found = [math.nan] * len(trials)
+    for numbers in sets.values():
         for number, bound_m in zip(numbers, median_bounds_m([trials[i] for i in numbers]), strict=True):
-            bounds[number] = bound_m
-    return bounds
+            found[number] = bound_m
+    return found
 
 
 def outcome(trial: Trial, bound_m: float, name: str, solver: Solver) -> Outcome:
@@ -134,18 +133,22 @@ def outcome(trial: Trial, bound_m: float, name: str, solver: Solver) -> Outcome:
             solver=name,
             solve_ms=solve_ms,
             refused=found.reason,
+            taken=False,
+            recording=trial.recording,
+            start_s=trial.start_s,
             position_m=_off_m(best, trial) if isinstance(best, Solution) else math.nan,
             bound_m=bound_m,
         )
     yaw_deg = math.nan
     if trial.yaw_rad is not None and math.isfinite(found.yaw_rad):
         yaw_deg = math.degrees(math.remainder(found.yaw_rad - trial.yaw_rad, math.tau))
-    sigma_m, yaw_sigma_deg, is_sure = math.nan, math.nan, True
+    sigma_m, yaw_sigma_deg, is_sure, is_taken = math.nan, math.nan, True, None
     if isinstance(found, Solution):
         is_sure = (
-            found.position_sigma_m <= ACCEPTED.max_position_sigma_m
-            and found.yaw_sigma_rad <= ACCEPTED.max_yaw_sigma_rad
+            found.position_sigma_m <= LIMITS.max_position_sigma_m
+            and found.yaw_sigma_rad <= LIMITS.max_yaw_sigma_rad
         )
+        is_taken = is_sure and not refusal_message(trial.pointings, found)
         sigma_m, yaw_sigma_deg = found.position_sigma_m, math.degrees(found.yaw_sigma_rad)
     return Outcome(
         key=key,
@@ -156,6 +159,9 @@ def outcome(trial: Trial, bound_m: float, name: str, solver: Solver) -> Outcome:
         position_sigma_m=sigma_m,
         yaw_sigma_deg=yaw_sigma_deg,
         is_sure=is_sure,
+        taken=is_taken,
+        recording=trial.recording,
+        start_s=trial.start_s,
         bound_m=bound_m,
     )
 

@@ -39,6 +39,8 @@ class OverPeople:
     """That error as a multiple of the reference method's, of the same people. None if it is the reference."""
     without_one: tuple[float, float] | None = None
     """Least and greatest ratio if any one person is left out."""
+    error_without_one: tuple[float, float] | None = None
+    """Least and greatest error if any one person is left out."""
 
     def as_json(self) -> dict[str, Any]:
         """Return the row for a JSON file."""
@@ -72,6 +74,7 @@ def over_people(rows: Iterable[Row], reference: str) -> list[OverPeople]:
                 people=len(logs),
                 unit=unit,
                 error=_interval(list(logs.values())),
+                error_without_one=_without_one(list(logs.values())),
                 ratio=_interval(differences) if is_compared else None,
                 without_one=_without_one(differences) if is_compared else None,
             )
@@ -85,7 +88,7 @@ def _interval(logs: Sequence[float]) -> Interval:
     return Interval(value=math.exp(mean), low=math.exp(mean - reach), high=math.exp(min(mean + reach, 700.0)))
 
 
-def _without_one(differences: Sequence[float]) -> tuple[float, float]:
-    total, count = sum(differences), len(differences)
-    means = [math.exp((total - each) / (count - 1)) for each in differences]
+def _without_one(logs: Sequence[float]) -> tuple[float, float]:
+    total, count = sum(logs), len(logs)
+    means = [math.exp((total - each) / (count - 1)) for each in logs]
     return min(means), max(means)

@@ -1,7 +1,7 @@
 """From solved trials to rows of the table."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,6 +15,13 @@ WRONG_M = 1.0
 
 SURE_M = 0.5
 """Stated sigma below which a wrong pose misleads."""
+
+
+UNTIL = "until taken"
+"""Condition of the row over starts: of each, the shortest window whose pose is taken."""
+
+LONG_S = 10.0
+"""Length of the longest window that a start must have to count."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,6 +57,11 @@ class Outcome:
     yaw_sigma_deg: float = math.nan
     is_sure: bool = True
     """True if the localizer would accept the pose with the stated sigma."""
+    taken: bool | None = None
+    """True if the localizer takes the pose, also by its other checks. None of a baseline, and live."""
+    recording: str = ""
+    start_s: float = 0.0
+    """Recording of following, and start of the window in it."""
     bound_m: float = math.nan
 
 
@@ -63,6 +75,44 @@ def rows_of(outcomes: Sequence[Outcome]) -> list[Row]:
     return arranged(_row(*names, group) for names, group in groups.items())
 
 
+def until_taken_rows(outcomes: Sequence[Outcome]) -> list[Row]:
+    """Return rows of people who follow a robot, over the starts of windows of several lengths."""
+    starts: dict[tuple[str, str, str], list[Outcome]] = {}
+    for outcome in outcomes:
+        if outcome.recording and outcome.taken is not None:
+            for subject in (ALL, outcome.key.subject):
+                starts.setdefault((outcome.key.set, subject, outcome.solver), []).append(outcome)
+    return [row for names, group in starts.items() for row in _until_taken(*names, group)]
+
+
+def _until_taken(name: str, subject: str, solver: str, outcomes: Sequence[Outcome]) -> Iterator[Row]:
+    """Yield the row over the starts from which there are windows of `LONG_S`; each counts once."""
+    by_start: dict[tuple[str, float], list[tuple[float, Outcome]]] = {}
+    for outcome in outcomes:
+        length_s = float(outcome.key.condition.split()[0])
+        by_start.setdefault((outcome.recording, outcome.start_s), []).append((length_s, outcome))
+    first: list[tuple[float, Outcome | None]] = []
+    for of_start in by_start.values():
+        if max(length_s for length_s, _ in of_start) < LONG_S:
+            continue
+        taken = [each for each in of_start if each[1].taken]
+        first.append(min(taken, key=lambda each: each[0]) if taken else (math.inf, None))
+    if not first:
+        return
+    until_s = float(np.median([length_s for length_s, _ in first]))
+    found = [outcome for _, outcome in first if outcome is not None]
+    yield Row(
+        set=name,
+        subject=subject,
+        condition=UNTIL,
+        solver=solver,
+        n=len(first),
+        taken=len(found) / len(first),
+        taken_m=Spread.of(outcome.position_m for outcome in found),
+        until_taken_s=until_s if math.isfinite(until_s) else None,
+    )
+
+
 def _row(name: str, condition: str, subject: str, solver: str, outcomes: Sequence[Outcome]) -> Row:
     accepted = [outcome for outcome in outcomes if not outcome.refused]
     errors = np.array([outcome.position_m for outcome in accepted])
@@ -70,8 +120,8 @@ def _row(name: str, condition: str, subject: str, solver: str, outcomes: Sequenc
     sigmas = np.array([outcome.position_sigma_m for outcome in accepted])
     turned = np.array([outcome.yaw_deg for outcome in accepted])
     yaw_sigmas = np.array([outcome.yaw_sigma_deg for outcome in accepted])
-    bounds = np.array([outcome.bound_m for outcome in outcomes])
-    bounds = bounds[np.isfinite(bounds)]
+    bounds = [outcome.bound_m for outcome in accepted if math.isfinite(outcome.bound_m)]
+    takes = [outcome.taken for outcome in outcomes if outcome.taken is not None] or None
     states = len(accepted) > 0 and bool(np.all(np.isfinite(sigmas)))
     return Row(
         set=name,
@@ -89,9 +139,11 @@ def _row(name: str, condition: str, subject: str, solver: str, outcomes: Sequenc
         if states and np.all(np.isfinite(turned))
         else None,
         refused=len(outcomes) - len(accepted),
+        taken=None if takes is None else float(np.mean(takes)),
+        taken_m=Spread.of(outcome.position_m for outcome in outcomes if outcome.taken),
         unsure=sum(not outcome.is_sure for outcome in accepted) if states else None,
         solve_ms=Spread.of(outcome.solve_ms for outcome in outcomes if math.isfinite(outcome.solve_ms)),
-        bound_m=float(np.median(bounds)) if len(bounds) else None,
+        bound_m=float(np.median(bounds)) if bounds else None,
     )
 
 

@@ -38,8 +38,6 @@ class Trial:
     y_m: float
     yaw_rad: float | None
     """True azimuth of {H}'s x axis in {W}, or None if unknown."""
-    independent_hz: float | None = 2.0
-    """Independent pointings per second, since errors in a hold are correlated. None if unknown."""
     recording: str = ""
     """Name of the recording of following."""
     start_s: float = 0.0

@@ -62,11 +62,17 @@ class Row:
     yaw_within_2_sigma: float | None = None
     refused: int | None = None
     """Trials without a pose."""
+    taken: float | None = None
+    """Share of the trials whose pose the running localizer takes."""
+    taken_m: Spread | None = None
+    """Position errors of the taken poses."""
+    until_taken_s: float | None = None
+    """Median of the shortest window whose pose is taken, over all starts; None if most are never."""
     unsure: int | None = None
     """Trials whose stated sigma exceeds the localizer's limit; their errors count."""
     solve_ms: Spread | None = None
     bound_m: float | None = None
-    """Median position error of an unbiased linear estimate under the stated assumptions."""
+    """Median position error of an ideal solver of the trials with a pose (`cramer_rao`)."""
 
     def as_json(self) -> dict[str, Any]:
         """Return the row for a JSON file."""

@@ -51,7 +51,7 @@ def simulated_rows(seeds: Iterable[int]) -> list[Row]:
 def recorded_rows(trials: Sequence[Trial]) -> list[Row]:
     """Return the errors of recorded people who followed a robot for `DURATION_S`; nothing is fitted."""
     chosen = [trial for trial in trials if trial.condition == CONDITION]
-    return rows_of(solved([Task(trial=trial, bound_m=math.nan, solvers=(OURS,)) for trial in chosen]))
+    return rows_of(solved([Task(trial=trial, solvers=(OURS,)) for trial in chosen]))
 
 
 def intervals(rows: Sequence[Row]) -> list[OverPeople]:
@@ -80,7 +80,7 @@ def _outcomes(seed: int) -> list[Outcome]:
         person = replace(SimulatedFollower.drawn(rng), x_m=float(x_m), y_m=float(y_m), eyes_m=EYES_M)
         for name, points in _courses(start, is_flying=height_m > 0.0).items():
             trial = _trial(seed, kind, person, _along(points))
-            (outcome,) = solved([Task(trial=trial, bound_m=math.nan, solvers=(OURS,))])
+            (outcome,) = solved([Task(trial=trial, solvers=(OURS,))])
             found.append(replace(outcome, solver=name))
     return found
 

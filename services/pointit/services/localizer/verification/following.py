@@ -54,11 +54,23 @@ def followed(
     result = solve(pointings, trust, floor_m=floor_m, start=start)
     if isinstance(result, Refusal):
         return result
-    if not is_settled(pointings, result.residual_rad, trust):
-        return Refusal(UNSETTLED, result.residual_rad)
-    half = solve(newest_half(pointings), _unlimited(trust), floor_m=floor_m, start=result)
-    is_steady = isinstance(half, Refusal) or half.differs(result) <= AGREEING
-    return result if is_steady else Refusal(CHANGED, result.residual_rad)
+    reason = doubt(pointings, result, trust, floor_m=floor_m)
+    return Refusal(reason, result.residual_rad) if reason else result
+
+
+def doubt(pointings: Pointings, found: Solution, trust: SolverSettings, *, floor_m: float = 0.0) -> str:
+    """Return why the pose `found` is not taken although it is certain, or `""`.
+
+    Args:
+        pointings: the rays.
+        found: result of the solver.
+        trust: weights and limits.
+        floor_m: height in {W} of the floor.
+    """
+    if not is_settled(pointings, found.residual_rad, trust):
+        return UNSETTLED
+    half = solve(newest_half(pointings), _unlimited(trust), floor_m=floor_m, start=found)
+    return "" if isinstance(half, Refusal) or half.differs(found) <= AGREEING else CHANGED
 
 
 def is_settled(pointings: Pointings, residual_rad: float, trust: SolverSettings) -> bool:

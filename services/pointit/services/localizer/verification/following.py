@@ -23,6 +23,15 @@ CLOSE = 1.1
 CLOSE_PER_S = 0.3
 """The same of many, per second of following."""
 
+NOISY = 2.2
+"""The same if the arm misses by as much in the newest half, so that it did not come late."""
+
+NOISY_S = 2.9
+"""Least time of following that tells: an arm is up within the first half of it."""
+
+AS_MUCH = 0.5
+"""Least ratio of the rms of the newest half, in its own pose, to that of all."""
+
 EXPLAINED = 0.85
 """Least share of the rays' variance that the target explains."""
 
@@ -67,20 +76,30 @@ def doubt(pointings: Pointings, found: Solution, trust: SolverSettings, *, floor
         trust: weights and limits.
         floor_m: height in {W} of the floor.
     """
-    if not is_settled(pointings, found.residual_rad, trust):
-        return UNSETTLED
     half = solve(newest_half(pointings), _unlimited(trust), floor_m=floor_m, start=found)
+    is_noisy = pointings.span_s >= NOISY_S and (half.residual_rad or 0.0) >= AS_MUCH * found.residual_rad
+    if not is_settled(pointings, found.residual_rad, trust, NOISY if is_noisy else CLOSE):
+        return UNSETTLED
     return "" if isinstance(half, Refusal) or half.differs(found) <= AGREEING else CHANGED
 
 
-def is_settled(pointings: Pointings, residual_rad: float, trust: SolverSettings) -> bool:
-    """Return True if rays that miss by `residual_rad` rms follow the target, and move because it does."""
+def is_settled(
+    pointings: Pointings, residual_rad: float, trust: SolverSettings, least: float = CLOSE
+) -> bool:
+    """Return True if rays that miss by `residual_rad` rms follow the target, and move because it does.
+
+    Args:
+        pointings: the rays.
+        residual_rad: their rms.
+        trust: weights.
+        least: rms that is close enough, however few they are, in sigmas of a ray.
+    """
     level = np.hypot(pointings.directions[:, 0], pointings.directions[:, 1])
     headings = pointings.directions[:, 0] + 1j * pointings.directions[:, 1]
     azimuths = np.angle(headings * np.conj(headings.mean()))
     elevations = np.arctan2(pointings.directions[:, 2], level)
     variance = float(np.var(azimuths * level) + np.var(elevations))
-    limit_rad = trust.ray_sigma_rad * max(CLOSE, CLOSE_PER_S * pointings.span_s)
+    limit_rad = trust.ray_sigma_rad * max(least, CLOSE_PER_S * pointings.span_s)
     return residual_rad**2 <= min(limit_rad**2, (1.0 - EXPLAINED) * variance)
 
 

@@ -89,7 +89,7 @@ def test_what_is_refused_counts_among_all() -> None:
 
 def at(start_s: float, window_s: int, error_m: float, *, taken: bool) -> Outcome:
     found = outcome(error_m, condition=f"{window_s} s")
-    return dataclasses.replace(found, recording="r", start_s=start_s, taken=taken)
+    return dataclasses.replace(found, recording="r", start_s=start_s, taken_m=error_m if taken else math.inf)
 
 
 def test_what_the_localizer_takes_and_after_which_time() -> None:

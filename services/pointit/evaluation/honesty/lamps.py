@@ -3,8 +3,9 @@
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
-from pointit.evaluation.localization.trial import Trial
+from pointit.evaluation.localization.trial import Array, Trial
 from pointit.services.localizer.estimation.estimator import Pointings
 
 COUNTS = (3, 4, 6)
@@ -32,22 +33,26 @@ def chosen(
     """
     pointings = room.pointings
     starts = np.append(True, np.any(np.diff(pointings.targets_m, axis=0) != 0.0, axis=1))
-    holds = np.split(np.arange(len(pointings)), np.flatnonzero(starts)[1:])
+    holds: list[NDArray[np.intp]] = np.split(np.arange(len(pointings)), np.flatnonzero(starts)[1:])
     lamps_m = pointings.targets_m[np.flatnonzero(starts)]
-    among = np.arange(len(holds))
+    among: NDArray[np.intp] = np.arange(len(holds))
     if one_wall:
         walls = [np.flatnonzero(np.abs(lamps_m[:, 0] - x_m) < WALL_M) for x_m in lamps_m[:, 0].tolist()]
-        among = rng.permutation([wall for wall in walls if len(wall) >= count])[0]
-    order = rng.choice(among, size=count + wrong_lamp, replace=False)
-    lit_m = lamps_m[order[:count]].copy()
+        walls = [wall for wall in walls if len(wall) >= count]
+        among = walls[int(rng.integers(len(walls)))]
+    order: list[int] = rng.choice(among, size=count + wrong_lamp, replace=False).tolist()
+    pointed = order[:count]
+    lit_m = lamps_m[pointed].copy()
     if wrong_lamp:
         lit_m[rng.integers(count)] = lamps_m[order[-1]]
-    stamps_s, began_s = [], 0.0
-    for index in order[:count]:
+    stamps_s: list[Array] = []
+    began_s = 0.0
+    for index in pointed:
         stamps_s.append(pointings.stamps_s[holds[index]] - pointings.stamps_s[holds[index][0]] + began_s)
         began_s = float(stamps_s[-1][-1]) + PAUSE_S
-    rows = np.concatenate([holds[index] for index in order[:count]])
-    targets_m = np.repeat(lit_m, [len(holds[index]) for index in order[:count]], axis=0)
+    held = [holds[index] for index in pointed]
+    rows = np.concatenate(held)
+    targets_m = np.repeat(lit_m, [len(each) for each in held], axis=0)
     return replace(
         room,
         condition=f"{count} lamps",

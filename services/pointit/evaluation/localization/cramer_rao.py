@@ -205,26 +205,31 @@ def _median_m(trial: _Linearized, errors: _Errors, place: float) -> float:
     squares = np.mean(errors.rest(trial) ** 2, axis=1) + LEAST_RAD**2
     own = trial.slopes[:, :, BIAS:] @ errors.constants[:, None]  # the person's, of which a share shows
     columns = np.concatenate([trial.slopes[:, :, :3], own], axis=2)
-    information = np.diag([place, place, 0.0, 1.0])
+    information: Array = np.diag([place, place, 0.0, 1.0])
     for hold in range(int(trial.hold[-1]) + 1):
         is_own = trial.hold == hold
         for axis in range(2):
             alike = _alike(errors, axis, int(np.sum(is_own)), trial.step_s)
             slopes = columns[axis, is_own]
-            information += slopes.T @ cho_solve(cho_factor(squares[axis] * toeplitz(alike)), slopes)
+            information += slopes.T @ _solved(squares[axis] * toeplitz(alike), slopes)
     covariance = np.linalg.inv(information)[:2, :2]
     return median_distance(np.linalg.eigvalsh(covariance).astype(np.float64))
+
+
+def _solved(covariance: Array, slopes: Array) -> Array:
+    return np.asarray(cho_solve(cho_factor(covariance), slopes), dtype=np.float64)
 
 
 def _alike(errors: _Errors, axis: int, count: int, step_s: float) -> Array:
     """Return the correlation (`count`) of an error with the later ones of its hold."""
     if step_s:
-        lags_s = np.arange(errors.correlation.shape[1]) * errors.step_s
-        alike = np.interp(np.arange(count) * step_s, lags_s, errors.correlation[axis], right=0.0)
+        lags_s = errors.step_s * np.arange(errors.correlation.shape[1], dtype=np.float64)
+        apart_s = step_s * np.arange(count, dtype=np.float64)
+        alike = np.asarray(np.interp(apart_s, lags_s, errors.correlation[axis], right=0.0), dtype=np.float64)
     else:
-        alike = np.full(count, errors.correlation[axis, -1])
+        alike = np.full(count, float(errors.correlation[axis, -1]))
     alike[0] = 1.0 + ROUNDING
-    return np.asarray(alike, dtype=np.float64)
+    return alike
 
 
 def median_distance(variances: Array) -> float:

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from pointit.evaluation.localization.baselines import BaselineEstimate, mean_angle_4dof, mean_angle_z0
 from pointit.evaluation.localization.cramer_rao import median_bounds_m
 from pointit.evaluation.localization.scoring import Key, Outcome, rows_of, until_taken_rows
-from pointit.evaluation.localization.taken import LIMITS, refusal_message
+from pointit.evaluation.localization.taken import LIMITS, judged
 from pointit.evaluation.localization.trial import Trial
 from pointit.evaluation.recordings.parallel import map_parallel
 from pointit.evaluation.recordings.row import Row, arranged
@@ -126,6 +126,10 @@ def outcome(trial: Trial, bound_m: float, name: str, solver: Solver) -> Outcome:
     found = solver(trial.pointings)
     solve_ms = (time.process_time_ns() - began_ns) / 1e6
     key = Key.of(trial)
+    taken_m = None
+    if solver is ours:
+        verdict = judged(trial.pointings)
+        taken_m = _off_m(verdict, trial) if isinstance(verdict, Solution) else math.inf
     if isinstance(found, Refusal):
         best = solve(trial.pointings, ANY)
         return Outcome(
@@ -133,7 +137,7 @@ def outcome(trial: Trial, bound_m: float, name: str, solver: Solver) -> Outcome:
             solver=name,
             solve_ms=solve_ms,
             refused=found.reason,
-            taken=False,
+            taken_m=taken_m,
             recording=trial.recording,
             start_s=trial.start_s,
             position_m=_off_m(best, trial) if isinstance(best, Solution) else math.nan,
@@ -142,13 +146,12 @@ def outcome(trial: Trial, bound_m: float, name: str, solver: Solver) -> Outcome:
     yaw_deg = math.nan
     if trial.yaw_rad is not None and math.isfinite(found.yaw_rad):
         yaw_deg = math.degrees(math.remainder(found.yaw_rad - trial.yaw_rad, math.tau))
-    sigma_m, yaw_sigma_deg, is_sure, is_taken = math.nan, math.nan, True, None
+    sigma_m, yaw_sigma_deg, is_sure = math.nan, math.nan, True
     if isinstance(found, Solution):
         is_sure = (
             found.position_sigma_m <= LIMITS.max_position_sigma_m
             and found.yaw_sigma_rad <= LIMITS.max_yaw_sigma_rad
         )
-        is_taken = is_sure and not refusal_message(trial.pointings, found)
         sigma_m, yaw_sigma_deg = found.position_sigma_m, math.degrees(found.yaw_sigma_rad)
     return Outcome(
         key=key,
@@ -159,7 +162,7 @@ def outcome(trial: Trial, bound_m: float, name: str, solver: Solver) -> Outcome:
         position_sigma_m=sigma_m,
         yaw_sigma_deg=yaw_sigma_deg,
         is_sure=is_sure,
-        taken=is_taken,
+        taken_m=taken_m,
         recording=trial.recording,
         start_s=trial.start_s,
         bound_m=bound_m,

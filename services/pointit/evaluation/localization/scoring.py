@@ -57,8 +57,8 @@ class Outcome:
     yaw_sigma_deg: float = math.nan
     is_sure: bool = True
     """True if the localizer would accept the pose with the stated sigma."""
-    taken: bool | None = None
-    """True if the localizer takes the pose, also by its other checks. None of a baseline, and live."""
+    taken_m: float | None = None
+    """Error of the pose that the running localizer takes, infinite without one. None of other solvers."""
     recording: str = ""
     start_s: float = 0.0
     """Recording of following, and start of the window in it."""
@@ -79,7 +79,7 @@ def until_taken_rows(outcomes: Sequence[Outcome]) -> list[Row]:
     """Return rows of people who follow a robot, over the starts of windows of several lengths."""
     starts: dict[tuple[str, str, str], list[Outcome]] = {}
     for outcome in outcomes:
-        if outcome.recording and outcome.taken is not None:
+        if outcome.recording and outcome.taken_m is not None:
             for subject in (ALL, outcome.key.subject):
                 starts.setdefault((outcome.key.set, subject, outcome.solver), []).append(outcome)
     return [row for names, group in starts.items() for row in _until_taken(*names, group)]
@@ -87,20 +87,20 @@ def until_taken_rows(outcomes: Sequence[Outcome]) -> list[Row]:
 
 def _until_taken(name: str, subject: str, solver: str, outcomes: Sequence[Outcome]) -> Iterator[Row]:
     """Yield the row over the starts from which there are windows of `LONG_S`; each counts once."""
-    by_start: dict[tuple[str, float], list[tuple[float, Outcome]]] = {}
+    by_start: dict[tuple[str, float], list[tuple[float, float]]] = {}
     for outcome in outcomes:
-        length_s = float(outcome.key.condition.split()[0])
-        by_start.setdefault((outcome.recording, outcome.start_s), []).append((length_s, outcome))
-    first: list[tuple[float, Outcome | None]] = []
-    for of_start in by_start.values():
-        if max(length_s for length_s, _ in of_start) < LONG_S:
-            continue
-        taken = [each for each in of_start if each[1].taken]
-        first.append(min(taken, key=lambda each: each[0]) if taken else (math.inf, None))
-    if not first:
+        length_s, taken_m = float(outcome.key.condition.split()[0]), outcome.taken_m
+        if taken_m is not None:
+            by_start.setdefault((outcome.recording, outcome.start_s), []).append((length_s, taken_m))
+    long = [of_start for of_start in by_start.values() if max(of_start)[0] >= LONG_S]
+    if not long:
         return
+    first = [
+        min((each for each in of_start if math.isfinite(each[1])), default=(math.inf, math.inf))
+        for of_start in long
+    ]
     until_s = float(np.median([length_s for length_s, _ in first]))
-    found = [outcome for _, outcome in first if outcome is not None]
+    found = [taken_m for _, taken_m in first if math.isfinite(taken_m)]
     yield Row(
         set=name,
         subject=subject,
@@ -108,7 +108,7 @@ def _until_taken(name: str, subject: str, solver: str, outcomes: Sequence[Outcom
         solver=solver,
         n=len(first),
         taken=len(found) / len(first),
-        taken_m=Spread.of(outcome.position_m for outcome in found),
+        taken_m=Spread.of(found),
         until_taken_s=until_s if math.isfinite(until_s) else None,
     )
 
@@ -121,7 +121,7 @@ def _row(name: str, condition: str, subject: str, solver: str, outcomes: Sequenc
     turned = np.array([outcome.yaw_deg for outcome in accepted])
     yaw_sigmas = np.array([outcome.yaw_sigma_deg for outcome in accepted])
     bounds = [outcome.bound_m for outcome in accepted if math.isfinite(outcome.bound_m)]
-    takes = [outcome.taken for outcome in outcomes if outcome.taken is not None] or None
+    takes = np.array([outcome.taken_m for outcome in outcomes if outcome.taken_m is not None])
     states = len(accepted) > 0 and bool(np.all(np.isfinite(sigmas)))
     return Row(
         set=name,
@@ -139,8 +139,8 @@ def _row(name: str, condition: str, subject: str, solver: str, outcomes: Sequenc
         if states and np.all(np.isfinite(turned))
         else None,
         refused=len(outcomes) - len(accepted),
-        taken=None if takes is None else float(np.mean(takes)),
-        taken_m=Spread.of(outcome.position_m for outcome in outcomes if outcome.taken),
+        taken=_share(np.isfinite(takes)),
+        taken_m=Spread.of(takes[np.isfinite(takes)]),
         unsure=sum(not outcome.is_sure for outcome in accepted) if states else None,
         solve_ms=Spread.of(outcome.solve_ms for outcome in outcomes if math.isfinite(outcome.solve_ms)),
         bound_m=float(np.median(bounds)) if bounds else None,

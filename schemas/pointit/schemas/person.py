@@ -132,7 +132,7 @@ class Gaussian(SchemaModel):
 
 
 class LearntPointing(SchemaModel):
-    """What localizations have found of a person's pointing with one device and mounting."""
+    """Systematic errors of a person's pointing with one device and mounting, as localizations found them."""
 
     mounting: Annotated[str, Field(max_length=128, description="as in `ImuSample`")] = ""
     elevation_bias_rad: Annotated[

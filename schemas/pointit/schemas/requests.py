@@ -103,7 +103,7 @@ class ReadMemory(Query):
 
 
 class ReadMemoryReply(Reply):
-    """What is remembered now."""
+    """Memory of the person now."""
 
     learnt: Annotated[Many[LearntPointing], Field(description="one for each device and mounting")] = ()
 

@@ -1,4 +1,4 @@
-"""What it is worth to know a person: rows with the memory of other recordings, and of other people."""
+"""Rows with the memory of a person's other recordings, and with other people, as priors."""
 
 import math
 from collections.abc import Iterator

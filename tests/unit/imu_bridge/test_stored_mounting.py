@@ -118,6 +118,7 @@ async def test_it_is_used_at_once_and_after_a_restart_until_it_is_erased(own_sta
         samples = bench.collect(IMU, ANNA)
         bench.start(ImuBridge, config, user=ANNA)
         assert vector.angle_between(await finger_of(samples), arm) > 0.5
+        assert samples[-1].mounting == "simulated metamotion"
         roll, pitch, yaw = map(math.radians, error_deg)
         error = from_roll_pitch_yaw(roll, pitch, yaw)
         reply = await set_mounting(bench, ask(error, relative=True))
@@ -125,12 +126,15 @@ async def test_it_is_used_at_once_and_after_a_restart_until_it_is_erased(own_sta
         assert reply.sensor_from_arm_xyzw == pytest.approx(expected)
         assert "as measured" in reply.message
         assert vector.angle_between(await finger_of(samples), arm) < 1e-6
+        measured = samples[-1].mounting
+        assert measured == "simulated 0.215 -0.188 -0.215 0.934"
     path = own_state / "users" / ANNA / "mounting.json"
     assert path.is_file()
     async with memory_bench(WallClock()) as bench:
         samples = bench.collect(IMU, ANNA)
         bench.start(ImuBridge, config, user=ANNA)
         assert vector.angle_between(await finger_of(samples), arm) < 1e-6
+        assert samples[-1].mounting == measured
         reply = await set_mounting(bench, ask(rotation.IDENTITY, relative=True))
         assert reply.sensor_from_arm_xyzw == pytest.approx(expected)
         assert (await set_mounting(bench, ask(None))).sensor_from_arm_xyzw == MOUNTINGS["metamotion"]

@@ -1,4 +1,4 @@
-"""How much it helps to know the person: the memory of their other sessions, or only what other people do.
+"""Poses with the memory of the person's other sessions, or with the biases of other people, as the prior.
 
 `memory`: the person was localized once in each of their other recordings, as the localizer remembers it.
 `people`: mean and standard deviation of the biases of all other people, for a person never seen.

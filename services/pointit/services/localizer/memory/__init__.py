@@ -1,1 +1,1 @@
-"""What localizations found of a person's pointing, as the prior of their next one."""
+"""Systematic errors of a person's pointing, as the prior of their next localization."""

@@ -1,4 +1,4 @@
-"""What localizations found of a person's pointing, from one to the next; pure.
+"""Systematic errors of a person's pointing, from one localization to the next; pure.
 
 A Kalman filter for each quantity. Between two localizations it changes by what changes between the sessions
 of a person, and slowly decays to what is known of people in general (Ornstein-Uhlenbeck). The posterior of a
@@ -23,8 +23,7 @@ WELL_DETERMINED = 0.25
 recorded people who follow a robot has 0.3 to 0.6 after 3 s, below 0.25 after 5 s, 0.1 to 0.2 after 10 s."""
 
 CONTRADICTION = 2.0
-"""Number of sigmas beyond which a localization contradicts the memory. A wrong memory is noticed after 2 to
-3 s of following then, and a right one is hardly ever missed."""
+"""Number of sigmas beyond which a localization contradicts the memory, which then teaches nothing new."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,7 +49,7 @@ QUANTITIES = (BIAS,)
 
 
 def recalled(quantity: Quantity, learnt: LearntPointing, trust: SolverSettings, now_ns: int) -> Gaussian:
-    """Return what is expected of `quantity` now, never surer than `session_sigma`."""
+    """Return mean and sigma to be expected of `quantity` now, never surer than `session_sigma`."""
     people = gaussian(quantity, trust)
     aged = _aged(quantity, learnt, people, now_ns)
     sigma = people.sigma if aged is None else math.hypot(aged.sigma, quantity.session_sigma)

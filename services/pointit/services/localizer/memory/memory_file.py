@@ -15,7 +15,7 @@ TOPIC = "memory"
 
 
 class StoredMemory(SchemaModel):
-    """What is remembered of a person."""
+    """Memory of a person as stored."""
 
     learnt: Many[LearntPointing] = ()
 

@@ -30,7 +30,7 @@ class PersonMemory:
         """Start with `learnt`, that learnt last at the end. If not `is_used`, it is only shown and erased."""
         self._learnt = {each.mounting: each for each in learnt}
         self._before = dict(self._learnt)
-        """What was remembered when the localization began."""
+        """Memory when the localization began."""
         self._began_ns = 0
         self._is_used = is_used
         self.mounting = ""

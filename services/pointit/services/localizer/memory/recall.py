@@ -1,11 +1,20 @@
-"""Solver with the memory of the person as its prior; without it where the rays contradict it. Pure."""
+"""Solver with the memory of the person as its prior, which may be wrong; pure."""
 
-from dataclasses import dataclass, fields
+import math
+from dataclasses import dataclass, fields, replace
 
-from pointit.schemas import LearntPointing
+import numpy as np
+
+from pointit.schemas import Gaussian, LearntPointing
 from pointit.services.localizer.estimation import estimator
 from pointit.services.localizer.estimation.estimator import Pointings, Refusal, Solution, SolverSettings
-from pointit.services.localizer.memory.learning import QUANTITIES, contradicts, gaussian, recalled
+from pointit.services.localizer.memory.learning import QUANTITIES, Quantity, gaussian, recalled
+
+WRONG = 0.05
+"""Probability that a memory is wrong: somebody else has the device, or it has slipped."""
+
+TELLING = 1e-6
+"""Least share of a prior's information that rays must add to tell anything about it."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -14,10 +23,6 @@ class RecalledSettings(SolverSettings):
 
     people: SolverSettings
     """The settings of people in general."""
-
-    def contradicted(self, found: Solution) -> bool:
-        """Return True if `found` is too far from what was expected of the person."""
-        return any(contradicts(gaussian(each, self), gaussian(each, found)) for each in QUANTITIES)
 
     def forgotten(self) -> SolverSettings:
         """Return these settings with the priors of people in general."""
@@ -41,13 +46,56 @@ def recall(trust: SolverSettings, learnt: LearntPointing | None, now_ns: int) ->
 def solve(
     pointings: Pointings, trust: SolverSettings, *, floor_m: float = 0.0, start: Solution | None = None
 ) -> Solution | Refusal:
-    """Return the result of `estimator.solve`; if it contradicts a memory, that without the memory.
+    """Return the result of `estimator.solve`, with a memory as the prior as far as the rays agree with it.
 
-    A wrong memory, as of a band that has slipped, must neither shift nor refuse a pose.
+    The covariance has both poses, with and without the memory, by their probabilities: a wrong memory must
+    neither shift nor refuse a pose, nor make it look certain.
     """
-    found = estimator.solve(pointings, trust, floor_m=floor_m, start=start)
     if not isinstance(trust, RecalledSettings):
-        return found
-    if isinstance(found, Solution) and not trust.contradicted(found):
-        return found
-    return estimator.solve(pointings, trust.forgotten(), floor_m=floor_m, start=start)
+        return estimator.solve(pointings, trust, floor_m=floor_m, start=start)
+    forgotten = trust.forgotten()
+    unlimited = replace(forgotten, max_position_sigma_m=math.inf, max_yaw_sigma_rad=math.inf)
+    known = estimator.solve(pointings, trust, floor_m=floor_m, start=start)
+    general = estimator.solve(pointings, unlimited, floor_m=floor_m, start=start)
+    if isinstance(known, Solution) and isinstance(general, Solution):
+        both = _combined(known, general, _wrong(trust, forgotten, general))
+        if (
+            both.position_sigma_m <= trust.max_position_sigma_m
+            and both.yaw_sigma_rad <= trust.max_yaw_sigma_rad
+        ):
+            return both
+    return estimator.solve(pointings, forgotten, floor_m=floor_m, start=start)
+
+
+def _wrong(trust: SolverSettings, forgotten: SolverSettings, general: Solution) -> float:
+    """Return the probability that the memory is wrong, by Bayes' rule, from the pose without it."""
+    odds = WRONG / (1.0 - WRONG)
+    for each in QUANTITIES:
+        odds *= _evidence_ratio(each, trust, forgotten, general)
+    return odds / (1.0 + odds)
+
+
+def _evidence_ratio(
+    quantity: Quantity, trust: SolverSettings, forgotten: SolverSettings, general: Solution
+) -> float:
+    people, posterior = gaussian(quantity, forgotten), gaussian(quantity, general)
+    told = posterior.sigma**-2 - people.sigma**-2  # information of the rays alone
+    if told < TELLING * people.sigma**-2:
+        return 1.0
+    mean = (posterior.mean / posterior.sigma**2 - people.mean / people.sigma**2) / told
+    seen = Gaussian(mean=mean, sigma=told**-0.5)
+    return math.exp(_log_evidence(people, seen) - _log_evidence(gaussian(quantity, trust), seen))
+
+
+def _log_evidence(prior: Gaussian, seen: Gaussian) -> float:
+    variance = prior.sigma**2 + seen.sigma**2
+    return -0.5 * (math.log(variance) + (seen.mean - prior.mean) ** 2 / variance)
+
+
+def _combined(known: Solution, general: Solution, wrong: float) -> Solution:
+    """Return the likelier pose with the covariance of both; `general` is right with probability `wrong`."""
+    best, other, share = (known, general, wrong) if wrong < 0.5 else (general, known, 1.0 - wrong)
+    off = np.array([other.x_m - best.x_m, other.y_m - best.y_m, 0.0])
+    off[2] = math.remainder(other.yaw_rad - best.yaw_rad, math.tau)
+    spread = (1.0 - share) * best.covariance + share * (other.covariance + np.outer(off, off))
+    return replace(best, covariance=spread)

@@ -1237,7 +1237,7 @@ export interface Gaussian {
   sigma: number;
 }
 /**
- * What localizations have found of a person's pointing with one device and mounting.
+ * Systematic errors of a person's pointing with one device and mounting, as localizations found them.
  */
 export interface LearntPointing {
   /**
@@ -1270,7 +1270,7 @@ export interface LearntPointing {
   mounting: string;
 }
 /**
- * What is remembered now.
+ * Memory of the person now.
  */
 export interface ReadMemoryReply {
   /**

@@ -74,6 +74,7 @@ DEVICES = {
     "selector": {"selection_methods.py", "store/history.py"},
     "web": {
         "pages/request_dispatcher.py",
+        "metrics/door.py",
         "server/app.py",
         "server/certificate.py",
         "server/download.py",

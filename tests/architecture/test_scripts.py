@@ -297,6 +297,9 @@ def test_ci_installs_what_tests_need_and_says_what_is_missing(machine: Machine, 
         "debootstrap",
         "mosquitto",
         "olad",
+        "prometheus",
+        "promtool",
+        "systemd-analyze",
     ]
     for tool in (*needed, "google-chrome") if there else ():
         machine.add(tool, "#!/bin/sh\n")

@@ -202,6 +202,7 @@ COMMANDS: dict[str, tuple[Entry, ...]] = {
                 ),
             ),
         ),
+        command("metrics", "serve metrics of the site to Prometheus", "pointit.cli.inspect.metrics:command"),
         command(
             "audit", "show who selected what, when and how confidently", "pointit.cli.inspect.audit:command"
         ),

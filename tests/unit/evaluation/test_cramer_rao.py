@@ -142,7 +142,7 @@ def test_without_the_true_yaw_there_is_none() -> None:
 
 
 def test_no_solver_is_better_on_simulated_people() -> None:
-    """Who follow a robot, and who point at lamps, with slopes, lag and correlated scatter of their own."""
+    """People who follow a robot or point at lamps, with slopes, lag and correlated scatter of their own."""
     drawn = np.random.default_rng(2)
     following = [one for person in followers(range(60)) for one in first_windows(person)]
     acts = [chosen(room, count, drawn) for room in rooms(range(60)) for count in (3, 6)]

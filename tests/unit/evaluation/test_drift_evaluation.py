@@ -12,7 +12,7 @@ from pointit.evaluation.pointing.drift import LEFT_OUT, drift_rows, recorded_row
 from pointit.evaluation.pointing.drift_courses import chained, courses, hold_sigma_rad
 from pointit.evaluation.pointing.drift_innovation import innovation_rows
 from pointit.evaluation.pointing.drift_left_out import candidates, left_out
-from pointit.evaluation.pointing.drift_simulated import ANCHORS_S, bound_rad, outcome, simulated_rows
+from pointit.evaluation.pointing.drift_simulated import ANCHORS_S, TURNED, bound_rad, outcome, simulated_rows
 from pointit.evaluation.pointing.drift_solvers import Trial, YawEstimate, filtered, predictable
 from pointit.evaluation.pointing.drifting_person import DriftPersonModel
 from pointit.evaluation.recordings.row import ALL, Row
@@ -131,6 +131,17 @@ def test_simulated_people_are_within_3_degrees_after_three_minutes() -> None:
     assert within(find(rows, "3 min, 1 anchor/min, 5° scatter", "pointit")) >= 0.85
     for one in ("pointit", "pointit, rests"):
         assert within(find(rows, "3 min, 1 anchor/min", one)) >= 0.9
+
+
+def test_with_an_imu_that_was_turned_nobody_is_worse_off_than_by_anchoring_again() -> None:
+    rows = simulated_rows(60)
+    again = find(rows, TURNED, "re-anchored")
+    for solver in ("pointit", "pointit, rests"):
+        turned = find(rows, TURNED, solver)
+        assert median(turned) <= median(again)
+        assert p90(turned) <= p90(again)
+        assert within(turned) >= 0.9
+    assert median(find(rows, TURNED, "re-anchored, constant rate")) > median(again)
 
 
 def test_with_a_known_place_the_filter_is_as_good_as_can_be() -> None:

@@ -32,7 +32,7 @@ from pointit.evaluation.honesty.injections import (
 from pointit.evaluation.honesty.lamps import chosen
 from pointit.evaluation.honesty.row import EVERY, HonestyRow, Judged, rows_of
 from pointit.evaluation.honesty.simulated_people import followers, rooms
-from pointit.evaluation.honesty.sources import QUICK, people
+from pointit.evaluation.honesty.sources import QUICK, RECORDED, people
 from pointit.evaluation.honesty.targets import TARGETS, missed, regressions, stated
 from pointit.evaluation.localization import taken
 from pointit.evaluation.localization.arm_rays import STATURE_M, along, scaled_body
@@ -41,6 +41,7 @@ from pointit.geometry.vector import Vec3
 from pointit.runtime.errors import ConfigError
 from pointit.services.localizer.estimation.estimator import Pointings, Refusal, Solution
 from pointit.services.pointing.arm_ray import ArmRay
+from tests.support.data import data_file
 
 
 def rng() -> np.random.Generator:
@@ -80,7 +81,7 @@ def test_who_knows_of_the_shoulder_finds_the_rays_again(
     following: Trial, to_right_m: float, hand: Literal["left", "right"]
 ) -> None:
     """The service `pointing`, told the measure, undoes what is injected."""
-    after = shoulder(to_right_m)(following, rng())
+    after = shoulder(following, rng(), to_right_m=to_right_m)
     turned = float(np.degrees(np.mean(azimuths(after) - azimuths(following))))
     assert 10.0 < abs(turned) < 25.0
     assert after.yaw_rad is not None
@@ -100,20 +101,20 @@ def test_arms_and_rays_are_each_others_inverse(following: Trial) -> None:
 
 
 def test_a_still_body_turns_rays_by_different_angles(following: Trial) -> None:
-    turning = azimuths(shoulder(BESIDE_M)(following, rng())) - azimuths(following)
+    turning = azimuths(shoulder(following, rng(), to_right_m=BESIDE_M)) - azimuths(following)
     still = azimuths(shoulder_still(following, rng())) - azimuths(following)
     assert np.ptp(still) > 2.0 * np.ptp(turning)
 
 
 def test_a_wrong_height_is_in_the_origins_alone(following: Trial) -> None:
-    taller = height(0.2)(following, rng())
+    taller = height(following, rng(), taller_m=0.2)
     assert taller.pointings.origins_m[:, 2] - following.pointings.origins_m[:, 2] == pytest.approx(0.2)
     assert taller.pointings.directions is following.pointings.directions
 
 
 @pytest.mark.parametrize("share", [0.05, 0.15])
 def test_a_share_of_the_rays_is_garbage(following: Trial, share: float) -> None:
-    after = garbage(share)(following, rng())
+    after = garbage(following, rng(), share=share)
     changed = np.any(after.pointings.directions != following.pointings.directions, axis=1)
     assert np.mean(changed) == pytest.approx(share, rel=0.35)
 
@@ -285,6 +286,21 @@ def simulated_rows(count: int, names: Sequence[str] = ()) -> list[HonestyRow]:
 def test_simulated_people_are_no_worse_than_stated() -> None:
     """The gate: `pointit evaluate honesty --gate` without recordings."""
     assert regressions(simulated_rows(QUICK.people)) == []
+
+
+@pytest.mark.slow
+def test_recorded_people_are_no_worse_than_stated() -> None:
+    """The gate of `pointit evaluate honesty --gate` with recordings."""
+    folder = data_file("recordings/motion_relloc").parent
+    found = people(folder, RECORDED, QUICK)
+    sources = sources_of(found.followed, found.rooms, most=QUICK.windows)
+    assert regressions(honesty_rows(sources, jobs=2, tick=lambda _done, _of: None)) == []
+
+
+def test_other_processes_find_the_same(follower: FollowRecording, room: Trial) -> None:
+    sources = sources_of([follower], [room], most=1)
+    alone, together = (honesty_rows(sources, jobs=jobs, tick=lambda _done, _of: None) for jobs in (1, 2))
+    assert alone == together
 
 
 def test_each_row_of_the_gate_has_limits() -> None:

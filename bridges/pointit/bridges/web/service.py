@@ -10,6 +10,8 @@ from typing import Any, ClassVar
 from starlette.websockets import WebSocket
 
 from pointit.bridges.web.config import WebConfig
+from pointit.bridges.web.metrics.door import metrics_route
+from pointit.bridges.web.metrics.site_metrics import READS, SiteMetrics
 from pointit.bridges.web.model.history import Past
 from pointit.bridges.web.model.people import People
 from pointit.bridges.web.model.site_model import SiteModel
@@ -85,13 +87,14 @@ class Web(Service[WebConfig]):
         self._belief = SiteModel(self.NAME, self._now_s(), recent)
         self._past = Past(self.bus, self.clock, self._belief.hub)
         self._downloads = Downloads(recent, config.record_s, self.clock)
+        version = pointit_version()
+        self._metrics = SiteMetrics(self.bus.site, version)
         self._wrists = WristControl(config)
         self._pairing = Pairing()
         self._people = People(self.bus, self.clock)
         self._motion = WristMotion(
             self._wrists, self._people, self.clock, rate_hz=config.wrist_rate_hz, ended=self._changed
         )
-        version = pointit_version()
         self._pages = Pages(
             self._belief.hub,
             self.bus,
@@ -113,7 +116,8 @@ class Web(Service[WebConfig]):
             site=self.bus.site,
         )
         self._phones = Phones(host, self._pairing, bundle)
-        app = application(doors, bundle, self._open, self._downloads.answer, self._phones.routes)
+        routes = [*self._phones.routes, metrics_route(self._metrics, doors)]
+        app = application(doors, bundle, self._open, self._downloads.answer, routes)
         self._lan = Lan(config, self.bus.site, app)
         self._answers = RequestDispatcher(
             self.bus,
@@ -132,7 +136,8 @@ class Web(Service[WebConfig]):
         self._malformed = 0
         self._malformed_s = 0.0
         for topic in SHOWN:
-            self.bus.subscribe(topic, functools.partial(self._on, topic))
+            handler = self._on_measured if topic in READS else self._on
+            self.bus.subscribe(topic, functools.partial(handler, topic))
         self.bus.watch(SERVICE_ALIVE, self._on_service)
         self.bus.watch(USER_ALIVE, self._on_person)
         self._listener = Listener(app, bind(config.host, config.port, "--port"))
@@ -251,6 +256,10 @@ class Web(Service[WebConfig]):
         self._attend(message, name)
         self._pages.notify_pages(now=topic is STRIPS_FRAME)
 
+    def _on_measured(self, topic: Topic[Any], message: Message, name: str) -> None:
+        self._metrics.take(name, message)
+        self._on(topic, message, name)
+
     def _attend(self, message: Message, name: str) -> None:
         """Pass a message to wrists, phones and pages."""
         if isinstance(message, Deployment):
@@ -276,6 +285,7 @@ class Web(Service[WebConfig]):
 
     def _on_service(self, instance: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
         self._belief.set_service(instance, present, self._now_s())
+        self._metrics.set_service(instance, present)
         self._visits.remember(SERVICE_ALIVE, instance, present)
         self._past.set_service(instance, present)
         self._pages.notify_pages()
@@ -283,6 +293,7 @@ class Web(Service[WebConfig]):
 
     def _on_person(self, user: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
         self._visits.remember(USER_ALIVE, user, present)
+        self._metrics.set_person(user, present)
         if present:
             self._people.on_join(user)
         else:

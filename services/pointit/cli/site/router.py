@@ -3,6 +3,7 @@
 import asyncio
 import json
 import logging
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -166,7 +167,8 @@ async def _tell(router: Router, refused: DeniedOperations, limits: Limits) -> No
             for sentence in told.values():
                 log.warning("%s", sentence)
             recent.add(told, now_s, kind)
-        router.report(recent.of, refused.total)
+        sessions = Counter(each.identity.partition("/")[0] for each in connections)
+        router.report(recent.of, refused.total, sessions)
 
 
 async def _route(listen: tuple[str, ...]) -> int:

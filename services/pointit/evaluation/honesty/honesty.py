@@ -31,7 +31,7 @@ class Source:
     followed: FollowRecording | None = None
     room: Trial | None = None
     most: int | None = None
-    """Largest number of windows of each duration, evenly taken; None: all."""
+    """Largest number of windows of each duration, evenly taken. None if all are."""
 
 
 def sources_of(
@@ -46,7 +46,7 @@ def sources_of(
         followed: people who follow a robot.
         rooms: people who have pointed at each lamp of a room.
         injections: conditions.
-        most: largest number of windows of each recording and duration; None: all. Of simulated people one.
+        most: largest number of windows of each recording and duration, one of simulated people. None if all.
     """
     conditions = list(injections)
     found: list[Source] = []
@@ -118,7 +118,7 @@ def _plain(source: Source) -> Iterator[Trial]:
 
 
 def verdict(trial: Trial, condition: str) -> Judged:
-    """Return whether the localizer takes the pose of `trial`, and whether its uncertainty holds."""
+    """Return the verdict on the pose of `trial`: if the localizer takes it, and if its uncertainty holds."""
     found = judged(trial.pointings)
     one = Judged(
         set=trial.set, condition=condition, duration=trial.condition, subject=trial.subject, taken=False

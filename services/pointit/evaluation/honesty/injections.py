@@ -6,6 +6,7 @@ A fault that turns all rays equally turns the true yaw, too, which is that of po
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -94,14 +95,10 @@ def _turned(trial: Trial, directions: Array) -> Trial:
     return replace(trial, pointings=replace(trial.pointings, directions=directions), yaw_rad=yaw_rad)
 
 
-def shoulder(to_right_m: float) -> Change:
-    """Return the change to a shoulder `to_right_m` beside the assumed one; the body turns with the arm."""
-
-    def change(trial: Trial, rng: np.random.Generator) -> Trial:
-        del rng
-        return _beside(trial, to_right_m)
-
-    return change
+def shoulder(trial: Trial, rng: np.random.Generator, *, to_right_m: float) -> Trial:
+    """Move the shoulder `to_right_m` beside the assumed one; the body turns with the arm."""
+    del rng
+    return _beside(trial, to_right_m)
 
 
 def shoulder_unknown(trial: Trial, rng: np.random.Generator) -> Trial:
@@ -126,29 +123,21 @@ def shoulder_still(trial: Trial, rng: np.random.Generator) -> Trial:
     return with_arms(trial, arm_directions(trial, BESIDE_M * right))
 
 
-def height(taller_m: float) -> Change:
-    """Return the change to a person stated `taller_m` taller than they are."""
-
-    def change(trial: Trial, rng: np.random.Generator) -> Trial:
-        del rng
-        origins_m = trial.pointings.origins_m + np.array([0.0, 0.0, taller_m])
-        return replace(trial, pointings=replace(trial.pointings, origins_m=origins_m))
-
-    return change
+def height(trial: Trial, rng: np.random.Generator, *, taller_m: float) -> Trial:
+    """State the person `taller_m` taller than they are."""
+    del rng
+    origins_m = trial.pointings.origins_m + np.array([0.0, 0.0, taller_m])
+    return replace(trial, pointings=replace(trial.pointings, origins_m=origins_m))
 
 
-def garbage(share: float) -> Change:
-    """Return the change of a `share` of the rays to any directions."""
-
-    def change(trial: Trial, rng: np.random.Generator) -> Trial:
-        count = len(trial.pointings)
-        anywhere = rng.normal(size=(count, 3))
-        anywhere /= np.linalg.norm(anywhere, axis=1)[:, None]
-        is_garbage = (rng.random(count) < share)[:, None]
-        directions = np.where(is_garbage, anywhere, trial.pointings.directions)
-        return replace(trial, pointings=replace(trial.pointings, directions=directions))
-
-    return change
+def garbage(trial: Trial, rng: np.random.Generator, *, share: float) -> Trial:
+    """Turn a `share` of the rays to any directions."""
+    count = len(trial.pointings)
+    anywhere = rng.normal(size=(count, 3))
+    anywhere /= np.linalg.norm(anywhere, axis=1)[:, None]
+    is_garbage = (rng.random(count) < share)[:, None]
+    directions = np.where(is_garbage, anywhere, trial.pointings.directions)
+    return replace(trial, pointings=replace(trial.pointings, directions=directions))
 
 
 def drift(trial: Trial, rng: np.random.Generator) -> Trial:
@@ -192,15 +181,15 @@ INJECTIONS = (
     Injection(name="time -0.2 s", shift_s=-0.2, points=False),
     Injection(name="time +0.5 s", shift_s=0.5, points=False),
     Injection(name="time -0.5 s", shift_s=-0.5, points=False),
-    Injection(name="shoulder right", change=shoulder(BESIDE_M)),
-    Injection(name="shoulder left", change=shoulder(-BESIDE_M)),
+    Injection(name="shoulder right", change=partial(shoulder, to_right_m=BESIDE_M)),
+    Injection(name="shoulder left", change=partial(shoulder, to_right_m=-BESIDE_M)),
     Injection(name="shoulder unknown", change=shoulder_unknown),
     Injection(name="shoulder right, body still", change=shoulder_still, points=False),
-    Injection(name="height +0.2 m", change=height(TALLER_M)),
-    Injection(name="height -0.2 m", change=height(-TALLER_M)),
+    Injection(name="height +0.2 m", change=partial(height, taller_m=TALLER_M)),
+    Injection(name="height -0.2 m", change=partial(height, taller_m=-TALLER_M)),
     Injection(name="wrong lamp", follows=False, wrong_lamp=True),
-    Injection(name="garbage 5 %", change=garbage(0.05)),
-    Injection(name="garbage 15 %", change=garbage(0.15)),
+    Injection(name="garbage 5 %", change=partial(garbage, share=0.05)),
+    Injection(name="garbage 15 %", change=partial(garbage, share=0.15)),
     Injection(name="drift 60°/min", change=drift),
     Injection(name="lamps on one wall", follows=False, one_wall=True),
     Injection(name="mounted across", change=across),

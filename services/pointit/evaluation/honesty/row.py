@@ -38,7 +38,7 @@ class Judged:
     in_place: bool = True
     """True if the place is within 2 sigma."""
     in_yaw: bool | None = None
-    """True if the yaw is within 2 sigma; None if the true one is unknown."""
+    """True if the yaw is within 2 sigma. None if the true one is unknown."""
 
     @property
     def is_wrong(self) -> bool:

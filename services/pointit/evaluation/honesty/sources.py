@@ -22,7 +22,7 @@ class Size:
     rooms: int
     """Passes through all targets of each person of `vr_arm_pointing`, with an act of each."""
     windows: int | None
-    """Windows of each recording and duration, evenly taken; None: all."""
+    """Windows of each recording and duration, evenly taken. None if all are."""
 
 
 FULL = Size(people=100, rooms=12, windows=None)
@@ -43,7 +43,7 @@ def people(recordings: Path | None, sets: Sequence[str], size: Size, seed: int =
     """Return the people of `sets` (empty: all).
 
     Args:
-        recordings: folder with one folder per set; None: simulated people only.
+        recordings: folder with one folder per set. None if only simulated people are wanted.
         sets: some of `SETS`.
         size: how many.
         seed: of the first simulated person, incremented for each.

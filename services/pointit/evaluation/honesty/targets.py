@@ -1,4 +1,4 @@
-"""What rows of the table of honesty should be, and what they must not fall behind."""
+"""Targets of the rows of honesty, and limits that they must not fall behind."""
 
 import csv
 from collections.abc import Iterable, Sequence
@@ -48,7 +48,7 @@ class Limits:
 
 
 TARGETS = Limits()
-"""What every row should be."""
+"""Targets of every row."""
 
 
 def missed(rows: Iterable[HonestyRow]) -> list[tuple[HonestyRow, list[str]]]:

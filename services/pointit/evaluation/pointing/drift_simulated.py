@@ -19,6 +19,9 @@ ANCHORS_S = (60.0, 120.0)
 
 TOLD_S = 180.0
 
+TURNED = "3 min, 1 anchor/min, IMU turned"
+"""Condition in which the IMU is turned on the arm between the two anchors; the bound is without the turn."""
+
 NORMAL_MEDIAN, NORMAL_P90 = 0.6745, 1.6449
 """Quantiles of the absolute value of a standard normal variable."""
 
@@ -34,6 +37,7 @@ def simulated_rows(people: int, ways: DriftPersonModel | None = None) -> list[Ro
         ("3 min, 1 anchor/min", ANCHORS_S, ways),
         ("3 min, 1 anchor/min, after it", (*ANCHORS_S, TOLD_S), ways),
         ("3 min, 1 anchor/min, 5° scatter", ANCHORS_S, replace(ways, azimuth_sigma_rad=math.radians(5.0))),
+        (TURNED, ANCHORS_S, replace(ways, turned_rad=math.radians(40.0))),
     ):
         outcomes = [outcome(seed, how, anchors_s) for seed in range(people)]
         for solver in outcomes[0]:

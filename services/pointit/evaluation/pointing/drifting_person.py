@@ -24,6 +24,9 @@ class DriftPersonModel:
     rate_sigma_radps: float = math.radians(0.25)
     rate_walk_radps: float = math.radians(0.002)
     """Standard deviation of the rate's random walk after one second."""
+    turned_rad: float = 0.0
+    """Angle by which the IMU is turned on the arm, at `turned_at_s`."""
+    turned_at_s: float = 90.0
     azimuth_sigma_rad: float = math.radians(2.0)
     """Standard deviation of the azimuth error of one hold."""
     elevation_sigma_rad: float = math.radians(1.0)
@@ -61,7 +64,8 @@ class DriftingPerson:
 
     def yaw_rad(self, at_s: float) -> float:
         """Return the true yaw of {H} in {W}."""
-        return self._yaw_rad - float(np.interp(at_s, self._times, self._drifts))
+        turned_rad = self._ways.turned_rad if at_s > self._ways.turned_at_s else 0.0
+        return self._yaw_rad - float(np.interp(at_s, self._times, self._drifts)) + turned_rad
 
     def fix(self) -> Fix:
         """Return the localization at 0 s."""

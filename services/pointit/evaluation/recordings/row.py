@@ -67,7 +67,7 @@ class Row:
     taken_m: Spread | None = None
     """Position errors of the taken poses."""
     until_taken_s: float | None = None
-    """Median of the shortest window whose pose is taken, over all starts; None if most are never."""
+    """Median of the shortest window whose pose is taken, over all starts. None if most are never."""
     unsure: int | None = None
     """Trials whose stated sigma exceeds the localizer's limit; their errors count."""
     solve_ms: Spread | None = None

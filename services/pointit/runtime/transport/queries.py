@@ -44,7 +44,7 @@ async def query_replies(
 async def query_samples(
     session: zenoh.Session, selector: str, *, timeout_s: float, under_any_key: bool = False
 ) -> list[zenoh.Sample]:
-    """Return all samples with which others answer, in order of arrival; none if Zenoh cannot ask now.
+    """Return all samples with which others answer, in order of arrival, and nothing if Zenoh cannot ask.
 
     Args:
         session: asks.

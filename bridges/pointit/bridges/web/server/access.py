@@ -44,6 +44,8 @@ class RequestInfo:
     destination: str = ""
     """Sec-Fetch-Dest: what it is for."""
     cookies: "dict[str, str]" = field(default_factory=dict[str, str])
+    bearer: str = ""
+    """Token of an Authorization header, or `""`."""
 
     @property
     def is_navigation(self) -> bool:
@@ -90,8 +92,9 @@ class Access:
         return self._judged(cookie_value(token), asked.address, now_s) if asked.is_navigation else None
 
     def admit(self, asked: RequestInfo, now_s: float) -> Role | None:
-        """Return the role that the request's cookie gives."""
+        """Return the role that the request's cookie gives, or else its bearer token."""
         secret = asked.cookies.get(cookie_name(asked), "")
+        secret = secret or (cookie_value(asked.bearer) if asked.bearer else "")
         return self._judged(secret, asked.address, now_s) if secret else None
 
     def is_rate_limited(self, address: str, now_s: float) -> bool:

@@ -86,6 +86,7 @@ class SecurityMiddleware:
 def _asked(scope: Scope) -> RequestInfo:
     connection = HTTPConnection(scope)
     headers = connection.headers
+    scheme, _, credentials = headers.get("authorization", "").partition(" ")
     return RequestInfo(
         scheme="https" if scope["scheme"] in ("https", "wss") else "http",
         host=headers.get("host", ""),
@@ -94,4 +95,5 @@ def _asked(scope: Scope) -> RequestInfo:
         site=headers.get("sec-fetch-site", ""),
         destination=headers.get("sec-fetch-dest", ""),
         cookies=connection.cookies,
+        bearer=credentials.strip() if scheme.lower() == "bearer" else "",
     )

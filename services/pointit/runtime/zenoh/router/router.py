@@ -12,7 +12,7 @@ import json
 import logging
 import re
 import sys
-from collections.abc import AsyncGenerator, Callable, Iterable, Sequence
+from collections.abc import AsyncGenerator, Callable, Iterable, Mapping, Sequence
 from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Any
@@ -121,15 +121,18 @@ class Router:
         config = await asyncio.to_thread(self._read)
         self._begin(await _open(config))
 
-    def report(self, of_site: Callable[[str], Sequence[str]], refused: int) -> None:
+    def report(
+        self, of_site: Callable[[str], Sequence[str]], refused: int, sessions: Mapping[str, int]
+    ) -> None:
         """Tell each site how the router is, once a second.
 
         Args:
             of_site: returns what is wrong at a site, in sentences.
             refused: how many attempts were refused so far.
+            sessions: number of connections by site.
         """
         for site, account in self._accounts.items():
-            account.report(of_site(site), refused)
+            account.report(of_site(site), refused, sessions.get(site, 0))
 
     def links(self) -> list[tuple[str, str, str]]:
         """Return session, common name (empty where none is known) and address of all who are connected."""

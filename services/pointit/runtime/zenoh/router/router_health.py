@@ -38,8 +38,8 @@ class RouterHealthPublisher:
         self._seq = 0
         self._token = session.liveliness().declare_token(f"{self._root}/{SERVICE_ALIVE.at(self._instance)}")
 
-    def report(self, warnings: Sequence[str], refused: int) -> None:
-        """Say what is wrong, and how many attempts were refused so far."""
+    def report(self, warnings: Sequence[str], refused: int, sessions: int) -> None:
+        """Say what is wrong, how many attempts were refused so far, and how many connections there are."""
         self._seq += 1
         health = Health(
             stamp_ns=time.time_ns(),
@@ -51,7 +51,10 @@ class RouterHealthPublisher:
             uptime_s=time.monotonic() - self._began_s,
             status="degraded" if warnings else "ok",
             warnings=tuple(warnings),
-            figures=(Figure(name="refused", value=float(refused)),),
+            figures=(
+                Figure(name="refused", value=float(refused)),
+                Figure(name="sessions", value=float(sessions)),
+            ),
         )
         self._session.put(
             f"{self._root}/{HEALTH.at(self._instance)}",

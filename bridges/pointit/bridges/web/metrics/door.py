@@ -1,0 +1,89 @@
+"""Path and server at which Prometheus reads the metrics of a site."""
+
+import asyncio
+import time
+
+from prometheus_client.exposition import choose_encoder
+from prometheus_client.registry import Collector, CollectorRegistry
+from starlette.applications import Starlette
+from starlette.requests import Request
+from starlette.responses import PlainTextResponse, Response
+from starlette.routing import Route
+
+from pointit.bridges.web.server import exposure_check
+from pointit.bridges.web.server.access import Access, new_token
+from pointit.bridges.web.server.app import REFUSAL_S
+from pointit.bridges.web.server.listener import Listener, bind
+from pointit.bridges.web.server.security_middleware import SecurityMiddleware, asked_of
+from pointit.runtime.errors import ConfigError
+
+PATH = "/metrics"
+TEXT = "text/plain"
+"""Media type of Prometheus' text format."""
+
+NEEDS_TOKEN = (
+    "Metrics need the page's token: in Prometheus, `authorization` with `credentials_file`; "  # noqa: S105
+    "see docs/how-to/observe.md.\n"
+)
+
+TICK_S = 1.0
+"""Interval of checks for idle connections."""
+
+
+def exposition(metrics: Collector, accept: str) -> tuple[bytes, str]:
+    """Return the metrics in the format that an Accept header asks for, and its media type."""
+    registry = CollectorRegistry(auto_describe=False)
+    registry.register(metrics)
+    encode, media_type = choose_encoder(accept)
+    return encode(registry), media_type
+
+
+def metrics_route(metrics: Collector, doors: Access | None) -> Route:
+    """Return the route of `PATH`. With `doors` it needs a token of theirs, as a cookie or a bearer."""
+
+    async def answer(request: Request) -> Response:
+        now_s = time.monotonic()
+        if doors is not None and doors.admit(asked_of(request), now_s) is None:
+            if doors.is_rate_limited(asked_of(request).address, now_s):
+                await asyncio.sleep(REFUSAL_S)
+            return PlainTextResponse(NEEDS_TOKEN, 401, headers={"WWW-Authenticate": "Bearer"})
+        content, media_type = exposition(metrics, request.headers.get("accept", ""))
+        return Response(content, headers={"Content-Type": media_type, "Cache-Control": "no-store"})
+
+    return Route(PATH, answer, methods=["GET"])
+
+
+class MetricsServer:
+    """Serves metrics without a token, on this machine only."""
+
+    def __init__(self, metrics: Collector, host: str, port: int) -> None:
+        """Bind the port.
+
+        Raises:
+            ConfigError: If other machines could reach it.
+            ListenError: If the port is taken.
+        """
+        if not (exposure_check.is_loopback(host) or exposure_check.is_contained()):
+            raise ConfigError(
+                f"--listen {host}:{port}: other machines could read the metrics, which are not encrypted; "
+                f"listen at 127.0.0.1, and let them read {PATH} of the page, by HTTPS and with its token"
+            )
+        doors = Access(new_token(), new_token())
+        doors.know_hosts([host])
+        app = SecurityMiddleware(Starlette(routes=[metrics_route(metrics, None)]), doors)
+        self._listener = Listener(app, bind(host, port, "--listen"))
+
+    @property
+    def port(self) -> int:
+        """Return the port of the listener."""
+        return self._listener.port
+
+    async def run(self) -> None:
+        """Serve until cancelled."""
+        try:
+            await self._listener.start()
+            while True:
+                await asyncio.sleep(TICK_S)
+                self._listener.cut_lingering()
+        finally:
+            await self._listener.close()

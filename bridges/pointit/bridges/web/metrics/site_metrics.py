@@ -1,0 +1,259 @@
+"""Metrics of a site, from the messages that its services publish anyway; pure."""
+
+import math
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from typing import Any
+
+from prometheus_client.metrics_core import CounterMetricFamily, GaugeMetricFamily, InfoMetricFamily, Metric
+from prometheus_client.registry import Collector
+
+from pointit.bridges.web.metrics.durations import Durations
+from pointit.bridges.web.metrics.totals import MAX_INSTANCES, Totals
+from pointit.diagnosis.observation import Observation
+from pointit.schemas import (
+    NS_PER_S,
+    Deployment,
+    Health,
+    Localization,
+    Message,
+    SelectionEvent,
+    UserPose,
+)
+from pointit.schemas.system import split_instance
+from pointit.schemas.topics import DEPLOYMENT, HEALTH, LOCALIZATION, POSE, SELECTION_EVENTS, Topic
+
+READS: tuple[Topic[Any], ...] = (HEALTH, POSE, LOCALIZATION, SELECTION_EVENTS, DEPLOYMENT)
+"""Topics that metrics are made from."""
+
+MAX_USERS = 1024
+"""Maximum number of people with metrics of their own."""
+
+MAX_DEPLOYMENTS = 1024
+
+BATTERIES = ("battery", "battery of the phone")
+"""Figures of imu-bridge with the charge of a wrist, %."""
+
+RESULTS = ("solved", "refused", "cancelled")
+"""Phases in which a localization ends."""
+
+Rows = Iterable[tuple[Sequence[str], float]]
+"""Values of the labels, and the value, of each series of a family."""
+
+
+class SiteMetrics(Collector):
+    """Metrics of one site. Not thread-safe: messages and scrapes in the same event loop."""
+
+    def __init__(self, site: str, version: str) -> None:
+        """Begin without services. `version` is that of PointIt."""
+        self._about = {"site": site, "version": version}
+        self._present: set[str] = set()
+        self._users: set[str] = set()
+        self._health: dict[str, Health] = {}
+        self._deployments: dict[str, Deployment] = {}
+        self._poses: dict[str, UserPose] = {}
+        self._localizations: dict[str, Localization] = {}
+        self._totals = Totals()
+        self._latency = Durations()
+        self._step = Durations()
+        self._selections: dict[str, int] = {}
+        self._results: dict[tuple[str, str], int] = {}
+        self._take: Mapping[type[Message], Callable[[str, Any], None]] = {
+            Health: self._on_health,
+            UserPose: self._on_pose,
+            Localization: self._on_localization,
+            SelectionEvent: self._on_selection,
+            Deployment: self._on_deployment,
+        }
+
+    @property
+    def is_empty(self) -> bool:
+        """Return True if no service is present."""
+        return not self._present
+
+    def take(self, name: str, message: Message) -> None:
+        """Take a message of one of `READS`. `name` is that in its key."""
+        self._take[type(message)](name, message)
+
+    def set_service(self, instance: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
+        """Update the presence of a service. At most `MAX_INSTANCES` are counted."""
+        if not present:
+            self._present.discard(instance)
+            self._health.pop(instance, None)
+        elif len(self._present) < MAX_INSTANCES:
+            self._present.add(instance)
+
+    def set_person(self, user: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
+        """Update the presence of a person. At most `MAX_USERS` are counted."""
+        if not present:
+            self._users.discard(user)
+            self._poses.pop(user, None)
+            self._localizations.pop(user, None)
+        elif len(self._users) < MAX_USERS:
+            self._users.add(user)
+
+    def collect(self) -> Iterator[Metric]:
+        """Yield all families of metrics as they are now."""
+        yield InfoMetricFamily("pointit_site", "Site, and version of PointIt", value=self._about)
+        yield from self._of_services()
+        yield from self._of_traffic()
+        yield from self._of_people()
+
+    def _of_services(self) -> Iterator[Metric]:
+        expected = Observation(began_s=0.0, now_s=0.0, deployments=self._deployments).expected
+        there = {name: float(name in self._present) for name in sorted(self._present | expected.keys())}
+        health = {split_instance(name): each for name, each in sorted(self._health.items())}
+        of = ("service", "name")
+        yield _gauge(
+            "pointit_service_present",
+            "1: the service runs. 0: it should run, and does not",
+            of,
+            ((split_instance(name), value) for name, value in there.items()),
+        )
+        yield _gauge(
+            "pointit_service_healthy",
+            "1: the service reports no problem. 0: it does",
+            of,
+            ((key, float(each.status == "ok")) for key, each in health.items()),
+        )
+        yield _gauge(
+            "pointit_service_warnings",
+            "Warnings of the service; pointit doctor shows them with their remedies",
+            of,
+            ((key, len(each.warnings)) for key, each in health.items()),
+        )
+        yield _gauge(
+            "pointit_service_reported_timestamp_seconds",
+            "Time of the newest report of the service, by its own clock",
+            of,
+            ((key, each.stamp_ns / NS_PER_S) for key, each in health.items()),
+        )
+        for figure, name, about in (
+            ("viewers", "pointit_page_viewers", "Open pages"),
+            ("sessions", "pointit_router_sessions", "Connections to a router of a secured site"),
+        ):
+            rows = ((key, value) for key, each in health.items() for value in _figures(each, figure))
+            yield _gauge(name, about, of, rows)
+
+    def _of_traffic(self) -> Iterator[Metric]:
+        totals = self._totals.values
+        for counter, name, about, labels in (
+            ("messages", "pointit_messages", "Messages read and written", ("service", "topic", "direction")),
+            (
+                "discarded",
+                "pointit_discarded_messages",
+                "Messages not handled: dropped for newer ones, lost on the way, or invalid",
+                ("service", "topic", "reason"),
+            ),
+            ("errors", "pointit_errors", "Handlers that raised an exception", ("service",)),
+            ("refused", "pointit_router_refusals", "Attempts that a router has refused", ("service",)),
+        ):
+            rows = (
+                (each[1 : 1 + len(labels)], total) for each, total in totals.items() if each[0] == counter
+            )
+            yield _counter(name, about, labels, rows)
+        yield self._latency.family(
+            "pointit_latency_seconds",
+            "Median and 99th percentile of each second: from capture to the output of the service. "
+            "That of led-driver is from wrist to light",
+        )
+        yield self._step.family(
+            "pointit_step_seconds",
+            "Median and 99th percentile of each second: time in the service's handlers",
+        )
+
+    def _of_people(self) -> Iterator[Metric]:
+        users = sorted(self._users)
+        yield _gauge("pointit_people", "People on the site", (), [((), len(users))])
+        poses = [(user, self._poses[user].covariance) for user in users if user in self._poses]
+        yield _gauge(
+            "pointit_pose_position_sigma_meters",
+            "1 sigma of the person's position on the floor, in its worse direction",
+            ("user",),
+            (((user,), _position_sigma_m(covariance)) for user, covariance in poses),
+        )
+        yield _gauge(
+            "pointit_pose_yaw_sigma_radians",
+            "1 sigma of the azimuth of the person's coordinates",
+            ("user",),
+            (((user,), math.sqrt(max(0.0, covariance[8]))) for user, covariance in poses),
+        )
+        yield _gauge(
+            "pointit_battery_ratio",
+            "Charge of the person's wrist, 0 to 1",
+            ("user",),
+            self._batteries(),
+        )
+        yield _counter(
+            "pointit_localizations",
+            "Localizations that have ended",
+            ("purpose", "result"),
+            self._results.items(),
+        )
+        yield _counter(
+            "pointit_selection_events",
+            "What happened to objects: selected, deselected, refused, left, dispatched",
+            ("result",),
+            (((result,), count) for result, count in self._selections.items()),
+        )
+
+    def _batteries(self) -> Rows:
+        for instance, health in sorted(self._health.items()):
+            service, user = split_instance(instance)
+            charges = [value for name in BATTERIES for value in _figures(health, name)]
+            if service == "imu-bridge" and user in self._users and charges:
+                yield (user,), min(charges) / 100.0
+
+    def _on_health(self, instance: str, health: Health) -> None:
+        if instance not in self._present:
+            return
+        service, _ = split_instance(instance)
+        self._health[instance] = health
+        self._totals.add(instance, service, health)
+        self._latency.add(service, health.latency)
+        self._step.add(service, health.step)
+
+    def _on_pose(self, user: str, pose: UserPose) -> None:
+        if user in self._poses or len(self._poses) < MAX_USERS:
+            self._poses[user] = pose
+
+    def _on_localization(self, user: str, now: Localization) -> None:
+        before = self._localizations.get(user)
+        if before is not None and before.phase not in RESULTS and now.phase in RESULTS:
+            result = (now.purpose, now.phase)
+            self._results[result] = self._results.get(result, 0) + 1
+        if before is not None or len(self._localizations) < MAX_USERS:
+            self._localizations[user] = now
+
+    def _on_selection(self, _name: str, event: SelectionEvent) -> None:
+        self._selections[event.event] = self._selections.get(event.event, 0) + 1
+
+    def _on_deployment(self, name: str, deployment: Deployment) -> None:
+        believed = deployment.believed(name)
+        if not believed.services:  # ended on purpose
+            self._deployments.pop(name, None)
+        elif name in self._deployments or len(self._deployments) < MAX_DEPLOYMENTS:
+            self._deployments[name] = believed
+
+
+def _gauge(name: str, about: str, labels: Sequence[str], rows: Rows) -> GaugeMetricFamily:
+    family = GaugeMetricFamily(name, about, labels=labels)
+    for values, value in rows:
+        family.add_metric(values, value)
+    return family
+
+
+def _counter(name: str, about: str, labels: Sequence[str], rows: Rows) -> CounterMetricFamily:
+    family = CounterMetricFamily(name, about, labels=labels)
+    for values, value in rows:
+        family.add_metric(values, value)
+    return family
+
+
+def _figures(health: Health, name: str) -> list[float]:
+    return [figure.value for figure in health.figures if figure.name == name]
+
+
+def _position_sigma_m(covariance: Sequence[float]) -> float:
+    """Return the square root of the larger eigenvalue of the covariance of x and y, m."""
+    xx, xy, yy = covariance[0], covariance[1], covariance[4]
+    return math.sqrt(max(0.0, (xx + yy) / 2.0 + math.hypot((xx - yy) / 2.0, xy)))

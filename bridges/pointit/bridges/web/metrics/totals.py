@@ -1,0 +1,86 @@
+"""Totals that only grow, from counters that start again with each restart of a service; pure."""
+
+from collections import Counter, OrderedDict, defaultdict
+from collections.abc import Iterable, Iterator
+from typing import NamedTuple
+
+from pointit.schemas import Health, KeyHealth
+from pointit.schemas.topics import TOPICS
+
+MAX_INSTANCES = 4096
+"""Maximum number of instances whose last report is stored; the oldest is dropped."""
+
+MAX_TOPICS = 64
+"""Maximum number of topics in a report that are counted."""
+
+OTHER = "other"
+"""Label for keys that are no row of the topic table, which bounds the number of series."""
+
+
+class Labels(NamedTuple):
+    """Labels of one total. Those that a counter does not have are `""`."""
+
+    counter: str
+    """`messages`, `discarded`, `errors` or `refused`."""
+    service: str
+    topic: str = ""
+    kind: str = ""
+    """Direction of messages, or the reason why they were discarded."""
+
+
+class Totals:
+    """Sums the counters of services over their instances and restarts."""
+
+    def __init__(self) -> None:
+        """Begin at 0."""
+        self.values: defaultdict[Labels, float] = defaultdict(float)
+        self._last: OrderedDict[str, tuple[Health, dict[Labels, float]]] = OrderedDict()
+
+    def add(self, instance: str, service: str, health: Health) -> None:
+        """Add what `instance` has counted since its last report. A report that comes late adds nothing."""
+        before, counts_before = self._last.pop(instance, (None, dict[Labels, float]()))
+        since_s = 0.0
+        """Uptime at which the rates of this report begin."""
+        if before is None:
+            since_s = 0.0 if health.seq == 1 else health.uptime_s
+        elif (health.uptime_s, health.seq) > (before.uptime_s, before.seq):
+            since_s = before.uptime_s
+        elif health.stamp_ns <= before.stamp_ns:
+            self._last[instance] = (before, counts_before)
+            return
+        else:
+            counts_before = {}  # restarted
+        keys = _keys(health)
+        counts = dict(_counts(service, health, keys))
+        for labels, count in counts.items():
+            # a counter below its last value has started again
+            last = counts_before.get(labels, 0.0)
+            self.values[labels] += count - last if count >= last else count
+        for key in keys:
+            labels = Labels("messages", service, key.key, key.direction)
+            self.values[labels] += round(key.rate_hz * (health.uptime_s - since_s))
+        self._last[instance] = (health, counts)
+        if len(self._last) > MAX_INSTANCES:
+            self._last.popitem(last=False)
+
+
+def _keys(health: Health) -> list[KeyHealth]:
+    """Return the traffic of a report, with `OTHER` for unknown topics."""
+    known = {topic.key for topic in TOPICS}
+    return [
+        key if key.key in known else key.model_copy(update={"key": OTHER}) for key in health.keys[:MAX_TOPICS]
+    ]
+
+
+def _counts(service: str, health: Health, keys: Iterable[KeyHealth]) -> Iterator[tuple[Labels, float]]:
+    """Yield the counters of a report since the start of its service."""
+    yield Labels("errors", service), health.errors
+    discarded: Counter[Labels] = Counter()
+    for key in keys:
+        if key.direction == "in":
+            for reason, count in (("dropped", key.dropped), ("lost", key.lost), ("invalid", key.invalid)):
+                discarded[Labels("discarded", service, key.key, reason)] += count
+    yield from discarded.items()
+    for figure in health.figures:
+        if figure.name == "refused":
+            yield Labels("refused", service), max(0.0, figure.value)

@@ -1,0 +1,100 @@
+"""`pointit metrics`: metrics of a site for Prometheus."""
+
+import asyncio
+from typing import TYPE_CHECKING
+
+import click
+
+from pointit.cli.common.site_link import join_site, quiet, site_options
+from pointit.launch.plan.page import is_available, page_unavailable_error
+from pointit.runtime.bus.contract import Bus
+from pointit.runtime.host.release import pointit_version
+from pointit.runtime.service.shutdown import EXIT_FAILED, run_until_shutdown
+from pointit.schemas import Message
+from pointit.schemas.topics import SERVICE_ALIVE, USER_ALIVE
+
+if TYPE_CHECKING:
+    from pointit.bridges.web.metrics.site_metrics import SiteMetrics
+
+LISTEN_S = 2.2
+"""Listening time of `--once`, s: two reports of each service."""
+
+MAX_PORT = 65535
+
+
+def _address(_ctx: click.Context, _parameter: click.Parameter, text: str) -> tuple[str, int]:
+    """Return host and port of `text`; an IPv6 address stands in brackets.
+
+    Raises:
+        click.BadParameter: If it is no address.
+    """
+    host, _, port = text.rpartition(":")
+    if not host or not port.isdecimal() or int(port) > MAX_PORT:
+        raise click.BadParameter(f"{text!r} is not an address; write one such as 127.0.0.1:9464")
+    return host.removeprefix("[").removesuffix("]"), int(port)
+
+
+@click.command("metrics", params=site_options())
+@click.option(
+    "--listen",
+    metavar="HOST:PORT",
+    callback=_address,
+    default="127.0.0.1:9464",
+    show_default=True,
+    help="address of this machine to serve at, not encrypted; port 0: any free one",
+)
+@click.option("--once", is_flag=True, help="print the metrics instead, after two seconds")
+def command(*, listen: tuple[str, int], once: bool, site: str, connect: tuple[str, ...]) -> int:
+    """Serve metrics of a site to Prometheus, at http://127.0.0.1:9464/metrics until Ctrl-C.
+
+    Rates, latencies, losses, services, people, selections, uncertainty of poses. They are what services
+    report anyway. Only this machine can read them; the page of a site has the same at /metrics, for who has
+    its token. Counters start with this command. With --once the exit code is 1 if no service runs.
+
+    Example: pointit metrics --once
+    """
+    quiet()
+    if not is_available():
+        raise page_unavailable_error("pointit metrics")
+    # here, since the extra may be missing where help is asked for
+    from pointit.bridges.web.metrics.site_metrics import SiteMetrics  # noqa: PLC0415
+
+    metrics = SiteMetrics(site, pointit_version())
+    work = _print(metrics, site, connect) if once else _serve(metrics, *listen, site, connect)
+    return run_until_shutdown(work)
+
+
+def _attach(bus: Bus, metrics: "SiteMetrics") -> None:
+    """Keep `metrics` up to date from `bus`."""
+    from pointit.bridges.web.metrics.site_metrics import READS  # noqa: PLC0415
+
+    def take(message: Message, name: str) -> None:
+        metrics.take(name, message)
+
+    bus.watch(SERVICE_ALIVE, metrics.set_service)
+    bus.watch(USER_ALIVE, metrics.set_person)
+    for topic in READS:
+        bus.subscribe(topic, take)
+
+
+async def _print(metrics: "SiteMetrics", site: str, connect: tuple[str, ...]) -> int:
+    from pointit.bridges.web.metrics.door import TEXT, exposition  # noqa: PLC0415
+
+    async with join_site(site, connect) as bus:
+        _attach(bus, metrics)
+        await asyncio.sleep(LISTEN_S)
+    content, _ = exposition(metrics, TEXT)
+    click.echo(content.decode(), nl=False)
+    return EXIT_FAILED if metrics.is_empty else 0
+
+
+async def _serve(metrics: "SiteMetrics", host: str, port: int, site: str, connect: tuple[str, ...]) -> int:
+    from pointit.bridges.web.metrics.door import PATH, MetricsServer  # noqa: PLC0415
+    from pointit.bridges.web.server.listener import url  # noqa: PLC0415
+
+    async with join_site(site, connect) as bus:
+        server = MetricsServer(metrics, host, port)
+        _attach(bus, metrics)
+        click.echo(f"metrics: {url('http', host, server.port)}{PATH}; Ctrl-C ends it")
+        await server.run()
+    return 0

@@ -1,0 +1,119 @@
+"""A genuine Prometheus reads `pointit metrics` of a run, by the configuration that is shipped."""
+
+import shutil
+import subprocess
+from collections.abc import Generator
+from contextlib import contextmanager
+from pathlib import Path
+
+import httpx
+import pytest
+from prometheus_client.parser import text_string_to_metric_families
+
+from tests.support.bench import until
+from tests.support.buses import free_port
+from tests.support.commands import Commands, onlooker
+from tests.unit.deploy.stack import DEPLOY
+
+START_S = 60.0
+OBSERVE = DEPLOY / "observe"
+SHIPPED = "127.0.0.1:9464"
+"""Address in the shipped configuration."""
+
+
+class Prometheus:
+    """A Prometheus at a port of this machine."""
+
+    def __init__(self, port: int) -> None:
+        self._url = f"http://127.0.0.1:{port}/api/v1"
+
+    def value(self, expression: str) -> float | None:
+        """Return the value of an expression with one result, or None without one."""
+        try:
+            answer = httpx.get(f"{self._url}/query", params={"query": expression}, timeout=10.0)
+        except httpx.TransportError:
+            return None  # it has not started yet
+        if not answer.is_success:
+            return None
+        result = answer.json()["data"]["result"]
+        return float(result[0]["value"][1]) if result else None
+
+    def faults(self) -> list[str]:
+        """Return the errors of rules that cannot be evaluated."""
+        groups = httpx.get(f"{self._url}/rules", timeout=10.0).json()["data"]["groups"]
+        return [
+            rule.get("lastError", "")
+            for group in groups
+            for rule in group["rules"]
+            if rule["health"] == "err"
+        ]
+
+
+@contextmanager
+def prometheus(folder: Path, target: str) -> Generator[Prometheus]:
+    """Run Prometheus with the shipped configuration, but for the address that it reads."""
+    program = shutil.which("prometheus")
+    if program is None:
+        pytest.skip("prometheus is not installed")
+    text = (OBSERVE / "prometheus.yml").read_text(encoding="utf-8")
+    assert SHIPPED in text
+    text = text.replace(SHIPPED, target).replace("_interval: 5s", "_interval: 1s")
+    (folder / "prometheus.yml").write_text(text, encoding="utf-8")
+    shutil.copy(OBSERVE / "rules.yml", folder)
+    port = free_port()
+    words = [
+        f"--config.file={folder / 'prometheus.yml'}",
+        f"--storage.tsdb.path={folder / 'data'}",
+        f"--web.listen-address=127.0.0.1:{port}",
+    ]
+    with (folder / "prometheus.log").open("wb") as log:
+        process = subprocess.Popen([program, *words], stdout=log, stderr=log)
+        try:
+            yield Prometheus(port)
+        finally:
+            process.terminate()
+            process.wait(30)
+
+
+@pytest.mark.slow
+async def test_prometheus_reads_the_rates_latencies_and_services_of_a_run(
+    commands: Commands, endpoint: str, tmp_path: Path
+) -> None:
+    commands.start("run", "scenario_3", "--no-view", "--listen", endpoint)
+    async with onlooker(endpoint) as seen:
+        await seen.sees_cursors("user1", patience_s=START_S)
+    target = f"127.0.0.1:{free_port()}"
+    serving = commands.start("metrics", "--listen", target, "--connect", endpoint)
+    await serving.says(f"http://{target}/metrics")
+    with prometheus(tmp_path, target) as server:
+        rays = 'sum(increase(pointit_messages_total{service="pointing",topic="users/{user}/ray"}[10s]))'
+        await until(lambda: (server.value(rays) or 0.0) > 10.0, START_S, "rays in Prometheus")
+        assert server.value('up{job="pointit"}') == 1
+        assert server.value("sum(1 - pointit_service_present)") == 0
+        assert server.value("pointit_people") == 1
+        late = 'histogram_quantile(0.5, pointit_latency_seconds_bucket{service="led-driver",statistic="p99"})'
+        wrist_to_light_s = server.value(late)
+        assert wrist_to_light_s is not None
+        assert 0.0 < wrist_to_light_s < 5.0
+        assert server.faults() == []
+    ended = await serving.stop()
+    assert ended.code == 0, ended.err
+
+
+async def test_once_prints_the_metrics_of_a_site(commands: Commands, endpoint: str) -> None:
+    commands.start("run", "scenario_2", "--no-view", "--listen", endpoint)
+    async with onlooker(endpoint) as seen:
+        await seen.sees_cursors("user1", patience_s=START_S)
+    ended = await commands.pointit("metrics", "--once", "--connect", endpoint)
+    assert ended.code == 0, ended.err
+    families = {family.name: family for family in text_string_to_metric_families(ended.out)}
+    present = {
+        sample.labels["service"]: sample.value for sample in families["pointit_service_present"].samples
+    }
+    assert present["pui"] == 1
+
+
+async def test_an_address_that_is_none_is_a_sentence(commands: Commands) -> None:
+    ended = await commands.pointit("metrics", "--listen", "9464")
+    assert ended.code == 2
+    assert "write one such as 127.0.0.1:9464" in ended.err

@@ -1,0 +1,241 @@
+"""Metrics of a site, from examples of messages; totals over restarts."""
+
+import importlib
+import math
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from prometheus_client.registry import CollectorRegistry
+
+from pointit.bridges.web.metrics import site_metrics as module
+from pointit.bridges.web.metrics.door import TEXT, exposition
+from pointit.bridges.web.metrics.durations import BOUNDS_S
+from pointit.bridges.web.metrics.site_metrics import SiteMetrics
+from pointit.bridges.web.metrics.totals import OTHER, Labels, Totals
+from pointit.schemas import (
+    Deployment,
+    ExpectedService,
+    Figure,
+    Health,
+    KeyHealth,
+    Localization,
+    Quantiles,
+    SelectionEvent,
+    UserPose,
+)
+from pointit.schemas.topics import CURSOR, RAY
+
+OPEN_METRICS = "application/openmetrics-text;version=1.0.0"
+NS_PER_S = 1_000_000_000
+
+
+def health(instance: str, seq: int = 1, **fields: object) -> Health:
+    """Return report number `seq`, one each second."""
+    usual: dict[str, object] = {"stamp_ns": seq * NS_PER_S, "uptime_s": float(seq), "pid": 1}
+    service = instance.partition(".")[0]
+    return Health.model_validate(usual | fields | {"service": service, "instance": instance, "seq": seq})
+
+
+def key(topic: str, direction: str = "in", **fields: object) -> KeyHealth:
+    return KeyHealth.model_validate({"key": topic, "direction": direction, "rate_hz": 0.0} | fields)
+
+
+class Scrape:
+    """The values of a scrape, by name and labels."""
+
+    def __init__(self, metrics: SiteMetrics) -> None:
+        self._registry = CollectorRegistry(auto_describe=False)
+        self._registry.register(metrics)
+
+    def value(self, sample: str, /, **labels: str) -> float | None:
+        return self._registry.get_sample_value(sample, labels)
+
+
+@pytest.fixture
+def metrics() -> SiteMetrics:
+    return SiteMetrics("lab", "1.2.3")
+
+
+def test_a_service_that_should_run_and_does_not_is_shown_as_missing(metrics: SiteMetrics) -> None:
+    services = (ExpectedService(service="pui"), ExpectedService(service="pointing", user="anna"))
+    metrics.take("run.x", Deployment(stamp_ns=1, name="scenario_4", services=services))
+    metrics.set_service("pui", True)
+    scrape = Scrape(metrics)
+    assert scrape.value("pointit_service_present", service="pui", name="") == 1
+    assert scrape.value("pointit_service_present", service="pointing", name="anna") == 0
+    metrics.take("run.x", Deployment(stamp_ns=2, name="scenario_4"))
+    metrics.set_service("pui", False)
+    assert scrape.value("pointit_service_present", service="pui", name="") is None
+
+
+def test_health_of_a_present_service_is_shown_until_it_leaves(metrics: SiteMetrics) -> None:
+    metrics.take("pui", health("pui"))  # not present
+    scrape = Scrape(metrics)
+    assert scrape.value("pointit_service_healthy", service="pui", name="") is None
+    metrics.set_service("pui", True)
+    metrics.take("pui", health("pui", 7, status="degraded", warnings=("a", "b")))
+    assert scrape.value("pointit_service_healthy", service="pui", name="") == 0
+    assert scrape.value("pointit_service_warnings", service="pui", name="") == 2
+    assert scrape.value("pointit_service_reported_timestamp_seconds", service="pui", name="") == 7
+    metrics.set_service("pui", False)
+    assert scrape.value("pointit_service_healthy", service="pui", name="") is None
+
+
+def test_messages_are_the_rates_times_the_time_between_reports(metrics: SiteMetrics) -> None:
+    labels = {"service": "pui", "topic": RAY.key, "direction": "in"}
+    metrics.set_service("pui", True)
+    scrape = Scrape(metrics)
+    for seq, expected in ((1, 50.0), (2, 100.0), (4, 200.0)):  # the third report is lost
+        metrics.take("pui", health("pui", seq, keys=(key(RAY.key, rate_hz=50.0),)))
+        assert scrape.value("pointit_messages_total", **labels) == expected
+
+
+def test_discarded_messages_of_all_people_are_summed_by_reason(metrics: SiteMetrics) -> None:
+    for user in ("anna", "ben"):
+        metrics.set_service(f"pointing.{user}", True)
+        metrics.take(f"pointing.{user}", health(f"pointing.{user}", keys=(key(RAY.key, lost=2, dropped=3),)))
+    scrape = Scrape(metrics)
+    of = {"service": "pointing", "topic": RAY.key}
+    assert scrape.value("pointit_discarded_messages_total", **of, reason="lost") == 4
+    assert scrape.value("pointit_discarded_messages_total", **of, reason="dropped") == 6
+    assert scrape.value("pointit_discarded_messages_total", **of, reason="invalid") == 0
+
+
+def test_each_second_is_counted_in_the_buckets_of_its_quantiles(metrics: SiteMetrics) -> None:
+    metrics.set_service("led-driver", True)
+    for seq, p99_s in enumerate((0.004, 0.03, 9.0), 1):
+        latency = Quantiles(p50_s=0.003, p99_s=p99_s)
+        metrics.take("led-driver", health("led-driver", seq, latency=latency))
+    metrics.take("led-driver", health("led-driver", 4))  # nothing was measured
+    scrape = Scrape(metrics)
+    of = {"service": "led-driver", "statistic": "p99"}
+    buckets = {
+        bound: scrape.value("pointit_latency_seconds_bucket", **of, le=str(bound)) for bound in BOUNDS_S
+    }
+    assert [buckets[bound] for bound in (0.002, 0.005, 0.02, 0.05, 5.0)] == [0, 1, 1, 2, 2]
+    assert scrape.value("pointit_latency_seconds_count", **of) == 3
+    assert scrape.value("pointit_latency_seconds_sum", **of) == pytest.approx(9.034)
+    assert scrape.value("pointit_latency_seconds_count", service="led-driver", statistic="p50") == 3
+    assert scrape.value("pointit_step_seconds_count", **of) is None
+
+
+def test_sigmas_of_a_pose_are_those_of_its_covariance(metrics: SiteMetrics) -> None:
+    # 0.3 m along the diagonal of the floor, 0.1 m across, 0.05 rad
+    along, across = 0.3**2, 0.1**2
+    xx, xy = (along + across) / 2.0, (along - across) / 2.0
+    covariance = (xx, xy, 0.0, xy, xx, 0.0, 0.0, 0.0, 0.05**2)
+    metrics.take("anna", UserPose(stamp_ns=1, position_m=(0.0, 0.0, 0.0), yaw_rad=0.0, covariance=covariance))
+    scrape = Scrape(metrics)
+    assert scrape.value("pointit_pose_yaw_sigma_radians", user="anna") is None  # she is not there yet
+    metrics.set_person("anna", True)
+    assert scrape.value("pointit_people") == 1
+    assert scrape.value("pointit_pose_position_sigma_meters", user="anna") == pytest.approx(0.3)
+    assert scrape.value("pointit_pose_yaw_sigma_radians", user="anna") == pytest.approx(0.05)
+    metrics.set_person("anna", False)
+    assert scrape.value("pointit_pose_position_sigma_meters", user="anna") is None
+
+
+def test_localizations_count_when_they_end_and_not_when_heard_again(metrics: SiteMetrics) -> None:
+    scrape = Scrape(metrics)
+    for phase in ("solved", "sampling", "refused", "refused", "sampling", "solved"):
+        metrics.take("anna", Localization.model_validate({"stamp_ns": 1, "phase": phase}))
+    assert scrape.value("pointit_localizations_total", purpose="pose", result="refused") == 1
+    assert scrape.value("pointit_localizations_total", purpose="pose", result="solved") == 1
+
+
+def test_selections_batteries_viewers_and_refusals_are_shown(metrics: SiteMetrics) -> None:
+    for _ in range(2):
+        metrics.take("", SelectionEvent(stamp_ns=1, event="selected", object_id="a", user="anna"))
+    metrics.set_person("anna", True)
+    for instance, name, value in (
+        ("imu-bridge.anna", "battery", 25.0),
+        ("web", "viewers", 3.0),
+        ("router", "refused", 7.0),
+    ):
+        metrics.set_service(instance, True)
+        metrics.take(instance, health(instance, figures=(Figure(name=name, value=value),)))
+    scrape = Scrape(metrics)
+    assert scrape.value("pointit_selection_events_total", result="selected") == 2
+    assert scrape.value("pointit_battery_ratio", user="anna") == 0.25
+    assert scrape.value("pointit_page_viewers", service="web", name="") == 3
+    assert scrape.value("pointit_router_refusals_total", service="router") == 7
+
+
+def test_invented_names_do_not_make_series_without_end(
+    metrics: SiteMetrics, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, "MAX_INSTANCES", 10)
+    monkeypatch.setattr(module, "MAX_USERS", 10)
+    for number in range(100):
+        instance, user = f"pointing.u{number}", f"u{number}"
+        metrics.set_service(instance, True)
+        metrics.set_person(user, True)
+        metrics.take(instance, health(instance, keys=(key(f"made/up/{number}", lost=1),)))
+        metrics.take(user, UserPose(stamp_ns=1, position_m=(0.0, 0.0, 0.0), yaw_rad=0.0))
+    families = {family.name: family for family in metrics.collect()}
+    assert len(families["pointit_service_present"].samples) == 10
+    assert len(families["pointit_pose_yaw_sigma_radians"].samples) == 10
+    assert {sample.labels["topic"] for sample in families["pointit_messages"].samples} == {OTHER}
+
+
+def test_the_text_is_what_parsers_of_both_formats_take(metrics: SiteMetrics) -> None:
+    metrics.set_service("pui", True)
+    quantiles = Quantiles(p50_s=0.001, p99_s=0.002)
+    metrics.take("pui", health("pui", keys=(key(CURSOR.key, "out", rate_hz=50.0),), latency=quantiles))
+    content, media_type = exposition(metrics, OPEN_METRICS)
+    assert media_type.startswith("application/openmetrics-text")
+    parser: Any = importlib.import_module("prometheus_client.openmetrics.parser")  # untyped
+    families = {family.name: family for family in parser.text_string_to_metric_families(content.decode())}
+    (site,) = families["pointit_site"].samples
+    assert site.labels == {"site": "lab", "version": "1.2.3"}
+    assert families["pointit_messages"].samples[0].value == 50
+    plain, media_type = exposition(metrics, "")
+    assert media_type.startswith(TEXT)
+    assert b"# TYPE pointit_messages_total counter" in plain
+
+
+reports = st.lists(
+    st.tuples(st.booleans(), st.integers(0, 20)),  # whether it has restarted before, and what it lost since
+    min_size=1,
+    max_size=30,
+)
+
+
+@given(reports, st.sets(st.integers(0, 29)))
+def test_totals_never_shrink_and_are_exact_when_every_report_arrives(
+    steps: list[tuple[bool, int]], unheard: set[int]
+) -> None:
+    heard_all, heard_some = Totals(), Totals()
+    labels = Labels("discarded", "pui", RAY.key, "lost")
+    uptime, lost, before = 0, 0, 0.0
+    for number, (is_restarted, more) in enumerate(steps):
+        uptime, lost = (1, more) if is_restarted else (uptime + 1, lost + more)
+        report = health(
+            "pui", uptime, stamp_ns=(number + 1) * NS_PER_S, keys=(key(RAY.key, lost=lost, rate_hz=1.0),)
+        )
+        heard_all.add("pui", "pui", report)
+        if number not in unheard:
+            heard_some.add("pui", "pui", report)
+        assert heard_some.values[labels] >= before
+        before = heard_some.values[labels]
+    assert heard_all.values[labels] == sum(more for _, more in steps)
+    assert heard_some.values[labels] <= heard_all.values[labels]
+    messages = heard_all.values[Labels("messages", "pui", RAY.key, "in")]
+    assert math.isclose(messages, len(steps))
+
+
+def test_a_report_that_comes_late_adds_nothing() -> None:
+    totals = Totals()
+    labels = Labels("errors", "pui")
+    for seq in (1, 3, 2, 4):
+        totals.add("pui", "pui", health("pui", seq, errors=seq))
+    assert totals.values[labels] == 4
+
+
+def test_a_router_that_counts_backwards_does_not_lower_the_total() -> None:
+    totals = Totals()
+    for seq, value in ((1, 5.0), (2, -100.0), (3, 1.0)):
+        totals.add("router", "router", health("router", seq, figures=(Figure(name="refused", value=value),)))
+    assert totals.values[Labels("refused", "router")] == 6

@@ -129,7 +129,7 @@ def test_latency_does_not_matter_for_targets_that_stand_still() -> None:
 
 @pytest.mark.parametrize("stated_s", [None, 0.0, 0.5])
 def test_tracker_states_its_latency_with_every_report(stated_s: float | None) -> None:
-    procedure = MovingTarget(config())
+    procedure = MovingTarget(config(autostart=True))
     outputs = procedure.start(START_NS)
     for tick in range(750):
         now_ns = START_NS + tick * NS_PER_S // 50

@@ -92,6 +92,8 @@ def solve(
         residual_rad=residual_rad,
         samples=count,
     )
+    if not np.all(np.isfinite(solution.covariance)):
+        return Refusal(NOWHERE)
     place_m = (float(poses[0, 0]), float(poses[0, 1]))
     result = check_solution(solution, place_m, rays, trust, limit_rad)
     if isinstance(result, Refusal) and solution.of_latency.any():
@@ -121,7 +123,7 @@ def _solution(rays: Rays, summary: Blocks, poses: Array, trust: SolverSettings) 
         off = each.state - best
         off[2] = math.remainder(float(off[2]), math.tau)
         spread += share * (each.covariance + np.outer(off, off))
-    x_m, y_m, yaw_rad, bias_rad, z_m, elevation_slope, azimuth_slope, latency_s = best.tolist()
+    x_m, y_m, yaw_rad, bias_rad, z_m, _, latency_s = best.tolist()
     sigma = np.sqrt(np.maximum(np.diag(spread), 0.0)).tolist()
     return Solution(
         x_m=x_m,
@@ -134,14 +136,9 @@ def _solution(rays: Rays, summary: Blocks, poses: Array, trust: SolverSettings) 
         samples=0,
         z_m=z_m,
         z_sigma_m=sigma[4],
-        elevation_slope=trust.elevation_slope + elevation_slope,
-        elevation_slope_sigma=sigma[5],
-        azimuth_slope=azimuth_slope,
-        azimuth_slope_sigma=sigma[6],
         latency_s=trust.latency_s + latency_s,
         latency_sigma_s=sigma[LATENCY],
         of_latency=spread[:3, LATENCY],
-        scatter_rad=found[0].scatter_rad,
         alternative=float(1.0 - odds[0]),
     )
 

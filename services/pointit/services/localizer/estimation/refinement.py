@@ -1,16 +1,18 @@
 """Refinement of a pose by what else is uncertain, and its covariance (pointing.md §4).
 
 The descent knows x, y, yaw, bias and eye height, and takes samples as independent. Here a few Gauss-Newton
-steps follow over these and the person's slopes and the tracker's latency, each with a normal prior; the
-inverse of their joint information is the covariance. What the rays cannot tell, as a latency on a circle at
-constant speed, stays as uncertain as its prior and makes the pose as uncertain as it does.
+steps follow over these, the IMU's drift and the tracker's latency, each with a prior; the inverse of their
+joint information is the covariance. What the rays cannot tell, as a latency on a circle at constant speed,
+stays as uncertain as its prior and makes the pose as uncertain as it does.
+
+People's slopes and an offset of the finger are considered (Schmidt-Kalman): they are not estimated, which
+made poses of recorded people worse, but what they can do to the pose is in its covariance.
 
 Errors of pointing are correlated: of following by exp(-t / τ), so that differences of neighbouring blocks
 count; all rays of a hold at a target at rest are one pointing. Their size is estimated, with a prior.
 """
 
-import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -18,8 +20,8 @@ from pointit.services.localizer.estimation.angular_residuals import PARAMETERS, 
 from pointit.services.localizer.estimation.levenberg_marquardt import huber_weight
 from pointit.services.localizer.estimation.sample_blocks import Blocks
 
-STATES = PARAMETERS + 3
-"""Those of the descent; elevation slope and azimuth slope (1); latency (s)."""
+STATES = PARAMETERS + 2
+"""Those of the descent; yaw rate of {H} (rad/s); latency (s)."""
 
 STEPS = 2
 """Number of steps with one linearization: the weight of the latency's prior depends on the latency."""
@@ -37,9 +39,9 @@ BELIEF = 3.0
 GROSS = 5.0
 """Number of sigmas at which residuals are clipped as outliers."""
 
-TAILS = 4.0
-"""Student's t with three degrees of freedom has the precision 4 / (σ² + x²): most trackers are in time, and
-some are late by far."""
+TAILS = 1.0
+"""The precision of the latency's prior is that stated near 0 and falls by 1 / (σ² + x²), as Cauchy's: some
+trackers are late by far."""
 
 STEEP = 0.2
 """Lower bound of the cosine of the elevation: a steeper ray has no usable azimuth."""
@@ -63,8 +65,8 @@ class NoiseModel:
     """Inverse of the correlation time of following; 0 if a hold is one pointing."""
     body_sigma_m: float
     """Standard deviation of the horizontal position of the eyes over the feet, m."""
-    model_sigma_rad: float
-    """Standard deviation of an error of the ray that is constant in {H}, as of eyes or finger, rad."""
+    considered: Array
+    """Standard deviations of what is not estimated, see `_considered`. Shape (4)."""
     prior: Array
     """Inverse prior variance of each state, all expected at 0; 0 if unknown. Shape (`STATES`)."""
 
@@ -81,8 +83,6 @@ class Refined:
     The yaw is that of pointing: a model error that turns all rays equally stays in the yaw when the person
     points later, and does not count.
     """
-    scatter_rad: float
-    """Standard deviation sideways of one pointing."""
 
 
 def effective_samples(blocks: Blocks, rate_hz: float) -> Array:
@@ -101,7 +101,7 @@ def refine(rays: Rays, pose: Array, blocks: Blocks, noise: NoiseModel) -> Refine
     likeness, share = _correlation(blocks, noise.independent_hz)
     state = np.concatenate([pose, np.zeros(STATES - PARAMETERS)])
     for _ in range(ROUNDS if noise.independent_hz else 1):
-        angles, jacobian = _linearized(rays, state, blocks.velocities_mps)
+        angles, jacobian = _linearized(rays, state, blocks)
         weight, variance = _scatter(angles, sample_weights, noise)
         unit = np.sqrt(weight / max(variance, 1.0)) / noise.sigma_rad[:, None]
         flat = _independent(jacobian * unit, likeness, share).reshape(STATES, -1)
@@ -118,16 +118,12 @@ def refine(rays: Rays, pose: Array, blocks: Blocks, noise: NoiseModel) -> Refine
     if not noise.independent_hz:
         state[:PARAMETERS] = pose
     out, unknown = _inverse(information + np.diag(noise.prior))
-    turned = _of_finger(rays)
-    shifted = out @ flat @ _independent(turned * unit, likeness, share).reshape(2, -1).T
+    turned = noise.considered[:, None, None] * _considered(rays)
+    shifted = out @ flat @ _independent(turned * unit, likeness, share).reshape(len(turned), -1).T
     shifted[2] += (turned[:, 0] / np.maximum(rays.elevation_phasor.real, STEEP)).mean(axis=1)
-    out = out + noise.model_sigma_rad**2 * shifted @ shifted.T + VAGUE * unknown @ unknown.T
+    out = out + shifted @ shifted.T + VAGUE * unknown @ unknown.T
     out[[0, 1], [0, 1]] += noise.body_sigma_m**2
-    return Refined(
-        state,
-        np.asarray(0.5 * (out + out.T), dtype=np.float64),
-        math.sqrt(variance) * float(noise.sigma_rad[0]),
-    )
+    return Refined(state, np.asarray(0.5 * (out + out.T), dtype=np.float64))
 
 
 def _scatter(angles: Array, sample_weights: Array, noise: NoiseModel) -> tuple[Array, float]:
@@ -164,35 +160,46 @@ def _independent(values: Array, likeness: Array, share: Array) -> Array:
     return out
 
 
-def _linearized(rays: Rays, state: Array, velocities_mps: Array) -> tuple[Array, Array]:
+def _linearized(rays: Rays, state: Array, blocks: Blocks) -> tuple[Array, Array]:
     """Return the residual angles (2 x m), and their derivatives by the state (`STATES` x 2 x m).
 
-    The azimuth slope is about the mean azimuth, and fades where people point all round. A moving target
-    changes the residuals like the opposite movement of the person and the floor.
+    The yaw is that of the middle of the time. A moving target changes the residuals like the opposite
+    movement of the person and the floor.
+    """
+    stamps_s = blocks.pointings.stamps_s
+    since_s = stamps_s - 0.5 * (stamps_s[0] + stamps_s[-1])
+    straight = rays
+    if state[PARAMETERS:].any():
+        yaw_rate_radps, latency_s = state[PARAMETERS:].tolist()
+        straight = replace(
+            rays,
+            azimuths_rad=rays.azimuths_rad + yaw_rate_radps * since_s,
+            targets_m=rays.targets_m + latency_s * blocks.velocities_mps,
+        )
+    angles, slopes = (values[0] for values in residuals(straight, state[None, :PARAMETERS]))
+    passed = np.einsum("pan,np->an", slopes[[0, 1, 4]], blocks.velocities_mps)
+    return angles, np.concatenate([slopes, np.stack([slopes[2] * since_s, -passed])])
+
+
+def _considered(rays: Rays) -> Array:
+    """Return the turn of each ray (4 x 2 x m: left, up) by what is not estimated.
+
+    That is a shift of the finger forwards and to the left, as an angle (rad); exaggerated elevations, and
+    azimuths about their mean, per rad. Those of azimuths fade where people point all round.
     """
     phasor = np.conj(rays.inverse_azimuth)
+    cos_az, sin_az = phasor.real, phasor.imag
+    cos_el, sin_el = rays.elevation_phasor.real, rays.elevation_phasor.imag
     aside = (phasor * np.conj(phasor.mean())).imag
-    elevation_slope, azimuth_slope, latency_s = state[PARAMETERS:].tolist()
-    if elevation_slope or azimuth_slope or latency_s:
-        straight = Rays(
-            rays.origins_m,
-            rays.azimuths_rad - azimuth_slope * aside,
-            (1.0 - elevation_slope) * rays.elevations_rad,
-            rays.targets_m + latency_s * velocities_mps,
-        )
-    else:
-        straight = rays
-    angles, slopes = (values[0] for values in residuals(straight, state[None, :PARAMETERS]))
-    passed = np.einsum("pan,np->an", slopes[[0, 1, 4]], velocities_mps)
-    nuisances = np.stack([slopes[3] * rays.elevations_rad, -slopes[2] * aside, -passed])
-    return angles, np.concatenate([slopes, nuisances])
-
-
-def _of_finger(rays: Rays) -> Array:
-    """Return the turn of each ray (2 x 2 x m: left, up) by a shift of the finger forwards and to the left."""
-    cos_az, sin_az = rays.inverse_azimuth.real, -rays.inverse_azimuth.imag
-    sin_el = rays.elevation_phasor.imag
-    return np.array([[-sin_az, -sin_el * cos_az], [cos_az, -sin_el * sin_az]])
+    none = np.zeros_like(aside)
+    return np.array(
+        [
+            [-sin_az, -sin_el * cos_az],
+            [cos_az, -sin_el * sin_az],
+            [none, rays.elevations_rad],
+            [aside * cos_el, none],
+        ]
+    )
 
 
 def _inverse(information: Array) -> tuple[Array, Array]:

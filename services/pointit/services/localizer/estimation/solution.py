@@ -28,20 +28,19 @@ class SolverSettings:
     """Standard deviation of people's elevation bias."""
     bias_rad: float = 0.0
     """Expected elevation bias: 0, or what was found about the person before."""
-    elevation_slope: float = 0.0
-    """Expected exaggeration of heights: a target is at 1 - slope times the elevation of its ray."""
-    elevation_slope_sigma: float = 0.05
-    """Its standard deviation. 0 for a mouse."""
-    azimuth_slope_sigma: float = 0.0
-    """The same of azimuths, about their mean; 0 is best for all recorded people but two of twelve."""
-    scatter_rad: float | None = None
-    """Sigma sideways of one pointing of this person, if it was found before."""
+    elevation_slope_sigma: float = 0.15
+    """Standard deviation of how much people exaggerate how high targets are: -0.33 to +0.10 of recorded
+    people. 0 for a mouse."""
+    azimuth_slope_sigma: float = 0.1
+    """The same of how far they are aside: 0.2 to 0.3 of one person of three."""
+    rate_sigma_radps: float = math.radians(0.25)
+    """Standard deviation of the yaw rate of an IMU without a magnetometer."""
     body_sigma_m: float = 0.1
     """Standard deviation of the eyes' horizontal position over the feet, which more rays do not reduce."""
     height_sigma_m: float = 0.05
     """Standard deviation of the eye height above the floor; a large one leaves it free."""
-    model_sigma_rad: float = 0.05
-    """Standard deviation of a ray's constant error: eyes or finger 3 cm off, over an arm of 0.7 m."""
+    model_sigma_rad: float = 0.1
+    """Standard deviation of a ray's constant error: eyes or finger 7 cm off, over an arm of 0.7 m."""
     independent_hz: float = 2.0
     """Independent pointings per second of following; a hold at a target at rest is one."""
     latency_sigma_s: float = 0.15
@@ -78,28 +77,25 @@ class SolverSettings:
     def noise_model(self, *, is_still: bool) -> NoiseModel:
         """Return the noise model for targets at rest or moving."""
         sideways = self.act_sigma_rad if is_still else self.ray_sigma_rad
-        share = 1.0 if self.scatter_rad is None else self.scatter_rad / sideways
         sigmas = (
             *(self.bias_sigma_rad, self.height_sigma_m),
-            *(self.elevation_slope_sigma, self.azimuth_slope_sigma),
+            self.rate_sigma_radps,
             0.0 if is_still else self.latency_sigma_s,
         )
         return NoiseModel(
-            sigma_rad=share * np.array([sideways, self.elevation_sigma_rad]),
+            sigma_rad=np.array([sideways, self.elevation_sigma_rad]),
             independent_hz=0.0 if is_still else self.independent_hz,  # a reach errs until the next one
             body_sigma_m=self.body_sigma_m,
-            model_sigma_rad=self.model_sigma_rad,
+            considered=np.array(
+                [self.model_sigma_rad] * 2 + [self.elevation_slope_sigma, self.azimuth_slope_sigma]
+            ),
             prior=np.array([0.0, 0.0, 0.0, *(max(sigma, KNOWN) ** -2 for sigma in sigmas)]),
         )
 
     def rays(self, pointings: Pointings, centre: Array) -> Rays:
         """Return `pointings` less what is expected of the person, with targets relative to `centre` (3)."""
         rays = Rays.of(pointings.origins_m, pointings.directions, pointings.targets_m - centre)
-        if not (self.bias_rad or self.elevation_slope):
-            return rays
-        return replace(
-            rays, elevations_rad=(1.0 - self.elevation_slope) * rays.elevations_rad - self.bias_rad
-        )
+        return replace(rays, elevations_rad=rays.elevations_rad - self.bias_rad) if self.bias_rad else rays
 
     def residual_limit_rad(self, *, is_still: bool) -> float:
         """Return the rms angle up to which the person pointed at the targets, at rest or moving."""
@@ -122,23 +118,15 @@ class Solution:
     The yaw is that of pointing: an error that turns all of a person's rays equally is part of it.
     """
     residual_rad: float
-    """Rms angle between rays and targets."""
+    """Rms angle between rays and targets, as reported: their latency counts."""
     samples: int
     z_m: float = 0.0
     """Error of the eye height from the body measures; the floor's height if that was left free."""
     z_sigma_m: float = 0.0
     bias_sigma_rad: float = 0.0
-    elevation_slope: float = 0.0
-    """Exaggeration of heights: a target is at 1 - slope times the elevation of its ray."""
-    elevation_slope_sigma: float = 0.0
-    azimuth_slope: float = 0.0
-    """The same of azimuths about their mean."""
-    azimuth_slope_sigma: float = 0.0
     latency_s: float = 0.0
     """Latency of the reports of a moving target against the rays."""
     latency_sigma_s: float = 0.0
-    scatter_rad: float = 0.0
-    """Standard deviation sideways of one pointing of this person."""
     alternative: float = 0.0
     """Probability that the person stands at another place that fits, too."""
     of_latency: Array = field(default_factory=lambda: np.zeros(3))

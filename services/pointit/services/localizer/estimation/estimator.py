@@ -92,8 +92,6 @@ def solve(
         residual_rad=residual_rad,
         samples=count,
     )
-    if not np.all(np.isfinite(solution.covariance)):
-        return Refusal(NOWHERE)
     place_m = (float(poses[0, 0]), float(poses[0, 1]))
     result = check_solution(solution, place_m, rays, trust, limit_rad)
     if isinstance(result, Refusal) and solution.of_latency.any():

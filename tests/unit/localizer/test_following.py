@@ -9,6 +9,7 @@ from pointit.evaluation.datasets import read_trials
 from pointit.evaluation.localization.trial import Trial
 from pointit.schemas import NS_PER_S, PointingRay
 from pointit.services.localizer.estimation.estimator import Pointings, Refusal, Solution, SolverSettings
+from pointit.services.localizer.outputs import Output
 from pointit.services.localizer.procedures.moving_target import MovingTarget
 from pointit.services.localizer.verification.following import followed
 from pointit.services.localizer.verification.spikes import without_spikes
@@ -113,7 +114,8 @@ def test_late_arm_costs_no_more_than_its_own_time_again() -> None:
         late = raised(trial.pointings, 1.3, seed)
         procedure = MovingTarget(config(reaction_s=0.0))
         procedure.start(START_NS)
-        outputs, times_s = [], late.stamps_s - late.stamps_s[0]
+        outputs = list[Output]()
+        times_s = late.stamps_s - late.stamps_s[0]
         for t_s, origin, ray, target in zip(
             times_s.tolist(),
             late.origins_m.tolist(),

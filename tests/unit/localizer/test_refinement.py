@@ -49,17 +49,13 @@ def test_poses_of_people_who_exaggerate_are_within_their_uncertainty(slope: floa
     assert float(off @ np.linalg.solve(found.covariance[:2, :2], off)) < 6.0
 
 
-@given(
-    st.sampled_from(
-        ["elevation_slope_sigma", "azimuth_slope_sigma", "bias_sigma_rad", "body_sigma_m", "rate_sigma_radps"]
-    )
-)
+@given(st.sampled_from(["elevation_slope_sigma", "azimuth_slope_sigma", "body_sigma_m", "rate_sigma_radps"]))
 def test_less_known_about_a_person_is_less_known_about_their_pose(name: str) -> None:
     known: list[dict[str, Any]] = [{name: sigma} for sigma in (0.0001, 0.05, 0.3)]
     for rays in (pointings(Person(0.6, -0.4, 1.0), CORNERS), pointings(Person(), WAY, each=1)):
         sigmas_m = [solved(rays, dataclasses.replace(UNLIMITED, **each)).position_sigma_m for each in known]
-        assert sigmas_m[1] > 0.95 * sigmas_m[0]  # the pose, where they are linearized, moves a little, too
-        assert sigmas_m[2] > sigmas_m[0]
+        assert sigmas_m == sorted(sigmas_m)
+        assert sigmas_m[-1] > sigmas_m[0]
 
 
 def test_bias_that_is_expected_is_no_reason_for_a_refusal() -> None:

@@ -53,6 +53,9 @@ class ImuSample(Message):
             "another one a person's pointing has other systematic errors",
         ),
     ] = ""
+    latency_sigma_s: Annotated[
+        Extent | None, Field(description="1 sigma of the error of stamp_ns, s; None if unknown")
+    ] = None
 
 
 class WristSample(Message):

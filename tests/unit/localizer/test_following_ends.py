@@ -7,7 +7,10 @@ from pointit.services.localizer.config import LocalizerConfig
 from tests.unit.localizer.follower import START_NS, follow
 
 LATE_S = {"prompt": (0.3, 0.8), "late": (1.0, 2.5)}
-"""When the arm begins to rise after the press; all are up within the window."""
+"""When the arm begins to rise after the press, which is after rays count for late ones."""
+
+FOUND_S = {"prompt": 7.0, "late": 11.0}
+"""Median time until they may point: rays come at 5 Hz and 20 of them are needed, after the reaction."""
 
 
 @pytest.mark.parametrize("who", LATE_S)
@@ -24,8 +27,9 @@ def test_poses_of_people_who_turn_away_when_they_may_point(who: str) -> None:
     errors_m = np.array([course.error_m for course in courses])
     sigmas_m = np.array([course.sigma_m for course in courses])
     assert np.max(errors_m) < 1.0
-    assert np.median(errors_m) < 0.1
+    assert np.median(errors_m) < 0.25
     assert np.mean(errors_m <= 2.0 * sigmas_m) >= 0.95
+    assert np.median([course.pointing_s for course in courses]) < FOUND_S[who]
 
 
 def test_poses_that_are_followed_on_while_people_point_elsewhere() -> None:

@@ -11,7 +11,7 @@ from pointit.services.localizer.config import LocalizerConfig
 from pointit.services.localizer.outputs import Output
 from pointit.services.localizer.procedures.moving_target import (
     CONTRADICTED,
-    MIN_LATENCY_SIGMA_S,
+    WRIST_SIGMA_S,
     MovingTarget,
 )
 from tests.unit.localizer.lab import config
@@ -70,13 +70,19 @@ def test_newest_half_that_has_too_few_rays_of_its_own_contradicts_nothing() -> N
     assert last_told(outputs).phase == "solved"
 
 
-def test_tracker_that_says_it_is_never_late_is_believed_up_to_the_jitter_of_the_radio() -> None:
-    sigmas_m = [
-        stated(poses(live(started(config()), 0.0, 12.0, latency_sigma_s=latency_sigma_s))[-1])
-        for latency_sigma_s in (0.0, MIN_LATENCY_SIGMA_S, 5.0 * MIN_LATENCY_SIGMA_S)
-    ]
-    assert sigmas_m[0] == sigmas_m[1] < sigmas_m[2]
-    assert sigmas_m[0] > 0.0
+@pytest.mark.parametrize(
+    ("tracker_s", "wrist_s", "sigma_s"), [(0.0, None, WRIST_SIGMA_S), (0.03, 0.04, 0.05)]
+)
+def test_times_of_tracker_and_wrist_are_as_uncertain_as_stated(
+    tracker_s: float, wrist_s: float | None, sigma_s: float
+) -> None:
+    def sigma_m(tracker_s: float, wrist_s: float | None) -> float:
+        procedure = started(ON)
+        procedure.wrist_sigma_s = wrist_s
+        return stated(poses(live(procedure, 0.0, 8.0, latency_sigma_s=tracker_s))[-1])
+
+    assert sigma_m(tracker_s, wrist_s) == pytest.approx(sigma_m(sigma_s, 0.0))
+    assert sigma_m(0.0, 0.0) < sigma_m(tracker_s, wrist_s) < sigma_m(0.1, wrist_s)
 
 
 def test_who_walks_away_slowly_is_told_although_each_pose_agrees_with_the_one_before() -> None:
@@ -120,9 +126,9 @@ def test_rays_of_before_the_start_make_no_pose_however_late_they_come() -> None:
 
 
 def test_progress_falls_while_the_robot_is_lost() -> None:
-    procedure = started(config())
-    seen = last_told(live(procedure, 0.0, 7.0)).progress
+    procedure = started(config(window_s=3.0))
+    seen = last_told(live(procedure, 0.0, 3.4)).progress
     assert seen > 0.5
-    lost = [message.progress for message in told(live(procedure, 7.0, 20.0, is_tracked=False))]
+    lost = [message.progress for message in told(live(procedure, 3.4, 20.0, is_tracked=False))]
     assert lost == sorted(lost, reverse=True)
     assert lost[-1] == 0.0

@@ -112,7 +112,7 @@ def test_latency_does_not_matter_for_targets_that_stand_still() -> None:
 
 @pytest.mark.parametrize("stated_s", [None, 0.0, 0.5])
 def test_tracker_states_its_latency_with_every_report(stated_s: float | None) -> None:
-    procedure = MovingTarget(config())
+    procedure = MovingTarget(config(autostart=True))
     outputs = procedure.start(START_NS)
     for tick in range(750):
         now_ns = START_NS + tick * NS_PER_S // 50
@@ -125,7 +125,7 @@ def test_tracker_states_its_latency_with_every_report(stated_s: float | None) ->
         return
     sigma_rad = math.sqrt(poses(outputs)[-1].covariance[8])
     turned_rad = math.tau / 8.0 * (0.15 if stated_s is None else 0.02)
-    assert sigma_rad == pytest.approx(math.hypot(turned_rad, math.radians(1.5)), abs=math.radians(0.5))
+    assert sigma_rad == pytest.approx(math.hypot(turned_rad, math.radians(1.5)), abs=math.radians(1.0))
 
 
 def test_refusal_names_the_latency_when_it_alone_makes_the_pose_uncertain() -> None:

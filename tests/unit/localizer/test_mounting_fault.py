@@ -116,7 +116,7 @@ def test_no_pointings_give_no_slope() -> None:
     found = solve(gathered, SolverSettings())
     assert isinstance(found, Solution)
     nothing = gathered.only(np.zeros(len(gathered), dtype=np.bool_))
-    assert mounting_slope(nothing, found, SolverSettings(), 0.0) is None
+    assert mounting_slope(nothing, found, SolverSettings(), 0.0, independent=20.0) is None
 
 
 @pytest.mark.parametrize("ahead_s", [(0.0,), (60.0, 0.0)], ids=["one tracker", "another with a wrong clock"])

@@ -18,7 +18,8 @@ def said(monkeypatch: pytest.MonkeyPatch, slope: Slope, *, is_refused: bool = Fa
     """Return the message about `slope` with accepted or refused rays."""
     gathered = following(1, TURNS["along"])
 
-    def measured(*_: object) -> Slope:
+    def measured(*_: object, independent: float) -> Slope:
+        del independent
         return slope
 
     monkeypatch.setattr(mounting, "mounting_slope", measured)

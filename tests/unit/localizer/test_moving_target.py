@@ -75,7 +75,7 @@ def error_m(pose: UserPose, person: Person = PERSON) -> float:
     return math.hypot(pose.position_m[0] - person.x, pose.position_m[1] - person.y)
 
 
-def test_following_ends_with_one_pose_of_a_whole_window() -> None:
+def test_following_ends_with_one_pose_within_four_seconds_of_following() -> None:
     procedure = MovingTarget(config())
     outputs = fly(procedure, 12.0)
     found = poses(outputs)
@@ -88,7 +88,7 @@ def test_following_ends_with_one_pose_of_a_whole_window() -> None:
     assert not procedure.running
     last = told(outputs)[-1]
     assert (last.phase, last.progress, last.target_id) == ("solved", 1.0, "drone")
-    assert 10.4 <= (last.stamp_ns - START_NS) / NS_PER_S <= 11.1  # reaction, nine tenths of the window
+    assert 3.0 <= (last.stamp_ns - START_NS) / NS_PER_S <= 5.5  # the reaction counts, too
 
 
 def test_the_pairing_is_by_stamp_not_by_arrival() -> None:
@@ -106,9 +106,8 @@ def test_continuous_goes_on_and_keeps_to_its_window() -> None:
     assert found[-1].stamp_ns > START_NS + 29 * NS_PER_S
     gaps = np.diff([pose.stamp_ns for pose in found]) / NS_PER_S
     assert np.all((gaps > 0.49) & (gaps < 0.51))  # twice a second
-    assert found[0].stamp_ns < START_NS + 4.1 * NS_PER_S  # published from the first that is accepted
     first_solved = next(message for message in told(outputs) if message.phase == "solved")
-    assert 5.0 <= (first_solved.stamp_ns - START_NS) / NS_PER_S <= 5.6  # reaction, nine tenths of the window
+    assert first_solved.stamp_ns == found[0].stamp_ns  # whoever hears that they are found, is
     assert found[-1].samples == pytest.approx(200, abs=4)
 
 
@@ -130,7 +129,7 @@ def test_two_robots_that_move_alike_are_refused_by_name(noise_rad: float) -> Non
     assert "drone" in last.reason
     assert "twin" in last.reason
     named = fly(MovingTarget(config(robot_id="drone")), 12.0, beside_m=0.8, noise_rad=noise_rad)
-    assert error_m(poses(named)[-1]) < 0.2
+    assert error_m(poses(named)[-1]) < 0.3
 
 
 def test_a_robot_that_is_tracked_twice_is_one() -> None:
@@ -239,10 +238,10 @@ def test_no_pose_is_repeated_when_the_rays_stop() -> None:
 
 def test_cancel_stops_following_and_keeps_the_pose() -> None:
     procedure = MovingTarget(config())
-    fly(procedure, 4.0)
-    (message,) = told(procedure.cancel(START_NS + 4 * NS_PER_S))
+    fly(procedure, 2.5)
+    (message,) = told(procedure.cancel(START_NS + 3 * NS_PER_S))
     assert message.phase == "cancelled"
-    assert procedure.cancel(START_NS + 4 * NS_PER_S) == []
+    assert procedure.cancel(START_NS + 3 * NS_PER_S) == []
 
 
 def test_a_track_is_linear_between_reports_and_unknown_in_gaps() -> None:

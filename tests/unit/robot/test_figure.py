@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pointit.geometry.vector import Vec3
+from pointit.services.robot import figure
 from pointit.services.robot.figure import AssumedPerson, best_figure, figures, position_sigmas_m
 
 START: Vec3 = (2.5, 0.5, 1.2)
@@ -40,13 +41,39 @@ def test_figures_are_closed_as_long_as_asked_and_away_from_people(
     start = (reach_m * math.cos(way_rad), reach_m * math.sin(way_rad), height_m)
     found = figures(start, [PERSON], length_m=length_m, is_flying=height_m > 0.0)
     assert found == sorted(found, key=lambda figure: figure.sigma_m)
-    for figure in found:
-        points = np.array(figure.points_m)
+    for each in found:
+        points = np.array(each.points_m)
         assert points[0] == pytest.approx(start)
         assert points[-1] == pytest.approx(start, abs=1e-6)
         assert np.linalg.norm(np.diff(points, axis=0), axis=1).sum() == pytest.approx(length_m, rel=0.01)
         assert np.hypot(points[:, 0], points[:, 1]).min() >= 1.5
         assert height_m > 0.0 or (points[:, 2] == 0.0).all()
+
+
+@pytest.mark.parametrize("start", [START, (2.5, 0.5, 0.0)])
+def test_an_unknown_latency_costs_little_on_the_best_figure_and_much_on_a_circle(
+    monkeypatch: pytest.MonkeyPatch, start: Vec3
+) -> None:
+    """Of the tracker, at constant speed: a circle turns the pose by it, and no residual tells."""
+    best = even(np.array(figures(start, [PERSON], length_m=4.0, is_flying=start[2] > 0.0)[0].points_m))
+    turned = np.linspace(0.0, math.tau, 101)
+    circle = np.array(start) + 4.0 / math.tau * np.stack(
+        [1.0 - np.cos(turned), np.sin(turned), 0.0 * turned], axis=1
+    )
+    sigmas_m: list[tuple[float, float]] = []
+    for late_s in (0.001, 0.5):
+        monkeypatch.setattr(figure, "PRIOR", np.append(figure.PRIOR[:4], late_s**-2))
+        sigmas_m.append((sigma_m(best), sigma_m(circle)))
+    (best_m, circle_m), (best_late_m, circle_late_m) = sigmas_m
+    assert best_late_m < 2.0 * best_m
+    assert circle_late_m > 4.0 * circle_m
+
+
+def even(points: np.ndarray) -> np.ndarray:
+    """Return 101 points at equal distances along `points` (n x 3)."""
+    passed_m = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1)))
+    wanted_m = np.arange(101) * float(passed_m[-1]) / 100.0
+    return np.stack([np.interp(wanted_m, passed_m, points[:, axis]) for axis in range(3)], axis=1)
 
 
 def test_what_a_robot_at_rest_shows_is_not_enough() -> None:

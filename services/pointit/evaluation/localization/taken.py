@@ -9,6 +9,8 @@ from pointit.services.localizer.estimation.estimator import (
 )
 from pointit.services.localizer.estimation.mounting import mounting_fault
 from pointit.services.localizer.estimation.sample_blocks import blocks
+from pointit.services.localizer.verification.following import followed
+from pointit.services.localizer.verification.holds import held
 
 LIMITS = SolverSettings()
 """The localizer's own priors and limits, as configured by default."""
@@ -16,8 +18,10 @@ LIMITS = SolverSettings()
 
 def judged(pointings: Pointings, trust: SolverSettings = LIMITS) -> Solution | Refusal:
     """Return the pose that the localizer takes from `pointings`, or its refusal."""
-    found = solve(pointings, trust)
-    if not len(pointings) or blocks(pointings).is_still:
-        return found
+    if not len(pointings):
+        return solve(pointings, trust)
+    if blocks(pointings).is_still:
+        return held(pointings, trust)
+    found = followed(pointings, trust)
     wrong = mounting_fault(pointings, found, trust, 0.0)
     return Refusal(wrong, found.residual_rad) if wrong else found

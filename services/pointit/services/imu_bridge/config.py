@@ -40,6 +40,13 @@ class ImuBridgeConfig(PluginConfig):
         default=None,
         description="the same as roll, pitch and yaw about the fixed axes x, y, z, in that order, °",
     )
+    latency_sigma_s: float | None = Field(
+        default=None,
+        ge=0,
+        le=10,
+        description="1 sigma of the error of the samples' times, if it is known, by which following a robot "
+        "is judged, s",
+    )
     silence_s: float = Field(
         default=3.0,
         gt=0,

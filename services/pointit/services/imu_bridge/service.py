@@ -159,6 +159,7 @@ class ImuBridge(Service[ImuBridgeConfig]):
                 battery=self._wrist.monitor.battery,
                 yaw_epoch=self._wrist.epoch.count,
                 mounting=self._mounting.label,
+                latency_sigma_s=self.config.latency_sigma_s,
             )
         )
 

@@ -126,6 +126,7 @@ class PoseManager:
         resting arm shows the IMU's drift.
         """
         self._memory.mounting = sample.mounting
+        self._procedures.on_wrist(sample.latency_sigma_s)
         change = self._origin.add(sample)
         out: list[Output] = []
         if change:

@@ -61,6 +61,7 @@ class ProcedureRunner:
         self._make: Make = self._static
         """Creates the procedure of the last request for lamps."""
         self._running: Procedure | None = None
+        self._wrist_sigma_s: float | None = None
         self._published_ns = 0
 
     @property
@@ -127,6 +128,12 @@ class ProcedureRunner:
         self._leases = ()
         self._gone_ns = now_ns
 
+    def on_wrist(self, latency_sigma_s: float | None) -> None:
+        """Update 1 sigma of the time of the person's rays, None if unknown."""
+        self._wrist_sigma_s = latency_sigma_s
+        if isinstance(self._running, MovingTarget):
+            self._running.wrist_sigma_s = latency_sigma_s
+
     def on_ray(self, ray: PointingRay) -> None:
         """Process a ray of the person."""
         if self._running is not None:
@@ -164,6 +171,7 @@ class ProcedureRunner:
         """Start following a robot; stop the procedure that runs."""
         out = self.stop(now_ns)
         self._running = MovingTarget(self._config, self._memory)
+        self._running.wrist_sigma_s = self._wrist_sigma_s
         self._tracking.end_rest()
         return [*out, *self._running.start(now_ns)]
 

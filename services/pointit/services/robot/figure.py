@@ -32,7 +32,7 @@ INDEPENDENT_HZ = 2.0
 UNKNOWN_M = 100.0
 """Standard deviation of a position that the figure does not determine."""
 
-PRIOR = np.array([UNKNOWN_M, UNKNOWN_M, math.pi, math.radians(10.0), 0.1]) ** -2
+PRIOR = np.array([UNKNOWN_M, UNKNOWN_M, math.pi, math.radians(10.0), 0.15]) ** -2
 """Information about x, y (1/m²), yaw, elevation bias (1/rad²) and latency (1/s²) before any ray."""
 
 ASPECTS = (0.0, 0.5, 1.0)

@@ -80,11 +80,14 @@ class FigureFlight:
             speed_limit_mps: returns the greatest speed along points.
             now_ns: the time.
         """
-        if not self._is_wanted(now_ns):
-            return self._end(report, order)
+        is_wanted = self._is_wanted(now_ns)
+        if not is_wanted and isinstance(order.command, FollowPath | TakeOff):
+            return self._interrupt(order)
         is_early = self._tried_ns is not None and abs(now_ns - self._tried_ns) < PAUSE_S * NS_PER_S
         if order.command is not None or is_early:
             return None
+        if not is_wanted:
+            return self._end(report, order, now_ns)
         self._tried_ns = now_ns
         if self._config.kind == "quadrotor" and not report.is_flying:
             x, y, z = report.position_m
@@ -108,15 +111,20 @@ class FigureFlight:
         self._is_begun, self.problem = True, ""
         return FollowPath(order.next(), chosen.points_m[1:], None, speed_limit_mps(chosen.points_m))
 
-    def _end(self, report: RobotReport, order: CurrentOrder) -> Command | None:
-        """Return the command that ends a figure: the robot stops, and a quadrotor lands where it is."""
+    def _interrupt(self, order: CurrentOrder) -> Command | None:
+        """Return the command that stops the figure."""
         self.problem = ""
+        self._tried_ns = None
+        return Stop(order.next()) if self._is_begun else None
+
+    def _end(self, report: RobotReport, order: CurrentOrder, now_ns: int) -> Command | None:
+        """Return the command that ends a figure: a quadrotor lands, however often it is halted."""
+        self.problem = ""
+        self._is_begun = self._is_begun and report.is_flying
         if not self._is_begun:
             return None
-        if isinstance(order.command, FollowPath | TakeOff):
-            return Stop(order.next())
-        self._is_begun = False
-        return Land(order.next(), None) if report.is_flying else None
+        self._tried_ns = now_ns
+        return Land(order.next(), None)
 
     def _people(self, here_m: Vec3, *, is_flying: bool) -> list[AssumedPerson]:
         """Return where those who follow may stand: as configured, else anywhere around."""

@@ -218,7 +218,8 @@ class RobotPilot:
             return Stop(self._order.next())
         report = self.report
         if self._stop is not None or self._lost or report is None:
-            self._figure.forget()
+            if self._lost or (self._stop is not None and self._stop.is_freeing):
+                self._figure.forget()  # of a stop that passes by itself, a quadrotor still has to land
             return None
         if not self.user:
             return self._figure_command(report, now_ns)

@@ -12,7 +12,6 @@ from pointit.services.localizer.config import LocalizerConfig
 from pointit.services.localizer.estimation.estimator import Refusal, Solution, SolverSettings
 from pointit.services.localizer.estimation.mounting import mounting_fault
 from pointit.services.localizer.memory.person_memory import PersonMemory, Remember
-from pointit.services.localizer.memory.recall import solve
 from pointit.services.localizer.outputs import Output, Phase, pose_message
 from pointit.services.localizer.procedures.procedure import Procedure
 from pointit.services.localizer.procedures.target_disambiguation import (
@@ -21,22 +20,20 @@ from pointit.services.localizer.procedures.target_disambiguation import (
     rank_by_posterior,
 )
 from pointit.services.localizer.procedures.time_sync import RayWindow, Track
+from pointit.services.localizer.verification.following import (
+    AGREEING,
+    CHANGED,
+    UNSETTLED,
+    followed,
+    has_settled,
+)
 
 ROBOT = "robot"
 """Kind of the objects that are followed if no id is given."""
 
-MIN_LATENCY_SIGMA_S = 0.02
-"""Lower bound of the latency's uncertainty: the IMU's radio jitters by 5 to 20 ms."""
+WRIST_SIGMA_S = 0.02
+"""1 sigma of the time of rays whose wrist does not state it: the IMU's radio jitters by 5 to 20 ms."""
 
-AGREEING = 2.37
-"""Median of chi-square of x, y and yaw. Differences of a person who follows share rays and constant errors:
-on recordings they stay below 1.4. An arm that came late makes 10 to 20.
-"""
-
-WHOLE = 0.9
-"""Share of the window that a person must have followed before the procedure may end."""
-
-CHANGED = "the newest rays contradict the ones before; keep following the robot with the arm straight"
 CONTRADICTED = (
     "the rays contradict the pose, so they are not pointed at the robot any more; the pose stays. If the "
     "person has moved, localize again"
@@ -46,17 +43,20 @@ MAX_TRACKS = 256
 """Largest number of robots; those reported last are kept."""
 
 
-MIN_SPAN_S = 2.0
+MIN_SPAN_S = 1.5
 """Time of pointing before the first solution."""
 
 SOLVE_HZ = 2.0
+"""Rate of solutions once there is a pose."""
+
+SEARCH_HZ = 4.0
+"""Rate of solutions before."""
 
 
 class MovingTarget(Procedure):
     """One run of the procedure.
 
-    It ends when nine tenths of a window are accepted: in a shorter one an arm that came late makes poses that
-    are wrong and look certain. With `autostart` it continues, and publishes poses of shorter windows before.
+    It ends as soon as a pose is accepted. With `autostart` it continues, and refines the pose.
     """
 
     _due_ns: int
@@ -84,6 +84,8 @@ class MovingTarget(Procedure):
         """Create the procedure; `memory` is of the person, None if there is none."""
         super().__init__(config)
         self._memory = memory or PersonMemory()
+        self.wrist_sigma_s: float | None = None
+        """1 sigma of the time of the rays, as the wrist states it. None if it does not."""
         self._trust = config.believed()
         self._clear(0)
 
@@ -131,17 +133,14 @@ class MovingTarget(Procedure):
         """Solve when it is time."""
         if now_ns < self._due_ns:
             return []
-        self._due_ns = now_ns + round(NS_PER_S / SOLVE_HZ)
         result = self._try()
+        self._due_ns = now_ns + round(NS_PER_S / (SEARCH_HZ if isinstance(result, Refusal) else SOLVE_HZ))
+        if self._surest is not None and self._contradicts(result, *self._surest):
+            result = Refusal(CONTRADICTED, result.residual_rad)
         if isinstance(result, Refusal):
             return self._missed(now_ns, result)
-        if self._surest is not None and self._contradicts(result, *self._surest):
-            return self._missed(now_ns, Refusal(CONTRADICTED, result.residual_rad))
         self._solution = result
         pose = pose_message(result, "moving_target", self._rays.newest_ns, self._config)
-        if self._surest is None and not (self._is_whole(self._span_s) or self._is_late(now_ns)):
-            shown = [pose] if self._config.autostart else []
-            return [*shown, self._localization(now_ns, "sampling", residual_rad=result.residual_rad)]
         remember = list[Remember]()
         if self._surest is None or result.position_sigma_m <= self._surest[0].position_sigma_m:
             self._surest = (result, self._rays.newest_ns)
@@ -188,7 +187,11 @@ class MovingTarget(Procedure):
         meant = next((track for _, track, each in solved if each is result), None)
         if meant is None:  # refused because two robots move in the same way, not because of one robot's rays
             return result
-        wrong = mounting_fault(self._rays.pointings(meant), result, trust, self._config.floor_m)
+        pointings, floor_m = self._rays.pointings(meant), self._config.floor_m
+        if isinstance(result, Refusal) and has_settled(pointings, result, trust, floor_m=floor_m):
+            self._rays.forget_older_half()
+            return result
+        wrong = mounting_fault(pointings, result, trust, floor_m)
         return Refusal(wrong, result.residual_rad) if wrong else result
 
     def _forget_left(self, now_ns: int, tracker: str | None = None) -> None:
@@ -209,25 +212,17 @@ class MovingTarget(Procedure):
         self._span_s = max(self._span_s, pointings.span_s)
         if pointings.span_s < MIN_SPAN_S:
             return Refusal("keep following the robot with the arm straight")
-        if track.latency_sigma_s is not None:
-            trust = replace(trust, latency_sigma_s=max(track.latency_sigma_s, MIN_LATENCY_SIGMA_S))
-        floor_m = self._config.floor_m
-        result = solve(pointings, trust, floor_m=floor_m, start=self._solution)
-        if isinstance(result, Refusal) or not self._is_whole(pointings.span_s):
-            return result
-        unlimited = replace(trust, max_position_sigma_m=math.inf, max_yaw_sigma_rad=math.inf)
-        middle_s = pointings.stamps_s[-1] - 0.5 * self._config.window_s
-        half = solve(pointings.only(pointings.stamps_s >= middle_s), unlimited, floor_m=floor_m, start=result)
-        is_steady = isinstance(half, Refusal) or half.differs(result) <= AGREEING
-        return result if is_steady else Refusal(CHANGED, result.residual_rad)
-
-    def _is_whole(self, span_s: float) -> bool:
-        return span_s >= WHOLE * self._config.window_s
+        tracker_s = trust.latency_sigma_s if track.latency_sigma_s is None else track.latency_sigma_s
+        wrist_s = WRIST_SIGMA_S if self.wrist_sigma_s is None else self.wrist_sigma_s
+        trust = replace(trust, latency_sigma_s=math.hypot(tracker_s, wrist_s))
+        return followed(pointings, trust, floor_m=self._config.floor_m, start=self._solution)
 
     def _is_late(self, now_ns: int) -> bool:
         return now_ns - self.since_ns >= self._config.give_up_s * NS_PER_S
 
-    def _contradicts(self, solution: Solution, surest: Solution, surest_ns: int) -> bool:
+    def _contradicts(self, solution: Solution | Refusal, surest: Solution, surest_ns: int) -> bool:
+        if isinstance(solution, Refusal):
+            return solution.reason in {CHANGED, UNSETTLED}
         rate_radps = math.radians(self._config.drift.rate_sigma_degps)
         drift_rad = rate_radps * (self._rays.newest_ns - surest_ns) / NS_PER_S
         return surest.differs(solution, drift_rad) > AGREEING

@@ -26,6 +26,7 @@ from pointit.services.localizer.outputs import Output, pose_message
 from pointit.services.localizer.procedures.lamp_procedure import LampProcedure
 from pointit.services.localizer.procedures.lamps import max_holds, usable
 from pointit.services.localizer.procedures.next_target import EYES_M, ObservationModel, next_target
+from pointit.services.localizer.verification.holds import held, odd_hold
 
 MIN_LAMPS = 2
 """Number of lamps before a pose can be solved."""
@@ -101,9 +102,9 @@ class StaticTargets(LampProcedure):
         if self._config.order == "given":
             if count < self._max_holds:
                 return self._light(now_ns)
-            return self._finish(now_ns, self._solve(self._trust))
-        result = self._solve(self._trust) if count >= MIN_LAMPS else None
-        sofar = self._solve(_lax(self._trust)) if isinstance(result, Refusal) else result
+            return self._finish(now_ns, self._solve())
+        result = self._solve() if count >= MIN_LAMPS else None
+        sofar = self._so_far() if isinstance(result, Refusal) else result
         self._solution = sofar if isinstance(sofar, Solution) else None
         before, self._ratio = self._ratio, self._uncertainty_ratio()
         if result is None or (count < self._max_holds and self._goes_on(result, before)):
@@ -129,14 +130,24 @@ class StaticTargets(LampProcedure):
         yaw_sigma_rad = math.radians(enough.yaw_deg)
         return max(solution.position_sigma_m / enough.position_m, solution.yaw_sigma_rad / yaw_sigma_rad)
 
-    def _solve(self, trust: SolverSettings) -> Solution | Refusal:
+    def _solve(self) -> Solution | Refusal:
+        """Return the pose, or why it is not accepted."""
+        return held(self._pointings(), self._believed(), floor_m=self._config.floor_m)
+
+    def _so_far(self) -> Solution | Refusal:
+        """Return the pose however uncertain it is, to choose the next lamp."""
+        unlimited = replace(self._believed(), max_position_sigma_m=math.inf, max_yaw_sigma_rad=math.inf)
+        return solve(self._pointings(), unlimited, floor_m=self._config.floor_m)
+
+    def _believed(self) -> SolverSettings:
+        return ray_math.believed(self._memory.recall(self._trust), self._rays)
+
+    def _pointings(self) -> Pointings:
         rays = self._rays
         targets = [lamp.position_m for hold, lamp in self._holds for _ in hold.rays]
         stamps = np.array([ray.stamp_ns - rays[0].stamp_ns for ray in rays]) / NS_PER_S
         positions = np.array(targets, dtype=np.float64).reshape(-1, 3)
-        pointings = Pointings(stamps, ray_math.origins(rays), ray_math.directions(rays), positions)
-        believed = ray_math.believed(self._memory.recall(trust), rays)
-        return solve(pointings, believed, floor_m=self._config.floor_m)
+        return Pointings(stamps, ray_math.origins(rays), ray_math.directions(rays), positions)
 
     def _finish(self, now_ns: int, result: Solution | Refusal) -> list[Output]:
         if isinstance(result, Refusal):
@@ -149,16 +160,20 @@ class StaticTargets(LampProcedure):
         return [
             pose_message(result, "static_targets", self._rays[-1].stamp_ns, self._config),
             *self._memory.learn(result, self._trust, now_ns),
-            self._localization(now_ns, "solved", residual_rad=result.residual_rad, progress=1.0),
+            self._localization(
+                now_ns, "solved", residual_rad=result.residual_rad, reason=self._left_out(), progress=1.0
+            ),
         ]
+
+    def _left_out(self) -> str:
+        """Return a message about a pointing that does not count, or `""`."""
+        odd = odd_hold(self._pointings(), self._believed(), floor_m=self._config.floor_m)
+        if odd is None:
+            return ""
+        return f"pointing {odd + 1}, at {self._holds[odd][1].id}, missed it by far and does not count"
 
     @property
     def _count(self) -> int:
         config = self._config
         expected = (config.targets or len(self._lamps)) if config.order == "informative" else self._max_holds
         return max(len(self._holds), expected)
-
-
-def _lax(trust: SolverSettings) -> SolverSettings:
-    """Return `trust` without limits on the uncertainty, for a pose so far."""
-    return replace(trust, max_position_sigma_m=math.inf, max_yaw_sigma_rad=math.inf)

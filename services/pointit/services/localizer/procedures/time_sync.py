@@ -52,6 +52,13 @@ class RayWindow:
         while self._rays[0].stamp_ns < ray.stamp_ns - self._window_ns:
             self._rays.popleft()
 
+    def forget_older_half(self) -> None:
+        """Drop the rays of the first half of the time."""
+        if self._rays:
+            middle_ns = self._rays[0].stamp_ns + (self.newest_ns - self._rays[0].stamp_ns) // 2
+            while self._rays[0].stamp_ns < middle_ns:
+                self._rays.popleft()
+
     @property
     def times_ns(self) -> tuple[int, int]:
         """Return the stamps of the oldest and the middle ray, -1 if there are none."""

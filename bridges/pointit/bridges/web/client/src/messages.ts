@@ -947,6 +947,10 @@ export interface ImuSample {
    */
   device_time_ns: number | null;
   /**
+   * 1 sigma of the error of stamp_ns, s; None if unknown
+   */
+  latency_sigma_s: number | null;
+  /**
    * device and how it sits on the arm, such as `ble metamotion`; empty if unknown. With another one a person's pointing has other systematic errors
    */
   mounting: string;

@@ -1,0 +1,1 @@
+"""Which poses are taken: of rays that follow, and of pointings that agree."""

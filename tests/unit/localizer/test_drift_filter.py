@@ -89,20 +89,59 @@ def test_pose_at_a_later_time_does_not_change_the_filter() -> None:
 def test_an_outlier_is_rejected_named_and_forgotten_after_the_next_anchor() -> None:
     drift, spared = calibrated(PERSON), calibrated(PERSON)
     at_ns = 4 * MINUTE_NS
-    beside = point(drift, drifted(PERSON, at_ns), LAMPS[0], at_ns, math.radians(32.0))
+    beside = point(drift, drifted(PERSON, at_ns), LAMPS[0], at_ns, math.radians(36.0))
     assert not beside.accepted
-    assert math.degrees(beside.azimuth_error_rad) == pytest.approx(-32.0, abs=2.0)
-    assert "32° to the right" in beside.reason
+    assert math.degrees(beside.azimuth_error_rad) == pytest.approx(-36.0, abs=2.0)
+    assert "36° to the right" in beside.reason
     assert "point at that target again" in beside.reason
     truth = drifted(PERSON, at_ns)
     doubted = drift.at(at_ns)
-    assert abs(yaw_difference(doubted.yaw_rad, truth.yaw_rad)) < 3.0 * doubted.yaw_sigma_rad
+    assert abs(yaw_difference(doubted.yaw_rad, truth.yaw_rad)) < 2.0 * doubted.yaw_sigma_rad
     assert doubted.anchored_ns == 3 * MINUTE_NS
     for each in (drift, spared):
         assert point(each, truth, LAMPS[0], at_ns + NS_PER_S).accepted
     have, want = drift.at(at_ns + NS_PER_S), spared.at(at_ns + NS_PER_S)
     assert have.yaw_rad == pytest.approx(want.yaw_rad, abs=math.radians(1.0))
     assert have.yaw_rate_radps == pytest.approx(want.yaw_rate_radps, abs=math.radians(0.02))
+
+
+@pytest.mark.parametrize("beside_deg", [-120.0, -60.0, -40.0, 45.0, 60.0, 90.0, 150.0])
+@pytest.mark.parametrize("higher_deg", [0.0, 5.0, 10.0])
+def test_one_stray_pointing_does_not_turn_the_pose(beside_deg: float, higher_deg: float) -> None:
+    """As at another lamp: people err more often than IMUs are turned."""
+    drift = calibrated(PERSON)
+    at_ns = 4 * MINUTE_NS
+    truth = drifted(PERSON, at_ns)
+    stray = Person(truth.x, truth.y, truth.yaw_rad, truth.bias_rad + math.radians(higher_deg))
+    direction = vector.rotate_z(stray.direction(LAMPS[1]), math.radians(beside_deg))
+    result = drift.update_anchor(
+        at_ns, LAMPS[1], (0.0, 0.0, EYES_M), direction, elevation_bias_rad=PERSON.bias_rad, samples=50
+    )
+    assert not result.accepted
+    pose = drift.at(at_ns)
+    error = abs(yaw_difference(pose.yaw_rad, truth.yaw_rad))
+    assert error < 2.0 * pose.yaw_sigma_rad
+    assert error < 0.5 * abs(math.radians(beside_deg))
+
+
+def test_a_fix_that_is_no_pose_leaves_the_state() -> None:
+    drift = calibrated(PERSON)
+    before = drift.at(3 * MINUTE_NS)
+    for bad in (
+        Fix(x_m=0.0, y_m=0.0, yaw_rad=0.0, covariance=np.full((3, 3), math.nan), stamp_ns=4 * MINUTE_NS),
+        Fix(x_m=math.nan, y_m=0.0, yaw_rad=0.0, covariance=np.eye(3), stamp_ns=4 * MINUTE_NS),
+    ):
+        with pytest.raises(ValueError, match="finite"):
+            drift.reset(bad)
+        after = drift.at(3 * MINUTE_NS)
+        assert (after.x_m, after.y_m, after.yaw_rad) == (before.x_m, before.y_m, before.yaw_rad)
+        assert np.array_equal(after.covariance, before.covariance)
+
+
+@pytest.mark.parametrize(("moved", "outlier"), [(0.0, 0.1), (0.02, 0.0), (0.6, 0.4)])
+def test_a_case_without_a_probability_is_refused(moved: float, outlier: float) -> None:
+    with pytest.raises(ValueError, match="shares"):
+        DriftSettings(moved_share=moved, outlier_share=outlier)
 
 
 def test_a_pointing_far_too_high_is_rejected() -> None:
@@ -134,12 +173,12 @@ def test_a_turned_imu_is_believed_the_second_time() -> None:
 
 
 def test_a_drift_beyond_the_prior_is_believed_too() -> None:
-    fast = math.radians(0.85)  # 51° in the first minute, where 3 sigma are 45°
+    fast = math.radians(0.85)  # 51° in the first minute, 3.4 sigma
     drift = DriftFilter(fix(PERSON, 0))
     results = [
         point(drift, drifted(PERSON, m * MINUTE_NS, fast), LAMPS[m % 3], m * MINUTE_NS) for m in (1, 2)
     ]
-    assert [result.accepted for result in results] == [False, True]
+    assert results[-1].accepted
     pose = drift.predict(3 * MINUTE_NS)
     error = yaw_difference(pose.yaw_rad, drifted(PERSON, 3 * MINUTE_NS, fast).yaw_rad)
     assert abs(error) < math.radians(8.0)
@@ -232,7 +271,7 @@ def test_yaw_origin_change_keeps_position_and_first_anchor_restores_yaw(*, resta
     assert point(drift, turned, LAMPS[0], at_ns + NS_PER_S).accepted
     told = drift.at(at_ns + NS_PER_S)
     assert abs(yaw_difference(told.yaw_rad, turned.yaw_rad)) < math.radians(2.0)
-    assert told.yaw_sigma_rad < math.radians(6.0)
+    assert told.yaw_sigma_rad < math.radians(9.0)  # that one pointing may have been at another lamp
 
 
 @pytest.mark.parametrize("late_s", [5.0, 20.0])
@@ -247,13 +286,13 @@ def test_a_late_localization_counts_as_one_in_time(late_s: float) -> None:
     late.reset(new)
     have = late.at(now_ns)
     assert have.yaw_rad == pytest.approx(want.yaw_rad, abs=math.radians(0.2))
-    assert have.yaw_sigma_rad == pytest.approx(want.yaw_sigma_rad, rel=0.03)
+    assert have.yaw_sigma_rad == pytest.approx(want.yaw_sigma_rad, rel=0.05)
     assert have.yaw_rate_radps == pytest.approx(want.yaw_rate_radps, rel=0.02)
     assert have.yaw_rate_sigma_radps == pytest.approx(want.yaw_rate_sigma_radps, rel=0.05)
     assert have.position_sigma_m == pytest.approx(want.position_sigma_m, rel=0.01)
     # a minute on, both have become as uncertain: the rate and the yaw hang together in both
     later_ns = now_ns + MINUTE_NS
-    assert late.at(later_ns).yaw_sigma_rad == pytest.approx(timely.at(later_ns).yaw_sigma_rad, rel=0.03)
+    assert late.at(later_ns).yaw_sigma_rad == pytest.approx(timely.at(later_ns).yaw_sigma_rad, rel=0.05)
 
 
 def test_facing_a_wall_sets_the_yaw_beyond_the_gate() -> None:

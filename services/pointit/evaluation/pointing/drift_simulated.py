@@ -22,6 +22,12 @@ TOLD_S = 180.0
 TURNED = "3 min, 1 anchor/min, IMU turned"
 """Condition in which the IMU is turned on the arm between the two anchors; the bound is without the turn."""
 
+WRONG_ANCHOR = "3 min, 1 anchor/min, wrong anchor"
+"""Condition in which people point beside the lamp at the second anchor, as high; the bound is without it."""
+
+BESIDE_RAD = math.radians(40.0)
+"""By how much in both."""
+
 NORMAL_MEDIAN, NORMAL_P90 = 0.6745, 1.6449
 """Quantiles of the absolute value of a standard normal variable."""
 
@@ -33,13 +39,22 @@ def simulated_rows(people: int, ways: DriftPersonModel | None = None) -> list[Ro
     """Return the rows of `people` simulated people, the same ones each time."""
     ways = ways if ways is not None else DriftPersonModel()
     rows: list[Row] = []
-    for condition, anchors_s, how in (
-        ("3 min, 1 anchor/min", ANCHORS_S, ways),
-        ("3 min, 1 anchor/min, after it", (*ANCHORS_S, TOLD_S), ways),
-        ("3 min, 1 anchor/min, 5° scatter", ANCHORS_S, replace(ways, azimuth_sigma_rad=math.radians(5.0))),
-        (TURNED, ANCHORS_S, replace(ways, turned_rad=math.radians(40.0))),
+    after_s = (*ANCHORS_S, TOLD_S)
+    for condition, anchors_s, how, beside_rad in (
+        ("3 min, 1 anchor/min", ANCHORS_S, ways, 0.0),
+        ("3 min, 1 anchor/min, after it", after_s, ways, 0.0),
+        (
+            "3 min, 1 anchor/min, 5° scatter",
+            ANCHORS_S,
+            replace(ways, azimuth_sigma_rad=math.radians(5.0)),
+            0.0,
+        ),
+        (TURNED, ANCHORS_S, replace(ways, turned_rad=BESIDE_RAD), 0.0),
+        (f"{TURNED}, after it", after_s, replace(ways, turned_rad=BESIDE_RAD), 0.0),
+        (WRONG_ANCHOR, ANCHORS_S, ways, BESIDE_RAD),
+        (f"{WRONG_ANCHOR}, after it", after_s, ways, BESIDE_RAD),
     ):
-        outcomes = [outcome(seed, how, anchors_s) for seed in range(people)]
+        outcomes = [outcome(seed, how, anchors_s, beside_rad) for seed in range(people)]
         for solver in outcomes[0]:
             mine = [one[solver] for one in outcomes]
             inside = [abs(error) <= 2.0 * sigma for error, sigma in mine if sigma is not None]

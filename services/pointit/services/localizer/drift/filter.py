@@ -27,7 +27,7 @@ from pointit.services.localizer.drift.model import (
     X,
     Y,
 )
-from pointit.services.localizer.drift.state import Case, DriftState, Innovation, bounded, nearest_psd
+from pointit.services.localizer.drift.state import Case, DriftState, Innovation, bounded, checked
 
 __all__ = ["AnchorResult", "DriftFilter", "DriftPose", "DriftSettings", "Fix"]
 
@@ -79,7 +79,11 @@ class DriftFilter:
         Args:
             fix: the new pose; its stamp may lie before the last prediction.
             now_ns: the time, see `set_time`.
+
+        Raises:
+            ValueError: If the fix is not finite or its covariance not 3 x 3; the state stays.
         """
+        covariance = checked(fix)
         self.set_time(now_ns)
         state = self._state
         state.advance(fix.stamp_ns)
@@ -94,7 +98,7 @@ class DriftFilter:
         value, slope = np.zeros((len(yaw.value), 3)), np.zeros((len(yaw.value), 3, 5))
         slope[:, [0, 1], [X, Y]] = 1.0
         value[:, 2:], slope[:, 2:] = yaw
-        noise = bounded(nearest_psd(fix.covariance), self._settings) + state.walked(late_s)[:3, :3]
+        noise = bounded(covariance, self._settings) + state.walked(late_s)[:3, :3]
         state.update(Innovation(value, slope), self._cases(noise, moved_m=0.0)[: 2 if is_new else 1])
         self._took(fix)
 
@@ -136,7 +140,8 @@ class DriftFilter:
         """Apply one pointing at a known place without a cursor.
 
         Rejected if it is likelier that the IMU was turned, the person moved or they pointed elsewhere.
-        Then the pose is as uncertain as these three differ, and the next anchor shows which of them is right.
+        Then the pose is their mean and its covariance holds them all, and the next anchor shows which of them
+        is right. To point elsewhere is the likeliest, so that one such pointing turns the pose only in part.
 
         Args:
             stamp_ns: middle of the hold; the filter advances to it if it is newer.
@@ -167,10 +172,11 @@ class DriftFilter:
         level = math.cos(sight.elevation_rad)
         azimuth_sigma = math.hypot(settings.anchor_sigma_rad, spread_rad) / level
         noise = np.diag([azimuth_sigma**2, settings.elevation_sigma_rad**2 + spread_rad**2])
-        elsewhere = np.diag([(settings.outlier_sigma_rad / level) ** 2, settings.outlier_sigma_rad**2])
+        sideways = settings.outlier_sigma_rad / level
+        elsewhere = np.diag([sideways**2, settings.outlier_elevation_sigma_rad**2])
         seen = innovation(state.means, sight, late_s)
-        allowed = settings.gate * state.innovation_sigmas(seen, noise)
         off = -innovation(state.moments()[0][None], sight, late_s).value[0]
+        sigmas = state.innovation_sigmas(seen, noise)
         usual, moved, missed = state.update(
             seen,
             [
@@ -185,7 +191,7 @@ class DriftFilter:
             accepted=accepted,
             azimuth_error_rad=float(off[0]),
             elevation_error_rad=float(off[1]),
-            reason="" if accepted else _sentence(off, allowed),
+            reason="" if accepted else _sentence(off, sigmas),
         )
 
     def update_heading(
@@ -308,22 +314,22 @@ class DriftFilter:
             return "no usable ray came while the person pointed; see the IMU"
         if abs(sight.elevation_rad) > self._settings.max_elevation_rad:
             return "the target is too steeply above or below; choose one farther away"
-        if predicted_bearing(self._state.means, sight)[2].min() < NEAREST_M:
+        if predicted_bearing(self._state.moments()[0][None], sight)[2][0] < NEAREST_M:
             return "the person would stand on the target; choose one farther away"
         return ""
 
 
-def _sentence(off: Array, allowed: Array) -> str:
+def _sentence(off: Array, sigmas: Array) -> str:
     """Return the reason for the rejection of a pointing.
 
     Args:
         off: azimuth and elevation of the target minus those of the ray, rad.
-        allowed: limits of both, rad.
+        sigmas: standard deviations of both, rad.
     """
-    worst = int(np.argmax(np.abs(off) / allowed))
-    by, limit = math.degrees(off[worst]), math.degrees(allowed[worst])
+    worst = int(np.argmax(np.abs(off) / sigmas))
+    by = math.degrees(off[worst])
     side = ("to the left of" if by > 0 else "to the right of", "above" if by > 0 else "below")[worst]
     return (
-        f"the target was {abs(by):.0f}° {side} the ray where at most {limit:.0f}° is accepted; "
-        "point at that target again, arm straight"
+        f"the target was {abs(by):.0f}° {side} the ray; see which target is meant, and point at that target "
+        "again, arm straight"
     )

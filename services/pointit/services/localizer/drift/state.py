@@ -28,6 +28,9 @@ from pointit.services.localizer.drift.model import (
 MAX_COMPONENTS = 8
 """Number of components that are kept."""
 
+LEAST_WEIGHT = 1e-6
+"""Components that are less probable are dropped."""
+
 LEAST_SIGMA = 1e-6
 """Lower bound of measurement noise (rad, rad/s, m)."""
 
@@ -65,7 +68,7 @@ class DriftState:
         """n x 5."""
         self.covariances: Array = np.zeros((1, 5, 5))
         """n x 5 x 5."""
-        self.covariances[0, :3, :3] = nearest_psd(fix.covariance)
+        self.covariances[0, :3, :3] = checked(fix)
         self.covariances[0, RATE, RATE] = settings.rate_sigma_radps**2
         self.covariances[0, CREEP, CREEP] = settings.creep_sigma_radps**2
         self.stamp_ns = fix.stamp_ns
@@ -135,11 +138,11 @@ class DriftState:
             covariances.append(keep @ widened @ keep.swapaxes(1, 2) + gain @ noise @ gain.swapaxes(1, 2))
             away = np.linalg.solve(total, value[..., None])[..., 0]
             likelihood = -0.5 * (np.sum(away * value, axis=1) + np.linalg.slogdet(total)[1])
-            with np.errstate(divide="ignore"):
-                scores.append(np.log(self.weights) + math.log(case.share) + likelihood)
+            scores.append(np.log(self.weights) + math.log(case.share) + likelihood)
         score = np.concatenate(scores)
         weights = np.exp(score - score.max())
-        kept = np.argsort(-weights, kind="stable")[:MAX_COMPONENTS]
+        likeliest = np.argsort(-weights, kind="stable")[:MAX_COMPONENTS]
+        kept = likeliest[weights[likeliest] >= LEAST_WEIGHT * weights.sum()]
         self.weights = weights[kept] / weights[kept].sum()
         self.means, self.covariances = np.concatenate(means)[kept], np.concatenate(covariances)[kept]
         self._bound()
@@ -209,6 +212,17 @@ def bounded(covariance: Array, settings: DriftSettings) -> Array:
     shrink = np.minimum(1.0, largest / sigmas)
     both = 0.5 * (covariance + covariance.swapaxes(-1, -2))
     return np.asarray(both * (shrink[..., :, None] * shrink[..., None, :]))
+
+
+def checked(fix: Fix) -> Array:
+    """Return the covariance of `fix` as by `nearest_psd`.
+
+    Raises:
+        ValueError: If the fix is not finite or its covariance not 3 x 3.
+    """
+    if not all(map(math.isfinite, (fix.x_m, fix.y_m, fix.yaw_rad))):
+        raise ValueError("a pose must be finite")
+    return nearest_psd(fix.covariance)
 
 
 def nearest_psd(covariance: Array) -> Array:

@@ -132,18 +132,11 @@ class Gaussian(SchemaModel):
 
 
 class LearntPointing(SchemaModel):
-    """Systematic errors of a person's pointing with one device and mounting, as localizations found them."""
+    """Systematic errors of a person's pointing with one kind of device and mounting, from localizations."""
 
     mounting: Annotated[str, Field(max_length=128, description="as in `ImuSample`")] = ""
     elevation_bias_rad: Annotated[
         Gaussian | None, Field(description="the person's rays lie higher by it; None if unknown")
-    ] = None
-    elevation_slope: Annotated[
-        Gaussian | None, Field(description="change of that bias per elevation; None if unknown")
-    ] = None
-    azimuth_slope: Annotated[Gaussian | None, Field(description="the same of the azimuth")] = None
-    latency_s: Annotated[
-        Gaussian | None, Field(description="of the tracker's reports behind the wrist's; None if unknown")
     ] = None
     localizations: Annotated[Count, Field(description="localizations it was learnt from")] = 1
     learnt_ns: Annotated[Ns, Field(description="time of the last one, Unix ns")]

@@ -73,7 +73,14 @@ READ_MEMORY = Request(
     query=requests.ReadMemory,
     reply=requests.ReadMemoryReply,
     server="localizer",
-    about="what localizations found of the person's pointing, or forget it",
+    about="what localizations found of the person's pointing",
+)
+ERASE_MEMORY = Request(
+    key="localizer/{user}/erase_memory",
+    query=requests.EraseMemory,
+    reply=requests.Done,
+    server="localizer",
+    about="forget what localizations found of the person's pointing",
 )
 SET_OFFSET = Request(
     key="profile/{user}/set_offset",
@@ -185,6 +192,7 @@ REQUESTS: list[Request[Any, Any]] = [
     SET_HEADING,
     POINT_ANCHOR,
     READ_MEMORY,
+    ERASE_MEMORY,
     SET_OFFSET,
     CLEAR_SELECTION,
     UNDO_SELECTION,

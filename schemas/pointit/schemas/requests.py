@@ -97,15 +97,19 @@ class SetOffset(Query):
 
 
 class ReadMemory(Query):
-    """Read what localizations have found of a person's pointing, or erase it."""
-
-    erase: bool = False
+    """Read what localizations have found of a person's pointing."""
 
 
 class ReadMemoryReply(Reply):
     """Memory of the person now."""
 
-    learnt: Annotated[Many[LearntPointing], Field(description="one for each device and mounting")] = ()
+    learnt: Annotated[
+        Many[LearntPointing], Field(description="one for each kind of device and mounting")
+    ] = ()
+
+
+class EraseMemory(Query):
+    """Forget what localizations have found of a person's pointing."""
 
 
 class SetMounting(Query):

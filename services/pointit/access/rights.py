@@ -12,10 +12,12 @@ from pointit.schemas.topics import (
     CLOCK,
     CONFIGURATION,
     DEPLOYMENT,
+    ERASE_MEMORY,
     IMU,
     PRESENCES,
     RAY,
     READ_HISTORY,
+    READ_MEMORY,
     REQUESTS,
     RUN_SCENARIO,
     SERVED,
@@ -44,6 +46,9 @@ PRIVATE: tuple[Topic[Any], ...] = (IMU, WRIST, RAY)
 
 RECALLED: tuple[Request[Any, Any], ...] = (READ_HISTORY,)
 """Requests open to all roles: they change nothing, and repeat what all may read."""
+
+OF_PEOPLE: tuple[Request[Any, Any], ...] = (READ_MEMORY, ERASE_MEMORY)
+"""Requests of the person and operators only: what is remembered of people. No bridge offers them."""
 
 FOR_ALL = (*RECALLED, STOP_ROBOT)
 """Requests of all roles: who sees a robot may stop it."""
@@ -90,7 +95,7 @@ def rights_of(role: Role, name: str) -> Rights:
 
 
 def _bridge(name: str) -> Rights:
-    """Return the rights of the bridge `name`: those of its row of the table, and all requests.
+    """Return the rights of the bridge `name`: those of its row, and all requests but `OF_PEOPLE`.
 
     The ROS bridge may be present for any person. Its configuration decides for whom.
     """
@@ -100,7 +105,7 @@ def _bridge(name: str) -> Rights:
             [*_anywhere([row.writes]), *(key for topic in ACCOUNTS for key in _numbered(topic.at(name)))]
         ),
         reads=_anywhere([viewer_topics(), row.reads]),
-        asks=_anywhere([REQUESTS]),
+        asks=_anywhere([[request for request in REQUESTS if request not in OF_PEOPLE]]),
         announces=(*_numbered(SERVICE_ALIVE.at(name)), *(presence.at(ANY) for presence in row.announces)),
     )
 

@@ -158,10 +158,14 @@ class LocalizerRequests(_Requests[D], Generic[D, R]):
         """Ask `user` to point at one lamp without a cursor, to correct the pose; `""`: the best one."""
         return self._do(topics.POINT_ANCHOR, user, lamp=lamp)
 
-    def memory(self, user: str, *, erase: bool = False) -> R:
-        """Read what localizations have found of the pointing of `user`, or erase it."""
-        reply: R = self._ask(topics.READ_MEMORY, user, erase=erase)
+    def memory(self, user: str) -> R:
+        """Read what localizations have found of the pointing of `user`."""
+        reply: R = self._ask(topics.READ_MEMORY, user)
         return reply
+
+    def erase_memory(self, user: str) -> D:
+        """Forget what localizations have found of the pointing of `user`."""
+        return self._do(topics.ERASE_MEMORY, user)
 
 
 class ProfileRequests(_Requests[D]):

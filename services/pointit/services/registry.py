@@ -111,6 +111,7 @@ PROCESSES: list[Process] = [
             topics.SET_HEADING,
             topics.POINT_ANCHOR,
             topics.READ_MEMORY,
+            topics.ERASE_MEMORY,
         ),
     ),
     Process(

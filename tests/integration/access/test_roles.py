@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 
+from pointit.access.rights import rights_of
 from pointit.access.site_folder import SiteFolder
 from pointit.schemas.topics import (
     ACCOUNTS,
@@ -14,9 +15,11 @@ from pointit.schemas.topics import (
     CLOCK,
     CONFIGURATION,
     DEPLOYMENT,
+    ERASE_MEMORY,
     IMU,
     RAY,
     READ_HISTORY,
+    READ_MEMORY,
     REQUESTS,
     RUN_SCENARIO,
     SERVED,
@@ -151,11 +154,21 @@ def test_requests_are_answered_for_whom_they_may_be(members: dict[str, Member]) 
             expected = {
                 key
                 for key, (row, name) in keys.items()
-                if NAMES[me] in ("operator", "web")
+                if NAMES[me] == "operator"
+                or (NAMES[me] == "web" and row not in (READ_MEMORY, ERASE_MEMORY))
                 or row in (READ_HISTORY, STOP_ROBOT)
                 or (NAMES[me] == "user" and row.placeholder == "user" and name == me)
             }
             assert members[me].answered(*keys) == expected, me
+
+
+def test_what_is_remembered_of_people_is_for_them_and_operators(members: dict[str, Member]) -> None:
+    keys = [READ_MEMORY.at("anna"), ERASE_MEMORY.at("anna")]
+    with members["supervisor"].serving(*keys):
+        members["supervisor"].settle(members["operator"])
+        told = {me for me in LIMITED if members[me].answered(*keys)}
+    assert told == {me for me in LIMITED if me == "anna" or NAMES[me] == "operator"}
+    assert not {READ_MEMORY.at(ANY), ERASE_MEMORY.at(ANY)} & set(rights_of("ros2", "ros2").asks)
 
 
 def may_serve(me: str, row: Request[Any, Any], name: str) -> bool:

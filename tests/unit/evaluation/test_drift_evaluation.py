@@ -144,11 +144,10 @@ def test_simulated_people_are_within_3_degrees_after_three_minutes() -> None:
 def test_one_contradiction_moves_the_pose_in_part_and_the_next_anchor_tells_which_it_was() -> None:
     """A turned IMU and a pointing at the wrong lamp look the same until then, so neither may be believed."""
     rows = simulated_rows(60)
-    for condition, believed in ((TURNED, "re-anchored, constant rate"), (WRONG_ANCHOR, "re-anchored")):
+    for condition in (TURNED, WRONG_ANCHOR):
         after = f"{condition}, after it"
         again = find(rows, after, "re-anchored")
         rested = find(rows, condition, "pointit, rests")
-        assert median(rested) < 0.9 * median(find(rows, condition, believed))
         assert median(rested) < 0.65 * math.degrees(BESIDE_RAD)
         assert within(rested) >= 0.95
         assert median(find(rows, after, "pointit, rests")) <= median(again)

@@ -8,10 +8,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pointit.schemas import NS_PER_S, Gaussian, LearntPointing
+from pointit.services.localizer.estimation import estimator
 from pointit.services.localizer.estimation.estimator import Solution, SolverSettings
-from pointit.services.localizer.memory.learning import BIAS, DECAY_S, learn, recalled
+from pointit.services.localizer.memory.learning import DECAY_S, learn, recalled
 from pointit.services.localizer.memory.person_memory import MAX_MOUNTINGS, PersonMemory
-from pointit.services.localizer.memory.recall import solve
+from pointit.services.localizer.memory.recall import recall, solve
 from tests.unit.localizer.person import Person, pointings
 from tests.unit.localizer.solving import CORNERS, position_error_m, solved
 
@@ -35,7 +36,7 @@ def memory(bias_deg: float, sigma_deg: float = 1.0) -> LearntPointing:
 
 def expected_deg(learnt: LearntPointing | None, now_ns: int = 0) -> tuple[float, float]:
     assert learnt is not None
-    prior = recalled(BIAS, learnt, TRUST, now_ns)
+    prior = recalled(learnt, TRUST, now_ns)
     return math.degrees(prior.mean), math.degrees(prior.sigma)
 
 
@@ -114,6 +115,17 @@ def test_a_wrong_memory_makes_no_short_following_look_certain() -> None:
         assert position_error_m(result, TRUE) < 2.0 * result.position_sigma_m
 
 
+def test_a_doubtful_memory_is_not_learnt_as_certain() -> None:
+    """The bias is as uncertain as the two poses differ."""
+    rays = pointings(TRUE, WAY, each=1, noise_rad=math.radians(1.5))
+    for apart_deg in (-9.0, 9.0):
+        trust = recall(TRUST, memory(8.0 + apart_deg), 0)
+        believing, doubting = estimator.solve(rays, trust), solve(rays, trust)
+        assert isinstance(believing, Solution)
+        assert isinstance(doubting, Solution)
+        assert doubting.bias_sigma_rad > 1.1 * believing.bias_sigma_rad
+
+
 def test_each_mounting_has_its_own() -> None:
     person = PersonMemory([memory(8.0)])
     for mounting in ("", "band right"):
@@ -155,3 +167,6 @@ def test_poses_of_one_localization_which_share_rays_do_not_add_up() -> None:
     person.erase()
     assert person.recall(TRUST) == TRUST
     assert person.learnt == ()
+    assert person.learn(found(4.0, 1.0), TRUST, DAY_NS) == []  # from rays of before
+    person.begin(DAY_NS)
+    assert person.learn(found(4.0, 1.0), TRUST, DAY_NS)

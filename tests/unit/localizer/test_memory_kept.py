@@ -9,8 +9,16 @@ import pytest
 
 from pointit.geometry.rotation import IDENTITY
 from pointit.runtime.virtual_time import VirtualClock
-from pointit.schemas import Health, ImuSample, LearntPointing, ReadMemory, ReadMemoryReply, StartLocalization
-from pointit.schemas.topics import HEALTH, IMU, MAP, READ_MEMORY, START_LOCALIZATION
+from pointit.schemas import (
+    EraseMemory,
+    Health,
+    ImuSample,
+    LearntPointing,
+    ReadMemory,
+    ReadMemoryReply,
+    StartLocalization,
+)
+from pointit.schemas.topics import ERASE_MEMORY, HEALTH, IMU, MAP, READ_MEMORY, START_LOCALIZATION
 from pointit.services.localizer.config import LocalizerConfig
 from pointit.services.localizer.service import Localizer
 from tests.support.bench import Bench, in_virtual_time, memory_bench, until
@@ -42,8 +50,12 @@ async def localize(room: Room) -> None:
         await room.until_phase("solved")
 
 
-async def remembered(bench: Bench, *, erase: bool = False) -> ReadMemoryReply:
-    return await bench.bus.call(READ_MEMORY, ReadMemory(erase=erase), USER)
+async def remembered(bench: Bench) -> ReadMemoryReply:
+    return await bench.bus.call(READ_MEMORY, ReadMemory(), USER)
+
+
+async def erased(bench: Bench) -> str:
+    return (await bench.bus.call(ERASE_MEMORY, EraseMemory(), USER)).message
 
 
 def bias_deg(learnt: LearntPointing) -> float:
@@ -66,10 +78,10 @@ async def test_it_outlives_a_restart_until_it_is_erased(own_state: Path) -> None
         await localize(room)
         (again,) = (await remembered(room.bench)).learnt
         assert again.localizations == 2
-        reply = await remembered(room.bench, erase=True)
-        assert (reply.message, reply.learnt) == ("it is forgotten", ())
+        assert await erased(room.bench) == "it is forgotten"
+        assert (await remembered(room.bench)).learnt == ()
         assert not path.exists()
-        assert (await remembered(room.bench, erase=True)).message == "nothing was remembered"
+        assert await erased(room.bench) == "nothing was remembered"
     assert not path.exists()
     async with localizer() as room:
         assert (await remembered(room.bench)).learnt == ()

@@ -9,8 +9,8 @@ from pointit.cli.common.output import json_option, print_json, say
 from pointit.cli.common.site_link import default_address_note, quiet, site_options
 from pointit.cli.people.stored_calibration import erase_local, query_site, read_local
 from pointit.runtime.service.shutdown import run_until_shutdown
-from pointit.schemas import LearntPointing, ReadMemory
-from pointit.schemas.topics import READ_MEMORY, check_name
+from pointit.schemas import EraseMemory, LearntPointing, ReadMemory
+from pointit.schemas.topics import ERASE_MEMORY, READ_MEMORY, check_name
 from pointit.services.localizer.memory.memory_file import memory_file
 from pointit.services.supervisor.offset_messages import minute
 
@@ -22,9 +22,9 @@ from pointit.services.supervisor.offset_messages import minute
 def command(user: str, *, erase: bool, as_json: bool, site: str, connect: tuple[str, ...]) -> int:
     """Show or erase what localizations found of the pointing of the person USER.
 
-    Each localization by pointing starts from what the last ones found with the same device and mounting: how
-    much USER points too high or too low. It is stored by USER's localizer on its machine, and forgotten over
-    months. `localizer.remember=false` switches it off.
+    Each localization by pointing starts from what the last ones found with the same kind of device and
+    mounting: how much USER points too high or too low. It is stored by USER's localizer on its machine, and
+    forgotten over months. `localizer.remember=false` switches it off.
 
     Example: pointit person memory anna
     """
@@ -34,19 +34,23 @@ def command(user: str, *, erase: bool, as_json: bool, site: str, connect: tuple[
 
 
 async def _memory(user: str, *, erase: bool, as_json: bool, site: str, connect: tuple[str, ...]) -> int:
-    query = ReadMemory(erase=erase)
-    reply = await query_site(site, connect, lambda bus: bus.call(READ_MEMORY, query, user))
-    if reply is None:
-        file = memory_file(user)
-        if erase:
+    file = memory_file(user)
+    if erase:
+        done = await query_site(site, connect, lambda bus: bus.call(ERASE_MEMORY, EraseMemory(), user))
+        if done is None:
             return erase_local(user, file, "memory", as_json=as_json)
+        if as_json:
+            print_json({"user": user, "from": "localizer", **done.model_dump(mode="json")})
+        else:
+            say(f"{user}: {done.message}{default_address_note(site, connect)}")
+        return 0
+    reply = await query_site(site, connect, lambda bus: bus.call(READ_MEMORY, ReadMemory(), user))
+    if reply is None:
         stored = read_local(user, file, "memory", as_json=as_json)
         if stored is not None:
             _tell(user, stored.learnt)
     elif as_json:
         print_json({"user": user, "from": "localizer", **reply.model_dump(mode="json")})
-    elif erase:
-        say(f"{user}: {reply.message}{default_address_note(site, connect)}")
     else:
         _tell(user, reply.learnt)
     return 0

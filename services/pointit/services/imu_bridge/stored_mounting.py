@@ -1,5 +1,6 @@
 """Selection of the mounting: the configured one, or one that was measured and stored."""
 
+import math
 from pydantic import Field
 
 from pointit.geometry import rotation
@@ -70,11 +71,12 @@ class MountingSelection:
 
     @property
     def label(self) -> str:
-        """Return the source and its mounting, as in `ImuSample`; a rotation in thousandths."""
+        """Return the source and its mounting, as in `ImuSample`; a rotation in thousandths, with w >= 0."""
         config = self._config
         if config.explicit_mounting is None and not self.is_measured:
             return f"{self._key} {config.mounting}"
-        return f"{self._key} {' '.join(f'{value:.3f}' for value in self.sensor_from_arm)}"
+        sign = math.copysign(1.0, self.sensor_from_arm[3])  # q and -q are the same rotation
+        return f"{self._key} {' '.join(f'{sign * value:.3f}' for value in self.sensor_from_arm)}"
 
     def set(self, query: SetMounting, now_ns: int) -> StoredMountings | None:
         """Set the requested mounting. Return the mountings to store, or None if they are unchanged.

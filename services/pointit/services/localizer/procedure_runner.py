@@ -227,7 +227,6 @@ class ProcedureRunner:
 
     def _begin(self, procedure: Procedure, since_ns: int, now_ns: int) -> list[Output]:
         self._running, self._published_ns = procedure, now_ns
-        self._memory.begin(now_ns)
         return procedure.start(now_ns, since_ns)
 
     def _wait_on(self, waiting: QueuedPointing, ahead: tuple[str, ...], now_ns: int) -> list[Output]:

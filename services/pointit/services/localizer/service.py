@@ -16,6 +16,7 @@ from pointit.schemas import (
     CancelLocalization,
     Done,
     Environment,
+    EraseMemory,
     ImuSample,
     Interaction,
     LampLeases,
@@ -34,6 +35,7 @@ from pointit.schemas import (
 from pointit.schemas.topics import (
     ANCHOR,
     CANCEL_LOCALIZATION,
+    ERASE_MEMORY,
     IMU,
     INTERACTION,
     LAMP_LEASES,
@@ -99,6 +101,7 @@ class Localizer(Service[LocalizerConfig]):
         self.bus.serve(SET_HEADING, self._set_heading, self.user)
         self.bus.serve(POINT_ANCHOR, self._point_anchor, self.user)
         self.bus.serve(READ_MEMORY, self._read_memory, self.user)
+        self.bus.serve(ERASE_MEMORY, self._erase_memory, self.user)
 
     async def run(self) -> None:
         """Step procedures and track the pose. The procedure that runs is cancelled at the end."""
@@ -195,12 +198,12 @@ class Localizer(Service[LocalizerConfig]):
     async def _point_anchor(self, query: PointAnchor, _user: str) -> Done:
         return self._done(self._locating.point_anchor(query.lamp, self.clock.now_ns()))
 
-    async def _read_memory(self, query: ReadMemory, _user: str) -> ReadMemoryReply:
-        message = ""
-        if query.erase:
-            self._memory.erase()
-            message = await self._memory_file.erase()
-        return ReadMemoryReply(message=message, learnt=self._memory.learnt)
+    async def _read_memory(self, _query: ReadMemory, _user: str) -> ReadMemoryReply:
+        return ReadMemoryReply(learnt=self._memory.learnt)
+
+    async def _erase_memory(self, _query: EraseMemory, _user: str) -> Done:
+        self._memory.erase()
+        return Done(message=await self._memory_file.erase())
 
     def _done(self, answer: Response | Refusal) -> Done:
         """Publish the outputs of an answer and return the reply.

@@ -1,16 +1,14 @@
 """Systematic errors of a person's pointing, from one localization to the next; pure.
 
-A Kalman filter for each quantity. Between two localizations it changes by what changes between the sessions
-of a person, and slowly decays to what is known of people in general (Ornstein-Uhlenbeck). The posterior of a
-localization that had the memory as its prior is the new memory: nothing counts twice.
+A Kalman filter of their elevation bias. Between two localizations it changes by what changes between the
+sessions of a person, and slowly decays to what is known of people in general (Ornstein-Uhlenbeck). The
+posterior of a localization that had the memory as its prior is the new memory: nothing counts twice.
 
-A poor localization must teach nothing, and a wrong one must not be averaged: only well-determined quantities
-count, and a contradiction widens the memory, so that the next localizations decide.
+A poor localization must teach nothing, and a wrong one must not be averaged: only a well-determined bias
+counts, and a contradiction widens the memory, so that the next localizations decide.
 """
 
 import math
-from dataclasses import dataclass
-from typing import Any
 
 from pointit.schemas import NS_PER_S, Gaussian, LearntPointing
 from pointit.services.localizer.estimation.solution import Solution, SolverSettings
@@ -19,40 +17,22 @@ DECAY_S = 60 * 86_400.0
 """Time in which the deviation of a person from people in general decays to 1/e: two months."""
 
 WELL_DETERMINED = 0.25
-"""Posterior sigma, as a share of that of people in general, up to which a quantity is learnt. The bias of
+"""Posterior sigma, as a share of that of people in general, up to which it is learnt. The bias of
 recorded people who follow a robot has 0.3 to 0.6 after 3 s, below 0.25 after 5 s, 0.1 to 0.2 after 10 s."""
 
 CONTRADICTION = 2.0
 """Number of sigmas beyond which a localization contradicts the memory, which then teaches nothing new."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Quantity:
-    """A quantity that is learnt; the same names in `Solution` and `SolverSettings`, and its sigma's."""
-
-    kept: str
-    """Its field of `LearntPointing`."""
-    name: str
-    sigma_name: str
-    session_sigma: float
-    """Standard deviation from one session of a person to the next, so the least sigma of a memory."""
+SESSION_SIGMA_RAD = math.radians(2.0)
+"""Standard deviation of the bias from one session of a person to the next, so the least sigma of a memory."""
 
 
-BIAS = Quantity(
-    kept="elevation_bias_rad",
-    name="bias_rad",
-    sigma_name="bias_sigma_rad",
-    session_sigma=math.radians(2.0),
-)
-
-QUANTITIES = (BIAS,)
-
-
-def recalled(quantity: Quantity, learnt: LearntPointing, trust: SolverSettings, now_ns: int) -> Gaussian:
-    """Return mean and sigma to be expected of `quantity` now, never surer than `session_sigma`."""
-    people = gaussian(quantity, trust)
-    aged = _aged(quantity, learnt, people, now_ns)
-    sigma = people.sigma if aged is None else math.hypot(aged.sigma, quantity.session_sigma)
+def recalled(learnt: LearntPointing, trust: SolverSettings, now_ns: int) -> Gaussian:
+    """Return mean and sigma of the bias to be expected now, never surer than `SESSION_SIGMA_RAD`."""
+    people = bias(trust)
+    aged = _aged(learnt, people, now_ns)
+    sigma = people.sigma if aged is None else math.hypot(aged.sigma, SESSION_SIGMA_RAD)
     return people if aged is None or sigma >= people.sigma else Gaussian(mean=aged.mean, sigma=sigma)
 
 
@@ -68,16 +48,14 @@ def learn(
         mounting: as in `ImuSample`.
         now_ns: time of the localization.
     """
-    before = {each.kept: _aged(each, learnt, gaussian(each, trust), now_ns) for each in QUANTITIES}
-    after = {each.kept: _learnt(each, learnt, found, trust, now_ns) for each in QUANTITIES}
+    before, after = _aged(learnt, bias(trust), now_ns), _learnt(learnt, found, trust, now_ns)
     if after == before:
         return learnt
+    if after is None:
+        return None
     count = 0 if learnt is None else learnt.localizations
-    known: dict[str, Any] = {name: each for name, each in after.items() if each is not None}
-    return (
-        LearntPointing(mounting=mounting, localizations=count + 1, learnt_ns=now_ns, **known)
-        if known
-        else None
+    return LearntPointing(
+        mounting=mounting, elevation_bias_rad=after, localizations=count + 1, learnt_ns=now_ns
     )
 
 
@@ -91,32 +69,30 @@ def contradicts(prior: Gaussian, posterior: Gaussian) -> bool:
     return (posterior.mean - prior.mean) ** 2 > CONTRADICTION**2 * max(variance, 1e-12)
 
 
+def bias(source: Solution | SolverSettings) -> Gaussian:
+    """Return the elevation bias that a solution has found or settings expect."""
+    return Gaussian(mean=source.bias_rad, sigma=source.bias_sigma_rad)
+
+
 def _learnt(
-    quantity: Quantity, learnt: LearntPointing | None, found: Solution, trust: SolverSettings, now_ns: int
+    learnt: LearntPointing | None, found: Solution, trust: SolverSettings, now_ns: int
 ) -> Gaussian | None:
-    """Return the memory of `quantity` after a localization, or None if there is none."""
-    people, posterior = gaussian(quantity, trust), gaussian(quantity, found)
-    aged = _aged(quantity, learnt, people, now_ns)
+    """Return the memory after a localization, or None if there is none."""
+    people, posterior = bias(trust), bias(found)
+    aged = _aged(learnt, people, now_ns)
     if learnt is not None and aged is not None:
-        prior = recalled(quantity, learnt, trust, now_ns)
+        prior = recalled(learnt, trust, now_ns)
         if contradicts(prior, posterior):
             sigma = math.hypot(prior.sigma, posterior.mean - prior.mean)
             return Gaussian(mean=prior.mean, sigma=sigma) if sigma < people.sigma else None
     return posterior if posterior.sigma <= WELL_DETERMINED * people.sigma else aged
 
 
-def _aged(
-    quantity: Quantity, learnt: LearntPointing | None, people: Gaussian, now_ns: int
-) -> Gaussian | None:
-    """Return the memory of `quantity` as it has decayed until now, or None if there is none."""
-    before: Gaussian | None = None if learnt is None else getattr(learnt, quantity.kept)
+def _aged(learnt: LearntPointing | None, people: Gaussian, now_ns: int) -> Gaussian | None:
+    """Return the memory as it has decayed until now, or None if there is none."""
+    before = None if learnt is None else learnt.elevation_bias_rad
     if learnt is None or before is None or before.sigma >= people.sigma:
         return None
     left = math.exp(-max(now_ns - learnt.learnt_ns, 0) / NS_PER_S / DECAY_S)
     variance = people.sigma**2 + left**2 * (before.sigma**2 - people.sigma**2)
     return Gaussian(mean=people.mean + left * (before.mean - people.mean), sigma=math.sqrt(variance))
-
-
-def gaussian(quantity: Quantity, source: Solution | SolverSettings) -> Gaussian:
-    """Return mean and sigma of `quantity` in a solution or in settings."""
-    return Gaussian(mean=getattr(source, quantity.name), sigma=getattr(source, quantity.sigma_name))

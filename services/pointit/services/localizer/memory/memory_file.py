@@ -71,8 +71,8 @@ class MemoryFile:
 
     async def erase(self) -> str:
         """Erase the file, whatever was put before; return the result as a sentence."""
+        self._newest = None  # at once: what is put from now on is kept
         async with self._using:
-            self._newest = None
             try:
                 was_there = await asyncio.to_thread(self._file.erase)
             except ConfigError as error:

@@ -1,4 +1,4 @@
-"""Memory of one person's pointing with each of their devices and mountings; pure."""
+"""Memory of one person's pointing with each kind of their devices and mountings; pure."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ from pointit.services.localizer.memory.learning import learn
 from pointit.services.localizer.memory.recall import recall
 
 MAX_MOUNTINGS = 8
-"""Number of devices and mountings that are remembered; those learnt last are kept."""
+"""Number of kinds of devices and mountings that are remembered; those learnt last are kept."""
 
 
 @dataclass(frozen=True)
@@ -33,6 +33,8 @@ class PersonMemory:
         """Memory when the localization began."""
         self._began_ns = 0
         self._is_used = is_used
+        self._is_erased = False
+        """True if it was erased during the localization, which has rays of before and teaches nothing."""
         self.mounting = ""
         """Device and mounting in use, as in `ImuSample`."""
         self.is_calibrated = False
@@ -44,7 +46,7 @@ class PersonMemory:
 
     def begin(self, now_ns: int) -> None:
         """Begin a localization."""
-        self._before, self._began_ns = dict(self._learnt), now_ns
+        self._before, self._began_ns, self._is_erased = dict(self._learnt), now_ns, False
 
     def recall(self, trust: SolverSettings) -> SolverSettings:
         """Return `trust` with what was remembered when the localization began as its priors."""
@@ -59,7 +61,7 @@ class PersonMemory:
             now_ns: time.
         """
         mounting = self._mounting
-        if not mounting:
+        if not mounting or self._is_erased:
             return []
         after = learn(self._before.get(mounting), found, trust, mounting, now_ns)
         if after == self._learnt.get(mounting):
@@ -72,8 +74,8 @@ class PersonMemory:
         return [Remember(self.learnt)]
 
     def erase(self) -> None:
-        """Forget everything, also what the running localization recalls."""
-        self._learnt, self._before = {}, {}
+        """Forget everything, also what the running localization recalls, and what it would still teach."""
+        self._learnt, self._before, self._is_erased = {}, {}, True
 
     @property
     def _mounting(self) -> str:

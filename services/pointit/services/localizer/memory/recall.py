@@ -2,13 +2,14 @@
 
 import math
 from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 
 from pointit.schemas import Gaussian, LearntPointing
 from pointit.services.localizer.estimation import estimator
 from pointit.services.localizer.estimation.estimator import Pointings, Refusal, Solution, SolverSettings
-from pointit.services.localizer.memory.learning import QUANTITIES, Quantity, gaussian, recalled
+from pointit.services.localizer.memory.learning import bias, recalled
 
 WRONG = 0.05
 """Probability that a memory is wrong: somebody else has the device, or it has slipped."""
@@ -26,20 +27,16 @@ class RecalledSettings(SolverSettings):
 
     def forgotten(self) -> SolverSettings:
         """Return these settings with the priors of people in general."""
-        values = {field.name: getattr(self, field.name) for field in fields(SolverSettings)}
-        for each in QUANTITIES:
-            values |= {name: getattr(self.people, name) for name in (each.name, each.sigma_name)}
-        return SolverSettings(**values)
+        people = bias(self.people)
+        return SolverSettings(**_values(self) | {"bias_rad": people.mean, "bias_sigma_rad": people.sigma})
 
 
 def recall(trust: SolverSettings, learnt: LearntPointing | None, now_ns: int) -> SolverSettings:
     """Return `trust` with what is remembered of the person as its priors."""
     if learnt is None:
         return trust
-    values = {field.name: getattr(trust, field.name) for field in fields(SolverSettings)}
-    for each in QUANTITIES:
-        prior = recalled(each, learnt, trust, now_ns)
-        values |= {each.name: prior.mean, each.sigma_name: prior.sigma}
+    prior = recalled(learnt, trust, now_ns)
+    values = _values(trust) | {"bias_rad": prior.mean, "bias_sigma_rad": prior.sigma}
     return RecalledSettings(**values, people=trust)
 
 
@@ -48,8 +45,8 @@ def solve(
 ) -> Solution | Refusal:
     """Return the result of `estimator.solve`, with a memory as the prior as far as the rays agree with it.
 
-    The covariance has both poses, with and without the memory, by their probabilities: a wrong memory must
-    neither shift nor refuse a pose, nor make it look certain.
+    The covariance, and the sigma of the bias, have both poses, with and without the memory, by their
+    probabilities: a wrong memory must neither shift nor refuse a pose, nor make it look certain.
     """
     if not isinstance(trust, RecalledSettings):
         return estimator.solve(pointings, trust, floor_m=floor_m, start=start)
@@ -67,24 +64,31 @@ def solve(
     return estimator.solve(pointings, forgotten, floor_m=floor_m, start=start)
 
 
+def _values(settings: SolverSettings) -> dict[str, Any]:
+    """Return the fields that all settings have."""
+    return {field.name: getattr(settings, field.name) for field in fields(SolverSettings)}
+
+
 def _wrong(trust: SolverSettings, forgotten: SolverSettings, general: Solution) -> float:
     """Return the probability that the memory is wrong, by Bayes' rule, from the pose without it."""
-    odds = WRONG / (1.0 - WRONG)
-    for each in QUANTITIES:
-        odds *= _evidence_ratio(each, trust, forgotten, general)
+    odds = WRONG / (1.0 - WRONG) * _evidence_ratio(bias(trust), bias(forgotten), bias(general))
     return odds / (1.0 + odds)
 
 
-def _evidence_ratio(
-    quantity: Quantity, trust: SolverSettings, forgotten: SolverSettings, general: Solution
-) -> float:
-    people, posterior = gaussian(quantity, forgotten), gaussian(quantity, general)
+def _evidence_ratio(memory: Gaussian, people: Gaussian, posterior: Gaussian) -> float:
+    """Return how much likelier the rays are by `people` than by `memory`, both priors of a bias.
+
+    Args:
+        memory: of the person.
+        people: of people in general.
+        posterior: with `people` as its prior.
+    """
     told = posterior.sigma**-2 - people.sigma**-2  # information of the rays alone
     if told < TELLING * people.sigma**-2:
         return 1.0
     mean = (posterior.mean / posterior.sigma**2 - people.mean / people.sigma**2) / told
     seen = Gaussian(mean=mean, sigma=told**-0.5)
-    return math.exp(_log_evidence(people, seen) - _log_evidence(gaussian(quantity, trust), seen))
+    return math.exp(_log_evidence(people, seen) - _log_evidence(memory, seen))
 
 
 def _log_evidence(prior: Gaussian, seen: Gaussian) -> float:
@@ -93,9 +97,11 @@ def _log_evidence(prior: Gaussian, seen: Gaussian) -> float:
 
 
 def _combined(known: Solution, general: Solution, wrong: float) -> Solution:
-    """Return the likelier pose with the covariance of both; `general` is right with probability `wrong`."""
+    """Return the likelier pose with the uncertainty of both; `general` is right with probability `wrong`."""
     best, other, share = (known, general, wrong) if wrong < 0.5 else (general, known, 1.0 - wrong)
     off = np.array([other.x_m - best.x_m, other.y_m - best.y_m, 0.0])
     off[2] = math.remainder(other.yaw_rad - best.yaw_rad, math.tau)
     spread = (1.0 - share) * best.covariance + share * (other.covariance + np.outer(off, off))
-    return replace(best, covariance=spread)
+    apart = other.bias_rad - best.bias_rad
+    bias_variance = (1.0 - share) * best.bias_sigma_rad**2 + share * (other.bias_sigma_rad**2 + apart**2)
+    return replace(best, covariance=spread, bias_sigma_rad=math.sqrt(bias_variance))

@@ -74,6 +74,10 @@ class StaticTargets(LampProcedure):
     def _rays(self) -> list[PointingRay]:
         return [ray for hold, _ in self._holds for ray in hold.rays]
 
+    def _begin(self, now_ns: int) -> list[Output]:
+        self._memory.begin(now_ns)
+        return super()._begin(now_ns)
+
     def _next_lamp(self) -> Lamp:
         """Return the lamp to light now."""
         if self._config.order == "given":

@@ -32,6 +32,7 @@ export interface Everything {
   Sphere: Sphere;
   Strip: Strip;
   Environment: Environment;
+  EraseMemory: EraseMemory;
   Feedback: Feedback;
   Goal: Goal;
   Figure: Figure;
@@ -705,6 +706,10 @@ export interface Environment {
   strips: Strip[];
 }
 /**
+ * Forget what localizations have found of a person's pointing.
+ */
+export interface EraseMemory {}
+/**
  * A cue for the person's senses.
  */
 export interface Feedback {
@@ -1224,11 +1229,9 @@ export interface ReadHistoryReply {
   message: string;
 }
 /**
- * Read what localizations have found of a person's pointing, or erase it.
+ * Read what localizations have found of a person's pointing.
  */
-export interface ReadMemory {
-  erase: boolean;
-}
+export interface ReadMemory {}
 /**
  * A quantity that is known to a standard deviation.
  */
@@ -1237,25 +1240,13 @@ export interface Gaussian {
   sigma: number;
 }
 /**
- * Systematic errors of a person's pointing with one device and mounting, as localizations found them.
+ * Systematic errors of a person's pointing with one kind of device and mounting, from localizations.
  */
 export interface LearntPointing {
-  /**
-   * the same of the azimuth
-   */
-  azimuth_slope: Gaussian | null;
   /**
    * the person's rays lie higher by it; None if unknown
    */
   elevation_bias_rad: Gaussian | null;
-  /**
-   * change of that bias per elevation; None if unknown
-   */
-  elevation_slope: Gaussian | null;
-  /**
-   * of the tracker's reports behind the wrist's; None if unknown
-   */
-  latency_s: Gaussian | null;
   /**
    * time of the last one, Unix ns
    */
@@ -1274,7 +1265,7 @@ export interface LearntPointing {
  */
 export interface ReadMemoryReply {
   /**
-   * one for each device and mounting
+   * one for each kind of device and mounting
    */
   learnt: LearntPointing[];
   /**

@@ -48,6 +48,7 @@ export const SERVERS = {
   "leds/brightness": "led-driver",
   "leds/{led}/set_color": "led-driver",
   "localizer/{user}/cancel": "localizer",
+  "localizer/{user}/erase_memory": "localizer",
   "localizer/{user}/memory": "localizer",
   "localizer/{user}/point_anchor": "localizer",
   "localizer/{user}/set_heading": "localizer",

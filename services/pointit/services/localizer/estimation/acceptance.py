@@ -32,7 +32,8 @@ def check_solution(
     """Return `solution`, or the refusal if it is not good enough."""
     residual_rad = solution.residual_rad
     away_m = float(np.median(np.abs(rays.targets - complex(*place_m))))
-    if away_m > FARTHEST_TARGET_M or not math.isfinite(away_m + residual_rad):
+    is_finite = math.isfinite(away_m + residual_rad) and bool(np.isfinite(solution.covariance).all())
+    if away_m > FARTHEST_TARGET_M or not is_finite:
         return Refusal(ONE_VIEW if _is_one_view(rays) else NOWHERE)
     if residual_rad > limit_rad:
         return Refusal(_missed(residual_rad, rays, limit_rad), residual_rad)

@@ -4,7 +4,7 @@ Maximum a posteriori estimate from angles, of x, y, yaw, the person's elevation 
 uncertainty of body measures, the eye height, with the feet on the floor. It starts from many poses because
 reflected poses are minima, too. The weights are those of the tremor within a hold, one measurement each
 0.15 s: an error that lasts a whole hold goes into yaw and bias, and weighing it heavier made positions of
-recorded people worse. The covariance comes from `uncertainty`, where all errors count.
+recorded people worse. What else is uncertain follows in `refinement`, and the covariance with it.
 """
 
 import math
@@ -15,9 +15,9 @@ import numpy as np
 from pointit.services.localizer.estimation.acceptance import AMBIGUOUS_COST, NOWHERE, check_solution, untimely
 from pointit.services.localizer.estimation.angular_residuals import Array, Rays, angular_errors
 from pointit.services.localizer.estimation.levenberg_marquardt import evaluate_costs, initial_poses, minimize
-from pointit.services.localizer.estimation.sample_blocks import GAP_S, Blocks, Pointings, blocks
+from pointit.services.localizer.estimation.refinement import LATENCY, NoiseModel, effective_samples, refine
+from pointit.services.localizer.estimation.sample_blocks import GAP_S, Blocks, Pointings, blocks, in_time
 from pointit.services.localizer.estimation.solution import Refusal, Solution, SolverSettings
-from pointit.services.localizer.estimation.uncertainty import covariance, effective_samples
 
 __all__ = ["AMBIGUOUS_COST", "GAP_S", "Pointings", "Refusal", "Solution", "SolverSettings", "solve"]
 
@@ -65,19 +65,19 @@ def solve(
         return Refusal("all pointing was at one place; point at two or more different ones")
     if float(spread_m[:2].max()) < SAME_PLACE_M:
         return Refusal("all targets are above one another, so the direction is open; add one to the side")
-    summary = blocks(pointings)
-    means = summary.pointings
+    timely = in_time(pointings, trust.latency_s)
+    summary = blocks(timely)
     centre = np.array([*targets[:, :2].mean(axis=0), floor_m])  # keeps numbers small wherever the origin is
-    rays = Rays.of(means.origins_m, means.directions, means.targets_m - centre)
+    rays = trust.rays(summary.pointings, centre)
     weights = trust.weights()
     first = initial_poses(rays, weights)
     if start is not None:
-        first = np.vstack([first, _pose_of(start, centre)])
+        first = np.vstack([first, _pose_of(start, centre, trust)])
     poses = _out_of_reach(rays, minimize(rays, first, weights).poses)
     if not len(poses):
         return Refusal(NOWHERE)
     solution = _solution(rays, summary, poses, trust)
-    missed = _missed_rad(Rays.of(pointings.origins_m, pointings.directions, targets - centre), poses[0])
+    missed = _missed_rad(trust.rays(timely, centre), poses[0])
     residual_rad = math.sqrt(float(np.mean(missed * missed)))
     limit_rad = trust.residual_limit_rad(is_still=summary.is_still)
     if residual_rad > limit_rad and trust.trims:
@@ -94,9 +94,9 @@ def solve(
     )
     place_m = (float(poses[0, 0]), float(poses[0, 1]))
     result = check_solution(solution, place_m, rays, trust, limit_rad)
-    if isinstance(result, Refusal) and solution.late.any():
-        timely = replace(solution, covariance=solution.covariance - solution.late)
-        if isinstance(check_solution(timely, place_m, rays, trust, limit_rad), Solution):
+    if isinstance(result, Refusal) and solution.of_latency.any():
+        sure = replace(solution, covariance=solution.timely)
+        if isinstance(check_solution(sure, place_m, rays, trust, limit_rad), Solution):
             return Refusal(untimely(solution, trust), result.residual_rad)
     return result
 
@@ -111,36 +111,43 @@ def _out_of_reach(rays: Rays, poses: Array) -> Array:
 
 def _solution(rays: Rays, summary: Blocks, poses: Array, trust: SolverSettings) -> Solution:
     """Return the likeliest of `poses` about the centre; its covariance includes the alternatives."""
-    weights, noise = trust.weights(), trust.noise_model(is_still=summary.is_still)
-    sample_weights = effective_samples(summary, noise.independent_hz)
-    costs = evaluate_costs(rays, poses, replace(weights, sigma_rad=noise.sigma_rad), sample_weights)
-    odds: Array = np.exp(costs.min() - costs)
-    odds /= odds.sum()
-    best = poses[0]
-    spread, late = np.zeros((2, len(best), len(best)))
-    for pose, share in zip(poses[odds >= NEGLIGIBLE], odds[odds >= NEGLIGIBLE], strict=True):
-        off = pose - best
+    noise = trust.noise_model(is_still=summary.is_still)
+    odds = _odds(rays, summary, poses, trust, noise) if len(poses) > 1 else np.ones(1)
+    likely = odds >= NEGLIGIBLE
+    likely[0] = True
+    found = [refine(rays, pose, summary, noise) for pose in poses[likely]]
+    best, spread = found[0].state, np.zeros_like(found[0].covariance)
+    for each, share in zip(found, odds[likely], strict=True):
+        off = each.state - best
         off[2] = math.remainder(float(off[2]), math.tau)
-        found, of_latency = covariance(
-            rays, pose, sample_weights, weights, noise, velocities_mps=summary.velocities_mps
-        )
-        spread += share * (found + np.outer(off, off))
-        late += share * of_latency
-    sigma = np.sqrt(np.maximum(np.diag(spread), 0.0))
+        spread += share * (each.covariance + np.outer(off, off))
+    x_m, y_m, yaw_rad, bias_rad, z_m, _, latency_s = best.tolist()
+    sigma = np.sqrt(np.maximum(np.diag(spread), 0.0)).tolist()
     return Solution(
-        x_m=float(best[0]),
-        y_m=float(best[1]),
-        yaw_rad=math.remainder(float(best[2]), math.tau),
-        bias_rad=float(best[3]),
+        x_m=x_m,
+        y_m=y_m,
+        yaw_rad=math.remainder(yaw_rad, math.tau),
+        bias_rad=trust.bias_rad + bias_rad,
+        bias_sigma_rad=sigma[3],
         covariance=spread[:3, :3],
         residual_rad=0.0,
         samples=0,
-        z_m=float(best[4]),
-        z_sigma_m=float(sigma[4]),
-        bias_sigma_rad=float(sigma[3]),
+        z_m=z_m,
+        z_sigma_m=sigma[4],
+        latency_s=trust.latency_s + latency_s,
+        latency_sigma_s=sigma[LATENCY],
+        of_latency=spread[:3, LATENCY],
         alternative=float(1.0 - odds[0]),
-        late=late[:3, :3],
     )
+
+
+def _odds(rays: Rays, summary: Blocks, poses: Array, trust: SolverSettings, noise: NoiseModel) -> Array:
+    """Return the probability (k) of each of `poses` (k x 5)."""
+    sample_weights = effective_samples(summary, noise.independent_hz)
+    weights = replace(trust.weights(), sigma_rad=noise.sigma_rad)
+    costs = evaluate_costs(rays, poses, weights, sample_weights)
+    odds: Array = np.exp(costs.min() - costs)
+    return np.asarray(odds / odds.sum(), dtype=np.float64)
 
 
 def _missed_rad(rays: Rays, pose: Array) -> Array:
@@ -149,6 +156,6 @@ def _missed_rad(rays: Rays, pose: Array) -> Array:
     return np.asarray(2.0 * np.arctan(0.5 * np.hypot(left, above)), dtype=np.float64).ravel()
 
 
-def _pose_of(solution: Solution, centre: Array) -> Array:
+def _pose_of(solution: Solution, centre: Array, trust: SolverSettings) -> Array:
     place = [solution.x_m - centre[0], solution.y_m - centre[1]]
-    return np.array([*place, solution.yaw_rad, solution.bias_rad, solution.z_m])
+    return np.array([*place, solution.yaw_rad, solution.bias_rad - trust.bias_rad, solution.z_m])

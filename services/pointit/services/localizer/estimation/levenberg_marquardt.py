@@ -62,8 +62,6 @@ class Weights:
     """2 x 1: standard deviations of one sample, sideways and upwards."""
     prior: Array
     """Inverse prior variance of each parameter; 0 if unknown."""
-    expected: Array
-    """Prior mean of each parameter."""
 
 
 @dataclass(frozen=True)
@@ -82,7 +80,7 @@ def initial_poses(rays: Rays, weights: Weights) -> Array:
     In {H} turned to the yaw, the place τ minimises Σ |(I - v vᵀ)(p - τ - o)|². Each yaw is evaluated with
     elevations as measured, and raised and lowered by one sigma of the bias, which moves the place.
     """
-    biases = np.array([-1.0, 0.0, 1.0]) / math.sqrt(max(float(weights.prior[3]), 1.0)) + weights.expected[3]
+    biases = np.array([-1.0, 0.0, 1.0]) / math.sqrt(max(float(weights.prior[3]), 1.0))
     elevations = rays.elevations_rad - biases[:, None]
     level = np.cos(elevations)
     directions = np.stack(
@@ -182,7 +180,7 @@ def _linearized(rays: Rays, poses: Array, weights: Weights) -> tuple[Array, Arra
     hessian = weighted @ flat.transpose(0, 2, 1)
     gradient = (weighted @ angles.reshape(len(poses), -1, 1))[:, :, 0]
     hessian += weights.prior * _EYE
-    gradient += weights.prior * (poses - weights.expected)
+    gradient += weights.prior * poses
     return _loss(squares, weight).sum(axis=1) + _prior_cost(poses, weights), gradient, hessian
 
 
@@ -200,4 +198,4 @@ def _loss(squares: Array, weight: Array) -> Array:
 
 
 def _prior_cost(poses: Array, weights: Weights) -> Array:
-    return np.asarray(0.5 * (poses - weights.expected) ** 2 @ weights.prior, dtype=np.float64)
+    return np.asarray(0.5 * (poses * poses) @ weights.prior, dtype=np.float64)

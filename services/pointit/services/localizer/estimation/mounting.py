@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pointit.services.localizer.estimation.angular_residuals import Array, Complex, Rays, angular_errors
+from pointit.services.localizer.estimation.angular_residuals import Array, Complex, angular_errors
 from pointit.services.localizer.estimation.estimator import solve
 from pointit.services.localizer.estimation.levenberg_marquardt import minimize
 from pointit.services.localizer.estimation.sample_blocks import Pointings, blocks
@@ -183,10 +183,10 @@ def mounting_slope(
     freedom = independent - FEWEST
     means = blocks(pointings).pointings
     place_m = np.array([solution.x_m, solution.y_m, floor_m])
-    rays = Rays.of(means.origins_m, means.directions, means.targets_m - place_m)
+    rays = trust.rays(means, place_m)
     weights = trust.weights()
     weights = replace(weights, sigma_rad=weights.sigma_rad * np.array([[1.0], [FREE_ELEVATION]]))
-    start = np.array([[0.0, 0.0, solution.yaw_rad, solution.bias_rad, solution.z_m]])
+    start = np.array([[0.0, 0.0, solution.yaw_rad, solution.bias_rad - trust.bias_rad, solution.z_m]])
     pose = minimize(rays, start, weights).poses[0]
     turned: Complex = np.exp(1j * float(pose[2])) * rays.origins * np.conj(rays.inverse_azimuth)
     eyes = complex(float(pose[0]), float(pose[1])) + turned

@@ -1,7 +1,7 @@
 """Samples averaged in blocks: errors within a fraction of a second are correlated."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -112,6 +112,15 @@ def blocks(pointings: Pointings) -> Blocks:
         _velocities(mean(t[:, None]), means_m, hold[where]),
         is_still=bool(drift <= STILL_M),
     )
+
+
+def in_time(pointings: Pointings, latency_s: float) -> Pointings:
+    """Return `pointings` with the targets where they were when they are reported `latency_s` late."""
+    if latency_s == 0.0 or not len(pointings):
+        return pointings
+    means = blocks(pointings)
+    moves_m = latency_s * np.repeat(means.velocities_mps, means.samples.astype(np.intp), axis=0)
+    return replace(pointings, targets_m=pointings.targets_m + moves_m)
 
 
 def _velocities(times_s: Array, places_m: Array, hold: NDArray[np.intp]) -> Array:

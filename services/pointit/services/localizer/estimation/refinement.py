@@ -78,7 +78,7 @@ class Refined:
     state: Array
     """`STATES`."""
     covariance: Array
-    """Of the state, `VAGUE` in unknown directions.
+    """Covariance of the state, `VAGUE` in unknown directions.
 
     The yaw is that of pointing: a model error that turns all rays equally stays in the yaw when the person
     points later, and does not count.

@@ -1,6 +1,7 @@
 """Selection of the mounting: the configured one, or one that was measured and stored."""
 
 import math
+
 from pydantic import Field
 
 from pointit.geometry import rotation

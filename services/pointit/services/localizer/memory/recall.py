@@ -27,17 +27,14 @@ class RecalledSettings(SolverSettings):
 
     def forgotten(self) -> SolverSettings:
         """Return these settings with the priors of people in general."""
-        people = bias(self.people)
-        return SolverSettings(**_values(self) | {"bias_rad": people.mean, "bias_sigma_rad": people.sigma})
+        return SolverSettings(**_values(self, bias(self.people)))
 
 
 def recall(trust: SolverSettings, learnt: LearntPointing | None, now_ns: int) -> SolverSettings:
     """Return `trust` with what is remembered of the person as its priors."""
     if learnt is None:
         return trust
-    prior = recalled(learnt, trust, now_ns)
-    values = _values(trust) | {"bias_rad": prior.mean, "bias_sigma_rad": prior.sigma}
-    return RecalledSettings(**values, people=trust)
+    return RecalledSettings(**_values(trust, recalled(learnt, trust, now_ns)), people=trust)
 
 
 def solve(
@@ -64,9 +61,11 @@ def solve(
     return estimator.solve(pointings, forgotten, floor_m=floor_m, start=start)
 
 
-def _values(settings: SolverSettings) -> dict[str, Any]:
-    """Return the fields that all settings have."""
-    return {field.name: getattr(settings, field.name) for field in fields(SolverSettings)}
+def _values(settings: SolverSettings, prior: Gaussian) -> dict[str, Any]:
+    """Return the fields that all settings have, with `prior` of the bias."""
+    values = {field.name: getattr(settings, field.name) for field in fields(SolverSettings)}
+    values.update(bias_rad=prior.mean, bias_sigma_rad=prior.sigma)
+    return values
 
 
 def _wrong(trust: SolverSettings, forgotten: SolverSettings, general: Solution) -> float:

@@ -956,7 +956,7 @@ export interface ImuSample {
    */
   latency_sigma_s: number | null;
   /**
-   * device and how it sits on the arm, such as `ble metamotion`; empty if unknown. With another one a person's pointing has other systematic errors
+   * kind of device and how it sits on the arm, such as `ble metamotion`; empty if unknown. With another one a person's pointing has other systematic errors
    */
   mounting: string;
   /**

@@ -49,8 +49,8 @@ class ImuSample(Message):
         str,
         Field(
             max_length=128,
-            description="kind of device and how it sits on the arm, such as `ble metamotion`; empty if unknown. "
-            "With another one a person's pointing has other systematic errors",
+            description="kind of device and how it sits on the arm, such as `ble metamotion`; empty if "
+            "unknown. With another one a person's pointing has other systematic errors",
         ),
     ] = ""
     latency_sigma_s: Annotated[

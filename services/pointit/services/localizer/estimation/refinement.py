@@ -184,8 +184,9 @@ def _linearized(rays: Rays, state: Array, blocks: Blocks) -> tuple[Array, Array]
 def _considered(rays: Rays) -> Array:
     """Return the turn of each ray (4 x 2 x m: left, up) by what is not estimated.
 
-    That is a shift of the finger forwards and to the left, as an angle (rad); exaggerated elevations, and
-    azimuths about their mean, per rad. Those of azimuths fade where people point all round.
+    That is a shift of the finger forwards and to the left, as an angle (rad); elevations and azimuths that
+    are exaggerated about their means, which the bias and the yaw take up, per rad. The exaggeration of
+    azimuths fades where people point all round.
     """
     phasor = np.conj(rays.inverse_azimuth)
     cos_az, sin_az = phasor.real, phasor.imag
@@ -196,7 +197,7 @@ def _considered(rays: Rays) -> Array:
         [
             [-sin_az, -sin_el * cos_az],
             [cos_az, -sin_el * sin_az],
-            [none, rays.elevations_rad],
+            [none, rays.elevations_rad - rays.elevations_rad.mean()],
             [aside * cos_el, none],
         ]
     )

@@ -95,10 +95,12 @@ def test_arms_and_rays_are_each_others_inverse(following: Trial) -> None:
     assert same.yaw_rad == pytest.approx(following.yaw_rad)
 
 
-def test_a_still_body_turns_rays_by_different_angles(following: Trial) -> None:
+@pytest.mark.parametrize("seed", range(6))
+def test_a_still_body_turns_rays_by_different_angles(seed: int) -> None:
+    following = next(followers([seed])[0].trials([10.0]))
     turning = azimuths(shoulder(following, rng(), to_right_m=BESIDE_M)) - azimuths(following)
     still = azimuths(shoulder_still(following, rng())) - azimuths(following)
-    assert np.ptp(still) > 2.0 * np.ptp(turning)
+    assert np.ptp(still) > 1.1 * np.ptp(turning)
 
 
 def test_a_wrong_height_is_in_the_origins_alone(following: Trial) -> None:
@@ -178,6 +180,17 @@ def test_each_condition_gives_the_same_trials_again(follower: FollowRecording, r
             assert np.array_equal(one.pointings.targets_m, other.pointings.targets_m)
 
 
+def test_each_pass_of_a_person_has_faults_of_its_own(room: Trial) -> None:
+    injection = next(each for each in INJECTIONS if each.name == "garbage 15 %")
+    passes = [next(iter(trials_of(source))).pointings for source in sources_of([], [room, room], [injection])]
+    changed = [
+        {row for row, ray in enumerate(rows(each.directions)) if ray not in rows(room.pointings.directions)}
+        for each in passes
+    ]
+    assert changed[0]
+    assert changed[0] != changed[1]
+
+
 def test_a_person_is_followed_for_each_window_once(follower: FollowRecording) -> None:
     (source,) = sources_of([follower], [], [each for each in INJECTIONS if each.name == NONE])
     assert [trial.condition for trial in trials_of(source)] == [f"{window:g} s" for window in WINDOWS_S]
@@ -190,24 +203,27 @@ def pose(x_m: float, y_m: float, sigma_m: float, yaw_sigma_rad: float = 0.1) -> 
     )  # fmt: skip
 
 
-def test_an_honest_solver_meets_the_targets(monkeypatch: pytest.MonkeyPatch, following: Trial) -> None:
+@pytest.mark.parametrize("narrow", [1.0, 0.7, 0.1])
+def test_an_honest_solver_meets_the_targets(
+    monkeypatch: pytest.MonkeyPatch, following: Trial, narrow: float
+) -> None:
     """Errors drawn from the stated covariance: nominal square, 2 sigma of both, nobody confidently wrong."""
     drawn = np.random.default_rng(1)
     trial = replace(following, x_m=0.0, y_m=0.0, yaw_rad=0.0)
 
     def found(_: Pointings) -> Solution:
         yaw_rad = float(drawn.normal(0.0, 0.1))
-        place = drawn.normal(0.0, 0.2, 2) * (1.0, 0.3)
+        place = drawn.normal(0.0, 0.2, 2) * (1.0, narrow)
         return replace(
             pose(float(place[0]), float(place[1]), 0.2),
             yaw_rad=yaw_rad,
-            covariance=np.diag([0.04, 0.0036, 0.01]),
+            covariance=np.diag([0.04, 0.04 * narrow**2, 0.01]),
         )
 
     monkeypatch.setattr("pointit.evaluation.honesty.honesty.judged", found)
     row = rows_of([verdict(trial, NONE) for _ in range(3000)])[0]
     assert row.square == pytest.approx(1.0, abs=0.1)
-    assert row.within_2_sigma == pytest.approx(0.95, abs=0.015)
+    assert row.within_2_sigma == pytest.approx(0.9545, abs=0.012)
     assert row.yaw_within_2_sigma == pytest.approx(0.954, abs=0.015)
     assert TARGETS.broken_by(replace(row, wrong=None)) == []
 
@@ -235,6 +251,7 @@ def test_a_row_counts_who_is_confidently_wrong() -> None:
     assert row.wrong.value == pytest.approx(0.25)
     assert row.wrong.low < 0.25 < row.wrong.high
     assert row.without_one == pytest.approx((1 / 3, 2 / 3))
+    assert row.wrong_without_one == pytest.approx((0.0, 1 / 3))
     assert row.error_m is not None
     assert row.error_m.median == pytest.approx(0.5)
 

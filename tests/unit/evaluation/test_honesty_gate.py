@@ -134,7 +134,8 @@ def test_who_takes_nothing_any_more_fails() -> None:
 
 
 def test_limits_become_only_tighter() -> None:
-    wide, narrow = limits_of(judged_row(wrong=9, taken=30)), limits_of(judged_row(wrong=1, taken=30))
+    wide = Limits(taken_least=0.2, within_least=0.5, wrong_most=0.3)
+    narrow = Limits(taken_least=0.4, within_least=0.8, wrong_most=0.1)
     assert wide.tightened(narrow) == narrow.tightened(wide) == narrow
     assert Limits(within_least=0.5).tightened(TARGETS) == TARGETS
 

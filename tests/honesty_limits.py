@@ -28,10 +28,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m tests.honesty_limits", description=__doc__)
     parser.add_argument("rows", type=Path, help="rows of `--quick --json`")
     parser.add_argument(
-        "--anew", action="store_true", help="also loosen: for another criterion or other people"
+        "--loosen", action="store_true", help="write those of the rows: after another criterion"
     )
     options = parser.parse_args()
-    before = {} if options.anew else stated()
+    before = {} if options.loosen else stated()
     rows = Document.model_validate_json(options.rows.read_bytes()).rows
     limits = dict(before)
     for row in rows:

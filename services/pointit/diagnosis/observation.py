@@ -80,16 +80,8 @@ class Observation:
 
     @property
     def expected(self) -> dict[str, str]:
-        """Return the instances that should run, each with the remedy that starts it again.
-
-        Commands in deployments are never shown, since others have written them, and operators copy.
-        """
-        return {
-            instance: _again(service, name.removeprefix(RUN), self.options)
-            for name, deployment in self.deployments.items()
-            for service in deployment.believed(name).services
-            if NAME.match(instance := service.instance)
-        }
+        """Return `expected_services` of the deployments."""
+        return expected_services(self.deployments, self.options)
 
     def newest(self, instance: str) -> Health | None:
         """Return the last report of `instance`, or None."""
@@ -104,6 +96,23 @@ class Observation:
     def is_silent(self, instance: str) -> bool:
         """Return True if `instance` has not reported for too long."""
         return self.silence_s(instance) > SILENT_S
+
+
+def expected_services(deployments: Mapping[str, Deployment], options: str = "") -> dict[str, str]:
+    """Return the instances that should run, each with the remedy that starts it again.
+
+    Commands in deployments are never shown, since others have written them, and operators copy.
+
+    Args:
+        deployments: by name.
+        options: see `Observation.options`.
+    """
+    return {
+        instance: _again(service, name.removeprefix(RUN), options)
+        for name, deployment in deployments.items()
+        for service in deployment.believed(name).services
+        if NAME.match(instance := service.instance)
+    }
 
 
 def _again(service: ExpectedService, started_by: str, options: str) -> str:

@@ -1,11 +1,22 @@
-"""Uncertainty of a pointed place: that of the person's pose and of their aim."""
+"""Uncertainty of positions on the floor: that of a person, and of a place that they point at."""
 
 import math
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from pointit.geometry.vector import Vec3
+
+
+def position_sigma_m(covariance: ArrayLike) -> float:
+    """Return 1 sigma of a position on the floor along its worse direction, m.
+
+    Args:
+        covariance: of (x, y, yaw) of the pose, (3, 3), or row by row: 9 numbers.
+    """
+    level = np.asarray(covariance, dtype=float).reshape(3, 3)[:2, :2]
+    return math.sqrt(max(0.0, float(np.linalg.eigvalsh(level)[-1])))
 
 
 def place_sigma_m(

@@ -75,7 +75,7 @@ async def test_a_server_of_its_own_answers_this_machine_without_a_token() -> Non
 
 
 async def test_a_server_of_its_own_is_not_open_to_other_machines(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(exposure_check, "is_contained", lambda: False)
+    monkeypatch.setenv(exposure_check.CONTAINER, "oci")  # many containers share the network of their host
     with pytest.raises(ConfigError, match=r"listen at 127\.0\.0\.1"):
         MetricsServer(SiteMetrics("lab", "1"), "0.0.0.0", 0)  # noqa: S104 - refused
 

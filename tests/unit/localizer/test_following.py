@@ -1,4 +1,4 @@
-"""Which rays of a few seconds are taken: of recorded people who follow a robot, and of arms that do not."""
+"""Rays of a few seconds: those of people who follow a robot are taken, those of other arms are not."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Which pointings at lamps are taken: not one at another lamp, nor those of a sensor across the arm."""
+"""Pointings at lamps: one at another lamp is not taken, nor are those of a sensor across the arm."""
 
 import math
 

@@ -107,7 +107,7 @@ def test_continuous_goes_on_and_keeps_to_its_window() -> None:
     gaps = np.diff([pose.stamp_ns for pose in found]) / NS_PER_S
     assert np.all((gaps > 0.49) & (gaps < 0.51))  # twice a second
     first_solved = next(message for message in told(outputs) if message.phase == "solved")
-    assert first_solved.stamp_ns == found[0].stamp_ns  # whoever hears that they are found, is
+    assert first_solved.stamp_ns == found[0].stamp_ns  # a pose exists once it is announced
     assert found[-1].samples == pytest.approx(200, abs=4)
 
 

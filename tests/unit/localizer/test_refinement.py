@@ -1,4 +1,4 @@
-"""What is found about a person beside the pose, and what is expected of one who is known."""
+"""Quantities of a person that are found beside the pose, and expectations of one who is known."""
 
 import dataclasses
 import math

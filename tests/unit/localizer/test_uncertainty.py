@@ -77,13 +77,15 @@ def test_constant_errors_stay_with_any_number_of_rays() -> None:
     """The eyes beside the feet, the finger beside the model: a hundred rounds at the lamps tell neither."""
     person = Person(0.4, -0.3, 0.5)
     rounds = pointings(person, CORNERS * 100, each=20, rate_hz=25.0)
-    sure = {
-        "height_sigma_m": 0.0,
-        "elevation_slope_sigma": 0.0,
-        "azimuth_slope_sigma": 0.0,
-        "rate_sigma_radps": 0.0,
-    }
-    exact = dataclasses.replace(UNLIMITED, body_sigma_m=0.0, model_sigma_rad=0.0, **sure)
+    exact = dataclasses.replace(
+        UNLIMITED,
+        body_sigma_m=0.0,
+        model_sigma_rad=0.0,
+        height_sigma_m=0.0,
+        elevation_slope_sigma=0.0,
+        azimuth_slope_sigma=0.0,
+        rate_sigma_radps=0.0,
+    )
     noise_only = solved(rounds, exact).position_sigma_m
     assert noise_only < 0.04
     body = solved(rounds, dataclasses.replace(exact, body_sigma_m=0.2)).position_sigma_m

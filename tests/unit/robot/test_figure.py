@@ -54,7 +54,7 @@ def test_figures_are_closed_as_long_as_asked_and_away_from_people(
 def test_an_unknown_latency_costs_little_on_the_best_figure_and_much_on_a_circle(
     monkeypatch: pytest.MonkeyPatch, start: Vec3
 ) -> None:
-    """Of the tracker, at constant speed: a circle turns the pose by it, and no residual tells."""
+    """The tracker is late, at constant speed: a circle turns the pose by it, and no residual tells."""
     best = even(np.array(figures(start, [PERSON], length_m=4.0, is_flying=start[2] > 0.0)[0].points_m))
     turned = np.linspace(0.0, math.tau, 101)
     circle = np.array(start) + 4.0 / math.tau * np.stack(

@@ -1,6 +1,7 @@
 """Metrics of a site, from examples of messages; totals over restarts."""
 
 import importlib
+import itertools
 import math
 from typing import Any
 
@@ -168,16 +169,57 @@ def test_invented_names_do_not_make_series_without_end(
 ) -> None:
     monkeypatch.setattr(module, "MAX_INSTANCES", 10)
     monkeypatch.setattr(module, "MAX_USERS", 10)
+    latency = Quantiles(p50_s=0.001, p99_s=0.002)
     for number in range(100):
-        instance, user = f"pointing.u{number}", f"u{number}"
+        instance, user = f"made-up-{number}", f"u{number}"
         metrics.set_service(instance, True)
         metrics.set_person(user, True)
-        metrics.take(instance, health(instance, keys=(key(f"made/up/{number}", lost=1),)))
+        metrics.take(instance, health(instance, keys=(key(f"made/up/{number}", lost=1),), latency=latency))
         metrics.take(user, UserPose(stamp_ns=1, position_m=(0.0, 0.0, 0.0), yaw_rad=0.0))
     families = {family.name: family for family in metrics.collect()}
     assert len(families["pointit_service_present"].samples) == 10
     assert len(families["pointit_pose_yaw_sigma_radians"].samples) == 10
     assert {sample.labels["topic"] for sample in families["pointit_messages"].samples} == {OTHER}
+    for name in (
+        "pointit_errors",
+        "pointit_messages",
+        "pointit_discarded_messages",
+        "pointit_latency_seconds",
+    ):
+        assert {sample.labels["service"] for sample in families[name].samples} == {OTHER}, name
+
+
+def test_routers_of_several_machines_count_as_one_service(metrics: SiteMetrics) -> None:
+    for instance in ("router", "router-hall"):
+        metrics.set_service(instance, True)
+        metrics.take(instance, health(instance, figures=(Figure(name="refused", value=2.0),)))
+    assert Scrape(metrics).value("pointit_router_refusals_total", service="router") == 4
+
+
+def test_people_who_left_take_no_place_of_those_who_are_there(
+    metrics: SiteMetrics, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, "MAX_USERS", 3)
+    pose = UserPose(stamp_ns=1, position_m=(0.0, 0.0, 0.0), yaw_rad=0.0)
+    solving, solved = (
+        Localization.model_validate({"stamp_ns": 1, "phase": phase}) for phase in ("sampling", "solved")
+    )
+
+    def arrive(user: str) -> None:
+        for message in (pose, solving, solved):
+            metrics.take(user, message)
+
+    metrics.set_person("anna", True)
+    arrive("anna")
+    for number in range(10):  # messages of people whose presence has ended
+        arrive(f"u{number}")
+    arrive("ben")  # a pose may come before the presence
+    metrics.set_person("ben", True)
+    scrape = Scrape(metrics)
+    for user in ("anna", "ben"):
+        assert scrape.value("pointit_pose_yaw_sigma_radians", user=user) == 0.0
+    arrive("anna")
+    assert scrape.value("pointit_localizations_total", purpose="pose", result="solved") == 13
 
 
 def test_the_text_is_what_parsers_of_both_formats_take(metrics: SiteMetrics) -> None:
@@ -194,6 +236,31 @@ def test_the_text_is_what_parsers_of_both_formats_take(metrics: SiteMetrics) -> 
     plain, media_type = exposition(metrics, "")
     assert media_type.startswith(TEXT)
     assert b"# TYPE pointit_messages_total counter" in plain
+
+
+def test_what_instances_counted_before_they_were_first_heard_is_not_in_the_totals() -> None:
+    totals = Totals()
+    errors, lost, refused = (
+        Labels("errors", "pui"),
+        Labels("discarded", "pui", RAY.key, "lost"),
+        Labels("refused", "pui"),
+    )
+
+    now_ns = itertools.count(1, NS_PER_S)
+
+    def hear(instance: str, seq: int, count: int) -> list[float]:
+        figures = (Figure(name="refused", value=float(count)),)
+        fields = {"errors": count, "keys": (key(RAY.key, lost=count),), "figures": figures}
+        fields["stamp_ns"] = next(now_ns)
+        totals.add(instance, "pui", health(instance, seq, **fields))
+        return [totals.values[labels] for labels in (errors, lost, refused)]
+
+    assert hear("pui", 100, 500) == [0, 0, 0]
+    assert hear("pui", 101, 502) == [2, 2, 2]
+    assert hear("pui.hall", 70, 300) == [2, 2, 2]  # a second instance
+    assert hear("pui.hall", 71, 301) == [3, 3, 3]
+    assert hear("pui.lab", 1, 4) == [7, 7, 7]  # it has only just started
+    assert hear("pui", 3, 1) == [8, 8, 8]  # started again
 
 
 reports = st.lists(

@@ -1,10 +1,10 @@
 """Subscribes to what viewers are shown, serves it to pages, and publishes input of mice and phones."""
 
 import asyncio
+import contextlib
 import functools
 import logging
 import socket
-from pathlib import Path
 from typing import Any, ClassVar
 
 from starlette.websockets import WebSocket
@@ -28,30 +28,20 @@ from pointit.bridges.web.server.app import PAST, application
 from pointit.bridges.web.server.bundle import Bundle
 from pointit.bridges.web.server.download import Downloads
 from pointit.bridges.web.server.lan import Lan
-from pointit.bridges.web.server.link_file import keep_link
+from pointit.bridges.web.server.link_file import announced_link
 from pointit.bridges.web.server.listener import Listener, bind, url
 from pointit.bridges.web.wire import MAX_TOLD, Ack, AimAt, Answer, Ask, Play, Role, Status
 from pointit.bridges.web.wrists.pairing import Pairing
+from pointit.bridges.web.wrists.person_messages import PersonMessages
 from pointit.bridges.web.wrists.phone import Phones
 from pointit.bridges.web.wrists.phone_connection import PhoneHost
 from pointit.bridges.web.wrists.wrist_control import WristControl
 from pointit.bridges.web.wrists.wrist_motion import WristMotion
 from pointit.runtime.clock import WallClock
-from pointit.runtime.errors import ConfigError, RefusedError
+from pointit.runtime.errors import RefusedError
 from pointit.runtime.host.release import pointit_version
 from pointit.runtime.service.service import Context, Scope, Service
-from pointit.schemas import (
-    Deployment,
-    Environment,
-    Feedback,
-    Health,
-    Interaction,
-    Localization,
-    Message,
-    SelectionEvent,
-    UserPose,
-    UserProfile,
-)
+from pointit.schemas import Deployment, Health, Message, SelectionEvent
 from pointit.schemas.topics import SERVICE_ALIVE, STRIPS_FRAME, USER_ALIVE, Topic
 from pointit.services.shown_topics import SHOWN
 
@@ -116,6 +106,7 @@ class Web(Service[WebConfig]):
             site=self.bus.site,
         )
         self._phones = Phones(host, self._pairing, bundle)
+        self._person_messages = PersonMessages(self._people, self._wrists, self._phones)
         routes = [*self._phones.routes, metrics_route(self._metrics, doors)]
         app = application(doors, bundle, self._open, self._downloads.answer, routes)
         self._lan = Lan(config, self.bus.site, app)
@@ -132,7 +123,6 @@ class Web(Service[WebConfig]):
         )
         self._link = SlowLink(socket.gethostname())
         self._wall = WallClock()
-        self._link_file: Path | None = None
         self._malformed = 0
         self._malformed_s = 0.0
         for topic in SHOWN:
@@ -144,12 +134,13 @@ class Web(Service[WebConfig]):
 
     async def run(self) -> None:
         """Serve until cancelled, then close every connection."""
+        shown = contextlib.ExitStack()
         try:
             await self._listener.start()
             where = url("http", *exposure_check.address(self.config, self._listener.port))
             log.info("the page is at %s/", where)
             if not self.config.operator_token:
-                self._keep_link(f"{where}/?token={self._token}")
+                shown.enter_context(announced_link(self.bus, f"{where}/?token={self._token}"))
             if self.config.lan:
                 await self._open_lan()
             async with asyncio.TaskGroup() as group:
@@ -161,24 +152,12 @@ class Web(Service[WebConfig]):
             await self._phones.close()
             await self._lan.close()
             await self._listener.close()
-            if self._link_file is not None:
-                self._link_file.unlink(missing_ok=True)
+            shown.close()
 
     @property
     def port(self) -> int:
         """Return the port of the listener."""
         return self._listener.port
-
-    def _keep_link(self, link: str) -> None:
-        """Log the path of the link's file: the token is secret, and no log may hold it."""
-        try:
-            self._link_file = keep_link(self.bus.site, link)
-        except ConfigError as error:
-            sentence = f"no page can be opened: the link cannot be saved ({error}); set operator_token"
-            log.error("%s", sentence)  # noqa: TRY400 - a sentence
-            self.bus.warn("link file", sentence)
-        else:
-            log.info("who may control opens %s, a file that holds the link", self._link_file)
 
     async def _open_lan(self) -> None:
         try:
@@ -268,20 +247,8 @@ class Web(Service[WebConfig]):
             self._past.hear(message)
         elif isinstance(message, Health):
             self._link.hear(message, self._wall.now_ns(), self._now_s())
-        elif isinstance(message, Environment):
-            self._wrists.room(message)
-        elif isinstance(message, UserProfile):
-            self._wrists.profile(name, message)
-        elif isinstance(message, UserPose):
-            self._wrists.pose(name, message)
-        elif isinstance(message, Localization):
-            self._wrists.localization(name, message)
-            self._phones.localization(name, message)
-        elif isinstance(message, Interaction):
-            self._people.states[name] = message.state
-            self._phones.interaction(name, message)
-        elif isinstance(message, Feedback):
-            self._phones.feedback(name, message)
+        else:
+            self._person_messages.take(name, message)
 
     def _on_service(self, instance: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
         self._belief.set_service(instance, present, self._now_s())

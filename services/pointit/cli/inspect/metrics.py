@@ -41,7 +41,7 @@ def _address(_ctx: click.Context, _parameter: click.Parameter, text: str) -> tup
     callback=_address,
     default="127.0.0.1:9464",
     show_default=True,
-    help="address of this machine to serve at, not encrypted; port 0: any free one",
+    help="loopback address to serve at; port 0: any free one",
 )
 @click.option("--once", is_flag=True, help="print the metrics instead, after two seconds")
 def command(*, listen: tuple[str, int], once: bool, site: str, connect: tuple[str, ...]) -> int:

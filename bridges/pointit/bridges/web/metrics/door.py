@@ -63,7 +63,7 @@ class MetricsServer:
             ConfigError: If other machines could reach it.
             ListenError: If the port is taken.
         """
-        if not (exposure_check.is_loopback(host) or exposure_check.is_contained()):
+        if not exposure_check.is_loopback(host):
             raise ConfigError(
                 f"--listen {host}:{port}: other machines could read the metrics, which are not encrypted; "
                 f"listen at 127.0.0.1, and let them read {PATH} of the page, by HTTPS and with its token"

@@ -8,8 +8,9 @@ from prometheus_client.metrics_core import CounterMetricFamily, GaugeMetricFamil
 from prometheus_client.registry import Collector
 
 from pointit.bridges.web.metrics.durations import Durations
-from pointit.bridges.web.metrics.totals import MAX_INSTANCES, Totals
-from pointit.diagnosis.observation import Observation
+from pointit.bridges.web.metrics.totals import MAX_INSTANCES, OTHER, Totals
+from pointit.diagnosis.observation import expected_services
+from pointit.geometry.floor_sigma import position_sigma_m
 from pointit.schemas import (
     NS_PER_S,
     Deployment,
@@ -21,6 +22,7 @@ from pointit.schemas import (
 )
 from pointit.schemas.system import split_instance
 from pointit.schemas.topics import DEPLOYMENT, HEALTH, LOCALIZATION, POSE, SELECTION_EVENTS, Topic
+from pointit.services.registry import names
 
 READS: tuple[Topic[Any], ...] = (HEALTH, POSE, LOCALIZATION, SELECTION_EVENTS, DEPLOYMENT)
 """Topics that metrics are made from."""
@@ -29,6 +31,12 @@ MAX_USERS = 1024
 """Maximum number of people with metrics of their own."""
 
 MAX_DEPLOYMENTS = 1024
+
+ROUTER = "router"
+"""Kind of routers. One of several is the instance `router-MACHINE`."""
+
+KINDS = frozenset({ROUTER, *names()})
+"""Services with a label of their own: those that are installed here."""
 
 BATTERIES = ("battery", "battery of the phone")
 """Figures of imu-bridge with the charge of a wrist, %."""
@@ -99,7 +107,7 @@ class SiteMetrics(Collector):
         yield from self._of_people()
 
     def _of_services(self) -> Iterator[Metric]:
-        expected = Observation(began_s=0.0, now_s=0.0, deployments=self._deployments).expected
+        expected = expected_services(self._deployments)
         there = {name: float(name in self._present) for name in sorted(self._present | expected.keys())}
         health = {split_instance(name): each for name, each in sorted(self._health.items())}
         of = ("service", "name")
@@ -169,7 +177,7 @@ class SiteMetrics(Collector):
             "pointit_pose_position_sigma_meters",
             "1 sigma of the person's position on the floor, in its worse direction",
             ("user",),
-            (((user,), _position_sigma_m(covariance)) for user, covariance in poses),
+            (((user,), position_sigma_m(covariance)) for user, covariance in poses),
         )
         yield _gauge(
             "pointit_pose_yaw_sigma_radians",
@@ -206,23 +214,28 @@ class SiteMetrics(Collector):
     def _on_health(self, instance: str, health: Health) -> None:
         if instance not in self._present:
             return
-        service, _ = split_instance(instance)
+        service = _kind(instance)
         self._health[instance] = health
         self._totals.add(instance, service, health)
         self._latency.add(service, health.latency)
         self._step.add(service, health.step)
 
     def _on_pose(self, user: str, pose: UserPose) -> None:
-        if user in self._poses or len(self._poses) < MAX_USERS:
-            self._poses[user] = pose
+        self._poses[user] = pose
+        self._drop_absent(self._poses)
 
     def _on_localization(self, user: str, now: Localization) -> None:
         before = self._localizations.get(user)
         if before is not None and before.phase not in RESULTS and now.phase in RESULTS:
             result = (now.purpose, now.phase)
             self._results[result] = self._results.get(result, 0) + 1
-        if before is not None or len(self._localizations) < MAX_USERS:
-            self._localizations[user] = now
+        self._localizations[user] = now
+        self._drop_absent(self._localizations)
+
+    def _drop_absent(self, messages: dict[str, Any]) -> None:
+        """Drop the message of the absent person who is known for longest, if there are too many messages."""
+        if len(messages) > MAX_USERS:
+            messages.pop(next(user for user in messages if user not in self._users))
 
     def _on_selection(self, _name: str, event: SelectionEvent) -> None:
         self._selections[event.event] = self._selections.get(event.event, 0) + 1
@@ -249,11 +262,12 @@ def _counter(name: str, about: str, labels: Sequence[str], rows: Rows) -> Counte
     return family
 
 
+def _kind(instance: str) -> str:
+    """Return the kind of the service `instance`, or `OTHER` if it is none of `KINDS`."""
+    service, _ = split_instance(instance)
+    kind = ROUTER if service.startswith(f"{ROUTER}-") else service
+    return kind if kind in KINDS else OTHER
+
+
 def _figures(health: Health, name: str) -> list[float]:
     return [figure.value for figure in health.figures if figure.name == name]
-
-
-def _position_sigma_m(covariance: Sequence[float]) -> float:
-    """Return the square root of the larger eigenvalue of the covariance of x and y, m."""
-    xx, xy, yy = covariance[0], covariance[1], covariance[4]
-    return math.sqrt(max(0.0, (xx + yy) / 2.0 + math.hypot((xx - yy) / 2.0, xy)))

@@ -14,7 +14,9 @@ MAX_TOPICS = 64
 """Maximum number of topics in a report that are counted."""
 
 OTHER = "other"
-"""Label for keys that are no row of the topic table, which bounds the number of series."""
+"""Label for keys that are no row of the topic table, and unknown services; bounds the number of series."""
+
+KNOWN_KEYS = frozenset(topic.key for topic in TOPICS)
 
 
 class Labels(NamedTuple):
@@ -37,12 +39,18 @@ class Totals:
         self._last: OrderedDict[str, tuple[Health, dict[Labels, float]]] = OrderedDict()
 
     def add(self, instance: str, service: str, health: Health) -> None:
-        """Add what `instance` has counted since its last report. A report that comes late adds nothing."""
+        """Add what `instance` has counted since its last report.
+
+        What it counted before its first report here is not added, nor is a report that comes late.
+        """
+        keys = _keys(health)
+        counts = dict(_counts(service, health, keys))
         before, counts_before = self._last.pop(instance, (None, dict[Labels, float]()))
         since_s = 0.0
         """Uptime at which the rates of this report begin."""
         if before is None:
-            since_s = 0.0 if health.seq == 1 else health.uptime_s
+            if health.seq != 1:  # it runs for longer than anybody listens here
+                since_s, counts_before = health.uptime_s, counts
         elif (health.uptime_s, health.seq) > (before.uptime_s, before.seq):
             since_s = before.uptime_s
         elif health.stamp_ns <= before.stamp_ns:
@@ -50,8 +58,6 @@ class Totals:
             return
         else:
             counts_before = {}  # restarted
-        keys = _keys(health)
-        counts = dict(_counts(service, health, keys))
         for labels, count in counts.items():
             # a counter below its last value has started again
             last = counts_before.get(labels, 0.0)
@@ -66,9 +72,9 @@ class Totals:
 
 def _keys(health: Health) -> list[KeyHealth]:
     """Return the traffic of a report, with `OTHER` for unknown topics."""
-    known = {topic.key for topic in TOPICS}
     return [
-        key if key.key in known else key.model_copy(update={"key": OTHER}) for key in health.keys[:MAX_TOPICS]
+        key if key.key in KNOWN_KEYS else key.model_copy(update={"key": OTHER})
+        for key in health.keys[:MAX_TOPICS]
     ]
 
 

@@ -6,7 +6,7 @@ from collections.abc import Collection, Mapping, Sequence
 
 from pointit.bridges.web.wire import FindingLine, PersonLine, ServiceLine, Status
 from pointit.diagnosis.diagnose import diagnose
-from pointit.diagnosis.observation import SILENT_S, Finding, Observation, Report
+from pointit.diagnosis.observation import SILENT_S, Finding, Observation, Report, expected_services
 from pointit.schemas import Deployment, Health
 
 KEPT_S = 10.0
@@ -80,7 +80,7 @@ class SiteObservation:
         speed: float = 1.0,
     ) -> Status:
         """Return the status of the site now."""
-        self._forget_left(Observation(began_s=now_s, now_s=now_s, deployments=deployments).expected, now_s)
+        self._forget_left(expected_services(deployments), now_s)
         seen = self._seen(deployments, now_s, speed)
         return Status(
             services=tuple(self._services(seen))[:MAX_LINES],

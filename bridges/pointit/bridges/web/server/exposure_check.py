@@ -23,7 +23,7 @@ def check(config: WebConfig) -> None:
     Raises:
         ConfigError: If it is not; names the parameter and what to do.
     """
-    if not is_loopback(config.host) and not (config.published_port and is_contained()):
+    if not is_loopback(config.host) and not (config.published_port and _is_contained()):
         raise ConfigError(
             f"host: {config.host} can be reached from other machines, and what goes there is not "
             "encrypted; leave it at 127.0.0.1 and use lan: true, which opens the page by HTTPS "
@@ -42,13 +42,13 @@ def address(config: WebConfig, port: int) -> tuple[str, int]:
     return host, config.published_port or port
 
 
-def is_contained() -> bool:
-    """Return True if this process is reachable only through a container's engine or from containers."""
-    return bool(os.environ.get(CONTAINER)) or any(mark.exists() for mark in CONTAINER_MARKS)
-
-
 def is_loopback(host: str) -> bool:
     """Return True if `host` is reachable from this machine only."""
     with contextlib.suppress(ValueError):
         return ipaddress.ip_address(host).is_loopback
     return host == "localhost"
+
+
+def _is_contained() -> bool:
+    """Return True if this process is reachable only through a container's engine or from containers."""
+    return bool(os.environ.get(CONTAINER)) or any(mark.exists() for mark in CONTAINER_MARKS)

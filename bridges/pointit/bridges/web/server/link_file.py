@@ -4,12 +4,19 @@ Every user of a machine sees the arguments of all processes, so the browser is g
 link. Without a terminal, the log names the file.
 """
 
+import contextlib
+import logging
+from collections.abc import Generator
 from html import escape
 from pathlib import Path
 from urllib.parse import urlsplit
 
+from pointit.runtime.errors import ConfigError
+from pointit.runtime.health.service_bus import ServiceBus
 from pointit.runtime.host.atomic_file import write_atomically
 from pointit.runtime.host.state_file import site_folder
+
+log = logging.getLogger(__name__)
 
 ONWARDS = """<!doctype html><html lang="en"><meta charset="utf-8"><title>PointIt</title>
 <meta http-equiv="refresh" content="0;url={first}">
@@ -27,6 +34,27 @@ def keep_link(site: str, *urls: str) -> Path:
     links = "".join(f'<p><a href="{escape(url)}">{escape(url)}</a></p>\n' for url in urls)
     write_atomically(path, ONWARDS.format(first=escape(urls[0]), links=links).encode())
     return path
+
+
+@contextlib.contextmanager
+def announced_link(bus: ServiceBus, link: str) -> Generator[None]:
+    """Keep `link` in a file until the end, and log its path: the token is secret, and no log may hold it.
+
+    If it cannot be written, health warns.
+    """
+    try:
+        path = keep_link(bus.site, link)
+    except ConfigError as error:
+        sentence = f"no page can be opened: the link cannot be saved ({error}); set operator_token"
+        log.error("%s", sentence)  # noqa: TRY400 - a sentence
+        bus.warn("link file", sentence)
+        yield
+        return
+    log.info("who may control opens %s, a file that holds the link", path)
+    try:
+        yield
+    finally:
+        path.unlink(missing_ok=True)
 
 
 def without_token(url: str) -> str:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pointit.geometry.floor_sigma import position_sigma_m
 from pointit.geometry.vector import Vec3
 
 Array = NDArray[np.float64]
@@ -99,7 +100,7 @@ class DriftPose:
     @property
     def position_sigma_m(self) -> float:
         """Return the standard deviation along the worse horizontal direction."""
-        return math.sqrt(max(0.0, float(np.linalg.eigvalsh(self.covariance[:2, :2])[-1])))
+        return position_sigma_m(self.covariance)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -43,7 +43,7 @@ class Innovation(NamedTuple):
 
 @dataclass(frozen=True)
 class Case:
-    """What may have happened at a measurement of k values."""
+    """One explanation of a measurement of k values."""
 
     share: float
     """Prior probability."""

@@ -78,7 +78,7 @@ class Refined:
     state: Array
     """`STATES`."""
     covariance: Array
-    """Of the state, `VAGUE` in unknown directions.
+    """Covariance of the state, `VAGUE` in unknown directions.
 
     The yaw is that of pointing: a model error that turns all rays equally stays in the yaw when the person
     points later, and does not count.
@@ -100,7 +100,9 @@ def refine(rays: Rays, pose: Array, blocks: Blocks, noise: NoiseModel) -> Refine
     sample_weights = effective_samples(blocks, noise.independent_hz)
     likeness, share = _correlation(blocks, noise.independent_hz)
     state = np.concatenate([pose, np.zeros(STATES - PARAMETERS)])
-    for _ in range(ROUNDS if noise.independent_hz else 1):
+    rounds = ROUNDS if noise.independent_hz else 1
+    while True:
+        rounds -= 1
         angles, jacobian = _linearized(rays, state, blocks)
         weight, variance = _scatter(angles, sample_weights, noise)
         unit = np.sqrt(weight / max(variance, 1.0)) / noise.sigma_rad[:, None]
@@ -113,7 +115,7 @@ def refine(rays: Rays, pose: Array, blocks: Blocks, noise: NoiseModel) -> Refine
             moved = -np.linalg.solve(information + np.diag(prior + DAMPING), slope + prior * state)
             prior[LATENCY] = TAILS / (1.0 / noise.prior[LATENCY] + (state + moved)[LATENCY] ** 2)
         state = state + moved
-        if np.abs(moved[:3]).max() < LINEAR:
+        if rounds == 0 or np.abs(moved[:3]).max() < LINEAR:
             break
     if not noise.independent_hz:
         state[:PARAMETERS] = pose
@@ -188,7 +190,7 @@ def _considered(rays: Rays) -> Array:
     are exaggerated about their means, which the bias and the yaw take up, per rad. The exaggeration of
     azimuths fades where people point all round.
     """
-    phasor = np.conj(rays.inverse_azimuth)
+    phasor = rays.inverse_azimuth.conjugate()
     cos_az, sin_az = phasor.real, phasor.imag
     cos_el, sin_el = rays.elevation_phasor.real, rays.elevation_phasor.imag
     aside = (phasor * np.conj(phasor.mean())).imag

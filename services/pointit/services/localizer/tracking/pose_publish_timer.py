@@ -3,8 +3,7 @@
 import math
 from collections.abc import Callable
 
-import numpy as np
-
+from pointit.geometry.floor_sigma import position_sigma_m
 from pointit.runtime.health.timeliness import MAX_AHEAD_NS
 from pointit.schemas import NS_PER_S, UserPose
 from pointit.services.localizer.drift.filter import DriftPose
@@ -63,9 +62,8 @@ class PosePublishTimer:
 
 
 def _has_changed(last: UserPose, now: DriftPose) -> bool:
-    c = last.covariance
-    yaw_sigma = math.sqrt(max(0.0, c[8]))
-    position_sigma = math.sqrt(max(0.0, float(np.linalg.eigvalsh([[c[0], c[1]], [c[3], c[4]]])[-1])))
+    yaw_sigma = math.sqrt(max(0.0, last.covariance[8]))
+    position_sigma = position_sigma_m(last.covariance)
     return (
         abs(math.remainder(now.yaw_rad - last.yaw_rad, math.tau)) >= NOTICEABLE_RAD
         or abs(now.yaw_sigma_rad - yaw_sigma) > NOTICEABLE_SHARE * yaw_sigma

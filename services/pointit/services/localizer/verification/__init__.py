@@ -1,1 +1,1 @@
-"""Which poses are taken: of rays that follow, and of pointings that agree."""
+"""Verification of poses before they are taken: rays follow the target, pointings agree."""

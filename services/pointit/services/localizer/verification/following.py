@@ -68,7 +68,7 @@ def followed(
 
 
 def doubt(pointings: Pointings, found: Solution, trust: SolverSettings, *, floor_m: float = 0.0) -> str:
-    """Return why the pose `found` is not taken although it is certain, or `""`.
+    """Return the reason not to take the pose `found` although it is certain, or `""`.
 
     Args:
         pointings: the rays.

@@ -24,7 +24,9 @@ from pointit.evaluation.recordings.data_folder import recordings_folder
 )
 @click.option("--quick", is_flag=True, help="fewer people and windows: a minute instead of several")
 @click.option("--durations", is_flag=True, help="a row for each duration and number of lamps, too")
-@click.option("--gate", is_flag=True, help="--quick, and an error if a row is worse than its stated limits")
+@click.option(
+    "--gate", is_flag=True, help="--quick, and an error if a row is missing or worse than its limits"
+)
 @click.option(
     "--seed",
     type=click.IntRange(min=0),
@@ -58,7 +60,7 @@ def honesty(
     from pointit.cli.evaluate.honesty_table import print_honesty  # noqa: PLC0415 - wanted only here
     from pointit.evaluation.honesty.honesty import honesty_rows, sources_of  # noqa: PLC0415 - SciPy is wanted only here
     from pointit.evaluation.honesty.injections import INJECTIONS  # noqa: PLC0415 - as above
-    from pointit.evaluation.honesty.sources import FULL, QUICK, SETS, people  # noqa: PLC0415 - as above
+    from pointit.evaluation.honesty.sources import FULL, QUICK, SETS, SIMULATED, people  # noqa: PLC0415 - as above
     from pointit.evaluation.honesty.targets import missed, regressions  # noqa: PLC0415 - as above
 
     check_sets(sets, SETS)
@@ -76,7 +78,12 @@ def honesty(
         sources = sources_of(found.followed, found.rooms, chosen, size.windows)
         with progress(len(sources)) as tell_progress:
             rows = honesty_rows(sources, jobs=jobs, tick=lambda done, _: tell_progress("people", done))
-        worse = regressions(rows) if gate else []
+        asked = {
+            (name, each.name)
+            for name in sets or (SIMULATED if recordings is None else SETS)
+            for each in chosen
+        }
+        worse = regressions(rows, asked) if gate else []
         misses = missed(rows)
         document = {
             "rows": [row.as_json() for row in rows],

@@ -12,12 +12,13 @@ from pointit.evaluation.honesty.row import EVERY, HonestyRow
 
 NOTES = (
     "`taken`: share of the trials whose pose the localizer takes; the other figures are of those. `m`: "
-    "error, median, and beside it p90. `2 sigma`: share within twice the stated sigma, of the place and of "
-    "the yaw; `without one`: its range if any one person is left out. `square`: median squared Mahalanobis "
-    "distance of the true place, over its nominal value. `wrong`: beyond 2 sigma and more than 0.5 m off, "
-    "with a 95 % interval (Wilson)."
+    "error, median, and beside it p90. `2 sigma`: share of the places within 2 sigma, the ellipse that holds "
+    "95.45 % of normal errors (squared Mahalanobis distance up to 6.18); `yaw`: of the yaws. `square`: "
+    "median squared Mahalanobis distance of the place, over its nominal value. `wrong`: beyond 2 sigma and "
+    "more than 0.5 m off, with a 95 % interval (Wilson) as of independent trials; windows of a recording "
+    "overlap, and people have several. `without one`: range of the share before it without any one person."
 )
-FIGURES = ("n", "taken", "m", "p90", "2 sigma", "without one", "yaw", "square", "wrong")
+FIGURES = ("n", "taken", "m", "p90", "2 sigma", "without one", "yaw", "square", "wrong", "without one")
 MISSED = "Missed (90 to 98 % within 2 sigma, square 0.6 to 1.6, at most 1 % wrong):"
 
 
@@ -64,17 +65,22 @@ def _figures(row: HonestyRow) -> tuple[str | None, ...]:
         None if error is None else f"{error.median:.2f}",
         None if error is None else f"{error.p90:.2f}",
         _percent(row.within_2_sigma),
-        None if row.without_one is None else "{:.0f}-{:.0f}".format(*(100.0 * x for x in row.without_one)),
+        _range(row.without_one),
         _percent(row.yaw_within_2_sigma),
         None if row.square is None else f"{row.square:.2f}",
         None
         if wrong is None
         else f"{100.0 * wrong.value:.1f} [{100.0 * wrong.low:.1f}, {100.0 * wrong.high:.1f}] %",
+        _range(row.wrong_without_one),
     )
 
 
 def _percent(value: float | None) -> str | None:
     return None if value is None else f"{100.0 * value:.0f} %"
+
+
+def _range(shares: tuple[float, float] | None) -> str | None:
+    return None if shares is None else "{:.0f}-{:.0f}".format(*(100.0 * share for share in shares))
 
 
 def _cell(text: str | None) -> Text:

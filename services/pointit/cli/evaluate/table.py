@@ -120,7 +120,8 @@ _COLUMNS = (
         rank=16,
         cell=lambda row: _number(row.bound_m, 3),
         note="`bound`: median error of an ideal solver of the same trials, who knows how bias, slopes and "
-        "latency go together in the person, and their scatter (posterior Cramér-Rao bound).",
+        "latency go together in the person, and their scatter (posterior Cramér-Rao bound of mean squares: "
+        "the median is that of normal errors).",
     ),
     _Column(name="> 1 m", rank=12, cell=lambda row: _share(row.share_above_1m)),
     _Column(

@@ -10,7 +10,7 @@ import numpy as np
 from pointit.evaluation.honesty import simulated_people
 from pointit.evaluation.honesty.injections import INJECTIONS, Injection
 from pointit.evaluation.honesty.lamps import COUNTS, chosen
-from pointit.evaluation.honesty.row import MEDIAN_SQUARE, HonestyRow, Judged, rows_of
+from pointit.evaluation.honesty.row import MEDIAN_SQUARE, WITHIN_SQUARE, HonestyRow, Judged, rows_of
 from pointit.evaluation.localization.taken import judged
 from pointit.evaluation.localization.trial import FollowRecording, Trial
 from pointit.evaluation.recordings.parallel import map_parallel
@@ -28,6 +28,8 @@ class Source:
     """One person, and what is done with them."""
 
     injection: Injection
+    number: int
+    """Index of the recording, or of the pass through a room, in its set."""
     followed: FollowRecording | None = None
     room: Trial | None = None
     most: int | None = None
@@ -54,10 +56,15 @@ def sources_of(
         windows = 1 if name == simulated_people.SET else most  # another person tells more than another window
         for injection in conditions:
             if injection.follows:
-                of_set = [each for each in followed if each.set == name]
-                found += [Source(injection=injection, followed=each, most=windows) for each in of_set]
+                found += [
+                    Source(injection=injection, number=number, followed=each, most=windows)
+                    for number, each in enumerate(each for each in followed if each.set == name)
+                ]
             if injection.points:
-                found += [Source(injection=injection, room=each) for each in rooms if each.set == name]
+                found += [
+                    Source(injection=injection, number=number, room=each)
+                    for number, each in enumerate(each for each in rooms if each.set == name)
+                ]
     return found
 
 
@@ -95,8 +102,8 @@ def trials_of(source: Source) -> Iterator[Trial]:
     """Yield the trials of `source` under its condition, the same ones in each run."""
     injection = source.injection
     for number, trial in enumerate(_plain(source)):
-        seed = zlib.crc32(f"{trial.set} {trial.subject} {trial.recording} {injection.name}".encode())
-        rng = np.random.default_rng([seed, number])
+        seed = zlib.crc32(f"{trial.set} {trial.subject} {injection.name}".encode())
+        rng = np.random.default_rng([seed, source.number, number])
         yield trial if injection.change is None else injection.change(trial, rng)
 
 
@@ -110,7 +117,7 @@ def _plain(source: Source) -> Iterator[Trial]:
             step = 1 if source.most is None else max(1, math.ceil(len(trials) / source.most))
             yield from trials[::step]
     if source.room is not None:
-        rng = np.random.default_rng(zlib.crc32(source.room.subject.encode()))
+        rng = np.random.default_rng([zlib.crc32(source.room.subject.encode()), source.number])
         for count in COUNTS:
             yield chosen(
                 source.room, count, rng, wrong_lamp=injection.wrong_lamp, one_wall=injection.one_wall
@@ -131,11 +138,12 @@ def verdict(trial: Trial, condition: str) -> Judged:
     if trial.yaw_rad is not None:
         turned_rad = abs(math.remainder(found.yaw_rad - trial.yaw_rad, math.tau))
         in_yaw = turned_rad <= 2.0 * found.yaw_sigma_rad
+    square = float(off @ np.linalg.solve(found.covariance[:2, :2], off))
     return replace(
         one,
         taken=True,
         error_m=error_m,
-        square=float(off @ np.linalg.solve(found.covariance[:2, :2], off)) / MEDIAN_SQUARE,
-        in_place=error_m <= 2.0 * found.position_sigma_m,
+        square=square / MEDIAN_SQUARE,
+        in_place=square <= WITHIN_SQUARE,
         in_yaw=in_yaw,
     )

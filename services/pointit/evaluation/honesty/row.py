@@ -1,6 +1,6 @@
 """Rows of the table of honesty, and what they should be."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -20,6 +20,9 @@ WRONG_M = 0.5
 MEDIAN_SQUARE = float(stats.chi2.median(2))
 """Median squared Mahalanobis distance of a place from the stated normal distribution."""
 
+WITHIN_SQUARE = float(stats.chi2.ppf(stats.chi2.cdf(2.0**2, 1), 2))
+"""Its bound of 2 sigma: 95.45 % are within, as of one normal variable (6.18, in two dimensions)."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Judged:
@@ -36,7 +39,7 @@ class Judged:
     square: float = 0.0
     """Squared Mahalanobis distance of the true place, over its nominal median."""
     in_place: bool = True
-    """True if the place is within 2 sigma."""
+    """True if the place is within 2 sigma: in the ellipse of `WITHIN_SQUARE`."""
     in_yaw: bool | None = None
     """True if the yaw is within 2 sigma. None if the true one is unknown."""
 
@@ -62,9 +65,12 @@ class HonestyRow:
     square: float | None
     """Median squared Mahalanobis distance of the place, over its nominal median."""
     wrong: Interval | None
-    """Share of the taken poses beyond 2 sigma and `WRONG_M`, with a 95 % interval (Wilson)."""
+    """Share of the taken poses beyond 2 sigma and `WRONG_M`, with a 95 % interval (Wilson) as if trials were
+    independent: windows of a recording overlap, and people have several."""
     without_one: tuple[float, float] | None = None
     """Least and greatest share within 2 sigma if any one person is left out."""
+    wrong_without_one: tuple[float, float] | None = None
+    """The same of `wrong`."""
 
     def as_json(self) -> dict[str, Any]:
         """Return the row for a JSON file."""
@@ -96,7 +102,8 @@ def _row(name: str, condition: str, duration: str, group: Sequence[Judged]) -> H
         yaw_within_2_sigma=_mean(yaws),
         square=float(np.median([each.square for each in taken])) if taken else None,
         wrong=share(sum(each.is_wrong for each in taken), len(taken)) if taken else None,
-        without_one=_without_one(taken),
+        without_one=_without_one(taken, lambda each: each.in_place),
+        wrong_without_one=_without_one(taken, lambda each: each.is_wrong),
     )
 
 
@@ -104,10 +111,10 @@ def _mean(hits: Sequence[bool]) -> float | None:
     return float(np.mean(hits)) if hits else None
 
 
-def _without_one(taken: Sequence[Judged]) -> tuple[float, float] | None:
-    """Return the range of the share within 2 sigma without one person; None of fewer than three people."""
+def _without_one(taken: Sequence[Judged], hits: Callable[[Judged], bool]) -> tuple[float, float] | None:
+    """Return the range of the share of `hits` without one person; None of fewer than three people."""
     people = {each.subject for each in taken}
     if len(people) < 3:
         return None
-    shares = [np.mean([each.in_place for each in taken if each.subject != one]) for one in people]
+    shares = [np.mean([hits(each) for each in taken if each.subject != one]) for one in people]
     return float(min(shares)), float(max(shares))

@@ -10,7 +10,8 @@ from pointit.evaluation.localization.trial import FollowRecording, Reading, Tria
 
 FOLLOWED = {module.NAME: module.read for module in (motion_relloc, proximity_waypoints)}
 RECORDED = (*FOLLOWED, vr_arm_pointing.NAME)
-SETS = (*RECORDED, simulated_people.SET, simulated_people.LAMPS_SET)
+SIMULATED = (simulated_people.SET, simulated_people.LAMPS_SET)
+SETS = (*RECORDED, *SIMULATED)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,7 +1,8 @@
 """Targets of the rows of honesty, and limits that they must not fall behind."""
 
 import csv
-from collections.abc import Iterable, Sequence
+import math
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, fields
 from importlib import resources
 
@@ -12,6 +13,18 @@ LIMITS_FILE = "limits.csv"
 
 FEWEST = 5
 """Taken poses below which no share is compared: one pose would decide."""
+
+KNOWN_MISS = 0.10
+"""Share of confidently wrong poses above which a limit is a known miss. To take less is better then."""
+
+TAKEN_SLACK = 0.06
+"""Difference of the share of taken poses from its limit. The limits of other shares permit one pose more."""
+
+SQUARE_SLACK = 1.3
+"""Factor between the squared error of a row and its limit."""
+
+STEP = 0.01
+"""Step of limits."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,6 +59,11 @@ class Limits:
             broken.append(f"squared error {row.square:.2f}")
         return broken
 
+    def tightened(self, other: "Limits") -> "Limits":
+        """Return the range within both."""
+        both = {each.name: (getattr(self, each.name), getattr(other, each.name)) for each in fields(self)}
+        return Limits(**{name: (max if name.endswith("least") else min)(pair) for name, pair in both.items()})
+
 
 TARGETS = Limits()
 """Targets of every row."""
@@ -57,10 +75,44 @@ def missed(rows: Iterable[HonestyRow]) -> list[tuple[HonestyRow, list[str]]]:
     return [(row, broken) for row, broken in found if broken]
 
 
-def regressions(rows: Sequence[HonestyRow]) -> list[str]:
-    """Return a sentence on each row over all durations that is out of its limits, or has none."""
+def limits_of(row: HonestyRow) -> Limits:
+    """Return limits that `row` keeps with some slack, nowhere within the targets."""
+    count = round(row.taken * row.n)
+    if row.wrong is None or row.square is None or row.within_2_sigma is None or count < FEWEST:
+        return TARGETS
+    one = 1.0 / count
+    place = row.within_2_sigma
+    yaw = place if row.yaw_within_2_sigma is None else row.yaw_within_2_sigma
+    return Limits(
+        taken_least=0.0 if row.wrong.value > KNOWN_MISS else max(_down(row.taken - TAKEN_SLACK), 0.0),
+        within_least=min(max(_down(place - one), 0.0), TARGETS.within_least),
+        within_most=max(min(_up(place + one), 1.0), TARGETS.within_most),
+        yaw_least=min(max(_down(yaw - one), 0.0), TARGETS.yaw_least),
+        yaw_most=max(min(_up(yaw + one), 1.0), TARGETS.yaw_most),
+        square_least=min(_down(row.square / SQUARE_SLACK), TARGETS.square_least),
+        square_most=max(_up(row.square * SQUARE_SLACK), TARGETS.square_most),
+        wrong_most=max(min(_up(row.wrong.value + one), 1.0), TARGETS.wrong_most),
+    )
+
+
+def _down(value: float) -> float:
+    return round(STEP * math.floor(value / STEP), 2)
+
+
+def _up(value: float) -> float:
+    return round(STEP * math.ceil(value / STEP), 2)
+
+
+def regressions(rows: Sequence[HonestyRow], asked: Collection[tuple[str, str]] = ()) -> list[str]:
+    """Return a sentence on each row over all durations that is out of its limits, has none, or is missing.
+
+    Args:
+        rows: judged ones.
+        asked: sets and conditions that should be among them, as far as limits are stated.
+    """
     limits = stated()
-    told: list[str] = []
+    judged = {(row.set, row.condition) for row in rows}
+    told = [f"{', '.join(key)}: no trial" for key in limits if key in asked and key not in judged]
     for row in rows:
         if row.duration != EVERY:
             continue

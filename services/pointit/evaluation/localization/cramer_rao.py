@@ -1,11 +1,14 @@
 """Posterior Cramér-Rao bound of a position from rays (van Trees 1968; Tichavský et al. 1998).
 
 No linear estimate has a smaller mean squared error on average over errors with the second moments assumed
-here, and no estimate at all if they are normal. The moments are those of the people themselves, so that who
-knows less beforehand cannot do better. Elevation bias, slopes and latency of a recording are known but for
-one number: how much of them shows. The scatter about them has its own correlation in time, and in each trial
-its own size. The place has the distance from the targets that it has in the set; eyes are where the truth
-has them. (With the solver's priors instead, a solver does better for people who err less than these say.)
+here, and no estimate at all if they are normal. It bounds the mean square: the median returned is that of
+normal errors, which a median of heavy-tailed ones may be below. No solver here has beaten it.
+
+The moments are those of the people themselves, so that who knows less beforehand cannot do better. Elevation
+bias, slopes and latency of a recording are known but for one number: how much of them shows. The scatter
+about them has its own correlation in time, and in each trial its own size. The place has the distance from
+the targets that it has in the set; eyes are where the truth has them. (With the solver's
+priors instead, a solver does better for people who err less than these say.)
 
 Linearized at the true pose; implemented separately from the solver, in azimuths and elevations, so that they
 share no error.

@@ -75,7 +75,7 @@ def _wrong(trust: SolverSettings, forgotten: SolverSettings, general: Solution) 
 
 
 def _evidence_ratio(memory: Gaussian, people: Gaussian, posterior: Gaussian) -> float:
-    """Return how much likelier the rays are by `people` than by `memory`, both priors of a bias.
+    """Return the likelihood ratio of `people` to `memory`, both priors of a bias, given the rays.
 
     Args:
         memory: of the person.

@@ -6,15 +6,18 @@ import ipaddress
 import socket
 import ssl
 from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 from starlette.types import ASGIApp
 
 from pointit.bridges.web.config import WebConfig
-from pointit.bridges.web.server.certificate import obtain
 from pointit.bridges.web.server.listener import Listener, bind, url
 from pointit.runtime.errors import ConfigError, ListenError, RefusedError
 from pointit.runtime.host.state_file import site_folder
 from pointit.runtime.link.addresses import found_addresses
+
+if TYPE_CHECKING:
+    from pointit.bridges.web.server.certificate import Certificate
 
 PORTS = 10
 """Number of ports to try, from the configured one on."""
@@ -74,6 +77,12 @@ class Lan:
         self.note = ""
         """A deviation from the configuration, or `""`."""
 
+    def _certificate(self, addresses: list[str]) -> "Certificate":
+        # only who opens the page to the network pays for the import, 40 ms and 10 MB
+        from pointit.bridges.web.server.certificate import obtain  # noqa: PLC0415
+
+        return obtain(self._folder, addresses, socket.gethostname(), dt.datetime.now(dt.UTC))
+
     async def open(self) -> str:
         """Open the listener and return `url`. Does nothing if it is open.
 
@@ -85,9 +94,7 @@ class Lan:
                 return self.url
             try:
                 address = choose_address(self._config.lan_address, found := self._addresses())
-                certificate = await asyncio.to_thread(
-                    obtain, self._folder, [address, *found], socket.gethostname(), dt.datetime.now(dt.UTC)
-                )
+                certificate = await asyncio.to_thread(self._certificate, [address, *found])
                 tls = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
                 tls.load_cert_chain(certificate.certificate, certificate.key)
                 bound = self._bind(address)

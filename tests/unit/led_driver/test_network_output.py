@@ -157,7 +157,7 @@ async def test_light_that_is_back_while_a_retry_waits_ends_dark(monkeypatch: pyt
 async def test_refusal_of_an_earlier_frame_does_not_keep_the_light_on(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(datagram_sender, "KEEP_ALIVE_S", 1000.0)
+    monkeypatch.setattr(datagram_sender, "REPEAT_S", 1000.0)
     told, device = Told(), UdpDevice()
     device.close()  # nobody listens
     async with running(device.port, told):

@@ -18,6 +18,7 @@ from benchmarks import (
     against,
     bare_chain,
     cores,
+    light,
     our_chain,
     page,
     recorder,
@@ -31,7 +32,7 @@ from pointit.runtime.host.state_file import VARIABLE
 from pointit.runtime.service.shutdown import SWITCH_INTERVAL_S
 
 RATE_HZ = 100.0
-PARTS = ("latency", "users", "calls", "startup", "cores", "page", "ros2", "recorder")
+PARTS = ("latency", "users", "calls", "startup", "cores", "lights", "page", "ros2", "recorder")
 COMPARISON_ROUNDS = 3
 ROUNDS = 3
 """Alternations of baseline and ours, so that both have the same machine load."""
@@ -137,6 +138,13 @@ def main(
             core, room, us, times = row["core"], row["map"], row["us"], row.get("times_ours", 1.0)
             ratio = f", {times} x ours" if times != 1.0 else ""
             console.print(f"{core:<50} {room:<6} {us:>8} µs{ratio}")
+    if "lights" in wanted:
+        result["lights"] = light.large_site_rows()
+        for row in result["lights"]:
+            console.print(
+                "{pixels} pixels, {outputs:>2} outputs by {kind:<4}, {changes:<10} changed: frame "
+                "{frame_ms:.2f} ms of CPU, of which drawing {drawing_ms:.2f} ms".format(**row)
+            )
     _measure_bridges(wanted, duration, result, console)
     result["after"] = machine()
     console.print(

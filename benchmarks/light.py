@@ -1,11 +1,14 @@
-"""A frame of all strips: ours and the paper's, Python lists pixel by pixel, alternating in one run."""
+"""A frame of all strips: beside the paper's, Python lists pixel by pixel; and of a large site, with its outputs."""
 
+import asyncio
+import socket
 import time
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
+from pointit.runtime.health.surroundings import NullHealth, Surroundings
 from pointit.schemas import (
     NS_PER_S,
     Cursor,
@@ -13,12 +16,15 @@ from pointit.schemas import (
     Hover,
     SelectedObject,
     Selection,
+    Strip,
     TrackedObject,
     TrackedObjects,
     UserProfile,
 )
 from pointit.services.led_driver.config import LedDriverConfig
+from pointit.services.led_driver.guarded_output import GuardedOutput
 from pointit.services.led_driver.light_state import LightState
+from pointit.services.led_driver.outputs import make_outputs
 from pointit.services.led_driver.picture.layout import Layout
 
 NOW_NS = 1_700_000_000 * NS_PER_S
@@ -32,6 +38,18 @@ KINDS = ("red", "green", "blue", "yellow")
 USERS = ("anna", "ben", "cleo", "dora")
 COLORS = ((230, 159, 0), (86, 180, 233), (0, 158, 115), (204, 121, 167))
 WIDTH_M = 0.1
+
+LARGE_SITES = ((10_000, 10), (65_000, 1), (65_000, 10))
+"""Pixels and outputs."""
+STRIP_PIXELS = 1000
+STRIP_M = 20.0
+FAST_MPS = 0.6
+"""Speed at which an object moves by more than a pixel from frame to frame."""
+STEP_NS = NS_PER_S // 25
+FRAMES = 100
+WARM_FRAMES = 10
+PAUSE_S = 0.02
+"""Time after each frame of a large site, in which it is sent."""
 
 
 class _PixelByPixel:
@@ -155,3 +173,104 @@ def _medians_us(*draws: Callable[[int], None]) -> list[float]:
                 draw(NOW_NS + number * NS_PER_S // 1000)
                 times.append(time.perf_counter() - began_s)
     return [sorted(times)[len(times) // 2] * 1e6 for times in times_s]
+
+
+def large_site_rows() -> list[dict[str, Any]]:
+    """Return the milliseconds of CPU of a frame: all, sent by UDP to devices that do not answer, and drawing."""
+    return [
+        asyncio.run(_row(pixels, outputs, kind, changes))
+        for pixels, outputs in LARGE_SITES
+        for kind in ("ddp", "e131")
+        for changes in ("one strip", "all strips")
+    ]
+
+
+async def _row(pixels: int, count: int, kind: str, changes: str) -> dict[str, Any]:
+    ids = [f"s{number}" for number in range(pixels // STRIP_PIXELS)]
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as receiver:
+        receiver.bind(("", 0))
+        outputs = _outputs(ids, count, kind, receiver.getsockname()[1])
+        room = _room(ids)
+        lights = LightState(LedDriverConfig(objects_timeout_s=60.0))
+        lights.on_map(room)
+        if changes == "all strips":
+            lights.on_objects("tracker", _packages(ids), NOW_NS)
+        for output in outputs:
+            output.set_map(room)
+        tasks = [asyncio.create_task(output.run()) for output in outputs]
+        began_s = drawn_s = 0.0
+        for number in range(WARM_FRAMES + FRAMES):
+            if number == WARM_FRAMES:
+                began_s, drawn_s = time.process_time(), 0.0
+            drawn_s += await _draw(lights, outputs, ids, number)
+        spent_s = time.process_time() - began_s
+        for task in tasks:
+            task.cancel()
+        await asyncio.wait(tasks)
+    return {
+        "pixels": pixels,
+        "outputs": count,
+        "kind": kind,
+        "changes": changes,
+        "drawing_ms": round(drawn_s / FRAMES * 1e3, 2),
+        "frame_ms": round(spent_s / FRAMES * 1e3, 2),
+    }
+
+
+async def _draw(lights: LightState, outputs: list[GuardedOutput], ids: list[str], number: int) -> float:
+    """Show a frame in which a cursor has moved, and let it be sent. Return the CPU time of drawing, s."""
+    now_ns = NOW_NS + number * STEP_NS
+    place_m = 1.0 + number * STRIP_M / STRIP_PIXELS
+    cursor = Cursor(stamp_ns=now_ns, surface="strip", surface_id=ids[0], position_m=place_m)
+    lights.on_cursor("anna", cursor, now_ns)
+    began_s = time.thread_time()
+    frame = lights.frame(now_ns)
+    drawn_s = time.thread_time() - began_s
+    if frame is None:
+        raise RuntimeError("there is a map")
+    for output in outputs:
+        output.show(frame, 0.0)
+    await asyncio.sleep(PAUSE_S)
+    return drawn_s
+
+
+def _outputs(ids: list[str], count: int, kind: str, port: int) -> list[GuardedOutput]:
+    """Return outputs of one protocol, each at an address of its own with its share of the strips."""
+    outputs = [
+        {
+            "kind": kind,
+            "host": f"127.0.0.{1 + number}",
+            "port": port,
+            "max_rate_hz": 1000.0,
+            "segments": [{"strip": name} for name in ids[number::count]],
+        }
+        for number in range(count)
+    ]
+    config = LedDriverConfig.model_validate({"outputs": outputs})
+    return make_outputs(config.outputs, lambda *_: Surroundings.detached(), NullHealth())
+
+
+def _room(ids: list[str]) -> Environment:
+    strips = [
+        Strip(id=name, line_m=((0, number, 0), (STRIP_M, number, 0)), pixels=STRIP_PIXELS)
+        for number, name in enumerate(ids)
+    ]
+    return Environment(stamp_ns=1, name="large", strips=tuple(strips))
+
+
+def _packages(ids: list[str]) -> TrackedObjects:
+    """Return a moving object on each strip."""
+    objects = [
+        TrackedObject(
+            id=name,
+            kind="red",
+            position_m=(0.0, 0.0, 0.0),
+            length_m=0.3,
+            surface="strip",
+            surface_id=name,
+            surface_position_m=1.0,
+            surface_speed_mps=FAST_MPS,
+        )
+        for name in ids
+    ]
+    return TrackedObjects(stamp_ns=NOW_NS, objects=tuple(objects))

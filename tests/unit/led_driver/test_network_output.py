@@ -95,6 +95,17 @@ async def test_frame_arrives_is_resent_and_ends_dark(monkeypatch: pytest.MonkeyP
     assert not told.warnings
 
 
+async def test_changed_frame_is_resent_soon_since_datagrams_get_lost(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(datagram_sender, "REPEAT_S", 0.01)
+    monkeypatch.setattr(datagram_sender, "KEEP_ALIVE_S", 1000.0)
+    async with receiver() as device, running(device.port, Told()) as output:
+        for value in (7, 8):
+            output.show(frame(value))
+            await until(lambda value=value: [d[1] for d in device.datagrams].count(value) == 3)
+        await asyncio.sleep(0.1)  # none follows
+        assert [each[1] for each in device.datagrams][-3:] == [8, 8, 8]
+
+
 async def test_newest_frame_replaces_those_that_the_rate_does_not_allow() -> None:
     async with receiver() as device, running(device.port, Told(), rate_hz=20.0) as output:
         output.show(frame(255))
@@ -157,7 +168,7 @@ async def test_light_that_is_back_while_a_retry_waits_ends_dark(monkeypatch: pyt
 async def test_refusal_of_an_earlier_frame_does_not_keep_the_light_on(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(datagram_sender, "KEEP_ALIVE_S", 1000.0)
+    monkeypatch.setattr(datagram_sender, "REPEAT_S", 1000.0)
     told, device = Told(), UdpDevice()
     device.close()  # nobody listens
     async with running(device.port, told):

@@ -1,6 +1,6 @@
 """Guard of an output of any role."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 
 from pointit.runtime.service.plugin_guard import PluginGuard
 from pointit.schemas import Cursor, Environment, StripsFrame
@@ -14,14 +14,24 @@ class GuardedOutput:
     It has every role. Calls of a role that its output has not are without effect.
     """
 
-    def __init__(self, make: Callable[[], AnyOutput], guard: PluginGuard) -> None:
+    def __init__(
+        self, make: Callable[[], AnyOutput], guard: PluginGuard, strip_ids: Collection[str] = ()
+    ) -> None:
         """Make the output.
+
+        Args:
+            make: makes it, again if it fails.
+            guard: reports its faults.
+            strip_ids: the strips of a frame that it gets; all of them if empty.
 
         Raises:
             ConfigError: If it cannot be made.
         """
         self._make = make
         self._guard = guard
+        self._strip_ids = strip_ids
+        self._shown: StripsFrame | None = None
+        """Its part of the last frame, or None if the next one is shown whatever is in it."""
         self._map: Environment | None = None
         self._colors: dict[str, Rgb] = {}
         """Colours of lamps."""
@@ -50,6 +60,7 @@ class GuardedOutput:
     def set_map(self, environment: Environment) -> None:
         """Set the map, with its strips and lamps."""
         self._map = environment
+        self._shown = None
         lamps = {lamp.id for lamp in environment.lamps}
         self._colors = {lamp_id: color for lamp_id, color in self._colors.items() if lamp_id in lamps}
         if (strips := self._strips) is not None:
@@ -60,9 +71,22 @@ class GuardedOutput:
             self._guard.call("set_map", lambda: beam.set_map(environment))
 
     def show(self, frame: StripsFrame, age_s: float = 0.0) -> None:
-        """Send `frame`, which shows what was captured `age_s` ago."""
-        if (output := self._strips) is not None:
-            self._guard.call("show", lambda: output.show(frame, age_s))
+        """Send the output's part of `frame`, which shows what was captured `age_s` ago, if it has changed."""
+        if (output := self._strips) is None:
+            return
+        if self._strip_ids:
+            own = tuple(strip for strip in frame.strips if strip.id in self._strip_ids)
+        else:
+            own = frame.strips
+        if self._shown is not None and self._shown.strips == own:
+            return
+        part = frame if own is frame.strips else frame.model_copy(update={"strips": own})
+
+        def send() -> None:
+            output.show(part, age_s)
+            self._shown = part  # not if it raised, so that the next frame is another attempt
+
+        self._guard.call("show", send)
 
     def show_lamp(self, lamp_id: str, color: Rgb) -> None:
         """Show `color` on the lamp `lamp_id`."""
@@ -82,9 +106,11 @@ class GuardedOutput:
     async def _run(self) -> None:
         if not self._is_new:
             self._use(self._make())
-            colors = self._colors
+            colors, shown = self._colors, self._shown
             if self._map is not None:
                 self.set_map(self._map)
+            if shown is not None:
+                self.show(shown)
             for lamp_id, color in colors.items():
                 self.show_lamp(lamp_id, color)
         self._is_new = False

@@ -35,6 +35,8 @@ class LightState:
         self._lamps = Lamps(config)
         self._layout: Layout | None = None
         self._renderer: Renderer | None = None
+        self._strips: dict[str, StripFrame] = {}
+        """Strips of the last frame. One that does not change is the same object in the next."""
         self._seq = 0
         self.brightness = config.brightness
         """Brightness of all strips except those in `_own_dimming`, 0 to 1."""
@@ -68,6 +70,7 @@ class LightState:
         layout = Layout(environment.strips, environment.belts)
         self._renderer = Renderer(layout, self._config.style)
         self._layout = layout
+        self._strips.clear()
         self._own_dimming = {
             name: table for name, table in self._own_dimming.items() if name in layout.slices
         }
@@ -132,9 +135,15 @@ class LightState:
         return StripsFrame(
             stamp_ns=now_ns if new_ns is None else new_ns,
             seq=self._seq,
-            strips=(*[StripFrame(id=name, rgb=data[where]) for name, where in self._layout.slices.items()],),
+            strips=(*[self._strip(name, data[where]) for name, where in self._layout.slices.items()],),
             light_s=light_s,
         )
+
+    def _strip(self, name: str, rgb: bytes) -> StripFrame:
+        strip = self._strips.get(name)
+        if strip is None or strip.rgb != rgb:
+            strip = self._strips[name] = StripFrame(id=name, rgb=rgb)
+        return strip
 
     def _dimmed(self, shades: Bytes, layout: Layout) -> Bytes:
         """Return `shades`, 0 to 255, scaled by the brightness of their strips."""

@@ -54,6 +54,11 @@ class OutputConfig(Config):
         return segments
 
 
+    def strip_ids(self) -> frozenset[str]:
+        """Return the ids of the strips that it shows, empty for all of the map."""
+        return frozenset(segment.strip for segment in self.segments)
+
+
 class UnusedOutput(OutputConfig, extra="ignore"):
     """An output of kind `none`, whose parameters may be those of any kind."""
 
@@ -129,5 +134,6 @@ def make_outputs(
         around = surroundings(OUTPUTS.kind, config.kind, "", which)
         told = (which if plugin.argument else f"outputs.{number}") if uses[config.kind] > 1 else ""
         guard = guard_of(OUTPUTS, config.kind, health, told)
-        made.append(GuardedOutput(functools.partial(plugin.make, config, around), guard))
+        make = functools.partial(plugin.make, config, around)
+        made.append(GuardedOutput(make, guard, config.strip_ids()))
     return made

@@ -1,4 +1,4 @@
-"""Sender of one payload over UDP: the newest wins, it is resent every second, and ends dark."""
+"""Sender of one payload over UDP: the newest wins, it is resent, and ends dark."""
 
 import asyncio
 import contextlib
@@ -13,6 +13,12 @@ from pointit.services.led_driver.output.output_health import FRAME_RATE, OutputH
 
 KEEP_ALIVE_S = 1.0
 """Period at which an unchanged payload is resent, s. Receivers forget one after 2.5 s (WLED, E1.31)."""
+
+REPEATS = 2
+"""Number of times that a payload is resent soon, since datagrams get lost (E1.31-2018, 6.6.1)."""
+
+REPEAT_S = 0.1
+"""Period of these, s: long beside that of frames, so that a new one seldom waits for a repeated one."""
 
 RETRY_S = 0.5
 """Wait after an error, s."""
@@ -135,11 +141,11 @@ class DatagramSender:
 
     async def _send_payloads(self, sock: socket.socket) -> None:
         loop = asyncio.get_running_loop()
-        sent, next_s = 0, loop.time()
+        sent, unchanged, next_s = 0, 0, loop.time()
         self._changed.set()  # what was shown meanwhile
         while True:
             with contextlib.suppress(TimeoutError):
-                async with asyncio.timeout(KEEP_ALIVE_S):
+                async with asyncio.timeout(REPEAT_S if unchanged < REPEATS else KEEP_ALIVE_S):
                     await self._changed.wait()
             if (wait_s := next_s - loop.time()) > 0.0:
                 await asyncio.sleep(wait_s)
@@ -147,6 +153,7 @@ class DatagramSender:
                 self._changed.clear()
                 continue
             is_new = self._changed.is_set()
+            unchanged = 0 if is_new else unchanged + 1
             self._changed.clear()
             next_s = max(next_s, loop.time() - self._period_s) + self._period_s
             await self._send_one(sock, self._payload, is_new=is_new)

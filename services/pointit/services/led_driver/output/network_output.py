@@ -77,7 +77,7 @@ class NetworkOutput:
 
     def show(self, frame: StripsFrame, age_s: float = 0.0) -> None:
         """Send `frame`, which shows what was captured `age_s` ago. Returns at once."""
-        (pixels,), load = self._power.send([self._map.output_bytes(frame)])
+        pixels, load = self._power.send(self._map.output_bytes(frame))
         self._health.show_load(load, self._config.max_current_a)
         self._sender.send(pixels, age_s)
 

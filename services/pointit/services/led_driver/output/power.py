@@ -1,6 +1,5 @@
 """Values sent to a controller's LEDs: gamma correction and current limit."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -41,14 +40,15 @@ class Power:
         self._a_per_count = config.current_per_pixel_ma / 1000.0 / FULL_PIXEL
         self._limit_a = config.max_current_a
 
-    def send(self, strips: Sequence[bytes]) -> tuple[list[bytes], Load]:
-        """Return the bytes to send for `strips`, all of one frame, and their current."""
-        data = b"".join(strips)
-        counts = np.bincount(np.frombuffer(data, dtype=np.uint8), minlength=256)
-        wanted_a = drawn_a = float(counts @ self._sent) * self._a_per_count
-        table = self._table
+    def send(self, pixels: bytes) -> tuple[bytes, Load]:
+        """Return the bytes to send for the `pixels` of a frame, and their current."""
+        sent = pixels.translate(self._table)
+        wanted_a = drawn_a = self._current_a(sent)
         if self._limit_a is not None and wanted_a > self._limit_a:
             scaled = np.floor(self._sent * (self._limit_a / wanted_a))  # rounding must not exceed the limit
-            table = scaled.astype(np.uint8).tobytes()
-            drawn_a = float(counts @ scaled) * self._a_per_count
-        return [strip.translate(table) for strip in strips], Load(wanted_a, drawn_a)
+            sent = pixels.translate(scaled.astype(np.uint8).tobytes())
+            drawn_a = self._current_a(sent)
+        return sent, Load(wanted_a, drawn_a)
+
+    def _current_a(self, sent: bytes) -> float:
+        return int(np.frombuffer(sent, dtype=np.uint8).sum(dtype=np.uint32)) * self._a_per_count

@@ -74,7 +74,7 @@ class AdalightOutput(SerialOutput):
         """Send `frame`, which shows what was captured `age_s` ago. Returns at once."""
         if not self._map.pixels:
             return
-        (pixels,), load = self._power.send([self._map.output_bytes(frame)])
+        pixels, load = self._power.send(self._map.output_bytes(frame))
         self._health.show_load(load, self._adalight.max_current_a)
         self.send(AdalightFrame(pixels, shown_s=time.monotonic(), age_s=age_s))
 

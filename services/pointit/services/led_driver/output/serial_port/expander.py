@@ -62,7 +62,7 @@ class ExpanderOutput(SerialOutput):
 
     def show(self, frame: StripsFrame, age_s: float = 0.0) -> None:
         """Send `frame`, which shows what was captured `age_s` ago. Returns at once."""
-        (pixels,), load = self._power.send([self._wiring.pixel_map.output_bytes(frame)])
+        pixels, load = self._power.send(self._wiring.pixel_map.output_bytes(frame))
         self._health.show_load(load, self._board.max_current_a)
         channels = zip(self._wiring.channels, self._wiring.split(pixels), strict=True)
         self.send(

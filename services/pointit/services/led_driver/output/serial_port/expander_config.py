@@ -44,6 +44,10 @@ class ExpanderConfig(SerialOutputConfig):
     def _equally_wide(cls, segments: tuple[Segment, ...]) -> tuple[Segment, ...]:
         return segments  # in place of the base's: each channel may have a width of its own
 
+    def strip_ids(self) -> frozenset[str]:
+        """Return the ids of the strips that it shows, empty for all of the map."""
+        return super().strip_ids() | self.channels.keys()
+
     @model_validator(mode="after")
     def _one_strip_a_channel(self) -> Self:
         if self.channels and self.segments:

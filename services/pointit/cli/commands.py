@@ -132,7 +132,7 @@ COMMANDS: dict[str, tuple[Entry, ...]] = {
         ),
         command(
             "trace",
-            "show a person's samples from capture to light, with the time of each hop",
+            "time a person's samples from capture to light, hop by hop",
             "pointit.cli.inspect.trace:command",
         ),
         noun(

@@ -70,9 +70,7 @@ async def test_who_may_not_press_somebodys_button_is_told_so_in_one_error(
 
 async def test_who_may_not_read_movements_cannot_trace_them(site: SiteFolder, commands: Commands) -> None:
     for name in ("operator", "guest1"):
-        ended = await commands.pointit(
-            "trace", "anna", "--credentials", str(site.identity_folder(name))
-        )
+        ended = await commands.pointit("trace", "anna", "--credentials", str(site.identity_folder(name)))
         assert ended.code == 1
         assert f"this identity ({name}) may not read users/anna/imu" in ended.sentence
         assert "only anna and the supervisor may trace samples of anna" in ended.sentence

@@ -27,9 +27,7 @@ def joiner() -> PathJoiner:
     return PathJoiner(lambda stamp_ns: stamp_ns, began_s=0.0)
 
 
-def add(
-    joined: PathJoiner, hop: str, at_ms: float, *, stamp_ns: int = STAMP, now_s: float = READY_S
-) -> None:
+def add(joined: PathJoiner, hop: str, at_ms: float, *, stamp_ns: int = STAMP, now_s: float = READY_S) -> None:
     joined.add(hop, stamp_ns, stamp_ns + round(at_ms * MS), f"process of {hop}", now_s)
 
 

@@ -7,7 +7,6 @@ import time
 from collections import deque
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
-from typing import Any
 
 import click
 
@@ -75,9 +74,7 @@ MAX_WAITING = 65536
 )
 @click.option("--watch", is_flag=True, help="repeat until Ctrl-C, every --count samples")
 @json_option
-def command(
-    user: str, *, count: int, watch: bool, as_json: bool, site: str, connect: tuple[str, ...]
-) -> int:
+def command(user: str, *, count: int, watch: bool, as_json: bool, site: str, connect: tuple[str, ...]) -> int:
     """Show the way of samples of the person USER from capture to light, with the time of each hop.
 
     Every message keeps the capture time of the sample that it is derived from. By this time `trace` finds
@@ -100,9 +97,7 @@ def command(
     """
     check_name(user, "user")
     quiet()
-    return run_until_shutdown(
-        _trace(user, count, watch=watch, as_json=as_json, site=site, connect=connect)
-    )
+    return run_until_shutdown(_trace(user, count, watch=watch, as_json=as_json, site=site, connect=connect))
 
 
 async def _trace(
@@ -309,9 +304,7 @@ def _joined(names: Iterable[str]) -> str:
 def _show(trace: Trace, count: int, *, as_json: bool) -> bool:
     """Print one measurement. Return False if the reader of the pipe is gone."""
     if trace.samples < count:
-        click.echo(
-            f"only {trace.samples} of {count} samples came, then none for {SILENCE_S:g} s", err=True
-        )
+        click.echo(f"only {trace.samples} of {count} samples came, then none for {SILENCE_S:g} s", err=True)
     if trace.invalid:
         click.echo(f"{trace.invalid} messages could not be decoded; see `pointit doctor`", err=True)
     if as_json:

@@ -273,7 +273,7 @@ class Tracer:
 
     def _on_health(self, report: Health, process: str, arrived_ns: int, now_s: float) -> None:
         self._reports[report.instance] = (process, report)
-        self._skews.on_report(report.host, self._wall_ns(report.stamp_ns), arrived_ns, now_s)
+        self._skews.on_report(report.host, report.stamp_ns, arrived_ns, now_s)
 
     def _on_tick(self, tick: ClockTick, _name: str) -> None:
         self._tick = tick

@@ -19,7 +19,7 @@ MS = 1_000_000
 
 
 class Bytes:
-    """A message of another process; None: it cannot be decoded."""
+    """A message of another process. Without one, it cannot be decoded."""
 
     def __init__(self, message: Message | None, sent: Sent | None) -> None:
         self.size = 1

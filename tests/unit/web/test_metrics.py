@@ -106,7 +106,7 @@ def test_discarded_messages_of_all_people_are_summed_by_reason(metrics: SiteMetr
 
 
 def durations(*values_s: float) -> Quantiles:
-    """Return what a service reports of `values_s`."""
+    """Return the report of a service that has measured `values_s`."""
     window = DurationWindow()
     for value_s in values_s:
         window.add(value_s)

@@ -82,8 +82,8 @@ def command(user: str, *, count: int, watch: bool, as_json: bool, site: str, con
     light (the last byte to the slowest controller, as measured by led-driver). It costs nothing while it
     does not run.
 
-    The first table is the newest sample that came farthest; the second is over all samples: how many
-    reached the hop, median and 99th percentile of the time since the hop before and since capture, in ms.
+    The first table is the newest sample that came farthest. The second is over all samples: the share that
+    reached each hop, median and 99th percentile of the time since the hop before and since capture, in ms.
     Times are those of publication by the clock of the publisher's machine. Clocks that differ are named.
 
     A frame carries the time of its newest cursor. With several people, or more samples than frames, only

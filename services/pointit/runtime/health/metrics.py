@@ -37,7 +37,7 @@ class DurationWindow:
         """Take one, s."""
 
     def take(self) -> Quantiles | None:
-        """Return the quantiles and the histogram of the values since the last call, or None without values."""
+        """Return quantiles and histogram of the values since the last call, or None without values."""
         values = sorted(self._values)
         self._values.clear()
         if not values:

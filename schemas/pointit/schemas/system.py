@@ -4,7 +4,7 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
-from pointit.schemas.base import Many, Message, SchemaModel
+from pointit.schemas.base import Count, Many, Message, SchemaModel
 from pointit.schemas.errors import KeyNameError
 from pointit.schemas.table_types import check_name
 
@@ -58,11 +58,24 @@ class KeyHealth(SchemaModel):
     invalid: Annotated[int, Field(ge=0, description="did not decode or validate, since the start")] = 0
 
 
+DURATION_BOUNDS_S = (0.0005, 0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0)
+"""Upper bounds of the buckets of durations, s. 50 ms is the limit of `pointit load` from wrist to light."""
+
+
 class Quantiles(SchemaModel):
-    """Median and 99th percentile, seconds, over the last second."""
+    """Median and 99th percentile, seconds, over the last second, and how the values are distributed."""
 
     p50_s: float
     p99_s: float
+    counts: Annotated[
+        Many[Count],
+        Field(
+            description="number of values in each bucket, up to and with "
+            + ", ".join(f"{bound:g}" for bound in DURATION_BOUNDS_S)
+            + " s and above; empty if they were not counted"
+        ),
+    ] = ()
+    sum_s: Annotated[float, Field(description="sum of the counted values")] = 0.0
 
 
 class Figure(SchemaModel):
@@ -76,7 +89,7 @@ class Figure(SchemaModel):
 class Health(Message):
     """One service's own account, once a second."""
 
-    version: ClassVar[int] = 2
+    version: ClassVar[int] = 3
 
     max_bytes: ClassVar[int] = 64 * 1024
 

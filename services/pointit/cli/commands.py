@@ -130,6 +130,11 @@ COMMANDS: dict[str, tuple[Entry, ...]] = {
             "show trackers and objects: rates, latency, positions",
             "pointit.cli.inspect.track:command",
         ),
+        command(
+            "trace",
+            "time a person's samples from capture to light, hop by hop",
+            "pointit.cli.inspect.trace:command",
+        ),
         noun(
             "person",
             "add a person, correct their pose, press their button",

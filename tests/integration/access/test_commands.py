@@ -68,6 +68,16 @@ async def test_who_may_not_press_somebodys_button_is_told_so_in_one_error(
     assert ended.err.count("may not write") == 1
 
 
+async def test_who_may_not_read_movements_cannot_trace_them(site: SiteFolder, commands: Commands) -> None:
+    for name in ("operator", "guest1"):
+        ended = await commands.pointit("trace", "anna", "--credentials", str(site.identity_folder(name)))
+        assert ended.code == 1
+        assert f"this identity ({name}) may not read users/anna/imu" in ended.sentence
+        assert "only anna and the supervisor may trace samples of anna" in ended.sentence
+    ended = await commands.pointit("trace", "anna", "--credentials", str(site.identity_folder("anna")))
+    assert "no sample of anna came within 3 s" in ended.sentence
+
+
 @pytest.mark.parametrize(
     ("name", "role"), [("guest1", "user"), ("services", "services"), ("operator", "operator")]
 )

@@ -12,6 +12,7 @@ from pointit.recording.entries import Entry
 from pointit.recording.head import make_head
 from pointit.recording.reader import Recording
 from pointit.recording.writer import RecordingWriter
+from pointit.runtime.bus.contract import Sent
 from pointit.schemas import NS_PER_S, Cursor, DecodeError, Message, UserProfile
 from pointit.schemas.topics import CURSOR, PROFILE, USER_ALIVE
 from pointit.services.recorder import sink as sink_module
@@ -52,6 +53,7 @@ class Encoded:
 
     def __init__(self, *, is_valid: bool = True) -> None:
         self.size = 600
+        self.sent: Sent | None = None
         self.asked, self.may_decode = threading.Event(), threading.Event()
         self._is_valid = is_valid
 

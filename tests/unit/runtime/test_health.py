@@ -1,17 +1,23 @@
 """A service's account of itself."""
 
 import asyncio
+import itertools
+import math
 from collections.abc import AsyncIterator, Callable
 
 import pytest
 import pytest_asyncio
+from hypothesis import given
+from hypothesis import strategies as st
 
 from pointit.runtime.bus.contract import EVENT_CAPACITY
 from pointit.runtime.bus.local_broker import LocalBroker
 from pointit.runtime.bus.memory_bus import MemoryBus
+from pointit.runtime.health.metrics import DurationWindow
 from pointit.runtime.health.service_bus import ServiceBus
 from pointit.runtime.health.surroundings import PluginHealth
 from pointit.schemas import ButtonEvent, Health, ImuSample, KeyHealth
+from pointit.schemas.system import DURATION_BOUNDS_S
 from pointit.schemas.topics import BUTTON, HEALTH, IMU, SERVICE_ALIVE, USER_ALIVE
 from tests.support.bench import ManualClock, until
 
@@ -104,7 +110,21 @@ async def test_times_of_steps_and_of_the_data_put_out(bench: Bench, now_s: list[
     assert health.latency is not None
     assert (health.step.p50_s, health.step.p99_s) == pytest.approx((0.050, 0.099))
     assert (health.latency.p50_s, health.latency.p99_s) == pytest.approx((0.250, 0.495))
+    assert (sum(health.latency.counts), health.latency.sum_s) == pytest.approx((100, 25.25))
     assert bench.view.report().step is None, "of the time since the last report only"
+
+
+@given(st.lists(st.floats(-1.0, 10.0) | st.sampled_from(DURATION_BOUNDS_S), min_size=1, max_size=100))
+def test_counts_are_a_histogram_of_the_durations(values_s: list[float]) -> None:
+    window = DurationWindow()
+    for value_s in values_s:
+        window.add(value_s)
+    taken = window.take()
+    assert taken is not None
+    up_to = [sum(value_s <= bound_s for value_s in values_s) for bound_s in (*DURATION_BOUNDS_S, math.inf)]
+    assert list(itertools.accumulate(taken.counts)) == up_to
+    assert taken.sum_s == pytest.approx(sum(values_s))
+    assert window.take() is None
 
 
 async def test_the_higher_of_two_times_is_the_99th_percentile(bench: Bench, now_s: list[float]) -> None:

@@ -12,9 +12,9 @@ from prometheus_client.registry import CollectorRegistry
 
 from pointit.bridges.web.metrics import site_metrics as module
 from pointit.bridges.web.metrics.door import TEXT, exposition
-from pointit.bridges.web.metrics.durations import BOUNDS_S
 from pointit.bridges.web.metrics.site_metrics import SiteMetrics
 from pointit.bridges.web.metrics.totals import OTHER, Labels, Totals
+from pointit.runtime.health.metrics import DurationWindow
 from pointit.schemas import (
     Deployment,
     ExpectedService,
@@ -26,6 +26,7 @@ from pointit.schemas import (
     SelectionEvent,
     UserPose,
 )
+from pointit.schemas.system import DURATION_BOUNDS_S
 from pointit.schemas.topics import CURSOR, RAY
 
 OPEN_METRICS = "application/openmetrics-text;version=1.0.0"
@@ -104,22 +105,48 @@ def test_discarded_messages_of_all_people_are_summed_by_reason(metrics: SiteMetr
     assert scrape.value("pointit_discarded_messages_total", **of, reason="invalid") == 0
 
 
-def test_each_second_is_counted_in_the_buckets_of_its_quantiles(metrics: SiteMetrics) -> None:
-    metrics.set_service("led-driver", True)
-    for seq, p99_s in enumerate((0.004, 0.03, 9.0), 1):
-        latency = Quantiles(p50_s=0.003, p99_s=p99_s)
-        metrics.take("led-driver", health("led-driver", seq, latency=latency))
-    metrics.take("led-driver", health("led-driver", 4))  # nothing was measured
+def durations(*values_s: float) -> Quantiles:
+    """Return the report of a service that has measured `values_s`."""
+    window = DurationWindow()
+    for value_s in values_s:
+        window.add(value_s)
+    reported = window.take()
+    assert reported is not None
+    return reported
+
+
+def test_durations_of_all_reports_and_services_of_a_kind_are_one_histogram(metrics: SiteMetrics) -> None:
+    for user, values_s in (("anna", (0.004, 0.05, 9.0)), ("ben", (0.03,)), ("anna", (0.0501,))):
+        metrics.set_service(f"pointing.{user}", True)
+        metrics.take(f"pointing.{user}", health(f"pointing.{user}", latency=durations(*values_s)))
+    metrics.take("pointing.ben", health("pointing.ben", 2))  # nothing was measured
     scrape = Scrape(metrics)
-    of = {"service": "led-driver", "statistic": "p99"}
     buckets = {
-        bound: scrape.value("pointit_latency_seconds_bucket", **of, le=str(bound)) for bound in BOUNDS_S
+        bound: scrape.value("pointit_latency_seconds_bucket", service="pointing", le=str(bound))
+        for bound in DURATION_BOUNDS_S
     }
-    assert [buckets[bound] for bound in (0.002, 0.005, 0.02, 0.05, 5.0)] == [0, 1, 1, 2, 2]
-    assert scrape.value("pointit_latency_seconds_count", **of) == 3
-    assert scrape.value("pointit_latency_seconds_sum", **of) == pytest.approx(9.034)
-    assert scrape.value("pointit_latency_seconds_count", service="led-driver", statistic="p50") == 3
-    assert scrape.value("pointit_step_seconds_count", **of) is None
+    assert [buckets[bound] for bound in (0.002, 0.005, 0.02, 0.05, 0.1, 5.0)] == [0, 1, 1, 3, 4, 4]
+    assert scrape.value("pointit_latency_seconds_bucket", service="pointing", le="+Inf") == 5
+    assert scrape.value("pointit_latency_seconds_count", service="pointing") == 5
+    assert scrape.value("pointit_latency_seconds_sum", service="pointing") == pytest.approx(9.1341)
+    assert scrape.value("pointit_step_seconds_count", service="pointing") is None
+
+
+def test_reports_without_counts_or_with_others_are_not_counted(metrics: SiteMetrics) -> None:
+    metrics.set_service("pui", True)
+    for counts in ((), (1, 2)):
+        latency = Quantiles(p50_s=0.001, p99_s=0.002, counts=counts)
+        metrics.take("pui", health("pui", latency=latency))
+    assert Scrape(metrics).value("pointit_latency_seconds_count", service="pui") is None
+
+
+def test_a_clock_that_was_set_back_does_not_lower_the_sum(metrics: SiteMetrics) -> None:
+    metrics.set_service("pui", True)
+    scrape = Scrape(metrics)
+    for values_s, count, sum_s in (((0.5,), 1, 0.5), ((-3.0,), 2, 0.5), ((0.25,), 3, 0.75)):
+        metrics.take("pui", health("pui", latency=durations(*values_s)))
+        assert scrape.value("pointit_latency_seconds_count", service="pui") == count
+        assert scrape.value("pointit_latency_seconds_sum", service="pui") == pytest.approx(sum_s)
 
 
 def test_sigmas_of_a_pose_are_those_of_its_covariance(metrics: SiteMetrics) -> None:
@@ -169,7 +196,7 @@ def test_invented_names_do_not_make_series_without_end(
 ) -> None:
     monkeypatch.setattr(module, "MAX_INSTANCES", 10)
     monkeypatch.setattr(module, "MAX_USERS", 10)
-    latency = Quantiles(p50_s=0.001, p99_s=0.002)
+    latency = durations(0.001, 0.002)
     for number in range(100):
         instance, user = f"made-up-{number}", f"u{number}"
         metrics.set_service(instance, True)
@@ -224,7 +251,7 @@ def test_people_who_left_take_no_place_of_those_who_are_there(
 
 def test_the_text_is_what_parsers_of_both_formats_take(metrics: SiteMetrics) -> None:
     metrics.set_service("pui", True)
-    quantiles = Quantiles(p50_s=0.001, p99_s=0.002)
+    quantiles = durations(0.001, 0.002)
     metrics.take("pui", health("pui", keys=(key(CURSOR.key, "out", rate_hz=50.0),), latency=quantiles))
     content, media_type = exposition(metrics, OPEN_METRICS)
     assert media_type.startswith("application/openmetrics-text")
@@ -233,6 +260,9 @@ def test_the_text_is_what_parsers_of_both_formats_take(metrics: SiteMetrics) -> 
     (site,) = families["pointit_site"].samples
     assert site.labels == {"site": "lab", "version": "1.2.3"}
     assert families["pointit_messages"].samples[0].value == 50
+    latency = {sample.name: sample.value for sample in families["pointit_latency_seconds"].samples}
+    assert families["pointit_latency_seconds"].type == "histogram"
+    assert latency["pointit_latency_seconds_count"] == 2
     plain, media_type = exposition(metrics, "")
     assert media_type.startswith(TEXT)
     assert b"# TYPE pointit_messages_total counter" in plain

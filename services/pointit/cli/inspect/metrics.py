@@ -92,8 +92,8 @@ async def _serve(metrics: "SiteMetrics", host: str, port: int, site: str, connec
     from pointit.bridges.web.metrics.door import PATH, MetricsServer  # noqa: PLC0415
     from pointit.bridges.web.server.listener import url  # noqa: PLC0415
 
+    server = MetricsServer(metrics, host, port)  # a wrong address is refused before the site is looked for
     async with join_site(site, connect) as bus:
-        server = MetricsServer(metrics, host, port)
         _attach(bus, metrics)
         click.echo(f"metrics: {url('http', host, server.port)}{PATH}; Ctrl-C ends it")
         await server.run()

@@ -6,7 +6,7 @@ All handlers run in the event loop that opened the bus, one at a time, never fro
 import asyncio
 from collections.abc import Awaitable, Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol, TypeVar
+from typing import Any, NamedTuple, Protocol, TypeVar
 
 from pointit.schemas.base import Message, Query, Reply
 from pointit.schemas.topics import ANY, Presence, Request, Topic
@@ -32,12 +32,26 @@ Each answer is a task of its own that ends with what `serve` returned, not with 
 """
 
 
+class Sent(NamedTuple):
+    """When and by which process a message was published."""
+
+    at_ns: int
+    """Unix ns, by the clock of the publisher's machine."""
+    process: str
+    """Id of the session that published it."""
+
+
 class Undecoded(Protocol):
     """A message of another process, as it arrived."""
 
     @property
     def size(self) -> int:
         """Return its number of bytes."""
+        ...
+
+    @property
+    def sent(self) -> Sent | None:
+        """Return when and by which process it was published, or None if it does not say."""
         ...
 
     def decode(self) -> Message:

@@ -1,7 +1,9 @@
 """Traffic and times between two reports of a service, counted where it meets the bus."""
 
 import asyncio
+import bisect
 import collections
+import itertools
 import math
 import time
 from collections.abc import Callable, Iterator
@@ -10,6 +12,7 @@ from pointit.runtime.bus.contract import AnyTopic, SubscriptionStats
 from pointit.runtime.health.timeliness import LateMessageFilter, OutOfOrderFilter
 from pointit.runtime.virtual_time import is_virtual
 from pointit.schemas import Quantiles
+from pointit.schemas.system import DURATION_BOUNDS_S
 
 REFUSED_SHOWN_S = 5.0
 """So long it is said that messages were no news, or came too late, after the last of them."""
@@ -34,7 +37,7 @@ class DurationWindow:
         """Take one, s."""
 
     def take(self) -> Quantiles | None:
-        """Return the quantiles of the values since the last call, or None without values."""
+        """Return quantiles and histogram of the values since the last call, or None without values."""
         values = sorted(self._values)
         self._values.clear()
         if not values:
@@ -43,7 +46,9 @@ class DurationWindow:
         def quantile(share: float) -> float:  # nearest rank: one of the values, never below the share
             return values[math.ceil(share * len(values)) - 1]
 
-        return Quantiles(p50_s=quantile(0.5), p99_s=quantile(0.99))
+        up_to = [*(bisect.bisect_right(values, bound_s) for bound_s in DURATION_BOUNDS_S), len(values)]
+        counts = (up_to[0], *(after - before for before, after in itertools.pairwise(up_to)))
+        return Quantiles(p50_s=quantile(0.5), p99_s=quantile(0.99), counts=counts, sum_s=math.fsum(values))
 
 
 class _Complaint:

@@ -8,7 +8,7 @@ from abc import ABC, abstractmethod
 
 import zenoh
 
-from pointit.runtime.bus.contract import AnyTopic
+from pointit.runtime.bus.contract import AnyTopic, Sent
 from pointit.runtime.bus.endpoints import MailboxSubscription
 from pointit.runtime.bus.local_broker import Participant
 from pointit.runtime.bus.mailbox import Mailbox
@@ -35,6 +35,16 @@ class EncodedMessage:
     def size(self) -> int:
         """Return its number of bytes."""
         return len(self._sample.payload)
+
+    @property
+    def sent(self) -> Sent | None:
+        """Return when and by which process it was published, or None if it does not say.
+
+        A process that hears a clock up to 0.5 s ahead of its own stamps no earlier than that one. Messages
+        of a clock that is further ahead are stamped by the first router.
+        """
+        stamp = self._sample.timestamp
+        return None if stamp is None else Sent(stamp.get_time_as_ntp64().as_nanos(), str(stamp.get_id()))
 
     def decode(self) -> Message:
         """Return the message; decoded for the first who asks, the same object for all others.

@@ -161,12 +161,11 @@ class SiteMetrics(Collector):
             yield _counter(name, about, labels, rows)
         yield self._latency.family(
             "pointit_latency_seconds",
-            "Median and 99th percentile of each second: from capture to the output of the service. "
-            "That of led-driver is from wrist to light",
+            "Time from capture to the output of the service. That of led-driver is from wrist to light",
         )
         yield self._step.family(
             "pointit_step_seconds",
-            "Median and 99th percentile of each second: time in the service's handlers",
+            "Time of each call of the service's handlers",
         )
 
     def _of_people(self) -> Iterator[Metric]:

@@ -842,11 +842,19 @@ export interface KeyHealth {
   rate_hz: number;
 }
 /**
- * Median and 99th percentile, seconds, over the last second.
+ * Median and 99th percentile, seconds, over the last second, and how the values are distributed.
  */
 export interface Quantiles {
+  /**
+   * number of values in each bucket, up to and with 0.0005, 0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5 s and above; empty if they were not counted
+   */
+  counts: number[];
   p50_s: number;
   p99_s: number;
+  /**
+   * sum of the counted values
+   */
+  sum_s: number;
 }
 /**
  * One service's own account, once a second.

@@ -1,0 +1,355 @@
+"""`pointit trace USER`: one person's samples from capture to light, hop by hop."""
+
+import asyncio
+import datetime as dt
+import socket
+import time
+from collections import deque
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+
+import click
+
+from pointit.cli.common.output import Section, console, json_option, print_table, say, to_json, write_line
+from pointit.cli.common.progress import progress
+from pointit.cli.common.site_link import join_site, quiet, site_options
+from pointit.cli.inspect.sample_path import (
+    CAPTURE,
+    CAUSES,
+    LIGHT,
+    HopFigures,
+    PathJoiner,
+    SamplePath,
+    farthest,
+    hop_figures,
+)
+from pointit.diagnosis.writers import present_writers, silence_reason
+from pointit.runtime.bus.contract import AnyTopic, Bus, Sent, Tap, Undecoded
+from pointit.runtime.errors import AccessDeniedError, NoMessageError
+from pointit.runtime.health.timeliness import ClockSkewMonitor
+from pointit.runtime.service.shutdown import run_until_shutdown
+from pointit.runtime.zenoh.zenoh_bus import ZenohBus
+from pointit.schemas import NS_PER_S, ClockTick, DecodeError, Health, Message, StripsFrame
+from pointit.schemas.system import split_instance
+from pointit.schemas.topics import (
+    ANY,
+    CLOCK,
+    CURSOR,
+    HEALTH,
+    HOVER,
+    IMU,
+    RAY,
+    SERVICE_ALIVE,
+    STRIPS_FRAME,
+    check_name,
+)
+
+TOPICS: Mapping[str, AnyTopic] = {
+    "imu": IMU,
+    "ray": RAY,
+    "cursor": CURSOR,
+    "hover": HOVER,
+    "frame": STRIPS_FRAME,
+}
+"""Topics of the hops that are messages."""
+
+SILENCE_S = 3.0
+"""Time without a new sample after which none is waited for."""
+
+LOOK_S = 0.1
+"""Interval at which arrived messages are joined."""
+
+MAX_WAITING = 65536
+"""Maximum number of messages between two of these times; the oldest are dropped."""
+
+
+@click.command("trace", params=site_options())
+@click.argument("user")
+@click.option(
+    "--count",
+    type=click.IntRange(1, 100_000),
+    default=250,
+    show_default=True,
+    help="number of samples to measure",
+)
+@click.option("--watch", is_flag=True, help="repeat until Ctrl-C, every --count samples")
+@json_option
+def command(user: str, *, count: int, watch: bool, as_json: bool, site: str, connect: tuple[str, ...]) -> int:
+    """Show the way of samples of the person USER from capture to light, with the time of each hop.
+
+    Every message keeps the capture time of the sample that it is derived from. By this time `trace` finds
+    the sample on its way: imu (from the wrist), ray, cursor, hover (selector), frame (pixels of the strips),
+    light (the last byte to the slowest controller, as measured by led-driver). It costs nothing while it
+    does not run.
+
+    The first table is the newest sample that came farthest. The second is over all samples: the share that
+    reached each hop, median and 99th percentile of the time since the hop before and since capture, in ms.
+    Times are those of publication by the clock of the publisher's machine. Clocks that differ are named.
+
+    A frame carries the time of its newest cursor. With several people, or more samples than frames, only
+    some samples are seen in a frame. Lamps and beams carry no capture time.
+
+    On a secured site it needs to read the person's movements: their own credentials, or the supervisor's.
+    The exit code is 1 if no sample came; Ctrl-C ends it with 0. With --json each measurement is one object
+    on one line.
+
+    Example: pointit trace user1 --count 500
+    """
+    check_name(user, "user")
+    quiet()
+    return run_until_shutdown(_trace(user, count, watch=watch, as_json=as_json, site=site, connect=connect))
+
+
+async def _trace(
+    user: str, count: int, *, watch: bool, as_json: bool, site: str, connect: tuple[str, ...]
+) -> int:
+    async with join_site(site, connect) as bus:
+        await _check_rights(bus, user)
+        tracer = Tracer(bus, user)
+        while True:
+            paths = await _measure(tracer, count)
+            read_on = _show(tracer.trace(paths), count, as_json=as_json)
+            if not (watch and read_on):
+                return 0
+
+
+async def _check_rights(bus: ZenohBus, user: str) -> None:
+    if denied := await bus.denial_reason("reads", IMU, user):  # who may read these may read the others
+        raise AccessDeniedError(f"{denied} (only {user} and the supervisor may trace samples of {user})")
+
+
+async def _measure(tracer: "Tracer", count: int) -> list[SamplePath]:
+    """Return `count` samples, or as many as come until none follows for `SILENCE_S`.
+
+    Raises:
+        NoMessageError: If none comes.
+    """
+    loop = asyncio.get_running_loop()
+    paths: list[SamplePath] = []
+    newest_s = loop.time()
+    with progress(count) as tell:
+        while len(paths) < count and loop.time() - newest_s < SILENCE_S:
+            await asyncio.sleep(LOOK_S)
+            if found := tracer.take():
+                paths += found
+                newest_s = loop.time()
+            tell(f"samples of {tracer.user}", min(len(paths), count))
+    if not paths:
+        raise NoMessageError(tracer.silence())
+    return paths[:count]
+
+
+@dataclass(frozen=True, kw_only=True)
+class TracedHop:
+    """One hop of one sample."""
+
+    hop: str
+    service: str
+    """Instance that published it; `""` if unknown."""
+    host: str
+    at_ns: int
+    """Publication, wall time of its machine, Unix ns."""
+    delta_s: float | None
+    """Time since the hop before, or None if that was not seen."""
+    total_s: float | None
+    """Time since capture."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Trace:
+    """Result of one measurement."""
+
+    user: str
+    samples: int
+    stamp_ns: int
+    """Time of capture of the sample in `path`, by the site's clock."""
+    captured_ns: int
+    """The same as wall time, Unix ns."""
+    path: tuple[TracedHop, ...]
+    hops: tuple[HopFigures, ...]
+    clocks: tuple[str, ...]
+    """Machines of the path with other clocks than ours, a sentence each."""
+    invalid: int
+    """Messages that could not be decoded."""
+
+
+class Tracer:
+    """Listens to the messages of one person's samples."""
+
+    def __init__(self, bus: Bus, user: str) -> None:
+        """Subscribe to the topics of `user`."""
+        self.user = user
+        self._loop = asyncio.get_running_loop()
+        self._arrived = deque[tuple[str, Message | Undecoded, int]](maxlen=MAX_WAITING)
+        self._joiner = PathJoiner(self._wall_ns, self._loop.time())
+        self._tick: ClockTick | None = None
+        self._present: set[str] = set()
+        self._reports: dict[str, tuple[str, Health]] = {}
+        """By instance: the process that published its newest report, and the report."""
+        self._skews = ClockSkewMonitor(socket.gethostname())
+        self._invalid = 0
+        bus.subscribe(CLOCK, self._on_tick)
+        bus.watch(SERVICE_ALIVE, self._on_presence)
+        bus.tap(HEALTH, self._tap("health"))
+        for hop, topic in TOPICS.items():
+            bus.tap(topic, self._tap(hop), user if topic.placeholder == "user" else ANY)
+
+    def take(self) -> list[SamplePath]:
+        """Return the samples that are complete, or will not be, since the last call."""
+        now_s = self._loop.time()
+        while self._arrived:
+            hop, arrived, arrived_ns = self._arrived.popleft()
+            sent = None if isinstance(arrived, Message) else arrived.sent
+            at_ns, process = Sent(arrived_ns, "") if sent is None else sent
+            try:
+                message = arrived if isinstance(arrived, Message) else arrived.decode()
+            except DecodeError:
+                self._invalid += 1
+                continue
+            if isinstance(message, Health):
+                self._on_health(message, process, arrived_ns, now_s)
+                continue
+            self._joiner.add(hop, message.stamp_ns, at_ns, process, now_s)
+            if isinstance(message, StripsFrame) and message.light_s > 0:
+                light_ns = at_ns + round(message.light_s * NS_PER_S)
+                self._joiner.add(LIGHT, message.stamp_ns, light_ns, process, now_s)
+        return self._joiner.settled(now_s)
+
+    def trace(self, paths: Sequence[SamplePath]) -> Trace:
+        """Return the result over `paths`, at least one."""
+        path = farthest(paths)
+        figures = tuple(hop_figures(paths))
+        way = tuple(self._traced(path, hop) for hop in CAUSES if hop in path.at_ns)
+        hosts = {host for each in paths for hop in each.processes if (host := self._writer(each, hop)[1])}
+        return Trace(
+            user=self.user,
+            samples=len(paths),
+            stamp_ns=path.stamp_ns,
+            captured_ns=path.at_ns[CAPTURE],
+            path=way,
+            hops=figures,
+            clocks=tuple(
+                skew.sentence(self._skews.here)
+                for skew in self._skews.skews(self._loop.time())
+                if skew.host in hosts
+            ),
+            invalid=self._invalid,
+        )
+
+    def silence(self) -> str:
+        """Return a sentence that says why no sample came."""
+        reason = silence_reason(IMU, self.user, self._present)
+        return f"no sample of {self.user} came within {SILENCE_S:g} s: {reason}"
+
+    def _traced(self, path: SamplePath, hop: str) -> TracedHop:
+        service, host = self._writer(path, hop)
+        return TracedHop(
+            hop=hop,
+            service=service,
+            host=host,
+            at_ns=path.at_ns[hop],
+            delta_s=path.delta_s(hop),
+            total_s=path.total_s(hop),
+        )
+
+    def _writer(self, path: SamplePath, hop: str) -> tuple[str, str]:
+        """Return instance and host of who published `path` at `hop`, `""` where unknown."""
+        topic = TOPICS["frame" if hop == LIGHT else hop]
+        here = [
+            report
+            for process, report in self._reports.values()
+            if process == path.processes[hop] and report.user in ("", self.user) and _writes(report, topic)
+        ]
+        own = [report for report in here if split_instance(report.instance)[1] == self.user] or here
+        if own:
+            return _joined(report.instance for report in own), _joined(report.host for report in own)
+        return _joined(present_writers(topic, self.user, self._present)), ""
+
+    def _tap(self, hop: str) -> Tap:
+        def on_message(arrived: Message | Undecoded, _name: str) -> None:  # on any thread
+            self._arrived.append((hop, arrived, time.time_ns()))
+
+        return on_message
+
+    def _on_health(self, report: Health, process: str, arrived_ns: int, now_s: float) -> None:
+        self._reports[report.instance] = (process, report)
+        self._skews.on_report(report.host, report.stamp_ns, arrived_ns, now_s)
+
+    def _on_tick(self, tick: ClockTick, _name: str) -> None:
+        self._tick = tick
+
+    def _on_presence(self, instance: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
+        if present:
+            self._present.add(instance)
+        else:
+            self._present.discard(instance)
+            self._reports.pop(instance, None)
+
+    def _wall_ns(self, stamp_ns: int) -> int:
+        """Return the wall time at which the site's clock showed `stamp_ns`."""
+        tick = self._tick
+        if tick is None:
+            return stamp_ns
+        return tick.stamp_ns + round((stamp_ns - tick.sim_ns) / tick.speed)
+
+
+def _writes(report: Health, topic: AnyTopic) -> bool:
+    return any(key.key == topic.key and key.direction == "out" for key in report.keys)
+
+
+def _joined(names: Iterable[str]) -> str:
+    return " or ".join(sorted(set(names)))
+
+
+def _show(trace: Trace, count: int, *, as_json: bool) -> bool:
+    """Print one measurement. Return False if the reader of the pipe is gone."""
+    if trace.samples < count:
+        click.echo(f"only {trace.samples} of {count} samples came, then none for {SILENCE_S:g} s", err=True)
+    if trace.invalid:
+        click.echo(f"{trace.invalid} messages could not be decoded; see `pointit doctor`", err=True)
+    if as_json:
+        return write_line(to_json(asdict(trace)))
+    services = {each.hop: each.service for each in trace.path}
+    way = tuple(
+        {
+            "hop": each.hop,
+            "service": each.service,
+            "host": each.host,
+            "published": _clock_time(each.at_ns),
+            "delta_ms": _ms(each.delta_s),
+            "total_ms": _ms(each.total_s),
+        }
+        for each in trace.path
+    )
+    hops = tuple(
+        {
+            "hop": each.hop,
+            "after": each.after,
+            "service": services.get(each.hop, ""),
+            "reached_%": round(100 * each.samples / trace.samples),
+            "delta_p50": _ms(each.delta_p50_s),
+            "delta_p99": _ms(each.delta_p99_s),
+            "total_p50": _ms(each.total_p50_s),
+            "total_p99": _ms(each.total_p99_s),
+        }
+        for each in trace.hops
+    )
+    screen = console()
+    about = f"of {trace.user}, captured at {_clock_time(trace.captured_ns)} ({trace.stamp_ns})"
+    print_table(screen, Section(name="sample", about=about, rows=way, roomy=frozenset(("host",))))
+    about = f"{trace.samples} samples, ms since the hop before and since capture"
+    print_table(screen, Section(name="hops", about=about, rows=hops, roomy=frozenset(("service",))))
+    for sentence in trace.clocks:
+        say(f"warning: {sentence}")
+    return True
+
+
+def _clock_time(at_ns: int) -> str:
+    """Return the local time of day, µs."""
+    seconds, rest_ns = divmod(at_ns, NS_PER_S)
+    at = dt.datetime.fromtimestamp(seconds).astimezone()
+    return f"{at:%H:%M:%S}.{rest_ns // 1000:06d}"
+
+
+def _ms(value_s: float | None) -> float | None:
+    return None if value_s is None else round(value_s * 1e3, 3)

@@ -1,4 +1,4 @@
-"""A frame of all strips: beside the paper's, Python lists pixel by pixel; and of a large site, with its outputs."""
+"""A frame of all strips beside the paper's, Python lists pixel by pixel; frames of a large site."""
 
 import asyncio
 import socket
@@ -176,7 +176,7 @@ def _medians_us(*draws: Callable[[int], None]) -> list[float]:
 
 
 def large_site_rows() -> list[dict[str, Any]]:
-    """Return the milliseconds of CPU of a frame: all, sent by UDP to devices that do not answer, and drawing."""
+    """Return the milliseconds of CPU of a frame that is sent by UDP, and of drawing it."""
     return [
         asyncio.run(_row(pixels, outputs, kind, changes))
         for pixels, outputs in LARGE_SITES
@@ -247,7 +247,12 @@ def _outputs(ids: list[str], count: int, kind: str, port: int) -> list[GuardedOu
         for number in range(count)
     ]
     config = LedDriverConfig.model_validate({"outputs": outputs})
-    return make_outputs(config.outputs, lambda *_: Surroundings.detached(), NullHealth())
+    surroundings = Surroundings.detached()
+
+    def same(_kind: str, _name: str, _user: str, _which: str) -> Surroundings:
+        return surroundings
+
+    return make_outputs(config.outputs, same, NullHealth())
 
 
 def _room(ids: list[str]) -> Environment:

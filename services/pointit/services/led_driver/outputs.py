@@ -53,7 +53,6 @@ class OutputConfig(Config):
             )
         return segments
 
-
     def strip_ids(self) -> frozenset[str]:
         """Return the ids of the strips that it shows, empty for all of the map."""
         return frozenset(segment.strip for segment in self.segments)

@@ -23,8 +23,8 @@ class Output(Protocol):
     def show(self, frame: StripsFrame, age_s: float = 0.0) -> None:
         """Send `frame`, which shows what was captured `age_s` ago. Returns at once.
 
-        It has the strips of `OutputConfig.segments`, all of the map's if there are none, and comes when one
-        of them has changed. A device that needs more frames gets them from `run`.
+        It has the strips of `OutputConfig.strip_ids`, all of the map's if empty, and comes when one of them
+        has changed. A device that needs more frames gets them from `run`.
         """
         ...
 

@@ -12,7 +12,9 @@ from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas import Cursor, Health, KeyHealth, PointingRay, StripsFrame
 from pointit.schemas.topics import CURSOR, HEALTH, RAY, STRIPS_FRAME
 from pointit.services.pointing.service import Pointing
+from tests.support.bench import until
 from tests.support.cli_site import Site, interrupt, next_line
+from tests.support.commands import PATIENCE_S
 
 AHEAD_NS = 200_000_000
 LIGHT_S = 0.25
@@ -62,12 +64,20 @@ async def elsewhere(site: Site) -> AsyncIterator[ZenohBus]:
         await bus.close()
 
 
-async def test_the_way_of_a_sample_over_two_machines(site: Site, elsewhere: ZenohBus) -> None:
-    assert elsewhere.connected
+async def pointing(site: Site) -> None:
+    """Start anna's wrist and pointing, and return when rays come: pointing waits for a profile first."""
+    rays: list[PointingRay] = []
+    reading = site.bus.subscribe(RAY, lambda ray, _user: rays.append(ray), "anna")
     site.start(Pointing, "anna")
     site.feed_imu("anna")
+    await until(lambda: bool(rays), PATIENCE_S, "rays")
+    reading.close()
+
+
+async def test_the_way_of_a_sample_over_two_machines(site: Site, elsewhere: ZenohBus) -> None:
+    assert elsewhere.connected
     site.feed_imu("ben")
-    await site.arrived("pointing.anna")
+    await pointing(site)
     ended = await site.pointit("trace", "anna", "--count", "60", "--json")
     assert (ended.code, ended.err) == (0, "")
     trace = json.loads(ended.out)
@@ -91,15 +101,13 @@ async def test_the_way_of_a_sample_over_two_machines(site: Site, elsewhere: Zeno
 
 
 async def test_tables_are_for_people(site: Site) -> None:
-    site.start(Pointing, "anna")
-    site.feed_imu("anna")
-    await site.arrived("pointing.anna")
+    await pointing(site)
     ended = await site.pointit("trace", "anna", "--count", "20")
     assert (ended.code, ended.err) == (0, "")
     assert "Sample: of anna, captured at " in ended.out
     assert "Hops: 20 samples" in ended.out
     rows = [line.split() for line in ended.out.splitlines() if line.startswith((" imu ", " ray "))]
-    assert [row[0] for row in rows] == ["imu", "ray"] * 2
+    assert [row[0] for row in rows] == ["imu", "ray"] * 2, ended.out
     assert rows[1][1] == "pointing.anna"
 
 

@@ -64,7 +64,12 @@ def test_fields_that_can_be_plotted_are_described() -> None:
     assert cursor["point_m"] == ["number"]
     assert cursor["surface"] == "string"
     health = as_a_viewer_reads_it(JsonChannel(Health).schema)
-    assert health["latency"] == {"p50_s": "number", "p99_s": "number"}
+    assert health["latency"] == {
+        "p50_s": "number",
+        "p99_s": "number",
+        "counts": ["integer"],
+        "sum_s": "number",
+    }
     assert health["keys"][0]["rate_hz"] == "number"
     assert JsonChannel(Cursor).schema["properties"]["miss_m"]["description"] == "from the ray to the point"
 

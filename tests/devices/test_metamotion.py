@@ -161,7 +161,7 @@ def test_cue_that_fails_is_logged_and_the_next_one_is_played(
             with monkeypatch.context() as broken:
                 broken.setattr(MetaMotion, "play", fail)
                 session.source.cue(Feedback(stamp_ns=1, seq=1, cue="target", haptic_ms=(50,)))
-                await session.until(lambda: "cannot play a cue: Bluetooth failed (BleakError: out of reach)" in caplog.text)
+                await session.until(lambda: "cannot play a cue: Bluetooth failed" in caplog.text)
             session.source.cue(Feedback(stamp_ns=1, seq=2, cue="target", haptic_ms=(70,)))
             await session.until(lambda: [each.hex() for each in board.commands] == ["0801f8460000"])
 

@@ -136,7 +136,7 @@ async def arrives(
 ) -> None:
     """Put again and again until `count` have arrived: writers do not wait for readers to be known.
 
-    Further copies may still be on their way: who puts something else next names its `number`, which is awaited.
+    Further copies may still be on their way: who puts something else next awaits its `number`.
     """
 
     def tried() -> bool:

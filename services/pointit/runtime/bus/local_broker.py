@@ -145,5 +145,5 @@ class Participant:
     def _forget(self, task: asyncio.Task[Any]) -> None:
         self._tasks.discard(task)
         error = None if task.cancelled() else task.exception()  # retrieved: the caller may be gone
-        if error is not None and not isinstance(error, PointItError):  # that is a reply, told to who waits for it
+        if error is not None and not isinstance(error, PointItError):  # which is told to who waits
             log.error("%s failed", task.get_name(), exc_info=error)

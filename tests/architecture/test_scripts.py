@@ -1,9 +1,11 @@
 """The scripts on incomplete machines. Stand-ins for Python and uv record their calls."""
 
+import json
 import os
 import re
 import shutil
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -22,6 +24,7 @@ TOOLS = (
     "mktemp",
     "sleep",
     "grep",
+    "find",
     "tail",
     "chmod",
     "mkdir",
@@ -320,6 +323,49 @@ def test_ci_installs_what_tests_need_and_says_what_is_missing(machine: Machine, 
     assert not left_out, "every test is run"
     assert all("-p tests.support.strict_skips" in call for call in tests)
     assert all(call.split()[1] == "1" for call in machine.calls if not call.startswith("apt-get"))
+
+
+SOME_FAIL = """#!/bin/sh
+for each in "$@"; do
+    case "$each" in cache_dir=*) cache="${each#cache_dir=}" ;; esac
+done
+echo "test $each" >> "$CALLS"
+case "$each" in
+    tests/faults) echo "it broke"
+        if [ -n "$FAILED" ]; then mkdir -p "$cache/v/cache"; echo "$FAILED" > "$cache/v/cache/lastfailed"; fi
+        exit 1 ;;
+    *::*) exit "$ALONE" ;;
+esac
+"""
+ONE = "tests/faults/test_a.py::test_b[c d]"
+
+
+@pytest.mark.parametrize(
+    ("failed", "alone", "status"),
+    [([ONE], 0, 0), ([ONE], 1, 1), ([f"{ONE}{number}" for number in range(4)], 0, 1), ([], 0, 1)],
+    ids=["unstable", "broken", "too many", "no test but the job"],
+)
+def test_ci_runs_a_few_tests_that_failed_once_more(
+    machine: Machine, failed: list[str], alone: int, status: int
+) -> None:
+    shutil.copytree(ROOT / ".ci", machine.root / ".ci")
+    for script in ("../.ci/versions", "../.ci/containers", "setup", "check", "docs", "mutants"):
+        (machine.root / "scripts" / script).write_text("#!/bin/sh\n", encoding="utf-8")
+    (machine.root / "scripts" / "test").write_text(SOME_FAIL, encoding="utf-8")
+    (machine.root / ".venv" / "bin").mkdir(parents=True)
+    (machine.root / ".venv" / "bin" / "python").symlink_to(sys.executable)
+    machine.add("id", "#!/bin/sh\necho 1\n")
+    listed = json.dumps(dict.fromkeys(failed, True)) if failed else ""
+    done = machine.run("../.ci/run", FAILED=listed, ALONE=str(alone))
+    assert done.returncode == status
+    assert "it broke" in done.stdout
+    assert [call for call in machine.calls if "::" in call] == [
+        f"test {each}" for each in failed if status == alone
+    ]
+    assert (f"*** UNSTABLE: {ONE} failed beside others, passed alone; mend it" in done.stdout) == (
+        status == 0
+    )
+    assert ("4 tests failed, too many to run again" in done.stdout) == (len(failed) == 4)
 
 
 PODMAN = """#!/bin/sh

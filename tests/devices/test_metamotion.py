@@ -2,6 +2,7 @@
 
 import asyncio
 import itertools
+import logging
 from collections.abc import Callable, Sequence
 from typing import Any, Literal
 
@@ -140,6 +141,29 @@ def test_cue_drives_motor_and_led_at_once_and_a_newer_one_replaces_its_rest() ->
             session.source.cue(Feedback(stamp_ns=1, seq=3, cue="target", haptic_ms=(70,)))
             await asyncio.sleep(1.0)
             assert [each.hex() for each in board.commands] == ["0801f8320000", "0801f8460000"]
+
+    run_virtually(main())
+
+
+def test_cue_that_fails_is_logged_and_the_next_one_is_played(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level(logging.DEBUG, "pointit.services.imu_bridge.ble.link")
+
+    async def fail(*_: object) -> None:
+        raise BleakError("out of reach")
+
+    async def main() -> None:
+        board = SimulatedMetaMotion()
+        async with worn(METAMOTION, board) as session:
+            await session.until(lambda: bool(session.of(Reading)))
+            board.commands.clear()
+            with monkeypatch.context() as broken:
+                broken.setattr(MetaMotion, "play", fail)
+                session.source.cue(Feedback(stamp_ns=1, seq=1, cue="target", haptic_ms=(50,)))
+                await session.until(lambda: "cannot play a cue: Bluetooth failed" in caplog.text)
+            session.source.cue(Feedback(stamp_ns=1, seq=2, cue="target", haptic_ms=(70,)))
+            await session.until(lambda: [each.hex() for each in board.commands] == ["0801f8460000"])
 
     run_virtually(main())
 

@@ -2,7 +2,7 @@
 
 import shutil
 import subprocess
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -13,6 +13,7 @@ from prometheus_client.parser import text_string_to_metric_families
 from tests.support.bench import until
 from tests.support.buses import free_port
 from tests.support.commands import Commands, onlooker
+from tests.support.pace import Patience
 from tests.unit.deploy.stack import DEPLOY
 
 START_S = 60.0
@@ -37,6 +38,15 @@ class Prometheus:
             return None
         result = answer.json()["data"]["result"]
         return float(result[0]["value"][1]) if result else None
+
+    async def says(self, expression: str, holds: Callable[[float], bool]) -> None:
+        """Wait until an expression has a value that holds."""
+
+        def is_said() -> bool:
+            value = self.value(expression)
+            return value is not None and holds(value)
+
+        await until(is_said, START_S, expression)
 
     def faults(self) -> list[str]:
         """Return the errors of rules that cannot be evaluated."""
@@ -87,14 +97,13 @@ async def test_prometheus_reads_the_rates_latencies_and_services_of_a_run(
     await serving.says(f"http://{target}/metrics")
     with prometheus(tmp_path, target) as server:
         rays = 'sum(increase(pointit_messages_total{service="pointing",topic="users/{user}/ray"}[10s]))'
-        await until(lambda: (server.value(rays) or 0.0) > 10.0, START_S, "rays in Prometheus")
-        assert server.value('up{job="pointit"}') == 1
-        assert server.value("sum(1 - pointit_service_present)") == 0
-        assert server.value("pointit_people") == 1
+        await server.says(rays, lambda count: count > 10.0)
+        # a busy machine misses a scrape now and then, which makes every series stale for a second
+        await server.says('up{job="pointit"}', lambda up: up == 1)
+        await server.says("sum(1 - pointit_service_present)", lambda missing: missing == 0)
+        await server.says("pointit_people", lambda people: people == 1)
         late = 'histogram_quantile(0.99, pointit_latency_seconds_bucket{service="led-driver"})'
-        wrist_to_light_s = server.value(late)
-        assert wrist_to_light_s is not None
-        assert 0.0 < wrist_to_light_s < 5.0
+        await server.says(late, lambda wrist_to_light_s: 0.0 < wrist_to_light_s < 5.0)
         assert server.faults() == []
     ended = await serving.stop()
     assert ended.code == 0, ended.err
@@ -104,13 +113,14 @@ async def test_once_prints_the_metrics_of_a_site(commands: Commands, endpoint: s
     commands.start("run", "scenario_2", "--no-view", "--listen", endpoint)
     async with onlooker(endpoint) as seen:
         await seen.sees_cursors("user1", patience_s=START_S)
-    ended = await commands.pointit("metrics", "--once", "--connect", endpoint)
-    assert ended.code == 0, ended.err
-    families = {family.name: family for family in text_string_to_metric_families(ended.out)}
-    present = {
-        sample.labels["service"]: sample.value for sample in families["pointit_service_present"].samples
-    }
-    assert present["pui"] == 1
+    patience = Patience(START_S)
+    while True:  # it listens for a fixed time, in which a busy machine may tell it little
+        ended = await commands.pointit("metrics", "--once", "--connect", endpoint)
+        families = {family.name: family for family in text_string_to_metric_families(ended.out)}
+        present = families["pointit_service_present"].samples if ended.code == 0 else []
+        if {sample.labels["service"]: sample.value for sample in present}.get("pui") == 1:
+            return
+        assert not patience.is_over(), (ended.code, ended.out, ended.err)
 
 
 async def test_an_address_that_is_none_is_a_sentence(commands: Commands) -> None:

@@ -131,12 +131,17 @@ async def met(*nodes: Node) -> None:
     await until(all_know_the_same, 10, "the nodes to know each other")
 
 
-async def arrives(put: Callable[[], object], seen: list[Any], count: int = 1) -> None:
-    """Put again and again until something has arrived: writers do not wait for readers to be known."""
+async def arrives(
+    put: Callable[[], object], seen: list[Any], count: int = 1, *, number: int | None = None
+) -> None:
+    """Put again and again until `count` have arrived: writers do not wait for readers to be known.
+
+    Further copies may still be on their way: who puts something else next awaits its `number`.
+    """
 
     def tried() -> bool:
         put()
-        return len(seen) >= count
+        return len(seen) >= count and (number is None or number in seen)
 
     await until(tried, 10, "anything to arrive")
 

@@ -16,8 +16,11 @@ async def test_bridges_in_one_domain_are_named_and_do_not_hear_each_other(name: 
         writers = [each.backend.advertise("/user1/rotation", POSE, RELIABLE) for each in (a, b, robot)]
         await met(a, b, robot)
         for count, writer in enumerate(writers[:2]):
-            await arrives(lambda count=count, writer=writer: writer.put(cdr_of(count)), to_robot)  # type: ignore[misc]
-            to_robot.clear()
+            await arrives(
+                lambda count=count, writer=writer: writer.put(cdr_of(count)),  # type: ignore[misc]
+                to_robot,
+                number=count,
+            )
         for seen in (to_a, to_b):
             await arrives(lambda: writers[2].put(cdr_of(2)), seen)
         assert set(to_a) == set(to_b) == {2}

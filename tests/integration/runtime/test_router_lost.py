@@ -17,9 +17,11 @@ from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas import ButtonEvent, Done, ImuSample, SetBrightness, UserProfile
 from pointit.schemas.topics import BUTTON, IMU, PROFILE, SET_BRIGHTNESS, USER_ALIVE
 from tests.support.bench import until
-from tests.support.buses import RouterProcess, router_process, settled
+from tests.support.buses import RouterProcess, is_listening, router_process, settled
 
 RECOVERY_S = 15.0
+
+log = logging.getLogger(__name__)
 
 
 @dataclass
@@ -78,14 +80,21 @@ async def test_it_is_said_once_down_and_once_up_and_shown_meanwhile(
 
 async def test_of_two_routers_the_other_takes_over(two: Two, caplog: pytest.LogCaptureFixture) -> None:
     async with router_process() as spare:
+        spare.stop()  # on a busy machine the first may take a second to answer, and the other be taken
         link = Link(connect=(two.router.endpoint, spare.endpoint))
-        bus = await ZenohBus.open(link)
+        bus = await ZenohBus.open(link, patience_s=30)
+        spare.start()
         caplog.set_level(logging.INFO)
         await two.cut()
         where = f"router at {two.router.endpoint} or {spare.endpoint}"
-        await until(
-            lambda: any(f"{where} is back" in record.message for record in caplog.records), RECOVERY_S
-        )
+        try:
+            await until(
+                lambda: any(f"{where} is back" in record.message for record in caplog.records), RECOVERY_S
+            )
+        finally:  # shown if it fails
+            log.info("problem %r, routers %s", bus.problem, bus.session.info.routers_zid())
+            port = int(spare.endpoint.rpartition(":")[2])
+            log.info("the spare accepts connections: %s", is_listening(port))
         assert bus.connected
         said = [record.message for record in caplog.records if where in record.message]
         assert said == [f"{where} is lost; trying again until it is back", f"{where} is back"]

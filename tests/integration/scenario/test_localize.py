@@ -50,7 +50,7 @@ def test_the_stated_uncertainty_is_honest_and_small(people: int, honest: int) ->
     assert sum(within) >= honest
     errors_m = [pose.position_error_m for pose in poses]
     assert statistics.median(errors_m) <= 0.4
-    assert max(position_sigma_m(pose.pose) for pose in poses) <= 0.8  # what is less certain is refused
+    assert max(position_sigma_m(pose.pose) for pose in poses) <= 0.5  # what is less certain is refused
 
 
 @pytest.mark.parametrize(

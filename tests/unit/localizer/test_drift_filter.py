@@ -217,7 +217,7 @@ def test_two_localizations_tell_the_rate() -> None:
     at_ns = 2 * MINUTE_NS
     drift.reset(fix(drifted(PERSON, at_ns), at_ns))
     pose = drift.at(at_ns)
-    assert pose.yaw_rate_radps == pytest.approx(RATE_RADPS, rel=0.1)
+    assert pose.yaw_rate_radps == pytest.approx(RATE_RADPS, rel=0.03)
     assert pose.yaw_rate_sigma_radps < 0.5 * DriftSettings().rate_sigma_radps
 
 
@@ -286,7 +286,9 @@ def test_a_late_localization_counts_as_one_in_time(late_s: float) -> None:
     late.reset(new)
     have = late.at(now_ns)
     assert have.yaw_rad == pytest.approx(want.yaw_rad, abs=math.radians(0.2))
-    assert have.yaw_sigma_rad == pytest.approx(want.yaw_sigma_rad, rel=0.05)
+    assert have.yaw_sigma_rad == pytest.approx(
+        want.yaw_sigma_rad, rel=0.05
+    )  # cases that are joined differ by 3 %
     assert have.yaw_rate_radps == pytest.approx(want.yaw_rate_radps, rel=0.02)
     assert have.yaw_rate_sigma_radps == pytest.approx(want.yaw_rate_sigma_radps, rel=0.05)
     assert have.position_sigma_m == pytest.approx(want.position_sigma_m, rel=0.01)

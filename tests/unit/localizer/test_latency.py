@@ -140,6 +140,7 @@ def test_tracker_states_its_latency_with_every_report(stated_s: float | None) ->
     pose = poses(outputs)[-1]
     assert math.hypot(pose.position_m[0] - PERSON.x, pose.position_m[1] - PERSON.y) < 0.1
     sigma_rad = math.sqrt(pose.covariance[8])
+    # 2.2° without a latency, 3.9° and 4.3° with: what of it the rays tell adds nothing
     assert (sigma_rad > math.radians(3.0)) == (stated_s != 0.0)
 
 
@@ -175,4 +176,5 @@ def test_recorded_people_are_nearer_and_within_two_sigma_when_the_tracker_is_lat
             turned_rad = 0.0 if trial.yaw_rad is None else yaw_difference(result.yaw_rad, trial.yaw_rad)
             judged_as.append(is_outside(result, off_m[latency_sigma_s][-1], turned_rad))
     assert np.mean(outside[0.15]) <= 0.05
+    assert np.mean(outside[0.15]) < np.mean(outside[0.0])
     assert np.median(off_m[0.15]) < np.median(off_m[0.0])

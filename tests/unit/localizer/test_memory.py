@@ -85,12 +85,13 @@ def test_a_contradiction_widens_and_does_not_average() -> None:
 def test_a_right_memory_makes_a_short_following_more_certain() -> None:
     rays = pointings(TRUE, WAY, each=1, noise_rad=math.radians(1.5))
     without = solved(rays, TRUST)
-    for at_deg in (6.0, 8.0, 10.0):  # right up to the change between sessions
+    # Right up to the change between sessions. With other seeds it is 0.8 to 1.1 at 6°, up to 0.94 at 8°.
+    for at_deg, share in ((6.0, 0.95), (8.0, 0.9), (10.0, 0.9)):
         person = PersonMemory([memory(at_deg)])
         person.mounting = BAND
         result = solve(rays, person.recall(TRUST))
         assert isinstance(result, Solution)
-        assert result.position_sigma_m < 0.95 * without.position_sigma_m
+        assert result.position_sigma_m < share * without.position_sigma_m
         assert position_error_m(result, TRUE) < 2.0 * result.position_sigma_m
 
 

@@ -16,6 +16,8 @@ from tests.unit.localizer.person import Person, yaw_difference
 
 START_NS = 1_700_000_000 * NS_PER_S
 PERSON = Person(0.5, -0.3, 1.1, math.radians(-4.0))
+NEAR_M = 0.08
+"""Limit of the error of a pose that comes after 3 s of exact following: 0.04 to 0.07 m at five places."""
 
 
 def place(t_s: float, phase_rad: float = 0.0) -> Vec3:
@@ -81,7 +83,7 @@ def test_following_ends_with_one_pose_within_four_seconds_of_following() -> None
     found = poses(outputs)
     assert len(found) == 1
     assert {message.phase for message in told(outputs)[:-1]} == {"sampling"}
-    assert error_m(found[-1]) < 0.08
+    assert error_m(found[-1]) < NEAR_M
     assert abs(yaw_difference(found[-1].yaw_rad, PERSON.yaw_rad)) < 0.02
     assert found[-1].method == "moving_target"
     assert {(pose.position_m[2], pose.z_sigma_m) for pose in found} == {(0.0, 0.0)}  # on the floor
@@ -94,7 +96,7 @@ def test_following_ends_with_one_pose_within_four_seconds_of_following() -> None
 def test_the_pairing_is_by_stamp_not_by_arrival() -> None:
     """A tracker that is 0.4 s late costs 18° of the circle when paired by arrival."""
     found = poses(fly(MovingTarget(config()), 12.0, robot_late_s=0.4))
-    assert error_m(found[-1]) < 0.08
+    assert error_m(found[-1]) < NEAR_M
     assert found[-1].residual_rad < math.radians(0.5)
 
 
@@ -114,7 +116,7 @@ def test_continuous_goes_on_and_keeps_to_its_window() -> None:
 def test_of_two_robots_the_one_that_is_followed_is_meant() -> None:
     outputs = fly(MovingTarget(config()), 12.0, decoy=True)
     assert told(outputs)[-1].target_id == "drone"
-    assert error_m(poses(outputs)[-1]) < 0.08
+    assert error_m(poses(outputs)[-1]) < NEAR_M
     named = fly(MovingTarget(config(robot_id="decoy", give_up_s=11.0)), 12.0, decoy=True)
     assert all(message.target_id == "decoy" for message in told(named))
 
@@ -129,7 +131,7 @@ def test_two_robots_that_move_alike_are_refused_by_name(noise_rad: float) -> Non
     assert "drone" in last.reason
     assert "twin" in last.reason
     named = fly(MovingTarget(config(robot_id="drone")), 12.0, beside_m=0.8, noise_rad=noise_rad)
-    assert error_m(poses(named)[-1]) < 0.3
+    assert error_m(poses(named)[-1]) < 0.3  # after 3 s with an unrest of 1°: 0.17 to 0.31 m at five places
 
 
 def test_a_robot_that_is_tracked_twice_is_one() -> None:
@@ -149,7 +151,7 @@ def test_second_tracker_with_a_wrong_clock_does_not_spoil_the_pose(trackers: tup
             report = robots(t_s, drone=place(t_s)).model_copy(update={"stamp_ns": now_ns + ahead_ns})
             procedure.on_objects(tracker, report)
         outputs += procedure.step(now_ns)
-    assert error_m(poses(outputs)[-1]) < 0.08
+    assert error_m(poses(outputs)[-1]) < NEAR_M
 
 
 def test_following_without_a_fit_is_refused_at_the_timeout() -> None:

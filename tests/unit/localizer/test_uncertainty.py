@@ -48,8 +48,8 @@ def test_the_stated_uncertainty_is_honest() -> None:
         far.append(float(np.linalg.norm(error)) / solution.position_sigma_m)
         turned.append(abs(yaw_difference(solution.yaw_rad, person.yaw_rad)) / solution.yaw_sigma_rad)
     assert 0.6 < math.sqrt(float(np.median(distances)) / math.log(2.0)) < 1.2
-    assert 0.88 < float(np.mean(np.array(far) < 2.0)) < 0.99
-    assert 0.87 < float(np.mean(np.array(turned) < 2.0)) < 0.99
+    assert 0.88 < float(np.mean(np.array(far) < 2.0)) < 0.99  # 0.92 to 0.98 with other seeds
+    assert 0.87 < float(np.mean(np.array(turned) < 2.0)) < 0.98
 
 
 def test_a_longer_hold_at_a_lamp_tells_no_more_and_longer_following_does() -> None:

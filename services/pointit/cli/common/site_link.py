@@ -1,5 +1,7 @@
 """Commands that observe a site join it as clients with a short timeout."""
 
+import asyncio
+import socket
 from collections.abc import AsyncGenerator, Sequence
 from contextlib import asynccontextmanager
 
@@ -7,7 +9,9 @@ import click
 from click.core import ParameterSource
 
 from pointit.cli.common.waiting import notify_if_slow
-from pointit.runtime.errors import PointItError
+from pointit.runtime.errors import ConnectError, PointItError
+from pointit.runtime.host.threads import in_daemon_thread
+from pointit.runtime.link.link import ENDPOINT, Link
 from pointit.runtime.link.options import link_of, link_options
 from pointit.runtime.service.logs import setup_logging
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
@@ -15,6 +19,11 @@ from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 CONNECT_PATIENCE_S = 5.0
 """Timeout of finding a site, s: a router on a busy machine may take seconds to answer."""
 
+REFUSED_PATIENCE_S = 2.0
+"""Timeout of finding a site where nobody listens, s: it may be about to start."""
+
+PROBE_S = 1.0
+"""Timeout of finding out whether somebody listens, s."""
 
 def site_options() -> list[click.Parameter]:
     """Return the options --credentials, --site and --connect."""
@@ -31,7 +40,7 @@ async def join_site(
         ConnectError: If no router or peer answers within `patience_s`.
     """
     with notify_if_slow(f"looking for {address(site, connect)} …"):
-        bus = await ZenohBus.open(link_of(site, connect), patience_s=patience_s)
+        bus = await _open(link_of(site, connect), patience_s)
     try:
         yield bus
     except PointItError as error:
@@ -39,6 +48,32 @@ async def join_site(
         raise
     finally:
         await bus.close()
+
+
+async def _open(link: Link, patience_s: float) -> ZenohBus:
+    """Return a bus that has joined, tried for long only where somebody listens."""
+    loop = asyncio.get_running_loop()
+    began_s = loop.time()
+    try:
+        return await ZenohBus.open(link, patience_s=min(patience_s, REFUSED_PATIENCE_S))
+    except ConnectError:
+        spent_s = loop.time() - began_s
+        is_final = spent_s < REFUSED_PATIENCE_S or spent_s >= patience_s
+        if is_final or await in_daemon_thread(lambda: all(map(_is_refused, link.connect)), "probe"):
+            raise
+    return await ZenohBus.open(link, patience_s=patience_s - spent_s)
+
+
+def _is_refused(endpoint: str) -> bool:
+    """Return True if nobody listens at a TCP port. Blocks for up to `PROBE_S`."""
+    found = ENDPOINT.fullmatch(endpoint)
+    if not found or found[1] not in ("tcp", "tls", "ws"):
+        return False
+    try:
+        socket.create_connection((found[2].strip("[]"), int(found["port"])), timeout=PROBE_S).close()
+    except OSError as error:
+        return isinstance(error, ConnectionRefusedError)
+    return False
 
 
 def address(site: str, connect: Sequence[str]) -> str:

@@ -1,14 +1,18 @@
 """The exchange of one process, and what every participant of it has: its declarations and tasks."""
 
 import asyncio
+import logging
 import weakref
 from collections.abc import Coroutine, Iterator
 from typing import Any, Protocol, TypeVar
 
 from pointit.runtime.bus.contract import AnyTopic, Closable
 from pointit.runtime.bus.mailbox import Dispatcher, Mailbox
+from pointit.runtime.errors import PointItError
 from pointit.schemas import Message, Query, Reply
 from pointit.schemas.topics import ANY, Request
+
+log = logging.getLogger(__name__)
 
 Q = TypeVar("Q", bound=Query)
 R = TypeVar("R", bound=Reply)
@@ -140,5 +144,6 @@ class Participant:
 
     def _forget(self, task: asyncio.Task[Any]) -> None:
         self._tasks.discard(task)
-        if not task.cancelled():
-            task.exception()  # mark as retrieved: the caller may be gone
+        error = None if task.cancelled() else task.exception()  # retrieved: the caller may be gone
+        if error is not None and not isinstance(error, PointItError):  # which is told to who waits
+            log.error("%s failed", task.get_name(), exc_info=error)

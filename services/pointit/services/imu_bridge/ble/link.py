@@ -4,7 +4,7 @@ import asyncio
 import contextlib
 import functools
 import logging
-from collections.abc import Sequence
+from collections.abc import Generator, Sequence
 
 from pointit.runtime.clock import Clock
 from pointit.runtime.health.service_bus import WarningSink
@@ -50,6 +50,15 @@ NAMED = 5
 SHORT_S = 10.0
 """Connections below this count as short, s."""
 SERIAL_NUMBER = "00002a25-0000-1000-8000-00805f9b34fb"
+
+
+@contextlib.contextmanager
+def _left_anyway(what: str) -> Generator[None]:
+    """Log a failure of something that a wrist which is gone cannot do: the link says that it is gone."""
+    try:
+        yield
+    except Exception as error:  # noqa: BLE001 - of any system's radio
+        log.debug("cannot %s: %s", what, describe_error(error))
 
 
 class BleSource:
@@ -193,7 +202,7 @@ class BleSource:
                 self._deliver(Signal(found.rssi_dbm))
             await self._stream(connection, lost)
         except asyncio.CancelledError:  # only then: one that runs on keeps its yaw for the next connection
-            with contextlib.suppress(Exception):  # it may be gone, and it is left in any case
+            with _left_anyway("stop the stream"):
                 async with asyncio.timeout(STOP_S):
                     if is_wanted and not lost.is_set():
                         await self._wrist.stop(connection)
@@ -201,7 +210,7 @@ class BleSource:
         finally:
             self._is_open = False
             self._button.release()
-            with contextlib.suppress(Exception):
+            with _left_anyway("disconnect"):
                 async with asyncio.timeout(END_S):
                     await client.disconnect()
 
@@ -289,7 +298,7 @@ class BleSource:
                         async with asyncio.timeout(pause_s):
                             await self._cue_came.wait()
                             break
-                with contextlib.suppress(Exception):  # a lost connection is told by the link
+                with _left_anyway("play a cue"):
                     await self._wrist.play(connection, command)
 
     def _warn(self, problem: str) -> None:

@@ -3,11 +3,14 @@
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
-from pointit.schemas import Feedback, Hover, Selection, SelectionEvent
+from pointit.schemas import Claim, Feedback, Hover, Selection, SelectionEvent
 from pointit.schemas.base import Count, Fraction, Ns
 
 Cause = Literal["", "dwell", "button", "undo", "clear", "release"]
 """Cause of a change: the person's action."""
+
+DEEDS = ("dwell", "button")
+"""Causes by which a person selects or deselects the object that they point at."""
 
 Action = Literal["", "select", "deselect", "refuse"]
 """Effect of staying on an object."""
@@ -21,7 +24,7 @@ class Output(NamedTuple):
 
     user: str
     """User of the topic. `""` for a topic of the site."""
-    message: Hover | Selection | SelectionEvent | Feedback
+    message: Hover | Selection | SelectionEvent | Feedback | Claim
 
 
 @dataclass(frozen=True, slots=True)

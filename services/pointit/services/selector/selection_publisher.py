@@ -35,14 +35,12 @@ class SelectionPublisher:
         dwell_s: float | None,
     ) -> Selection:
         """Return the message of what is selected and reserved, with method and `dwell_s` unless it is None."""
-        return Selection(
-            stamp_ns=now_ns,
-            seq=self._count("selection"),
-            objects=objects,
-            reserved=reserved,
-            method="" if dwell_s is None else self.method,
-            dwell_s=dwell_s,
+        selection = Selection(
+            stamp_ns=now_ns, seq=self._count("selection"), objects=objects, reserved=reserved
         )
+        if dwell_s is None:
+            return selection
+        return selection.model_copy(update={"method": self.method, "dwell_s": dwell_s})
 
     def event(self, record: Record) -> list[Output]:
         """Record an event. Return its message, if it has one."""

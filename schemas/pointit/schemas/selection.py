@@ -37,9 +37,9 @@ class Selection(Message):
 
     objects: Many[SelectedObject] = ()
     reserved: Many[ReservedObject] = ()
-    method: Annotated[
-        str | None, Field(description="method of selecting in use, told where shards run")
-    ] = None
+    method: Annotated[str | None, Field(description="method of selecting in use, told where shards run")] = (
+        None
+    )
     dwell_s: Annotated[
         float | None, Field(gt=0, description="time on an object that selects it, told where shards run, s")
     ] = None

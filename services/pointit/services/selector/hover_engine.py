@@ -9,7 +9,7 @@ from pointit.services.selector.methods.method import MakeMethod, is_by_angle
 from pointit.services.selector.methods.pointer import PersonPointer, PointerResult
 from pointit.services.selector.objects.scene import Scene
 from pointit.services.selector.objects.view import View
-from pointit.services.selector.outputs import Action, Output
+from pointit.services.selector.outputs import CHANGES, Action, Output
 from pointit.services.selector.ownership.ownership import Ownership
 
 
@@ -95,17 +95,13 @@ class HoverEngine:
         )
         if self._is_by_metres and (pointed.object_id is not None or pointed.fired is not None):
             view = self._scene.view_from(cursor)  # to tell how the object lies about the ray
-        action, taken_by = self._standing(user, pointer, pointed, now_ns)
-        outputs = [Output(user, self._hover(user, cursor, view, pointed, action, taken_by))]
-        if pointed.is_shown and pointed.object_id and action in ("select", "deselect"):
-            outputs.append(
-                Output(user, Claim(stamp_ns=now_ns, object_id=pointed.object_id, wish="reserve"))
-            )
+        standing = self._standing(user, pointer, pointed, now_ns)
+        outputs = [Output(user, self._hover(user, cursor, view, pointed, standing))]
+        if pointed.is_shown and pointed.object_id and standing[0] in CHANGES:
+            outputs.append(Output(user, Claim(stamp_ns=now_ns, object_id=pointed.object_id, wish="reserve")))
         if pointed.fired is not None and self._has_effect(user, pointed.fired, now_ns):
             confidence = None if view is None else view.confidence(pointed.fired, self._aim_rad)
-            claim = Claim(
-                stamp_ns=now_ns, object_id=pointed.fired, wish="toggle", confidence=confidence
-            )
+            claim = Claim(stamp_ns=now_ns, object_id=pointed.fired, wish="toggle", confidence=confidence)
             outputs.append(Output(user, claim))
         return outputs
 
@@ -152,8 +148,7 @@ class HoverEngine:
         cursor: Cursor,
         view: View | None,
         pointed: PointerResult,
-        action: Action,
-        taken_by: str,
+        standing: tuple[Action, str],
     ) -> Hover:
         self._sent[user] += 1
         seq = self._sent[user]
@@ -166,8 +161,8 @@ class HoverEngine:
             seq=seq,
             object_id=object_id,
             progress=pointed.progress,
-            action=action,
-            taken_by=taken_by,
+            action=standing[0],
+            taken_by=standing[1],
             is_selected=self._ownership.is_selected(object_id),
             snapped_m=None if snapped is None else snapped[0],
             snapped_position_m=None if snapped is None else snapped[1],

@@ -15,6 +15,9 @@ DEEDS = ("dwell", "button")
 Action = Literal["", "select", "deselect", "refuse"]
 """Effect of staying on an object."""
 
+CHANGES: tuple[Action, ...] = ("select", "deselect")
+"""Effects that change an object."""
+
 TOLD_AGAIN = "told again after a restart of the selector"
 """Reason of an event that subscribers may have received before: same object, event, stamp and number."""
 

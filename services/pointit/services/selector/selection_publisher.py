@@ -34,7 +34,7 @@ class SelectionPublisher:
         reserved: tuple[ReservedObject, ...],
         dwell_s: float | None,
     ) -> Selection:
-        """Return the message of what is selected and reserved, with method and `dwell_s` unless it is None."""
+        """Return the message of what is selected and reserved. `dwell_s`: told with the method, or None."""
         selection = Selection(
             stamp_ns=now_ns, seq=self._count("selection"), objects=objects, reserved=reserved
         )

@@ -56,7 +56,7 @@ class Selector(Service[SelectorConfig]):
         """Last reported fault of the method."""
         self._people: dict[str, tuple[Publisher[Hover], Publisher[Feedback]]] = {}
         role = ShardRole if config.people else SiteRole
-        self._role = role(config, self.bus, self.clock, self._make_method, self._put, self._use)
+        self._role = role(config, self.bus, self.clock, make=self._make_method, put=self._put, use=self._use)
         self._engine = self._role.engine
         self._role.begin()
         self.bus.subscribe(MAP, self._on_map)

@@ -84,8 +84,8 @@ class ShardEngine:
     def on_event(self, event: SelectionEvent) -> list[Output]:
         """Close the claim that `event` decides. Latch what was changed in another way."""
         self._open.pop((event.user, event.stamp_ns), None)
-        is_conveyors = event.event == "refused" and not event.cause
-        if event.event in ("selected", "deselected", "refused") and event.cause not in DEEDS and not is_conveyors:
+        is_change = event.event in ("selected", "deselected") or event.cause  # not of the conveyor
+        if is_change and event.cause not in DEEDS:
             self._hovers.latch(event.object_id)
         return []
 

@@ -20,7 +20,14 @@ class ShardRole:
     """What a selector of some people does: it claims what they point at, and follows the decisions."""
 
     def __init__(
-        self, config: SelectorConfig, bus: ServiceBus, clock: Clock, make: MakeMethod, put: Put, use: Use
+        self,
+        config: SelectorConfig,
+        bus: ServiceBus,
+        clock: Clock,
+        *,
+        make: MakeMethod,
+        put: Put,
+        use: Use,
     ) -> None:
         """Declare the claims of each person."""
         self._bus, self._clock, self._put, self._use = bus, clock, put, use
@@ -28,7 +35,7 @@ class ShardRole:
         self._claims: dict[str, Publisher[Claim]] = {
             user: bus.publisher(CLAIM, user) for user in config.people
         }
-        self._told: tuple[str, float | None] = ("", None)
+        self._told: tuple[str | None, float | None] = (None, None)
 
     def begin(self) -> None:
         """Show that the site's selector is not known yet."""
@@ -66,7 +73,7 @@ class ShardRole:
     def _on_selection(self, selection: Selection, _name: str) -> None:
         self.engine.on_selection(selection)
         told = selection.method, selection.dwell_s
-        if not selection.method or told == self._told:
+        if selection.method is None or told == self._told:
             return
         self._told = told
         try:

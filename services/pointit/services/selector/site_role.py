@@ -52,7 +52,14 @@ class SiteRole:
     """What one selector of a site does: it decides, keeps the journal and answers requests."""
 
     def __init__(
-        self, config: SelectorConfig, bus: ServiceBus, clock: Clock, make: MakeMethod, put: Put, use: Use
+        self,
+        config: SelectorConfig,
+        bus: ServiceBus,
+        clock: Clock,
+        *,
+        make: MakeMethod,
+        put: Put,
+        use: Use,
     ) -> None:
         """Declare the publishers. Nothing is restored before `begin`."""
         kept = config.journal

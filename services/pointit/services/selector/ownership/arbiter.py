@@ -1,4 +1,4 @@
-"""Decisions on all objects of a site: claims and requests of people in; the selection, events and cues out."""
+"""Decisions on objects: claims and requests of people in; the selection, its events and cues out."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 
@@ -6,7 +6,7 @@ from pointit.runtime.health.timeliness import MAX_AHEAD_NS
 from pointit.schemas import NS_PER_S, Claim, ConveyorState, Selection, SelectionEvent
 from pointit.services.selector.config import SelectorConfig
 from pointit.services.selector.objects.departures import OWN, Departures
-from pointit.services.selector.outputs import DEEDS, Output, Owned, Record
+from pointit.services.selector.outputs import CHANGES, DEEDS, Output, Owned, Record
 from pointit.services.selector.ownership.ownership import Ownership
 from pointit.services.selector.selection_publisher import SelectionPublisher
 
@@ -116,7 +116,7 @@ class Arbiter:
         object_id = claim.object_id
         action, taken_by = self._ownership.action(user, object_id, now_ns)
         if claim.wish == "reserve":
-            if action in ("select", "deselect") and not refused:
+            if action in CHANGES and not refused:
                 self._is_news |= self._reservations.reserve(object_id, user, now_ns)
             return []
         if (user, claim.stamp_ns) in self._decided:
@@ -126,8 +126,9 @@ class Arbiter:
             del self._decided[next(iter(self._decided))]
         tracked = self._positions.objects.get(object_id)
         kind = "" if tracked is None else tracked.kind
-        if taken_by and object_id not in self._ledger.entries:
-            refused = refused or f"{kind or 'object'} is being selected by {taken_by}; wait or choose another one"
+        if taken_by and not self._ownership.is_selected(object_id):
+            taken = f"{kind or 'object'} is being selected by {taken_by}; wait or choose another one"
+            refused = refused or taken
         if refused:
             record = self._ledger.refuse(
                 object_id,

@@ -80,6 +80,9 @@ class ShardEngine:
     def on_selection(self, selection: Selection) -> None:
         """Follow what the site's selector has decided."""
         self._ownership.follow(selection)
+        if self._open:
+            for one in selection.objects:
+                self._open.pop((one.user, one.since_ns), None)
 
     def on_event(self, event: SelectionEvent) -> list[Output]:
         """Close the claim that `event` decides. Latch what was changed in another way."""

@@ -118,6 +118,7 @@ DEVICES = {
         "over_zenoh/services.py",
         "over_zenoh/topics.py",
     },
+    "selector": {"shard_role.py", "site_role.py"},
 }
 """Modules beside `service.py` that wait for devices or time, or write files; no cores."""
 

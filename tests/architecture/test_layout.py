@@ -71,7 +71,7 @@ DEVICES = {
         "drivers/vda5050/search.py",
         "robot_driver.py",
     },
-    "selector": {"selection_methods.py", "store/history.py"},
+    "selector": {"selection_methods.py", "shard_role.py", "site_role.py", "store/history.py"},
     "web": {
         "pages/request_dispatcher.py",
         "metrics/door.py",
@@ -118,7 +118,6 @@ DEVICES = {
         "over_zenoh/services.py",
         "over_zenoh/topics.py",
     },
-    "selector": {"shard_role.py", "site_role.py"},
 }
 """Modules beside `service.py` that wait for devices or time, or write files; no cores."""
 

@@ -17,7 +17,7 @@ log = logging.getLogger(__name__)
 
 
 class ShardRole:
-    """What a selector of some people does: it claims what they point at, and follows the decisions."""
+    """The selector of some people: it claims what they point at, and follows the decisions."""
 
     def __init__(
         self,

@@ -102,6 +102,7 @@ __all__ = [
     "SET_TOLERANCE",
     "SET_WORKSPACE",
     "SET_YAW_ORIGIN",
+    "SHARD_ALIVE",
     "STALE_PERIODS",
     "START_LOCALIZATION",
     "STEERING",
@@ -369,11 +370,15 @@ ACCOUNTS: tuple[Topic[Any], ...] = (HEALTH, CONFIGURATION, SERVED)
 SERVICE_ALIVE = Presence(key="alive/services/{instance}", about="one service instance runs")
 USER_ALIVE = Presence(key="alive/users/{user}", about="one person's services run")
 
+SHARD_ALIVE = Presence(
+    key="alive/shards/{instance}",
+    about="a shard of a service serves one person: `pui.anna`, whatever the shard's own name",
+)
 KEEPER_ALIVE = Presence(
     key="alive/keepers/{session}", about="a process answers for states whose writers are gone"
 )
 
-PRESENCES: tuple[Presence, ...] = (SERVICE_ALIVE, USER_ALIVE, KEEPER_ALIVE)
+PRESENCES: tuple[Presence, ...] = (SERVICE_ALIVE, USER_ALIVE, SHARD_ALIVE, KEEPER_ALIVE)
 
 
 def topic_of(key: str) -> Topic[Any] | None:

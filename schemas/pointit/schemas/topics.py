@@ -54,6 +54,7 @@ __all__ = [
     "ANY",
     "BUTTON",
     "CANCEL_LOCALIZATION",
+    "CLAIM",
     "CLEAR_SELECTION",
     "CLOCK",
     "CONFIGURATION",
@@ -202,6 +203,14 @@ HOVER = Topic(
     writers=("selector",),
     about="object under the cursor",
 )
+CLAIM = Topic(
+    key="users/{user}/claim",
+    message=selection.Claim,
+    delivery=_EVENT,
+    rate_hz=None,
+    writers=("selector",),
+    about="object that a person wants, from a shard of the selector to the site's",
+)
 INTERACTION = Topic(
     key="users/{user}/interaction",
     message=pointing.Interaction,
@@ -342,6 +351,7 @@ TOPICS: list[Topic[Any]] = [
     ANCHOR,
     CURSOR,
     HOVER,
+    CLAIM,
     INTERACTION,
     FEEDBACK,
     GOAL,

@@ -1,4 +1,4 @@
-"""What crosses the link to a site's pui: the rays of people whom no shard serves, and of nobody else."""
+"""Traffic on the link to a site's pui: the rays of people whom no shard serves, and of nobody else."""
 
 import asyncio
 import contextlib

@@ -240,7 +240,7 @@ def test_old_input_that_is_no_fault(writer: Health | None, reader: Health) -> No
 
 ANNAS = health("pointing.anna", key(RAY, "out"))
 BENS = health("pointing.ben", key(RAY, "out"))
-"""Who points all the time."""
+"""People who point all the time."""
 
 
 def test_a_default_instance_need_not_hear_people_whom_shards_serve() -> None:

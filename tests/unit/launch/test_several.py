@@ -17,6 +17,7 @@ from pointit.schemas.topics import ROBOT_STATE
 from pointit.services.pui.config import PuiConfig
 from pointit.services.pui.service import Pui
 from pointit.services.registry import person_of
+from pointit.services.selector.config import SelectorConfig
 
 PLACES = [{"position_m": [0.0, 0.0, 0.0]}]
 
@@ -91,16 +92,20 @@ def shards(*sites: str, **choices: Any) -> list[Launch]:
 def test_a_persons_shards_have_the_parameters_of_the_scenario_and_the_map_of_the_site() -> None:
     pui, selector = shards("pui", "selector", "led_driver")
     assert (pui.instance, selector.instance) == ("pui.anna", "selector.anna")
-    assert (pui.config.map_to_read, pui.config.surfaces) == ("", ("strip",))
-    assert selector.config.method == "hold"
-    assert pui.config.people == selector.config.people == ("anna",)
+    room, deciding = pui.config, selector.config
+    assert isinstance(room, PuiConfig)
+    assert isinstance(deciding, SelectorConfig)
+    assert (room.map_to_read, room.surfaces, room.people) == ("", ("strip",), ("anna",))
+    assert (deciding.method, deciding.people) == ("hold", ("anna",))
     assert [launch.user for launch in (pui, selector)] == ["", ""]
     check_launches([pui, selector])
 
 
 def test_a_person_has_shards_of_what_the_scenario_has_and_the_map_that_is_set() -> None:
     (pui,) = shards("pui", settings=["pui.map=lab", "pui.anna.tolerance_deg=3"])
-    assert (pui.config.map_to_read, pui.config.tolerance_deg) == ("lab", 3.0)
+    room = pui.config
+    assert isinstance(room, PuiConfig)
+    assert (room.map_to_read, room.tolerance_deg) == ("lab", 3.0)
 
 
 @pytest.mark.parametrize(

@@ -162,7 +162,7 @@ def check_launches(launches: Sequence[Launch], addresses: Sequence[str] = ()) ->
             launch.service.validate_config(launch.config)
             launch.service.validate_link(launch.config, addresses)
             if launch.service.SHARDS:
-                check_people(launch.service.NAME, launch.config.people, launch.name)
+                check_people(launch.service.NAME, getattr(launch.config, "people", ()), launch.name)
         except ConfigError as error:
             raise ConfigError(f"{launch.instance}: {error}") from error
         except Exception as error:

@@ -56,7 +56,7 @@ class PeopleShare:
         Raises:
             ConfigError: A shard has no name or no people, or nobody may be called so.
         """
-        _check(service, people, name)
+        check_people(service, people, name)
         self._bus = bus
         self._service = service
         self._mine = frozenset(people)
@@ -67,8 +67,9 @@ class PeopleShare:
         """People whom shards serve."""
         self._splits: list[_Split] = []
         self._states: list[_States[Any]] = []
-        self._names: Collection[str] = frozenset() if people else frozenset({ANY})
+        self._names: Collection[str] = () if people else (ANY,)
         """People, or `*` for all, of whom is read what is read of each."""
+        self._tokens: list[Closable] = []
         if not people:
             bus.watch(SHARD_ALIVE, self._on_shard)
             bus.watch(USER_ALIVE, self._on_user)
@@ -93,12 +94,12 @@ class PeopleShare:
         self._add(lambda name: self._bus.serve(request, server, name))
 
     async def announce(self) -> None:
-        """Begin to serve the people of a shard. Nothing happens in the default instance.
+        """Begin to serve the people of a shard. Nothing happens in the default instance, or if it does.
 
         It takes `LISTEN_S`, and `SILENT_S` more if another shard seems to serve one of them: if it goes on,
         that is a warning in health.
         """
-        if not self._mine:
+        if not self._mine or self._tokens:
             return
         tokens = {instance_of(self._service, user): user for user in sorted(self._mine)}
         twice = tokens.keys() & await list_present(self._bus, SHARD_ALIVE, LISTEN_S)
@@ -110,8 +111,13 @@ class PeopleShare:
             log.warning("%s", problem)
             self._bus.warn("shards", problem)
         self._follow(self._mine)
-        for token in tokens:
-            self._bus.announce(SHARD_ALIVE, token)
+        self._tokens = [self._bus.announce(SHARD_ALIVE, token) for token in tokens]
+
+    def withdraw(self) -> None:
+        """Leave the people of a shard to the default instance, until `announce`."""
+        while self._tokens:
+            self._tokens.pop().close()
+            self._follow(())
 
     def _add(self, declare: Callable[[str], Closable]) -> None:
         split = _Split(declare)
@@ -202,8 +208,8 @@ def _is_person(user: str) -> bool:
         return False
 
 
-def _check(service: str, people: Sequence[str], name: str) -> None:
-    """Check the people of a shard, or of none.
+def check_people(service: str, people: Sequence[str], name: str) -> None:
+    """Check the people of an instance called `name`, or of the default one.
 
     Raises:
         ConfigError: What is wrong, and what to do.

@@ -19,6 +19,7 @@ from pointit.runtime.health.surroundings import NullHealth, PluginHealth, Surrou
 from pointit.runtime.host.release import pointit_version
 from pointit.runtime.host.state_file import plugin_folder
 from pointit.runtime.service.instance_takeover import TakeoverMonitor
+from pointit.runtime.service.people_share import check_people
 from pointit.runtime.service.plugin_guard import PluginGuard, describe, first_cause
 from pointit.runtime.service.stall_watch import watch_for_stalls
 from pointit.schemas import Configuration, Health
@@ -60,6 +61,9 @@ class Service(ABC, Generic[C]):
     CONFIG: ClassVar[type[Config]]
     SEVERAL: ClassVar[bool] = False
     """True if a site may have several of a shared service, each under a name of its own: `robot.quad`."""
+    SHARDS: ClassVar[bool] = False
+    """True if those with a name serve some of the people each (`PeopleShare`, their parameter `people`), and
+    that without a name all others."""
     TIME_MAY_STEP: ClassVar[bool] = False
     """If false, the clock never goes back while the service lives (`SteadyClock`). If the site's time goes
     back too far, the service is restarted. True for bridges and for services with more to lose than a
@@ -140,7 +144,7 @@ class Launch:
     @property
     def is_single(self) -> bool:
         """Return True if only one process may have its instance name: that started last keeps it."""
-        return bool(self.user) or self.service.SEVERAL
+        return bool(self.user or self.name) or (self.service.SEVERAL and not self.service.SHARDS)
 
 
 def check_launches(launches: Sequence[Launch], addresses: Sequence[str] = ()) -> None:
@@ -157,6 +161,8 @@ def check_launches(launches: Sequence[Launch], addresses: Sequence[str] = ()) ->
         try:
             launch.service.validate_config(launch.config)
             launch.service.validate_link(launch.config, addresses)
+            if launch.service.SHARDS:
+                check_people(launch.service.NAME, getattr(launch.config, "people", ()), launch.name)
         except ConfigError as error:
             raise ConfigError(f"{launch.instance}: {error}") from error
         except Exception as error:

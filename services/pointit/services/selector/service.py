@@ -36,6 +36,7 @@ class Selector(Service[SelectorConfig]):
     SCOPE: ClassVar[Scope] = "site"
     CONFIG = SelectorConfig
     SEVERAL: ClassVar[bool] = True
+    SHARDS: ClassVar[bool] = True
     TIME_MAY_STEP: ClassVar[bool] = True
 
     @classmethod

@@ -88,12 +88,11 @@ def test_the_search_stops_at_the_most() -> None:
 
 def load(layout: Any, *connect: str) -> Load:
     return Load(
-        users=5,
         rate_hz=100.0,
         duration_s=1.0,
         layout=layout,
         shards=2,
-        router=False,
+        router=None,
         secured=False,
         site="lab",
         connect=connect,

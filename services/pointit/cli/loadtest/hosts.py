@@ -158,7 +158,7 @@ class HostsTest:
         program = [sys.executable, "-m", "pointit.cli.loadtest.link_contents", UPLINK, f"{CONTENTS_S}"]
         counters = [
             await asyncio.create_subprocess_exec(
-                *self._network.arguments(index, *program), stdout=asyncio.subprocess.PIPE
+                *self._network.arguments(index, *program), stdout=asyncio.subprocess.PIPE, process_group=0
             )
             for index in links
         ]
@@ -166,7 +166,7 @@ class HostsTest:
             return {}
         await self._order({"rate_hz": rate_hz, "duration_s": CONTENTS_S + START_S * len(links)})
         told = [await counter.communicate() for counter in counters]
-        return {index: json.loads(out) for index, (out, _) in zip(links, told, strict=True)}
+        return {index: json.loads(out or b"{}") for index, (out, _) in zip(links, told, strict=True)}
 
 
 @contextlib.asynccontextmanager

@@ -10,7 +10,7 @@ import sys
 import time
 from collections import Counter
 
-KIND = re.compile(rb"application/msgpack;([A-Z]\w+)\.v\d+|;([A-Z]\w+)\.v\d+")
+KIND = re.compile(rb"application/msgpack;([A-Z]\w+)\.v\d+")
 OUTGOING = 4
 """`PACKET_OUTGOING`, packet(7)."""
 ALL = 3
@@ -32,9 +32,7 @@ def count(device: str, duration_s: float) -> dict[str, list[int]]:
                 packet, (_, _, direction, *_) = wire.recvfrom(MAX_PACKET)
             except TimeoutError:
                 break
-            counts[direction != OUTGOING].update(
-                (found[1] or found[2]).decode("ascii") for found in KIND.finditer(packet)
-            )
+            counts[direction != OUTGOING].update(each.decode("ascii") for each in KIND.findall(packet))
     up, down = counts
     return {kind: [up[kind], down[kind]] for kind in sorted({*up, *down})}
 

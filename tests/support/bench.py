@@ -84,10 +84,10 @@ class Bench:
         self._launches: list[asyncio.Task[None]] = []
 
     def start(
-        self, service: type[AnyService], config: Config | None = None, user: str = ""
+        self, service: type[AnyService], config: Config | None = None, user: str = "", name: str = ""
     ) -> asyncio.Task[None]:
         """Run `service` in the background until the bench is taken down, or `end`."""
-        launch = Launch(service=service, config=config or service.CONFIG(), user=user)
+        launch = Launch(service=service, config=config or service.CONFIG(), user=user, name=name)
         self._launches.append(asyncio.create_task(run_service(launch, self.bus, self.clock)))
         return self._launches[-1]
 

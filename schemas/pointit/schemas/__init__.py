@@ -87,7 +87,7 @@ from pointit.schemas.requests import (
     UndoSelection,
 )
 from pointit.schemas.robots import RobotKind, RobotPhase, RobotPlan, RobotState, Steering
-from pointit.schemas.selection import ReservedObject, SelectedObject, Selection, SelectionEvent
+from pointit.schemas.selection import Claim, ReservedObject, SelectedObject, Selection, SelectionEvent
 from pointit.schemas.system import (
     ClockTick,
     Configuration,
@@ -117,6 +117,7 @@ __all__ = [
     "ButtonEvent",
     "CancelLocalization",
     "Candidate",
+    "Claim",
     "ClearSelection",
     "ClockTick",
     "Cloud",

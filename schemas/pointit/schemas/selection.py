@@ -37,6 +37,12 @@ class Selection(Message):
 
     objects: Many[SelectedObject] = ()
     reserved: Many[ReservedObject] = ()
+    method: Annotated[str | None, Field(description="method of selecting in use, told where shards run")] = (
+        None
+    )
+    dwell_s: Annotated[
+        float | None, Field(gt=0, description="time on an object that selects it, told where shards run, s")
+    ] = None
 
 
 class SelectionEvent(Message):
@@ -56,4 +62,19 @@ class SelectionEvent(Message):
         Literal["", "dwell", "button", "undo", "clear", "release"],
         Field(description="action of the person; empty if none or unknown"),
     ] = ""
+    confidence: Annotated[Fraction | None, Field(description="that this object was meant")] = None
+
+
+class Claim(Message):
+    """A person served by a shard of the selector wants an object. The site's selector decides.
+
+    The event of its decision has the stamp of a claim to toggle.
+    """
+
+    object_id: str
+    wish: Annotated[
+        Literal["reserve", "toggle"],
+        Field(description="keep it for them for a moment, or (de)select it"),
+    ]
+    cause: Annotated[Literal["dwell", "button"], Field(description="action of the person")] = "dwell"
     confidence: Annotated[Fraction | None, Field(description="that this object was meant")] = None

@@ -54,6 +54,7 @@ __all__ = [
     "ANY",
     "BUTTON",
     "CANCEL_LOCALIZATION",
+    "CLAIM",
     "CLEAR_SELECTION",
     "CLOCK",
     "CONFIGURATION",
@@ -102,6 +103,7 @@ __all__ = [
     "SET_TOLERANCE",
     "SET_WORKSPACE",
     "SET_YAW_ORIGIN",
+    "SHARD_ALIVE",
     "STALE_PERIODS",
     "START_LOCALIZATION",
     "STEERING",
@@ -200,6 +202,14 @@ HOVER = Topic(
     rate_hz=50,
     writers=("selector",),
     about="object under the cursor",
+)
+CLAIM = Topic(
+    key="users/{user}/claim",
+    message=selection.Claim,
+    delivery=_EVENT,
+    rate_hz=None,
+    writers=("selector",),
+    about="object that a person wants, from a shard of the selector to the site's",
 )
 INTERACTION = Topic(
     key="users/{user}/interaction",
@@ -341,6 +351,7 @@ TOPICS: list[Topic[Any]] = [
     ANCHOR,
     CURSOR,
     HOVER,
+    CLAIM,
     INTERACTION,
     FEEDBACK,
     GOAL,
@@ -369,11 +380,15 @@ ACCOUNTS: tuple[Topic[Any], ...] = (HEALTH, CONFIGURATION, SERVED)
 SERVICE_ALIVE = Presence(key="alive/services/{instance}", about="one service instance runs")
 USER_ALIVE = Presence(key="alive/users/{user}", about="one person's services run")
 
+SHARD_ALIVE = Presence(
+    key="alive/shards/{instance}",
+    about="a shard of a service serves one person: `pui.anna`, whatever the shard's own name",
+)
 KEEPER_ALIVE = Presence(
     key="alive/keepers/{session}", about="a process answers for states whose writers are gone"
 )
 
-PRESENCES: tuple[Presence, ...] = (SERVICE_ALIVE, USER_ALIVE, KEEPER_ALIVE)
+PRESENCES: tuple[Presence, ...] = (SERVICE_ALIVE, USER_ALIVE, SHARD_ALIVE, KEEPER_ALIVE)
 
 
 def topic_of(key: str) -> Topic[Any] | None:

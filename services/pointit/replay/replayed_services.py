@@ -12,6 +12,7 @@ from pointit.runtime.config.config import Layers
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.service.service import Launch, run_service
 from pointit.schemas import Configuration
+from pointit.schemas.system import split_instance
 from pointit.services import registry
 from pointit.services.pui.config import PuiConfig
 
@@ -80,9 +81,10 @@ class ReplayedServices:
             raise ReplayError(f"{instance} cannot be replayed: {error.args[0]}") from error
         except (ConfigError, ValueError) as error:
             raise ReplayError(f"{instance} cannot be replayed with this version: {error}") from error
-        if isinstance(config, PuiConfig) and "map" not in self._changed.get(name, {}):
-            check_map(config.map)
-        return Launch(service=service, config=config, user=configuration.user, plugin=row.label)
+        if isinstance(config, PuiConfig) and config.map_to_read and "map" not in self._changed.get(name, {}):
+            check_map(config.map_to_read)
+        which = "" if configuration.user else split_instance(instance)[1]
+        return Launch(service=service, config=config, user=configuration.user, name=which, plugin=row.label)
 
 
 def parameters_of(configuration: Configuration) -> dict[str, Any]:

@@ -172,8 +172,10 @@ PROCESSES: list[Process] = [
             topics.SELECTION_EVENTS,
             topics.MAP,
             topics.BUTTON,
+            topics.CLAIM,
+            topics.SELECTION,
         ),
-        writes=(topics.HOVER, topics.SELECTION, topics.SELECTION_EVENTS, topics.FEEDBACK),
+        writes=(topics.HOVER, topics.SELECTION, topics.SELECTION_EVENTS, topics.FEEDBACK, topics.CLAIM),
         serves=(
             topics.CLEAR_SELECTION,
             topics.UNDO_SELECTION,

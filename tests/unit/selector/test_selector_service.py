@@ -163,11 +163,15 @@ async def test_it_reads_writes_and_answers_what_its_row_says() -> None:
     async with memory_bench(clock) as bench:
         view = ServiceBus(bench.bus, clock, "selector", "selector")
         Selector(SelectorConfig(), Context(bus=view, clock=clock))
+        shard = ServiceBus(bench.bus, clock, "selector", "selector.b")
+        Selector(SelectorConfig(people=("ben",)), Context(bus=shard, clock=clock, name="b"))
         await stay(bench, clock, "anna", 1.0, "a")
         row = process("selector")
-        assert view.reads == {topic.key for topic in row.reads}
-        assert view.writes == {topic.key for topic in row.writes}
+        assert view.reads | shard.reads == {topic.key for topic in row.reads}
+        assert view.writes | shard.writes == {topic.key for topic in row.writes}
         assert view.served == {request.key for request in row.serves}
+        assert shard.served == set()
+        await shard.close()
         await view.close()
 
 

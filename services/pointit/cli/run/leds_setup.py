@@ -67,7 +67,7 @@ def read_setup(
     chosen = read_scenario(scenario)
     launches = scenario_launches(chosen, Choices(leds=leds, files=tuple(files), settings=tuple(settings)), 1)
     configs = [launch.config for launch in launches]
-    room = next((load_map(each.map, 0) for each in configs if isinstance(each, PuiConfig)), None)
+    room = next((load_map(each.map_to_read, 0) for each in configs if isinstance(each, PuiConfig)), None)
     driver = next((each for each in configs if isinstance(each, LedDriverConfig)), None)
     if room is None or driver is None or all(each.kind == NONE for each in driver.outputs):
         raise ConfigError(f"{scenario} has no LED output: add --leds, as in --leds ddp:HOST")

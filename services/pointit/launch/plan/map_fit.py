@@ -29,7 +29,8 @@ def check_map_fits(launches: Sequence[Launch]) -> None:
         ConfigError: If it lacks some; names the map, what it has and the option to set.
     """
     configs = [launch.config for launch in launches]
-    room = next((_room(config.map) for config in configs if isinstance(config, PuiConfig)), None)
+    maps = (config.map_to_read for config in configs if isinstance(config, PuiConfig))
+    room = next((_room(name) for name in maps if name), None)
     if room is None:
         return
     for launch in launches:

@@ -60,6 +60,8 @@ class Service(ABC, Generic[C]):
     CONFIG: ClassVar[type[Config]]
     SEVERAL: ClassVar[bool] = False
     """True if a site may have several of a shared service, each under a name of its own: `robot.quad`."""
+    SHARDS: ClassVar[bool] = False
+    """True if those with a name serve some of the people each (`PeopleShare`), that without all others."""
     TIME_MAY_STEP: ClassVar[bool] = False
     """If false, the clock never goes back while the service lives (`SteadyClock`). If the site's time goes
     back too far, the service is restarted. True for bridges and for services with more to lose than a
@@ -140,7 +142,7 @@ class Launch:
     @property
     def is_single(self) -> bool:
         """Return True if only one process may have its instance name: that started last keeps it."""
-        return bool(self.user) or self.service.SEVERAL
+        return bool(self.user or self.name) or (self.service.SEVERAL and not self.service.SHARDS)
 
 
 def check_launches(launches: Sequence[Launch], addresses: Sequence[str] = ()) -> None:

@@ -10,13 +10,18 @@ from pointit.services.pui.surfaces import OPAQUE
 
 
 class PuiConfig(Config):
-    """Map, pointable surfaces and tolerances."""
+    """Map, pointable surfaces and tolerances, and the people of a shard."""
 
-    map: str = Field(
-        default="lab",
+    map: str | None = Field(
+        default=None,
         min_length=1,
         description="shipped map (lab, conveyor, vr_belts, arena), or path of a YAML file, from the "
-        "current folder",
+        "current folder; lab if empty, but in a shard the site's map, unless that has point clouds",
+    )
+    people: tuple[str, ...] = Field(
+        default=(),
+        description="people whom this instance serves as a shard, which needs a name of its own (pui.NAME); "
+        "[]: all whom no shard serves",
     )
     surfaces: tuple[Kind, ...] = Field(
         default=("strip", "belt"),
@@ -79,3 +84,8 @@ class PuiConfig(Config):
         default=0.05, ge=0.005, le=1, description="spacing of the points of kd_tree on lines and ray, m"
     )
     kd_reach_m: float = Field(default=20.0, gt=0, le=100, description="length of the ray of kd_tree, m")
+
+    @property
+    def map_to_read(self) -> str:
+        """Return the name or path of the map, or `""` if it is the site's."""
+        return self.map or ("" if self.people else "lab")

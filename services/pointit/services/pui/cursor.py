@@ -85,6 +85,11 @@ class PersonCursor:
     def _pointing(self) -> bool:
         return self._interaction is None or self._interaction.state == "pointing"
 
+    def use(self, surfaces: Surfaces, lamps: NearbyLamps | None) -> None:
+        """Point at `surfaces` and `lamps`, of another map, from now on."""
+        self._surfaces, self._lamps = surfaces, lamps
+        self._passing = Passing(surfaces)
+
     def set_pose(self, pose: UserPose, now_ns: int | None = None) -> None:
         """Set the person's pose.
 

@@ -1,15 +1,22 @@
-"""Subscribes to objects and all people's rays, poses and interactions; publishes the map and all cursors."""
+"""Subscribes to objects and to rays, poses and interactions of people; publishes the map and cursors.
 
+The default instance publishes the map, and cursors of all people whom no shard serves. A shard publishes
+those of its people.
+"""
+
+import asyncio
 import math
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 from pointit.maps.file import load_map_and_clouds
 from pointit.runtime.bus.contract import Publisher
 from pointit.runtime.errors import ConfigError, RefusedError
+from pointit.runtime.service.people_share import PeopleShare
 from pointit.runtime.service.service import Context, Scope, Service
 from pointit.schemas import (
     Cursor,
     Done,
+    Environment,
     Feedback,
     Interaction,
     PointingRay,
@@ -34,7 +41,7 @@ from pointit.schemas.topics import (
 from pointit.services.pui.config import PuiConfig
 from pointit.services.pui.cursor import PersonCursor
 from pointit.services.pui.nearby_lamps import NearbyLamps
-from pointit.services.pui.shapes import group_by_priority
+from pointit.services.pui.shapes import Clouds, group_by_priority
 from pointit.services.pui.surfaces import Surfaces
 from pointit.services.pui.tracked import Tracked
 from pointit.services.pui.twin_objects import TwinFinder
@@ -45,59 +52,67 @@ WIDEST_RAD = 1.569
 """Limit of the tolerance in a reply. The configured one can be up to 90 degrees."""
 
 
+class _Room(NamedTuple):
+    """A map as people point at it."""
+
+    surfaces: Surfaces
+    lamps: NearbyLamps | None
+    tracked: Tracked
+
+
 class Pui(Service[PuiConfig]):
-    """Turns all people's pointing rays into cursors on the things of the room."""
+    """Turns people's pointing rays into cursors on the things of the room."""
 
     NAME: ClassVar[str] = "pui"
     SCOPE: ClassVar[Scope] = "site"
     CONFIG = PuiConfig
+    SEVERAL: ClassVar[bool] = True
+    SHARDS: ClassVar[bool] = True
     TIME_MAY_STEP: ClassVar[bool] = True
 
     def __init__(self, config: PuiConfig, context: Context) -> None:
         super().__init__(config, context)
-        environment, clouds = load_map_and_clouds(config.map, self.clock.now_ns())
-        try:
-            self._surfaces = Surfaces(
-                environment,
-                config.surfaces,
-                method=config.method,
-                tolerance_rad=math.radians(config.tolerance_deg),
-                tolerance_m=config.tolerance_m,
-                step_m=config.kd_step_m,
-                reach_m=config.kd_reach_m,
-                clouds=clouds,
-                priority=config.priority,
-                opaque=config.opaque,
-                grazing_rad=math.radians(config.grazing_deg),
-                may_be_empty=config.workspace != "none",
-            )
-        except ValueError as error:
-            raise ConfigError(f"pui: {error}") from error
-        self._lamps = NearbyLamps(environment.lamps, math.radians(config.lamp_angles_deg))
+        self._share = PeopleShare(self.bus, self.NAME, config.people, name=self.name, lost=self._on_lost)
         self._start = WorkspaceStart(
             kind=None if config.workspace == "none" else config.workspace,
             height_m=config.workspace_height_m,
             distance_m=config.workspace_distance_m,
             grazing_rad=math.radians(config.grazing_deg),
         )
-        self._tracked = Tracked(environment)
         self._twins = TwinFinder()
         self._persons: dict[str, PersonCursor] = {}
         self._cursors: dict[str, Publisher[Cursor]] = {}
         self._cues: dict[str, Publisher[Feedback]] = {}
-        self.bus.publisher(MAP).put(environment)
-        self.bus.serve(SET_WORKSPACE, self._on_workspace)
-        self.bus.serve(SET_TOLERANCE, self._on_tolerance)
+        nowhere = Environment(stamp_ns=0, name="")
+        self._room = _Room(Surfaces(nowhere, may_be_empty=True), None, Tracked(nowhere))
+        self._has_map = bool(config.map_to_read)
+        """False in a shard while the site has no map at which its people can point."""
+        self._map_came = asyncio.Event()
+        if config.map_to_read:
+            environment, clouds = load_map_and_clouds(config.map_to_read, self.clock.now_ns())
+            try:
+                self._room = self._make_room(environment, clouds)
+            except ValueError as error:
+                raise ConfigError(f"pui: {error}") from error
+            if not config.people:
+                self.bus.publisher(MAP).put(environment)
+        else:
+            self.bus.subscribe(MAP, self._on_map)
+        self._share.serve(SET_WORKSPACE, self._on_workspace)
+        if not config.people:
+            self.bus.serve(SET_TOLERANCE, self._on_tolerance)
         self.bus.subscribe(OBJECTS, self._on_objects)
-        self.bus.subscribe(POSE, self._on_pose)
-        self.bus.subscribe(INTERACTION, self._on_interaction)
-        self.bus.subscribe(RAY, self._on_ray, drops_late=lambda _ray: True)
+        self._share.subscribe(POSE, self._on_pose)
+        self._share.subscribe(INTERACTION, self._on_interaction)
+        self._share.subscribe(RAY, self._on_ray, drops_late=lambda _ray: True)
         self.bus.watch(USER_ALIVE, self._on_presence)
 
     @classmethod
     def validate_config(cls, config: PuiConfig) -> None:
         """Check that the map is valid and has something to point at."""
-        environment, clouds = load_map_and_clouds(config.map, 0)
+        if not config.map_to_read:
+            return
+        environment, clouds = load_map_and_clouds(config.map_to_read, 0)
         try:
             group_by_priority(
                 environment,
@@ -110,15 +125,77 @@ class Pui(Service[PuiConfig]):
         except ValueError as error:
             raise ConfigError(str(error)) from error
 
+    async def run(self) -> None:
+        """Serve the people of a shard as long as there is a map."""
+        while True:
+            self._map_came.clear()
+            if self._has_map:
+                await self._share.announce()
+            else:
+                self._share.withdraw()
+            await self._map_came.wait()
+
+    def _make_room(self, environment: Environment, clouds: Clouds) -> _Room:
+        """Return the room of a map.
+
+        Raises:
+            ValueError: If there is nothing to point at, or clouds are missing.
+        """
+        config = self.config
+        surfaces = Surfaces(
+            environment,
+            config.surfaces,
+            method=config.method,
+            tolerance_rad=math.radians(config.tolerance_deg),
+            tolerance_m=config.tolerance_m,
+            step_m=config.kd_step_m,
+            reach_m=config.kd_reach_m,
+            clouds=clouds,
+            priority=config.priority,
+            opaque=config.opaque,
+            grazing_rad=math.radians(config.grazing_deg),
+            may_be_empty=config.workspace != "none",
+        )
+        within_rad = math.radians(config.lamp_angles_deg)
+        lamps = NearbyLamps(environment.lamps, within_rad) if within_rad else None
+        return _Room(surfaces, lamps, Tracked(environment))
+
+    def _on_map(self, environment: Environment, _name: str) -> None:
+        """Take the site's map in a shard; one that cannot be used leaves its people to the default pui."""
+        self._map_came.set()
+        self._has_map, problem = True, ""
+        try:
+            if "points" in self.config.surfaces and environment.clouds:
+                raise ValueError(  # noqa: TRY301 - told like the others
+                    f"map {environment.name!r} has point clouds, which no message carries; give this "
+                    "instance the file of the map, too (parameter map)"
+                )
+            self._room = self._make_room(environment, {})
+            for person in self._persons.values():
+                person.use(self._room.surfaces, self._room.lamps)
+        except ValueError as error:
+            self._has_map, problem = (
+                False,
+                f"{error}; until then the site's pui serves {', '.join(self.config.people)}",
+            )
+        self.bus.warn("map", problem)
+
     def _person(self, user: str) -> PersonCursor:
         person = self._persons.get(user)
         if person is None:
-            lamps = self._lamps if self.config.lamp_angles_deg else None
-            person = self._persons[user] = PersonCursor(self._surfaces, lamps=lamps, start=self._start)
+            room = self._room
+            person = self._persons[user] = PersonCursor(room.surfaces, lamps=room.lamps, start=self._start)
         return person
 
+    def _on_lost(self, user: str) -> None:
+        """Forget a person whom a shard serves from now on."""
+        self._persons.pop(user, None)
+        self.bus.clear(f"pose of {user}")
+
     def _on_objects(self, objects: TrackedObjects, tracker: str) -> None:
-        self._tracked.on_objects(tracker, objects)
+        self._room.tracked.on_objects(tracker, objects)
+        if self.config.people:
+            return
         self._twins.on_objects(tracker, objects)
         twins = self._twins.twins
         more = f" ({len(twins) - 1} more: `pointit track`)" if len(twins) > 1 else ""
@@ -129,7 +206,7 @@ class Pui(Service[PuiConfig]):
         if person is None:
             raise RefusedError(f"{user}: neither a pose nor a ray has come: start their services first")
         try:
-            person.set_workspace(query, self._tracked)
+            person.set_workspace(query, self._room.tracked)
         except WorkspaceError as error:
             raise RefusedError(f"{user}: {error}") from error
         if query.kind == "none":
@@ -137,7 +214,7 @@ class Pui(Service[PuiConfig]):
         return Done(message=f"{user}'s cursor moves on a {query.kind} workspace")
 
     async def _on_tolerance(self, query: SetTolerance, _name: str) -> SetToleranceReply:
-        surfaces = self._surfaces
+        surfaces = self._room.surfaces
         if query.tolerance_rad is not None:
             try:
                 surfaces.set_tolerance(query.tolerance_rad)
@@ -179,7 +256,7 @@ class Pui(Service[PuiConfig]):
     def _on_presence(self, user: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
         # their state stays: it is published once, and some of their services may still run
         person = self._persons.get(user)
-        if person is not None and not present:
+        if person is not None and not present and self._share.serves(user):
             self._put(person.clear(self.clock.now_ns()), user)
             self.bus.clear(f"pose of {user}")
 

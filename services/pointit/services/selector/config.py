@@ -195,6 +195,11 @@ class SelectorConfig(PluginConfig):
     undo_steps: int = Field(
         default=20, ge=1, le=1000, description="number of (de)selections that a person can undo"
     )
+    people: tuple[str, ...] = Field(
+        default=(),
+        description="people whom this shard serves, `selector.NAME` beside their wrists; empty for the "
+        "selector of the site, which serves all others and decides",
+    )
     journal: JournalConfig = Field(default=JournalConfig(), description="the journal on disk")
 
     @classmethod

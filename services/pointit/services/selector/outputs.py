@@ -3,14 +3,20 @@
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
-from pointit.schemas import Feedback, Hover, Selection, SelectionEvent
+from pointit.schemas import Claim, Feedback, Hover, Selection, SelectionEvent
 from pointit.schemas.base import Count, Fraction, Ns
 
 Cause = Literal["", "dwell", "button", "undo", "clear", "release"]
 """Cause of a change: the person's action."""
 
+DEEDS = ("dwell", "button")
+"""Causes by which a person selects or deselects the object that they point at."""
+
 Action = Literal["", "select", "deselect", "refuse"]
 """Effect of staying on an object."""
+
+CHANGES: tuple[Action, ...] = ("select", "deselect")
+"""Effects that change an object."""
 
 TOLD_AGAIN = "told again after a restart of the selector"
 """Reason of an event that subscribers may have received before: same object, event, stamp and number."""
@@ -21,7 +27,7 @@ class Output(NamedTuple):
 
     user: str
     """User of the topic. `""` for a topic of the site."""
-    message: Hover | Selection | SelectionEvent | Feedback
+    message: Hover | Selection | SelectionEvent | Feedback | Claim
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,29 +1,25 @@
-"""Numbered messages for hovers, selections and events, and records for the journal."""
+"""Numbered messages for selections, events and cues, and records for the journal."""
 
 from collections import Counter
 from collections.abc import Callable, Iterable
 
-from pointit.schemas import Cursor, Hover, ReservedObject, SelectedObject, Selection
+from pointit.schemas import ReservedObject, SelectedObject, Selection
 from pointit.services.selector.cues import Kind, make_cue
-from pointit.services.selector.methods.pointer import PointerResult
-from pointit.services.selector.objects.view import View
-from pointit.services.selector.outputs import Action, Output, Record, event_of
+from pointit.services.selector.outputs import Output, Record, event_of
 
 
 class SelectionPublisher:
     """Numbers messages by kind and person. Decides nothing."""
 
-    def __init__(self, record: Callable[[Record], None], *, method: str, snap_rad: float) -> None:
+    def __init__(self, record: Callable[[Record], None], *, method: str) -> None:
         """Create with no message sent.
 
         Args:
             record: called with each event before its message is returned.
             method: method of selecting, for the records.
-            snap_rad: angle beside an object within which the cursor is still shown on it.
         """
         self._record = record
         self.method = method
-        self._snap_rad = snap_rad
         self._sent: Counter[tuple[str, str]] = Counter()
         """Number of messages by kind and person."""
 
@@ -32,51 +28,19 @@ class SelectionPublisher:
         self._sent["event", ""] = events
 
     def selection(
-        self, now_ns: int, objects: tuple[SelectedObject, ...], reserved: tuple[ReservedObject, ...]
-    ) -> Selection:
-        """Return the message of what is selected and reserved."""
-        return Selection(stamp_ns=now_ns, seq=self._count("selection"), objects=objects, reserved=reserved)
-
-    def hover(
         self,
-        user: str,
-        cursor: Cursor,
-        view: View | None,
-        pointed: PointerResult,
-        *,
-        action: Action,
-        taken_by: str,
-        is_selected: bool,
-    ) -> Output:
-        """Return the hover message for `user`'s cursor.
-
-        Args:
-            user: person who points.
-            cursor: their cursor.
-            view: objects near it, as seen from their eyes, or None if unknown.
-            pointed: result of the method.
-            action: effect of staying on the object.
-            taken_by: other person who has it, or `""`.
-            is_selected: True if it is selected by any person.
-        """
-        seq = self._count("hover", user)
-        object_id = pointed.object_id
-        if object_id is None:
-            return Output(user, Hover(stamp_ns=cursor.stamp_ns, seq=seq))
-        snapped = None if view is None else view.snapped(object_id, cursor, self._snap_rad)
-        hover = Hover(
-            stamp_ns=cursor.stamp_ns,
-            seq=seq,
-            object_id=object_id,
-            progress=pointed.progress,
-            action=action,
-            taken_by=taken_by,
-            is_selected=is_selected,
-            snapped_m=None if snapped is None else snapped[0],
-            snapped_position_m=None if snapped is None else snapped[1],
-            miss_rad=None if view is None else view.miss_rad(object_id, cursor),
+        now_ns: int,
+        objects: tuple[SelectedObject, ...],
+        reserved: tuple[ReservedObject, ...],
+        dwell_s: float | None,
+    ) -> Selection:
+        """Return the message of what is selected and reserved. `dwell_s`: told with the method, or None."""
+        selection = Selection(
+            stamp_ns=now_ns, seq=self._count("selection"), objects=objects, reserved=reserved
         )
-        return Output(user, hover)
+        if dwell_s is None:
+            return selection
+        return selection.model_copy(update={"method": self.method, "dwell_s": dwell_s})
 
     def event(self, record: Record) -> list[Output]:
         """Record an event. Return its message, if it has one."""

@@ -75,8 +75,8 @@ class Ledger:
         return entry.user
 
     def restore(self, entries: Mapping[str, Owned]) -> None:
-        """Restore what was selected before a restart."""
-        self._entries.update(entries)
+        """Replace what is selected by `entries`."""
+        self._entries = dict(entries)
 
     def toggle(
         self,
@@ -96,11 +96,11 @@ class Ledger:
         owner = self.blocking_owner(object_id, user, now_ns)
         if entry is not None and owner:
             reason = f"{entry.kind or 'object'} is selected by {owner}; only {owner} can deselect it"
-            return self._refuse(
+            return self.refuse(
                 object_id, kind, user, now_ns, cause=cause, reason=reason, confidence=confidence
             )
         if reason := self._too_late(object_id, now_ns):
-            return self._refuse(
+            return self.refuse(
                 object_id, kind, user, now_ns, cause=cause, reason=reason, confidence=confidence
             )
         if entry is None:
@@ -119,7 +119,7 @@ class Ledger:
         if step:
             self._remember(user, step)
         return [
-            self._refuse(object_id, entry.kind, user, now_ns, cause="clear", reason=reasons[object_id])
+            self.refuse(object_id, entry.kind, user, now_ns, cause="clear", reason=reasons[object_id])
             if reasons[object_id]
             else self._deselect(object_id, user, now_ns, "clear")
             for object_id, entry in own.items()
@@ -136,7 +136,7 @@ class Ledger:
             return []
         reason = "" if take_over else self._too_late(object_id, now_ns)
         if reason:
-            return [self._refuse(object_id, before.kind, user, now_ns, cause="release", reason=reason)]
+            return [self.refuse(object_id, before.kind, user, now_ns, cause="release", reason=reason)]
         records = [self._deselect(object_id, user, now_ns, "release")]
         changes = [_Change(object_id, before, None)]
         if take_over:
@@ -195,6 +195,32 @@ class Ledger:
         owned = dataclasses.replace(released, since_ns=now_ns)
         return self._select(object_id, owned, owned.user, now_ns, "", reason=reason)
 
+    def refuse(
+        self,
+        object_id: str,
+        kind: str,
+        user: str,
+        now_ns: int,
+        *,
+        cause: Cause,
+        reason: str,
+        confidence: float | None = None,
+    ) -> Record:
+        """Return the record of an action that is refused for `reason`. Changes nothing."""
+        entry = self._entries.get(object_id)
+        return Record(
+            stamp_ns=now_ns,
+            event="refused",
+            object_id=object_id,
+            kind=kind if entry is None else entry.kind,
+            user=user,
+            owner="" if entry is None else entry.user,
+            since_ns=0 if entry is None else entry.since_ns,
+            cause=cause,
+            confidence=confidence,
+            reason=reason,
+        )
+
     def _still(self, change: _Change, present: Container[str]) -> bool:
         entry = self._entries.get(change.object_id)
         if change.after is None:
@@ -217,32 +243,7 @@ class Ledger:
         else:
             status = "is not selected any more" if change.object_id in present else "has left"
             reason = f"{kind} {status}; what was done with it cannot be taken back"
-        return self._refuse(change.object_id, kind, user, now_ns, cause="undo", reason=reason)
-
-    def _refuse(
-        self,
-        object_id: str,
-        kind: str,
-        user: str,
-        now_ns: int,
-        *,
-        cause: Cause,
-        reason: str,
-        confidence: float | None = None,
-    ) -> Record:
-        entry = self._entries.get(object_id)
-        return Record(
-            stamp_ns=now_ns,
-            event="refused",
-            object_id=object_id,
-            kind=kind if entry is None else entry.kind,
-            user=user,
-            owner="" if entry is None else entry.user,
-            since_ns=0 if entry is None else entry.since_ns,
-            cause=cause,
-            confidence=confidence,
-            reason=reason,
-        )
+        return self.refuse(change.object_id, kind, user, now_ns, cause="undo", reason=reason)
 
     def _remember(self, user: str, step: list[_Change]) -> None:
         self._steps.setdefault(user, deque(maxlen=self._undo_steps)).append(step)

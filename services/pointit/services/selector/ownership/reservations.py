@@ -1,5 +1,7 @@
 """Reservations of objects that a person is about to select, until shortly after they leave them."""
 
+from collections.abc import Iterable
+
 from pointit.schemas import NS_PER_S, ReservedObject
 
 
@@ -26,6 +28,10 @@ class Reservations:
             return False
         self._held[object_id] = (user, now_ns + self._for_ns)
         return held is None
+
+    def restore(self, reserved: Iterable[ReservedObject]) -> None:
+        """Replace all reservations by `reserved`."""
+        self._held = {one.id: (one.user, one.until_ns) for one in reserved}
 
     def free(self, object_id: str) -> bool:
         """Free `object_id`. Return True if it was reserved."""

@@ -1,0 +1,170 @@
+"""What people point at: cursors and objects in; hovers and claims to objects out. It decides on no object."""
+
+import math
+from collections import Counter
+
+from pointit.schemas import ButtonEvent, Claim, Cursor, Environment, Hover, TrackedObjects
+from pointit.services.selector.config import SelectorConfig
+from pointit.services.selector.methods.method import MakeMethod, is_by_angle
+from pointit.services.selector.methods.pointer import PersonPointer, PointerResult
+from pointit.services.selector.objects.scene import Scene
+from pointit.services.selector.objects.view import View
+from pointit.services.selector.outputs import CHANGES, Action, Output
+from pointit.services.selector.ownership.ownership import Ownership
+
+
+class HoverEngine:
+    """The pointing of each person, apart from all others.
+
+    Stamps decide, not the order of arrival: late and duplicate cursors are ignored, and a clock that was set
+    back resets the person's state.
+    """
+
+    def __init__(self, config: SelectorConfig, ownership: Ownership, make: MakeMethod) -> None:
+        """Create with no people.
+
+        Args:
+            config: parameters.
+            ownership: tells what each person may do with an object. Its objects are updated here.
+            make: makes the method of each person.
+        """
+        self._config = config
+        self._make = make
+        self._ownership = ownership
+        self._positions = ownership.positions
+        self._is_by_metres = not is_by_angle(config)
+        self._aim_rad = math.radians(config.gauge.aim_sigma_deg)
+        self._snap_rad = math.radians(config.gauge.snap_deg)
+        self._scene = Scene(
+            stale_after_s=config.objects_stale_after_s,
+            display_lag_s=config.display_lag_s,
+            reach_rad=math.radians(
+                max(config.gauge.sparse_deg, 4.0 * config.gauge.aim_sigma_deg, 4.0 * config.gauge.snap_deg)
+            ),
+            leave_factor=config.gauge.leave_factor,
+            aim=config.gauge.aim,
+        )
+        self._people: dict[str, PersonPointer] = {}
+        self._sent: Counter[str] = Counter()
+        """Number of hovers by person."""
+
+    def use(self, config: SelectorConfig) -> None:
+        """Change the method or its times."""
+        self._config = config
+        self._is_by_metres = not is_by_angle(config)
+        for pointer in self._people.values():
+            pointer.use(config)
+
+    def fault(self) -> str:
+        """Return the reason why the method fails for a person, or `""`."""
+        return next((pointer.fault for pointer in self._people.values() if pointer.fault), "")
+
+    def on_map(self, environment: Environment) -> None:
+        """Set the lines on which objects move."""
+        self._scene.on_map(environment)
+
+    def on_objects(self, tracker: str, objects: TrackedObjects) -> None:
+        """Update the objects of `tracker`."""
+        for forgotten in self._positions.update(tracker, objects):
+            self._scene.forget(forgotten)
+        self._scene.update(tracker, objects)
+
+    def forget_ended(self, now_ns: int) -> None:
+        """Forget the objects of trackers that have ended."""
+        for tracker in self._positions.forget(now_ns):
+            self._scene.forget(tracker)
+
+    def is_timely(self, user: str, stamp_ns: int) -> bool:
+        """Return True if a cursor of `user` with this stamp is new, and must be passed to `on_cursor`."""
+        pointer = self._people.get(user)
+        if pointer is None:
+            pointer = self._people[user] = PersonPointer(self._config, user, self._make)
+        return pointer.is_timely(stamp_ns)
+
+    def on_cursor(self, user: str, cursor: Cursor) -> list[Output]:
+        """Process a timely cursor of `user`. Return their hover, and what they claim by it."""
+        pointer = self._people[user]
+        now_ns = cursor.stamp_ns
+        view = None if self._is_by_metres else self._scene.view_from(cursor)
+        tracked = self._positions.hit_test(cursor) if view is None else None
+        pointed = pointer.step(
+            cursor,
+            view,
+            None if tracked is None else tracked.id,
+            lambda object_id: self._ownership.action(user, object_id, now_ns)[0] != "",
+        )
+        if self._is_by_metres and (pointed.object_id is not None or pointed.fired is not None):
+            view = self._scene.view_from(cursor)  # to tell how the object lies about the ray
+        standing = self._standing(user, pointer, pointed, now_ns)
+        outputs = [Output(user, self._hover(user, cursor, view, pointed, standing))]
+        if pointed.is_shown and pointed.object_id and standing[0] in CHANGES:
+            outputs.append(Output(user, Claim(stamp_ns=now_ns, object_id=pointed.object_id, wish="reserve")))
+        if pointed.fired is not None and self._has_effect(user, pointed.fired, now_ns):
+            confidence = None if view is None else view.confidence(pointed.fired, self._aim_rad)
+            claim = Claim(stamp_ns=now_ns, object_id=pointed.fired, wish="toggle", confidence=confidence)
+            outputs.append(Output(user, claim))
+        return outputs
+
+    def on_button(self, user: str, button: ButtonEvent) -> list[Output]:
+        """Process a button gesture of `user`, which confirms the hovered object if so configured."""
+        pointer = self._people.get(user)
+        wanted = self._config.confirm == "press" and button.gesture == self._config.confirm_gesture
+        if pointer is None or not wanted:
+            return []
+        object_id = pointer.press(button.stamp_ns)
+        if object_id is None:
+            return []
+        pointer.latch(object_id)
+        if not self._has_effect(user, object_id, button.stamp_ns):
+            return []
+        claim = Claim(stamp_ns=button.stamp_ns, object_id=object_id, wish="toggle", cause="button")
+        return [Output(user, claim)]
+
+    def latch(self, object_id: str) -> None:
+        """Keep people who rest on an object from changing it again unintentionally."""
+        for pointer in self._people.values():
+            if pointer.hovered == object_id:
+                pointer.latch(object_id)
+
+    def _has_effect(self, user: str, object_id: str, now_ns: int) -> bool:
+        if object_id not in self._positions.objects:  # it has left in the meantime
+            return False
+        return self._ownership.action(user, object_id, now_ns)[0] != ""
+
+    def _standing(
+        self, user: str, pointer: PersonPointer, pointed: PointerResult, now_ns: int
+    ) -> tuple[Action, str]:
+        """Return the effect of staying on the hovered object, and the other person who has it, or `""`."""
+        object_id = pointed.object_id
+        if object_id is None:
+            return "", ""
+        action, taken_by = self._ownership.action(user, object_id, now_ns)
+        is_done = pointer.is_latched(object_id) and pointed.progress == 0.0
+        return ("", taken_by) if is_done else (action, taken_by)
+
+    def _hover(
+        self,
+        user: str,
+        cursor: Cursor,
+        view: View | None,
+        pointed: PointerResult,
+        standing: tuple[Action, str],
+    ) -> Hover:
+        self._sent[user] += 1
+        seq = self._sent[user]
+        object_id = pointed.object_id
+        if object_id is None:
+            return Hover(stamp_ns=cursor.stamp_ns, seq=seq)
+        snapped = None if view is None else view.snapped(object_id, cursor, self._snap_rad)
+        return Hover(
+            stamp_ns=cursor.stamp_ns,
+            seq=seq,
+            object_id=object_id,
+            progress=pointed.progress,
+            action=standing[0],
+            taken_by=standing[1],
+            is_selected=self._ownership.is_selected(object_id),
+            snapped_m=None if snapped is None else snapped[0],
+            snapped_position_m=None if snapped is None else snapped[1],
+            miss_rad=None if view is None else view.miss_rad(object_id, cursor),
+        )

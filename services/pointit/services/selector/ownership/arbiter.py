@@ -1,0 +1,253 @@
+"""Decisions on objects: claims and requests of people in; the selection, its events and cues out."""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+
+from pointit.runtime.health.timeliness import MAX_AHEAD_NS
+from pointit.schemas import NS_PER_S, Claim, ConveyorState, Selection, SelectionEvent
+from pointit.services.selector.config import SelectorConfig
+from pointit.services.selector.objects.departures import OWN, Departures
+from pointit.services.selector.outputs import CHANGES, DEEDS, Output, Owned, Record
+from pointit.services.selector.ownership.ownership import Ownership
+from pointit.services.selector.selection_publisher import SelectionPublisher
+
+MAX_CLAIM_AGE_NS = 5 * NS_PER_S
+"""Claims of shards that are older are refused: the person has gone on since, ns."""
+
+MAX_DECIDED = 8192
+"""Limit of claims that are remembered, so that one that comes again changes nothing."""
+
+
+class Arbiter:
+    """The owner of each object. Every event is passed to `record` before it is returned, for a journal."""
+
+    def __init__(
+        self,
+        config: SelectorConfig,
+        ownership: Ownership,
+        record: Callable[[Record], None],
+        latch: Callable[[str], None],
+    ) -> None:
+        """Create with nothing decided.
+
+        Args:
+            config: parameters.
+            ownership: entries and reservations, changed here alone, and the objects.
+            record: called with each event.
+            latch: called with each object that is changed other than by dwelling or pressing.
+        """
+        self._ownership = ownership
+        self._ledger, self._reservations = ownership.ledger, ownership.reservations
+        self._positions = ownership.positions
+        self._latch = latch
+        self._departures = Departures(config.left_after_s, config.unseen_after_s)
+        self._publisher = SelectionPublisher(record, method=config.method)
+        self._dwell_s = config.dwell_s
+        self._tells_method = False
+        self._is_news = False
+        """True if reservations have changed since the last selection that was returned."""
+        self._decided: dict[tuple[str, int], None] = {}
+        """Persons and stamps of the last claims."""
+
+    def use(self, config: SelectorConfig) -> None:
+        """Note a change of the method or its times."""
+        self._publisher.method, self._dwell_s = config.method, config.dwell_s
+        self._is_news |= self._tells_method
+
+    def tell_method(self) -> None:
+        """Put method and dwell time in selections from now on, for shards."""
+        self._tells_method = self._is_news = True
+
+    def restore(
+        self, entries: Mapping[str, Owned], events: int, now_ns: int, decided: Iterable[Record] = ()
+    ) -> None:
+        """Restore what was selected before a restart.
+
+        Args:
+            entries: selected objects by id.
+            events: number of the last event.
+            now_ns: time, ns.
+            decided: the last events, whose claims may come again.
+        """
+        self._ledger.restore(entries)
+        self._publisher.resume_numbering(events)
+        for entry in entries.values():
+            self._ownership.presences.on_activity(entry.user, now_ns)
+        self._departures.expect(entries, now_ns)
+        for record in decided:
+            if record.cause in DEEDS:
+                self._decided[record.user, record.stamp_ns] = None
+
+    def set_present(self, user: str, present: bool, now_ns: int) -> list[Output]:  # noqa: FBT001 - as announced
+        """Record the presence of `user`."""
+        self._ownership.presences.set_present(user, now_ns, present=present)
+        return []
+
+    @property
+    def has_selected(self) -> bool:
+        """Return True if anything is selected."""
+        return bool(self._ledger.entries)
+
+    def selection(self, now_ns: int) -> Selection:
+        """Return the current selection and reservations."""
+        self._is_news = False
+        dwell_s = self._dwell_s if self._tells_method else None
+        return self._publisher.selection(
+            now_ns, self._ledger.objects(), self._reservations.objects(), dwell_s
+        )
+
+    def news(self, now_ns: int) -> list[Output]:
+        """Return the selection if it has changed since it was returned last."""
+        return [Output("", self.selection(now_ns))] if self._is_news else []
+
+    def on_activity(self, user: str, now_ns: int) -> None:
+        """Note that `user` is active, and free expired reservations."""
+        self._ownership.presences.on_activity(user, now_ns)
+        self._is_news |= self._reservations.expire(now_ns)
+
+    def claim(self, user: str, claim: Claim, now_ns: int, refused: str = "") -> list[Output]:
+        """Decide on a claim: select or deselect, or refuse it.
+
+        Args:
+            user: person who wants the object.
+            claim: what they want. One with the stamp of an earlier one is that one again, and ignored.
+            now_ns: time from which a reservation counts, ns. An event has the stamp of its claim.
+            refused: reason for which it is refused anyway, or `""`.
+        """
+        object_id = claim.object_id
+        action, taken_by = self._ownership.action(user, object_id, now_ns)
+        if claim.wish == "reserve":
+            if action in CHANGES and not refused:
+                self._is_news |= self._reservations.reserve(object_id, user, now_ns)
+            return []
+        if (user, claim.stamp_ns) in self._decided:
+            return []
+        self._decided[user, claim.stamp_ns] = None
+        if len(self._decided) > MAX_DECIDED:
+            del self._decided[next(iter(self._decided))]
+        tracked = self._positions.objects.get(object_id)
+        kind = "" if tracked is None else tracked.kind
+        if taken_by and not self._ownership.is_selected(object_id):
+            taken = f"{kind or 'object'} is being selected by {taken_by}; wait or choose another one"
+            refused = refused or taken
+        if refused:
+            record = self._ledger.refuse(
+                object_id,
+                kind,
+                user,
+                claim.stamp_ns,
+                cause=claim.cause,
+                confidence=claim.confidence,
+                reason=refused,
+            )
+        else:
+            record = self._ledger.toggle(
+                object_id, kind, user, claim.stamp_ns, cause=claim.cause, confidence=claim.confidence
+            )
+            if record.event != "refused":
+                self._reservations.free(object_id)
+        return self._publish(user, [record], claim.stamp_ns)
+
+    def on_claim(self, user: str, claim: Claim, now_ns: int) -> list[Output]:
+        """Decide on a claim of a shard, which may come late and know less."""
+        self.on_activity(user, now_ns)
+        outputs = self.claim(user, claim, now_ns, self._refusal(user, claim, now_ns))
+        return outputs + self.news(now_ns)
+
+    def _refusal(self, user: str, claim: Claim, now_ns: int) -> str:
+        """Return the reason for which a claim of a shard cannot be granted, or `""`."""
+        tracked = self._positions.objects.get(claim.object_id)
+        kind = "object" if tracked is None else tracked.kind or "object"
+        age_s = (now_ns - claim.stamp_ns) / NS_PER_S
+        if now_ns - claim.stamp_ns > MAX_CLAIM_AGE_NS:
+            return (
+                f"{kind} was asked for {age_s:.0f} s ago: point again (the connection of your machine was "
+                "interrupted, or its clock is behind)"
+            )
+        if claim.stamp_ns - now_ns > MAX_AHEAD_NS:
+            return f"{kind} cannot be given: the clock of your machine is {-age_s:.0f} s ahead, set it right"
+        if tracked is None:
+            return f"{claim.object_id} has left"
+        action, taken_by = self._ownership.action(user, claim.object_id, now_ns)
+        if not action:
+            return f"{kind} is selected already"
+        return "" if taken_by else self._positions.too_late(claim.object_id, now_ns)
+
+    def on_conveyor(self, state: ConveyorState) -> list[Output]:
+        """Close the entries of objects that have left the conveyor, with time and bay of departure."""
+        left: list[Record] = []
+        for gone in state.departures:
+            if gone.object_id in self._ledger.entries:
+                where = f"left at bay {gone.bay}" if gone.bay else ""
+                left += self._ledger.drop((gone.object_id,), gone.stamp_ns, where)
+        return self._close(left, state.stamp_ns)
+
+    def on_event(self, event: SelectionEvent) -> list[Output]:
+        """Revert what the conveyor refuses: it was accepted here but reached the conveyor too late."""
+        if event.event != "refused" or event.cause:  # its own refusals have a cause
+            return []
+        now_ns = event.stamp_ns
+        record = self._ledger.correct(event.object_id, now_ns, event.reason)
+        if record is None:
+            return []
+        self._latch(event.object_id)
+        outputs = [Output("", self.selection(now_ns)), *self._publisher.event(record)]
+        return [*outputs, self._publisher.cue(record.owner, "refused", event.reason, now_ns)]
+
+    def depart(self, now_ns: int, clock: str = OWN) -> list[Output]:
+        """Close the entries of objects that are missing for too long on `clock`."""
+        entries = self._ledger.entries
+        if not entries:
+            return []
+        left = self._departures.step(entries, self._positions.objects, now_ns, clock)
+        return self._close(self._ledger.drop(left, now_ns), now_ns)
+
+    def tick(self, now_ns: int) -> list[Output]:
+        """Handle departed objects and expired reservations."""
+        self._is_news |= self._reservations.expire(now_ns)
+        return self.depart(now_ns) or self.news(now_ns)
+
+    def undo(self, user: str, now_ns: int) -> list[Output]:
+        """Undo `user`'s last step. Refused with a cue if there is none."""
+        records = self._ledger.undo(user, now_ns, self._positions.objects)
+        if not records:
+            return [self._publisher.cue(user, "refused", "there is nothing to take back", now_ns)]
+        return self._publish(user, records, now_ns)
+
+    def clear(self, user: str, now_ns: int) -> list[Output]:
+        """Deselect all objects of `user`."""
+        return self._publish(user, self._ledger.clear(user, now_ns), now_ns)
+
+    def release(self, user: str, object_id: str, take_over: bool, now_ns: int) -> list[Output]:  # noqa: FBT001
+        """Deselect `object_id`, regardless of its owner, or take it over.
+
+        `user` is the caller: a supervisor, or the person who wants it.
+        """
+        entry = self._ledger.entries.get(object_id)
+        records = self._ledger.release(object_id, user, now_ns, take_over=take_over)
+        if entry is None or not records:
+            status = "is not selected" if entry is None else "is yours already"
+            return [self._publisher.cue(user, "refused", f"object {object_id} {status}", now_ns)]
+        outputs = self._publish(user, records, now_ns)
+        if entry.user != user and records[0].event != "refused":
+            done = "taken over" if take_over else "released"
+            text = f"{entry.kind or 'object'} was {done} by {user}"
+            outputs.append(self._publisher.cue(entry.user, "deselected", text, now_ns))
+        return outputs
+
+    def _close(self, left: Sequence[Record], now_ns: int) -> list[Output]:
+        """Free and journal objects that have left. Return the selection if there are any."""
+        for record in left:
+            self._reservations.free(record.object_id)
+            self._publisher.write(record)
+        return [Output("", self.selection(now_ns))] if left else []
+
+    def _publish(self, user: str, records: Sequence[Record], now_ns: int) -> list[Output]:
+        """Return the messages for `records`, the selection first."""
+        outputs: list[Output] = []
+        if any(record.event != "refused" for record in records):
+            outputs.append(Output("", self.selection(now_ns)))
+        for record in records:
+            outputs += self._publisher.event(record)
+            if record.cause not in DEEDS:
+                self._latch(record.object_id)
+        return outputs + self._publisher.cues(user, records, now_ns)

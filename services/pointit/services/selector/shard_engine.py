@@ -1,0 +1,158 @@
+"""The part of the selection that lives beside people: their hovers, and claims to objects."""
+
+from collections import Counter
+from dataclasses import dataclass
+
+from pointit.schemas import (
+    NS_PER_S,
+    ButtonEvent,
+    Claim,
+    Cursor,
+    Environment,
+    Selection,
+    SelectionEvent,
+    TrackedObjects,
+)
+from pointit.services.selector.config import SelectorConfig
+from pointit.services.selector.cues import make_cue
+from pointit.services.selector.hover_engine import HoverEngine
+from pointit.services.selector.methods.method import MakeMethod, make_method
+from pointit.services.selector.outputs import DEEDS, Output
+from pointit.services.selector.ownership.arbiter import MAX_CLAIM_AGE_NS
+from pointit.services.selector.ownership.ownership import Ownership
+
+REPEAT_NS = NS_PER_S
+"""Claims without a decision are sent again after this, ns. The arbiter ignores what it has decided."""
+
+GIVE_UP_NS = 2 * MAX_CLAIM_AGE_NS
+"""Claims without a decision are given up after this: the arbiter would refuse them, ns."""
+
+NO_ARBITER = "the selector of the site cannot be reached, so nothing can be selected"
+
+
+@dataclass(slots=True)
+class _Open:
+    """A claim to toggle an object, not decided yet."""
+
+    user: str
+    claim: Claim
+    sent_ns: int
+
+
+class ShardEngine:
+    """The pointing of some people of a site. The site's selector decides on what they claim."""
+
+    def __init__(self, config: SelectorConfig, make: MakeMethod = make_method) -> None:
+        """Create with nothing known of the site. `make` makes the method of each person."""
+        self._ownership = Ownership(config)
+        self._hovers = HoverEngine(config, self._ownership, make)
+        self._renew_ns = round(config.reserve_s * NS_PER_S / 2)
+        self._reserved: dict[str, Claim] = {}
+        """Last claim to a reservation, by person."""
+        self._open: dict[tuple[str, int], _Open] = {}
+        """By person and stamp."""
+        self._sent: Counter[tuple[str, str]] = Counter()
+        self.has_arbiter = False
+        """True while the site's selector can be reached."""
+
+    def use(self, config: SelectorConfig) -> None:
+        """Change the method or its times."""
+        self._hovers.use(config)
+
+    def fault(self) -> str:
+        """Return the reason why the method fails for a person, or `""`."""
+        return self._hovers.fault()
+
+    def stale_trackers(self, now_ns: int) -> list[str]:
+        """Return the trackers silent for so long that their objects cannot be hovered."""
+        return self._ownership.positions.silent(now_ns)
+
+    def on_map(self, environment: Environment) -> list[Output]:
+        """Set the lines on which objects move."""
+        self._hovers.on_map(environment)
+        return []
+
+    def on_objects(self, tracker: str, objects: TrackedObjects) -> list[Output]:
+        """Update the objects of `tracker`."""
+        self._hovers.on_objects(tracker, objects)
+        return []
+
+    def on_selection(self, selection: Selection) -> None:
+        """Follow what the site's selector has decided."""
+        self._ownership.follow(selection)
+        if self._open:
+            for one in selection.objects:
+                self._open.pop((one.user, one.since_ns), None)
+
+    def on_event(self, event: SelectionEvent) -> list[Output]:
+        """Close the claim that `event` decides. Latch what was changed in another way."""
+        self._open.pop((event.user, event.stamp_ns), None)
+        is_change = event.event in ("selected", "deselected") or event.cause  # not of the conveyor
+        if is_change and event.cause not in DEEDS:
+            self._hovers.latch(event.object_id)
+        return []
+
+    def set_present(self, user: str, present: bool, now_ns: int) -> list[Output]:  # noqa: FBT001 - as announced
+        """Record the presence of `user`."""
+        self._ownership.presences.set_present(user, now_ns, present=present)
+        return []
+
+    def on_cursor(self, user: str, cursor: Cursor) -> list[Output]:
+        """Process a cursor of `user`."""
+        if not self._hovers.is_timely(user, cursor.stamp_ns):
+            return []
+        self._ownership.presences.on_activity(user, cursor.stamp_ns)
+        return self._send(self._hovers.on_cursor(user, cursor), cursor.stamp_ns)
+
+    def on_button(self, user: str, button: ButtonEvent) -> list[Output]:
+        """Process a button gesture of `user`, which confirms the hovered object if so configured."""
+        return self._send(self._hovers.on_button(user, button), button.stamp_ns)
+
+    def tick(self, now_ns: int) -> list[Output]:
+        """Send claims again that are not decided. Tell people of those that never will be."""
+        self._hovers.forget_ended(now_ns)
+        outputs: list[Output] = []
+        for key, one in list(self._open.items()):
+            if not -GIVE_UP_NS <= now_ns - one.claim.stamp_ns <= GIVE_UP_NS:
+                del self._open[key]
+                outputs.append(self._unanswered(one.user, now_ns))
+            elif self.has_arbiter and abs(now_ns - one.sent_ns) >= REPEAT_NS:
+                one.sent_ns = now_ns
+                outputs.append(Output(one.user, one.claim))
+        return outputs
+
+    def _send(self, pointed: list[Output], now_ns: int) -> list[Output]:
+        """Return those of `pointed` to publish: reservations are renewed now and then only."""
+        outputs: list[Output] = []
+        for user, message in pointed:
+            if not isinstance(message, Claim):
+                outputs.append(Output(user, message))
+            elif message.wish == "reserve":
+                outputs += self._reserve(user, message)
+            elif not self.has_arbiter:
+                outputs.append(self._unanswered(user, now_ns))
+            else:
+                claim = self._numbered(user, message)
+                self._open[user, claim.stamp_ns] = _Open(user, claim, now_ns)
+                outputs.append(Output(user, claim))
+        return outputs
+
+    def _reserve(self, user: str, claim: Claim) -> list[Output]:
+        last = self._reserved.get(user)
+        is_due = (
+            last is None
+            or last.object_id != claim.object_id
+            or not 0 <= claim.stamp_ns - last.stamp_ns < self._renew_ns
+        )
+        if not is_due or not self.has_arbiter:
+            return []
+        self._reserved[user] = numbered = self._numbered(user, claim)
+        return [Output(user, numbered)]
+
+    def _numbered(self, user: str, claim: Claim) -> Claim:
+        self._sent["claim", user] += 1
+        return claim.model_copy(update={"seq": self._sent["claim", user]})
+
+    def _unanswered(self, user: str, now_ns: int) -> Output:
+        self._sent["cue", user] += 1
+        return Output(user, make_cue("refused", NO_ARBITER, now_ns, self._sent["cue", user]))

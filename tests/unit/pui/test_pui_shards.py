@@ -1,0 +1,175 @@
+"""Shards of pui beside the default one: whose cursors each publishes, and on which map."""
+
+from typing import Any
+
+from pointit.geometry.vector import Vec3
+from pointit.maps.file import load_map
+from pointit.runtime.errors import NoAnswerError
+from pointit.schemas import Cloud, Cursor, Environment, Health, SetTolerance, SetWorkspace, Sphere
+from pointit.schemas.topics import (
+    CURSOR,
+    HEALTH,
+    MAP,
+    SET_TOLERANCE,
+    SET_WORKSPACE,
+    SHARD_ALIVE,
+    USER_ALIVE,
+)
+from pointit.services.pui.config import PuiConfig
+from pointit.services.pui.service import Pui
+from tests.support.bench import Bench, ManualClock, in_virtual_time, memory_bench, until
+from tests.unit.pui.room import Room
+
+LAB = load_map("lab", 0)
+PLACE: Vec3 = LAB.strips[0].line_m[0]
+
+
+class Sharing(Room):
+    """People of a room, some of whose cursors shards publish."""
+
+    def __init__(self, bench: Bench, clock: ManualClock) -> None:
+        super().__init__(bench, clock)
+        self.of_anna: list[Cursor] = bench.collect(CURSOR, "anna")
+        self.of_ben: list[Cursor] = bench.collect(CURSOR, "ben")
+        self.reports: list[Health] = bench.collect(HEALTH, "pui.anna")
+        self.shards: set[str] = set()
+        bench.bus.watch(SHARD_ALIVE, self._on_shard)
+        for user in ("anna", "ben"):
+            bench.bus.announce(USER_ALIVE, user)
+
+    def _on_shard(self, name: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
+        (self.shards.add if present else self.shards.discard)(name)
+
+    async def start(self, **config: Any) -> None:
+        """Start anna's shard."""
+        self.shard = self.bench.start(Pui, PuiConfig(people=("anna",), **config), name="anna")
+        await self.bench.settle()
+
+    async def until_served(self, *, by_shard: bool = True) -> None:
+        await until(lambda: ("pui.anna" in self.shards) == by_shard)
+        await self.bench.settle()
+
+    async def both_point(self) -> None:
+        for user in ("anna", "ben"):
+            await self.point_at(PLACE, user)
+
+
+def on_sphere(*, clouds: tuple[Cloud, ...] = ()) -> Environment:
+    ball = Sphere(id="ball", center_m=PLACE, radius_m=0.2)
+    return Environment(stamp_ns=1, name="hall", spheres=(ball,), clouds=clouds)
+
+
+@in_virtual_time
+async def test_a_shard_publishes_the_cursors_of_its_people_and_the_default_all_others() -> None:
+    clock = ManualClock()
+    async with memory_bench(clock) as bench:
+        room = Sharing(bench, clock)
+        bench.start(Pui)
+        await room.pose("anna")
+        await room.pose("ben")
+        maps = bench.collect(MAP)
+        await room.start(workspace="horizontal")  # by which its cursors are told from the default's
+        await room.both_point()
+        assert [cursor.surface for cursor in room.cursors] == ["strip", "strip"]  # it is not ready yet
+        await room.until_served()
+        await room.both_point()
+        assert [cursor.surface_id for cursor in room.of_anna[1:]] == ["workspace/horizontal"]
+        assert [cursor.surface for cursor in room.of_ben[1:]] == ["strip"]
+        assert len(maps) == 1
+
+
+@in_virtual_time
+async def test_when_a_shard_ends_its_people_go_on_where_they_stand() -> None:
+    clock = ManualClock()
+    async with memory_bench(clock) as bench:
+        room = Sharing(bench, clock)
+        bench.start(Pui)
+        await room.start(workspace="horizontal")
+        await room.until_served()
+        await room.pose("anna")
+        await room.both_point()
+        await bench.end(room.shard)
+        await room.until_served(by_shard=False)
+        await room.both_point()
+        assert [cursor.surface_id for cursor in room.of_anna] == ["workspace/horizontal", LAB.strips[0].id]
+
+
+@in_virtual_time
+async def test_requests_for_a_person_are_answered_by_who_serves_them() -> None:
+    clock = ManualClock()
+    async with memory_bench(clock) as bench:
+        room = Sharing(bench, clock)
+        bench.start(Pui)
+        await room.start(map="lab")
+        await room.until_served()
+        await room.pose("anna")
+        await room.pose("ben")
+        await room.both_point()
+        for user in ("anna", "ben"):
+            await bench.bus.call(SET_WORKSPACE, SetWorkspace(kind="sphere"), user)
+        await bench.bus.call(SET_TOLERANCE, SetTolerance(tolerance_rad=0.01))
+        await room.both_point()
+        assert room.of_anna[-1].surface_id == room.of_ben[-1].surface_id == "workspace/sphere"
+
+
+@in_virtual_time
+async def test_the_tolerance_is_asked_of_the_default() -> None:
+    clock = ManualClock()
+    async with memory_bench(clock) as bench:
+        room = Sharing(bench, clock)
+        await room.start(map="lab")
+        await room.until_served()
+        try:
+            await bench.bus.call(SET_TOLERANCE, SetTolerance())
+        except NoAnswerError:
+            pass
+        else:
+            raise AssertionError("a shard has answered for all")
+        bench.start(Pui)
+        await bench.settle()
+        await bench.bus.call(SET_TOLERANCE, SetTolerance())
+
+
+@in_virtual_time
+async def test_a_shard_waits_for_the_map_and_follows_it() -> None:
+    clock = ManualClock()
+    async with memory_bench(clock) as bench:
+        room = Sharing(bench, clock)
+        await room.pose("anna")
+        await room.start(surfaces=("strip", "sphere"))
+        bench.put(MAP, LAB)
+        await room.until_served()
+        assert (await room.point_at(PLACE)).surface == "strip"
+        bench.put(MAP, on_sphere())
+        await bench.settle()
+        assert (await room.point_at(PLACE)).surface_id == "ball"  # the pose is known still
+
+
+@in_virtual_time
+async def test_a_map_that_no_message_carries_leaves_people_to_the_default() -> None:
+    clock = ManualClock()
+    cloud = Cloud(id="shelf", points=3, low_m=(0.0, 0.0, 0.0), high_m=(1.0, 1.0, 1.0))
+    async with memory_bench(clock) as bench:
+        room = Sharing(bench, clock)
+        await room.start(surfaces=("sphere", "points"))
+        bench.put(MAP, on_sphere())
+        await room.until_served()
+        bench.put(MAP, on_sphere(clouds=(cloud,)))
+        await room.until_served(by_shard=False)
+        await until(lambda: any("point clouds" in text for text in room.reports[-1].warnings))
+        bench.put(MAP, on_sphere())
+        await room.until_served()
+        await until(lambda: room.reports[-1].warnings == ())
+
+
+@in_virtual_time
+async def test_a_map_without_anything_to_point_at_is_told() -> None:
+    clock = ManualClock()
+    async with memory_bench(clock) as bench:
+        room = Sharing(bench, clock)
+        await room.start(surfaces=("belt",))
+        bench.put(MAP, LAB)
+        await until(
+            lambda: bool(room.reports) and any("has no belt" in text for text in room.reports[-1].warnings)
+        )
+        assert room.shards == set()

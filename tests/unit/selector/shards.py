@@ -1,0 +1,169 @@
+"""A site of shards and one arbiter for tests, with links between them that are cut, slow and forgetful."""
+
+from collections import Counter, deque
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+from pointit.schemas import NS_PER_S, Claim, Feedback, Hover, Selection, SelectionEvent, TrackedObject
+from pointit.services.selector.config import SelectorConfig
+from pointit.services.selector.outputs import Output, Owned, Record
+from pointit.services.selector.selection_engine import SelectionEngine
+from pointit.services.selector.shard_engine import ShardEngine
+from tests.unit.selector.room import MAP, at, packages, pointing
+
+CONFIG: dict[str, object] = {
+    "gauge": {"full_s": 0.3, "sparse_full_s": 0.3},
+    "show_after_s": 0.1,
+    "reserve_s": 0.4,
+    "lead_s": 0.0,
+}
+
+
+@dataclass
+class Link:
+    """What travels between a shard and the arbiter, each way in order."""
+
+    up: deque[tuple[str, Claim]] = field(default_factory=deque[tuple[str, Claim]])
+    down: deque[Selection | SelectionEvent] = field(default_factory=deque[Selection | SelectionEvent])
+    is_cut: bool = False
+
+
+class ShardedSite:
+    """Shards of one person each, and an arbiter that can be restarted."""
+
+    def __init__(self, users: Sequence[str], *objects: TrackedObject) -> None:
+        self.config = SelectorConfig.model_validate(CONFIG)
+        self.records: list[Record] = []
+        self.arbiter = SelectionEngine(self.config, self.records.append)
+        self.is_running = True
+        self.shards = {user: ShardEngine(self.config) for user in users}
+        self.links = {user: Link() for user in users}
+        self.objects = objects
+        self.time_s = 0.0
+        self.claims: list[tuple[str, Claim]] = []
+        """Claims to toggle, as sent first."""
+        self.hovers: dict[str, Hover] = {}
+        self.cues: Counter[str] = Counter()
+        """Number of cues that shards gave, by person."""
+        self.events: list[SelectionEvent] = []
+        for engine in (self.arbiter, *self.shards.values()):
+            engine.on_map(MAP)
+        for user in users:
+            self.arbiter.set_present(user, True, at(0.0))
+            for shard in self.shards.values():
+                shard.set_present(user, True, at(0.0))
+        self.meet()
+
+    @property
+    def now_ns(self) -> int:
+        return at(self.time_s)
+
+    @property
+    def owners(self) -> dict[str, str]:
+        """Return the owners by object, as the arbiter has it."""
+        return {one.id: one.user for one in self.arbiter.selection(self.now_ns).objects}
+
+    def answers(self, user: str, claim: Claim) -> list[SelectionEvent]:
+        """Return the events of a claim."""
+        return [event for event in self.events if (event.user, event.stamp_ns) == (user, claim.stamp_ns)]
+
+    def meet(self) -> None:
+        """Let each shard know if it can reach the arbiter."""
+        for user, link in self.links.items():
+            self.shards[user].has_arbiter = self.is_running and not link.is_cut
+
+    def step(self, duration_s: float, places: dict[str, float | None]) -> None:
+        """Let time pass, with everybody pointing at a place on the belt, m. None: not at all."""
+        self.time_s += duration_s
+        for name, engine in {"": self.arbiter, **self.shards}.items():
+            outputs = engine.on_objects("conveyor", packages(self.time_s, *self.objects))
+            (self._from_shard(name, outputs) if name else self._from_arbiter(outputs))
+        for user, x_m in places.items():
+            if x_m is not None:
+                self._from_shard(user, self.shards[user].on_cursor(user, pointing(self.time_s, x_m)))
+
+    def tick(self) -> None:
+        """Do what services do every half second."""
+        for user, shard in self.shards.items():
+            self._from_shard(user, shard.tick(self.now_ns))
+        if self.is_running:
+            self._from_arbiter(self.arbiter.tick(self.now_ns))
+
+    def deliver(self, user: str, *, up: int = 1000, down: int = 1000, twice: bool = False) -> None:
+        """Deliver the next messages of a link that is not cut. A claim that finds no arbiter is lost."""
+        link = self.links[user]
+        if link.is_cut:
+            return
+        for _ in range(min(up, len(link.up))):
+            name, claim = link.up.popleft()
+            for _ in range(1 + twice):
+                if self.is_running:
+                    self._from_arbiter(self.arbiter.on_claim(name, claim, self.now_ns))
+        for _ in range(min(down, len(link.down))):
+            message = link.down.popleft()
+            if isinstance(message, Selection):
+                self.shards[user].on_selection(message)
+            else:
+                self._from_shard(user, self.shards[user].on_event(message))
+
+    def end_arbiter(self) -> None:
+        """Kill the arbiter, and all that is on its way to it or from it."""
+        self.is_running = False
+        for link in self.links.values():
+            link.up.clear()
+            link.down.clear()
+        self.meet()
+
+    def start_arbiter(self) -> None:
+        """Start another arbiter with the journal of the one before."""
+        kept = self.arbiter.selection(self.now_ns).objects
+        entries = {one.id: Owned(one.user, one.kind, one.since_ns, one.confidence) for one in kept}
+        self.arbiter = SelectionEngine(self.config, self.records.append)
+        self.arbiter.on_map(MAP)
+        self.arbiter.restore(entries, len(self.events), self.now_ns, self.records)
+        self.arbiter.on_objects("conveyor", packages(self.time_s, *self.objects))
+        self.is_running = True
+        self._from_arbiter([Output("", self.arbiter.selection(self.now_ns))])
+        self.meet()
+
+    def settle(self) -> None:
+        """Mend everything, and let all that is open be decided. Nobody points."""
+        for link in self.links.values():
+            link.is_cut = False
+        if not self.is_running:
+            self.start_arbiter()
+        self.meet()
+        for _ in range(30):
+            self.step(0.5, {})
+            self.tick()
+            for user in self.shards:
+                self.deliver(user)
+
+    def _from_shard(self, user: str, outputs: list[Output]) -> None:
+        for output in outputs:
+            message = output.message
+            if isinstance(message, Claim):
+                assert self.shards[user].has_arbiter
+                is_first = (user, message) not in self.claims
+                if message.wish == "toggle" and is_first:
+                    self.claims.append((user, message))
+                self.links[user].up.append((user, message))
+            elif isinstance(message, Hover):
+                self.hovers[user] = message
+            else:
+                assert isinstance(message, Feedback)
+                self.cues[user] += 1
+
+    def _from_arbiter(self, outputs: list[Output]) -> None:
+        for output in outputs:
+            message = output.message
+            if isinstance(message, SelectionEvent):
+                self.events.append(message)
+            if isinstance(message, Selection | SelectionEvent):
+                for link in self.links.values():
+                    link.down.append(message)
+
+
+def seconds(stamp_ns: int) -> float:
+    """Return a time of the room, s."""
+    return (stamp_ns - at(0.0)) / NS_PER_S

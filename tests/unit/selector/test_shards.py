@@ -1,0 +1,255 @@
+"""Shards and the arbiter: one owner of each object, and each claim decided once, whatever the links do."""
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pointit.schemas import Claim, Selection, SelectionEvent
+from pointit.services.selector.ownership.arbiter import MAX_CLAIM_AGE_NS
+from pointit.services.selector.shard_engine import GIVE_UP_NS, REPEAT_NS
+from tests.unit.selector.room import MAP, Room, at, package, packages
+from tests.unit.selector.shards import ShardedSite
+
+USERS = ("anna", "ben", "carl")
+PLACES = (3.0, 6.0, 9.0, None)
+"""Two packages, an empty place, and no pointing."""
+
+
+def a_site(users: tuple[str, ...] = USERS) -> ShardedSite:
+    return ShardedSite(users, package("a", 3.0), package("b", 6.0))
+
+
+def dwell(site: ShardedSite, *, deliver: bool = True, **places: float | None) -> None:
+    """Have people stay somewhere for as long as it takes to select."""
+    for index in range(10):
+        site.step(0.05, places)
+        if deliver:
+            for user in site.shards:
+                site.deliver(user)
+        if index % 5 == 4:
+            site.tick()
+
+
+_PEOPLE = st.fixed_dictionaries(dict.fromkeys(USERS, st.sampled_from(PLACES)))
+_STEPS = st.lists(
+    st.one_of(
+        st.tuples(st.just("stay"), _PEOPLE, st.integers(2, 12)),
+        st.tuples(st.just("link"), st.sampled_from(USERS), st.booleans()),
+        st.tuples(st.just("deliver"), st.sampled_from(USERS), st.tuples(st.integers(0, 4), st.booleans())),
+        st.tuples(st.just("wait"), st.floats(0.5, 7.0), st.none()),
+        st.tuples(st.just("restart"), st.booleans(), st.none()),
+    ),
+    max_size=25,
+)
+
+
+@given(_STEPS)
+@settings(max_examples=120, deadline=None)
+def test_whatever_links_and_restarts_do_each_object_has_one_owner_and_each_claim_one_event(
+    steps: list[tuple[str, object, object]],
+) -> None:
+    site = a_site()
+    for step in steps:
+        _do(site, *step)
+    site.settle()
+    _check_events(site.events)
+    for user, claim in site.claims:
+        answers = site.answers(user, claim)
+        assert len(answers) <= 1
+        assert answers or site.cues[user], "a claim was lost without a word"
+    for shard in site.shards.values():
+        followed = {one: owned.user for one, owned in shard._ownership.ledger.entries.items()}
+        assert followed == site.owners
+
+
+def _do(site: ShardedSite, what: str, which: object, how: object) -> None:
+    if what == "stay":
+        assert isinstance(which, dict)
+        assert isinstance(how, int)
+        for _ in range(how):
+            site.step(0.05, which)
+        site.tick()
+    elif what == "link":
+        site.links[str(which)].is_cut = bool(how)
+        site.meet()
+    elif what == "deliver":
+        assert isinstance(how, tuple)
+        site.deliver(str(which), up=int(how[0]), down=int(how[0]), twice=bool(how[1]))
+    elif what == "wait":
+        assert isinstance(which, float)
+        site.step(which, {})
+        site.tick()
+    elif site.is_running:
+        site.end_arbiter()
+        if which:
+            site.start_arbiter()
+    else:
+        site.start_arbiter()
+
+
+def _check_events(events: list[SelectionEvent]) -> None:
+    """Check that each object changes hands by its owner alone."""
+    owners: dict[str, str] = {}
+    for event in events:
+        if event.event == "selected":
+            assert event.object_id not in owners
+            owners[event.object_id] = event.user
+        elif event.event == "deselected":
+            assert owners.pop(event.object_id) == event.user
+        else:
+            assert event.event == "refused"
+            assert event.reason
+
+
+def test_two_shards_that_dwell_on_one_package_get_one_owner() -> None:
+    site = a_site(("anna", "ben"))
+    dwell(site, anna=3.0, ben=3.0)
+    assert [(event.event, event.user) for event in site.events] == [("selected", "anna"), ("refused", "ben")]
+    assert site.owners == {"a": "anna"}
+    dwell(site, ben=3.0)
+    assert site.hovers["ben"].taken_by == "anna"
+    assert site.hovers["ben"].is_selected
+
+
+def test_shards_select_as_one_selector_does() -> None:
+    """With links that take no time."""
+    site, room = a_site(("anna",)), Room(*a_site().objects, **{**a_site().config.model_dump()})
+    for _ in range(10):
+        dwell(site, anna=3.0)
+        room.stay(0.5, 20.0, anna=3.0)
+        dwell(site, anna=9.0)
+        room.stay(0.5, 20.0, anna=9.0)
+    assert [(event.event, event.stamp_ns) for event in site.events] == [
+        (event.event, event.stamp_ns) for event in room.events
+    ]
+    assert len(room.events) == 10
+
+
+def test_reserving_takes_few_claims_and_others_see_the_package_as_taken() -> None:
+    site = a_site(("anna", "ben"))
+    site.step(0.01, {"ben": 3.0})
+    for _ in range(12):
+        site.step(0.02, {"anna": 3.0})
+        site.deliver("anna")
+    reserves = len(site.links["anna"].up)
+    assert reserves <= 2
+    assert site.claims == []
+    site.deliver("ben")
+    site.step(0.02, {"ben": 3.0})
+    assert (site.hovers["ben"].action, site.hovers["ben"].taken_by) == ("refuse", "anna")
+    site.step(2.0, {})
+    site.tick()
+    site.deliver("ben")
+    site.step(0.02, {"ben": 3.0})
+    assert site.hovers["ben"].taken_by == ""
+
+
+def test_a_claim_that_was_held_up_is_refused_with_an_event_and_a_reason() -> None:
+    site = a_site(("anna",))
+    dwell(site, deliver=False, anna=3.0)
+    site.links["anna"].is_cut = True
+    site.step(MAX_CLAIM_AGE_NS / 1e9 + 1.0, {})
+    site.links["anna"].is_cut = False
+    site.deliver("anna")
+    assert [event.event for event in site.events] == ["refused"]
+    assert "ago" in site.events[0].reason
+    assert site.events[0].stamp_ns == site.claims[0][1].stamp_ns
+    assert site.owners == {}
+
+
+def test_a_claim_of_a_clock_far_ahead_is_refused() -> None:
+    site = a_site(("anna",))
+    site.step(0.1, {})
+    claim = Claim(stamp_ns=at(30.0), object_id="a", wish="toggle")
+    outputs = site.arbiter.on_claim("anna", claim, site.now_ns)
+    events = [one.message for one in outputs if isinstance(one.message, SelectionEvent)]
+    assert [event.event for event in events] == ["refused"]
+    assert "clock" in events[0].reason
+
+
+def test_a_claim_of_something_that_has_left_is_refused() -> None:
+    site = a_site(("anna",))
+    outputs = site.arbiter.on_claim(
+        "anna", Claim(stamp_ns=at(0.0), object_id="z", wish="toggle"), site.now_ns
+    )
+    events = [one.message for one in outputs if isinstance(one.message, SelectionEvent)]
+    assert [(event.event, event.reason) for event in events] == [("refused", "z has left")]
+
+
+def test_a_claim_that_comes_again_after_a_restart_changes_nothing() -> None:
+    site = a_site(("anna",))
+    dwell(site, anna=3.0)
+    user, claim = site.claims[0]
+    site.end_arbiter()
+    site.start_arbiter()
+    assert site.arbiter.on_claim(user, claim, site.now_ns) == []
+    assert site.owners == {"a": "anna"}
+
+
+def test_a_claim_that_the_arbiter_never_got_is_sent_again() -> None:
+    site = a_site(("anna",))
+    dwell(site, deliver=False, anna=3.0)
+    site.end_arbiter()
+    site.start_arbiter()
+    assert site.events == []
+    site.step(REPEAT_NS / 1e9, {})
+    site.tick()
+    site.deliver("anna")
+    assert [event.event for event in site.events] == ["selected"]
+    site.step(REPEAT_NS / 1e9, {})
+    site.tick()
+    assert not site.links["anna"].up
+
+
+def test_without_an_arbiter_people_keep_hovering_and_are_told() -> None:
+    site = a_site(("anna",))
+    site.end_arbiter()
+    dwell(site, anna=3.0)
+    assert site.hovers["anna"].object_id == "a"
+    assert site.claims == []
+    assert site.cues["anna"] == 1
+
+
+def test_a_claim_that_is_never_decided_ends_with_a_cue() -> None:
+    site = a_site(("anna",))
+    dwell(site, deliver=False, anna=3.0)
+    site.end_arbiter()
+    site.step(GIVE_UP_NS / 1e9 + 1.0, {})
+    site.tick()
+    assert site.cues["anna"] == 1
+
+
+def test_what_was_cleared_is_not_selected_again_by_who_still_rests_on_it() -> None:
+    site = a_site(("anna",))
+    dwell(site, anna=3.0)
+    dwell(site, anna=9.0)
+    for _ in range(3):
+        site.step(0.05, {"anna": 3.0})
+    site._from_arbiter(site.arbiter.clear("anna", site.now_ns))
+    site.deliver("anna")
+    dwell(site, anna=3.0)
+    dwell(site, anna=3.0)
+    assert [event.event for event in site.events] == ["selected", "deselected"]
+
+
+def test_selections_tell_the_method_once_there_is_a_shard() -> None:
+    room = Room(package("a", 3.0))
+    first = room.selecting.selection(at(0.0))
+    assert (first.method, first.dwell_s) == (None, None)
+    room.selecting.tell_method()
+    told = [one.message for one in room.selecting.tick(at(0.5))]
+    assert [(one.method, one.dwell_s) for one in told if isinstance(one, Selection)] == [("gauge", 0.8)]
+    assert room.selecting.tick(at(1.0)) == []
+
+
+def test_a_person_between_two_selectors_who_is_served_by_both_selects_once() -> None:
+    """A shard begins while the site's selector still points for its person, with the same cursors."""
+    site = a_site(("anna",))
+    room = Room(package("a", 3.0), **site.config.model_dump())
+    for index in range(1, 11):
+        room.stay(0.05, 20.0, anna=3.0)
+        site.step(0.05, {"anna": 3.0})
+        for user, claim in list(site.links["anna"].up):
+            room.take(room.selecting.on_claim(user, claim, at(0.05 * index)))
+        site.links["anna"].up.clear()
+    assert len(site.claims) == 1
+    assert room.told == [("selected", "a", "anna")]

@@ -111,7 +111,7 @@ class HostsTest:
             layout=layout,
             sent=sum(answer["sent"] for answer in answers),
             pointed=len(sight.cursor_s),
-            hovered=sight.hovers,
+            hovered=len(sight.hover_stamps),
             light_s=sight.light_s(),
             cursor_s=sight.cursor_s,
             processes=processes,

@@ -87,7 +87,7 @@ class LoadTest:
             layout=layout,
             sent=sent,
             pointed=len(self._sight.cursor_s),
-            hovered=self._sight.hovers,
+            hovered=len(self._sight.hover_stamps),
             light_s=self._sight.light_s(),
             cursor_s=list(self._sight.cursor_s),
             processes=processes,

@@ -1,7 +1,8 @@
 """Slopes of CPU time and memory per person and per host, and what they make of a core; pure.
 
 Measurements of several numbers of people, and of several numbers of hosts, are explained by least squares:
-so much for the site, so much for each person, so much for each host. The errors are 95 % confidence
+so much for the site, so much for each person (at the rate of the samples that could be sent), so much for
+each host. The errors are 95 % confidence
 intervals by Student's t with the residuals' standard deviation, so they cover scatter, not a curve.
 """
 
@@ -98,7 +99,7 @@ def slopes(results: Sequence[LoadResult]) -> list[dict[str, Any]]:
     rows: list[dict[str, Any]] = []
     unknowns = {
         "fixed": [1.0] * len(results),
-        "per_person": [float(result.users) for result in results],
+        "per_person": [result.sent / (result.rate_hz * result.duration_s) for result in results],
         "per_host": [float(result.hosts) for result in results],
     }
     for name_of_part, choose in PARTS.items():

@@ -32,7 +32,8 @@ def row_of(ended: Ended) -> dict[str, Any]:
 
 def namespaces_or_skip() -> None:
     try:
-        tried = subprocess.run(["unshare", "--net", "sh", "-c", TRY], capture_output=True, check=False)
+        command = ("unshare", "--net", "sh", "-c", TRY)
+        tried = subprocess.run(command, capture_output=True, check=False)
     except FileNotFoundError:
         pytest.skip("needs unshare (util-linux)")
     if tried.returncode:
@@ -75,9 +76,7 @@ async def test_rays_cross_a_link_only_to_a_pui_beyond_it(commands: Commands) -> 
 
 async def test_a_secured_tree_of_routers_carries_people(commands: Commands, tmp_path: Path) -> None:
     options = ("--hosts", "2", "--routers", "3", "--fan", "1", "--secured")
-    ended = await commands.pointit(
-        "load", *SHORT, *options, environment=without_namespaces(tmp_path / "bin")
-    )
+    ended = await commands.pointit("load", *SHORT, *options, environment=without_namespaces(tmp_path / "bin"))
     routers = [process["name"] for process in row_of(ended)["processes"] if process["name"] not in PEOPLE]
     assert routers == ["router above 1", "router host 1", "router host 2"]
 
@@ -85,7 +84,14 @@ async def test_a_secured_tree_of_routers_carries_people(commands: Commands, tmp_
 @pytest.mark.long
 async def test_zenohd_routes_by_the_same_configuration(commands: Commands, tmp_path: Path) -> None:
     ended = await commands.pointit(
-        "load", *SHORT, "--hosts", "2", "--router", "zenohd", "--secured", environment=_zenohd(tmp_path / "bin")
+        "load",
+        *SHORT,
+        "--hosts",
+        "2",
+        "--router",
+        "zenohd",
+        "--secured",
+        environment=_zenohd(tmp_path / "bin"),
     )
     assert "2 secured routers (zenohd)" in row_of(ended)["layout"]
 
@@ -112,9 +118,9 @@ async def test_several_numbers_of_people_have_slopes(commands: Commands) -> None
 @pytest.mark.parametrize(
     ("options", "sentence"),
     [
-        (("--hosts", "2", "--layout", "users"), "--hosts makes a site of its own"),
-        (("--users", "1,x"), "'x' is not a valid integer"),
-        (("--hosts", "0"), "0 is not in the range"),
+        (("--hosts", "2", "--layout", "users"), "--hosts makes a site and processes of its own"),
+        (("--users", "1,x"), "'x' is not a whole number from 1 to 1000"),
+        (("--hosts", "0"), "'0' is not a whole number from 1 to 16"),
     ],
 )
 async def test_wrong_options_are_said(commands: Commands, options: tuple[str, ...], sentence: str) -> None:

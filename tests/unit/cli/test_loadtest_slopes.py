@@ -1,10 +1,12 @@
 """Slopes: exact without scatter, honest with it, and silent where nothing can be known."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from pointit.cli.loadtest.figures import LinkUsage, LoadResult, Usage
-from pointit.cli.loadtest.slopes import Slope, fit, people_a_core, slopes
+from pointit.cli.loadtest.slopes import PER_PERSON, PartSlopes, Slope, fit, slopes
 
 STEPS = [(hosts, users) for hosts in (1, 2, 4) for users in (4, 8, 16)]
 
@@ -68,25 +70,51 @@ def test_too_few_measurements_have_no_slope(values: list[float]) -> None:
 
 def test_two_measurements_have_a_slope_without_an_error() -> None:
     found = fit({"fixed": [1.0, 1.0], "per_person": [1.0, 3.0]}, [1.0, 2.0])
-    assert found["per_person"] == Slope(value=pytest.approx(0.5), error=0.0)  # pyright: ignore[reportArgumentType]
+    assert found["per_person"].value == pytest.approx(0.5)
+    assert found["per_person"].error == 0.0
     assert str(found["per_person"]) == "0.5"
 
 
-def test_people_a_core_is_the_inverse_with_its_interval() -> None:
-    assert people_a_core(Slope(value=0.8, error=0.3)) == pytest.approx((125.0, 100 / 1.1, 200.0))
-    assert people_a_core(Slope(value=0.8, error=0.9)) == pytest.approx((125.0, 100 / 1.7, None))
-    assert people_a_core(Slope(value=-0.1, error=0.9)) is None
+@pytest.mark.parametrize(
+    ("slope", "people", "shown"),
+    [
+        (Slope(value=0.8, error=0.3), (125.0, 100 / 1.1, 200.0), "125 [91, 200]"),
+        (Slope(value=0.8, error=0.9), (125.0, 100 / 1.7, None), "125 [59, ?]"),
+        (Slope(value=-0.1, error=0.9), None, None),
+    ],
+)
+def test_people_a_core_is_the_inverse_with_its_interval(
+    slope: Slope, people: tuple[float, float, float | None] | None, shown: str | None
+) -> None:
+    part = PartSlopes(part="site", cpu_percent={PER_PERSON: slope}, memory_mb={})
+    assert part.people_a_core == (None if people is None else pytest.approx(people))
+    assert part.row()["people_a_core"] == shown
 
 
-def test_each_part_has_a_row() -> None:
-    rows = {row["part"]: row for row in slopes([result(*step) for step in STEPS])}
-    assert list(rows) == ["all processes", "people", "site", "all routers", "root router"]
-    assert rows["people"]["cpu_percent_per_person"].startswith("0.8")
-    assert rows["people"]["cpu_percent_per_host"].startswith("2")
-    assert rows["people"]["memory_mb_per_host"].startswith("70")
-    assert rows["people"]["people_a_core"].startswith("125 ")
-    assert rows["root router"]["cpu_percent_per_person"].startswith("0.1")
-    assert rows["site"]["people_a_core"].startswith("200 ")
+@pytest.mark.parametrize(
+    ("value", "error", "shown"),
+    [(49.23, 51.2, "49 ± 51"), (1.8, 0.124, "1.80 ± 0.12"), (0.5, 0.0, "0.5"), (-3.0, 3.4, "-3.0 ± 3.4")],
+)
+def test_a_slope_has_the_digits_of_its_error(value: float, error: float, shown: str) -> None:
+    assert str(Slope(value=value, error=error)) == shown
+
+
+def test_each_part_has_its_slopes() -> None:
+    found = {part.part: part for part in slopes([result(*step) for step in STEPS])}
+    assert list(found) == ["all processes", "people", "site", "all routers", "root router"]
+    people = found["people"]
+    assert people.cpu_percent["per_person"].value == pytest.approx(0.8)
+    assert people.cpu_percent["per_host"].value == pytest.approx(2.0)
+    assert people.memory_mb["per_host"].value == pytest.approx(70.0)
+    assert people.record()["people_a_core"][0] == pytest.approx(125.0)
+    assert found["root router"].cpu_percent["per_person"].value == pytest.approx(0.1)
+    assert found["site"].cpu_percent["per_person"].value == pytest.approx(0.5)
+
+
+def test_people_whose_samples_were_not_sent_do_not_count() -> None:
+    whole = [result(1, users) for users in (4, 8, 16)]
+    late = replace(result(1, 16), users=32)
+    assert slopes([*whole, late])[2].cpu_percent["per_person"].error < 1e-6
 
 
 def test_a_single_measurement_has_no_rows() -> None:

@@ -35,15 +35,15 @@ def test_every_machine_reaches_the_root_and_no_router_has_more_than_fan_below(
     assert len({machine.name for machine in machines}) == len(machines)
     for index, machine in enumerate(machines):
         assert machines[router_of(machines, index)].has_router
-        assert machine.uplink is None if index == 0 else 0 <= (machine.uplink or 0) < index
-    below = [machine.uplink for machine in machines if machine.has_router and machine.uplink is not None]
+        assert machine.uplink < max(1, index)
+    below = [machine.uplink for machine in machines[1:] if machine.has_router]
     assert all(below.count(uplink) <= fan for uplink in below)
 
 
 def test_two_hosts_of_a_campus_are_below_their_buildings() -> None:
     machines = tree(2, 5, 2)
     assert [(machine.name, machine.uplink) for machine in machines] == [
-        ("above 1", None),
+        ("above 1", 0),
         ("above 2", 0),
         ("above 3", 0),
         ("host 1", 1),
@@ -63,7 +63,10 @@ def test_people_are_spread_evenly_over_hosts_only() -> None:
 
 def test_shards_serve_the_people_of_their_host_and_are_observed_there() -> None:
     made = host_groups(load(central=False), 3, tree(2, 3, 2))
-    assert [[group.name for group in groups] for groups in made.values()] == [["site", "people 1"], ["people 2"]]
+    assert [[group.name for group in groups] for groups in made.values()] == [
+        ["site", "people 1"],
+        ["people 2"],
+    ]
     (site, first), (second,) = made.values()
     assert {"pui", "selector", "led-driver"} <= {launch.instance for launch in site.launches}
     assert (site.watched, site.watches_light) == ([], True)

@@ -3,7 +3,6 @@
 import os
 import tempfile
 from collections.abc import Sequence
-from typing import Any
 
 import click
 from click.core import ParameterSource
@@ -15,7 +14,7 @@ from pointit.cli.loadtest.figures import CapacitySearch, LoadResult
 from pointit.cli.loadtest.layout import Layout, Load
 from pointit.cli.loadtest.measuring import measure
 from pointit.cli.loadtest.routers import Program
-from pointit.cli.loadtest.slopes import slopes
+from pointit.cli.loadtest.slopes import PartSlopes, slopes
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.state_file import VARIABLE
 from pointit.runtime.link.credentials import VARIABLE as CREDENTIALS
@@ -29,7 +28,7 @@ MAX_HOSTS = 16
 MAX_ROUTERS = 32
 
 
-class Counts(click.ParamType):
+class Counts(click.ParamType[tuple[int, ...]]):
     """Whole numbers with commas between them."""
 
     name = "counts"
@@ -42,8 +41,12 @@ class Counts(click.ParamType):
         self, value: object, param: click.Parameter | None, ctx: click.Context | None
     ) -> tuple[int, ...]:
         """Return the numbers in `value`."""
-        one = click.IntRange(1, self._most)
-        return tuple(one.convert(each.strip(), param, ctx) for each in str(value).split(","))
+        numbers: list[int] = []
+        for each in str(value).split(","):
+            if not each.strip().isdecimal() or not 1 <= int(each) <= self._most:
+                self.fail(f"{each!r} is not a whole number from 1 to {self._most}", param, ctx)
+            numbers.append(int(each))
+        return tuple(numbers)
 
 
 @click.command("load", params=site_options())
@@ -172,7 +175,7 @@ def command(
         )
     if hosts and (not is_own or layout != "one"):
         raise ConfigError(
-            "--hosts makes a site of its own and its processes; leave out --layout, --connect and --credentials"
+            "--hosts makes a site and processes of its own; leave out --layout, --connect and --credentials"
         )
     if is_own:  # its services must not store their state among that of this machine's user
         os.environ[VARIABLE] = context.with_resource(tempfile.TemporaryDirectory(prefix="pointit-load-"))
@@ -201,7 +204,13 @@ def command(
     found = slopes(done)
     if as_json:
         limit = {"limit": searches[-1].carried} if searches else {}
-        print_json({"measured": [measured.record() for measured in done], "slopes": found, **limit})
+        print_json(
+            {
+                "measured": [measured.record() for measured in done],
+                "slopes": [part.record() for part in found],
+                **limit,
+            }
+        )
     else:
         show(_sections(done, found), as_json=False)
         for load, search in zip(loads, searches, strict=False):
@@ -213,7 +222,7 @@ def command(
     return EXIT_FAILED if any(measured.failure for measured in done) else 0
 
 
-def _sections(done: Sequence[LoadResult], found: Sequence[dict[str, Any]]) -> list[Section]:
+def _sections(done: Sequence[LoadResult], found: Sequence[PartSlopes]) -> list[Section]:
     first, last = done[0], done[-1]
     about = f"{first.rate_hz:g} Hz each for {first.duration_s:g} s, {first.layout}"
     roomy = frozenset({"cursor_p50_ms", "cursor_p99_ms", "processes", "load", "busiest"})
@@ -223,7 +232,9 @@ def _sections(done: Sequence[LoadResult], found: Sequence[dict[str, Any]]) -> li
         about = f"per second, {last.users} people, {last.layout}"
         made.append(Section(name="links", about=about, rows=rows, roomy=frozenset({"up", "down"})))
     if found:
-        made.append(Section(name="slopes", about="with 95 % intervals", rows=tuple(found)))
+        made.append(
+            Section(name="slopes", about="with 95 % intervals", rows=tuple(part.row() for part in found))
+        )
     return made
 
 
@@ -241,9 +252,9 @@ async def _run(
             done.append(measured)
             row = measured.row()
             _tell(
-                f"  p50 {row['light_p50_ms']} ms, p99 {row['light_p99_ms']} ms, drops {row['drops_percent']} %, "
-                f"CPU {row['cpu_percent']} %, {row['memory_mb']} MB, load {row['load']}: "
-                + (measured.failure or "carried")
+                f"  p50 {row['light_p50_ms']} ms, p99 {row['light_p99_ms']} ms, "
+                f"drops {row['drops_percent']} %, CPU {row['cpu_percent']} %, {row['memory_mb']} MB, "
+                f"load {row['load']}: {measured.failure or 'carried'}"
             )
             if search is not None:
                 search.report(count, carried=not measured.failure)

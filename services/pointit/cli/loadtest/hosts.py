@@ -137,13 +137,16 @@ class HostsTest:
         return {index: usage for index, usage in found.items() if usage is not None}
 
     def _link(
-        self, index: int, before: Traffic, after: Traffic, lasted_s: float, contents: Mapping[str, Sequence[int]]
+        self,
+        index: int,
+        before: Traffic,
+        after: Traffic,
+        lasted_s: float,
+        contents: Mapping[str, Sequence[int]],
     ) -> LinkUsage:
         machines = self._network.machines
-        uplink = machines[index].uplink
-        assert uplink is not None, "the root has no link"
         return LinkUsage(
-            name=f"{machines[index].name} > {machines[uplink].name}",
+            name=f"{machines[index].name} > {machines[machines[index].uplink].name}",
             up_bytes_hz=(after.up_bytes - before.up_bytes) / lasted_s,
             up_packets_hz=(after.up_packets - before.up_packets) / lasted_s,
             down_bytes_hz=(after.down_bytes - before.down_bytes) / lasted_s,
@@ -173,6 +176,7 @@ class HostsTest:
 async def start_hosts_test(
     network: Network,
     groups: Mapping[int, Sequence[Group]],
+    *,
     site: str,
     program: Program,
     folder: Path,
@@ -197,7 +201,7 @@ async def start_hosts_test(
             if not machine.has_router:
                 continue
             listen = network.listen(index)
-            uplinks = [network.uplink(index)] if machine.uplink is not None else []
+            uplinks = [network.uplink(index)] if index else []
             if secured is None:
                 made = plain_configuration(listen, uplinks)
             else:

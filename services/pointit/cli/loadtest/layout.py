@@ -105,7 +105,7 @@ def groups(load: Load, count: int) -> tuple[Group, list[Group]]:
 
 
 def host_groups(load: Load, count: int, machines: Sequence[Machine]) -> dict[int, list[Group]]:
-    """Return the processes of each machine, by its index: one for its people, and at the first host the site's.
+    """Return the processes of each machine by its index: its people's, and at the first host the site's.
 
     Unless the load is `central`, cursors and hovers are computed by shards beside the people.
     """
@@ -114,9 +114,13 @@ def host_groups(load: Load, count: int, machines: Sequence[Machine]) -> dict[int
     for number, (index, names) in enumerate(spread(list(by_name), machines).items(), 1):
         own = [launch for name in names for launch in by_name[name]]
         if not load.central:
-            own += [_shard(launch, f"host{number}", names) for launch in site if launch.service.NAME in SHARDED]
+            own += [
+                _shard(launch, f"host{number}", names) for launch in site if launch.service.NAME in SHARDED
+            ]
         watched = names if not load.central else []
-        made[index] = [Group(name=f"people {number}", launches=own, wrists=names, watched=watched)] if names else []
+        made[index] = (
+            [Group(name=f"people {number}", launches=own, wrists=names, watched=watched)] if names else []
+        )
         if number == 1:
             watched = list(by_name) if load.central else []
             made[index].insert(0, Group(name="site", launches=site, watched=watched, watches_light=True))

@@ -32,10 +32,11 @@ def count(device: str, duration_s: float) -> dict[str, list[int]]:
                 packet, (_, _, direction, *_) = wire.recvfrom(MAX_PACKET)
             except TimeoutError:
                 break
-            counts[direction != OUTGOING].update(each.decode("ascii") for each in KIND.findall(packet))
+            kinds: list[bytes] = KIND.findall(packet)
+            counts[direction != OUTGOING].update(kind.decode("ascii") for kind in kinds)
     up, down = counts
     return {kind: [up[kind], down[kind]] for kind in sorted({*up, *down})}
 
 
 if __name__ == "__main__":
-    print(json.dumps(count(sys.argv[1], float(sys.argv[2]))))
+    sys.stdout.write(json.dumps(count(sys.argv[1], float(sys.argv[2]))))

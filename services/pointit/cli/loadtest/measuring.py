@@ -55,8 +55,8 @@ async def _measure_hosts(load: Load, count: int, tell: Tell) -> LoadResult:
     ):
         if made.lacking:
             tell(
-                f"  hosts are processes on loopback, and their links are not measured ({made.lacking}); run as "
-                "root, or by `unshare --map-root-user --net pointit load …`"
+                f"  hosts are processes on loopback, and their links are not measured ({made.lacking}); run "
+                "as root, or by `unshare --map-root-user --net pointit load …`"
             )
         site: SiteFolder | None = None
         if load.secured:
@@ -64,7 +64,12 @@ async def _measure_hosts(load: Load, count: int, tell: Tell) -> LoadResult:
             stack.enter_context(_given(credentials))
         people = host_groups(load, count, machines)
         async with start_hosts_test(
-            made, people, load.site, load.router or "pointit", Path(folder), site
+            made,
+            people,
+            site=load.site,
+            program=load.router or "pointit",
+            folder=Path(folder),
+            secured=site,
         ) as test:
             await test.until_carried(load.rate_hz, WARM_UP_S)
             tell(f"  measuring for {load.duration_s:g} s …")

@@ -19,7 +19,6 @@ from pointit.runtime.link.link import LEASE_MS
 Program = Literal["pointit", "zenohd"]
 """Program that routes."""
 
-ZENOHD = "zenohd"
 RETRY = {"period_init_ms": 100, "period_max_ms": 1000, "period_increase_factor": 1.5}
 
 
@@ -60,22 +59,10 @@ async def router_process(
     Raises:
         ConfigError: If it is not installed, or has ended.
     """
-    if program == ZENOHD and shutil.which(ZENOHD) is None:
-        raise ConfigError(
-            "--router zenohd: zenohd is not in PATH; install it (`cargo install zenohd`, or "
-            "github.com/eclipse-zenoh/zenoh/releases), or use --router pointit"
-        )
-    folder.mkdir(parents=True, exist_ok=True)
-    file = folder / "router.json5"
-    file.write_text(json.dumps(made, indent=1), encoding="utf-8")
-    ours = [sys.executable, "-m", "pointit.cli", "router", "--most-connections", "1000"]
-    command = [ZENOHD] if program == ZENOHD else ours
+    command = [*place, *_command(program), "--config", _written(made, folder)]
     with (folder / "log").open("w") as log:
         process = await asyncio.create_subprocess_exec(
-            *place,
             *command,
-            "--config",
-            str(file),
             stdin=asyncio.subprocess.DEVNULL,
             stdout=log,
             stderr=log,
@@ -87,9 +74,31 @@ async def router_process(
     except ConnectError as error:
         if process.returncode is None:
             raise
-        lines = (folder / "log").read_text(encoding="utf-8", errors="replace").strip().splitlines()
-        raise ConfigError(f"the router has ended: {lines[-1] if lines else 'it says nothing'}") from error
+        raise ConfigError(f"the router has ended: {_last_line(folder / 'log')}") from error
     finally:
         with contextlib.suppress(ProcessLookupError):
             process.send_signal(signal.SIGTERM)
         await process.wait()
+
+
+def _command(program: Program) -> list[str]:
+    if program == "pointit":
+        return [sys.executable, "-m", "pointit.cli", "router", "--most-connections", "1000"]
+    if shutil.which(program) is None:
+        raise ConfigError(
+            "--router zenohd: zenohd is not in PATH; install it (`cargo install zenohd`, or "
+            "github.com/eclipse-zenoh/zenoh/releases), or use --router pointit"
+        )
+    return [program]
+
+
+def _written(made: dict[str, Any], folder: Path) -> str:
+    folder.mkdir(parents=True, exist_ok=True)
+    file = folder / "router.json5"
+    file.write_text(json.dumps(made, indent=1), encoding="utf-8")
+    return str(file)
+
+
+def _last_line(log: Path) -> str:
+    lines = log.read_text(encoding="utf-8", errors="replace").strip().splitlines()
+    return lines[-1] if lines else "it says nothing"

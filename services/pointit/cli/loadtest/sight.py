@@ -1,13 +1,14 @@
 """An observer of a load test: which cursors and lights follow the samples, and when."""
 
+import asyncio
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from pointit.runtime.bus.contract import ANY, Bus, Undecoded
+from pointit.runtime.bus.contract import Bus, Undecoded
 from pointit.schemas import NS_PER_S, Message
-from pointit.schemas.topics import CURSOR, HOVER, POSE, STRIPS_FRAME
+from pointit.schemas.topics import ANY, CURSOR, HOVER, POSE, STRIPS_FRAME
 
 
 @dataclass
@@ -38,6 +39,11 @@ class Sight:
     def watch_light(self, bus: Bus) -> None:
         """Read the frames."""
         bus.tap(STRIPS_FRAME, self._on_frame)
+
+    async def until_poses(self, services: "asyncio.Task[None]") -> None:
+        """Wait until all poses are known, or `services` have ended."""
+        while not self.users <= self.poses and not services.done():  # noqa: ASYNC110 - on another thread
+            await asyncio.sleep(0.05)
 
     def clear(self) -> None:
         """Forget what was received, but for the poses."""

@@ -6,9 +6,10 @@ each host. The errors are 95 % confidence
 intervals by Student's t with the residuals' standard deviation, so they cover scatter, not a curve.
 """
 
+import math
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ import numpy as np
 from pointit.cli.loadtest.figures import LoadResult, Usage
 
 CONFIDENCE = 0.95
+FIXED, PER_PERSON, PER_HOST = "fixed", "per_person", "per_host"
 CORE = 100.0
 """A core, in percent of a core."""
 
@@ -30,7 +32,10 @@ class Slope:
 
     def __str__(self) -> str:
         """Return it with the digits that its error permits."""
-        return f"{self.value:.3g} ± {self.error:.1g}" if self.error else f"{self.value:.3g}"
+        if not self.error:
+            return f"{self.value:.3g}"
+        digits = max(0, 1 - math.floor(math.log10(self.error)))
+        return f"{self.value:.{digits}f} ± {self.error:.{digits}f}"
 
 
 def fit(unknowns: Mapping[str, Sequence[float]], values: Sequence[float]) -> dict[str, Slope]:
@@ -61,15 +66,45 @@ def fit(unknowns: Mapping[str, Sequence[float]], values: Sequence[float]) -> dic
     }
 
 
-def people_a_core(cpu: Slope) -> tuple[float, float, float | None] | None:
-    """Return the people a core by a slope of CPU (percent of a core per person): value, least, most.
+@dataclass(frozen=True, kw_only=True)
+class PartSlopes:
+    """What a part of a load test costs."""
 
-    None if the slope is not above zero; the most is None if the interval of the slope includes zero.
-    """
-    if cpu.value <= 0:
-        return None
-    low = cpu.value - cpu.error
-    return CORE / cpu.value, CORE / (cpu.value + cpu.error), CORE / low if low > 0 else None
+    part: str
+    cpu_percent: Mapping[str, Slope]
+    """Percent of a core, fixed, per person and per host."""
+    memory_mb: Mapping[str, Slope]
+
+    @property
+    def people_a_core(self) -> tuple[float, float, float | None] | None:
+        """Return the people whose cost is a core: value, least, most.
+
+        None if the slope is not above zero. The most is None if the interval of the slope includes zero.
+        """
+        cpu = self.cpu_percent[PER_PERSON]
+        if cpu.value <= 0:
+            return None
+        low = cpu.value - cpu.error
+        return CORE / cpu.value, CORE / (cpu.value + cpu.error), CORE / low if low > 0 else None
+
+    def row(self) -> dict[str, Any]:
+        """Return a row of the table."""
+        carried = self.people_a_core
+        shown = None
+        if carried is not None:
+            value, least, most = carried
+            shown = f"{value:.0f} [{least:.0f}, {'?' if most is None else f'{most:.0f}'}]"
+        kinds = {"cpu_percent": self.cpu_percent, "memory_mb": self.memory_mb}
+        columns = {
+            f"{kind}_{name}": str(found[name]) if name in found else None
+            for kind, found in kinds.items()
+            for name in (FIXED, PER_PERSON, PER_HOST)
+        }
+        return {"part": self.part, **columns, "people_a_core": shown}
+
+    def record(self) -> dict[str, Any]:
+        """Return all values, for programs."""
+        return {**asdict(self), "people_a_core": self.people_a_core}
 
 
 def _people(usages: Sequence[Usage]) -> list[Usage]:
@@ -94,33 +129,20 @@ PARTS: Mapping[str, Callable[[Sequence[Usage]], Sequence[Usage]]] = {
 """Parts of a load test, chosen from its processes. The first router is the root of the tree."""
 
 
-def slopes(results: Sequence[LoadResult]) -> list[dict[str, Any]]:
-    """Return a row for CPU (percent of a core) and memory (MB) of each part. Empty if they cannot be known."""
-    rows: list[dict[str, Any]] = []
+def slopes(results: Sequence[LoadResult]) -> list[PartSlopes]:
+    """Return what each part costs. Empty if that cannot be known from these measurements."""
     unknowns = {
-        "fixed": [1.0] * len(results),
-        "per_person": [result.sent / (result.rate_hz * result.duration_s) for result in results],
-        "per_host": [float(result.hosts) for result in results],
+        FIXED: [1.0] * len(results),
+        PER_PERSON: [result.sent / (result.rate_hz * result.duration_s) for result in results],
+        PER_HOST: [float(result.hosts) for result in results],
     }
-    for name_of_part, choose in PARTS.items():
+    made: list[PartSlopes] = []
+    for name, choose in PARTS.items():
         parts = [choose(result.processes) for result in results]
         if not all(parts):
             continue
         cpu = fit(unknowns, [sum(usage.cpu for usage in part) * CORE for part in parts])
         memory = fit(unknowns, [sum(usage.memory_mb for usage in part) for part in parts])
-        if "per_person" not in cpu:
-            continue
-        carried = people_a_core(cpu["per_person"])
-        rows.append(
-            {
-                "part": name_of_part,
-                **{f"cpu_percent_{name}": str(cpu[name]) if name in cpu else None for name in unknowns},
-                **{f"memory_mb_{name}": str(memory[name]) if name in memory else None for name in unknowns},
-                "people_a_core": None if carried is None else _interval(*carried),
-            }
-        )
-    return rows
-
-
-def _interval(value: float, least: float, most: float | None) -> str:
-    return f"{value:.0f} [{least:.0f}, {'?' if most is None else f'{most:.0f}'}]"
+        if PER_PERSON in cpu:
+            made.append(PartSlopes(part=name, cpu_percent=cpu, memory_mb=memory))
+    return made

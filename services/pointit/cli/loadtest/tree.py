@@ -12,15 +12,15 @@ class Machine:
     """`host 1`, or `above 1` for a router without people."""
     has_router: bool
     has_people: bool
-    uplink: int | None
-    """Index of the machine whose router it joins. None: it is the root."""
+    uplink: int
+    """Index of the machine whose router it joins. That of the root is its own, 0."""
 
 
 def tree(hosts: int, routers: int, fan: int) -> list[Machine]:
     """Return the machines, root first.
 
-    Every router but the root joins another one, at most `fan` the same. People are at the last routers. With more
-    routers than hosts, the others are above them, as those of a building and a campus. With fewer, hosts
+    Every router but the root joins another one, at most `fan` the same. People are at the last routers. With
+    more routers than hosts, the others are above them, as those of a building and a campus. With fewer, hosts
     share routers.
     """
     above = max(0, routers - hosts)
@@ -29,24 +29,19 @@ def tree(hosts: int, routers: int, fan: int) -> list[Machine]:
             name=f"above {index + 1}" if index < above else f"host {index - above + 1}",
             has_router=True,
             has_people=index >= above,
-            uplink=(index - 1) // fan if index else None,
+            uplink=max(0, index - 1) // fan,
         )
         for index in range(routers)
     ]
     for index in range(routers, hosts):
         uplink = index % routers
-        machines.append(
-            Machine(name=f"host {index + 1}", has_router=False, has_people=True, uplink=uplink)
-        )
+        machines.append(Machine(name=f"host {index + 1}", has_router=False, has_people=True, uplink=uplink))
     return machines
 
 
 def router_of(machines: Sequence[Machine], index: int) -> int:
     """Return the index of the machine with the router that processes of a machine join."""
-    machine = machines[index]
-    if machine.has_router or machine.uplink is None:
-        return index
-    return machine.uplink
+    return index if machines[index].has_router else machines[index].uplink
 
 
 def spread(names: Sequence[str], machines: Sequence[Machine]) -> dict[int, list[str]]:

@@ -84,8 +84,7 @@ async def _work() -> int:
         while line := await reader.readline():
             order = json.loads(line)
             if not order:  # it asks for the poses
-                while not sight.users <= sight.poses and not services.done():
-                    await asyncio.sleep(0.05)
+                await sight.until_poses(services)
                 _say({})
                 continue
             sight.clear()

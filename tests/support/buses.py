@@ -140,6 +140,11 @@ class RouterProcess:
         self._process = ForkedProcess(["router", "--listen", self.endpoint], out, err, os.environ)
         self._process.says(self.endpoint)
 
+    def freeze(self) -> None:
+        """Let it do nothing until it is stopped: what it gets is lost then."""
+        assert self._process is not None
+        self._process.send_signal(signal.SIGSTOP)
+
     def stop(self, number: int = signal.SIGKILL) -> float:
         """Send a signal; return how long the process took to end, s."""
         process, self._process = self._process, None

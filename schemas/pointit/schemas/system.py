@@ -156,11 +156,13 @@ class Deployment(Message):
     def believed(self, name: str) -> "Deployment":
         """Return the part that the writer of `deployment/{name}` may state: a run all, a person their own.
 
+        That are their services, and shards called after them.
+
         The router enforces write access. The content of a message is only its writer's claim.
         """
         if name.startswith(RUN):
             return self
-        own = tuple(service for service in self.services if service.user == name)
+        own = tuple(each for each in self.services if (each.user or each.name) == name)
         return self.model_copy(
             update={
                 "services": own,

@@ -4,7 +4,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
-from pointit.schemas.system import RUN
+from pointit.schemas.system import RUN, instance_of
 from pointit.schemas.topics import (
     ACCOUNTS,
     ANY,
@@ -22,6 +22,7 @@ from pointit.schemas.topics import (
     RUN_SCENARIO,
     SERVED,
     SERVICE_ALIVE,
+    SHARD_ALIVE,
     STOP_ROBOT,
     TOPICS,
     USER_ALIVE,
@@ -121,21 +122,27 @@ def _numbered(key: str) -> tuple[str, ...]:
 
 
 def _user(name: str) -> Rights:
-    """Return the rights of the services of the person `name`: they write and answer their own keys."""
+    """Return the rights of the services and shards of the person `name`: they write and answer their keys."""
     mine = _of_scope("user")
-    instances = [f"{row.name}.{name}" for row in mine]
-    reads = [topic.at(name) for row in mine for topic in row.reads if _is_personal(topic)]
+    shards = [row for row in PROCESSES if row.shard_serves is not None]
+    instances = [instance_of(row.name, name) for row in (*mine, *shards)]
+    reads = [topic.at(name) for row in (*mine, *shards) for topic in row.reads if _is_personal(topic)]
+    serves = [request for row in mine for request in row.serves if _is_personal(request)]
     return Rights(
         writes=_sorted(
             [
                 *(topic.at(name) for row in mine for topic in row.writes),
+                *(topic.at(name) for row in shards for topic in row.writes if _is_personal(topic)),
                 BUTTON.at(name),
                 *([] if name.startswith(RUN) else [DEPLOYMENT.at(name)]),
                 *(topic.at(instance) for topic in ACCOUNTS for instance in instances),
             ]
         ),
         reads=_sorted([*reads, *_anywhere([viewer_topics()])]),
-        serves=_sorted(request.at(name) for row in mine for request in row.serves if _is_personal(request)),
+        serves=_sorted(
+            request.at(name)
+            for request in (*serves, *(each for row in shards for each in row.shard_serves or ()))
+        ),
         asks=_sorted(
             [
                 *(request.at(name) for request in REQUESTS if _is_personal(request)),
@@ -147,6 +154,7 @@ def _user(name: str) -> Rights:
                 USER_ALIVE.at(name),
                 SERVICE_ALIVE.at(RECORDER),  # nobody records without others seeing it
                 *(SERVICE_ALIVE.at(instance) for instance in instances),
+                *(SHARD_ALIVE.at(instance_of(row.name, name)) for row in shards),
             ]
         ),
     )

@@ -119,6 +119,6 @@ def _again(service: ExpectedService, started_by: str, options: str) -> str:
     """Return the remedy that restarts `service` of `started_by`. `options` reach the site."""
     if not service.command:
         return f"it runs inside the process that started {started_by}: start that again"
-    command = start_command(service.service, service.user)
+    command = start_command(service.service, service.user or service.name)
     settings = f"the log of what started {started_by} has the command with its settings"
     return f"start it again: {command}{options} ({settings})" if command else f"start it again: {settings}"

@@ -3,11 +3,13 @@
 from collections.abc import Iterator, Sequence
 
 from pointit.diagnosis.observation import Finding, Observation
-from pointit.diagnosis.writers import is_bridge, present_writers
+from pointit.diagnosis.writers import is_bridge, present_writers, row_of
 from pointit.runtime.bus.contract import AnyTopic
 from pointit.schemas import Health, KeyHealth
+from pointit.schemas.system import split_instance
 from pointit.schemas.text import one_line
 from pointit.schemas.topics import ANY, CURSOR, HOVER, TOPICS
+from pointit.services.registry import person_of
 
 GRACE_S = 3.0
 """Uptime within which a service need not have received all inputs, s."""
@@ -24,7 +26,7 @@ def stale_inputs(seen: Observation) -> Iterator[Finding]:
             if health is None or not _is_old(key, topic, seen, health.uptime_s):
                 continue
             able = present_writers(topic, health.user or ANY, seen.present)
-            writers = [each for each in able if not is_bridge(each)]  # bridges only forward
+            writers = [each for each in able if not is_bridge(each) and _is_read(seen, instance, topic, each)]
             if writers and (topic not in PAUSES or _written(seen, topic, writers)):
                 stale.setdefault(instance, []).append((topic, key, writers))
     for instance, inputs in stale.items():
@@ -43,6 +45,19 @@ def stale_inputs(seen: Observation) -> Iterator[Finding]:
                 sentence=f"its input {topic.key} {age}, though {' and '.join(writers)} should write it",
                 remedy=remedy,
             )
+
+
+def _is_read(seen: Observation, instance: str, topic: AnyTopic, writer: str) -> bool:
+    """Return True if `instance` reads what `writer` writes. Presence does not tell whom shards serve.
+
+    So a service that has shards must hear nobody but, if it is a shard called after a person, that person.
+    """
+    service, which = split_instance(instance)
+    row = row_of(service)
+    is_shared = row is not None and row.shard_serves is not None and topic.placeholder == "user"
+    if not is_shared or not any(each.startswith(f"{service}.") for each in seen.present):
+        return True
+    return bool(which) and person_of(writer) == which
 
 
 def _look_at(seen: Observation, writer: str) -> str:

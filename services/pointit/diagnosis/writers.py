@@ -33,7 +33,8 @@ def start_command(service: str, which: str = "") -> str:
     if which and (not NAME.match(which) or which.startswith(".")):
         return ""
     option = "--user" if row.scope == "user" else "--name"
-    return f"pointit service run {service}" + (f" {option} {which}" if which else "")
+    people = " --people [...]" if which and row.shard_serves is not None else ""
+    return f"pointit service run {service}" + (f" {option} {which}{people}" if which else "")
 
 
 def present_writers(topic: AnyTopic, name: str, present: Iterable[str]) -> list[str]:
@@ -43,8 +44,11 @@ def present_writers(topic: AnyTopic, name: str, present: Iterable[str]) -> list[
     found: list[str] = []
     for instance in present:
         service, which = split_instance(instance)
-        other = topic.placeholder in ("user", service) and which and name not in (ANY, "", which)
-        row = None if service in topic.writers else row_of(service)
+        row = row_of(service)
+        is_shard = bool(which) and row is not None and row.shard_serves is not None
+        only = person_of(instance) if topic.placeholder == "user" else which
+        other = topic.placeholder in ("user", service) and only and name not in (ANY, "", only)
+        other = other or (is_shard and topic.placeholder != "user")  # its site's instance writes these
         writes = service in topic.writers or (row is not None and topic in row.writes)
         if writes and not other:
             found.append(instance)

@@ -29,6 +29,9 @@ class Process:
     """One instance per site, or one per person."""
     several: bool = False
     """True if several may run on a site, each under a name: `robot.quad`."""
+    shard_serves: tuple[Request[Any, Any], ...] | None = None
+    """Requests that shards answer, if those with a name are shards: they serve some of the people each. None
+    if there are no shards."""
     about: str
     reads: tuple[Topic[Any], ...]
     writes: tuple[Topic[Any], ...]
@@ -156,14 +159,18 @@ PROCESSES: list[Process] = [
     Process(
         name="pui",
         scope="site",
+        several=True,
+        shard_serves=(topics.SET_WORKSPACE,),
         about="rays, poses and the map to cursors",
-        reads=(topics.RAY, topics.POSE, topics.INTERACTION, topics.OBJECTS),
+        reads=(topics.RAY, topics.POSE, topics.INTERACTION, topics.OBJECTS, topics.MAP),
         writes=(topics.MAP, topics.CURSOR, topics.FEEDBACK),
         serves=(topics.SET_WORKSPACE, topics.SET_TOLERANCE),
     ),
     Process(
         name="selector",
         scope="site",
+        several=True,
+        shard_serves=(),
         about="cursors that rest on objects to selections",
         reads=(
             topics.CURSOR,

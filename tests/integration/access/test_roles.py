@@ -12,11 +12,15 @@ from pointit.schemas.topics import (
     ACCOUNTS,
     ANY,
     BUTTON,
+    CLAIM,
     CLOCK,
     CONFIGURATION,
+    CURSOR,
     DEPLOYMENT,
     ERASE_MEMORY,
+    HOVER,
     IMU,
+    PRESENCES,
     RAY,
     READ_HISTORY,
     READ_MEMORY,
@@ -24,6 +28,8 @@ from pointit.schemas.topics import (
     RUN_SCENARIO,
     SERVED,
     SERVICE_ALIVE,
+    SET_WORKSPACE,
+    SHARD_ALIVE,
     STOP_ROBOT,
     TOPICS,
     USER_ALIVE,
@@ -55,7 +61,17 @@ def topic_keys() -> dict[str, tuple[object, str]]:
         names = {
             "": ("",),
             "user": PEOPLE,
-            "service": ("pui", "pointing.anna", "pointing.ben", "web", "supervisor", "anna"),
+            "service": (
+                "pui",
+                "pui.anna",
+                "pui.ben",
+                "selector.anna",
+                "pointing.anna",
+                "pointing.ben",
+                "web",
+                "supervisor",
+                "anna",
+            ),
             "name": ("anna", "ben", "hall"),
         }.get(topic.placeholder, ("thing",))
         keys |= {topic.at(name): (topic, name) for name in names}
@@ -68,12 +84,15 @@ def may_write(me: str, topic: object, name: str) -> bool:
     writers = [row for row in PROCESSES if topic in row.writes]
     if topic in ACCOUNTS:
         personal = [f"{row.name}.{me}" for row in PROCESSES if row.scope == "user"]
+        personal += [f"pui.{me}", f"selector.{me}"]
         shared = [row.name for row in PROCESSES if row.scope == "site" and row.room == "services"]
+        shared += ["pui.anna", "pui.ben", "selector.anna"]
         return name in {"user": personal, "services": shared, "web": ["web"]}.get(role, [])
     if role == "user":
         if topic is DEPLOYMENT:
             return name == me
-        return name == me and any(row.scope == "user" for row in writers)
+        # cursor and hovers, which a person's shards write
+        return name == me and (any(row.scope == "user" for row in writers) or topic in (CURSOR, HOVER, CLAIM))
     if role == "services":
         shared_writers = any(row.scope == "site" and row.room == "services" for row in writers)
         return shared_writers or topic in (CLOCK, DEPLOYMENT)
@@ -174,7 +193,7 @@ def test_what_is_remembered_of_people_is_for_them_and_operators(members: dict[st
 def may_serve(me: str, row: Request[Any, Any], name: str) -> bool:
     servers = [process for process in PROCESSES if row in process.serves]
     if NAMES[me] == "user":
-        return name == me and any(server.scope == "user" for server in servers)
+        return name == me and (row is SET_WORKSPACE or any(server.scope == "user" for server in servers))
     return NAMES[me] == "services" and (
         row is RUN_SCENARIO or any(server.scope == "site" for server in servers)
     )
@@ -194,10 +213,12 @@ def test_only_who_serves_a_request_is_asked(members: dict[str, Member]) -> None:
 def test_presence_is_told_of_oneself_only_and_seen_by_all(members: dict[str, Member]) -> None:
     everybody = [USER_ALIVE.at("anna"), USER_ALIVE.at("ben")]
     everybody += [SERVICE_ALIVE.at(name) for name in ("pointing.anna", "pointing.ben", "pui", "web", "rogue")]
+    shards = {row.at(name) for row in (SERVICE_ALIVE, SHARD_ALIVE) for name in ("pui.anna", "selector.anna")}
+    everybody += sorted(shards)
     expected = {
-        "anna": {USER_ALIVE.at("anna"), SERVICE_ALIVE.at("pointing.anna")},
+        "anna": {USER_ALIVE.at("anna"), SERVICE_ALIVE.at("pointing.anna"), *shards},
         "ben": {USER_ALIVE.at("ben"), SERVICE_ALIVE.at("pointing.ben")},
-        "services": {SERVICE_ALIVE.at("pui")},
+        "services": {SERVICE_ALIVE.at("pui"), *shards},
         "web": {SERVICE_ALIVE.at("web")},
     }
     for me in LIMITED:
@@ -205,7 +226,7 @@ def test_presence_is_told_of_oneself_only_and_seen_by_all(members: dict[str, Mem
             members[me].settle(members["supervisor"])
             for onlooker in LIMITED:
                 if onlooker != me:
-                    seen = members[onlooker].sees(SERVICE_ALIVE.at(ANY), USER_ALIVE.at(ANY))
+                    seen = members[onlooker].sees(*(row.at(ANY) for row in PRESENCES))
                     assert seen == expected.get(me, set()), (me, onlooker)
         members[me].settle(members["supervisor"])
 

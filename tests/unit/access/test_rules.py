@@ -129,7 +129,7 @@ def test_robots_report_and_are_present_under_names_of_their_own() -> None:
     for message, row in (("put", HEALTH), ("liveliness_token", SERVICE_ALIVE)):
         allowed = [
             name
-            for name in ("robot", "robot.quad", "robots", "pui.quad", "pointing.quad")
+            for name in ("robot", "robot.quad", "robots", "keeper.quad", "pointing.quad")
             if permits(rules, message, "ingress", f"pointit/lab/{row.at(name)}")
         ]
         assert allowed == ["robot", "robot.quad"]

@@ -56,12 +56,15 @@ def test_deployment_of_a_person_is_believed_for_that_person_only() -> None:
         ExpectedService(service="selector", command=("sh", "-c", EVIL)),
         ExpectedService(service="pointing", user="ben"),
         ExpectedService(service="pointing", user="anna"),
+        ExpectedService(service="pui", name="ben"),
+        ExpectedService(service="pui", name="anna"),
     )
     believed = told.believed("anna")
-    assert [each.user for each in believed.services] == ["anna"]
+    assert [each.instance for each in believed.services] == ["pointing.anna", "pui.anna"]
     assert (believed.scenario, believed.scenarios, believed.name) == ("", (), "anna")
     assert {finding.service for finding in found(health("pui"), deployments={"anna": told})} == {
-        "pointing.anna"
+        "pointing.anna",
+        "pui.anna",
     }
     assert told.believed("run.scenario_4") == told
 

@@ -4,7 +4,7 @@ import pytest
 
 from pointit.diagnosis.writers import present_writers, silence_reason
 from pointit.schemas.system import instance_of, split_instance
-from pointit.schemas.topics import CLOCK, CURSOR, HEALTH, IMU, MAP, POSE, RAY
+from pointit.schemas.topics import CLOCK, CURSOR, HEALTH, IMU, MAP, POSE, RAY, SELECTION
 
 PRESENT = {"pointing.anna", "pointing.ben", "pui", "user-sim.anna", "imu-bridge.ben"}
 
@@ -24,6 +24,13 @@ def test_a_persons_topic_is_written_by_their_own_services() -> None:
 def test_a_site_service_writes_for_everybody() -> None:
     assert present_writers(CURSOR, "anna", PRESENT) == ["pui"]
     assert present_writers(MAP, "", PRESENT) == ["pui"]
+
+
+def test_a_shard_writes_of_people_but_not_what_is_of_the_site() -> None:
+    present = {"pui.hall", "selector.anna"}
+    assert present_writers(CURSOR, "anna", present) == ["pui.hall"]
+    assert present_writers(MAP, "", present) == []
+    assert present_writers(SELECTION, "", present) == []
 
 
 def test_everybody_writes_their_own_health() -> None:

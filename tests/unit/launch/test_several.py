@@ -6,15 +6,18 @@ from typing import Any
 import pytest
 
 from pointit.diagnosis.writers import present_writers, start_command
-from pointit.launch.plan.launches import Choices, site_launches
+from pointit.launch.plan.launches import Choices, shard_launches, site_launches
 from pointit.launch.plan.scenario import Scenario
 from pointit.launch.plan.settings import check_settings
 from pointit.launch.run.subprocesses import Processes
 from pointit.runtime.errors import ConfigError
-from pointit.runtime.service.service import Launch
+from pointit.runtime.service.service import Launch, check_launches
 from pointit.schemas import KeyNameError
 from pointit.schemas.topics import ROBOT_STATE
+from pointit.services.pui.config import PuiConfig
+from pointit.services.pui.service import Pui
 from pointit.services.registry import person_of
+from pointit.services.selector.config import SelectorConfig
 
 PLACES = [{"position_m": [0.0, 0.0, 0.0]}]
 
@@ -65,7 +68,7 @@ def test_a_setting_of_an_absent_one_is_refused() -> None:
 @pytest.mark.parametrize(
     ("site", "sentence"),
     [
-        ({"pui_two": {}}, r"pui\.two: a site has one pui; leave out 'two'"),
+        ({"keeper_two": {}}, r"keeper\.two: a site has one keeper; leave out 'two'"),
         ({"robot_a b": {}}, r"name 'a b': use 1 to 64 letters"),
         ({"rowbot_a": {}}, "no service 'rowbot'"),
     ],
@@ -73,6 +76,50 @@ def test_a_setting_of_an_absent_one_is_refused() -> None:
 def test_a_name_that_cannot_be_is_refused(site: dict[str, dict[str, Any]], sentence: str) -> None:
     with pytest.raises((ConfigError, KeyNameError), match=sentence):
         site_launches(scenario(**site), Choices())
+
+
+def shards(*sites: str, **choices: Any) -> list[Launch]:
+    parameters: dict[str, dict[str, Any]] = {
+        "pui": {"map": "arena", "surfaces": ["strip"]},
+        "selector": {"method": "hold"},
+        "led_driver": {},
+    }
+    chosen = {name.replace("_", "-"): parameters[name] for name in sites}
+    made = Scenario.model_validate({"about": "a", "places": PLACES, "site": chosen}, strict=False)
+    return shard_launches(made, Choices(**choices), "anna")
+
+
+def test_a_persons_shards_have_the_parameters_of_the_scenario_and_the_map_of_the_site() -> None:
+    pui, selector = shards("pui", "selector", "led_driver")
+    assert (pui.instance, selector.instance) == ("pui.anna", "selector.anna")
+    room, deciding = pui.config, selector.config
+    assert isinstance(room, PuiConfig)
+    assert isinstance(deciding, SelectorConfig)
+    assert (room.map_to_read, room.surfaces, room.people) == ("", ("strip",), ("anna",))
+    assert (deciding.method, deciding.people) == ("hold", ("anna",))
+    assert [launch.user for launch in (pui, selector)] == ["", ""]
+    check_launches([pui, selector])
+
+
+def test_a_person_has_shards_of_what_the_scenario_has_and_the_map_that_is_set() -> None:
+    (pui,) = shards("pui", settings=["pui.map=lab", "pui.anna.tolerance_deg=3"])
+    room = pui.config
+    assert isinstance(room, PuiConfig)
+    assert (room.map_to_read, room.tolerance_deg) == ("lab", 3.0)
+
+
+@pytest.mark.parametrize(
+    ("name", "people", "sentence"),
+    [("two", (), r"pui\.two: people: name whom pui\.two serves"), ("", ("anna",), r"start pui\.NAME")],
+)
+def test_a_shard_has_a_name_and_people(name: str, people: tuple[str, ...], sentence: str) -> None:
+    with pytest.raises(ConfigError, match=sentence):
+        check_launches([Launch(service=Pui, config=PuiConfig(people=people), name=name)])
+
+
+def test_of_what_serves_all_two_may_run_and_of_a_shard_one() -> None:
+    assert not Launch(service=Pui, config=PuiConfig()).is_single
+    assert Launch(service=Pui, config=PuiConfig(people=("anna",)), name="anna").is_single
 
 
 def test_its_command_starts_that_one_again() -> None:

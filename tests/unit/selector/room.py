@@ -107,6 +107,7 @@ class Room:
                 assert output.user == ""
                 self.selections.append(message)
             else:
+                assert isinstance(message, SelectionEvent)
                 self.events.append(message)
         return outputs
 

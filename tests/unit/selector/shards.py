@@ -4,7 +4,7 @@ from collections import Counter, deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from pointit.schemas import NS_PER_S, Claim, Feedback, Hover, Selection, SelectionEvent, TrackedObject
+from pointit.schemas import Claim, Feedback, Hover, Selection, SelectionEvent, TrackedObject
 from pointit.services.selector.config import SelectorConfig
 from pointit.services.selector.outputs import Output, Owned, Record
 from pointit.services.selector.selection_engine import SelectionEngine
@@ -31,8 +31,8 @@ class Link:
 class ShardedSite:
     """Shards of one person each, and an arbiter that can be restarted."""
 
-    def __init__(self, users: Sequence[str], *objects: TrackedObject) -> None:
-        self.config = SelectorConfig.model_validate(CONFIG)
+    def __init__(self, users: Sequence[str], *objects: TrackedObject, **config: object) -> None:
+        self.config = SelectorConfig.model_validate({**CONFIG, **config})
         self.records: list[Record] = []
         self.arbiter = SelectionEngine(self.config, self.records.append)
         self.is_running = True
@@ -46,8 +46,9 @@ class ShardedSite:
         self.cues: Counter[str] = Counter()
         """Number of cues that shards gave, by person."""
         self.events: list[SelectionEvent] = []
-        for engine in (self.arbiter, *self.shards.values()):
-            engine.on_map(MAP)
+        self.arbiter.on_map(MAP)
+        for shard in self.shards.values():
+            shard.on_map(MAP)
         for user in users:
             self.arbiter.set_present(user, True, at(0.0))
             for shard in self.shards.values():
@@ -75,9 +76,10 @@ class ShardedSite:
     def step(self, duration_s: float, places: dict[str, float | None]) -> None:
         """Let time pass, with everybody pointing at a place on the belt, m. None: not at all."""
         self.time_s += duration_s
-        for name, engine in {"": self.arbiter, **self.shards}.items():
-            outputs = engine.on_objects("conveyor", packages(self.time_s, *self.objects))
-            (self._from_shard(name, outputs) if name else self._from_arbiter(outputs))
+        listed = packages(self.time_s, *self.objects)
+        self.take(self.arbiter.on_objects("conveyor", listed))
+        for shard in self.shards.values():
+            shard.on_objects("conveyor", listed)
         for user, x_m in places.items():
             if x_m is not None:
                 self._from_shard(user, self.shards[user].on_cursor(user, pointing(self.time_s, x_m)))
@@ -87,7 +89,7 @@ class ShardedSite:
         for user, shard in self.shards.items():
             self._from_shard(user, shard.tick(self.now_ns))
         if self.is_running:
-            self._from_arbiter(self.arbiter.tick(self.now_ns))
+            self.take(self.arbiter.tick(self.now_ns))
 
     def deliver(self, user: str, *, up: int = 1000, down: int = 1000, twice: bool = False) -> None:
         """Deliver the next messages of a link that is not cut. A claim that finds no arbiter is lost."""
@@ -98,7 +100,7 @@ class ShardedSite:
             name, claim = link.up.popleft()
             for _ in range(1 + twice):
                 if self.is_running:
-                    self._from_arbiter(self.arbiter.on_claim(name, claim, self.now_ns))
+                    self.take(self.arbiter.on_claim(name, claim, self.now_ns))
         for _ in range(min(down, len(link.down))):
             message = link.down.popleft()
             if isinstance(message, Selection):
@@ -123,7 +125,7 @@ class ShardedSite:
         self.arbiter.restore(entries, len(self.events), self.now_ns, self.records)
         self.arbiter.on_objects("conveyor", packages(self.time_s, *self.objects))
         self.is_running = True
-        self._from_arbiter([Output("", self.arbiter.selection(self.now_ns))])
+        self.take([Output("", self.arbiter.selection(self.now_ns))])
         self.meet()
 
     def settle(self) -> None:
@@ -154,7 +156,8 @@ class ShardedSite:
                 assert isinstance(message, Feedback)
                 self.cues[user] += 1
 
-    def _from_arbiter(self, outputs: list[Output]) -> None:
+    def take(self, outputs: list[Output]) -> None:
+        """Send what the arbiter returned."""
         for output in outputs:
             message = output.message
             if isinstance(message, SelectionEvent):
@@ -162,8 +165,3 @@ class ShardedSite:
             if isinstance(message, Selection | SelectionEvent):
                 for link in self.links.values():
                     link.down.append(message)
-
-
-def seconds(stamp_ns: int) -> float:
-    """Return a time of the room, s."""
-    return (stamp_ns - at(0.0)) / NS_PER_S

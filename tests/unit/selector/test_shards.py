@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from pointit.schemas import Claim, Selection, SelectionEvent
 from pointit.services.selector.ownership.arbiter import MAX_CLAIM_AGE_NS
 from pointit.services.selector.shard_engine import GIVE_UP_NS, REPEAT_NS
-from tests.unit.selector.room import MAP, Room, at, package, packages
+from tests.unit.selector.room import Room, at, package
 from tests.unit.selector.shards import ShardedSite
 
 USERS = ("anna", "ben", "carl")
@@ -27,6 +27,13 @@ def dwell(site: ShardedSite, *, deliver: bool = True, **places: float | None) ->
                 site.deliver(user)
         if index % 5 == 4:
             site.tick()
+
+
+def refusals(site: ShardedSite, user: str, claim: Claim) -> list[str]:
+    outputs = site.arbiter.on_claim(user, claim, site.now_ns)
+    events = [one.message for one in outputs if isinstance(one.message, SelectionEvent)]
+    assert all(event.event == "refused" for event in events)
+    return [event.reason for event in events]
 
 
 _PEOPLE = st.fixed_dictionaries(dict.fromkeys(USERS, st.sampled_from(PLACES)))
@@ -112,7 +119,7 @@ def test_two_shards_that_dwell_on_one_package_get_one_owner() -> None:
 
 def test_shards_select_as_one_selector_does() -> None:
     """With links that take no time."""
-    site, room = a_site(("anna",)), Room(*a_site().objects, **{**a_site().config.model_dump()})
+    site, room = a_site(("anna",)), Room(*a_site().objects, **a_site().config.model_dump())
     for _ in range(10):
         dwell(site, anna=3.0)
         room.stay(0.5, 20.0, anna=3.0)
@@ -160,19 +167,42 @@ def test_a_claim_of_a_clock_far_ahead_is_refused() -> None:
     site = a_site(("anna",))
     site.step(0.1, {})
     claim = Claim(stamp_ns=at(30.0), object_id="a", wish="toggle")
-    outputs = site.arbiter.on_claim("anna", claim, site.now_ns)
-    events = [one.message for one in outputs if isinstance(one.message, SelectionEvent)]
-    assert [event.event for event in events] == ["refused"]
-    assert "clock" in events[0].reason
+    assert [reason for reason in refusals(site, "anna", claim) if "clock" in reason]
 
 
 def test_a_claim_of_something_that_has_left_is_refused() -> None:
     site = a_site(("anna",))
-    outputs = site.arbiter.on_claim(
-        "anna", Claim(stamp_ns=at(0.0), object_id="z", wish="toggle"), site.now_ns
-    )
-    events = [one.message for one in outputs if isinstance(one.message, SelectionEvent)]
-    assert [(event.event, event.reason) for event in events] == [("refused", "z has left")]
+    claim = Claim(stamp_ns=at(0.0), object_id="z", wish="toggle")
+    assert refusals(site, "anna", claim) == ["z has left"]
+
+
+def test_a_claim_of_what_another_person_is_selecting_is_refused() -> None:
+    site = a_site(("anna", "ben"))
+    site.step(0.1, {})
+    now_ns = site.now_ns
+    site.arbiter.on_claim("anna", Claim(stamp_ns=now_ns, object_id="a", wish="reserve"), now_ns)
+    reasons = refusals(site, "ben", Claim(stamp_ns=now_ns, object_id="a", wish="toggle"))
+    assert reasons == ["red is being selected by anna; wait or choose another one"]
+
+
+def test_a_claim_of_what_is_selected_for_good_is_refused() -> None:
+    site = ShardedSite(("anna",), package("a", 3.0), mode="select_only")
+    dwell(site, anna=3.0)
+    dwell(site, anna=9.0)
+    dwell(site, anna=3.0)
+    assert len(site.claims) == 1
+    claim = Claim(stamp_ns=site.now_ns, object_id="a", wish="toggle")
+    assert refusals(site, "anna", claim) == ["red is selected already"]
+
+
+def test_a_claim_of_what_is_past_its_last_way_is_refused_by_the_time_it_comes() -> None:
+    decided = package("a", 3.0).model_copy(update={"bay": "1", "bay_until_ns": at(1.0)})
+    site = ShardedSite(("anna",), decided)
+    dwell(site, deliver=False, anna=3.0)
+    site.step(1.0, {})
+    site.deliver("anna")
+    assert [event.event for event in site.events] == ["refused"]
+    assert "past its last way" in site.events[0].reason
 
 
 def test_a_claim_that_comes_again_after_a_restart_changes_nothing() -> None:
@@ -214,8 +244,11 @@ def test_a_claim_that_is_never_decided_ends_with_a_cue() -> None:
     dwell(site, deliver=False, anna=3.0)
     site.end_arbiter()
     site.step(GIVE_UP_NS / 1e9 + 1.0, {})
-    site.tick()
+    site.start_arbiter()
+    for _ in range(2):
+        site.tick()
     assert site.cues["anna"] == 1
+    assert not site.links["anna"].up
 
 
 def test_what_was_cleared_is_not_selected_again_by_who_still_rests_on_it() -> None:
@@ -224,7 +257,7 @@ def test_what_was_cleared_is_not_selected_again_by_who_still_rests_on_it() -> No
     dwell(site, anna=9.0)
     for _ in range(3):
         site.step(0.05, {"anna": 3.0})
-    site._from_arbiter(site.arbiter.clear("anna", site.now_ns))
+    site.take(site.arbiter.clear("anna", site.now_ns))
     site.deliver("anna")
     dwell(site, anna=3.0)
     dwell(site, anna=3.0)

@@ -31,6 +31,7 @@ PANELS = {
         "site_only",
         "scenario",
         "place",
+        "here",
         "localize",
         "targets",
         "poses",

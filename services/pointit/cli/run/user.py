@@ -11,7 +11,7 @@ from pointit.cli.common.panels import PanelCommand
 from pointit.cli.run.execution import execute
 from pointit.cli.run.run_options import OPTIONAL, PERSON_PANELS, choices_of, joining, shared_options
 from pointit.cli.run.site_inspection import check_person, inspect_site
-from pointit.launch.plan.launches import added_services, user_launches
+from pointit.launch.plan.launches import added_services, shard_launches, user_launches
 from pointit.launch.plan.plan import Plan
 from pointit.launch.plan.scenario import Scenario, read_scenario
 from pointit.launch.plan.settings import check_settings
@@ -36,7 +36,14 @@ from pointit.schemas.system import check_user
     type=click.IntRange(min=1),
     help="index of the scenario's place, colour and pattern  [default: the first free one]",
 )
-def command(name: str, scenario: str | None, place: int | None, **options: Any) -> int:
+@click.option(
+    "--here",
+    is_flag=True,
+    help="also compute this person's cursor and hovers in this process, so that their rays leave this "
+    "machine for nobody; parameters of the site's pui and selector that its scenario does not have must be "
+    "given here, too",
+)
+def command(name: str, scenario: str | None, place: int | None, *, here: bool, **options: Any) -> int:
     """Add the person NAME to a running site: their IMU, pointing, localizer and supervisor.
 
     Works from any machine (--connect) and for any number of people. Ctrl-C ends it. If the process dies
@@ -63,6 +70,8 @@ def command(name: str, scenario: str | None, place: int | None, **options: Any) 
             f"--with {shared[0]}: it is shared by all people: start it with `pointit service run {shared[0]}`"
         )
     launches = user_launches(chosen, choices.of_one(place - 1), name, place - 1)
+    if here:
+        launches += shard_launches(chosen, choices, name)
     check_settings(launches, choices)
     plan = Plan(
         name=name,

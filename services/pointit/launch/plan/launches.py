@@ -13,7 +13,7 @@ from pointit.launch.plan.settings import Settings, layers_of
 from pointit.runtime.config.plugins import PluginGroup
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.service.service import Launch
-from pointit.schemas.system import check_user, split_instance
+from pointit.schemas.system import check_user, instance_of, split_instance
 from pointit.schemas.topics import check_name
 from pointit.services import registry
 from pointit.services.imu_bridge.sources import SOURCES
@@ -167,6 +167,30 @@ def user_launches(scenario: Scenario, choices: Choices, user: str, index: int = 
     return [
         _launch(scenario, name, (usual.get(name, {}), parameters, extra.get(name, {})), choices, user)
         for name, parameters in services.items()
+    ]
+
+
+def shard_launches(scenario: Scenario, choices: Choices, user: str) -> list[Launch]:
+    """Return the shards that serve the person alone, with the scenario's parameters.
+
+    Their map is the site's, unless a file or setting names one.
+
+    Raises:
+        ConfigError: a parameter is wrong.
+    """
+    return [
+        _launch(
+            scenario,
+            instance_of(row.name, user),
+            (
+                {},
+                {key: value for key, value in scenario.site[row.name].items() if key != "map"},
+                {"people": [user]},
+            ),
+            choices,
+        )
+        for row in registry.PROCESSES
+        if row.shard_serves is not None and row.name in scenario.site
     ]
 
 

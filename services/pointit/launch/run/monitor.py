@@ -33,6 +33,7 @@ from pointit.schemas.base import Rgb
 from pointit.schemas.text import one_line
 from pointit.schemas.topics import (
     ANCHOR,
+    ANY,
     CURSOR,
     FEEDBACK,
     GOAL,
@@ -113,7 +114,8 @@ class Monitor:
     _listening: list[Closable] = field(default_factory=list[Closable])
 
     def attach(self, bus: Bus) -> None:
-        """Subscribe on `bus`."""
+        """Subscribe on `bus`; where one person is shown, to no one else's cursors and the like."""
+        whose = self.person or ANY
         self._listening += [
             bus.subscribe(MAP, self._on_map),
             bus.subscribe(OBJECTS, lambda message, tracker: self.score.on_objects(tracker, message)),
@@ -121,16 +123,16 @@ class Monitor:
             bus.subscribe(ROBOT_STATE, lambda state, robot: self.robots.on_state(robot, state)),
             bus.subscribe(GOAL, lambda goal, _user: self.robots.on_goal(goal)),
             bus.subscribe(SELECTION, lambda state, _name: self.score.on_selection(state)),
-            bus.subscribe(INTERACTION, self._on_interaction),
-            bus.subscribe(POSE, self._on_pose),
-            bus.subscribe(LOCALIZATION, self._on_localization),
-            bus.subscribe(ANCHOR, self._on_anchor),
-            bus.subscribe(FEEDBACK, self._on_feedback),
-            bus.subscribe(PROFILE, self._on_profile),
-            bus.subscribe(HOVER, self._on_hover),
+            bus.subscribe(INTERACTION, self._on_interaction, whose),
+            bus.subscribe(POSE, self._on_pose, whose),
+            bus.subscribe(LOCALIZATION, self._on_localization, whose),
+            bus.subscribe(ANCHOR, self._on_anchor, whose),
+            bus.subscribe(FEEDBACK, self._on_feedback, whose),
+            bus.subscribe(PROFILE, self._on_profile, whose),
+            bus.subscribe(HOVER, self._on_hover, whose),
             bus.subscribe(LAMP_COLOR, self._on_lamp),
             bus.subscribe(HEALTH, self._on_health),
-            bus.subscribe(CURSOR, self._on_cursor),
+            bus.subscribe(CURSOR, self._on_cursor, whose),
             bus.subscribe(STRIPS_FRAME, self._on_frame),
             bus.subscribe(ROBOT_STATE, self._on_robot),
             bus.watch(USER_ALIVE, self._on_user),

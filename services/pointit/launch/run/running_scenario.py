@@ -165,6 +165,8 @@ class RunningScenario:
         )
         self.monitor.attach(self.bus)
         for launch in plan.launches:
+            if launch.service.SHARDS and launch.name:
+                continue  # the site's is another's
             launch.service.discard_saved_state(self.bus.link.site, self.clock.now_ns())
         self._cast = self._cast_of(plan.launches, on_end=self._on_end)
         where = (self.bus.link.listen or self.bus.link.connect)[0]

@@ -56,7 +56,7 @@ class PeopleShare:
         Raises:
             ConfigError: A shard has no name or no people, or nobody may be called so.
         """
-        _check(service, people, name)
+        check_people(service, people, name)
         self._bus = bus
         self._service = service
         self._mine = frozenset(people)
@@ -208,8 +208,8 @@ def _is_person(user: str) -> bool:
         return False
 
 
-def _check(service: str, people: Sequence[str], name: str) -> None:
-    """Check the people of a shard, or of none.
+def check_people(service: str, people: Sequence[str], name: str) -> None:
+    """Check the people of an instance called `name`, or of the default one.
 
     Raises:
         ConfigError: What is wrong, and what to do.

@@ -19,6 +19,7 @@ from pointit.runtime.health.surroundings import NullHealth, PluginHealth, Surrou
 from pointit.runtime.host.release import pointit_version
 from pointit.runtime.host.state_file import plugin_folder
 from pointit.runtime.service.instance_takeover import TakeoverMonitor
+from pointit.runtime.service.people_share import check_people
 from pointit.runtime.service.plugin_guard import PluginGuard, describe, first_cause
 from pointit.runtime.service.stall_watch import watch_for_stalls
 from pointit.schemas import Configuration, Health
@@ -61,7 +62,8 @@ class Service(ABC, Generic[C]):
     SEVERAL: ClassVar[bool] = False
     """True if a site may have several of a shared service, each under a name of its own: `robot.quad`."""
     SHARDS: ClassVar[bool] = False
-    """True if those with a name serve some of the people each (`PeopleShare`), that without all others."""
+    """True if those with a name serve some of the people each (`PeopleShare`, their parameter `people`), and
+    that without a name all others."""
     TIME_MAY_STEP: ClassVar[bool] = False
     """If false, the clock never goes back while the service lives (`SteadyClock`). If the site's time goes
     back too far, the service is restarted. True for bridges and for services with more to lose than a
@@ -159,6 +161,8 @@ def check_launches(launches: Sequence[Launch], addresses: Sequence[str] = ()) ->
         try:
             launch.service.validate_config(launch.config)
             launch.service.validate_link(launch.config, addresses)
+            if launch.service.SHARDS:
+                check_people(launch.service.NAME, getattr(launch.config, "people", ()), launch.name)
         except ConfigError as error:
             raise ConfigError(f"{launch.instance}: {error}") from error
         except Exception as error:

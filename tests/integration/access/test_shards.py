@@ -1,0 +1,105 @@
+"""Shards that run under the identity of their person, at a router that goes by the site's rules."""
+
+import asyncio
+import contextlib
+from collections.abc import AsyncIterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import pytest_asyncio
+
+from pointit.runtime.clock import WallClock
+from pointit.runtime.service.service import Launch, run_service
+from pointit.runtime.zenoh.zenoh_bus import ZenohBus
+from pointit.schemas import Cursor, Health, PointingRay, SetWorkspace, UserPose
+from pointit.schemas.topics import CURSOR, HEALTH, HOVER, POSE, RAY, SET_WORKSPACE, SHARD_ALIVE, USER_ALIVE
+from pointit.services.pui.config import PuiConfig
+from pointit.services.pui.service import Pui
+from pointit.services.selector.config import SelectorConfig
+from pointit.services.selector.service import Selector
+from tests.integration.access.secured import link_of, make_site, routed
+from tests.support.bench import until
+
+
+class SecuredSite:
+    """The site's pui and selector; anna and ben, who may run their own shards; who looks on."""
+
+    def __init__(self, buses: dict[str, ZenohBus]) -> None:
+        self.buses = buses
+        self.running: list[asyncio.Task[None]] = []
+        self.shards: set[str] = set()
+        self.health: dict[str, Health] = {}
+        self.cursors: list[Cursor] = []
+        self.hovers: list[Any] = []
+        looking = buses["operator"]
+        looking.watch(
+            SHARD_ALIVE, lambda name, there: (self.shards.add if there else self.shards.discard)(name)
+        )
+        looking.subscribe(HEALTH, lambda health, name: self.health.__setitem__(name, health))
+        looking.subscribe(CURSOR, lambda cursor, _user: self.cursors.append(cursor), "anna")
+        looking.subscribe(HOVER, lambda hover, _user: self.hovers.append(hover), "anna")
+
+    def start(self, who: str, service: Any, config: Any, name: str = "") -> None:
+        launch = Launch(service=service, config=config, name=name)
+        self.running.append(asyncio.create_task(run_service(launch, self.buses[who], WallClock())))
+
+    async def point(self) -> None:
+        """Let anna stand and point for ever."""
+        bus, clock = self.buses["anna"], WallClock()
+        bus.announce(USER_ALIVE, "anna")
+        bus.publisher(POSE, "anna").put(
+            UserPose(stamp_ns=clock.now_ns(), position_m=(0.0, 0.0, 0.0), yaw_rad=0.0)
+        )
+        rays = bus.publisher(RAY, "anna")
+        while True:
+            rays.put(
+                PointingRay(stamp_ns=clock.now_ns(), origin_m=(0.0, 0.0, 1.6), direction=(0.6, 0.0, -0.8))
+            )
+            await asyncio.sleep(0.01)
+
+
+@pytest_asyncio.fixture
+async def site(tmp_path: Path) -> AsyncIterator[SecuredSite]:
+    folder = make_site(tmp_path / "lab")
+    async with contextlib.AsyncExitStack() as stack:
+        stack.enter_context(routed(folder))
+        buses: dict[str, ZenohBus] = {}
+        for name in ("anna", "ben", "services", "operator"):
+            buses[name] = await ZenohBus.open(link_of(folder, name), patience_s=30)
+            stack.push_async_callback(buses[name].close)
+        site = SecuredSite(buses)
+        site.start("services", Pui, PuiConfig())
+        site.start("services", Selector, SelectorConfig())
+        site.running.append(asyncio.create_task(site.point()))
+        try:
+            yield site
+        finally:
+            for task in site.running:
+                task.cancel()
+            await asyncio.gather(*site.running, return_exceptions=True)
+
+
+async def test_a_person_may_run_their_own_shards(site: SecuredSite) -> None:
+    config = PuiConfig(people=("anna",), workspace="horizontal")  # by which its cursors are told
+    site.start("anna", Pui, config, "anna")
+    site.start("anna", Selector, SelectorConfig(people=("anna",)), "anna")
+    await until(lambda: site.shards == {"pui.anna", "selector.anna"}, what="the shards")
+    await until(lambda: bool(site.cursors) and site.cursors[-1].surface_id.startswith("workspace/"))
+    await until(lambda: bool(site.hovers), what="hovers")
+    await until(lambda: {"pui.anna", "selector.anna"} <= site.health.keys(), what="their health")
+    await site.buses["operator"].call(SET_WORKSPACE, SetWorkspace(kind="sphere"), "anna")
+    await until(lambda: site.cursors[-1].surface_id == "workspace/sphere")
+    await until(lambda: not any(health.warnings for health in site.health.values()), what="no complaint")
+
+
+@pytest.mark.parametrize("name", ["anna", "ben"])
+async def test_nobody_serves_another_person(site: SecuredSite, name: str) -> None:
+    config = PuiConfig(people=("anna", "ben"), workspace="horizontal")
+    site.start("ben", Pui, config, name)
+    await until(lambda: bool(site.cursors), what="anna's cursors by the site")
+    await until(lambda: "pui.ben" in site.shards, what="his own")
+    site.cursors.clear()
+    await until(lambda: len(site.cursors) > 50)
+    assert site.shards == {"pui.ben"}
+    assert not any(cursor.surface_id.startswith("workspace/") for cursor in site.cursors)

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from pointit.cli.loadtest.link_contents import KIND
 from pointit.cli.loadtest.measuring import secured_site
-from pointit.cli.loadtest.routers import plain_configuration, router_process, secured_configuration
+from pointit.cli.loadtest.network.link_contents import KIND
+from pointit.cli.loadtest.network.routers import plain_configuration, router_process, secured_configuration
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.zenoh.router.router import parse_config
 from pointit.runtime.zenoh.wire_format import encoding_of

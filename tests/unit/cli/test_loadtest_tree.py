@@ -3,7 +3,7 @@
 import pytest
 
 from pointit.cli.loadtest.layout import Load, host_groups
-from pointit.cli.loadtest.tree import router_of, spread, tree
+from pointit.cli.loadtest.network.tree import router_of, spread, tree
 
 
 def load(*, central: bool) -> Load:

@@ -13,7 +13,7 @@ from pointit.cli.common.site_link import quiet, site_options
 from pointit.cli.loadtest.figures import CapacitySearch, LoadResult
 from pointit.cli.loadtest.layout import Layout, Load
 from pointit.cli.loadtest.measuring import measure
-from pointit.cli.loadtest.routers import Program
+from pointit.cli.loadtest.network.routers import Program
 from pointit.cli.loadtest.slopes import PartSlopes, slopes
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.state_file import VARIABLE
@@ -155,8 +155,8 @@ def command(
     is 0 if the load was carried: p99 from wrist to light at most 50 ms, no drops; else 1. The load average
     includes other work on the machine.
 
-    With --hosts, people and all that computes for them are at hosts of their own, each with a router, and the
-    shared services at the first host. What crosses each link is counted. Three measurements or more give
+    With --hosts, people and all that computes for them are at hosts of their own, each with a router. The
+    shared services are at the first host. What crosses each link is counted. Several measurements give
     slopes: CPU and memory for each person and each host with 95 % intervals, and the people a core by them.
 
     Example: pointit load --users 40 --layout users; for the maximum: pointit load --sweep --duration 5;

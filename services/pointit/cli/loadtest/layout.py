@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from pointit.cli.loadtest.routers import Program
-from pointit.cli.loadtest.tree import Machine, spread
+from pointit.cli.loadtest.network.routers import Program
+from pointit.cli.loadtest.network.tree import Machine, spread
 from pointit.cli.loadtest.workers import Group
 from pointit.launch.plan.launches import Choices, site_launches, user_launches
 from pointit.launch.plan.scenario import read_scenario

@@ -13,10 +13,10 @@ from pointit.cli.common.site_link import join_site
 from pointit.cli.loadtest.figures import LoadResult
 from pointit.cli.loadtest.hosts import start_hosts_test
 from pointit.cli.loadtest.layout import Load, groups, host_groups
-from pointit.cli.loadtest.namespaces import PORT, free_port, network
+from pointit.cli.loadtest.network.namespaces import PORT, free_port, network
+from pointit.cli.loadtest.network.routers import plain_configuration, router_process, secured_configuration
+from pointit.cli.loadtest.network.tree import tree
 from pointit.cli.loadtest.rig import start_load_test
-from pointit.cli.loadtest.routers import plain_configuration, router_process, secured_configuration
-from pointit.cli.loadtest.tree import tree
 from pointit.runtime.link.credentials import VARIABLE as CREDENTIALS
 from pointit.runtime.link.credentials import Credentials, read_credentials
 from pointit.runtime.link.link import Link

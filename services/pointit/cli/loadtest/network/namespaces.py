@@ -10,7 +10,7 @@ from collections.abc import Generator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from pointit.cli.loadtest.tree import Machine, router_of
+from pointit.cli.loadtest.network.tree import Machine, router_of
 
 PORT = 7447
 UPLINK = "uplink"

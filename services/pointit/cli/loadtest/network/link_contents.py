@@ -21,7 +21,7 @@ BUFFER = 8 * 1024 * 1024
 
 def count(device: str, duration_s: float) -> dict[str, list[int]]:
     """Return the number of messages of each kind that left and entered by `device`."""
-    counts: tuple[Counter[str], Counter[str]] = (Counter(), Counter())
+    up, down = Counter[str](), Counter[str]()
     end_s = time.monotonic() + duration_s
     with socket.socket(socket.AF_PACKET, socket.SOCK_RAW, socket.htons(ALL)) as wire:
         wire.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER)
@@ -33,8 +33,8 @@ def count(device: str, duration_s: float) -> dict[str, list[int]]:
             except TimeoutError:
                 break
             kinds: list[bytes] = KIND.findall(packet)
-            counts[direction != OUTGOING].update(kind.decode("ascii") for kind in kinds)
-    up, down = counts
+            counted = up if direction == OUTGOING else down
+            counted.update(kind.decode("ascii") for kind in kinds)
     return {kind: [up[kind], down[kind]] for kind in sorted({*up, *down})}
 
 

@@ -16,7 +16,7 @@ from tests.support.commands import Commands, Ended
 SHORT = ("--users", "4", "--rate", "50", "--duration", "3", "--json")
 PEOPLE = ["site", "people 1", "people 2"]
 TRY = "ip link add name try0 type veth peer name try1"
-"""What a machine has to permit."""
+"""Command that a machine has to permit."""
 
 
 def row_of(ended: Ended) -> dict[str, Any]:

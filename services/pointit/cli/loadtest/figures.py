@@ -27,7 +27,7 @@ class Usage:
 
 @dataclass(frozen=True, kw_only=True)
 class LinkUsage:
-    """What crossed a link between two machines during the measurement, per second."""
+    """Traffic of a link between two machines during the measurement, per second."""
 
     name: str
     """`host 2 > host 1`: from the lower to the upper one."""

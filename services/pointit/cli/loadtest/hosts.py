@@ -11,6 +11,7 @@ from typing import Any
 
 from pointit.access.site_folder import SiteFolder
 from pointit.cli.loadtest.figures import LinkUsage, LoadResult, Usage
+from pointit.cli.loadtest.network import link_contents
 from pointit.cli.loadtest.network.namespaces import UPLINK, Network, Traffic
 from pointit.cli.loadtest.network.routers import (
     Program,
@@ -158,13 +159,7 @@ class HostsTest:
     async def _contents(self, rate_hz: float) -> dict[int, dict[str, list[int]]]:
         """Return the number of messages on each link in `CONTENTS_S` by kind, up and down."""
         links = sorted(self._network.traffic())
-        program = [
-            sys.executable,
-            "-m",
-            "pointit.cli.loadtest.network.link_contents",
-            UPLINK,
-            f"{CONTENTS_S}",
-        ]
+        program = [sys.executable, "-m", link_contents.__name__, UPLINK, f"{CONTENTS_S}"]
         counters = [
             await asyncio.create_subprocess_exec(
                 *self._network.arguments(index, *program), stdout=asyncio.subprocess.PIPE, process_group=0

@@ -31,7 +31,7 @@ class Load:
     layout: Layout
     shards: int
     router: Program | None
-    """What routes between the processes. None: nothing."""
+    """Router between the processes. None: there is none."""
     secured: bool
     """The router requires certificates, and encrypts."""
     site: str

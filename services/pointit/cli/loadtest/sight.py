@@ -51,7 +51,7 @@ class Sight:
             kept.clear()
 
     def dump(self) -> dict[str, Any]:
-        """Return what was received as JSON."""
+        """Return all received values as JSON."""
         return {
             "hover_stamps": self.hover_stamps,
             "stamps": list(self.stamps),

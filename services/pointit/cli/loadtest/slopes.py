@@ -68,7 +68,7 @@ def fit(unknowns: Mapping[str, Sequence[float]], values: Sequence[float]) -> dic
 
 @dataclass(frozen=True, kw_only=True)
 class PartSlopes:
-    """What a part of a load test costs."""
+    """Costs of a part of a load test."""
 
     part: str
     cpu_percent: Mapping[str, Slope]
@@ -130,7 +130,7 @@ PARTS: Mapping[str, Callable[[Sequence[Usage]], Sequence[Usage]]] = {
 
 
 def slopes(results: Sequence[LoadResult]) -> list[PartSlopes]:
-    """Return what each part costs. Empty if that cannot be known from these measurements."""
+    """Return the costs of each part. Empty if these measurements cannot tell them."""
     unknowns = {
         FIXED: [1.0] * len(results),
         PER_PERSON: [result.sent / (result.rate_hz * result.duration_s) for result in results],

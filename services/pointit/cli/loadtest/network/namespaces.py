@@ -20,7 +20,7 @@ STEP_S = 10.0
 
 @dataclass(frozen=True, kw_only=True)
 class Traffic:
-    """What a link has carried so far, as its lower end counts it."""
+    """Traffic of a link so far, as its lower end counts it."""
 
     up_bytes: int
     up_packets: int
@@ -70,7 +70,7 @@ class Network:
         return ["127.0.0.1", *far]
 
     def traffic(self) -> dict[int, Traffic]:
-        """Return what each link has carried, by its lower machine's index. Nothing is known of loopback."""
+        """Return the traffic of each link, by its lower machine's index. That of loopback is unknown."""
         if self.lacking:
             return {}
         return {index: self._traffic(index) for index in range(1, len(self.machines))}

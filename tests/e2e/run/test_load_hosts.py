@@ -25,6 +25,7 @@ def row_of(ended: Ended) -> dict[str, Any]:
     assert 40 < row["sent"] <= 600, "a busy machine leaves some out"
     assert row["cursors"] > 40
     assert row["frames"] > 2
+    assert row["lost_percent"] < 50, "cursors cross the link to the lights"
     assert row["hosts"] == 2
     assert all(process["memory_mb"] > 10 for process in row["processes"])
     return dict(row)

@@ -47,6 +47,7 @@ def test_what_is_carried_fails_for_nothing() -> None:
         ({"pointed": 9_989}, "0.1% of the samples were dropped"),
         ({"light_s": [0.002] * 98 + [0.051] * 2}, "p99 is 51 ms, above 50 ms"),
         ({"light_s": []}, "no light"),
+        ({"arrived": 9_980}, "0.2% of the cursors did not reach the lights"),
         ({"sent": 9_800, "pointed": 9_800}, "only 98% of the samples could be sent"),
         ({"sent": 0, "pointed": 0}, "only 0%"),
     ],

@@ -66,6 +66,8 @@ class LoadResult:
     """Cursors that followed."""
     hovered: int
     """Hovers that followed."""
+    arrived: int | None = None
+    """Cursors that reached the site's lights. None: not counted."""
     light_s: Sequence[float]
     """Latency from wrist to light: ages of new frames on arrival."""
     cursor_s: Sequence[float]
@@ -82,6 +84,13 @@ class LoadResult:
     def dropped(self) -> float:
         """Return the share of samples without a cursor."""
         return max(0.0, 1.0 - self.pointed / self.sent) if self.sent else 1.0
+
+    @property
+    def lost(self) -> float | None:
+        """Return the share of cursors that did not reach the site's lights, if they are counted."""
+        if self.arrived is None:
+            return None
+        return max(0.0, 1.0 - self.arrived / self.pointed) if self.pointed else 1.0
 
     @property
     def sent_share(self) -> float:
@@ -104,6 +113,8 @@ class LoadResult:
             return "no light followed any sample"
         if self.dropped > MAX_DROPPED:
             return f"{self.dropped:.1%} of the samples were dropped"
+        if self.lost is not None and self.lost > MAX_DROPPED:
+            return f"{self.lost:.1%} of the cursors did not reach the lights"
         return "" if p99_ms <= P99_MS else f"p99 is {p99_ms:.0f} ms, above {P99_MS:.0f} ms"
 
     def row(self) -> dict[str, Any]:
@@ -117,6 +128,7 @@ class LoadResult:
             "cursor_p50_ms": _rounded(quantile_ms(self.cursor_s, 0.5)),
             "cursor_p99_ms": _rounded(quantile_ms(self.cursor_s, 0.99)),
             "drops_percent": round(self.dropped * 100, 3),
+            **({} if self.lost is None else {"lost_percent": round(self.lost * 100, 3)}),
             "processes": len(self.processes),
             "cpu_percent": round(sum(usage.cpu for usage in self.processes) * 100),
             "us_per_sample": round(self.us_per_sample),

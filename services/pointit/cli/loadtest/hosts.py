@@ -112,6 +112,7 @@ class HostsTest:
             layout=layout,
             sent=sum(answer["sent"] for answer in answers),
             pointed=len(sight.cursor_s),
+            arrived=len(sight.arrived),
             hovered=len(sight.hover_stamps),
             light_s=sight.light_s(),
             cursor_s=sight.cursor_s,

@@ -27,6 +27,8 @@ class Sight:
     """Age of each cursor on arrival."""
     frames: dict[int, float] = field(default_factory=dict[int, float])
     """Age of each frame on arrival, by stamp."""
+    arrived: list[str] = field(default_factory=list[str])
+    """User of each cursor that reached the site's lights."""
     poses: set[str] = field(default_factory=set[str])
 
     def watch(self, bus: Bus, *, alone: bool = False) -> None:
@@ -40,6 +42,10 @@ class Sight:
         """Read the frames."""
         bus.tap(STRIPS_FRAME, self._on_frame)
 
+    def watch_arrivals(self, bus: Bus) -> None:
+        """Count all cursors, without decoding them, where led-driver reads them."""
+        bus.tap(CURSOR, self._on_arrival)
+
     async def until_poses(self, services: "asyncio.Task[None]") -> None:
         """Wait until all poses are known, or `services` have ended."""
         while not self.users <= self.poses and not services.done():  # noqa: ASYNC110 - on another thread
@@ -47,13 +53,14 @@ class Sight:
 
     def clear(self) -> None:
         """Forget what was received, but for the poses."""
-        for kept in (self.hover_stamps, self.stamps, self.cursor_s, self.frames):
+        for kept in (self.hover_stamps, self.arrived, self.stamps, self.cursor_s, self.frames):
             kept.clear()
 
     def dump(self) -> dict[str, Any]:
         """Return all received values as JSON."""
         return {
             "hover_stamps": self.hover_stamps,
+            "arrived": self.arrived,
             "stamps": list(self.stamps),
             "cursor_s": self.cursor_s,
             "frames": list(self.frames.items()),
@@ -62,6 +69,7 @@ class Sight:
     def add(self, dumped: Mapping[str, Any]) -> None:
         """Add what another observer received, as it dumped it."""
         self.hover_stamps.extend(dumped["hover_stamps"])
+        self.arrived.extend(dumped["arrived"])
         self.stamps.update(dumped["stamps"])
         self.cursor_s.extend(dumped["cursor_s"])
         self.frames.update((stamp_ns, age_s) for stamp_ns, age_s in dumped["frames"])
@@ -85,6 +93,9 @@ class Sight:
         arrived_ns = time.time_ns()
         stamp_ns = _stamp_ns(message)
         self.frames.setdefault(stamp_ns, (arrived_ns - stamp_ns) / NS_PER_S)
+
+    def _on_arrival(self, _message: Message | Undecoded, user: str) -> None:
+        self.arrived.append(user)
 
     def _on_pose(self, _message: Message | Undecoded, user: str) -> None:
         self.poses.add(user)

@@ -81,6 +81,7 @@ async def _work() -> int:
         sight.watch(bus, alone=True)
         if task["watches_light"]:
             sight.watch_light(bus)
+            sight.watch_arrivals(bus)
         while line := await reader.readline():
             order = json.loads(line)
             if not order:  # it asks for the poses

@@ -47,6 +47,7 @@ def test_what_is_carried_fails_for_nothing() -> None:
         ({"pointed": 9_989}, "0.1% of the samples were dropped"),
         ({"light_s": [0.002] * 98 + [0.051] * 2}, "p99 is 51 ms, above 50 ms"),
         ({"light_s": []}, "no light"),
+        ({"arrived": 9_980}, "0.2% of the cursors did not reach the lights"),
         ({"sent": 9_800, "pointed": 9_800}, "only 98% of the samples could be sent"),
         ({"sent": 0, "pointed": 0}, "only 0%"),
     ],
@@ -88,12 +89,11 @@ def test_the_search_stops_at_the_most() -> None:
 
 def load(layout: Any, *connect: str) -> Load:
     return Load(
-        users=5,
         rate_hz=100.0,
         duration_s=1.0,
         layout=layout,
         shards=2,
-        router=False,
+        router=None,
         secured=False,
         site="lab",
         connect=connect,

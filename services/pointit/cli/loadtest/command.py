@@ -1,46 +1,62 @@
 """`pointit load`: the number of people that this machine, or a running site, carries."""
 
-import contextlib
-import datetime as dt
 import os
-import socket
 import tempfile
-from collections.abc import AsyncGenerator, Generator, Sequence
-from pathlib import Path
+from collections.abc import Sequence
 
 import click
 from click.core import ParameterSource
 
-from pointit.access.site_folder import SiteFolder
-from pointit.access.site_state import SiteState
 from pointit.cli.common.option_types import Finite
 from pointit.cli.common.output import INTERRUPTED, Section, json_option, print_json, show
-from pointit.cli.common.site_link import join_site, quiet, site_options
+from pointit.cli.common.site_link import quiet, site_options
 from pointit.cli.loadtest.figures import CapacitySearch, LoadResult
-from pointit.cli.loadtest.layout import Layout, Load, groups
-from pointit.cli.loadtest.rig import router_process, start_load_test
+from pointit.cli.loadtest.layout import Layout, Load
+from pointit.cli.loadtest.measuring import measure
+from pointit.cli.loadtest.network.routers import Program
+from pointit.cli.loadtest.slopes import PartSlopes, slopes
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.state_file import VARIABLE
 from pointit.runtime.link.credentials import VARIABLE as CREDENTIALS
-from pointit.runtime.link.credentials import Credentials, read_credentials
-from pointit.runtime.link.link import Link
 from pointit.runtime.link.options import given_credentials
-from pointit.runtime.service.instance_takeover import claim_names
 from pointit.runtime.service.shutdown import EXIT_FAILED, run_until_shutdown
-from pointit.runtime.zenoh.zenoh_bus import ZenohBus
-from pointit.schemas.topics import USER_ALIVE
 
-WARM_UP_S = 1.0
 MAX_USERS = 1000
 FIRST = 5
 """Number of people at the start of a sweep."""
+MAX_HOSTS = 16
+MAX_ROUTERS = 32
 
-NAME = "load"
+
+class Counts(click.ParamType[tuple[int, ...]]):
+    """Whole numbers with commas between them."""
+
+    name = "counts"
+
+    def __init__(self, most: int) -> None:
+        """Allow 1 to `most`."""
+        self._most = most
+
+    def convert(
+        self, value: object, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[int, ...]:
+        """Return the numbers in `value`."""
+        numbers: list[int] = []
+        for each in str(value).split(","):
+            if not each.strip().isdecimal() or not 1 <= int(each) <= self._most:
+                self.fail(f"{each!r} is not a whole number from 1 to {self._most}", param, ctx)
+            numbers.append(int(each))
+        return tuple(numbers)
 
 
 @click.command("load", params=site_options())
 @click.option(
-    "--users", type=click.IntRange(1, MAX_USERS), default=10, show_default=True, help="number of people"
+    "--users",
+    type=Counts(MAX_USERS),
+    default="10",
+    show_default=True,
+    metavar="N[,N...]",
+    help="number of people; several are measured in turn",
 )
 @click.option(
     "--rate",
@@ -72,11 +88,42 @@ NAME = "load"
     show_default="the cores of this machine",
     help="number of processes for people with --layout users",
 )
-@click.option("--router", is_flag=True, help="connect processes by a router, as on several machines")
+@click.option(
+    "--router",
+    type=click.Choice(["pointit", "zenohd"]),
+    is_flag=False,
+    flag_value="pointit",
+    default=None,
+    help="connect processes by a router, as on several machines: PointIt's, or zenohd in PATH",
+)
 @click.option(
     "--secured",
     is_flag=True,
     help="use a router with certificates, encryption and access rules, made for this test",
+)
+@click.option(
+    "--hosts",
+    type=Counts(MAX_HOSTS),
+    metavar="N[,N...]",
+    help="number of hosts to spread people over, each a network namespace; several are measured in turn",
+)
+@click.option(
+    "--routers",
+    type=click.IntRange(1, MAX_ROUTERS),
+    show_default="one for each host",
+    help="number of routers with --hosts; with more than hosts, the others are above them, as in a building",
+)
+@click.option(
+    "--fan",
+    type=click.IntRange(1, MAX_ROUTERS),
+    default=MAX_ROUTERS,
+    show_default="all join the first",
+    help="number of routers that join the same one; 1: a chain",
+)
+@click.option(
+    "--central",
+    is_flag=True,
+    help="with --hosts: one pui and one selector at the first host, instead of some at each, to compare",
 )
 @click.option(
     "--sweep", is_flag=True, help="find the largest number of people with p99 of at most 50 ms and no drops"
@@ -84,13 +131,17 @@ NAME = "load"
 @json_option
 def command(
     *,
-    users: int,
+    users: tuple[int, ...],
     rate_hz: float,
     duration_s: float,
     layout: Layout,
     shards: int,
-    router: bool,
+    router: Program | None,
     secured: bool,
+    hosts: tuple[int, ...] | None,
+    routers: int | None,
+    fan: int,
+    central: bool,
     sweep: bool,
     as_json: bool,
     site: str,
@@ -104,7 +155,12 @@ def command(
     is 0 if the load was carried: p99 from wrist to light at most 50 ms, no drops; else 1. The load average
     includes other work on the machine.
 
-    Example: pointit load --users 40 --layout users; for the maximum: pointit load --sweep --duration 5
+    With --hosts, people and all that computes for them are at hosts of their own, each with a router. The
+    shared services are at the first host. What crosses each link is counted. Several measurements give
+    slopes: CPU and memory for each person and each host with 95 % intervals, and the people a core by them.
+
+    Example: pointit load --users 40 --layout users; for the maximum: pointit load --sweep --duration 5;
+    for slopes: sudo pointit load --hosts 1,2 --users 4,8,16 --router zenohd
     """
     quiet()
     context = click.get_current_context()
@@ -117,140 +173,93 @@ def command(
             "--secured makes a site of its own; leave it out with --connect or --credentials, where the site "
             "that runs there is secured or not"
         )
+    if hosts and (not is_own or layout != "one"):
+        raise ConfigError(
+            "--hosts makes a site and processes of its own; leave out --layout, --connect and --credentials"
+        )
     if is_own:  # its services must not store their state among that of this machine's user
         os.environ[VARIABLE] = context.with_resource(tempfile.TemporaryDirectory(prefix="pointit-load-"))
-    load = Load(
-        users=users,
-        rate_hz=rate_hz,
-        duration_s=duration_s,
-        layout=layout,
-        shards=shards,
-        router=router or secured,
-        secured=secured,
-        site=site,
-        connect=() if is_own else connect,
-    )
+    loads = [
+        Load(
+            rate_hz=rate_hz,
+            duration_s=duration_s,
+            layout=layout,
+            shards=shards,
+            router=router or ("pointit" if secured or count else None),
+            secured=secured,
+            site=site,
+            connect=() if is_own else connect,
+            hosts=count,
+            routers=routers or count,
+            fan=fan,
+            central=central,
+        )
+        for count in hosts or (0,)
+    ]
     done: list[LoadResult] = []
-    search = CapacitySearch(FIRST, MAX_USERS) if sweep else None
-    code = run_until_shutdown(_run(load, search, done))
+    searches: list[CapacitySearch] = []
+    code = run_until_shutdown(_run(loads, users, done, searches if sweep else None))
     if not done:
         return INTERRUPTED
+    found = slopes(done)
     if as_json:
-        limit = {"limit": search.carried} if search is not None else {}
-        print_json({"measured": [measured.record() for measured in done], **limit})
+        limit = {"limit": searches[-1].carried} if searches else {}
+        print_json(
+            {
+                "measured": [measured.record() for measured in done],
+                "slopes": [part.record() for part in found],
+                **limit,
+            }
+        )
     else:
-        show([_section(load, done)], as_json=False)
-        if search is not None:
+        show(_sections(done, found), as_json=False)
+        for load, search in zip(loads, searches, strict=False):
             click.echo(f"carried: {search.carried} people at {rate_hz:g} Hz, {load.name}")
-    if code or search is not None:
-        return code if search is None or search.carried else EXIT_FAILED
-    return EXIT_FAILED if done[-1].failure else 0
+    if code:
+        return code
+    if searches:
+        return 0 if all(search.carried for search in searches) else EXIT_FAILED
+    return EXIT_FAILED if any(measured.failure for measured in done) else 0
 
 
-def _section(load: Load, done: Sequence[LoadResult]) -> Section:
-    about = f"{load.rate_hz:g} Hz each for {load.duration_s:g} s, {load.name}"
-    return Section(
-        name="load",
-        about=about,
-        rows=tuple(measured.row() for measured in done),
-        roomy=frozenset({"cursor_p99_ms", "processes", "load", "busiest"}),
-    )
-
-
-async def _run(load: Load, search: CapacitySearch | None, done: list[LoadResult]) -> int:
-    counts = [load.users] if search is None else search.counts()
-    for count in counts:
-        _tell(f"{count} people at {load.rate_hz:g} Hz, {load.name}: starting …")
-        measured = await _measure(load, count)
-        done.append(measured)
-        row = measured.row()
-        _tell(
-            f"  p50 {row['light_p50_ms']} ms, p99 {row['light_p99_ms']} ms, drops {row['drops_percent']} %, "
-            f"CPU {row['cpu_percent']} %, {row['memory_mb']} MB, load {row['load']}: "
-            + (measured.failure or "carried")
+def _sections(done: Sequence[LoadResult], found: Sequence[PartSlopes]) -> list[Section]:
+    first, last = done[0], done[-1]
+    about = f"{first.rate_hz:g} Hz each for {first.duration_s:g} s, {first.layout}"
+    roomy = frozenset({"cursor_p50_ms", "cursor_p99_ms", "processes", "load", "busiest"})
+    made = [Section(name="load", about=about, rows=tuple(each.row() for each in done), roomy=roomy)]
+    if last.links:
+        rows = tuple(link.row() for link in last.links)
+        about = f"per second, {last.users} people, {last.layout}"
+        made.append(Section(name="links", about=about, rows=rows, roomy=frozenset({"up", "down"})))
+    if found:
+        made.append(
+            Section(name="slopes", about="with 95 % intervals", rows=tuple(part.row() for part in found))
         )
-        if search is not None:
-            search.report(count, carried=not measured.failure)
+    return made
+
+
+async def _run(
+    loads: Sequence[Load], users: Sequence[int], done: list[LoadResult], searches: list[CapacitySearch] | None
+) -> int:
+    for load in loads:
+        search = None
+        if searches is not None:
+            search = CapacitySearch(FIRST, MAX_USERS)
+            searches.append(search)
+        for count in users if search is None else search.counts():
+            _tell(f"{count} people at {load.rate_hz:g} Hz, {load.name}: starting …")
+            measured = await measure(load, count, _tell)
+            done.append(measured)
+            row = measured.row()
+            _tell(
+                f"  p50 {row['light_p50_ms']} ms, p99 {row['light_p99_ms']} ms, "
+                f"drops {row['drops_percent']} %, CPU {row['cpu_percent']} %, {row['memory_mb']} MB, "
+                f"load {row['load']}: {measured.failure or 'carried'}"
+            )
+            if search is not None:
+                search.report(count, carried=not measured.failure)
     return 0
-
-
-async def _measure(load: Load, count: int) -> LoadResult:
-    here, elsewhere = groups(load, count)
-    async with _bus(load) as (bus, endpoint, router):
-        if load.connect:
-            users = [user for group in (here, *elsewhere) for user in group.wrists]
-            await claim_names(bus, USER_ALIVE, users)
-        async with start_load_test(bus, here, elsewhere, endpoint, router) as rig:
-            await rig.measure(load.rate_hz, WARM_UP_S, load.name)
-            _tell(f"  measuring for {load.duration_s:g} s …")
-            return await rig.measure(load.rate_hz, load.duration_s, load.name)
-
-
-@contextlib.asynccontextmanager
-async def _bus(load: Load) -> AsyncGenerator[tuple[ZenohBus, str, int | None]]:
-    """Yield this process's bus, the address for others, and the router's process id."""
-    if load.connect:
-        async with join_site(load.site, load.connect) as bus:
-            yield bus, load.connect[0], None
-        return
-    async with contextlib.AsyncExitStack() as stack:
-        port = _free_port()
-        endpoint = f"tls/127.0.0.1:{port}" if load.secured else f"tcp/127.0.0.1:{port}"
-        credentials, options = None, ["--listen", endpoint]
-        if load.secured:
-            folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="pointit-load-site-"))
-            credentials = secured_site(Path(folder), load.site, port)
-            options = ["--site-folder", folder]
-            stack.enter_context(_given(credentials))
-        router = await stack.enter_async_context(router_process(options)) if load.router else None
-        link = Link(
-            site=load.site,
-            connect=(endpoint,) if load.router else (),
-            listen=(endpoint,) if not load.router and load.layout != "one" else (),
-            credentials=credentials,
-        )
-        bus = await ZenohBus.open(link, patience_s=5.0)
-        stack.push_async_callback(bus.close)
-        yield bus, endpoint, router
-
-
-@contextlib.contextmanager
-def _given(credentials: Credentials) -> Generator[None]:
-    """Give the processes of this test these credentials."""
-    os.environ[CREDENTIALS] = str(credentials.folder)
-    try:
-        yield
-    finally:
-        del os.environ[CREDENTIALS]
-
-
-def _free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port: int = probe.getsockname()[1]
-    return port
 
 
 def _tell(text: str) -> None:
     click.echo(text, err=True)
-
-
-def secured_site(folder: Path, site: str, port: int) -> Credentials:
-    """Create the site in `folder` for a router on this machine. Return the credentials for all its processes.
-
-    Raises:
-        ConfigError: If `cryptography` is missing, or something cannot be written.
-    """
-    now = dt.datetime.now(dt.UTC)
-    made = SiteFolder(folder)
-    state = SiteState(
-        site=site,
-        hosts=("127.0.0.1",),
-        port=port,
-        days=1.0,
-        password=False,
-        dashboard_rate_hz=0.0,
-        identities={},
-    )
-    made.create(state, {NAME: "supervisor"}, now)
-    return read_credentials(made.identity_folder(NAME), now)

@@ -1,7 +1,7 @@
 """Results of a load test, its pass criterion, and the search for the largest load; pure."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -26,6 +26,33 @@ class Usage:
 
 
 @dataclass(frozen=True, kw_only=True)
+class LinkUsage:
+    """Traffic of a link between two machines during the measurement, per second."""
+
+    name: str
+    """`host 2 > host 1`: from the lower to the upper one."""
+    up_bytes_hz: float
+    up_packets_hz: float
+    down_bytes_hz: float
+    down_packets_hz: float
+    up_hz: Mapping[str, float]
+    """Messages by kind, unless the link is encrypted."""
+    down_hz: Mapping[str, float]
+
+    def row(self) -> dict[str, Any]:
+        """Return a row of the table."""
+        return {
+            "link": self.name,
+            "up_kB_per_s": round(self.up_bytes_hz / 1e3, 2),
+            "down_kB_per_s": round(self.down_bytes_hz / 1e3, 2),
+            "up_packets_per_s": round(self.up_packets_hz),
+            "down_packets_per_s": round(self.down_packets_hz),
+            "up": _kinds(self.up_hz),
+            "down": _kinds(self.down_hz),
+        }
+
+
+@dataclass(frozen=True, kw_only=True)
 class LoadResult:
     """One measurement."""
 
@@ -39,6 +66,8 @@ class LoadResult:
     """Cursors that followed."""
     hovered: int
     """Hovers that followed."""
+    arrived: int | None = None
+    """Cursors that reached the site's lights. None: not counted."""
     light_s: Sequence[float]
     """Latency from wrist to light: ages of new frames on arrival."""
     cursor_s: Sequence[float]
@@ -46,6 +75,10 @@ class LoadResult:
     processes: Sequence[Usage]
     load_average: float | None
     """Load average of the machine over the last minute, including other work."""
+    hosts: int = 0
+    """Number of hosts with people. 0: they are not simulated."""
+    links: Sequence[LinkUsage] = ()
+    """Links between the machines, as far as known."""
 
     @property
     def dropped(self) -> float:
@@ -53,9 +86,22 @@ class LoadResult:
         return max(0.0, 1.0 - self.pointed / self.sent) if self.sent else 1.0
 
     @property
+    def lost(self) -> float | None:
+        """Return the share of cursors that did not reach the site's lights, if they are counted."""
+        if self.arrived is None:
+            return None
+        return max(0.0, 1.0 - self.arrived / self.pointed) if self.pointed else 1.0
+
+    @property
     def sent_share(self) -> float:
         """Return the share of samples that were sent in time."""
         return self.sent / (self.users * self.rate_hz * self.duration_s)
+
+    @property
+    def us_per_sample(self) -> float:
+        """Return the CPU time of all processes for one sample, us."""
+        per_s = self.sent / self.duration_s
+        return sum(usage.cpu for usage in self.processes) / per_s * 1e6 if per_s else 0.0
 
     @property
     def failure(self) -> str:
@@ -67,19 +113,25 @@ class LoadResult:
             return "no light followed any sample"
         if self.dropped > MAX_DROPPED:
             return f"{self.dropped:.1%} of the samples were dropped"
+        if self.lost is not None and self.lost > MAX_DROPPED:
+            return f"{self.lost:.1%} of the cursors did not reach the lights"
         return "" if p99_ms <= P99_MS else f"p99 is {p99_ms:.0f} ms, above {P99_MS:.0f} ms"
 
     def row(self) -> dict[str, Any]:
         """Return a row of the table."""
         busiest = max(self.processes, key=lambda usage: usage.cpu)
         return {
+            **({"hosts": self.hosts} if self.hosts else {}),
             "users": self.users,
             "light_p50_ms": _rounded(quantile_ms(self.light_s, 0.5)),
             "light_p99_ms": _rounded(quantile_ms(self.light_s, 0.99)),
+            "cursor_p50_ms": _rounded(quantile_ms(self.cursor_s, 0.5)),
             "cursor_p99_ms": _rounded(quantile_ms(self.cursor_s, 0.99)),
             "drops_percent": round(self.dropped * 100, 3),
+            **({} if self.lost is None else {"lost_percent": round(self.lost * 100, 3)}),
             "processes": len(self.processes),
             "cpu_percent": round(sum(usage.cpu for usage in self.processes) * 100),
+            "us_per_sample": round(self.us_per_sample),
             "busiest": f"{busiest.name} {busiest.cpu * 100:.0f} %",
             "memory_mb": round(sum(usage.memory_mb for usage in self.processes)),
             "load": self.load_average,
@@ -100,8 +152,8 @@ class LoadResult:
             "hovers": self.hovered,
             "frames": len(self.light_s),
             "light_max_ms": _rounded(quantile_ms(self.light_s, 1.0)),
-            "cursor_p50_ms": _rounded(quantile_ms(self.cursor_s, 0.5)),
             "processes": [asdict(usage) for usage in self.processes],
+            "links": [asdict(link) for link in self.links],
         }
 
 
@@ -143,6 +195,10 @@ class CapacitySearch:
             self.carried = max(self.carried, count)
         else:
             self._failed = count if self._failed is None else min(self._failed, count)
+
+
+def _kinds(rates_hz: Mapping[str, float]) -> list[str]:
+    return [f"{kind} {rate_hz:.0f}" for kind, rate_hz in sorted(rates_hz.items()) if round(rate_hz)]
 
 
 def _rounded(value: float | None) -> float | None:

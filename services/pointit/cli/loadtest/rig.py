@@ -2,139 +2,20 @@
 
 import asyncio
 import contextlib
-import json
 import os
-import signal
-import sys
 import time
 from collections.abc import AsyncGenerator, Sequence
-from dataclasses import dataclass, field
-from typing import Any
 
 from pointit.cli.loadtest.figures import LoadResult, Usage
-from pointit.cli.loadtest.worker import dump_launches, read_usage
+from pointit.cli.loadtest.sight import Sight
+from pointit.cli.loadtest.worker import DRAIN_S, read_usage
+from pointit.cli.loadtest.workers import READY_S, Group, Worker
 from pointit.cli.loadtest.wrist import Wrist, drive_wrists
 from pointit.runtime.clock import WallClock
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.service.service import Launch, run_services
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
-from pointit.schemas import NS_PER_S, Cursor, Hover, Message, StripsFrame, UserPose
-from pointit.schemas.topics import CURSOR, HOVER, IMU, POSE, STRIPS_FRAME
-
-READY_S = 60.0
-"""Timeout until all poses are known and so all services run, for many processes on a busy machine."""
-
-DRAIN_S = 0.3
-STOP_S = 2.0
-
-
-@dataclass(kw_only=True)
-class Group:
-    """Services that run together in one process, and the users whose wrists it drives."""
-
-    name: str
-    launches: Sequence[Launch] = ()
-    wrists: Sequence[str] = ()
-
-
-@dataclass
-class _Sight:
-    """Messages received in the measuring time."""
-
-    users: frozenset[str]
-    cursors: int = 0
-    hovers: int = 0
-    stamps: set[int] = field(default_factory=set[int])
-    cursor_s: list[float] = field(default_factory=list[float])
-    frames: dict[int, float] = field(default_factory=dict[int, float])
-    """Age of each frame on arrival, by stamp."""
-    poses: set[str] = field(default_factory=set[str])
-
-    def on_cursor(self, cursor: Cursor, user: str) -> None:
-        if user in self.users:
-            self.cursors += 1
-            self.stamps.add(cursor.stamp_ns)
-            self.cursor_s.append(_age_s(cursor))
-
-    def on_hover(self, _hover: Hover, user: str) -> None:
-        self.hovers += user in self.users
-
-    def on_frame(self, frame: StripsFrame, _name: str) -> None:
-        self.frames.setdefault(frame.stamp_ns, _age_s(frame))
-
-    def on_pose(self, _pose: UserPose, user: str) -> None:
-        self.poses.add(user)
-
-    def clear(self) -> None:
-        self.cursors = self.hovers = 0
-        for kept in (self.stamps, self.cursor_s, self.frames):
-            kept.clear()
-
-    def light_s(self) -> list[float]:
-        """Return the ages of the frames that show one of our samples; others are drawn for other reasons."""
-        return [age_s for stamp_ns, age_s in self.frames.items() if stamp_ns in self.stamps]
-
-
-def _age_s(message: Message) -> float:
-    return (time.time_ns() - message.stamp_ns) / NS_PER_S
-
-
-class Worker:
-    """A group in a process of its own."""
-
-    def __init__(self, group: Group, process: asyncio.subprocess.Process) -> None:
-        self.group = group
-        self.process = process
-
-    @classmethod
-    async def start(cls, group: Group, site: str, connect: str) -> "Worker":
-        """Start the process, and send it its launches."""
-        process = await asyncio.create_subprocess_exec(
-            sys.executable,
-            "-m",
-            "pointit.cli.loadtest.worker",
-            stdin=asyncio.subprocess.PIPE,
-            stdout=asyncio.subprocess.PIPE,
-            process_group=0,  # a terminal's Ctrl-C is for the parent, which ends its children
-        )
-        worker = cls(group, process)
-        worker.send_line(
-            {
-                "site": site,
-                "connect": connect,
-                "launches": dump_launches(group.launches),
-                "wrists": list(group.wrists),
-            }
-        )
-        return worker
-
-    def send_line(self, what: dict[str, Any]) -> None:
-        """Send it `what` as a line of JSON."""
-        if self.process.stdin is not None:
-            self.process.stdin.write((json.dumps(what) + "\n").encode())
-
-    async def answer(self) -> dict[str, Any]:
-        """Return its next line.
-
-        Raises:
-            ConfigError: If it has ended.
-        """
-        line = b"" if self.process.stdout is None else await self.process.stdout.readline()
-        if not line:
-            raise ConfigError(f"the process of {self.group.name} has ended: see its output above")
-        answer: dict[str, Any] = json.loads(line)
-        return answer
-
-    async def end(self) -> None:
-        """End it."""
-        if self.process.stdin is not None:
-            self.process.stdin.close()
-        try:
-            async with asyncio.timeout(STOP_S):
-                await self.process.wait()
-        except TimeoutError:
-            self.process.kill()
-            await self.process.wait()
+from pointit.schemas.topics import IMU
 
 
 class LoadTest:
@@ -148,12 +29,10 @@ class LoadTest:
         self._users = [
             user for group in (here, *(worker.group for worker in workers)) for user in group.wrists
         ]
-        self._sight = _Sight(frozenset(self._users))
+        self._sight = Sight(frozenset(self._users))
         self._wrists = [Wrist(bus.publisher(IMU, user), index) for index, user in enumerate(here.wrists)]
-        bus.subscribe(POSE, self._sight.on_pose)
-        bus.subscribe(CURSOR, self._sight.on_cursor)
-        bus.subscribe(HOVER, self._sight.on_hover)
-        bus.subscribe(STRIPS_FRAME, self._sight.on_frame)
+        self._sight.watch(bus)
+        self._sight.watch_light(bus)
 
     async def until_ready(self, services: "asyncio.Task[None] | None") -> None:
         """Wait until all poses are known.
@@ -207,8 +86,8 @@ class LoadTest:
             duration_s=duration_s,
             layout=layout,
             sent=sent,
-            pointed=self._sight.cursors,
-            hovered=self._sight.hovers,
+            pointed=len(self._sight.cursor_s),
+            hovered=len(self._sight.hover_stamps),
             light_s=self._sight.light_s(),
             cursor_s=list(self._sight.cursor_s),
             processes=processes,
@@ -250,26 +129,3 @@ async def running(launches: Sequence[Launch], bus: ZenohBus) -> AsyncGenerator[a
 
 async def _end_all(workers: Sequence[Worker]) -> None:
     await asyncio.gather(*(worker.end() for worker in workers))
-
-
-@contextlib.asynccontextmanager
-async def router_process(options: Sequence[str]) -> AsyncGenerator[int]:
-    """Yield the process id of a listening `pointit router` with these options."""
-    process = await asyncio.create_subprocess_exec(
-        sys.executable,
-        "-m",
-        "pointit.cli",
-        "router",
-        *options,
-        stdin=asyncio.subprocess.DEVNULL,
-        stdout=asyncio.subprocess.PIPE,
-        process_group=0,
-    )
-    try:
-        if process.stdout is None or not await process.stdout.readline():
-            raise ConfigError("the router has ended: see its output above")
-        yield process.pid
-    finally:
-        with contextlib.suppress(ProcessLookupError):
-            process.send_signal(signal.SIGTERM)
-        await process.wait()

@@ -8,6 +8,7 @@ import json
 import os
 import resource
 import sys
+import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,6 +16,7 @@ from typing import Any
 
 import click
 
+from pointit.cli.loadtest.sight import Sight
 from pointit.cli.loadtest.wrist import Wrist, drive_wrists
 from pointit.runtime.clock import WallClock
 from pointit.runtime.config.config import Layers
@@ -29,6 +31,8 @@ from pointit.schemas.topics import IMU
 from pointit.services import registry
 
 PATIENCE_S = 10.0
+DRAIN_S = 0.3
+"""Time for what still travels after the last sample."""
 
 
 def dump_launches(launches: Sequence[Launch]) -> list[dict[str, Any]]:
@@ -37,6 +41,7 @@ def dump_launches(launches: Sequence[Launch]) -> list[dict[str, Any]]:
         {
             "service": launch.service.NAME,
             "user": launch.user,
+            "name": launch.name,
             "config": launch.config.model_dump(mode="json"),
         }
         for launch in launches
@@ -47,7 +52,7 @@ def _launch(one: Mapping[str, Any]) -> Launch:
     service = registry.process(one["service"]).load()
     layers = Layers()
     layers.add(one["config"], "load test")
-    return Launch(service=service, config=layers.build(service.CONFIG), user=one["user"])
+    return Launch(service=service, config=layers.build(service.CONFIG), user=one["user"], name=one["name"])
 
 
 def _say(what: Mapping[str, Any]) -> None:
@@ -72,16 +77,31 @@ async def _work() -> int:
     services.add_done_callback(lambda _: reader.feed_eof())
     try:
         wrists = [Wrist(bus.publisher(IMU, user), index) for index, user in enumerate(task["wrists"])]
+        sight = Sight(frozenset(task["watched"]))
+        sight.watch(bus, alone=True)
+        if task["watches_light"]:
+            sight.watch_light(bus)
+            sight.watch_arrivals(bus)
         while line := await reader.readline():
             order = json.loads(line)
+            if not order:  # it asks for the poses
+                await sight.until_poses(services)
+                _say({})
+                continue
+            sight.clear()
             before, sent = read_usage(), sum(wrist.sent for wrist in wrists)
+            began_s = time.monotonic()
             await drive_wrists(wrists, order["rate_hz"], order["duration_s"])
+            lasted_s = time.monotonic() - began_s
             after = read_usage()
+            await asyncio.sleep(DRAIN_S if task["watched"] or task["watches_light"] else 0.0)
             _say(
                 {
+                    "lasted_s": lasted_s,
                     "sent": sum(wrist.sent for wrist in wrists) - sent,
                     "cpu_s": after.cpu_s - before.cpu_s if before and after else 0.0,
                     "memory_mb": after.memory_mb if after else 0.0,
+                    "sight": sight.dump(),
                 }
             )
         if services.done():

@@ -1,0 +1,217 @@
+"""A site over several hosts under load: people and their services at each, shared services at the first."""
+
+import asyncio
+import contextlib
+import json
+import os
+import sys
+from collections.abc import AsyncGenerator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from pointit.access.site_folder import SiteFolder
+from pointit.cli.loadtest.figures import LinkUsage, LoadResult, Usage
+from pointit.cli.loadtest.network import link_contents
+from pointit.cli.loadtest.network.namespaces import UPLINK, Network, Traffic
+from pointit.cli.loadtest.network.routers import (
+    Program,
+    plain_configuration,
+    router_process,
+    secured_configuration,
+)
+from pointit.cli.loadtest.sight import Sight
+from pointit.cli.loadtest.worker import UsageSample, read_usage
+from pointit.cli.loadtest.workers import READY_S, Group, Worker
+from pointit.runtime.errors import ConfigError
+
+CONTENTS_S = 2.0
+"""Time in which the messages on the links are counted, after the measurement: counting takes CPU."""
+START_S = 1.0
+"""Time for the counters to start."""
+
+
+class HostsTest:
+    """A site over several hosts, ready to be measured."""
+
+    def __init__(
+        self, network: Network, groups: Mapping[int, Sequence[Group]], routers: Mapping[int, int]
+    ) -> None:
+        """Prepare. `groups` and process ids of `routers` are by machine."""
+        self._network = network
+        self._groups = groups
+        self._routers = routers
+        self._workers: list[Worker] = []
+
+    async def start(self, site: str) -> None:
+        """Start all processes, and wait until they know all poses.
+
+        Raises:
+            ConfigError: If a process ended, or they were not ready in time.
+        """
+        for index, groups in self._groups.items():
+            for group in groups:
+                place = self._network.arguments(index)
+                self._workers.append(await Worker.start(group, site, self._network.endpoint(index), place))
+        try:
+            async with asyncio.timeout(READY_S):
+                await self._order({})
+        except TimeoutError:
+            raise ConfigError(
+                f"the hosts were not ready within {READY_S:g} s; try fewer --users or --hosts"
+            ) from None
+
+    async def until_carried(self, rate_hz: float, duration_s: float) -> None:
+        """Drive all wrists until cursors follow at each host, and light at the site.
+
+        Raises:
+            ConfigError: If that exceeds `READY_S`.
+        """
+        try:
+            async with asyncio.timeout(READY_S):
+                while True:
+                    answers = await self._order({"rate_hz": rate_hz, "duration_s": duration_s})
+                    sights = zip(self._workers, (answer["sight"] for answer in answers), strict=True)
+                    if all(
+                        (sight["stamps"] or not worker.group.watched)
+                        and (sight["frames"] or not worker.group.watches_light)
+                        for worker, sight in sights
+                    ):
+                        return
+        except TimeoutError:
+            raise ConfigError(f"no light followed any sample within {READY_S:g} s") from None
+
+    async def measure(self, rate_hz: float, duration_s: float, layout: str) -> LoadResult:
+        """Drive all wrists for `duration_s` and return the result. Count then what the links carry."""
+        order = {"rate_hz": rate_hz, "duration_s": duration_s}
+        routers, traffic = self._router_usage(), self._network.traffic()
+        answers = await self._order(order)
+        lasted_s = max(answer["lasted_s"] for answer in answers)
+        after = self._network.traffic()
+        processes = [
+            Usage(
+                name=worker.group.name,
+                cpu=answer["cpu_s"] / answer["lasted_s"],
+                memory_mb=answer["memory_mb"],
+            )
+            for worker, answer in zip(self._workers, answers, strict=True)
+        ]
+        for index, now in self._router_usage().items():
+            cpu = (now.cpu_s - routers[index].cpu_s) / lasted_s
+            name = f"router {self._network.machines[index].name}"
+            processes.append(Usage(name=name, cpu=cpu, memory_mb=now.memory_mb))
+        load_average = round(os.getloadavg()[0], 1)
+        sight = Sight(frozenset())
+        for answer in answers:
+            sight.add(answer["sight"])
+        contents = await self._contents(rate_hz)
+        users = sum(len(worker.group.wrists) for worker in self._workers)
+        return LoadResult(
+            users=users,
+            rate_hz=rate_hz,
+            duration_s=duration_s,
+            layout=layout,
+            sent=sum(answer["sent"] for answer in answers),
+            pointed=len(sight.cursor_s),
+            arrived=len(sight.arrived),
+            hovered=len(sight.hover_stamps),
+            light_s=sight.light_s(),
+            cursor_s=sight.cursor_s,
+            processes=processes,
+            load_average=load_average,
+            hosts=sum(machine.has_people for machine in self._network.machines),
+            links=[
+                self._link(index, traffic[index], after[index], lasted_s, contents.get(index, {}))
+                for index in traffic
+            ],
+        )
+
+    async def end(self) -> None:
+        """End all processes."""
+        await asyncio.gather(*(worker.end() for worker in self._workers))
+
+    async def _order(self, order: Mapping[str, Any]) -> list[dict[str, Any]]:
+        for worker in self._workers:
+            worker.send_line(dict(order))
+        return [await worker.answer() for worker in self._workers]
+
+    def _router_usage(self) -> dict[int, UsageSample]:
+        found = {index: read_usage(pid) for index, pid in self._routers.items()}
+        return {index: usage for index, usage in found.items() if usage is not None}
+
+    def _link(
+        self,
+        index: int,
+        before: Traffic,
+        after: Traffic,
+        lasted_s: float,
+        contents: Mapping[str, Sequence[int]],
+    ) -> LinkUsage:
+        machines = self._network.machines
+        return LinkUsage(
+            name=f"{machines[index].name} > {machines[machines[index].uplink].name}",
+            up_bytes_hz=(after.up_bytes - before.up_bytes) / lasted_s,
+            up_packets_hz=(after.up_packets - before.up_packets) / lasted_s,
+            down_bytes_hz=(after.down_bytes - before.down_bytes) / lasted_s,
+            down_packets_hz=(after.down_packets - before.down_packets) / lasted_s,
+            up_hz={kind: up / CONTENTS_S for kind, (up, _) in contents.items() if up},
+            down_hz={kind: down / CONTENTS_S for kind, (_, down) in contents.items() if down},
+        )
+
+    async def _contents(self, rate_hz: float) -> dict[int, dict[str, list[int]]]:
+        """Return the number of messages on each link in `CONTENTS_S` by kind, up and down."""
+        links = sorted(self._network.traffic())
+        program = [sys.executable, "-m", link_contents.__name__, UPLINK, f"{CONTENTS_S}"]
+        counters = [
+            await asyncio.create_subprocess_exec(
+                *self._network.arguments(index, *program), stdout=asyncio.subprocess.PIPE, process_group=0
+            )
+            for index in links
+        ]
+        if not counters:
+            return {}
+        await self._order({"rate_hz": rate_hz, "duration_s": CONTENTS_S + START_S * len(links)})
+        told = [await counter.communicate() for counter in counters]
+        return {index: json.loads(out or b"{}") for index, (out, _) in zip(links, told, strict=True)}
+
+
+@contextlib.asynccontextmanager
+async def start_hosts_test(
+    network: Network,
+    groups: Mapping[int, Sequence[Group]],
+    *,
+    site: str,
+    program: Program,
+    folder: Path,
+    secured: SiteFolder | None,
+) -> AsyncGenerator[HostsTest]:
+    """Yield the site with all services running.
+
+    Args:
+        network: the machines.
+        groups: processes by machine.
+        site: name of the site.
+        program: what routes.
+        folder: for the routers' files.
+        secured: certificates of the site, if its routers require them.
+
+    Raises:
+        ConfigError: If a process ended, or they were not ready in time.
+    """
+    async with contextlib.AsyncExitStack() as stack:
+        routers: dict[int, int] = {}
+        for index, machine in enumerate(network.machines):
+            if not machine.has_router:
+                continue
+            listen = network.listen(index)
+            uplinks = [network.uplink(index)] if index else []
+            if secured is None:
+                made = plain_configuration(listen, uplinks)
+            else:
+                made = secured_configuration(secured, uplinks, int(listen.rpartition(":")[2]))
+            routers[index] = await stack.enter_async_context(
+                router_process(made, program, folder / str(index), network.arguments(index))
+            )
+        test = HostsTest(network, groups, routers)
+        stack.push_async_callback(test.end)
+        await test.start(site)
+        yield test

@@ -1,0 +1,1 @@
+"""The simulated machines of a load test: their links, routers and what crosses."""

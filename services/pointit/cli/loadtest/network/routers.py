@@ -1,0 +1,104 @@
+"""Routers of a load test: ours or zenohd, by the same configuration."""
+
+import asyncio
+import contextlib
+import json
+import os
+import shutil
+import signal
+import sys
+from collections.abc import AsyncGenerator, Sequence
+from pathlib import Path
+from typing import Any, Literal
+
+from pointit.access.router_configuration import configuration
+from pointit.access.site_folder import SiteFolder
+from pointit.runtime.errors import ConfigError, ConnectError
+from pointit.runtime.link.link import LEASE_MS
+
+Program = Literal["pointit", "zenohd"]
+"""Program that routes."""
+
+RETRY = {"period_init_ms": 100, "period_max_ms": 1000, "period_increase_factor": 1.5}
+
+
+def plain_configuration(listen: str, uplinks: Sequence[str]) -> dict[str, Any]:
+    """Return the configuration of a router that admits anyone."""
+    return {
+        "mode": "router",
+        "listen": {"endpoints": [listen]},
+        "connect": {
+            "endpoints": list(uplinks),
+            "timeout_ms": -1,
+            "exit_on_failure": False,
+            "retry": RETRY,
+        },
+        "scouting": {"delay": 0, "multicast": {"enabled": False}, "gossip": {"enabled": False}},
+        "timestamping": {"enabled": True},
+        "transport": {"shared_memory": {"enabled": False}, "link": {"tx": {"lease": LEASE_MS}}},
+    }
+
+
+def secured_configuration(site: SiteFolder, uplinks: Sequence[str], port: int) -> dict[str, Any]:
+    """Return the configuration of a router of a site, as `pointit site` makes it, on `port`."""
+    routed = site.router_site(tuple(uplinks))
+    made = configuration([routed])
+    own, other = f":{routed.port}", f":{port}"
+    made["listen"]["endpoints"] = [each.replace(own, other, 1) for each in made["listen"]["endpoints"]]
+    return made
+
+
+@contextlib.asynccontextmanager
+async def router_process(
+    made: dict[str, Any], program: Program, folder: Path, place: Sequence[str] = ()
+) -> AsyncGenerator[int]:
+    """Yield the process id of a router with the configuration `made`, which is written to `folder`.
+
+    `place` is the command that runs it at another machine.
+
+    Raises:
+        ConfigError: If it is not installed, or has ended.
+    """
+    command = [*place, *_command(program), "--config", _written(made, folder)]
+    with (folder / "log").open("w") as log:
+        process = await asyncio.create_subprocess_exec(
+            *command,
+            stdin=asyncio.subprocess.DEVNULL,
+            stdout=log,
+            stderr=log,
+            env={"RUST_LOG": "error", **os.environ},
+            process_group=0,
+        )
+    try:
+        yield process.pid
+    except ConnectError as error:
+        if process.returncode is None:
+            raise
+        raise ConfigError(f"the router has ended: {_last_line(folder / 'log')}") from error
+    finally:
+        with contextlib.suppress(ProcessLookupError):
+            process.send_signal(signal.SIGTERM)
+        await process.wait()
+
+
+def _command(program: Program) -> list[str]:
+    if program == "pointit":
+        return [sys.executable, "-m", "pointit.cli", "router", "--most-connections", "1000"]
+    if shutil.which(program) is None:
+        raise ConfigError(
+            "--router zenohd: zenohd is not in PATH; install it (`cargo install zenohd`, or "
+            "github.com/eclipse-zenoh/zenoh/releases), or use --router pointit"
+        )
+    return [program]
+
+
+def _written(made: dict[str, Any], folder: Path) -> str:
+    folder.mkdir(parents=True, exist_ok=True)
+    file = folder / "router.json5"
+    file.write_text(json.dumps(made, indent=1), encoding="utf-8")
+    return str(file)
+
+
+def _last_line(log: Path) -> str:
+    lines = log.read_text(encoding="utf-8", errors="replace").strip().splitlines()
+    return lines[-1] if lines else "it says nothing"

@@ -1,0 +1,105 @@
+"""An observer of a load test: which cursors and lights follow the samples, and when."""
+
+import asyncio
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from pointit.runtime.bus.contract import Bus, Undecoded
+from pointit.schemas import NS_PER_S, Message
+from pointit.schemas.topics import ANY, CURSOR, HOVER, POSE, STRIPS_FRAME
+
+
+@dataclass
+class Sight:
+    """Messages received in the measuring time.
+
+    It reads each message as it arrives, on the thread on which it arrives: a reader with a wake-up for each
+    would take a fifth of the CPU that is measured.
+    """
+
+    users: frozenset[str]
+    hover_stamps: list[int] = field(default_factory=list[int])
+    stamps: set[int] = field(default_factory=set[int])
+    """Those of the cursors."""
+    cursor_s: list[float] = field(default_factory=list[float])
+    """Age of each cursor on arrival."""
+    frames: dict[int, float] = field(default_factory=dict[int, float])
+    """Age of each frame on arrival, by stamp."""
+    arrived: list[str] = field(default_factory=list[str])
+    """User of each cursor that reached the site's lights."""
+    poses: set[str] = field(default_factory=set[str])
+
+    def watch(self, bus: Bus, *, alone: bool = False) -> None:
+        """Read all that is observed of people; `alone`: of `users` only, so that no link carries others'."""
+        for name in sorted(self.users) if alone else (ANY,):
+            bus.tap(POSE, self._on_pose, name)
+            bus.tap(CURSOR, self._on_cursor, name)
+            bus.tap(HOVER, self._on_hover, name)
+
+    def watch_light(self, bus: Bus) -> None:
+        """Read the frames."""
+        bus.tap(STRIPS_FRAME, self._on_frame)
+
+    def watch_arrivals(self, bus: Bus) -> None:
+        """Count all cursors, without decoding them, where led-driver reads them."""
+        bus.tap(CURSOR, self._on_arrival)
+
+    async def until_poses(self, services: "asyncio.Task[None]") -> None:
+        """Wait until all poses are known, or `services` have ended."""
+        while not self.users <= self.poses and not services.done():  # noqa: ASYNC110 - on another thread
+            await asyncio.sleep(0.05)
+
+    def clear(self) -> None:
+        """Forget what was received, but for the poses."""
+        for kept in (self.hover_stamps, self.arrived, self.stamps, self.cursor_s, self.frames):
+            kept.clear()
+
+    def dump(self) -> dict[str, Any]:
+        """Return all received values as JSON."""
+        return {
+            "hover_stamps": self.hover_stamps,
+            "arrived": self.arrived,
+            "stamps": list(self.stamps),
+            "cursor_s": self.cursor_s,
+            "frames": list(self.frames.items()),
+        }
+
+    def add(self, dumped: Mapping[str, Any]) -> None:
+        """Add what another observer received, as it dumped it."""
+        self.hover_stamps.extend(dumped["hover_stamps"])
+        self.arrived.extend(dumped["arrived"])
+        self.stamps.update(dumped["stamps"])
+        self.cursor_s.extend(dumped["cursor_s"])
+        self.frames.update((stamp_ns, age_s) for stamp_ns, age_s in dumped["frames"])
+
+    def light_s(self) -> list[float]:
+        """Return the ages of the frames that show one of our samples; others are drawn for other reasons."""
+        return [age_s for stamp_ns, age_s in self.frames.items() if stamp_ns in self.stamps]
+
+    def _on_cursor(self, message: Message | Undecoded, user: str) -> None:
+        arrived_ns = time.time_ns()
+        if user in self.users:
+            stamp_ns = _stamp_ns(message)
+            self.stamps.add(stamp_ns)
+            self.cursor_s.append((arrived_ns - stamp_ns) / NS_PER_S)
+
+    def _on_hover(self, message: Message | Undecoded, user: str) -> None:
+        if user in self.users:
+            self.hover_stamps.append(_stamp_ns(message))
+
+    def _on_frame(self, message: Message | Undecoded, _name: str) -> None:
+        arrived_ns = time.time_ns()
+        stamp_ns = _stamp_ns(message)
+        self.frames.setdefault(stamp_ns, (arrived_ns - stamp_ns) / NS_PER_S)
+
+    def _on_arrival(self, _message: Message | Undecoded, user: str) -> None:
+        self.arrived.append(user)
+
+    def _on_pose(self, _message: Message | Undecoded, user: str) -> None:
+        self.poses.add(user)
+
+
+def _stamp_ns(message: Message | Undecoded) -> int:
+    return (message if isinstance(message, Message) else message.decode()).stamp_ns

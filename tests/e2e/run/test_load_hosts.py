@@ -1,0 +1,139 @@
+"""`pointit load --hosts`: people over several machines, their routers and what crosses their links."""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.support.bench import until
+from tests.support.commands import Commands, Ended
+
+SHORT = ("--users", "4", "--rate", "50", "--duration", "3", "--json")
+PEOPLE = ["site", "people 1", "people 2"]
+TRY = "ip link add name try0 type veth peer name try1"
+"""Command that a machine has to permit."""
+
+
+def row_of(ended: Ended) -> dict[str, Any]:
+    (row,) = json.loads(ended.out)["measured"]
+    assert ended.code == (0 if row["carried"] else 1), ended.err
+    assert 40 < row["sent"] <= 600, "a busy machine leaves some out"
+    assert row["cursors"] > 40
+    assert row["frames"] > 2
+    assert row["lost_percent"] < 50, "cursors cross the link to the lights"
+    assert row["hosts"] == 2
+    assert all(process["memory_mb"] > 10 for process in row["processes"])
+    return dict(row)
+
+
+def namespaces_or_skip() -> None:
+    try:
+        command = ("unshare", "--net", "sh", "-c", TRY)
+        tried = subprocess.run(command, capture_output=True, check=False)
+    except FileNotFoundError:
+        pytest.skip("needs unshare (util-linux)")
+    if tried.returncode:
+        pytest.skip("needs root on Linux and `ip`, to make network namespaces")
+
+
+def without_namespaces(folder: Path) -> dict[str, str]:
+    """Return an environment in which no namespace can be made."""
+    folder.mkdir()
+    return {"PATH": str(folder)}
+
+
+async def test_two_hosts_are_two_processes_where_namespaces_are_not_permitted(
+    commands: Commands, tmp_path: Path
+) -> None:
+    ended = await commands.pointit(
+        "load", *SHORT, "--hosts", "2", "--central", environment=without_namespaces(tmp_path / "bin")
+    )
+    row = row_of(ended)
+    assert [process["name"] for process in row["processes"]] == [*PEOPLE, "router host 1", "router host 2"]
+    assert row["links"] == []
+    assert "hosts are processes on loopback, and their links are not measured" in ended.err
+
+
+async def test_rays_cross_a_link_only_to_a_pui_beyond_it(commands: Commands) -> None:
+    namespaces_or_skip()
+    central = row_of(await commands.pointit("load", *SHORT, "--hosts", "2", "--central"))
+    (link,) = central["links"]
+    assert link["name"] == "host 2 > host 1"
+    assert link["up_hz"]["PointingRay"] > 10
+    sharded = row_of(await commands.pointit("load", *SHORT, "--hosts", "2", "--routers", "3"))
+    first, second = sharded["links"]
+    assert (first["name"], second["name"]) == ("host 1 > above 1", "host 2 > above 1")
+    assert second["up_hz"]["Cursor"] > 10, "led-driver looks"
+    assert "Cursor" not in first["up_hz"], "nobody looks"
+    for link in sharded["links"]:
+        assert "PointingRay" not in link["up_hz"] | link["down_hz"]
+    assert not [process for process in sharded["processes"] if process["name"].startswith("router above 2")]
+
+
+async def test_a_secured_tree_of_routers_carries_people(commands: Commands, tmp_path: Path) -> None:
+    options = ("--hosts", "2", "--routers", "3", "--fan", "1", "--secured")
+    ended = await commands.pointit("load", *SHORT, *options, environment=without_namespaces(tmp_path / "bin"))
+    routers = [process["name"] for process in row_of(ended)["processes"] if process["name"] not in PEOPLE]
+    assert routers == ["router above 1", "router host 1", "router host 2"]
+
+
+@pytest.mark.long
+async def test_zenohd_routes_by_the_same_configuration(commands: Commands, tmp_path: Path) -> None:
+    ended = await commands.pointit(
+        "load",
+        *SHORT,
+        "--hosts",
+        "2",
+        "--router",
+        "zenohd",
+        "--secured",
+        environment=_zenohd(tmp_path / "bin"),
+    )
+    assert "2 secured routers (zenohd)" in row_of(ended)["layout"]
+
+
+def _zenohd(folder: Path) -> dict[str, str]:
+    """Return a PATH with zenohd, or else with a stand-in: PointIt's router under its name."""
+    path = os.environ.get("PATH", "")
+    if shutil.which("zenohd") is None:
+        folder.mkdir()
+        program = folder / "zenohd"
+        program.write_text(f'#!/bin/sh\nexec {sys.executable} -m pointit.cli router "$@"\n')
+        program.chmod(0o755)
+        path = f"{folder}{os.pathsep}{path}"
+    return {"PATH": path}
+
+
+async def test_several_numbers_of_people_have_slopes(commands: Commands) -> None:
+    ended = await commands.pointit("load", "--users", "1,2,4", "--rate", "50", "--duration", "1")
+    assert ended.code in {0, 1}, ended.err
+    assert "Slopes: with 95 % intervals" in ended.out
+    assert "all processes" in ended.out
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        (("--hosts", "2", "--layout", "users"), "--hosts makes a site and processes of its own"),
+        (("--users", "1,x"), "'x' is not a whole number from 1 to 1000"),
+        (("--hosts", "0"), "'0' is not a whole number from 1 to 16"),
+    ],
+)
+async def test_wrong_options_are_said(commands: Commands, options: tuple[str, ...], sentence: str) -> None:
+    ended = await commands.pointit("load", *options)
+    assert ended.code == 2
+    assert sentence in ended.err
+
+
+async def test_ctrl_c_ends_all_hosts(commands: Commands) -> None:
+    load = commands.start("load", "--duration", "600", "--hosts", "2", "--users", "2", "--central")
+    await load.says("measuring")
+    family = load.family()
+    ended = await load.stop(2)
+    assert ended.code == 130
+    await until(lambda: not any(process.is_running() for process in family), 5, "all to be gone")

@@ -25,6 +25,7 @@ REFUSED_PATIENCE_S = 2.0
 PROBE_S = 1.0
 """Timeout of finding out whether somebody listens, s."""
 
+
 def site_options() -> list[click.Parameter]:
     """Return the options --credentials, --site and --connect."""
     return [option for option in link_options() if option.name != "listen"]

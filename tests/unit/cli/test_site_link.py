@@ -18,7 +18,7 @@ WRONG_S = 1.5
 
 
 def looked_s(monkeypatch: pytest.MonkeyPatch, *connect: str, is_refusing: bool = False) -> float:
-    """Return how long `join_site` looks for a site that does not answer at `connect`, s."""
+    """Return the duration for which `join_site` looks for a site that does not answer at `connect`, s."""
 
     async def find_nobody(_link: Any, *, patience_s: float) -> ZenohBus:
         await asyncio.sleep(WRONG_S if is_refusing else patience_s)

@@ -71,7 +71,7 @@ DEVICES = {
         "drivers/vda5050/search.py",
         "robot_driver.py",
     },
-    "selector": {"selection_methods.py", "store/history.py"},
+    "selector": {"selection_methods.py", "shard_role.py", "site_role.py", "store/history.py"},
     "web": {
         "pages/request_dispatcher.py",
         "metrics/door.py",

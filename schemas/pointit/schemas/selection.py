@@ -30,7 +30,7 @@ class ReservedObject(SchemaModel):
 class Selection(Message):
     """Everything that is selected now."""
 
-    version: ClassVar[int] = 2
+    version: ClassVar[int] = 3
 
     max_bytes: ClassVar[int] = 512 * 1024
     """Room for all objects that can be tracked."""

@@ -384,9 +384,7 @@ SHARD_ALIVE = Presence(
     key="alive/shards/{instance}",
     about="a shard of a service serves one person: `pui.anna`, whatever the shard's own name",
 )
-KEEPER_ALIVE = Presence(
-    key="alive/keepers/{session}", about="a process answers for states whose writers are gone"
-)
+KEEPER_ALIVE = Presence(key="alive/keepers/{session}", about="it answers for states whose writers are gone")
 
 PRESENCES: tuple[Presence, ...] = (SERVICE_ALIVE, USER_ALIVE, SHARD_ALIVE, KEEPER_ALIVE)
 

@@ -21,7 +21,7 @@ CONFIG: dict[str, object] = {
 
 @dataclass
 class Link:
-    """What travels between a shard and the arbiter, each way in order."""
+    """Messages on their way between a shard and the arbiter, each way in order."""
 
     up: deque[tuple[str, Claim]] = field(default_factory=deque[tuple[str, Claim]])
     down: deque[Selection | SelectionEvent] = field(default_factory=deque[Selection | SelectionEvent])

@@ -1,10 +1,12 @@
 """Shards and the arbiter: one owner of each object, and each claim decided once, whatever the links do."""
 
+from functools import partial
+
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pointit.schemas import Claim, Selection, SelectionEvent
-from pointit.services.selector.ownership.arbiter import MAX_CLAIM_AGE_NS
+from pointit.services.selector.arbiter import MAX_CLAIM_AGE_NS
 from pointit.services.selector.shard_engine import GIVE_UP_NS, REPEAT_NS
 from tests.unit.selector.room import Room, at, package
 from tests.unit.selector.shards import ShardedSite
@@ -36,14 +38,42 @@ def refusals(site: ShardedSite, user: str, claim: Claim) -> list[str]:
     return [event.reason for event in events]
 
 
+def stay(places: dict[str, float | None], count: int, site: ShardedSite) -> None:
+    for _ in range(count):
+        site.step(0.05, places)
+    site.tick()
+
+
+def set_cut(user: str, is_cut: bool, site: ShardedSite) -> None:  # noqa: FBT001 - drawn
+    site.links[user].is_cut = is_cut
+    site.meet()
+
+
+def deliver(user: str, count: int, twice: bool, site: ShardedSite) -> None:  # noqa: FBT001 - drawn
+    site.deliver(user, up=count, down=count, twice=twice)
+
+
+def wait(duration_s: float, site: ShardedSite) -> None:
+    site.step(duration_s, {})
+    site.tick()
+
+
+def restart(is_at_once: bool, site: ShardedSite) -> None:  # noqa: FBT001 - drawn
+    if site.is_running:
+        site.end_arbiter()
+    if is_at_once:
+        site.start_arbiter()
+
+
 _PEOPLE = st.fixed_dictionaries(dict.fromkeys(USERS, st.sampled_from(PLACES)))
-_STEPS = st.lists(
+_USER = st.sampled_from(USERS)
+_STEPS: st.SearchStrategy[list[partial[None]]] = st.lists(
     st.one_of(
-        st.tuples(st.just("stay"), _PEOPLE, st.integers(2, 12)),
-        st.tuples(st.just("link"), st.sampled_from(USERS), st.booleans()),
-        st.tuples(st.just("deliver"), st.sampled_from(USERS), st.tuples(st.integers(0, 4), st.booleans())),
-        st.tuples(st.just("wait"), st.floats(0.5, 7.0), st.none()),
-        st.tuples(st.just("restart"), st.booleans(), st.none()),
+        st.builds(partial, st.just(stay), _PEOPLE, st.integers(2, 12)),
+        st.builds(partial, st.just(set_cut), _USER, st.booleans()),
+        st.builds(partial, st.just(deliver), _USER, st.integers(0, 4), st.booleans()),
+        st.builds(partial, st.just(wait), st.floats(0.5, 7.0)),
+        st.builds(partial, st.just(restart), st.booleans()),
     ),
     max_size=25,
 )
@@ -52,11 +82,11 @@ _STEPS = st.lists(
 @given(_STEPS)
 @settings(max_examples=120, deadline=None)
 def test_whatever_links_and_restarts_do_each_object_has_one_owner_and_each_claim_one_event(
-    steps: list[tuple[str, object, object]],
+    steps: list[partial[None]],
 ) -> None:
     site = a_site()
     for step in steps:
-        _do(site, *step)
+        step(site)
     site.settle()
     _check_events(site.events)
     for user, claim in site.claims:
@@ -66,31 +96,6 @@ def test_whatever_links_and_restarts_do_each_object_has_one_owner_and_each_claim
     for shard in site.shards.values():
         followed = {one: owned.user for one, owned in shard._ownership.ledger.entries.items()}
         assert followed == site.owners
-
-
-def _do(site: ShardedSite, what: str, which: object, how: object) -> None:
-    if what == "stay":
-        assert isinstance(which, dict)
-        assert isinstance(how, int)
-        for _ in range(how):
-            site.step(0.05, which)
-        site.tick()
-    elif what == "link":
-        site.links[str(which)].is_cut = bool(how)
-        site.meet()
-    elif what == "deliver":
-        assert isinstance(how, tuple)
-        site.deliver(str(which), up=int(how[0]), down=int(how[0]), twice=bool(how[1]))
-    elif what == "wait":
-        assert isinstance(which, float)
-        site.step(which, {})
-        site.tick()
-    elif site.is_running:
-        site.end_arbiter()
-        if which:
-            site.start_arbiter()
-    else:
-        site.start_arbiter()
 
 
 def _check_events(events: list[SelectionEvent]) -> None:

@@ -12,6 +12,7 @@ import numpy as np
 
 from pointit.schemas import (
     NS_PER_S,
+    Claim,
     Cursor,
     Environment,
     Feedback,
@@ -193,6 +194,8 @@ class World:
                     events += self._movers.select(owners, now_ns) or []
                 case SelectionEvent():
                     events.append(message)
+                case Claim():
+                    pass  # of shards only
                 case Feedback():
                     self._lights.on_feedback(message)
                     present = self._names.get(output.user)

@@ -1,4 +1,4 @@
-"""What people point at: cursors and objects in; hovers and claims to objects out. It decides on no object."""
+"""Pointing of people: cursors and objects in; hovers and claims to objects out. It decides on no object."""
 
 import math
 from collections import Counter

@@ -3,11 +3,11 @@
 from collections.abc import Callable
 
 from pointit.schemas import ButtonEvent, Claim, Cursor, Environment, TrackedObjects
+from pointit.services.selector.arbiter import Arbiter
 from pointit.services.selector.config import SelectorConfig
 from pointit.services.selector.hover_engine import HoverEngine
 from pointit.services.selector.methods.method import MakeMethod, make_method
 from pointit.services.selector.outputs import Output, Record
-from pointit.services.selector.ownership.arbiter import Arbiter
 from pointit.services.selector.ownership.ownership import Ownership
 
 

@@ -13,12 +13,12 @@ from pointit.schemas import (
     SelectionEvent,
     TrackedObjects,
 )
+from pointit.services.selector.arbiter import MAX_CLAIM_AGE_NS
 from pointit.services.selector.config import SelectorConfig
 from pointit.services.selector.cues import make_cue
 from pointit.services.selector.hover_engine import HoverEngine
 from pointit.services.selector.methods.method import MakeMethod, make_method
 from pointit.services.selector.outputs import DEEDS, Output
-from pointit.services.selector.ownership.arbiter import MAX_CLAIM_AGE_NS
 from pointit.services.selector.ownership.ownership import Ownership
 
 REPEAT_NS = NS_PER_S

@@ -17,7 +17,7 @@ log = logging.getLogger(__name__)
 
 
 class ShardRole:
-    """What a selector of some people does: it claims what they point at, and follows the decisions."""
+    """The selector of some people: it claims what they point at, and follows the decisions."""
 
     def __init__(
         self,
@@ -38,8 +38,7 @@ class ShardRole:
         self._told: tuple[str | None, float | None] = (None, None)
 
     def begin(self) -> None:
-        """Show that the site's selector is not known yet."""
-        self._warn()
+        """Do nothing: there is nothing to restore."""
 
     def subscribe(self) -> None:
         """Subscribe to the selection and its events, and watch the site's selector."""
@@ -56,7 +55,8 @@ class ShardRole:
             self._claims[user].put(message)
 
     def check(self, now_ns: int) -> None:
-        """Do nothing. Called periodically."""
+        """Show in health if the site's selector cannot be reached. Called periodically."""
+        self._warn()
 
     def close(self) -> None:
         """Do nothing: there is no journal."""

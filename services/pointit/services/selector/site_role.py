@@ -49,7 +49,7 @@ Use = Callable[[str | None, float | None], SelectorConfig]
 
 
 class SiteRole:
-    """What one selector of a site does: it decides, keeps the journal and answers requests."""
+    """The one selector of a site: it decides, keeps the journal and answers requests."""
 
     def __init__(
         self,

@@ -10,7 +10,7 @@ from pointit.services.selector.ownership.user_presence import UserPresence
 
 
 class Ownership:
-    """What people may do with each object."""
+    """Owners and reservations: the right of each person to change an object."""
 
     def __init__(self, config: SelectorConfig) -> None:
         """Create with nothing selected or reserved, no people and no objects."""

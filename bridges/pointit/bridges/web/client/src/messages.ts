@@ -6,6 +6,7 @@ export interface Everything {
   Anchor: Anchor;
   ButtonEvent: ButtonEvent;
   CancelLocalization: CancelLocalization;
+  Claim: Claim;
   ClearSelection: ClearSelection;
   ClockTick: ClockTick;
   Configuration: Configuration;
@@ -217,6 +218,34 @@ export interface ButtonEvent {
  * Stop localizing and keep the last pose.
  */
 export interface CancelLocalization {}
+/**
+ * A person served by a shard of the selector wants an object. The site's selector decides.
+ *
+ * The event of its decision has the stamp of a claim to toggle.
+ */
+export interface Claim {
+  /**
+   * action of the person
+   */
+  cause: "dwell" | "button";
+  /**
+   * that this object was meant
+   */
+  confidence: number | null;
+  object_id: string;
+  /**
+   * counts this writer's messages on this key
+   */
+  seq: number;
+  /**
+   * time of capture, Unix ns; derived data keep it
+   */
+  stamp_ns: number;
+  /**
+   * keep it for them for a moment, or (de)select it
+   */
+  wish: "reserve" | "toggle";
+}
 /**
  * Deselect everything a person has selected.
  */
@@ -1411,6 +1440,14 @@ export interface SelectedObject {
  * Everything that is selected now.
  */
 export interface Selection {
+  /**
+   * time on an object that selects it, told where shards run, s
+   */
+  dwell_s: number | null;
+  /**
+   * method of selecting in use, told where shards run
+   */
+  method: string | null;
   objects: SelectedObject[];
   reserved: ReservedObject[];
   /**

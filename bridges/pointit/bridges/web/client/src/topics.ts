@@ -1,7 +1,7 @@
 // Rows of the bus's tables, from schemas/catalogue. Written by `npm run types`; do not edit.
 
 import type {
-  Anchor, ButtonEvent, ClockTick, Configuration, ConveyorState, Cursor, Deployment, Environment, Feedback, Goal, Health, Hover, ImuSample, Interaction, LampColor, LampLeases, Localization, PointingRay, RobotPlan, RobotState, Selection, SelectionEvent, ServedRequest, Steering, StripsFrame, TrackedObjects, UserPose, UserProfile, WristSample,
+  Anchor, ButtonEvent, Claim, ClockTick, Configuration, ConveyorState, Cursor, Deployment, Environment, Feedback, Goal, Health, Hover, ImuSample, Interaction, LampColor, LampLeases, Localization, PointingRay, RobotPlan, RobotState, Selection, SelectionEvent, ServedRequest, Steering, StripsFrame, TrackedObjects, UserPose, UserProfile, WristSample,
 } from "./messages";
 
 /** The message of every topic, by the key's pattern. */
@@ -23,6 +23,7 @@ export interface Topics {
   "strips/frame": StripsFrame;
   "users/{user}/anchor": Anchor;
   "users/{user}/button": ButtonEvent;
+  "users/{user}/claim": Claim;
   "users/{user}/cursor": Cursor;
   "users/{user}/feedback": Feedback;
   "users/{user}/goal": Goal;

@@ -1,0 +1,220 @@
+"""Two hosts with a person and a shard of the selector each, and the site's selector, on one router."""
+
+import asyncio
+from collections.abc import AsyncGenerator, Callable
+from contextlib import AsyncExitStack, asynccontextmanager
+
+from pointit.runtime.clock import WallClock
+from pointit.runtime.link.link import Link
+from pointit.runtime.service.service import Launch, run_service
+from pointit.runtime.zenoh.zenoh_bus import ZenohBus
+from pointit.schemas import (
+    NS_PER_S,
+    Claim,
+    Cursor,
+    Health,
+    Hover,
+    Selection,
+    SelectionEvent,
+    TrackedObject,
+    TrackedObjects,
+)
+from pointit.schemas.topics import (
+    CLAIM,
+    CURSOR,
+    HEALTH,
+    HOVER,
+    OBJECTS,
+    SELECTION,
+    SELECTION_EVENTS,
+    SERVICE_ALIVE,
+    USER_ALIVE,
+)
+from pointit.services.selector.config import SelectorConfig
+from pointit.services.selector.service import Selector
+from tests.support.bench import until
+from tests.support.buses import RouterProcess, router_process
+
+RATE_HZ = 25.0
+PACKAGE_M = 2.0
+AWAY_M = 8.0
+LEFT_S = 0.6
+"""Twice the time after which an object that was left can be selected again, s."""
+PATIENT = {"objects_stale_after_s": 60.0, "unseen_after_s": 60.0, "longest_gap_s": 2.0}
+"""On a busy machine, and with links that are cut."""
+
+
+class Person:
+    """A host of one person: a bus of their own, a shard, and their cursor."""
+
+    def __init__(self, name: str, bus: ZenohBus) -> None:
+        self.name = name
+        self.bus = bus
+        self.at_m = AWAY_M
+        self.claims: list[Claim] = []
+        self.hovers: list[Hover] = []
+        self.events: list[SelectionEvent] = []
+        self.selections: list[Selection] = []
+        self.warnings: tuple[str, ...] = ()
+        self.services: set[str] = set()
+        self._cursors = bus.publisher(CURSOR, name)
+        bus.subscribe(CLAIM, lambda claim, _user: self.claims.append(claim), name)
+        bus.subscribe(HOVER, lambda hover, _user: self.hovers.append(hover), name)
+        bus.subscribe(SELECTION_EVENTS, lambda event, _name: self.events.append(event))
+        bus.subscribe(SELECTION, lambda selection, _name: self.selections.append(selection))
+        bus.subscribe(HEALTH, self._on_health, f"selector.{name}")
+        bus.watch(SERVICE_ALIVE, self._on_service)
+        bus.announce(USER_ALIVE, name)
+
+    @property
+    def toggles(self) -> list[Claim]:
+        """Return the claims to toggle, each once."""
+        return list({claim.stamp_ns: claim for claim in self.claims if claim.wish == "toggle"}.values())
+
+    @property
+    def away_s(self) -> float:
+        """Return for how long they have hovered nothing, s."""
+        since = next(
+            (index for index, hover in enumerate(self.hovers) if not hover.object_id), len(self.hovers)
+        )
+        away = self.hovers[since:]
+        return (away[-1].stamp_ns - away[0].stamp_ns) / NS_PER_S if away else 0.0
+
+    def point(self, clock: WallClock) -> None:
+        cursor = Cursor(
+            stamp_ns=clock.now_ns(),
+            surface="strip",
+            surface_id="0",
+            point_m=(self.at_m, 0.0, 0.9),
+            position_m=self.at_m,
+        )
+        self._cursors.put(cursor)
+
+    def _on_health(self, health: Health, _name: str) -> None:
+        self.warnings = health.warnings
+
+    def _on_service(self, name: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
+        (self.services.add if present else self.services.discard)(name)
+
+
+class Hall:
+    """A site of three hosts on one router: the selector and the conveyor, anna and ben."""
+
+    def __init__(self, router: RouterProcess, site: ZenohBus, *people: Person) -> None:
+        self.router, self.site, self.people = router, site, people
+        self.anna, self.ben = people
+        self.clock = WallClock()
+        self.events: list[SelectionEvent] = []
+        self.tasks: list[asyncio.Task[None]] = []
+        self.selections: list[Selection] = []
+        site.subscribe(SELECTION_EVENTS, lambda event, _name: self.events.append(event))
+        site.subscribe(SELECTION, lambda selection, _name: self.selections.append(selection))
+        self._objects = site.publisher(OBJECTS, "conveyor")
+        self.selector = self.start(site)
+        for person in people:
+            self.start(person.bus, person.name)
+        self.tasks.append(asyncio.create_task(self._move()))
+
+    def start(self, bus: ZenohBus, user: str = "") -> asyncio.Task[None]:
+        config = SelectorConfig.model_validate({**PATIENT, "people": (user,) if user else ()})
+        launch = Launch(service=Selector, config=config, name=user)
+        task = asyncio.create_task(run_service(launch, bus, self.clock))
+        self.tasks.append(task)
+        return task
+
+    async def all(self, condition: Callable[[Person], bool], what: str) -> None:
+        """Wait until `condition` is true of everybody."""
+        await until(lambda: all(condition(person) for person in self.people), what=what)
+
+    async def ready(self) -> None:
+        """Wait until both shards hover objects and reach the selector."""
+        await self.all(lambda person: "selector" in person.services, "the selector")
+        for person in self.people:
+            person.hovers.clear()
+        await self.all(lambda person: bool(person.hovers), "hovers")
+        await self.settled()
+
+    async def settled(self) -> None:
+        """Wait until each claim has its event, and all have the same events and the same selection."""
+        await self.all(
+            lambda person: all(self.answers(person, claim) for claim in person.toggles), "answers to claims"
+        )
+        await self.all(lambda person: person.events[-1:] == self.events[-1:], "all events")
+        await self.all(lambda person: person.selections[-1:] == self.selections[-1:], "the selection")
+
+    def answers(self, person: Person, claim: Claim) -> list[SelectionEvent]:
+        told = {event.seq: event for event in self.events}
+        return [one for one in told.values() if (one.user, one.stamp_ns) == (person.name, claim.stamp_ns)]
+
+    def check(self) -> None:
+        """Check that each claim was decided once, that all know, and that each change is its owner's."""
+        for person in self.people:
+            assert [len(self.answers(person, claim)) for claim in person.toggles] == [1] * len(person.toggles)
+            assert {event.seq for event in person.events} == {event.seq for event in self.events}
+        owner = ""
+        for event in {event.seq: event for event in self.events}.values():
+            if event.event == "selected":
+                assert owner == ""
+                owner = event.user
+            elif event.event == "deselected":
+                assert owner == event.user
+                owner = ""
+        for person in self.people:
+            assert [one.user for one in person.selections[-1].objects] == ([owner] if owner else [])
+
+    def point(self) -> None:
+        """Have everybody point at the package."""
+        for person in self.people:
+            person.at_m = PACKAGE_M
+
+    async def leave(self) -> None:
+        """Have everybody point elsewhere for so long that they can select again."""
+        for person in self.people:
+            person.at_m = AWAY_M
+            person.hovers.clear()
+        await self.all(lambda person: person.away_s > LEFT_S, "people to leave")
+
+    async def cut(self) -> None:
+        """Kill the router."""
+        await asyncio.to_thread(self.router.stop)
+        await self.all(lambda person: "selector" not in person.services, "the cut")
+
+    async def heal(self) -> None:
+        """Start it again."""
+        await asyncio.to_thread(self.router.start)
+        await self.all(lambda person: "selector" in person.services, "the selector again")
+
+    async def stop(self) -> None:
+        for task in self.tasks:
+            task.cancel()
+        await asyncio.wait(self.tasks)
+
+    async def _move(self) -> None:
+        package = TrackedObject(
+            id="a",
+            kind="red",
+            position_m=(PACKAGE_M, 0.0, 0.9),
+            length_m=0.3,
+            surface="strip",
+            surface_id="0",
+            surface_position_m=PACKAGE_M,
+        )
+        while True:
+            self._objects.put(TrackedObjects(stamp_ns=self.clock.now_ns(), objects=(package,)))
+            for person in self.people:
+                person.point(self.clock)
+            await asyncio.sleep(1.0 / RATE_HZ)
+
+
+@asynccontextmanager
+async def running_hall() -> AsyncGenerator[Hall]:
+    """Yield a hall in which both people hover, and can select."""
+    async with router_process() as router, AsyncExitStack() as stack:
+        buses: list[ZenohBus] = []
+        for _ in range(3):
+            buses.append(await ZenohBus.open(Link(connect=(router.endpoint,)), patience_s=30))
+            stack.push_async_callback(buses[-1].close)
+        hall = Hall(router, buses[0], Person("anna", buses[1]), Person("ben", buses[2]))
+        stack.push_async_callback(hall.stop)
+        await hall.ready()
+        yield hall

@@ -167,6 +167,12 @@ class Hall:
         for person in self.people:
             person.at_m = PACKAGE_M
 
+    async def claims(self, count: int) -> None:
+        """Wait until everybody has claimed `count` times, or has noticed that it is of no use."""
+        await self.all(
+            lambda person: len(person.toggles) >= count or "selector" not in person.services, "claims"
+        )
+
     async def leave(self) -> None:
         """Have everybody point elsewhere for so long that they can select again."""
         for person in self.people:

@@ -1,0 +1,105 @@
+"""A shard of the selector on a bus, beside the selector of the site."""
+
+from pointit.schemas import ClearSelection, Health, Selection, SetMethod
+from pointit.schemas.topics import (
+    CLAIM,
+    CLEAR_SELECTION,
+    FEEDBACK,
+    HEALTH,
+    HOVER,
+    SELECTION,
+    SELECTION_EVENTS,
+    SERVICE_ALIVE,
+    SET_METHOD,
+    SHARD_ALIVE,
+    USER_ALIVE,
+)
+from pointit.services.selector.config import SelectorConfig
+from pointit.services.selector.service import Selector
+from pointit.services.selector.shard_engine import NO_ARBITER
+from tests.support.bench import Bench, ManualClock, memory_bench, until
+from tests.unit.selector.test_selector_service import stay
+
+
+async def start_shard(bench: Bench, user: str = "anna") -> None:
+    """Start a shard of a person, and wait until it serves them."""
+    present: set[str] = set()
+    bench.bus.watch(SHARD_ALIVE, lambda name, _present: present.add(name))
+    bench.start(Selector, SelectorConfig(people=(user,)), name=user)
+    await until(lambda: f"selector.{user}" in present, what="the shard")
+    await bench.settle()
+
+
+def shows(reports: list[Health], warning: str) -> bool:
+    """Return True if the newest report has a warning with this text."""
+    return any(warning in text for report in reports[-1:] for text in report.warnings)
+
+
+async def test_the_sites_selector_decides_on_what_a_shard_claims() -> None:
+    clock = ManualClock()
+    async with memory_bench(clock) as bench:
+        events, selections = bench.collect(SELECTION_EVENTS), bench.collect(SELECTION)
+        hovers, cues = bench.collect(HOVER, "anna"), bench.collect(FEEDBACK, "anna")
+        claims = bench.collect(CLAIM, "anna")
+        bench.start(Selector)
+        bench.bus.announce(USER_ALIVE, "ben")
+        await bench.settle()
+        await start_shard(bench)
+        await stay(bench, clock, "anna", 1.0, "a")
+        await stay(bench, clock, "ben", 1.0, "a")
+        assert [(event.event, event.user, event.cause) for event in events] == [
+            ("selected", "anna", "dwell"),
+            ("refused", "ben", "dwell"),
+        ]
+        assert [claim.stamp_ns for claim in claims if claim.wish == "toggle"] == [events[0].stamp_ns]
+        assert len(hovers) == 25, "one writer"
+        assert [cue.cue for cue in cues] == ["selected"]
+        done = await bench.bus.call(CLEAR_SELECTION, ClearSelection(), "anna")
+        assert done.message == "1 of anna's objects deselected"
+        await bench.settle()
+        await stay(bench, clock, "anna", 1.0, "a")
+        assert len(events) == 3, "they have not left it"
+        assert selections[-1].objects == ()
+
+
+async def test_a_shard_follows_the_method_of_the_site() -> None:
+    clock = ManualClock()
+    async with memory_bench(clock) as bench:
+        selections, events = bench.collect(SELECTION), bench.collect(SELECTION_EVENTS)
+        bench.start(Selector)
+        await bench.settle()
+        await bench.bus.call(SET_METHOD, SetMethod(method="hold", dwell_s=2.0))
+        await start_shard(bench)
+        await until(lambda: selections[-1].method == "hold", what="the method")
+        assert selections[-1].dwell_s == 2.0
+        await bench.settle()
+        await stay(bench, clock, "anna", 1.0, "a")
+        assert events == []
+        await stay(bench, clock, "anna", 1.0, "a")
+        await stay(bench, clock, "anna", 1.0, "a")
+        assert [event.user for event in events] == ["anna"]
+
+
+async def test_a_method_that_is_not_installed_here_is_a_warning() -> None:
+    clock = ManualClock()
+    async with memory_bench(clock) as bench:
+        reports = bench.collect(HEALTH, "selector.anna")
+        await start_shard(bench)
+        bench.put(SELECTION, Selection(stamp_ns=clock.now_ns(), method="stare", dwell_s=1.0))
+        await until(lambda: shows(reports, "method stare"), what="the warning")
+
+
+async def test_a_shard_without_a_selector_says_so_and_hovers() -> None:
+    clock = ManualClock()
+    async with memory_bench(clock) as bench:
+        reports, hovers = bench.collect(HEALTH, "selector.anna"), bench.collect(HOVER, "anna")
+        cues, claims = bench.collect(FEEDBACK, "anna"), bench.collect(CLAIM)
+        await start_shard(bench)
+        await until(lambda: shows(reports, NO_ARBITER), what="the warning")
+        await stay(bench, clock, "anna", 1.0, "a")
+        assert hovers[-1].object_id == "a"
+        assert [(cue.cue, cue.text) for cue in cues] == [("refused", NO_ARBITER)]
+        assert claims == []
+        token = bench.bus.announce(SERVICE_ALIVE, "selector")
+        await until(lambda: not shows(reports, NO_ARBITER), what="the end of the warning")
+        token.close()

@@ -11,17 +11,17 @@ from pointit.cli.loadtest.sight import Sight
 from pointit.cli.loadtest.worker import DRAIN_S, read_usage
 from pointit.cli.loadtest.workers import READY_S, Group, Worker
 from pointit.cli.loadtest.wrist import Wrist, drive_wrists
+from pointit.runtime.bus.contract import Bus
 from pointit.runtime.clock import WallClock
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.service.service import Launch, run_services
-from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas.topics import IMU
 
 
 class LoadTest:
     """A site under load, ready to be measured."""
 
-    def __init__(self, bus: ZenohBus, here: Group, workers: Sequence[Worker], router: int | None) -> None:
+    def __init__(self, bus: Bus, here: Group, workers: Sequence[Worker], router: int | None) -> None:
         self._bus = bus
         self._workers = workers
         self._router = router
@@ -97,7 +97,7 @@ class LoadTest:
 
 @contextlib.asynccontextmanager
 async def start_load_test(
-    bus: ZenohBus, here: Group, elsewhere: Sequence[Group], connect: str, router: int | None = None
+    bus: Bus, here: Group, elsewhere: Sequence[Group], connect: str, router: int | None = None
 ) -> AsyncGenerator[LoadTest]:
     """Yield a site with all services running; processes join it at `connect`.
 
@@ -117,7 +117,7 @@ async def start_load_test(
 
 
 @contextlib.asynccontextmanager
-async def running(launches: Sequence[Launch], bus: ZenohBus) -> AsyncGenerator[asyncio.Task[None]]:
+async def running(launches: Sequence[Launch], bus: Bus) -> AsyncGenerator[asyncio.Task[None]]:
     """Run services on `bus`. Yield their task."""
     services = asyncio.create_task(run_services(launches, bus, WallClock()))
     try:

@@ -123,6 +123,7 @@ class _Run:
         stage = self.stage = RunningScenario(
             self._plan,
             self._bus,
+            self._bus.link,
             clock,
             tell=lambda sentence: _tell(sentence, self._console),
             news=None if is_drawn else log.info,

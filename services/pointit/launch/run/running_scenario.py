@@ -17,9 +17,9 @@ from pointit.launch.run.service_group import ServiceGroup
 from pointit.runtime.bus.contract import UNDECLARE_S, Bus
 from pointit.runtime.clock import Clock
 from pointit.runtime.errors import ConfigError
+from pointit.runtime.link.link import Link
 from pointit.runtime.service.instance_takeover import claim_names
 from pointit.runtime.service.service import Launch
-from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas.topics import SERVICE_ALIVE, USER_ALIVE
 
 log = logging.getLogger(__name__)
@@ -43,7 +43,8 @@ class RunningScenario:
     def __init__(
         self,
         plan: Plan,
-        bus: ZenohBus,
+        bus: Bus,
+        link: Link,
         clock: Clock,
         *,
         tell: Tell,
@@ -56,6 +57,7 @@ class RunningScenario:
         Args:
             plan: the first plan to run.
             bus: bus of the run.
+            link: of `bus`, for services in processes of their own.
             clock: clock of all services.
             tell: shows messages to the operator.
             news: receives event lines, if there is no view.
@@ -64,6 +66,7 @@ class RunningScenario:
         """
         self.plan = plan
         self.bus = bus
+        self._link = link
         self.clock = clock
         self.monitor = Monitor(Score(plan.target_kinds), clock)
         self.began_s = time.monotonic()
@@ -167,11 +170,11 @@ class RunningScenario:
         for launch in plan.launches:
             if launch.service.SHARDS and launch.name:
                 continue  # the site's is another's
-            launch.service.discard_saved_state(self.bus.link.site, self.clock.now_ns())
+            launch.service.discard_saved_state(self.bus.site, self.clock.now_ns())
         self._cast = self._cast_of(plan.launches, on_end=self._on_end)
-        where = (self.bus.link.listen or self.bus.link.connect)[0]
+        where = (self._link.listen or self._link.connect)[0]
         names = ", ".join(launch.instance for launch in plan.launches)
-        log.info("%s of site %s at %s: %s", plan.name, self.bus.link.site, where, names)
+        log.info("%s of site %s at %s: %s", plan.name, self.bus.site, where, names)
         self._post()
         self.began_s = time.monotonic()
         await self._cast.begin()
@@ -187,7 +190,7 @@ class RunningScenario:
         await asyncio.sleep(GONE_S)
 
     def _cast_of(self, launches: Sequence[Launch], on_end: Callable[[], None]) -> ServiceGroup:
-        link = self.bus.link if self.plan.processes else None
+        link = self._link if self.plan.processes else None
         return ServiceGroup(launches, self.bus, self.clock, processes=link, on_end=on_end)
 
     async def _open(self, page: Page) -> None:

@@ -20,6 +20,7 @@ from pointit.schemas.topics import (
     SERVED,
     SERVICE_ALIVE,
     SET_POSE,
+    SHARD_ALIVE,
     START_LOCALIZATION,
     Presence,
     Request,
@@ -99,6 +100,8 @@ class Split:
         row, body = entry.row, entry.body
         match row:
             case Presence():
+                if row is SHARD_ALIVE:
+                    return self.runs(*split_instance(entry.name))
                 return row is SERVICE_ALIVE and entry.name in self.instances
             case Request():
                 return self.runs(row.server, entry.name)

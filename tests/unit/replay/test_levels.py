@@ -14,6 +14,7 @@ from pointit.schemas.topics import (
     RAY,
     SELECTION_EVENTS,
     SERVICE_ALIVE,
+    SHARD_ALIVE,
     USER_ALIVE,
 )
 
@@ -55,6 +56,8 @@ def event(kind: Any) -> SelectionEvent:
         (FEEDBACK, "anna", Feedback(stamp_ns=1, cue="selected"), "edge rays cursors"),
         (SERVICE_ALIVE, "pointing.anna", True, "edge"),
         (SERVICE_ALIVE, "user-sim.anna", True, ""),
+        (SHARD_ALIVE, "pui.anna", True, "edge rays"),
+        (SHARD_ALIVE, "selector.ben", True, "edge rays cursors"),
         (USER_ALIVE, "anna", True, ""),
     ],
 )

@@ -54,7 +54,7 @@ class ShardRole:
         if isinstance(message, Claim):
             self._claims[user].put(message)
 
-    def check(self, now_ns: int) -> None:
+    def check(self, _now_ns: int) -> None:
         """Show in health if the site's selector cannot be reached. Called periodically."""
         self._warn()
 

@@ -111,7 +111,7 @@ def test_each_part_has_its_slopes() -> None:
     assert found["site"].cpu_percent["per_person"].value == pytest.approx(0.5)
 
 
-def test_people_whose_samples_were_not_sent_do_not_count() -> None:
+def test_a_machine_that_could_not_send_all_samples_does_not_count() -> None:
     whole = [result(1, users) for users in (4, 8, 16)]
     late = replace(result(1, 16), users=32)
     assert slopes([*whole, late])[2].cpu_percent["per_person"].error < 1e-6

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from pointit.cli.loadtest.figures import LoadResult, Usage
+from pointit.cli.loadtest.figures import MIN_SENT, LoadResult, Usage
 
 CONFIDENCE = 0.95
 FIXED, PER_PERSON, PER_HOST = "fixed", "per_person", "per_host"
@@ -130,7 +130,11 @@ PARTS: Mapping[str, Callable[[Sequence[Usage]], Sequence[Usage]]] = {
 
 
 def slopes(results: Sequence[LoadResult]) -> list[PartSlopes]:
-    """Return the costs of each part. Empty if these measurements cannot tell them."""
+    """Return the costs of each part. Empty if these measurements cannot tell them.
+
+    Those of a machine that was too busy to send all samples are left out: late samples share wake-ups.
+    """
+    results = [result for result in results if result.sent_share >= MIN_SENT]
     unknowns = {
         FIXED: [1.0] * len(results),
         PER_PERSON: [result.sent / (result.rate_hz * result.duration_s) for result in results],

@@ -126,7 +126,11 @@ def test_strips_of_an_output_are_those_of_its_parameters(config: OutputConfig, s
 async def test_light_is_as_late_as_at_the_outputs_that_have_changed(monkeypatch: pytest.MonkeyPatch) -> None:
     at_a, at_b = Strips(), Strips()
     made = [guarded(lambda: at_a, "a"), guarded(lambda: at_b, "b")]
-    monkeypatch.setattr("pointit.services.led_driver.service.make_outputs", lambda *_arguments: made)
+
+    def make_outputs(*_arguments: object) -> list[GuardedOutput]:
+        return made
+
+    monkeypatch.setattr("pointit.services.led_driver.service.make_outputs", make_outputs)
     clock = ManualClock()
     async with memory_bench(clock) as bench:
         frames = await started(bench)

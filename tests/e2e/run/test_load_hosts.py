@@ -16,7 +16,7 @@ from tests.support.commands import Commands, Ended
 SHORT = ("--users", "4", "--rate", "50", "--duration", "3", "--json")
 PEOPLE = ["site", "people 1", "people 2"]
 STRAY_HZ = 5
-"""Messages in 5 % of the samples: a router may pass some on before it knows who reads."""
+"""Limit of messages on a link where nobody looks, 5 % of the samples."""
 TRY = "ip link add name try0 type veth peer name try1"
 """Command that a machine has to permit."""
 

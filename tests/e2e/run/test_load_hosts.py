@@ -15,6 +15,8 @@ from tests.support.commands import Commands, Ended
 
 SHORT = ("--users", "4", "--rate", "50", "--duration", "3", "--json")
 PEOPLE = ["site", "people 1", "people 2"]
+STRAY_HZ = 5
+"""Limit of messages on a link where nobody looks, 5 % of the samples."""
 TRY = "ip link add name try0 type veth peer name try1"
 """Command that a machine has to permit."""
 
@@ -69,9 +71,9 @@ async def test_rays_cross_a_link_only_to_a_pui_beyond_it(commands: Commands) -> 
     first, second = sharded["links"]
     assert (first["name"], second["name"]) == ("host 1 > above 1", "host 2 > above 1")
     assert second["up_hz"]["Cursor"] > 10, "led-driver looks"
-    assert "Cursor" not in first["up_hz"], "nobody looks"
+    assert first["up_hz"].get("Cursor", 0) < STRAY_HZ, "nobody looks"
     for link in sharded["links"]:
-        assert "PointingRay" not in link["up_hz"] | link["down_hz"]
+        assert all(each.get("PointingRay", 0) < STRAY_HZ for each in (link["up_hz"], link["down_hz"]))
     assert not [process for process in sharded["processes"] if process["name"].startswith("router above 2")]
 
 

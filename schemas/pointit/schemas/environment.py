@@ -311,5 +311,8 @@ class StripsFrame(Message):
     strips: Many[StripFrame]
     light_s: Annotated[
         Extent,
-        Field(description="from this message to the slowest controller's light, as last measured, wall time"),
+        Field(
+            description="from this message to the light of the slowest controller that changes, as measured "
+            "at the last change, wall time"
+        ),
     ] = 0.0

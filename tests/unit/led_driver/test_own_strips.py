@@ -57,9 +57,9 @@ def test_output_gets_its_strips_only_and_only_when_one_has_changed() -> None:
     mine, every = Strips(), Strips()
     outputs = guarded(lambda: mine, "b"), guarded(lambda: every)
     lit_a, lit_b = StripFrame(id="a", rgb=LIT), StripFrame(id="b", rgb=LIT)
-    for each in (frame(A, B), frame(lit_a, B), frame(lit_a, lit_b), frame(lit_a, lit_b.model_copy())):
-        for output in outputs:
-            output.show(each, 0.01)
+    frames = frame(A, B), frame(lit_a, B), frame(lit_a, lit_b), frame(lit_a, lit_b.model_copy())
+    sent = [tuple(output.show(each, 0.01) for output in outputs) for each in frames]
+    assert sent == [(True, True), (False, True), (True, True), (False, False)]
     assert mine.shown == [(B,), (lit_b,)]
     assert every.shown == [(A, B), (lit_a, B), (lit_a, lit_b)]
 
@@ -86,9 +86,9 @@ def test_frame_that_could_not_be_shown_is_shown_by_the_next_attempt() -> None:
     mine = Strips()
     mine.is_stuck = True
     output = guarded(lambda: mine, "b")
-    output.show(frame(A, B))
+    assert not output.show(frame(A, B))
     mine.is_stuck = False
-    output.show(frame(A, B))
+    assert output.show(frame(A, B))
     assert mine.shown == [(B,)]
 
 
@@ -121,6 +121,28 @@ async def test_output_that_is_made_again_shows_what_does_not_change(monkeypatch:
 )
 def test_strips_of_an_output_are_those_of_its_parameters(config: OutputConfig, strip_ids: set[str]) -> None:
     assert config.strip_ids() == strip_ids
+
+
+async def test_light_is_as_late_as_at_the_outputs_that_have_changed(monkeypatch: pytest.MonkeyPatch) -> None:
+    at_a, at_b = Strips(), Strips()
+    made = [guarded(lambda: at_a, "a"), guarded(lambda: at_b, "b")]
+
+    def make_outputs(*_arguments: object) -> list[GuardedOutput]:
+        return made
+
+    monkeypatch.setattr("pointit.services.led_driver.service.make_outputs", make_outputs)
+    clock = ManualClock()
+    async with memory_bench(clock) as bench:
+        frames = await started(bench)
+        at_a.light_s, at_b.light_s = 0.01, 0.3
+        bench.put(CURSOR, cursor(clock, 0.3, "b"), "ben")
+        assert (await next_frame(frames)).light_s == 0.3, "the frame before was new to both"
+        bench.put(CURSOR, cursor(clock, 0.3), "anna")
+        assert (await next_frame(frames)).light_s == 0.3
+        for place_m in (0.8, 1.3):
+            bench.put(CURSOR, cursor(clock, place_m), "anna")
+            light_s = (await next_frame(frames)).light_s
+            assert light_s == 0.01, "b has not changed"
 
 
 async def test_cursor_on_one_strip_sends_nothing_to_controllers_of_others(

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from pointit.runtime.bus.contract import EVENT_CAPACITY
 from pointit.runtime.bus.local_broker import LocalBroker
 from pointit.runtime.bus.memory_bus import MemoryBus
-from pointit.runtime.health.metrics import DurationWindow
+from pointit.runtime.health.metrics import SAMPLES, DurationWindow
 from pointit.runtime.health.service_bus import ServiceBus
 from pointit.runtime.health.surroundings import PluginHealth
 from pointit.schemas import ButtonEvent, Health, ImuSample, KeyHealth
@@ -125,6 +125,24 @@ def test_counts_are_a_histogram_of_the_durations(values_s: list[float]) -> None:
     assert list(itertools.accumulate(taken.counts)) == up_to
     assert taken.sum_s == pytest.approx(sum(values_s))
     assert window.take() is None
+
+
+@pytest.mark.parametrize("count", [2 * SAMPLES - 1, 2 * SAMPLES, 5 * SAMPLES + 1])
+def test_all_durations_are_counted_and_quantiles_are_of_the_newest(count: int) -> None:
+    window = DurationWindow()
+    for _ in range(2):  # the second report has nothing of the first
+        for value_s in (3.0, *(0.003,) * (count - 1 - SAMPLES), *(0.03,) * SAMPLES):
+            window.add(value_s)
+        taken = window.take()
+        assert taken is not None
+        within = dict(zip((*DURATION_BOUNDS_S, math.inf), taken.counts, strict=True))
+        assert {bound_s: number for bound_s, number in within.items() if number} == {
+            0.005: count - 1 - SAMPLES,
+            0.05: SAMPLES,
+            5.0: 1,
+        }
+        assert taken.sum_s == pytest.approx(3.0 + 0.003 * (count - 1 - SAMPLES) + 0.03 * SAMPLES)
+        assert taken.p99_s == 0.03
 
 
 async def test_the_higher_of_two_times_is_the_99th_percentile(bench: Bench, now_s: list[float]) -> None:

@@ -2,7 +2,6 @@
 
 import asyncio
 import bisect
-import collections
 import itertools
 import math
 import time
@@ -18,7 +17,7 @@ REFUSED_SHOWN_S = 5.0
 """So long it is said that messages were no news, or came too late, after the last of them."""
 
 SAMPLES = 4096
-"""Times kept between two reports; the oldest give way."""
+"""Quantiles are of at least so many of the newest times between two reports, or of all."""
 
 
 def steady_time() -> Callable[[], float]:
@@ -28,27 +27,48 @@ def steady_time() -> Callable[[], float]:
 
 
 class DurationWindow:
-    """Durations between two reports, the newest `SAMPLES` of them. Used in the event loop only."""
+    """Durations between two reports: all are counted. Used in the event loop only."""
 
     def __init__(self) -> None:
         """Begin with none."""
-        self._values = collections.deque[float](maxlen=SAMPLES)
-        self.add = self._values.append
+        self._values: list[float] = []
+        """The newest."""
+        self._counts = [0] * (len(DURATION_BOUNDS_S) + 1)
+        """Number of older ones in each bucket."""
+        self._sum_s = 0.0
+        """Sum of the older ones."""
+
+    def add(self, duration_s: float) -> None:
         """Take one, s."""
+        # many are sorted into their buckets at once: 0.06 us each, 0.15 us beyond 8192; one at a time 0.2 us
+        self._values.append(duration_s)
+        if len(self._values) == 2 * SAMPLES:
+            self._count(sorted(self._values[:SAMPLES]))
+            del self._values[:SAMPLES]
+
+    def _count(self, ordered: list[float]) -> None:
+        up_to = [*(bisect.bisect_right(ordered, bound_s) for bound_s in DURATION_BOUNDS_S), len(ordered)]
+        for index, (before, after) in enumerate(itertools.pairwise([0, *up_to])):
+            self._counts[index] += after - before
+        self._sum_s += math.fsum(ordered)
 
     def take(self) -> Quantiles | None:
         """Return quantiles and histogram of the values since the last call, or None without values."""
-        values = sorted(self._values)
-        self._values.clear()
-        if not values:
+        if not self._values:
             return None
+        ordered = sorted(self._values)
+        self._count(ordered)
 
         def quantile(share: float) -> float:  # nearest rank: one of the values, never below the share
-            return values[math.ceil(share * len(values)) - 1]
+            return ordered[math.ceil(share * len(ordered)) - 1]
 
-        up_to = [*(bisect.bisect_right(values, bound_s) for bound_s in DURATION_BOUNDS_S), len(values)]
-        counts = (up_to[0], *(after - before for before, after in itertools.pairwise(up_to)))
-        return Quantiles(p50_s=quantile(0.5), p99_s=quantile(0.99), counts=counts, sum_s=math.fsum(values))
+        taken = Quantiles(
+            p50_s=quantile(0.5), p99_s=quantile(0.99), counts=tuple(self._counts), sum_s=self._sum_s
+        )
+        self._values.clear()
+        self._counts = [0] * len(self._counts)
+        self._sum_s = 0.0
+        return taken
 
 
 class _Complaint:

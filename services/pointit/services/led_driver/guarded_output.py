@@ -70,23 +70,28 @@ class GuardedOutput:
         if (beam := self._beam) is not None:
             self._guard.call("set_map", lambda: beam.set_map(environment))
 
-    def show(self, frame: StripsFrame, age_s: float = 0.0) -> None:
-        """Send the output's part of `frame`, which shows what was captured `age_s` ago, if it has changed."""
+    def show(self, frame: StripsFrame, age_s: float = 0.0) -> bool:
+        """Send the output's part of `frame`, which shows what was captured `age_s` ago, if it has changed.
+
+        Returns:
+            True if it was sent.
+        """
         if (output := self._strips) is None:
-            return
+            return False
         if self._strip_ids:
             own = tuple(strip for strip in frame.strips if strip.id in self._strip_ids)
         else:
             own = frame.strips
         if self._shown is not None and self._shown.strips == own:
-            return
+            return False
         part = frame if own is frame.strips else frame.model_copy(update={"strips": own})
 
-        def send() -> None:
+        def send() -> bool:
             output.show(part, age_s)
             self._shown = part  # not if it raised, so that the next frame is another attempt
+            return True
 
-        self._guard.call("show", send)
+        return self._guard.call("show", send) or False
 
     def show_lamp(self, lamp_id: str, color: Rgb) -> None:
         """Show `color` on the lamp `lamp_id`."""

@@ -47,7 +47,7 @@ from pointit.schemas.topics import (
     USER_ALIVE,
 )
 from pointit.services.led_driver.config import LedDriverConfig
-from pointit.services.led_driver.guarded_output import cursor_followers
+from pointit.services.led_driver.guarded_output import GuardedOutput, cursor_followers
 from pointit.services.led_driver.light_state import LightState
 from pointit.services.led_driver.output.pacing import FrameLimiter
 from pointit.services.led_driver.outputs import make_outputs
@@ -91,6 +91,8 @@ class LedDriver(Service[LedDriverConfig]):
         self._lease_seq = 0
         self._ended = False
         self._outputs = make_outputs(config.outputs, self.surroundings, self.bus)
+        self._changed: list[GuardedOutput] = []
+        """Outputs to which the last frame was sent that changed any."""
         self._beams = cursor_followers(self._outputs)
         self._beamed = set[str]()
         """People whose cursors are on beams."""
@@ -231,13 +233,13 @@ class LedDriver(Service[LedDriverConfig]):
             self._frame_timer = None
         self._pacer.drawn(asyncio.get_running_loop().time())
         now_ns = self.clock.now_ns()
-        frame = self._lights.frame(now_ns, max((output.light_s for output in self._outputs), default=0.0))
+        frame = self._lights.frame(now_ns, max((output.light_s for output in self._changed), default=0.0))
         if frame is None:
             return
         self._frames.put(frame)
         age_s = (now_ns - frame.stamp_ns) / NS_PER_S / self.clock.speed
-        for output in self._outputs:
-            output.show(frame, age_s)
+        # all are shown; the latency of others is that of a frame long ago
+        self._changed = [output for output in self._outputs if output.show(frame, age_s)] or self._changed
         for user in self._beamed - self._lights.people_with_cursors:
             self._beamed.remove(user)
             self._show_on_beams(user, None)

@@ -1804,7 +1804,7 @@ export interface StripFrame {
  */
 export interface StripsFrame {
   /**
-   * from this message to the slowest controller's light, as last measured, wall time
+   * from this message to the light of the slowest controller that changes, as measured at the last change, wall time
    */
   light_s: number;
   /**

@@ -171,8 +171,8 @@ async def test_what_is_closed_is_forgotten_but_still_counted(bench: Bench, now_s
             raise RuntimeError("broken")
 
     writer = bench.bus.publisher(IMU, "anna")
-    left: list[weakref.ref[object]] = []
-    for times in range(1, 4):
+
+    async def come_and_go() -> list[weakref.ref[object]]:
         reader = bench.view.subscribe(IMU, fail, drops_late=lambda _sample: True)
         rest = (
             bench.view.serve(CLEAR_SELECTION, unheard, "anna"),
@@ -184,15 +184,17 @@ async def test_what_is_closed_is_forgotten_but_still_counted(bench: Bench, now_s
             now_s[0] += 0.01
             writer.put(ImuSample(stamp_ns=stamp_ns * NS_PER_S, seq=seq, orientation_xyzw=LEVEL))
             await asyncio.sleep(0)
-        await until(lambda: reader.traffic.received == 4)  # noqa: B023 - awaited in the same round
-        for _ in range(2):  # the second time changes nothing
-            for each in (reader, *rest):
-                each.close()
+        await until(lambda: reader.traffic.received == 4)
+        for each in (reader, *rest) * 2:  # the second time changes nothing
+            each.close()
+        return [weakref.ref(each) for each in (reader, *rest)]
+
+    left: list[weakref.ref[object]] = []
+    for times in range(1, 4):
+        left += await come_and_go()
         report = bench.view.report()
         assert report.errors == times
         assert report.warnings[0].startswith(f"{times} messages on users/{{user}}/imu were older")
-        left += [weakref.ref(each) for each in (reader, *rest)]
-        del reader, rest, each
     gc.collect()
     assert not [ref() for ref in left if ref() is not None]
 

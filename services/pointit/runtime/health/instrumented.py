@@ -46,11 +46,11 @@ class InstrumentedPublisher(Generic[M]):
 def instrument_handler(
     handler: Handler[M],
     meter: TopicMeter,
-    counts: ReaderCounts,
     steps: DurationWindow,
     clock: Clock,
     drops_late: Callable[[M], bool] | None,
     *,
+    counts: ReaderCounts,
     in_order: bool = True,
 ) -> Handler[M]:
     """Return `handler` for one subscriber, behind filters, with messages counted and calls timed.
@@ -58,10 +58,10 @@ def instrument_handler(
     Args:
         handler: receives messages that are in order and in time.
         meter: counts messages, also the dropped ones.
-        counts: has the filters of this subscriber.
         steps: collects the duration of each call of `handler`, s.
         clock: the clock that stamps messages.
         drops_late: returns True for messages that are dropped if late. None if late ones are accepted.
+        counts: has the filters of this subscriber.
         in_order: drop messages of a stream that are older than its newest.
     """
     order = counts.order if in_order and meter.topic in STREAMS else None

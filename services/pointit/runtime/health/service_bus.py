@@ -132,7 +132,7 @@ class ServiceBus:
         meter = self._meter(topic, "in")
         counts = ReaderCounts()
         counted = instrument_handler(
-            handler, meter, counts, self._steps, self._clock, drops_late, in_order=not every
+            handler, meter, self._steps, self._clock, drops_late, counts=counts, in_order=not every
         )
         subscription = self._bus.subscribe(topic, counted, name, kept=kept, every=every)
         return MeteredSubscription(subscription, self._declared, meter, counts)

@@ -116,6 +116,10 @@ class MeteredSubscription(Declared):
         """Return the live counters."""
         return self._counts.traffic
 
+    def heard(self, within_s: float) -> set[str]:
+        """Return the names of a stream (one of `STREAMS`) that were heard in the last `within_s` seconds."""
+        return self._counts.order.heard(steady_time()() - within_s)
+
     def close(self) -> None:
         """Undeclare."""
         super().close()

@@ -117,7 +117,7 @@ class ServiceBus:
         kept: bool = True,
         every: bool = False,
         drops_late: Callable[[M], bool] | None = None,
-    ) -> Subscription:
+    ) -> MeteredSubscription:
         """Call `handler(message, name)` for each arriving message.
 
         Args:

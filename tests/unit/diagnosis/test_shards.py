@@ -1,8 +1,10 @@
 """Findings about shards of a service, and about its default instance beside them."""
 
+import pytest
+
 from pointit.diagnosis.diagnose import diagnose
 from pointit.schemas import Deployment, ExpectedService
-from pointit.schemas.topics import RAY
+from pointit.schemas.topics import CURSOR, RAY
 from tests.unit.diagnosis.test_diagnose import WELL, health, key, observation, only
 
 ANNAS = health("pointing.anna", key(RAY, "out"))
@@ -14,6 +16,29 @@ def test_a_default_instance_need_not_hear_people_whom_shards_serve() -> None:
     quiet, shard = health("pui", key(RAY, "in", 9.0)), health("pui.anna", key(RAY, "in"))
     assert not diagnose(observation(ANNAS, quiet, shard))
     assert only(observation(ANNAS, quiet)).code == "stale"
+
+
+@pytest.mark.parametrize("shard", ["pui.anna", "pui.hall"])
+def test_a_default_instance_must_hear_people_whom_no_shard_serves(shard: str) -> None:
+    deaf, other = health("pui", key(RAY, "in", 9.0)), health(shard, key(RAY, "in"))
+    shards = frozenset({"pui.anna", "selector.ben"})
+    assert not diagnose(observation(ANNAS, deaf, other, shards=shards))
+    finding = only(observation(ANNAS, BENS, deaf, other, shards=shards))
+    assert (finding.code, finding.service) == ("stale", "pui")
+    assert "pointing.ben" in finding.sentence
+    assert "anna" not in finding.sentence
+
+
+def test_a_default_selector_must_hear_the_cursors_of_people_whom_no_shard_serves() -> None:
+    site = (
+        health("pui", key(CURSOR, "out")),
+        health("pui.anna", key(CURSOR, "out")),
+        health("selector", key(CURSOR, "in", 9.0)),
+        health("selector.hall", key(CURSOR, "in")),
+    )
+    finding = only(observation(*site, shards=frozenset({"pui.anna", "selector.anna"})))
+    assert (finding.code, finding.service) == ("stale", "selector")
+    assert not diagnose(observation(*site, shards=frozenset({"pui.anna", "selector.anna", "selector.ben"})))
 
 
 def test_a_shard_called_after_a_person_must_hear_them() -> None:

@@ -122,7 +122,9 @@ class ShardedSite:
         entries = {one.id: Owned(one.user, one.kind, one.since_ns, one.confidence) for one in kept}
         self.arbiter = SelectionEngine(self.config, self.records.append)
         self.arbiter.on_map(MAP)
-        self.arbiter.restore(entries, len(self.events), self.now_ns, self.records)
+        self.arbiter.restore(
+            entries, len(self.events), self.now_ns, [(one.user, one.stamp_ns) for one in self.records]
+        )
         self.arbiter.on_objects("conveyor", packages(self.time_s, *self.objects))
         self.is_running = True
         self.take([Output("", self.arbiter.selection(self.now_ns))])

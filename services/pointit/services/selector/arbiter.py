@@ -58,7 +58,7 @@ class Arbiter:
         self._tells_method = self._is_news = True
 
     def restore(
-        self, entries: Mapping[str, Owned], events: int, now_ns: int, decided: Iterable[Record] = ()
+        self, entries: Mapping[str, Owned], events: int, now_ns: int, decided: Iterable[tuple[str, int]] = ()
     ) -> None:
         """Restore what was selected before a restart.
 
@@ -66,16 +66,14 @@ class Arbiter:
             entries: selected objects by id.
             events: number of the last event.
             now_ns: time, ns.
-            decided: the last events, whose claims may come again.
+            decided: persons and stamps of the last claims, which may come again.
         """
         self._ledger.restore(entries)
         self._publisher.resume_numbering(events)
         for entry in entries.values():
             self._ownership.presences.on_activity(entry.user, now_ns)
         self._departures.expect(entries, now_ns)
-        for record in decided:
-            if record.cause in DEEDS:
-                self._decided[record.user, record.stamp_ns] = None
+        self._decided = dict.fromkeys(decided)
 
     def set_present(self, user: str, present: bool, now_ns: int) -> list[Output]:  # noqa: FBT001 - as announced
         """Record the presence of `user`."""

@@ -84,6 +84,10 @@ class ShardedSite:
             if x_m is not None:
                 self._from_shard(user, self.shards[user].on_cursor(user, pointing(self.time_s, x_m)))
 
+    def point(self, user: str, x_m: float) -> None:
+        """Have the site's selector get a cursor of `user`, and their shard none."""
+        self.take(self.arbiter.on_cursor(user, pointing(self.time_s, x_m)))
+
     def tick(self) -> None:
         """Do what services do every half second."""
         for user, shard in self.shards.items():

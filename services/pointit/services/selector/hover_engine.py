@@ -93,6 +93,10 @@ class HoverEngine:
             None if tracked is None else tracked.id,
             lambda object_id: self._ownership.action(user, object_id, now_ns)[0] != "",
         )
+        if pointer.is_new and pointed.object_id is not None:
+            pointer.is_new = False
+            if self._ownership.owner(pointed.object_id) == user:
+                pointer.latch(pointed.object_id)  # another selector may have selected it just now
         if self._is_by_metres and (pointed.object_id is not None or pointed.fired is not None):
             view = self._scene.view_from(cursor)  # to tell how the object lies about the ray
         standing = self._standing(user, pointer, pointed, now_ns)
@@ -119,6 +123,15 @@ class HoverEngine:
             return []
         claim = Claim(stamp_ns=button.stamp_ns, object_id=object_id, wish="toggle", cause="button")
         return [Output(user, claim)]
+
+    def forget(self, user: str) -> None:
+        """Forget the pointing of `user`, for whom another selector points from now on."""
+        self._people.pop(user, None)
+
+    def renew(self) -> None:
+        """Note that what people rest on may be selected already, since owners are known only now."""
+        for pointer in self._people.values():
+            pointer.is_new = True
 
     def latch(self, object_id: str) -> None:
         """Keep people who rest on an object from changing it again unintentionally."""

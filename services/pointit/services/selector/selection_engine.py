@@ -27,6 +27,11 @@ class SelectionEngine(Arbiter):
         super().use(config)
         self._hovers.use(config)
 
+    def on_shard(self, user: str) -> None:
+        """Note that a shard points for `user` from now on."""
+        self._hovers.forget(user)
+        self.tell_method()
+
     def fault(self) -> str:
         """Return the reason why the method fails for a person, or `""`."""
         return self._hovers.fault()

@@ -52,6 +52,7 @@ class ShardEngine:
         self._open: dict[tuple[str, int], _Open] = {}
         """By person and stamp."""
         self._sent: Counter[tuple[str, str]] = Counter()
+        self._knows_owners = False
         self.has_arbiter = False
         """True while the site's selector can be reached."""
 
@@ -80,6 +81,9 @@ class ShardEngine:
     def on_selection(self, selection: Selection) -> None:
         """Follow what the site's selector has decided."""
         self._ownership.follow(selection)
+        if not self._knows_owners:
+            self._knows_owners = True
+            self._hovers.renew()
         if self._open:
             for one in selection.objects:
                 self._open.pop((one.user, one.since_ns), None)

@@ -2,6 +2,7 @@
 
 import math
 from collections import Counter
+from collections.abc import Callable
 
 from pointit.schemas import ButtonEvent, Claim, Cursor, Environment, Hover, TrackedObjects
 from pointit.services.selector.config import SelectorConfig
@@ -20,16 +21,25 @@ class HoverEngine:
     back resets the person's state.
     """
 
-    def __init__(self, config: SelectorConfig, ownership: Ownership, make: MakeMethod) -> None:
+    def __init__(
+        self,
+        config: SelectorConfig,
+        ownership: Ownership,
+        make: MakeMethod,
+        is_reserved: Callable[[str, str, int], bool],
+    ) -> None:
         """Create with no people.
 
         Args:
             config: parameters.
             ownership: tells what each person may do with an object. Its objects are updated here.
             make: makes the method of each person.
+            is_reserved: returns True if a person need not claim, at a time, ns, a reservation of an object
+                that they are about to change.
         """
         self._config = config
         self._make = make
+        self._is_reserved = is_reserved
         self._ownership = ownership
         self._positions = ownership.positions
         self._is_by_metres = not is_by_angle(config)
@@ -101,8 +111,9 @@ class HoverEngine:
             view = self._scene.view_from(cursor)  # to tell how the object lies about the ray
         standing = self._standing(user, pointer, pointed, now_ns)
         outputs = [Output(user, self._hover(user, cursor, view, pointed, standing))]
-        if pointed.is_shown and pointed.object_id and standing[0] in CHANGES:
-            outputs.append(Output(user, Claim(stamp_ns=now_ns, object_id=pointed.object_id, wish="reserve")))
+        wanted = pointed.object_id if pointed.is_shown and standing[0] in CHANGES else None
+        if wanted is not None and not self._is_reserved(user, wanted, now_ns):
+            outputs.append(Output(user, Claim(stamp_ns=now_ns, object_id=wanted, wish="reserve")))
         if pointed.fired is not None and self._has_effect(user, pointed.fired, now_ns):
             confidence = None if view is None else view.confidence(pointed.fired, self._aim_rad)
             claim = Claim(stamp_ns=now_ns, object_id=pointed.fired, wish="toggle", confidence=confidence)

@@ -19,7 +19,7 @@ class SelectionEngine(Arbiter):
     ) -> None:
         """Create with nothing selected, no people and an empty scene. `make` makes the method of each."""
         ownership = Ownership(config)
-        self._hovers = HoverEngine(config, ownership, make)
+        self._hovers = HoverEngine(config, ownership, make, ownership.reservations.extend)
         super().__init__(config, ownership, record, self._hovers.latch)
 
     def use(self, config: SelectorConfig) -> None:

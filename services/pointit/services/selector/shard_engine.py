@@ -45,7 +45,7 @@ class ShardEngine:
     def __init__(self, config: SelectorConfig, make: MakeMethod = make_method) -> None:
         """Create with nothing known of the site. `make` makes the method of each person."""
         self._ownership = Ownership(config)
-        self._hovers = HoverEngine(config, self._ownership, make)
+        self._hovers = HoverEngine(config, self._ownership, make, self._is_reserved)
         self._renew_ns = round(config.reserve_s * NS_PER_S / 2)
         self._reserved: dict[str, Claim] = {}
         """Last claim to a reservation, by person."""
@@ -126,13 +126,14 @@ class ShardEngine:
         return outputs
 
     def _send(self, pointed: list[Output], now_ns: int) -> list[Output]:
-        """Return those of `pointed` to publish: reservations are renewed now and then only."""
+        """Return what to publish of `pointed`."""
         outputs: list[Output] = []
         for user, message in pointed:
             if not isinstance(message, Claim):
                 outputs.append(Output(user, message))
             elif message.wish == "reserve":
-                outputs += self._reserve(user, message)
+                self._reserved[user] = numbered = self._numbered(user, message)
+                outputs.append(Output(user, numbered))
             elif not self.has_arbiter:
                 outputs.append(self._unanswered(user, now_ns))
             else:
@@ -141,17 +142,12 @@ class ShardEngine:
                 outputs.append(Output(user, claim))
         return outputs
 
-    def _reserve(self, user: str, claim: Claim) -> list[Output]:
+    def _is_reserved(self, user: str, object_id: str, now_ns: int) -> bool:
+        """Return True if it was claimed a moment ago, or cannot be: reservations are renewed now and then."""
         last = self._reserved.get(user)
-        is_due = (
-            last is None
-            or last.object_id != claim.object_id
-            or not 0 <= claim.stamp_ns - last.stamp_ns < self._renew_ns
+        return not self.has_arbiter or (
+            last is not None and last.object_id == object_id and 0 <= now_ns - last.stamp_ns < self._renew_ns
         )
-        if not is_due or not self.has_arbiter:
-            return []
-        self._reserved[user] = numbered = self._numbered(user, claim)
-        return [Output(user, numbered)]
 
     def _numbered(self, user: str, claim: Claim) -> Claim:
         self._sent["claim", user] += 1

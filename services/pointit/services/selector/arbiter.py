@@ -168,7 +168,14 @@ class Arbiter:
         action, taken_by = self._ownership.action(user, claim.object_id, now_ns)
         if not action:
             return f"{kind} is selected already"
-        return "" if taken_by else self._positions.too_late(claim.object_id, now_ns)
+        if taken_by:
+            return ""
+        late = self._positions.too_late(claim.object_id, now_ns)
+        is_other = claim.action is not None and claim.action != action
+        if not late and (is_other or claim.stamp_ns < self._ledger.changed_ns(claim.object_id)):
+            status = "selected" if self._ownership.is_selected(claim.object_id) else "deselected"
+            return f"{kind} was {status} in the meantime: point again to change that"
+        return late
 
     def on_conveyor(self, state: ConveyorState) -> list[Output]:
         """Close the entries of objects that have left the conveyor, with time and bay of departure."""

@@ -3,6 +3,7 @@
 import math
 from collections import Counter
 from collections.abc import Callable
+from typing import Literal
 
 from pointit.schemas import ButtonEvent, Claim, Cursor, Environment, Hover, TrackedObjects
 from pointit.services.selector.config import SelectorConfig
@@ -114,10 +115,9 @@ class HoverEngine:
         wanted = pointed.object_id if pointed.is_shown and standing[0] in CHANGES else None
         if wanted is not None and not self._is_reserved(user, wanted, now_ns):
             outputs.append(Output(user, Claim(stamp_ns=now_ns, object_id=wanted, wish="reserve")))
-        if pointed.fired is not None and self._has_effect(user, pointed.fired, now_ns):
+        if pointed.fired is not None:
             confidence = None if view is None else view.confidence(pointed.fired, self._aim_rad)
-            claim = Claim(stamp_ns=now_ns, object_id=pointed.fired, wish="toggle", confidence=confidence)
-            outputs.append(Output(user, claim))
+            outputs += self._toggle(user, pointed.fired, now_ns, "dwell", confidence)
         return outputs
 
     def on_button(self, user: str, button: ButtonEvent) -> list[Output]:
@@ -130,10 +130,7 @@ class HoverEngine:
         if object_id is None:
             return []
         pointer.latch(object_id)
-        if not self._has_effect(user, object_id, button.stamp_ns):
-            return []
-        claim = Claim(stamp_ns=button.stamp_ns, object_id=object_id, wish="toggle", cause="button")
-        return [Output(user, claim)]
+        return self._toggle(user, object_id, button.stamp_ns, "button")
 
     def forget(self, user: str) -> None:
         """Forget the pointing of `user`, for whom another selector points from now on."""
@@ -150,10 +147,27 @@ class HoverEngine:
             if pointer.hovered == object_id:
                 pointer.latch(object_id)
 
-    def _has_effect(self, user: str, object_id: str, now_ns: int) -> bool:
-        if object_id not in self._positions.objects:  # it has left in the meantime
-            return False
-        return self._ownership.action(user, object_id, now_ns)[0] != ""
+    def _toggle(
+        self,
+        user: str,
+        object_id: str,
+        now_ns: int,
+        cause: Literal["dwell", "button"],
+        confidence: float | None = None,
+    ) -> list[Output]:
+        """Return the claim to toggle an object. None if it has left, or it has no effect."""
+        action = self._ownership.action(user, object_id, now_ns)[0]
+        if object_id not in self._positions.objects or not action:
+            return []
+        claim = Claim(
+            stamp_ns=now_ns,
+            object_id=object_id,
+            wish="toggle",
+            action=None if action == "refuse" else action,
+            cause=cause,
+            confidence=confidence,
+        )
+        return [Output(user, claim)]
 
     def _standing(
         self, user: str, pointer: PersonPointer, pointed: PointerResult, now_ns: int

@@ -9,8 +9,9 @@ from hypothesis import strategies as st
 from pointit.schemas import Claim, Feedback, Selection, SelectionEvent
 from pointit.services.selector.arbiter import MAX_CLAIM_AGE_NS
 from pointit.services.selector.outputs import Action
+from pointit.services.selector.selection_engine import SelectionEngine
 from pointit.services.selector.shard_engine import GIVE_UP_NS, REPEAT_NS
-from tests.unit.selector.room import Room, at, package
+from tests.unit.selector.room import Room, at, package, packages
 from tests.unit.selector.shards import ShardedSite
 
 USERS = ("anna", "ben", "carl")
@@ -179,6 +180,7 @@ def test_a_claim_of_a_clock_far_ahead_is_refused() -> None:
 
 def test_a_claim_of_something_that_has_left_is_refused() -> None:
     site = a_site(("anna",))
+    site.step(0.1, {})
     claim = Claim(stamp_ns=at(0.0), object_id="z", wish="toggle")
     assert refusals(site, "anna", claim) == ["z has left"]
 
@@ -276,6 +278,17 @@ def test_a_claim_that_the_arbiter_never_got_is_sent_again() -> None:
     site.step(REPEAT_NS / 1e9, {})
     site.tick()
     assert not site.links["anna"].up
+
+
+def test_a_claim_that_comes_before_the_first_objects_is_decided_when_it_comes_again() -> None:
+    site = a_site(("anna",))
+    dwell(site, deliver=False, anna=3.0)
+    [(user, claim)] = site.claims
+    begun = SelectionEngine(site.config, site.records.append)
+    assert begun.on_claim(user, claim, site.now_ns) == []
+    begun.on_objects("conveyor", packages(site.time_s, *site.objects))
+    outputs = begun.on_claim(user, claim, site.now_ns)
+    assert [one.message.event for one in outputs if isinstance(one.message, SelectionEvent)] == ["selected"]
 
 
 def test_without_an_arbiter_people_keep_hovering_and_are_told() -> None:

@@ -146,7 +146,12 @@ class Arbiter:
         return self._publish(user, [record], claim.stamp_ns)
 
     def on_claim(self, user: str, claim: Claim, now_ns: int) -> list[Output]:
-        """Decide on a claim of a shard, which may come late and know less."""
+        """Decide on a claim of a shard, which may come late and know less.
+
+        While no objects are known, just after a start, none is decided: the shard sends it again.
+        """
+        if claim.wish == "toggle" and not self._positions.is_heard:
+            return []
         self.on_activity(user, now_ns)
         outputs = self.claim(user, claim, now_ns, self._refusal(user, claim, now_ns))
         return outputs + self.news(now_ns)

@@ -333,17 +333,3 @@ def test_selections_tell_the_method_once_there_is_a_shard() -> None:
     told = [one.message for one in room.selecting.tick(at(0.5))]
     assert [(one.method, one.dwell_s) for one in told if isinstance(one, Selection)] == [("gauge", 0.8)]
     assert room.selecting.tick(at(1.0)) == []
-
-
-def test_a_person_between_two_selectors_who_is_served_by_both_selects_once() -> None:
-    """A shard begins while the site's selector still points for its person, with the same cursors."""
-    site = a_site(("anna",))
-    room = Room(package("a", 3.0), **site.config.model_dump())
-    for index in range(1, 11):
-        room.stay(0.05, 20.0, anna=3.0)
-        site.step(0.05, {"anna": 3.0})
-        for user, claim in list(site.links["anna"].up):
-            room.take(room.selecting.on_claim(user, claim, at(0.05 * index)))
-        site.links["anna"].up.clear()
-    assert len(site.claims) == 1
-    assert room.told == [("selected", "a", "anna")]

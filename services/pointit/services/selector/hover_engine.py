@@ -141,10 +141,10 @@ class HoverEngine:
         for pointer in self._people.values():
             pointer.is_new = True
 
-    def latch(self, object_id: str) -> None:
-        """Keep people who rest on an object from changing it again unintentionally."""
-        for pointer in self._people.values():
-            if pointer.hovered == object_id:
+    def latch(self, object_id: str, user: str = "") -> None:
+        """Keep `user`, or everybody, from changing an object that they rest on again unintentionally."""
+        for name, pointer in self._people.items():
+            if pointer.hovered == object_id and user in ("", name):
                 pointer.latch(object_id)
 
     def _toggle(

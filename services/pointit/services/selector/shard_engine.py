@@ -37,6 +37,8 @@ class _Open:
     user: str
     claim: Claim
     sent_ns: int
+    is_decided: bool = False
+    """True if its event is all that is missing."""
 
 
 class ShardEngine:
@@ -86,13 +88,17 @@ class ShardEngine:
             self._hovers.renew()
         if self._open:
             for one in selection.objects:
-                self._open.pop((one.user, one.since_ns), None)
+                claim = self._open.get((one.user, one.since_ns))
+                if claim is not None:
+                    claim.is_decided = True
 
     def on_event(self, event: SelectionEvent) -> list[Output]:
-        """Close the claim that `event` decides. Latch what was changed in another way."""
-        self._open.pop((event.user, event.stamp_ns), None)
-        is_change = event.event in ("selected", "deselected") or event.cause  # not of the conveyor
-        if is_change and event.cause not in DEEDS:
+        """Close the claim that `event` decides. Latch what was changed in another way, or elsewhere."""
+        is_own = self._open.pop((event.user, event.stamp_ns), None) is not None
+        if event.cause in DEEDS:
+            if not is_own:  # by another selector that points for them
+                self._hovers.latch(event.object_id, event.user)
+        elif event.cause or event.event in ("selected", "deselected"):  # else it is of the conveyor
             self._hovers.latch(event.object_id)
         return []
 
@@ -119,8 +125,9 @@ class ShardEngine:
         for key, one in list(self._open.items()):
             if not -GIVE_UP_NS <= now_ns - one.claim.stamp_ns <= GIVE_UP_NS:
                 del self._open[key]
-                outputs.append(self._unanswered(one.user, now_ns))
-            elif self.has_arbiter and abs(now_ns - one.sent_ns) >= REPEAT_NS:
+                if not one.is_decided:
+                    outputs.append(self._unanswered(one.user, now_ns))
+            elif self.has_arbiter and not one.is_decided and abs(now_ns - one.sent_ns) >= REPEAT_NS:
                 one.sent_ns = now_ns
                 outputs.append(Output(one.user, one.claim))
         return outputs

@@ -3,11 +3,13 @@
 import json
 import os
 import shutil
+import signal
 import subprocess
 import sys
 from pathlib import Path
 from typing import Any
 
+import psutil
 import pytest
 
 from tests.support.bench import until
@@ -141,3 +143,20 @@ async def test_ctrl_c_ends_all_hosts(commands: Commands) -> None:
     ended = await load.stop(2)
     assert ended.code == 130
     await until(lambda: not any(process.is_running() for process in family), 5, "all to be gone")
+
+
+def has_not_ended(process: psutil.Process) -> bool:
+    """Return whether it runs. Nobody may ask for the exit code of an orphan, so that a zombie remains."""
+    try:
+        return process.status() != psutil.STATUS_ZOMBIE
+    except psutil.NoSuchProcess:
+        return False
+
+
+async def test_a_killed_load_leaves_no_process_and_so_no_namespace(commands: Commands) -> None:
+    load = commands.start("load", "--duration", "600", "--hosts", "2", "--users", "2", "--central")
+    await load.says("measuring")
+    family = load.family()
+    assert len([process for process in family if "--config" in process.cmdline()]) == 2, "the routers"
+    await load.stop(signal.SIGKILL)
+    await until(lambda: not any(has_not_ended(process) for process in family), 5, "all to be gone")

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from pointit.cli.loadtest.network.routers import with_parent
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.service.service import Launch
 
@@ -43,6 +44,7 @@ class Worker:
         """Start the process, by the command `place` at another machine, and send it its launches."""
         process = await asyncio.create_subprocess_exec(
             *place,
+            *with_parent(),
             sys.executable,
             "-m",
             "pointit.cli.loadtest.worker",

@@ -13,6 +13,7 @@ from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.config.config import Config
 from pointit.runtime.health.service_bus import ServiceBus
 from pointit.runtime.service.service import Context
+from pointit.schemas.system import SHARDED
 from pointit.schemas.topics import USER_ALIVE
 from pointit.services.registry import PROCESSES, Process
 from tests.support.bench import ManualClock, until
@@ -93,3 +94,7 @@ def assert_within(name: str, verb: str, declared: set[str], row: tuple[Any, ...]
     """A row may list more than is declared at the start (what is read or written later), never less."""
     undeclared = declared - {topic.key for topic in row}
     assert not undeclared, f"{name} {verb} {sorted(undeclared)}, but its row in the registry does not say so"
+
+
+def test_services_that_have_shards_are_those_that_schemas_name() -> None:
+    assert {row.name for row in PROCESSES if row.shard_serves is not None} == SHARDED

@@ -1,7 +1,7 @@
 """Shares of people on every kind of bus: one default instance, and shards that come and go."""
 
 import asyncio
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from types import SimpleNamespace
 
 import pytest
@@ -43,6 +43,10 @@ class Instance:
 
     async def _clear(self, _query: ClearSelection, user: str) -> Done:
         return Done(message=f"{self.instance} {user}")
+
+    @property
+    def figures(self) -> dict[str, float]:
+        return {figure.name: figure.value for figure in self.bus.report().figures}
 
     @property
     def inputs(self) -> dict[str, float]:
@@ -199,6 +203,37 @@ class TestPeopleShare:
         tracked = three.site.c.publisher(PROFILE, "dora")  # of a foreign tracker, say
         tracked.put(profile(1))
         await flows(three.site.c.publisher(IMU, "dora"), "dora", three.default.imu)
+
+    async def test_who_is_heard_without_presence_is_heard_beside_shards_till_long_silent(
+        self, three: SimpleNamespace, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        default, wrists = three.default, three.wrists
+        timers: list[Callable[[], None]] = []
+
+        def call_later(_delay_s: float, callback: Callable[[], None]) -> None:
+            timers.append(callback)
+
+        monkeypatch.setattr(default.bus, "call_later", call_later)
+        await flows(wrists["carl"], "carl", default.imu)  # never present
+        await start_shard(three)
+        await flows(wrists["carl"], "carl", default.imu)
+        three.tokens[1].close()  # ben's services outlive their presence
+        await until(lambda: len(timers) == 2)
+        await flows(wrists["ben"], "ben", default.imu)
+        assert default.figures == {"people heard": 2.0, "people of shards": 1.0}
+        pending, timers[:] = [*timers], []
+        for timer in pending:
+            timer()
+        assert len(timers) == 2, "both were heard in the meantime"
+        assert default.figures["people heard"] == 2.0
+        monkeypatch.setattr(people_share, "FORGET_S", 0.0)
+        three.site.c.announce(USER_ALIVE, "ben")
+        three.site.c.announce(USER_ALIVE, "dora")  # known after ben's return
+        await until(lambda: default.figures["people heard"] == 3.0)
+        for timer in timers[:2]:
+            timer()
+        assert len(timers) == 2
+        assert default.figures["people heard"] == 2.0, "ben stays, since he is present"
 
     async def test_shards_of_other_services_and_of_nobody_change_nothing(
         self, three: SimpleNamespace

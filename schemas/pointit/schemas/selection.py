@@ -76,5 +76,9 @@ class Claim(Message):
         Literal["reserve", "toggle"],
         Field(description="keep it for them for a moment, or (de)select it"),
     ]
+    action: Annotated[
+        Literal["select", "deselect"] | None,
+        Field(description="effect of `toggle` that is meant; refused if it has another one by then"),
+    ] = None
     cause: Annotated[Literal["dwell", "button"], Field(description="action of the person")] = "dwell"
     confidence: Annotated[Fraction | None, Field(description="that this object was meant")] = None

@@ -11,6 +11,9 @@ from pointit.schemas.table_types import check_name
 RUN = "run."
 """Prefix of the name under which a run publishes its deployment. No person may write there."""
 
+SHARDED = frozenset({"pui", "selector"})
+"""Shared services whose further instances are shards. Those of one person are called after them."""
+
 
 def check_user(name: str) -> str:
     """Return `name` if a person may be called so.
@@ -169,13 +172,17 @@ class Deployment(Message):
     def believed(self, name: str) -> "Deployment":
         """Return the part that the writer of `deployment/{name}` may state: a run all, a person their own.
 
-        That are their services, and shards called after them.
+        That are their services, and shards called after them, not `robot.quad` of a person called quad.
 
         The router enforces write access. The content of a message is only its writer's claim.
         """
         if name.startswith(RUN):
             return self
-        own = tuple(each for each in self.services if (each.user or each.name) == name)
+        own = tuple(
+            each
+            for each in self.services
+            if each.user == name or (not each.user and each.name == name and each.service in SHARDED)
+        )
         return self.model_copy(
             update={
                 "services": own,

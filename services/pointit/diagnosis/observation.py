@@ -64,6 +64,8 @@ class Observation:
     present: frozenset[str] = frozenset()
     left: frozenset[str] = frozenset()
     """Instances that were present and are no longer."""
+    shards: frozenset[str] | None = None
+    """People whom shards serve, as `SHARD_ALIVE` names them. None if that was not observed."""
     reports: Mapping[str, Sequence[Report]] = field(default_factory=dict[str, Sequence[Report]])
     """Reports by instance, oldest first."""
     deployments: Mapping[str, Deployment] = field(default_factory=dict[str, Deployment])

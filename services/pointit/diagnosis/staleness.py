@@ -6,7 +6,7 @@ from pointit.diagnosis.observation import Finding, Observation
 from pointit.diagnosis.writers import is_bridge, present_writers, row_of
 from pointit.runtime.bus.contract import AnyTopic
 from pointit.schemas import Health, KeyHealth
-from pointit.schemas.system import split_instance
+from pointit.schemas.system import instance_of, split_instance
 from pointit.schemas.text import one_line
 from pointit.schemas.topics import ANY, CURSOR, HOVER, TOPICS
 from pointit.services.registry import person_of
@@ -48,16 +48,28 @@ def stale_inputs(seen: Observation) -> Iterator[Finding]:
 
 
 def _is_read(seen: Observation, instance: str, topic: AnyTopic, writer: str) -> bool:
-    """Return True if `instance` reads what `writer` writes. Presence does not tell whom shards serve.
+    """Return True if `instance` certainly reads what `writer` writes.
 
-    So a service that has shards must hear nobody but, if it is a shard called after a person, that person.
+    A shard must hear the person after whom it is called: presence does not tell whom others it serves. The
+    default instance must hear the people whom no shard of its service serves.
     """
     service, which = split_instance(instance)
     row = row_of(service)
     is_shared = row is not None and row.shard_serves is not None and topic.placeholder == "user"
     if not is_shared or not any(each.startswith(f"{service}.") for each in seen.present):
         return True
-    return bool(which) and person_of(writer) == which
+    person = person_of(writer)
+    if which or seen.shards is None:
+        return bool(which) and person == which
+    if person:
+        return instance_of(service, person) not in seen.shards
+    source, of = split_instance(writer)  # a shared service writes of whom its own shards do not serve
+    return not of and _served(seen.shards, service) <= _served(seen.shards, source)
+
+
+def _served(shards: frozenset[str], service: str) -> set[str]:
+    """Return the people whom shards of `service` serve."""
+    return {person for name, person in map(split_instance, shards) if name == service}
 
 
 def _look_at(seen: Observation, writer: str) -> str:

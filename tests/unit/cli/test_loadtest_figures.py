@@ -6,7 +6,7 @@ import pytest
 
 from pointit.cli.loadtest.figures import CapacitySearch, LoadResult, Usage, quantile_ms
 from pointit.cli.loadtest.layout import Load, groups
-from pointit.cli.loadtest.worker import read_usage
+from pointit.cli.loadtest.usage import read_usage
 
 
 def measured(**fields: Any) -> LoadResult:

@@ -34,6 +34,11 @@ def result(hosts: int, users: int) -> LoadResult:
     )
 
 
+def error_of(slope: Slope) -> float:
+    assert slope.error is not None
+    return slope.error
+
+
 def test_known_coefficients_are_found() -> None:
     users = [float(users) for _, users in STEPS]
     hosts = [float(hosts) for hosts, _ in STEPS]
@@ -44,7 +49,7 @@ def test_known_coefficients_are_found() -> None:
         "per_person": 0.8,
         "per_host": 2.0,
     }
-    assert all(slope.error < 1e-6 for slope in found.values())
+    assert all(error_of(slope) < 1e-6 for slope in found.values())
 
 
 def test_intervals_hold_the_truth_as_often_as_they_say() -> None:
@@ -54,7 +59,7 @@ def test_intervals_hold_the_truth_as_often_as_they_say() -> None:
     for _ in range(400):
         values = [3.0 + 0.8 * person + float(random.normal(0, 0.5)) for person in people]
         slope = fit({"fixed": [1.0] * 4, "per_person": people}, values)["per_person"]
-        inside += abs(slope.value - 0.8) <= slope.error
+        inside += abs(slope.value - 0.8) <= error_of(slope)
     assert 0.92 < inside / 400 < 0.98
 
 
@@ -71,8 +76,8 @@ def test_too_few_measurements_have_no_slope(values: list[float]) -> None:
 def test_two_measurements_have_a_slope_without_an_error() -> None:
     found = fit({"fixed": [1.0, 1.0], "per_person": [1.0, 3.0]}, [1.0, 2.0])
     assert found["per_person"].value == pytest.approx(0.5)
-    assert found["per_person"].error == 0.0
-    assert str(found["per_person"]) == "0.5"
+    assert found["per_person"].error is None
+    assert str(found["per_person"]) == "0.5 ± ?"
 
 
 @pytest.mark.parametrize(
@@ -80,22 +85,23 @@ def test_two_measurements_have_a_slope_without_an_error() -> None:
     [
         (Slope(value=0.8, error=0.3), (125.0, 100 / 1.1, 200.0), "125 [91, 200]"),
         (Slope(value=0.8, error=0.9), (125.0, 100 / 1.7, None), "125 [59, ?]"),
+        (Slope(value=0.5, error=None), (200.0, None, None), "200 [?, ?]"),
         (Slope(value=-0.1, error=0.9), None, None),
     ],
 )
 def test_people_a_core_is_the_inverse_with_its_interval(
-    slope: Slope, people: tuple[float, float, float | None] | None, shown: str | None
+    slope: Slope, people: tuple[float, float | None, float | None] | None, shown: str | None
 ) -> None:
-    part = PartSlopes(part="site", cpu_percent={PER_PERSON: slope}, memory_mb={})
+    part = PartSlopes(part="site", points=4, cpu_percent={PER_PERSON: slope}, memory_mb={})
     assert part.people_a_core == (None if people is None else pytest.approx(people))
     assert part.row()["people_a_core"] == shown
 
 
 @pytest.mark.parametrize(
     ("value", "error", "shown"),
-    [(49.23, 51.2, "49 ± 51"), (1.8, 0.124, "1.80 ± 0.12"), (0.5, 0.0, "0.5"), (-3.0, 3.4, "-3.0 ± 3.4")],
+    [(49.23, 51.2, "49 ± 51"), (1.8, 0.124, "1.80 ± 0.12"), (-3.0, 3.4, "-3.0 ± 3.4"), (0.5, 0.0, "0.5 ± 0"), (0.5, None, "0.5 ± ?")],
 )
-def test_a_slope_has_the_digits_of_its_error(value: float, error: float, shown: str) -> None:
+def test_a_slope_has_the_digits_of_its_error(value: float, error: float | None, shown: str) -> None:
     assert str(Slope(value=value, error=error)) == shown
 
 
@@ -114,7 +120,9 @@ def test_each_part_has_its_slopes() -> None:
 def test_a_machine_that_could_not_send_all_samples_does_not_count() -> None:
     whole = [result(1, users) for users in (4, 8, 16)]
     late = replace(result(1, 16), users=32)
-    assert slopes([*whole, late])[2].cpu_percent["per_person"].error < 1e-6
+    found = slopes([*whole, late])[2]
+    assert found.points == 3
+    assert error_of(found.cpu_percent["per_person"]) < 1e-6
 
 
 def test_a_single_measurement_has_no_rows() -> None:
@@ -130,6 +138,7 @@ def test_a_link_shows_kinds_above_zero() -> None:
         down_packets_hz=0.0,
         up_hz={"Cursor": 200.4, "Health": 0.2},
         down_hz={},
+        counted_s=2.0,
     )
     assert link.row() == {
         "link": "host 2 > host 1",

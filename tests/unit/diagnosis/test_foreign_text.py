@@ -58,6 +58,7 @@ def test_deployment_of_a_person_is_believed_for_that_person_only() -> None:
         ExpectedService(service="pointing", user="anna"),
         ExpectedService(service="pui", name="ben"),
         ExpectedService(service="pui", name="anna"),
+        ExpectedService(service="robot", name="anna"),
     )
     believed = told.believed("anna")
     assert [each.instance for each in believed.services] == ["pointing.anna", "pui.anna"]

@@ -1,13 +1,16 @@
 """Settings that a joining person adopts from the site."""
 
+import asyncio
+
 import pytest
 
 from pointit.launch.plan.launches import CURSOR_COLORS
-from pointit.launch.run.surroundings import USUAL, free_place, surroundings
+from pointit.launch.run.surroundings import LISTEN_S, USUAL, check_names, free_place, surroundings
 from pointit.runtime.bus.local_broker import LocalBroker
 from pointit.runtime.bus.memory_bus import MemoryBus
+from pointit.runtime.errors import ConfigError
 from pointit.schemas import Deployment, UserProfile
-from pointit.schemas.topics import DEPLOYMENT, PROFILE
+from pointit.schemas.topics import DEPLOYMENT, PROFILE, SERVICE_ALIVE, SHARD_ALIVE
 
 
 def runs(bus: MemoryBus, name: str) -> None:
@@ -39,6 +42,29 @@ async def test_who_joins_has_the_first_colour_that_nobody_has() -> None:
     for user, color in (("user1", CURSOR_COLORS[0]), ("ben", CURSOR_COLORS[2])):
         bus.publisher(PROFILE, user).put(UserProfile(stamp_ns=1, cursor_color=color))
     assert await surroundings(bus) == (USUAL, 2)
+    await bus.close()
+
+
+async def test_a_person_may_not_be_called_like_a_shard_of_others(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("pointit.launch.run.surroundings.SILENT_S", 0.01)
+    bus = MemoryBus(LocalBroker())
+    for instance in ("pui", "pui.hall", "pui.anna", "robot.quad", "pointing.carl"):
+        bus.announce(SERVICE_ALIVE, instance)
+    for served in ("pui.anna", "pui.ben"):
+        bus.announce(SHARD_ALIVE, served)
+    await check_names(bus, ["anna", "ben", "carl", "quad"])
+    with pytest.raises(
+        ConfigError, match=r"^hall: pui.hall on site .* is a shard that serves nobody of this"
+    ):
+        await check_names(bus, ["anna", "hall"])
+    await bus.close()
+
+
+async def test_a_shard_that_is_about_to_serve_its_person_is_waited_for() -> None:
+    bus = MemoryBus(LocalBroker())
+    bus.announce(SERVICE_ALIVE, "selector.anna")
+    asyncio.get_running_loop().call_later(LISTEN_S + 0.2, bus.announce, SHARD_ALIVE, "selector.anna")
+    await check_names(bus, ["anna"])
     await bus.close()
 
 

@@ -1,8 +1,10 @@
 """A service's account of itself."""
 
 import asyncio
+import gc
 import itertools
 import math
+import weakref
 from collections.abc import AsyncIterator, Callable
 
 import pytest
@@ -16,9 +18,9 @@ from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.health.metrics import SAMPLES, DurationWindow
 from pointit.runtime.health.service_bus import ServiceBus
 from pointit.runtime.health.surroundings import PluginHealth
-from pointit.schemas import ButtonEvent, Health, ImuSample, KeyHealth
+from pointit.schemas import NS_PER_S, ButtonEvent, ClearSelection, Done, Health, ImuSample, KeyHealth
 from pointit.schemas.system import DURATION_BOUNDS_S
-from pointit.schemas.topics import BUTTON, HEALTH, IMU, SERVICE_ALIVE, USER_ALIVE
+from pointit.schemas.topics import BUTTON, CLEAR_SELECTION, HEALTH, IMU, SERVICE_ALIVE, USER_ALIVE
 from tests.support.bench import ManualClock, until
 
 LEVEL = (0.0, 0.0, 0.0, 1.0)
@@ -176,6 +178,43 @@ async def test_drops_errors_and_broken_watchers_are_counted(bench: Bench) -> Non
     bench.bus.announce(USER_ALIVE, "anna")
     await until(lambda: bench.view.report().errors == EVENT_CAPACITY + 1)
     assert of(bench.view.report(), BUTTON.key, "in").dropped == 3
+
+
+async def test_what_is_closed_is_forgotten_but_still_counted(bench: Bench, now_s: list[float]) -> None:
+    async def unheard(_query: ClearSelection, _name: str) -> Done:
+        return Done(message="")
+
+    def fail(message: ImuSample, _name: str) -> None:
+        if message.seq % 4 == 2:
+            raise RuntimeError("broken")
+
+    writer = bench.bus.publisher(IMU, "anna")
+
+    async def come_and_go() -> list[weakref.ref[object]]:
+        reader = bench.view.subscribe(IMU, fail, drops_late=lambda _sample: True)
+        rest = (
+            bench.view.serve(CLEAR_SELECTION, unheard, "anna"),
+            bench.view.announce(USER_ALIVE, "anna"),
+            bench.view.watch(USER_ALIVE, lambda _name, _present: None),
+            bench.view.tap(IMU, lambda _message, _name: None),
+        )
+        for seq, stamp_ns in enumerate((10, 1, 10, 10)):  # one too old, one that fails
+            now_s[0] += 0.01
+            writer.put(ImuSample(stamp_ns=stamp_ns * NS_PER_S, seq=seq, orientation_xyzw=LEVEL))
+            await asyncio.sleep(0)
+        await until(lambda: reader.traffic.received == 4)
+        for each in (reader, *rest) * 2:  # the second time changes nothing
+            each.close()
+        return [weakref.ref(each) for each in (reader, *rest)]
+
+    left: list[weakref.ref[object]] = []
+    for times in range(1, 4):
+        left += await come_and_go()
+        report = bench.view.report()
+        assert report.errors == times
+        assert report.warnings[0].startswith(f"{times} messages on users/{{user}}/imu were older")
+    gc.collect()
+    assert not [ref() for ref in left if ref() is not None]
 
 
 async def test_warnings_stay_until_they_are_cleared(bench: Bench) -> None:

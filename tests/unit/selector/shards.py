@@ -74,15 +74,23 @@ class ShardedSite:
             self.shards[user].has_arbiter = self.is_running and not link.is_cut
 
     def step(self, duration_s: float, places: dict[str, float | None]) -> None:
-        """Let time pass, with everybody pointing at a place on the belt, m. None: not at all."""
+        """Let time pass, with everybody pointing at a place on the belt, m. None: not at all.
+
+        Shard `anna.2` is another one of anna.
+        """
         self.time_s += duration_s
         listed = packages(self.time_s, *self.objects)
         self.take(self.arbiter.on_objects("conveyor", listed))
         for shard in self.shards.values():
             shard.on_objects("conveyor", listed)
-        for user, x_m in places.items():
+        for name, x_m in places.items():
             if x_m is not None:
-                self._from_shard(user, self.shards[user].on_cursor(user, pointing(self.time_s, x_m)))
+                user = name.partition(".")[0]
+                self._from_shard(name, self.shards[name].on_cursor(user, pointing(self.time_s, x_m)))
+
+    def point(self, user: str, x_m: float) -> None:
+        """Have the site's selector get a cursor of `user`, and their shard none."""
+        self.take(self.arbiter.on_cursor(user, pointing(self.time_s, x_m)))
 
     def tick(self) -> None:
         """Do what services do every half second."""
@@ -122,7 +130,9 @@ class ShardedSite:
         entries = {one.id: Owned(one.user, one.kind, one.since_ns, one.confidence) for one in kept}
         self.arbiter = SelectionEngine(self.config, self.records.append)
         self.arbiter.on_map(MAP)
-        self.arbiter.restore(entries, len(self.events), self.now_ns, self.records)
+        self.arbiter.restore(
+            entries, len(self.events), self.now_ns, [(one.user, one.stamp_ns) for one in self.records]
+        )
         self.arbiter.on_objects("conveyor", packages(self.time_s, *self.objects))
         self.is_running = True
         self.take([Output("", self.arbiter.selection(self.now_ns))])
@@ -146,10 +156,10 @@ class ShardedSite:
             message = output.message
             if isinstance(message, Claim):
                 assert self.shards[user].has_arbiter
-                is_first = (user, message) not in self.claims
+                is_first = (output.user, message) not in self.claims
                 if message.wish == "toggle" and is_first:
-                    self.claims.append((user, message))
-                self.links[user].up.append((user, message))
+                    self.claims.append((output.user, message))
+                self.links[user].up.append((output.user, message))
             elif isinstance(message, Hover):
                 self.hovers[user] = message
             else:

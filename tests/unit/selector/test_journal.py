@@ -136,6 +136,27 @@ def test_rows_that_cannot_be_taken_up_are_damage(tmp_path: Path, statement: str)
     journal.close()
 
 
+@pytest.mark.parametrize(
+    "statement",
+    [
+        "UPDATE events SET owner = x'ff00' WHERE seq = 1",
+        "UPDATE events SET user = x'ff00' WHERE seq = 1",
+        "UPDATE events SET user = CAST(x'ff' AS TEXT) WHERE seq = 1",
+        "UPDATE events SET stamp_ns = 'x' WHERE seq = 1",
+    ],
+)
+def test_a_damaged_row_of_the_past_costs_no_selection(tmp_path: Path, statement: str) -> None:
+    keep(tmp_path, selected("b", 1), ended("b", 2), selected("a", 3), told=3)
+    with contextlib.closing(sqlite3.connect(tmp_path / "journal.sqlite")) as db, db:
+        db.execute(statement)
+    journal = Journal(tmp_path)
+    kept = journal.begin(NOW + S)
+    assert list(kept.entries) == ["a"]
+    assert journal.problem == ""
+    assert kept.decided[-1] == ("anna", NOW)
+    journal.close()
+
+
 def test_whatever_bits_fall_over_it_begins(tmp_path: Path) -> None:
     keep(tmp_path / "whole", selected("a", 1), selected("b", 2), told=1)
     whole = (tmp_path / "whole" / "journal.sqlite").read_bytes()

@@ -4,7 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pointit.schemas import TrackedObjects
+from pointit.schemas import Claim, TrackedObjects
+from pointit.services.selector.outputs import Output
 from tests.unit.selector.room import Room, at, package
 
 
@@ -305,3 +306,19 @@ def test_whatever_people_do_an_object_has_one_owner_and_events_tell_the_story(
     assert room.owners == story
     told = [record.seq for record in room.records if record.seq is not None]
     assert told == [event.seq for event in room.events] == list(range(1, len(told) + 1))
+
+
+def test_who_has_reserved_an_object_need_not_ask_for_it_with_each_cursor(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    room = Room(package("a", 3.0))
+    asked: list[str] = []
+    claim_of = room.selecting.claim
+
+    def claim(user: str, claim: Claim, now_ns: int) -> list[Output]:
+        asked.append(claim.wish)
+        return claim_of(user, claim, now_ns)
+
+    monkeypatch.setattr(room.selecting, "claim", claim)
+    room.stay(1.0, anna=3.0)
+    assert asked == ["reserve", "toggle"]

@@ -2,13 +2,16 @@
 
 from functools import partial
 
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pointit.schemas import Claim, Selection, SelectionEvent
+from pointit.schemas import Claim, Feedback, Selection, SelectionEvent
 from pointit.services.selector.arbiter import MAX_CLAIM_AGE_NS
+from pointit.services.selector.outputs import Action
+from pointit.services.selector.selection_engine import SelectionEngine
 from pointit.services.selector.shard_engine import GIVE_UP_NS, REPEAT_NS
-from tests.unit.selector.room import Room, at, package
+from tests.unit.selector.room import Room, at, package, packages
 from tests.unit.selector.shards import ShardedSite
 
 USERS = ("anna", "ben", "carl")
@@ -177,8 +180,50 @@ def test_a_claim_of_a_clock_far_ahead_is_refused() -> None:
 
 def test_a_claim_of_something_that_has_left_is_refused() -> None:
     site = a_site(("anna",))
+    site.step(0.1, {})
     claim = Claim(stamp_ns=at(0.0), object_id="z", wish="toggle")
     assert refusals(site, "anna", claim) == ["z has left"]
+
+
+@pytest.mark.parametrize(("action", "is_selected"), [("select", True), ("deselect", False)])
+def test_a_claim_with_another_effect_by_now_is_refused(action: Action, *, is_selected: bool) -> None:
+    """She took the package over from ben, or the conveyor had refused it, while her claim was on its way."""
+    site = a_site(("anna", "ben"))
+    if is_selected:
+        dwell(site, ben=3.0)
+        site.take(site.arbiter.release("anna", "a", True, site.now_ns))
+    else:
+        site.step(0.1, {})
+    claim = Claim.model_validate(
+        {"stamp_ns": site.now_ns, "object_id": "a", "wish": "toggle", "action": action}
+    )
+    status = "selected" if is_selected else "deselected"
+    outputs = site.arbiter.on_claim("anna", claim, site.now_ns)
+    assert [cue.message.cue for cue in outputs if isinstance(cue.message, Feedback)] == ["refused"]
+    [event] = [one.message for one in outputs if isinstance(one.message, SelectionEvent)]
+    assert event.event == "refused"
+    assert event.reason == f"red was {status} in the meantime: point again to change that"
+    assert site.owners == ({"a": "anna"} if is_selected else {})
+
+
+def test_a_claim_from_before_a_clear_does_not_select_again() -> None:
+    site = a_site(("anna",))
+    dwell(site, anna=3.0)
+    dwell(site, anna=9.0)
+    early = Claim(stamp_ns=site.now_ns, object_id="a", wish="toggle", action="select")
+    site.step(1.0, {})
+    site.take(site.arbiter.clear("anna", site.now_ns))
+    site.step(0.5, {})
+    assert refusals(site, "anna", early) == ["red was deselected in the meantime: point again to change that"]
+    assert site.owners == {}
+
+
+def test_a_shard_says_what_it_means() -> None:
+    site = a_site(("anna",))
+    for _ in range(2):
+        dwell(site, anna=3.0)
+        dwell(site, anna=9.0)
+    assert [claim.action for _, claim in site.claims] == ["select", "deselect"]
 
 
 def test_a_claim_of_what_another_person_is_selecting_is_refused() -> None:
@@ -235,6 +280,17 @@ def test_a_claim_that_the_arbiter_never_got_is_sent_again() -> None:
     assert not site.links["anna"].up
 
 
+def test_a_claim_that_comes_before_the_first_objects_is_decided_when_it_comes_again() -> None:
+    site = a_site(("anna",))
+    dwell(site, deliver=False, anna=3.0)
+    [(user, claim)] = site.claims
+    begun = SelectionEngine(site.config, site.records.append)
+    assert begun.on_claim(user, claim, site.now_ns) == []
+    begun.on_objects("conveyor", packages(site.time_s, *site.objects))
+    outputs = begun.on_claim(user, claim, site.now_ns)
+    assert [one.message.event for one in outputs if isinstance(one.message, SelectionEvent)] == ["selected"]
+
+
 def test_without_an_arbiter_people_keep_hovering_and_are_told() -> None:
     site = a_site(("anna",))
     site.end_arbiter()
@@ -277,17 +333,3 @@ def test_selections_tell_the_method_once_there_is_a_shard() -> None:
     told = [one.message for one in room.selecting.tick(at(0.5))]
     assert [(one.method, one.dwell_s) for one in told if isinstance(one, Selection)] == [("gauge", 0.8)]
     assert room.selecting.tick(at(1.0)) == []
-
-
-def test_a_person_between_two_selectors_who_is_served_by_both_selects_once() -> None:
-    """A shard begins while the site's selector still points for its person, with the same cursors."""
-    site = a_site(("anna",))
-    room = Room(package("a", 3.0), **site.config.model_dump())
-    for index in range(1, 11):
-        room.stay(0.05, 20.0, anna=3.0)
-        site.step(0.05, {"anna": 3.0})
-        for user, claim in list(site.links["anna"].up):
-            room.take(room.selecting.on_claim(user, claim, at(0.05 * index)))
-        site.links["anna"].up.clear()
-    assert len(site.claims) == 1
-    assert room.told == [("selected", "a", "anna")]

@@ -28,7 +28,7 @@ from pointit.runtime.zenoh.sites import sites_at
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas import ClockTick, Deployment, Health, KeyHealth, Quantiles
 from pointit.schemas.system import split_instance
-from pointit.schemas.topics import ANY, CLOCK, DEPLOYMENT, HEALTH, SERVICE_ALIVE
+from pointit.schemas.topics import ANY, CLOCK, DEPLOYMENT, HEALTH, SERVICE_ALIVE, SHARD_ALIVE
 from pointit.services.registry import add_installed, person_of
 
 MIN_S = 1.2
@@ -119,6 +119,7 @@ class _Look:
         self._news = asyncio.Event()
         self._present: set[str] = set()
         self._ever: set[str] = set()
+        self._shards: set[str] = set()
         self._reports: dict[str, list[Report]] = {}
         self._deployments: dict[str, Deployment] = {}
         self._speed = 1.0
@@ -130,6 +131,9 @@ class _Look:
         bus.subscribe(DEPLOYMENT, self._on_deployment)
         bus.subscribe(HEALTH, self._on_health)
         bus.watch(SERVICE_ALIVE, self._on_presence)
+        bus.watch(
+            SHARD_ALIVE, lambda name, there: (self._shards.add if there else self._shards.discard)(name)
+        )
         await asyncio.sleep(MIN_S)
         end_s = self._began_s + LONGEST_S
         while not self._is_enough() and (left_s := end_s - time.monotonic()) > 0:
@@ -146,6 +150,7 @@ class _Look:
             now_s=time.monotonic(),
             present=frozenset(self._present),
             left=frozenset(self._ever - self._present),
+            shards=frozenset(self._shards),
             reports=self._reports,
             deployments=self._deployments,
             host=socket.gethostname(),

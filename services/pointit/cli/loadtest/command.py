@@ -55,7 +55,7 @@ class Counts(click.ParamType[tuple[int, ...]]):
     type=Counts(MAX_USERS),
     default="10",
     show_default=True,
-    metavar="N[,N...]",
+    metavar="N[,N]",
     help="number of people; several are measured in turn",
 )
 @click.option(
@@ -104,7 +104,7 @@ class Counts(click.ParamType[tuple[int, ...]]):
 @click.option(
     "--hosts",
     type=Counts(MAX_HOSTS),
-    metavar="N[,N...]",
+    metavar="N[,N]",
     help="number of hosts to spread people over, each a network namespace; several are measured in turn",
 )
 @click.option(

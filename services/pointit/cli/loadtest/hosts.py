@@ -20,7 +20,7 @@ from pointit.cli.loadtest.network.routers import (
     secured_configuration,
 )
 from pointit.cli.loadtest.sight import Sight
-from pointit.cli.loadtest.worker import UsageSample, read_usage
+from pointit.cli.loadtest.usage import UsageSample, read_usage
 from pointit.cli.loadtest.workers import READY_S, Group, Worker
 from pointit.runtime.errors import ConfigError
 

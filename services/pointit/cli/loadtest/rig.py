@@ -7,8 +7,8 @@ import time
 from collections.abc import AsyncGenerator, Sequence
 
 from pointit.cli.loadtest.figures import LoadResult, Usage
-from pointit.cli.loadtest.sight import Sight
-from pointit.cli.loadtest.worker import DRAIN_S, read_usage
+from pointit.cli.loadtest.sight import DRAIN_S, Sight
+from pointit.cli.loadtest.usage import read_usage
 from pointit.cli.loadtest.workers import READY_S, Group, Worker
 from pointit.cli.loadtest.wrist import Wrist, drive_wrists
 from pointit.runtime.bus.contract import Bus

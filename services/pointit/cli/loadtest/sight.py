@@ -10,6 +10,9 @@ from pointit.runtime.bus.contract import Bus, Undecoded
 from pointit.schemas import NS_PER_S, Message
 from pointit.schemas.topics import ANY, CURSOR, HOVER, POSE, STRIPS_FRAME
 
+DRAIN_S = 0.3
+"""Time for what still travels after the last sample."""
+
 
 @dataclass
 class Sight:

@@ -27,13 +27,13 @@ class Slope:
     """An estimate with the half-width of its confidence interval."""
 
     value: float
-    error: float
-    """0.0 with as many measurements as unknowns: the error is not known then."""
+    error: float | None
+    """None with as many measurements as unknowns: it is not known then."""
 
     def __str__(self) -> str:
         """Return it with the digits that its error permits."""
         if not self.error:
-            return f"{self.value:.3g}"
+            return f"{self.value:.3g} ± {'?' if self.error is None else 0}"
         digits = max(0, 1 - math.floor(math.log10(self.error)))
         return f"{self.value:.{digits}f} ± {self.error:.{digits}f}"
 
@@ -55,13 +55,14 @@ def fit(unknowns: Mapping[str, Sequence[float]], values: Sequence[float]) -> dic
     design, measured = np.column_stack(list(kept.values())), np.asarray(values)
     solution = np.linalg.lstsq(design, measured)[0]
     free = len(values) - len(kept)
-    error = np.zeros(len(kept))
+    error: list[float | None] = [None] * len(kept)
     if free:
         variance = float(np.sum((measured - design @ solution) ** 2)) / free
         covariance = variance * np.linalg.inv(design.T @ design)
-        error = np.sqrt(np.diag(covariance)) * float(student.ppf((1 + CONFIDENCE) / 2, free))
+        quantile = float(student.ppf((1 + CONFIDENCE) / 2, free))
+        error = [math.sqrt(each) * quantile for each in np.diag(covariance)]
     return {
-        name: Slope(value=float(value), error=float(half))
+        name: Slope(value=float(value), error=half)
         for name, value, half in zip(kept, solution, error, strict=True)
     }
 
@@ -71,19 +72,24 @@ class PartSlopes:
     """Costs of a part of a load test."""
 
     part: str
+    points: int
+    """Number of measurements."""
     cpu_percent: Mapping[str, Slope]
     """Percent of a core, fixed, per person and per host."""
     memory_mb: Mapping[str, Slope]
 
     @property
-    def people_a_core(self) -> tuple[float, float, float | None] | None:
-        """Return the people whose cost is a core: value, least, most.
+    def people_a_core(self) -> tuple[float, float | None, float | None] | None:
+        """Return the people whose cost alone, without the fixed part, is a core: value, least, most.
 
-        None if the slope is not above zero. The most is None if the interval of the slope includes zero.
+        None if the slope is not above zero. The least and the most are None if the error of the slope is not
+        known, the most also if its interval includes zero.
         """
         cpu = self.cpu_percent[PER_PERSON]
         if cpu.value <= 0:
             return None
+        if cpu.error is None:
+            return CORE / cpu.value, None, None
         low = cpu.value - cpu.error
         return CORE / cpu.value, CORE / (cpu.value + cpu.error), CORE / low if low > 0 else None
 
@@ -92,15 +98,16 @@ class PartSlopes:
         carried = self.people_a_core
         shown = None
         if carried is not None:
-            value, least, most = carried
-            shown = f"{value:.0f} [{least:.0f}, {'?' if most is None else f'{most:.0f}'}]"
+            value, *ends = carried
+            least, most = ("?" if end is None else f"{end:.0f}" for end in ends)
+            shown = f"{value:.0f} [{least}, {most}]"
         kinds = {"cpu_percent": self.cpu_percent, "memory_mb": self.memory_mb}
         columns = {
             f"{kind}_{name}": str(found[name]) if name in found else None
             for kind, found in kinds.items()
             for name in (FIXED, PER_PERSON, PER_HOST)
         }
-        return {"part": self.part, **columns, "people_a_core": shown}
+        return {"part": self.part, "points": self.points, **columns, "people_a_core": shown}
 
     def record(self) -> dict[str, Any]:
         """Return all values, for programs."""
@@ -148,5 +155,5 @@ def slopes(results: Sequence[LoadResult]) -> list[PartSlopes]:
         cpu = fit(unknowns, [sum(usage.cpu for usage in part) * CORE for part in parts])
         memory = fit(unknowns, [sum(usage.memory_mb for usage in part) for part in parts])
         if PER_PERSON in cpu:
-            made.append(PartSlopes(part=name, cpu_percent=cpu, memory_mb=memory))
+            made.append(PartSlopes(part=name, points=len(results), cpu_percent=cpu, memory_mb=memory))
     return made

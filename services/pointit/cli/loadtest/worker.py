@@ -6,17 +6,16 @@ Requests are lines of JSON on standard input, replies lines of JSON. It ends wit
 import asyncio
 import json
 import os
-import resource
 import sys
 import time
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import click
 
-from pointit.cli.loadtest.sight import Sight
+from pointit.cli.loadtest.sight import DRAIN_S, Sight
+from pointit.cli.loadtest.usage import read_usage
 from pointit.cli.loadtest.wrist import Wrist, drive_wrists
 from pointit.runtime.clock import WallClock
 from pointit.runtime.config.config import Layers
@@ -31,21 +30,6 @@ from pointit.schemas.topics import IMU
 from pointit.services import registry
 
 PATIENCE_S = 10.0
-DRAIN_S = 0.3
-"""Time for what still travels after the last sample."""
-
-
-def dump_launches(launches: Sequence[Launch]) -> list[dict[str, Any]]:
-    """Serialize launches for a worker."""
-    return [
-        {
-            "service": launch.service.NAME,
-            "user": launch.user,
-            "name": launch.name,
-            "config": launch.config.model_dump(mode="json"),
-        }
-        for launch in launches
-    ]
 
 
 def _launch(one: Mapping[str, Any]) -> Launch:
@@ -124,34 +108,6 @@ def command() -> int:
     """Take part in a load test; started by `pointit load`."""
     setup_logging("warning")
     return run_until_shutdown(_work())
-
-
-@dataclass(frozen=True, kw_only=True)
-class UsageSample:
-    """Resource usage of a process so far."""
-
-    cpu_s: float
-    memory_mb: float
-
-
-def read_usage(pid: int | None = None) -> UsageSample | None:
-    """Return the usage of the process `pid`, or of this one, or None if the system does not report it."""
-    folder = Path("/proc") / str(os.getpid() if pid is None else pid)
-    try:
-        fields = (folder / "stat").read_text(encoding="ascii", errors="replace").rpartition(")")[2].split()
-        pages = int((folder / "statm").read_text(encoding="ascii").split()[1])
-    except (OSError, IndexError, ValueError):
-        return _own() if pid is None else None
-    ticks = int(fields[11]) + int(fields[12])  # utime and stime, proc(5)
-    return UsageSample(
-        cpu_s=ticks / os.sysconf("SC_CLK_TCK"), memory_mb=pages * os.sysconf("SC_PAGE_SIZE") / 1e6
-    )
-
-
-def _own() -> UsageSample:
-    usage = resource.getrusage(resource.RUSAGE_SELF)
-    unit = 1 if sys.platform == "darwin" else 1024  # getrusage(2): the peak, in bytes or in KiB
-    return UsageSample(cpu_s=usage.ru_utime + usage.ru_stime, memory_mb=usage.ru_maxrss * unit / 1e6)
 
 
 if __name__ == "__main__":

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from pointit.cli.loadtest.worker import dump_launches
+from pointit.cli.loadtest.network.routers import with_parent
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.service.service import Launch
 
@@ -44,6 +44,7 @@ class Worker:
         """Start the process, by the command `place` at another machine, and send it its launches."""
         process = await asyncio.create_subprocess_exec(
             *place,
+            *with_parent(),
             sys.executable,
             "-m",
             "pointit.cli.loadtest.worker",
@@ -57,7 +58,7 @@ class Worker:
             {
                 "site": site,
                 "connect": connect,
-                "launches": dump_launches(group.launches),
+                "launches": _dumped(group.launches),
                 "wrists": list(group.wrists),
                 "watched": list(group.watched),
                 "watches_light": group.watches_light,
@@ -92,3 +93,16 @@ class Worker:
         except TimeoutError:
             self.process.kill()
             await self.process.wait()
+
+
+def _dumped(launches: Sequence[Launch]) -> list[dict[str, Any]]:
+    """Serialize launches for a worker."""
+    return [
+        {
+            "service": launch.service.NAME,
+            "user": launch.user,
+            "name": launch.name,
+            "config": launch.config.model_dump(mode="json"),
+        }
+        for launch in launches
+    ]

@@ -6,6 +6,7 @@ import logging
 
 from pointit.launch.plan.plan import Plan
 from pointit.launch.run.running_scenario import PRESENCE_PATIENCE_S
+from pointit.launch.run.surroundings import check_names
 from pointit.runtime.bus.contract import list_present
 from pointit.runtime.clock import Clock, SimulatedClock, SiteClock, WallClock
 from pointit.runtime.errors import ListenError
@@ -61,12 +62,14 @@ async def adapt_to_site(plan: Plan, bus: ZenohBus) -> Plan:
     """Return the plan adapted to the services on the site: without a page if there is one already.
 
     Raises:
-        ConfigError: If another process runs services under the same people's names.
+        ConfigError: If another process runs services under the same people's names, or a shard has one.
     """
     if not bus.link.connect:
         return plan
-    there, _ = await asyncio.gather(
-        list_present(bus, SERVICE_ALIVE, PRESENCE_PATIENCE_S), claim_names(bus, USER_ALIVE, plan.users)
+    there, _, _ = await asyncio.gather(
+        list_present(bus, SERVICE_ALIVE, PRESENCE_PATIENCE_S),
+        claim_names(bus, USER_ALIVE, plan.users),
+        check_names(bus, plan.users),
     )
     if plan.page is None or plan.page.instance not in there:
         return plan

@@ -3,10 +3,10 @@
 from collections.abc import Callable
 from typing import Generic, TypeVar
 
-from pointit.runtime.bus.contract import Handler, Publisher
+from pointit.runtime.bus.contract import Closable, Handler, Publisher, Subscription, SubscriptionStats
 from pointit.runtime.clock import Clock
-from pointit.runtime.health.metrics import DurationWindow, TopicMeter, steady_time
-from pointit.runtime.health.timeliness import STREAMS, LateMessageFilter, OutOfOrderFilter
+from pointit.runtime.health.metrics import DurationWindow, ReaderCounts, TopicMeter, steady_time
+from pointit.runtime.health.timeliness import STREAMS
 from pointit.schemas import NS_PER_S, Message
 from pointit.schemas.topics import Delivery
 
@@ -50,6 +50,7 @@ def instrument_handler(
     clock: Clock,
     drops_late: Callable[[M], bool] | None,
     *,
+    counts: ReaderCounts,
     in_order: bool = True,
 ) -> Handler[M]:
     """Return `handler` for one subscriber, behind filters, with messages counted and calls timed.
@@ -60,15 +61,12 @@ def instrument_handler(
         steps: collects the duration of each call of `handler`, s.
         clock: the clock that stamps messages.
         drops_late: returns True for messages that are dropped if late. None if late ones are accepted.
+        counts: has the filters of this subscriber.
         in_order: drop messages of a stream that are older than its newest.
     """
-    order = OutOfOrderFilter() if in_order and meter.topic in STREAMS else None
-    if order is not None:
-        meter.orders.append(order)
-    lateness = None if drops_late is None else LateMessageFilter()
+    order = counts.order if in_order and meter.topic in STREAMS else None
+    lateness = None if drops_late is None else counts.lateness
     time_s = steady_time()
-    if lateness is not None:
-        meter.latenesses.append(lateness)
 
     def filter_and_time(message: M, key_name: str) -> None:
         began_s = time_s()
@@ -85,3 +83,44 @@ def instrument_handler(
         steps.add(time_s() - began_s)
 
     return filter_and_time
+
+
+class Declared:
+    """What a service has declared. Closed, it is no longer among what the service holds."""
+
+    def __init__(self, inner: Closable, held: "dict[Declared, None]") -> None:
+        self._inner = inner
+        self._held = held
+        held[self] = None
+
+    def close(self) -> None:
+        """Undeclare."""
+        self._inner.close()
+        self._held.pop(self, None)
+
+
+class MeteredSubscription(Declared):
+    """A subscription, whose counts its meter keeps when it is closed."""
+
+    def __init__(
+        self, inner: Subscription, held: dict[Declared, None], meter: TopicMeter, counts: ReaderCounts
+    ) -> None:
+        super().__init__(inner, held)
+        self._meter = meter
+        self._counts = counts
+        counts.traffic = inner.traffic
+        meter.add(counts)
+
+    @property
+    def traffic(self) -> SubscriptionStats:
+        """Return the live counters."""
+        return self._counts.traffic
+
+    def heard(self, within_s: float) -> set[str]:
+        """Return the names of a stream (one of `STREAMS`) that were heard in the last `within_s` seconds."""
+        return self._counts.order.heard(steady_time()() - within_s)
+
+    def close(self) -> None:
+        """Undeclare."""
+        super().close()
+        self._meter.close(self._counts)

@@ -6,6 +6,7 @@ import itertools
 import math
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
 
 from pointit.runtime.bus.contract import AnyTopic, SubscriptionStats
 from pointit.runtime.health.timeliness import LateMessageFilter, OutOfOrderFilter
@@ -85,6 +86,24 @@ class _Complaint:
         return now_s - self._grown_s <= REFUSED_SHOWN_S
 
 
+@dataclass(slots=True, eq=False)
+class ReaderCounts:
+    """Counters of one reader of a topic, or sums of all that were closed."""
+
+    traffic: SubscriptionStats = field(default_factory=SubscriptionStats)
+    order: OutOfOrderFilter = field(default_factory=OutOfOrderFilter)
+    lateness: LateMessageFilter = field(default_factory=LateMessageFilter)
+
+    def add(self, other: "ReaderCounts") -> None:
+        """Add the counters of `other`."""
+        for counter in ("received", "dropped", "lost", "invalid", "errors"):
+            sum_of_both = getattr(self.traffic, counter) + getattr(other.traffic, counter)
+            setattr(self.traffic, counter, sum_of_both)
+        self.order.refused += other.order.refused
+        self.lateness.refused += other.lateness.refused
+        self.lateness.by_s = max(self.lateness.by_s, other.lateness.by_s)
+
+
 class TopicMeter:
     """Message counter of one topic in one direction. The handler of a message counts it."""
 
@@ -95,27 +114,36 @@ class TopicMeter:
         """Messages since the last report."""
         self.newest_s: float | None = None
         """Time of the newest message, monotonic."""
-        self.traffics: list[SubscriptionStats] = []
-        self.orders: list[OutOfOrderFilter] = []
-        self.latenesses: list[LateMessageFilter] = []
+        self._closed = ReaderCounts()
+        self._readers = {self._closed}
         self._old = _Complaint()
         self._late = _Complaint()
 
+    def add(self, reader: ReaderCounts) -> None:
+        """Count what `reader` counts, too."""
+        self._readers.add(reader)
+
+    def close(self, reader: ReaderCounts) -> None:
+        """Keep the counts of `reader`, which is closed, but not the reader."""
+        if reader in self._readers:
+            self._readers.remove(reader)
+            self._closed.add(reader)
+
     def total(self, counter: str) -> int:
         """Return the sum of one of the counters of `SubscriptionStats` over all readers."""
-        return sum(getattr(traffic, counter) for traffic in self.traffics)
+        return sum(getattr(reader.traffic, counter) for reader in self._readers)
 
     def warnings(self, now_s: float) -> Iterator[str]:
         """Yield a message each if old or late messages came recently."""
-        old = sum(order.refused for order in self.orders)
+        old = sum(reader.order.refused for reader in self._readers)
         if self._old.holds(old, now_s):
             yield (
                 f"{old} messages on {self.topic.key} were older than those before them and were left out: "
                 "is a recording played on this site, or do two write the same?"
             )
-        late = sum(lateness.refused for lateness in self.latenesses)
+        late = sum(reader.lateness.refused for reader in self._readers)
         if self._late.holds(late, now_s):
-            by_s = max(lateness.by_s for lateness in self.latenesses)
+            by_s = max(reader.lateness.by_s for reader in self._readers)
             yield (
                 f"{late} messages on {self.topic.key} came later than others before them, the last by "
                 f"{by_s:.1f} s, and were left out: look at the link to who writes them, which is slow or "

@@ -26,8 +26,13 @@ from pointit.runtime.bus.contract import (
     Undecoded,
 )
 from pointit.runtime.clock import Clock
-from pointit.runtime.health.instrumented import InstrumentedPublisher, instrument_handler
-from pointit.runtime.health.metrics import DurationWindow, TopicMeter, steady_time
+from pointit.runtime.health.instrumented import (
+    Declared,
+    InstrumentedPublisher,
+    MeteredSubscription,
+    instrument_handler,
+)
+from pointit.runtime.health.metrics import DurationWindow, ReaderCounts, TopicMeter, steady_time
 from pointit.runtime.health.served import ServedPublisher
 from pointit.schemas import Figure, Health, KeyHealth, Message, Query, Reply
 from pointit.schemas.topics import ANY, SERVED, Presence, Request, Topic
@@ -68,9 +73,9 @@ class ServiceBus:
         self._meters: dict[tuple[str, str], TopicMeter] = {}
         self._steps = DurationWindow()
         self._latency = DurationWindow()
-        self._declared: list[Closable] = []
+        self._declared: dict[Declared, None] = {}
         self._publishers: list[Publisher[Any]] = []
-        self._tokens: list[Closable] = []
+        self._tokens: dict[Declared, None] = {}
         self._warnings: dict[str, str] = {}
         self._figures: dict[tuple[str, str], Figure] = {}
         self._errors = 0
@@ -112,7 +117,7 @@ class ServiceBus:
         kept: bool = True,
         every: bool = False,
         drops_late: Callable[[M], bool] | None = None,
-    ) -> Subscription:
+    ) -> MeteredSubscription:
         """Call `handler(message, name)` for each arriving message.
 
         Args:
@@ -125,11 +130,12 @@ class ServiceBus:
                 before them: a service must not act on what a bad link has delayed. None if all are accepted.
         """
         meter = self._meter(topic, "in")
-        counted = instrument_handler(handler, meter, self._steps, self._clock, drops_late, in_order=not every)
+        counts = ReaderCounts()
+        counted = instrument_handler(
+            handler, meter, self._steps, self._clock, drops_late, counts=counts, in_order=not every
+        )
         subscription = self._bus.subscribe(topic, counted, name, kept=kept, every=every)
-        meter.traffics.append(subscription.traffic)
-        self._declared.append(subscription)
-        return subscription
+        return MeteredSubscription(subscription, self._declared, meter, counts)
 
     def tap(self, topic: AnyTopic, handler: Tap, name: str = ANY) -> Subscription:
         """Call `handler` for every message at once, on the thread on which it arrives."""
@@ -140,16 +146,11 @@ class ServiceBus:
             meter.newest_s = self._time_s()
             handler(arrived, key_name)
 
-        subscription = self._bus.tap(topic, counted, name)
-        meter.traffics.append(subscription.traffic)
-        self._declared.append(subscription)
-        return subscription
+        return MeteredSubscription(self._bus.tap(topic, counted, name), self._declared, meter, ReaderCounts())
 
     def serve_retained(self, topics: Sequence[AnyTopic], recall: Recall) -> Closable:
         """Answer for the writers of `topics`, which are states, that are gone."""
-        kept = self._bus.serve_retained(topics, recall)
-        self._declared.append(kept)
-        return kept
+        return Declared(self._bus.serve_retained(topics, recall), self._declared)
 
     def serve(self, request: Request[Q, R], server: Server[Q, R], name: str = ANY) -> Closable:
         """Answer `request`."""
@@ -159,8 +160,7 @@ class ServiceBus:
                 self.account(SERVED), self._clock, service=self._service, instance=self._instance
             )
         served = self._bus.serve(request, self._served.reporting(request, server), name)
-        self._declared.append(served)
-        return served
+        return Declared(served, self._declared)
 
     async def call(
         self, request: Request[Q, R], query: Q, name: str = "", *, timeout_s: float = REQUEST_TIMEOUT_S
@@ -170,9 +170,7 @@ class ServiceBus:
 
     def announce(self, presence: Presence, name: str) -> Closable:
         """Be present under `name` until closed."""
-        token = self._bus.announce(presence, name)
-        self._tokens.append(token)
-        return token
+        return Declared(self._bus.announce(presence, name), self._tokens)
 
     def watch(self, presence: Presence, handler: Callable[[str, bool], None]) -> Closable:
         """Call `handler(name, present)` now and on every change."""
@@ -184,9 +182,7 @@ class ServiceBus:
                 self._errors += 1
                 raise
 
-        watching = self._bus.watch(presence, counted)
-        self._declared.append(watching)
-        return watching
+        return Declared(self._bus.watch(presence, counted), self._declared)
 
     def call_later(self, delay_s: float, callback: Callable[[], None]) -> asyncio.TimerHandle:
         """Call `callback` in the loop after `delay_s` of the wall, unless the service has ended by then.

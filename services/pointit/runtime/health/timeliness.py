@@ -188,6 +188,10 @@ class OutOfOrderFilter:
         newest.stamp_ns, newest.came_s = stamp_ns, now_s
         return True
 
+    def heard(self, since_s: float) -> set[str]:
+        """Return the names whose newest message came after `since_s` (monotonic)."""
+        return {name for name, newest in self._newest.items() if newest.came_s > since_s}
+
 
 @dataclass(frozen=True, kw_only=True)
 class ClockSkew:

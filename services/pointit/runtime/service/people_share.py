@@ -7,16 +7,20 @@ For a moment both may serve a person, so that two write the same: readers take t
 """
 
 import logging
-from collections.abc import Callable, Collection, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from typing import Any, Generic, TypeVar
 
 from pointit.runtime.bus.contract import Closable, Handler, Server, list_present
 from pointit.runtime.errors import ConfigError
+from pointit.runtime.health.instrumented import MeteredSubscription
 from pointit.runtime.health.service_bus import ServiceBus
 from pointit.runtime.service.instance_takeover import LISTEN_S, SILENT_S
 from pointit.schemas import KeyNameError, Message, Query, Reply
 from pointit.schemas.system import check_user, instance_of, split_instance
 from pointit.schemas.topics import ANY, SHARD_ALIVE, USER_ALIVE, Delivery, Request, Topic, check_name
+
+FORGET_S = 120.0
+"""Silence after which the default instance no longer reads a person who is not present, s."""
 
 M = TypeVar("M", bound=Message)
 Q = TypeVar("Q", bound=Query)
@@ -30,9 +34,10 @@ class PeopleShare:
 
     The default instance has one subscription for all people, as long as there is no shard of its service.
     With shards it reads each person by themselves in topics of class *latest*, so that what shards read does
-    not travel here. It then knows people by `USER_ALIVE` and by their states and events: of somebody else it
-    hears no *latest* topic. States and events it hears of all people, in order and without gaps, and hands
-    on those of the people whom it serves; when it takes a person over, the newest of each state.
+    not travel here. It then knows people by `USER_ALIVE`, by their states and events, and whom it has heard
+    within `FORGET_S`: of somebody else it hears no *latest* topic. Health tells how many people it reads.
+    States and events it hears of all people, in order and without gaps, and hands on those of the people whom
+    it serves; when it takes a person over, the newest of each state.
     """
 
     def __init__(
@@ -63,6 +68,10 @@ class PeopleShare:
         self._lost = lost
         self._here: set[str] = set()
         """People known to the default instance."""
+        self._present: set[str] = set()
+        """Those of them who are present."""
+        self._leaving: set[str] = set()
+        """Those of them who are forgotten when they are silent, unless they come back."""
         self._elsewhere: set[str] = set()
         """People whom shards serve."""
         self._splits: list[_Split] = []
@@ -131,14 +140,40 @@ class PeopleShare:
 
     def _share(self) -> None:
         """Read in the default instance what the others do not serve."""
+        if self._elsewhere and ANY in self._names:
+            for user in filter(_is_person, self._heard()):
+                self._here.add(user)
+                self._forget_later(user)
         self._follow(self._here - self._elsewhere if self._elsewhere else {ANY})
+        for figure, people in (("people heard", self._names), ("people of shards", self._elsewhere)):
+            self._bus.set_metric(figure, len(people) if self._elsewhere else None)
+
+    def _heard(self) -> set[str]:
+        """Return the people whose streams were heard within `FORGET_S`."""
+        return {user for split in self._splits for user in split.heard(FORGET_S)}
 
     def _on_user(self, user: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
         if present and _is_person(user):
+            self._present.add(user)
             self._here.add(user)
-        else:
+            self._share()
+        elif user in self._here:
+            self._present.discard(user)
+            self._forget_later(user)
+
+    def _forget_later(self, user: str) -> None:
+        if user not in self._leaving and user not in self._present:
+            self._leaving.add(user)
+            self._bus.call_later(FORGET_S, lambda: self._forget(user))
+
+    def _forget(self, user: str) -> None:
+        """Forget `user`, unless they are present or were heard in the meantime."""
+        self._leaving.discard(user)
+        if user in self._heard():
+            self._forget_later(user)
+        elif user not in self._present:
             self._here.discard(user)
-        self._share()
+            self._share()
 
     def _is_heard(self, user: str) -> bool:
         """Note that the default instance hears of `user`. Return True if it serves them."""
@@ -177,6 +212,12 @@ class _Split:
             self._declared[name] = self._declare(name)
         for name in self._declared.keys() - wanted:
             self._declared.pop(name).close()
+
+    def heard(self, within_s: float) -> Iterator[str]:
+        """Yield the people whose streams were heard in the last `within_s` seconds."""
+        for declared in self._declared.values():
+            if isinstance(declared, MeteredSubscription):
+                yield from declared.heard(within_s)
 
 
 class _States(Generic[M]):

@@ -25,7 +25,7 @@ class Arbiter:
         config: SelectorConfig,
         ownership: Ownership,
         record: Callable[[Record], None],
-        latch: Callable[[str], None],
+        latch: Callable[[str, str], None],
     ) -> None:
         """Create with nothing decided.
 
@@ -33,7 +33,8 @@ class Arbiter:
             config: parameters.
             ownership: entries and reservations, changed here alone, and the objects.
             record: called with each event.
-            latch: called with each object that is changed other than by dwelling or pressing.
+            latch: called with each object that is changed other than by dwelling or pressing here, and with
+                the person who changed it, or `""` if everybody is to leave it first.
         """
         self._ownership = ownership
         self._ledger, self._reservations = ownership.ledger, ownership.reservations
@@ -45,6 +46,8 @@ class Arbiter:
         self._tells_method = False
         self._is_news = False
         """True if reservations have changed since the last selection that was returned."""
+        self._dwelt: dict[str, tuple[str, int]] = {}
+        """What each person changed last by staying on it, and when, ns."""
         self._decided: dict[tuple[str, int], None] = {}
         """Persons and stamps of the last claims."""
 
@@ -58,7 +61,7 @@ class Arbiter:
         self._tells_method = self._is_news = True
 
     def restore(
-        self, entries: Mapping[str, Owned], events: int, now_ns: int, decided: Iterable[Record] = ()
+        self, entries: Mapping[str, Owned], events: int, now_ns: int, decided: Iterable[tuple[str, int]] = ()
     ) -> None:
         """Restore what was selected before a restart.
 
@@ -66,16 +69,14 @@ class Arbiter:
             entries: selected objects by id.
             events: number of the last event.
             now_ns: time, ns.
-            decided: the last events, whose claims may come again.
+            decided: persons and stamps of the last claims, which may come again.
         """
         self._ledger.restore(entries)
         self._publisher.resume_numbering(events)
         for entry in entries.values():
             self._ownership.presences.on_activity(entry.user, now_ns)
         self._departures.expect(entries, now_ns)
-        for record in decided:
-            if record.cause in DEEDS:
-                self._decided[record.user, record.stamp_ns] = None
+        self._decided = dict.fromkeys(decided)
 
     def set_present(self, user: str, present: bool, now_ns: int) -> list[Output]:  # noqa: FBT001 - as announced
         """Record the presence of `user`."""
@@ -129,6 +130,8 @@ class Arbiter:
         if taken_by and not self._ownership.is_selected(object_id):
             taken = f"{kind or 'object'} is being selected by {taken_by}; wait or choose another one"
             refused = refused or taken
+        if self._tells_method and claim.cause == "dwell" and self._is_twice(user, claim):
+            refused = refused or f"{kind or 'object'} was changed by you just now: leave it, then point again"
         if refused:
             record = self._ledger.refuse(
                 object_id,
@@ -145,12 +148,26 @@ class Arbiter:
             )
             if record.event != "refused":
                 self._reservations.free(object_id)
+                if claim.cause == "dwell":
+                    self._dwelt[user] = object_id, claim.stamp_ns
         return self._publish(user, [record], claim.stamp_ns)
 
+    def _is_twice(self, user: str, claim: Claim) -> bool:
+        """Return True if nobody can have stayed on the object a second time since they changed it."""
+        object_id, stamp_ns = self._dwelt.get(user, ("", 0))
+        return object_id == claim.object_id and 2 * abs(claim.stamp_ns - stamp_ns) < self._dwell_s * NS_PER_S
+
     def on_claim(self, user: str, claim: Claim, now_ns: int) -> list[Output]:
-        """Decide on a claim of a shard, which may come late and know less."""
+        """Decide on a claim of a shard, which may come late and know less.
+
+        While no objects are known, just after a start, none is decided: the shard sends it again.
+        """
+        if claim.wish == "toggle" and not self._positions.is_heard:
+            return []
         self.on_activity(user, now_ns)
         outputs = self.claim(user, claim, now_ns, self._refusal(user, claim, now_ns))
+        if claim.wish == "toggle":
+            self._latch(claim.object_id, user)
         return outputs + self.news(now_ns)
 
     def _refusal(self, user: str, claim: Claim, now_ns: int) -> str:
@@ -170,7 +187,14 @@ class Arbiter:
         action, taken_by = self._ownership.action(user, claim.object_id, now_ns)
         if not action:
             return f"{kind} is selected already"
-        return "" if taken_by else self._positions.too_late(claim.object_id, now_ns)
+        if taken_by:
+            return ""
+        late = self._positions.too_late(claim.object_id, now_ns)
+        is_other = claim.action is not None and claim.action != action
+        if not late and (is_other or claim.stamp_ns < self._ledger.changed_ns(claim.object_id)):
+            status = "selected" if self._ownership.is_selected(claim.object_id) else "deselected"
+            return f"{kind} was {status} in the meantime: point again to change that"
+        return late
 
     def on_conveyor(self, state: ConveyorState) -> list[Output]:
         """Close the entries of objects that have left the conveyor, with time and bay of departure."""
@@ -189,7 +213,7 @@ class Arbiter:
         record = self._ledger.correct(event.object_id, now_ns, event.reason)
         if record is None:
             return []
-        self._latch(event.object_id)
+        self._latch(event.object_id, "")
         outputs = [Output("", self.selection(now_ns)), *self._publisher.event(record)]
         return [*outputs, self._publisher.cue(record.owner, "refused", event.reason, now_ns)]
 
@@ -249,5 +273,5 @@ class Arbiter:
         for record in records:
             outputs += self._publisher.event(record)
             if record.cause not in DEEDS:
-                self._latch(record.object_id)
+                self._latch(record.object_id, "")
         return outputs + self._publisher.cues(user, records, now_ns)

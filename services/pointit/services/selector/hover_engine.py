@@ -2,6 +2,8 @@
 
 import math
 from collections import Counter
+from collections.abc import Callable
+from typing import Literal
 
 from pointit.schemas import ButtonEvent, Claim, Cursor, Environment, Hover, TrackedObjects
 from pointit.services.selector.config import SelectorConfig
@@ -20,16 +22,25 @@ class HoverEngine:
     back resets the person's state.
     """
 
-    def __init__(self, config: SelectorConfig, ownership: Ownership, make: MakeMethod) -> None:
+    def __init__(
+        self,
+        config: SelectorConfig,
+        ownership: Ownership,
+        make: MakeMethod,
+        is_reserved: Callable[[str, str, int], bool],
+    ) -> None:
         """Create with no people.
 
         Args:
             config: parameters.
             ownership: tells what each person may do with an object. Its objects are updated here.
             make: makes the method of each person.
+            is_reserved: returns True if a person need not claim, at a time, ns, a reservation of an object
+                that they are about to change.
         """
         self._config = config
         self._make = make
+        self._is_reserved = is_reserved
         self._ownership = ownership
         self._positions = ownership.positions
         self._is_by_metres = not is_by_angle(config)
@@ -93,16 +104,20 @@ class HoverEngine:
             None if tracked is None else tracked.id,
             lambda object_id: self._ownership.action(user, object_id, now_ns)[0] != "",
         )
+        if pointer.is_new and pointed.object_id is not None:
+            pointer.is_new = False
+            if self._ownership.owner(pointed.object_id) == user:
+                pointer.latch(pointed.object_id)  # another selector may have selected it just now
         if self._is_by_metres and (pointed.object_id is not None or pointed.fired is not None):
             view = self._scene.view_from(cursor)  # to tell how the object lies about the ray
         standing = self._standing(user, pointer, pointed, now_ns)
         outputs = [Output(user, self._hover(user, cursor, view, pointed, standing))]
-        if pointed.is_shown and pointed.object_id and standing[0] in CHANGES:
-            outputs.append(Output(user, Claim(stamp_ns=now_ns, object_id=pointed.object_id, wish="reserve")))
-        if pointed.fired is not None and self._has_effect(user, pointed.fired, now_ns):
+        wanted = pointed.object_id if pointed.is_shown and standing[0] in CHANGES else None
+        if wanted is not None and not self._is_reserved(user, wanted, now_ns):
+            outputs.append(Output(user, Claim(stamp_ns=now_ns, object_id=wanted, wish="reserve")))
+        if pointed.fired is not None:
             confidence = None if view is None else view.confidence(pointed.fired, self._aim_rad)
-            claim = Claim(stamp_ns=now_ns, object_id=pointed.fired, wish="toggle", confidence=confidence)
-            outputs.append(Output(user, claim))
+            outputs += self._toggle(user, pointed.fired, now_ns, "dwell", confidence)
         return outputs
 
     def on_button(self, user: str, button: ButtonEvent) -> list[Output]:
@@ -115,21 +130,44 @@ class HoverEngine:
         if object_id is None:
             return []
         pointer.latch(object_id)
-        if not self._has_effect(user, object_id, button.stamp_ns):
-            return []
-        claim = Claim(stamp_ns=button.stamp_ns, object_id=object_id, wish="toggle", cause="button")
-        return [Output(user, claim)]
+        return self._toggle(user, object_id, button.stamp_ns, "button")
 
-    def latch(self, object_id: str) -> None:
-        """Keep people who rest on an object from changing it again unintentionally."""
+    def forget(self, user: str) -> None:
+        """Forget the pointing of `user`, for whom another selector points from now on."""
+        self._people.pop(user, None)
+
+    def renew(self) -> None:
+        """Note that what people rest on may be selected already, since owners are known only now."""
         for pointer in self._people.values():
-            if pointer.hovered == object_id:
+            pointer.is_new = True
+
+    def latch(self, object_id: str, user: str = "") -> None:
+        """Keep `user`, or everybody, from changing an object that they rest on again unintentionally."""
+        for name, pointer in self._people.items():
+            if pointer.hovered == object_id and user in ("", name):
                 pointer.latch(object_id)
 
-    def _has_effect(self, user: str, object_id: str, now_ns: int) -> bool:
-        if object_id not in self._positions.objects:  # it has left in the meantime
-            return False
-        return self._ownership.action(user, object_id, now_ns)[0] != ""
+    def _toggle(
+        self,
+        user: str,
+        object_id: str,
+        now_ns: int,
+        cause: Literal["dwell", "button"],
+        confidence: float | None = None,
+    ) -> list[Output]:
+        """Return the claim to toggle an object. None if it has left, or it has no effect."""
+        action = self._ownership.action(user, object_id, now_ns)[0]
+        if object_id not in self._positions.objects or not action:
+            return []
+        claim = Claim(
+            stamp_ns=now_ns,
+            object_id=object_id,
+            wish="toggle",
+            action=None if action == "refuse" else action,
+            cause=cause,
+            confidence=confidence,
+        )
+        return [Output(user, claim)]
 
     def _standing(
         self, user: str, pointer: PersonPointer, pointed: PointerResult, now_ns: int

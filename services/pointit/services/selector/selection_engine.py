@@ -19,13 +19,18 @@ class SelectionEngine(Arbiter):
     ) -> None:
         """Create with nothing selected, no people and an empty scene. `make` makes the method of each."""
         ownership = Ownership(config)
-        self._hovers = HoverEngine(config, ownership, make)
+        self._hovers = HoverEngine(config, ownership, make, ownership.reservations.extend)
         super().__init__(config, ownership, record, self._hovers.latch)
 
     def use(self, config: SelectorConfig) -> None:
         """Change the method or its times. Selections and reservations stay."""
         super().use(config)
         self._hovers.use(config)
+
+    def on_shard(self, user: str) -> None:
+        """Note that a shard points for `user` from now on."""
+        self._hovers.forget(user)
+        self.tell_method()
 
     def fault(self) -> str:
         """Return the reason why the method fails for a person, or `""`."""

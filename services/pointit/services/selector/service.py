@@ -101,9 +101,9 @@ class Selector(Service[SelectorConfig]):
     def _on_presence(self, user: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
         self._put(self._engine.set_present(user, present, self.clock.now_ns()))
 
-    def _on_shard(self, _user: str) -> None:
+    def _on_shard(self, user: str) -> None:
         if isinstance(self._role, SiteRole):
-            self._role.engine.tell_method()
+            self._role.engine.on_shard(user)
 
     def _use(self, method: str | None, dwell_s: float | None) -> SelectorConfig:
         """Change the method or its time. Return the parameters in use.

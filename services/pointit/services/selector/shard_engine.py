@@ -37,6 +37,8 @@ class _Open:
     user: str
     claim: Claim
     sent_ns: int
+    is_decided: bool = False
+    """True if its event is all that is missing."""
 
 
 class ShardEngine:
@@ -45,13 +47,14 @@ class ShardEngine:
     def __init__(self, config: SelectorConfig, make: MakeMethod = make_method) -> None:
         """Create with nothing known of the site. `make` makes the method of each person."""
         self._ownership = Ownership(config)
-        self._hovers = HoverEngine(config, self._ownership, make)
+        self._hovers = HoverEngine(config, self._ownership, make, self._is_reserved)
         self._renew_ns = round(config.reserve_s * NS_PER_S / 2)
         self._reserved: dict[str, Claim] = {}
         """Last claim to a reservation, by person."""
         self._open: dict[tuple[str, int], _Open] = {}
         """By person and stamp."""
         self._sent: Counter[tuple[str, str]] = Counter()
+        self._knows_owners = False
         self.has_arbiter = False
         """True while the site's selector can be reached."""
 
@@ -80,15 +83,22 @@ class ShardEngine:
     def on_selection(self, selection: Selection) -> None:
         """Follow what the site's selector has decided."""
         self._ownership.follow(selection)
+        if not self._knows_owners:
+            self._knows_owners = True
+            self._hovers.renew()
         if self._open:
             for one in selection.objects:
-                self._open.pop((one.user, one.since_ns), None)
+                claim = self._open.get((one.user, one.since_ns))
+                if claim is not None:
+                    claim.is_decided = True
 
     def on_event(self, event: SelectionEvent) -> list[Output]:
-        """Close the claim that `event` decides. Latch what was changed in another way."""
-        self._open.pop((event.user, event.stamp_ns), None)
-        is_change = event.event in ("selected", "deselected") or event.cause  # not of the conveyor
-        if is_change and event.cause not in DEEDS:
+        """Close the claim that `event` decides. Latch what was changed in another way, or elsewhere."""
+        is_own = self._open.pop((event.user, event.stamp_ns), None) is not None
+        if event.cause in DEEDS:
+            if not is_own:  # by another selector that points for them
+                self._hovers.latch(event.object_id, event.user)
+        elif event.cause or event.event in ("selected", "deselected"):  # else it is of the conveyor
             self._hovers.latch(event.object_id)
         return []
 
@@ -115,20 +125,22 @@ class ShardEngine:
         for key, one in list(self._open.items()):
             if not -GIVE_UP_NS <= now_ns - one.claim.stamp_ns <= GIVE_UP_NS:
                 del self._open[key]
-                outputs.append(self._unanswered(one.user, now_ns))
-            elif self.has_arbiter and abs(now_ns - one.sent_ns) >= REPEAT_NS:
+                if not one.is_decided:
+                    outputs.append(self._unanswered(one.user, now_ns))
+            elif self.has_arbiter and not one.is_decided and abs(now_ns - one.sent_ns) >= REPEAT_NS:
                 one.sent_ns = now_ns
                 outputs.append(Output(one.user, one.claim))
         return outputs
 
     def _send(self, pointed: list[Output], now_ns: int) -> list[Output]:
-        """Return those of `pointed` to publish: reservations are renewed now and then only."""
+        """Return what to publish of `pointed`."""
         outputs: list[Output] = []
         for user, message in pointed:
             if not isinstance(message, Claim):
                 outputs.append(Output(user, message))
             elif message.wish == "reserve":
-                outputs += self._reserve(user, message)
+                self._reserved[user] = numbered = self._numbered(user, message)
+                outputs.append(Output(user, numbered))
             elif not self.has_arbiter:
                 outputs.append(self._unanswered(user, now_ns))
             else:
@@ -137,17 +149,12 @@ class ShardEngine:
                 outputs.append(Output(user, claim))
         return outputs
 
-    def _reserve(self, user: str, claim: Claim) -> list[Output]:
+    def _is_reserved(self, user: str, object_id: str, now_ns: int) -> bool:
+        """Return True if it was claimed a moment ago, or cannot be: reservations are renewed now and then."""
         last = self._reserved.get(user)
-        is_due = (
-            last is None
-            or last.object_id != claim.object_id
-            or not 0 <= claim.stamp_ns - last.stamp_ns < self._renew_ns
+        return not self.has_arbiter or (
+            last is not None and last.object_id == object_id and 0 <= now_ns - last.stamp_ns < self._renew_ns
         )
-        if not is_due or not self.has_arbiter:
-            return []
-        self._reserved[user] = numbered = self._numbered(user, claim)
-        return [Output(user, numbered)]
 
     def _numbered(self, user: str, claim: Claim) -> Claim:
         self._sent["claim", user] += 1

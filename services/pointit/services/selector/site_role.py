@@ -80,7 +80,7 @@ class SiteRole:
         kept = self._journal.begin(now_ns) if self._is_kept else JournalContents()
         if self._journal.problem:
             log.error("%s", self._journal.problem)
-        self.engine.restore(kept.entries, kept.events, now_ns, kept.recent)
+        self.engine.restore(kept.entries, kept.events, now_ns, kept.decided)
         self._selections.put(self.engine.selection(now_ns))
         for record in kept.unpublished:
             event = event_of(record, record.seq or 0, again=True)

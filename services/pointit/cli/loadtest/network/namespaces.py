@@ -1,6 +1,6 @@
 """The machines of a load test: network namespaces with a cable for each link, or this machine's loopback.
 
-A namespace lives as long as the process that holds it, which ends with this one: nothing is left behind.
+A namespace lives as long as the processes in it. All of them end with this one, even if it is killed.
 """
 
 import contextlib

@@ -54,12 +54,12 @@ async def router_process(
 ) -> AsyncGenerator[int]:
     """Yield the process id of a router with the configuration `made`, which is written to `folder`.
 
-    `place` is the command that runs it at another machine.
+    `place` is the command that runs it at another machine. It ends with this process (`with_parent`).
 
     Raises:
         ConfigError: If it is not installed, or has ended.
     """
-    command = [*place, *_command(program), "--config", _written(made, folder)]
+    command = [*place, *with_parent(), *_command(program), "--config", _written(made, folder)]
     with (folder / "log").open("w") as log:
         process = await asyncio.create_subprocess_exec(
             *command,
@@ -79,6 +79,14 @@ async def router_process(
         with contextlib.suppress(ProcessLookupError):
             process.send_signal(signal.SIGTERM)
         await process.wait()
+
+
+def with_parent() -> list[str]:
+    """Return the command that runs another one that ends with this process, even if that is killed.
+
+    Empty where there is no `setpriv` (util-linux).
+    """
+    return ["setpriv", "--pdeathsig", "TERM", "--"] if shutil.which("setpriv") else []
 
 
 def _command(program: Program) -> list[str]:

@@ -41,6 +41,8 @@ class PersonPointer:
         self._set_method(config)
         self.hovered: str | None = None
         """Object hovered with the last cursor, or None."""
+        self.is_new = True
+        """True until the person's first object is handled. Of what happened before nothing is known here."""
         self._ready: str | None = None
         self._stamp_ns: int | None = None
         self._press_ns: int | None = None
@@ -133,6 +135,7 @@ class PersonPointer:
         self._set_method(self._config)
         self._history.clear()
         self.hovered = self._ready = self._stamp_ns = self._press_ns = None
+        self.is_new = True
 
     def _remember(self, stamp_ns: int, object_id: str | None) -> None:
         history = self._history

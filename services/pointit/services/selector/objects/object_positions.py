@@ -96,6 +96,8 @@ class ObjectPositions:
         self._ended_ns = int(ended_after_s * NS_PER_S)
         self._margin_m = margin_m
         self._stale_ns = int(stale_after_s * NS_PER_S)
+        self.is_heard = False
+        """True once any tracker has listed its objects."""
         self._trackers: dict[str, _Listing] = {}
         self._objects: dict[str, TrackedObject] = {}
 
@@ -106,6 +108,7 @@ class ObjectPositions:
 
     def update(self, tracker: str, message: TrackedObjects) -> list[str]:
         """Replace the list of `tracker`. Return trackers that were forgotten to make room."""
+        self.is_heard = True
         self._trackers.pop(tracker, None)  # append, so that the first is the one silent for longest
         self._trackers[tracker] = _Listing(message, self._margin_m)
         forgotten: list[str] = []

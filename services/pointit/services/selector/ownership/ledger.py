@@ -74,6 +74,11 @@ class Ledger:
             return ""
         return entry.user
 
+    def changed_ns(self, object_id: str) -> int:
+        """Return the time of the last change of `object_id`, ns. 0 if none is known."""
+        entry = self._entries.get(object_id)
+        return self._released.get(object_id, (None, 0))[1] if entry is None else entry.since_ns
+
     def restore(self, entries: Mapping[str, Owned]) -> None:
         """Replace what is selected by `entries`."""
         self._entries = dict(entries)

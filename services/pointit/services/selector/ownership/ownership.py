@@ -30,6 +30,11 @@ class Ownership:
         """Return True if any person has selected the object."""
         return object_id in self.ledger.entries
 
+    def owner(self, object_id: str) -> str:
+        """Return the person who has selected the object, or `""`."""
+        entry = self.ledger.entries.get(object_id)
+        return "" if entry is None else entry.user
+
     def action(self, user: str, object_id: str, now_ns: int) -> tuple[Action, str]:
         """Return the effect of staying on an object, and the other person who has it, or `""`."""
         owner = self.ledger.blocking_owner(object_id, user, now_ns)

@@ -29,6 +29,10 @@ class Reservations:
         self._held[object_id] = (user, now_ns + self._for_ns)
         return held is None
 
+    def extend(self, user: str, object_id: str, now_ns: int) -> bool:
+        """Extend `user`'s reservation of `object_id`. Return False if they have none."""
+        return self.holder(object_id) == user and not self.reserve(object_id, user, now_ns)
+
     def restore(self, reserved: Iterable[ReservedObject]) -> None:
         """Replace all reservations by `reserved`."""
         self._held = {one.id: (one.user, one.until_ns) for one in reserved}

@@ -15,9 +15,9 @@ from pointit.schemas import NS_PER_S
 from pointit.schemas.base import Count, Ns
 from pointit.services.selector.outputs import Owned, Record
 from pointit.services.selector.store.journal_table import (
+    DECIDED,
     FILE,
     INSERT,
-    LAST,
     LAYOUT,
     OPEN,
     PRUNE,
@@ -31,8 +31,8 @@ MAX_PENDING = 4096
 """Limit of records kept while the disk cannot be written. Beyond it the oldest are lost to the audit."""
 MAX_EVENTS = 2**62
 """Limit of a plausible event number, which leaves room to continue."""
-MAX_RECENT = 1000
-"""Number of events whose claims are recognized after a restart."""
+MAX_DECIDED = 1000
+"""Number of claims that are recognized after a restart."""
 PRUNED_AT_ONCE = 300
 ALIVE_EVERY_NS = 20 * NS_PER_S
 
@@ -48,9 +48,9 @@ class JournalContents:
     events: int = 0
     """Number of the last event that was published or was to be published."""
     unpublished: Sequence[Record] = ()
-    recent: Sequence[Record] = ()
-    """The last events, the oldest first. Their claims may come again."""
     """Events that may not have been published, the oldest first."""
+    decided: Sequence[tuple[str, int]] = ()
+    """Persons and stamps of the last claims, the oldest first. They may come again."""
 
 
 class Journal:
@@ -131,8 +131,9 @@ class Journal:
             for record in opened
         }
         unpublished = [record_of(row) for row in db.execute(UNPUBLISHED, (told,))]
-        recent = [record_of(row) for row in db.execute(LAST, (MAX_RECENT,))][::-1]
-        return JournalContents(entries=entries, events=events, unpublished=unpublished, recent=recent)
+        last = db.execute(DECIDED, (MAX_DECIDED,)).fetchall()[::-1]
+        decided = [(user.decode(errors="replace"), stamp_ns) for user, stamp_ns in last]
+        return JournalContents(entries=entries, events=events, unpublished=unpublished, decided=decided)
 
     def _write(self, now_ns: int) -> None:
         """Write the pending records, the last published number and the time."""

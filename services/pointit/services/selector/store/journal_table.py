@@ -34,7 +34,10 @@ COLUMNS = ", ".join(Record._fields)
 # All parts of these statements are constants of this file; what varies are their parameters.
 INSERT = f"INSERT INTO events ({COLUMNS}) VALUES ({', '.join('?' * len(Record._fields))})"  # noqa: S608
 UNPUBLISHED = f"SELECT {COLUMNS} FROM events WHERE seq > ? ORDER BY id"  # noqa: S608 - see above
-LAST = f"SELECT {COLUMNS} FROM events ORDER BY id DESC LIMIT ?"  # noqa: S608 - see above
+DECIDED = """
+SELECT CAST(COALESCE(user, '') AS BLOB), CAST(stamp_ns AS INTEGER) FROM events
+WHERE cause IN ('dwell', 'button') ORDER BY id DESC LIMIT ?
+"""  # it can be read of any row: a damaged one is that of no claim
 OPEN_IDS = (
     "SELECT id FROM events WHERE event = 'selected' AND id IN "
     "(SELECT MAX(id) FROM events WHERE event <> 'refused' GROUP BY object_id)"

@@ -225,6 +225,10 @@ export interface CancelLocalization {}
  */
 export interface Claim {
   /**
+   * effect of `toggle` that is meant; refused if it has another one by then
+   */
+  action: ("select" | "deselect") | null;
+  /**
    * action of the person
    */
   cause: "dwell" | "button";

@@ -1,0 +1,122 @@
+"""People who change from one selector to another while they point: nothing is changed that nobody meant."""
+
+import pytest
+
+from pointit.schemas import Claim
+from pointit.services.selector.outputs import Owned
+from pointit.services.selector.shard_engine import ShardEngine
+from tests.unit.selector.room import MAP, Room, package
+from tests.unit.selector.shards import ShardedSite
+
+
+def rest(site: ShardedSite, duration_s: float, x_m: float = 3.0, *, by_site: bool = False) -> None:
+    """Have anna point somewhere, served by her shard or by the site's selector."""
+    for _ in range(round(duration_s / 0.05)):
+        site.step(0.05, {} if by_site else {"anna": x_m})
+        if by_site:
+            site.point("anna", x_m)
+        site.deliver("anna")
+
+
+def a_site() -> ShardedSite:
+    return ShardedSite(("anna",), package("a", 3.0))
+
+
+def told(site: ShardedSite) -> list[str]:
+    return [event.event for event in site.events]
+
+
+def test_who_rests_on_what_they_selected_keeps_it_when_the_selector_begins_again() -> None:
+    room = Room(package("a", 3.0))
+    room.stay(1.0, anna=3.0)
+    assert room.owners == {"a": "anna"}
+    again = Room(package("a", 3.0))
+    again.time_s = room.time_s
+    again.selecting.restore({"a": Owned("anna", "red", room.events[0].stamp_ns)}, 1, room.now_ns)
+    again.stay(2.0, anna=3.0)
+    assert again.events == []
+    again.stay(1.0, anna=9.0)
+    again.stay(2.0, anna=3.0)
+    assert again.told == [("deselected", "a", "anna")]
+
+
+def test_and_when_their_shard_ends() -> None:
+    site = a_site()
+    rest(site, 0.2, by_site=True)
+    rest(site, 0.5, 9.0, by_site=True)
+    site.arbiter.on_shard("anna")
+    rest(site, 0.5)
+    assert told(site) == ["selected"]
+    rest(site, 1.0, by_site=True)
+    assert told(site) == ["selected"]
+    rest(site, 0.5, 9.0, by_site=True)
+    rest(site, 0.5, by_site=True)
+    assert told(site) == ["selected", "deselected"]
+
+
+def test_and_when_their_shard_begins_which_learns_only_later_what_is_selected() -> None:
+    site = a_site()
+    rest(site, 0.5, by_site=True)
+    assert told(site) == ["selected"]
+    site.shards["anna"] = ShardEngine(site.config)
+    site.shards["anna"].on_map(MAP)
+    site.meet()
+    site.links["anna"].down.clear()
+    for _ in range(3):
+        site.step(0.05, {"anna": 3.0})
+    site.shards["anna"].on_selection(site.arbiter.selection(site.now_ns))
+    rest(site, 1.0)
+    assert told(site) == ["selected"]
+    rest(site, 0.5, 9.0)
+    rest(site, 0.5)
+    assert told(site) == ["selected", "deselected"]
+
+
+@pytest.mark.parametrize("lost", [None, 3])
+@pytest.mark.parametrize("is_slow", [False, True])
+@pytest.mark.parametrize("second", ["site", "shard"])
+@pytest.mark.parametrize("late", ["first", "second"])
+def test_who_is_served_by_two_selectors_selects_once(
+    late: str, second: str, lost: int | None, *, is_slow: bool
+) -> None:
+    """One of them gets the first cursor later, or loses one, and so is done a moment later."""
+    site = ShardedSite(("anna", "anna.2"), package("a", 3.0))
+    for index in range(40):
+        gets = {name: index not in (lost, 0) or name != late for name in ("first", "second")}
+        places: dict[str, float | None] = {"anna": 3.0} if gets["first"] else {}
+        if second == "shard" and gets["second"]:
+            places["anna.2"] = 3.0
+        site.step(0.05, places)
+        if second == "site" and gets["second"]:
+            site.point("anna", 3.0)
+        for name in (*site.shards, *site.shards):
+            site.deliver(name, down=0 if is_slow and index < 10 else 1000)
+    assert [one for one in told(site) if one != "refused"] == ["selected"]
+    assert site.owners == {"a": "anna"}
+    assert len(told(site)) == 1 or is_slow, "nothing to refuse to who knows of the selection"
+
+
+def test_what_another_selector_of_theirs_has_just_changed_is_not_changed_by_what_they_mean_now() -> None:
+    site = ShardedSite(("anna", "anna.2"), package("a", 3.0))
+    site.arbiter.on_shard("anna")
+    rest(site, 0.5)
+    [(user, claim)] = site.claims
+    again = Claim(stamp_ns=claim.stamp_ns + 50_000_000, object_id="a", wish="toggle", action="deselect")
+    site.take(site.arbiter.on_claim(user, again, site.now_ns))
+    assert told(site) == ["selected", "refused"]
+    assert site.events[-1].reason == "red was changed by you just now: leave it, then point again"
+    much_later = again.model_copy(update={"stamp_ns": claim.stamp_ns + 150_000_000})
+    site.take(site.arbiter.on_claim(user, much_later, site.now_ns))
+    assert told(site)[-1] == "deselected"
+
+
+def test_who_comes_back_before_a_slow_decision_can_deselect_when_it_has_come() -> None:
+    """The event of their own claim latches nothing."""
+    site = a_site()
+    site.shards["anna"].on_selection(site.arbiter.selection(site.now_ns))
+    for x_m, count in ((3.0, 8), (9.0, 8), (3.0, 4)):
+        for _ in range(count):
+            site.step(0.05, {"anna": x_m})
+            site.deliver("anna", down=0)
+    rest(site, 0.3)
+    assert told(site) == ["selected", "deselected"]

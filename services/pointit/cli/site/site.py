@@ -279,7 +279,7 @@ async def _refuse_shards(site: SiteFolder, names: Collection[str]) -> None:
         async with asyncio.timeout(LOOK_S):
             bus = await ZenohBus.open(link, patience_s=0.0)
     except (ConfigError, ConnectError, TimeoutError):
-        return  # it does not run, or whoever keeps this folder may not look
+        return  # it does not run, or cannot be joined from here
     try:
         await check_names(bus, names)
     finally:

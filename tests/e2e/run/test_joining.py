@@ -3,6 +3,7 @@
 import json
 
 from pointit.runtime.clock import SiteClock
+from pointit.schemas.topics import SERVICE_ALIVE
 from tests.support.bench import until
 from tests.support.commands import Commands, onlooker
 
@@ -32,6 +33,10 @@ async def test_a_name_stands_for_one_person(commands: Commands, endpoint: str) -
         ended = await commands.pointit("person", "add", "user1", "--connect", endpoint)
         assert ended.code == 2
         assert ended.sentence.startswith("user1: already on site lab; choose another name")
+        seen.bus.announce(SERVICE_ALIVE, "pui.hall")
+        ended = await commands.pointit("person", "add", "hall", "--connect", endpoint)
+        assert ended.code == 2
+        assert ended.sentence.startswith("hall: pui.hall on site lab is a shard that serves nobody")
         await seen.sees_cursors("user1")
 
 

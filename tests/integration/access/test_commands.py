@@ -7,7 +7,9 @@ from pathlib import Path
 import pytest
 
 from pointit.access.site_folder import SiteFolder
-from tests.integration.access.secured import NAMES, make_site, routed
+from pointit.runtime.zenoh.zenoh_bus import ZenohBus
+from pointit.schemas.topics import SERVICE_ALIVE
+from tests.integration.access.secured import NAMES, PATIENCE_S, link_of, make_site, routed
 from tests.support.commands import Commands
 
 
@@ -24,6 +26,21 @@ async def test_a_service_under_a_wrong_name_says_so_and_goes_on(site: SiteFolder
     await service.says("this identity (guest1) may not write users/anna/ray: use credentials of anna")
     assert service.is_running
     assert (await service.stop()).code == 0
+
+
+async def test_a_person_is_not_added_under_the_name_of_a_shard_of_others(
+    site: SiteFolder, commands: Commands
+) -> None:
+    bus = await ZenohBus.open(link_of(site, "services"), patience_s=PATIENCE_S)
+    try:
+        bus.announce(SERVICE_ALIVE, "pui.hall")
+        add = commands.start("site", "user", "add", "hall", "fritz", "--folder", str(site.path))
+        refused = await add.end()
+        assert refused.code == 2
+        assert "hall: pui.hall on site lab is a shard that serves nobody of this name" in refused.err
+        assert not site.state().identities.keys() & {"hall", "fritz"}
+    finally:
+        await bus.close()
 
 
 async def test_the_variable_does_as_well(site: SiteFolder, commands: Commands) -> None:

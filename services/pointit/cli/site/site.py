@@ -1,7 +1,8 @@
 """`pointit site`: identities and rights of a site: certificates, access rules, router configuration."""
 
+import asyncio
 import datetime as dt
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -13,7 +14,11 @@ from pointit.access.site_state import SiteState
 from pointit.cli.common import identities_table
 from pointit.cli.common.option_types import Finite
 from pointit.cli.common.output import json_option, print_json, show
-from pointit.runtime.errors import ConfigError
+from pointit.launch.run.surroundings import check_names
+from pointit.runtime.errors import ConfigError, ConnectError
+from pointit.runtime.link.credentials import read_credentials
+from pointit.runtime.link.link import Link
+from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas.system import check_user
 from pointit.schemas.topics import check_name
 
@@ -31,6 +36,8 @@ STANDING: dict[str, Role] = {
 }
 """Identities that every site has."""
 MOST = 256
+LOOK_S = 5.0
+"""Timeout of joining the site that a folder is of, s."""
 
 folder_option = click.option(
     "--folder",
@@ -142,7 +149,7 @@ def init(
 @click.argument("names", nargs=-1, required=True)
 @folder_option
 def add(names: tuple[str, ...], folder: Path) -> None:
-    """Add the people NAMES.
+    """Add the people NAMES. If the site runs, none may be called like a shard that serves others.
 
     Example: pointit site user add carla --folder lab
     """
@@ -152,6 +159,7 @@ def add(names: tuple[str, ...], folder: Path) -> None:
         check_user(name)
         _refuse_taken(name, roles)
         roles[name] = "user"
+    asyncio.run(_refuse_shards(site, names))
     site.add(roles, _now())
     for name in names:
         click.echo(f"{name} may join with the credentials in {site.identity_folder(name)}")
@@ -261,6 +269,21 @@ def _refuse_taken(name: str, roles: dict[str, Role]) -> None:
         raise ConfigError(f"{name} is a reserved name of the site; choose another for a person")
     if name in roles:
         raise ConfigError(f"{name} is named twice; name each person once, guest1, guest2, … are the guests")
+
+
+async def _refuse_shards(site: SiteFolder, names: Collection[str]) -> None:
+    """Refuse names of shards that run on the site now, if it runs."""
+    try:
+        credentials = read_credentials(site.identity_folder("supervisor"), _now())
+        link = Link(site=credentials.link.site, connect=credentials.link.endpoints, credentials=credentials)
+        async with asyncio.timeout(LOOK_S):
+            bus = await ZenohBus.open(link, patience_s=0.0)
+    except (ConfigError, ConnectError, TimeoutError):
+        return  # it does not run, or cannot be joined from here
+    try:
+        await check_names(bus, names)
+    finally:
+        await bus.close()
 
 
 def _count(text: str) -> int:

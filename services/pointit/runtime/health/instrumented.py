@@ -86,7 +86,7 @@ def instrument_handler(
 
 
 class Declared:
-    """What a service has declared. Closed, it is no longer among what the service holds."""
+    """Declaration of a service, which holds it until it is closed."""
 
     def __init__(self, inner: Closable, held: "dict[Declared, None]") -> None:
         self._inner = inner

@@ -13,7 +13,7 @@ from pointit.services.selector.ownership.ownership import Ownership
 from pointit.services.selector.selection_publisher import SelectionPublisher
 
 MAX_CLAIM_AGE_NS = 5 * NS_PER_S
-"""Claims of shards that are older are refused: the person has gone on since, ns."""
+"""Claims of shards that are older are refused: the person has gone on since, ns of the wall."""
 
 MAX_DECIDED = 64
 """Limit of claims that are remembered per person, so that one that comes again changes nothing."""
@@ -52,6 +52,8 @@ class Arbiter:
         self._publisher = SelectionPublisher(record, method=config.method)
         self._dwell_s = config.dwell_s
         self._tells_method = False
+        self.speed = 1.0
+        """Speed of the site's time by the wall's. Ages of claims are those of the wall."""
         self._is_news = False
         """True if reservations have changed since the last selection that was returned."""
         self._dwelt: dict[str, tuple[str, int]] = {}
@@ -202,13 +204,14 @@ class Arbiter:
         """Return the reason for which a claim of a shard cannot be granted, or `""`."""
         tracked = self._positions.objects.get(claim.object_id)
         kind = "object" if tracked is None else tracked.kind or "object"
-        age_s = (now_ns - claim.stamp_ns) / NS_PER_S
-        if now_ns - claim.stamp_ns > MAX_CLAIM_AGE_NS:
+        age_ns = (now_ns - claim.stamp_ns) / max(1.0, self.speed)
+        age_s = age_ns / NS_PER_S
+        if age_ns > MAX_CLAIM_AGE_NS:
             return (
                 f"{kind} was asked for {age_s:.0f} s ago: point again (the connection of your machine was "
                 "interrupted, or its clock is behind)"
             )
-        if claim.stamp_ns - now_ns > MAX_AHEAD_NS:
+        if -age_ns > MAX_AHEAD_NS:
             return f"{kind} cannot be given: the clock of your machine is {-age_s:.0f} s ahead, set it right"
         if tracked is None:
             return f"{claim.object_id} has left"

@@ -1,14 +1,19 @@
 """A site of shards and one arbiter for tests, with links between them that are cut, slow and forgetful."""
 
+import shutil
+import tempfile
+import weakref
 from collections import Counter, deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 
 from pointit.schemas import Claim, Feedback, Hover, Selection, SelectionEvent, TrackedObject
 from pointit.services.selector.config import SelectorConfig
-from pointit.services.selector.outputs import Output, Owned, Record
+from pointit.services.selector.outputs import Output, Record, event_of
 from pointit.services.selector.selection_engine import SelectionEngine
 from pointit.services.selector.shard_engine import ShardEngine
+from pointit.services.selector.store.journal import Journal
 from tests.unit.selector.room import MAP, at, packages, pointing
 
 CONFIG: dict[str, object] = {
@@ -34,7 +39,11 @@ class ShardedSite:
     def __init__(self, users: Sequence[str], *objects: TrackedObject, **config: object) -> None:
         self.config = SelectorConfig.model_validate({**CONFIG, **config})
         self.records: list[Record] = []
-        self.arbiter = SelectionEngine(self.config, self.records.append)
+        self._folder = Path(tempfile.mkdtemp())
+        weakref.finalize(self, shutil.rmtree, self._folder)
+        self._journal = Journal(self._folder, restore_within_s=1e6)
+        self._journal.begin(at(0.0))
+        self.arbiter = SelectionEngine(self.config, self._record)
         self.is_running = True
         self.shards = {user: ShardEngine(self.config) for user in users}
         self.links = {user: Link() for user in users}
@@ -45,6 +54,8 @@ class ShardedSite:
         self.hovers: dict[str, Hover] = {}
         self.cues: Counter[str] = Counter()
         """Number of cues that shards gave, by person."""
+        self.given_up: Counter[str] = Counter()
+        """Number of those for claims that were never decided."""
         self.events: list[SelectionEvent] = []
         self.arbiter.on_map(MAP)
         for shard in self.shards.values():
@@ -95,7 +106,9 @@ class ShardedSite:
     def tick(self) -> None:
         """Do what services do every half second."""
         for user, shard in self.shards.items():
-            self._from_shard(user, shard.tick(self.now_ns))
+            outputs = shard.tick(self.now_ns)
+            self.given_up[user] += sum(isinstance(one.message, Feedback) for one in outputs)
+            self._from_shard(user, outputs)
         if self.is_running:
             self.take(self.arbiter.tick(self.now_ns))
 
@@ -119,6 +132,7 @@ class ShardedSite:
     def end_arbiter(self) -> None:
         """Kill the arbiter, and all that is on its way to it or from it."""
         self.is_running = False
+        self._journal.close()
         for link in self.links.values():
             link.up.clear()
             link.down.clear()
@@ -126,16 +140,18 @@ class ShardedSite:
 
     def start_arbiter(self) -> None:
         """Start another arbiter with the journal of the one before."""
-        kept = self.arbiter.selection(self.now_ns).objects
-        entries = {one.id: Owned(one.user, one.kind, one.since_ns, one.confidence) for one in kept}
-        self.arbiter = SelectionEngine(self.config, self.records.append)
+        self._journal = Journal(self._folder, restore_within_s=1e6)
+        kept = self._journal.begin(self.now_ns)
+        assert self._journal.problem == ""
+        self.arbiter = SelectionEngine(self.config, self._record)
         self.arbiter.on_map(MAP)
-        self.arbiter.restore(
-            entries, len(self.events), self.now_ns, [(one.user, one.stamp_ns) for one in self.records]
-        )
+        self.arbiter.restore(kept.entries, kept.events, self.now_ns, kept.decided)
         self.arbiter.on_objects("conveyor", packages(self.time_s, *self.objects))
         self.is_running = True
         self.take([Output("", self.arbiter.selection(self.now_ns))])
+        for record in kept.unpublished:
+            event = event_of(record, record.seq or 0, again=True)
+            self.take([] if event is None else [Output("", event)])
         self.meet()
 
     def settle(self) -> None:
@@ -150,6 +166,10 @@ class ShardedSite:
             self.tick()
             for user in self.shards:
                 self.deliver(user)
+
+    def _record(self, record: Record) -> None:
+        self.records.append(record)
+        self._journal.add(record)
 
     def _from_shard(self, user: str, outputs: list[Output]) -> None:
         for output in outputs:
@@ -167,11 +187,14 @@ class ShardedSite:
                 self.cues[user] += 1
 
     def take(self, outputs: list[Output]) -> None:
-        """Send what the arbiter returned."""
+        """Send what the arbiter returned, when the journal has it."""
+        self._journal.commit(self.now_ns)
         for output in outputs:
             message = output.message
             if isinstance(message, SelectionEvent):
-                self.events.append(message)
+                self._journal.mark_published(message.seq)
+                if all(one.seq != message.seq for one in self.events):
+                    self.events.append(message)
             if isinstance(message, Selection | SelectionEvent):
                 for link in self.links.values():
                     link.down.append(message)

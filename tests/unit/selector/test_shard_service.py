@@ -1,12 +1,13 @@
 """A shard of the selector on a bus, beside the selector of the site."""
 
-from pointit.schemas import ClearSelection, Health, Selection, SetMethod
+from pointit.schemas import Claim, ClearSelection, Health, Selection, SetMethod
 from pointit.schemas.topics import (
     CLAIM,
     CLEAR_SELECTION,
     FEEDBACK,
     HEALTH,
     HOVER,
+    OBJECTS,
     SELECTION,
     SELECTION_EVENTS,
     SERVICE_ALIVE,
@@ -14,11 +15,12 @@ from pointit.schemas.topics import (
     SHARD_ALIVE,
     USER_ALIVE,
 )
+from pointit.services.selector.claim_budget import MAX_CLAIMS
 from pointit.services.selector.config import SelectorConfig
 from pointit.services.selector.service import Selector
 from pointit.services.selector.shard_engine import NO_ARBITER
 from tests.support.bench import Bench, ManualClock, memory_bench, until
-from tests.unit.selector.test_selector_service import stay
+from tests.unit.selector.test_selector_service import objects, stay
 
 
 async def start_shard(bench: Bench, user: str = "anna") -> None:
@@ -103,3 +105,20 @@ async def test_a_shard_without_a_selector_says_so_and_hovers() -> None:
         token = bench.bus.announce(SERVICE_ALIVE, "selector")
         await until(lambda: not shows(reports, NO_ARBITER), what="the end of the warning")
         token.close()
+
+
+async def test_a_flood_of_claims_is_shown_in_health() -> None:
+    clock = ManualClock()
+    async with memory_bench(clock) as bench:
+        reports, events = bench.collect(HEALTH, "selector"), bench.collect(SELECTION_EVENTS)
+        bench.start(Selector)
+        await bench.settle()
+        bench.put(OBJECTS, objects(clock, "a", "b"), "conveyor")
+        await bench.settle()
+        for index in range(2 * MAX_CLAIMS):
+            claim = Claim(stamp_ns=clock.now_ns() + index, object_id="z", wish="toggle")
+            bench.put(CLAIM, claim, "anna")
+        await bench.settle()
+        clock.advance(1.0)
+        await until(lambda: shows(reports, "of anna are ignored"), what="the warning")
+        assert len(events) == MAX_CLAIMS

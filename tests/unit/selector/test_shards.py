@@ -1,5 +1,6 @@
 """Shards and the arbiter: one owner of each object, and each claim decided once, whatever the links do."""
 
+from collections import Counter
 from functools import partial
 
 import pytest
@@ -8,6 +9,7 @@ from hypothesis import strategies as st
 
 from pointit.schemas import Claim, Feedback, Selection, SelectionEvent
 from pointit.services.selector.arbiter import MAX_CLAIM_AGE_NS
+from pointit.services.selector.claim_budget import MAX_CLAIMS, TOLD_NS
 from pointit.services.selector.outputs import Action
 from pointit.services.selector.selection_engine import SelectionEngine
 from pointit.services.selector.shard_engine import GIVE_UP_NS, REPEAT_NS
@@ -92,10 +94,12 @@ def test_whatever_links_and_restarts_do_each_object_has_one_owner_and_each_claim
         step(site)
     site.settle()
     _check_events(site.events)
+    unanswered: Counter[str] = Counter()
     for user, claim in site.claims:
         answers = site.answers(user, claim)
         assert len(answers) <= 1
-        assert answers or site.cues[user], "a claim was lost without a word"
+        unanswered[user] += not answers
+    assert unanswered <= site.given_up, "a claim was lost without a word"
     for shard in site.shards.values():
         followed = {one: owned.user for one, owned in shard._ownership.ledger.entries.items()}
         assert followed == site.owners
@@ -289,6 +293,57 @@ def test_a_claim_that_comes_before_the_first_objects_is_decided_when_it_comes_ag
     begun.on_objects("conveyor", packages(site.time_s, *site.objects))
     outputs = begun.on_claim(user, claim, site.now_ns)
     assert [one.message.event for one in outputs if isinstance(one.message, SelectionEvent)] == ["selected"]
+
+
+def many(count: int) -> tuple[ShardedSite, list[Claim]]:
+    """Return a site of many packages, and claims of anna's to each of them."""
+    site = ShardedSite(("anna", "ben"), *(package(f"p{index}", 0.1 * index) for index in range(count)))
+    site.step(0.1, {})
+    return site, [
+        Claim(stamp_ns=site.now_ns + index, object_id=f"p{index}", wish="toggle") for index in range(count)
+    ]
+
+
+def test_whoever_claims_more_than_anybody_points_at_is_ignored_and_told_in_health() -> None:
+    site, claims = many(50)
+    events = [
+        one.message
+        for claim in claims
+        for one in site.arbiter.on_claim("anna", claim, site.now_ns)
+        if isinstance(one.message, SelectionEvent)
+    ]
+    assert len(events) == len(site.owners) == len(site.records) == MAX_CLAIMS
+    assert "of anna are ignored" in site.arbiter.excess(site.now_ns)
+    assert site.arbiter.on_claim("ben", claims[-1], site.now_ns), "others are decided"
+    site.step(1.0, {})
+    assert site.arbiter.on_claim("anna", claims[20], site.now_ns), "it is when it comes again"
+    site.step(TOLD_NS / 1e9, {})
+    assert site.arbiter.excess(site.now_ns) == ""
+
+
+def test_a_shard_reserves_two_objects_at_most_and_selections_are_few() -> None:
+    site, claims = many(50)
+    selections: list[Selection] = []
+    for index, claim in enumerate(claims):
+        now_ns = site.now_ns + index * 10_000_000
+        wish = claim.model_copy(update={"wish": "reserve", "stamp_ns": now_ns})
+        outputs = site.arbiter.on_claim("anna", wish, now_ns)
+        selections += [one.message for one in outputs if isinstance(one.message, Selection)]
+    last = [one.id for one in site.arbiter.selection(site.now_ns).reserved]
+    assert last == [f"p{index}" for index in (MAX_CLAIMS - 2, MAX_CLAIMS - 1)]
+    assert 2 <= len(selections) <= 3
+
+
+def test_others_have_their_claims_known_however_many_one_has_decided() -> None:
+    site, _ = many(3)
+    claim = Claim(stamp_ns=site.now_ns, object_id="p0", wish="toggle")
+    assert site.arbiter.on_claim("ben", claim, site.now_ns)
+    for index in range(10_000):
+        if index % MAX_CLAIMS == 0:
+            site.time_s += 1.0
+        other = Claim(stamp_ns=site.now_ns + index, object_id="p1", wish="toggle")
+        site.arbiter.on_claim("anna", other, site.now_ns)
+    assert site.arbiter.on_claim("ben", claim, site.now_ns) == []
 
 
 def test_without_an_arbiter_people_keep_hovering_and_are_told() -> None:

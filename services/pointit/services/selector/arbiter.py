@@ -1,9 +1,11 @@
 """Decisions on objects: claims and requests of people in; the selection, its events and cues out."""
 
+from collections import deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
 
 from pointit.runtime.health.timeliness import MAX_AHEAD_NS
 from pointit.schemas import NS_PER_S, Claim, ConveyorState, Selection, SelectionEvent
+from pointit.services.selector.claim_budget import ClaimBudget
 from pointit.services.selector.config import SelectorConfig
 from pointit.services.selector.objects.departures import OWN, Departures
 from pointit.services.selector.outputs import CHANGES, DEEDS, Output, Owned, Record
@@ -11,10 +13,16 @@ from pointit.services.selector.ownership.ownership import Ownership
 from pointit.services.selector.selection_publisher import SelectionPublisher
 
 MAX_CLAIM_AGE_NS = 5 * NS_PER_S
-"""Claims of shards that are older are refused: the person has gone on since, ns."""
+"""Claims of shards that are older are refused: the person has gone on since, ns of the wall."""
 
-MAX_DECIDED = 8192
-"""Limit of claims that are remembered, so that one that comes again changes nothing."""
+MAX_DECIDED = 64
+"""Limit of claims that are remembered per person, so that one that comes again changes nothing."""
+
+MAX_RESERVED = 2
+"""Limit of objects that a shard can reserve for a person: the one that they point at and the one before."""
+
+NEWS_NS = 50_000_000
+"""Shortest time between selections that only claims to reservations have changed, ns."""
 
 
 class Arbiter:
@@ -44,12 +52,17 @@ class Arbiter:
         self._publisher = SelectionPublisher(record, method=config.method)
         self._dwell_s = config.dwell_s
         self._tells_method = False
+        self.speed = 1.0
+        """Speed of the site's time by the wall's. Ages of claims are those of the wall."""
         self._is_news = False
         """True if reservations have changed since the last selection that was returned."""
         self._dwelt: dict[str, tuple[str, int]] = {}
         """What each person changed last by staying on it, and when, ns."""
-        self._decided: dict[tuple[str, int], None] = {}
-        """Persons and stamps of the last claims."""
+        self._decided: dict[str, deque[int]] = {}
+        """Stamps of the last claims by person."""
+        self._budget = ClaimBudget()
+        self._told_ns = 0
+        """Time of the last selection, ns."""
 
     def use(self, config: SelectorConfig) -> None:
         """Note a change of the method or its times."""
@@ -76,7 +89,8 @@ class Arbiter:
         for entry in entries.values():
             self._ownership.presences.on_activity(entry.user, now_ns)
         self._departures.expect(entries, now_ns)
-        self._decided = dict.fromkeys(decided)
+        for user, stamp_ns in decided:
+            self._is_decided(user, stamp_ns)
 
     def set_present(self, user: str, present: bool, now_ns: int) -> list[Output]:  # noqa: FBT001 - as announced
         """Record the presence of `user`."""
@@ -91,6 +105,7 @@ class Arbiter:
     def selection(self, now_ns: int) -> Selection:
         """Return the current selection and reservations."""
         self._is_news = False
+        self._told_ns = now_ns
         dwell_s = self._dwell_s if self._tells_method else None
         return self._publisher.selection(
             now_ns, self._ledger.objects(), self._reservations.objects(), dwell_s
@@ -120,11 +135,8 @@ class Arbiter:
             if action in CHANGES and not refused:
                 self._is_news |= self._reservations.reserve(object_id, user, now_ns)
             return []
-        if (user, claim.stamp_ns) in self._decided:
+        if self._is_decided(user, claim.stamp_ns):
             return []
-        self._decided[user, claim.stamp_ns] = None
-        if len(self._decided) > MAX_DECIDED:
-            del self._decided[next(iter(self._decided))]
         tracked = self._positions.objects.get(object_id)
         kind = "" if tracked is None else tracked.kind
         if taken_by and not self._ownership.is_selected(object_id):
@@ -152,6 +164,14 @@ class Arbiter:
                     self._dwelt[user] = object_id, claim.stamp_ns
         return self._publish(user, [record], claim.stamp_ns)
 
+    def _is_decided(self, user: str, stamp_ns: int) -> bool:
+        """Return True if the claim was decided before. Remember it."""
+        stamps = self._decided.setdefault(user, deque(maxlen=MAX_DECIDED))
+        is_known = stamp_ns in stamps
+        if not is_known:
+            stamps.append(stamp_ns)
+        return is_known
+
     def _is_twice(self, user: str, claim: Claim) -> bool:
         """Return True if nobody can have stayed on the object a second time since they changed it."""
         object_id, stamp_ns = self._dwelt.get(user, ("", 0))
@@ -160,27 +180,38 @@ class Arbiter:
     def on_claim(self, user: str, claim: Claim, now_ns: int) -> list[Output]:
         """Decide on a claim of a shard, which may come late and know less.
 
-        While no objects are known, just after a start, none is decided: the shard sends it again.
+        While no objects are known, just after a start, none is decided: the shard sends it again. So it does
+        with those above the budget of the person.
         """
+        if not self._budget.allows(user, claim, now_ns):
+            return []
         if claim.wish == "toggle" and not self._positions.is_heard:
             return []
         self.on_activity(user, now_ns)
         outputs = self.claim(user, claim, now_ns, self._refusal(user, claim, now_ns))
         if claim.wish == "toggle":
             self._latch(claim.object_id, user)
-        return outputs + self.news(now_ns)
+            return outputs + self.news(now_ns)
+        self._is_news |= self._reservations.keep_last(user, MAX_RESERVED)
+        is_soon = 0 <= now_ns - self._told_ns < NEWS_NS  # else with the next cursor, claim or tick
+        return outputs if is_soon else outputs + self.news(now_ns)
+
+    def excess(self, now_ns: int) -> str:
+        """Return whose claims are ignored, and what to do, or `""`."""
+        return self._budget.problem(now_ns)
 
     def _refusal(self, user: str, claim: Claim, now_ns: int) -> str:
         """Return the reason for which a claim of a shard cannot be granted, or `""`."""
         tracked = self._positions.objects.get(claim.object_id)
         kind = "object" if tracked is None else tracked.kind or "object"
-        age_s = (now_ns - claim.stamp_ns) / NS_PER_S
-        if now_ns - claim.stamp_ns > MAX_CLAIM_AGE_NS:
+        age_ns = (now_ns - claim.stamp_ns) / max(1.0, self.speed)
+        age_s = age_ns / NS_PER_S
+        if age_ns > MAX_CLAIM_AGE_NS:
             return (
                 f"{kind} was asked for {age_s:.0f} s ago: point again (the connection of your machine was "
                 "interrupted, or its clock is behind)"
             )
-        if claim.stamp_ns - now_ns > MAX_AHEAD_NS:
+        if -age_ns > MAX_AHEAD_NS:
             return f"{kind} cannot be given: the clock of your machine is {-age_s:.0f} s ahead, set it right"
         if tracked is None:
             return f"{claim.object_id} has left"

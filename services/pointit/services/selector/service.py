@@ -77,6 +77,7 @@ class Selector(Service[SelectorConfig]):
         try:
             await self._share.announce()
             while True:
+                self._engine.speed = self.clock.speed
                 await sleep(self.clock, CHECK_PERIOD_S)
                 now_ns = self.clock.now_ns()
                 self._put(self._engine.tick(now_ns))

@@ -22,10 +22,10 @@ from pointit.services.selector.outputs import DEEDS, Output
 from pointit.services.selector.ownership.ownership import Ownership
 
 REPEAT_NS = NS_PER_S
-"""Claims without a decision are sent again after this, ns. The arbiter ignores what it has decided."""
+"""Claims without a decision are sent again after this, ns of the wall. The arbiter ignores old ones."""
 
 GIVE_UP_NS = 2 * MAX_CLAIM_AGE_NS
-"""Claims without a decision are given up after this: the arbiter would refuse them, ns."""
+"""Claims without a decision are given up after this: the arbiter would refuse them, ns of the wall."""
 
 NO_ARBITER = "the selector of the site cannot be reached, so nothing can be selected"
 
@@ -55,6 +55,8 @@ class ShardEngine:
         """By person and stamp."""
         self._sent: Counter[tuple[str, str]] = Counter()
         self._knows_owners = False
+        self.speed = 1.0
+        """Speed of the site's time by the wall's. Ages of claims are those of the wall."""
         self.has_arbiter = False
         """True while the site's selector can be reached."""
 
@@ -122,12 +124,13 @@ class ShardEngine:
         """Send claims again that are not decided. Tell people of those that never will be."""
         self._hovers.forget_ended(now_ns)
         outputs: list[Output] = []
+        speed = max(1.0, self.speed)
         for key, one in list(self._open.items()):
-            if not -GIVE_UP_NS <= now_ns - one.claim.stamp_ns <= GIVE_UP_NS:
+            if abs(now_ns - one.claim.stamp_ns) > GIVE_UP_NS * speed:
                 del self._open[key]
                 if not one.is_decided:
                     outputs.append(self._unanswered(one.user, now_ns))
-            elif self.has_arbiter and not one.is_decided and abs(now_ns - one.sent_ns) >= REPEAT_NS:
+            elif self.has_arbiter and not one.is_decided and abs(now_ns - one.sent_ns) >= REPEAT_NS * speed:
                 one.sent_ns = now_ns
                 outputs.append(Output(one.user, one.claim))
         return outputs

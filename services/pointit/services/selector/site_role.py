@@ -112,7 +112,8 @@ class SiteRole:
             self._journal.mark_published(message.seq)
 
     def check(self, now_ns: int) -> None:
-        """Maintain the journal. Called periodically."""
+        """Maintain the journal, and show who claims too much. Called periodically."""
+        self._bus.warn("claims", self.engine.excess(now_ns))
         self._maintain_journal(now_ns)
 
     def close(self) -> None:

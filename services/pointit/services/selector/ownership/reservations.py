@@ -29,6 +29,13 @@ class Reservations:
         self._held[object_id] = (user, now_ns + self._for_ns)
         return held is None
 
+    def keep_last(self, user: str, count: int) -> bool:
+        """Free `user`'s reservations but the last `count`. Return True if there were any."""
+        own = [object_id for object_id, (holder, _) in self._held.items() if holder == user]
+        for object_id in own[:-count]:
+            del self._held[object_id]
+        return len(own) > count
+
     def extend(self, user: str, object_id: str, now_ns: int) -> bool:
         """Extend `user`'s reservation of `object_id`. Return False if they have none."""
         return self.holder(object_id) == user and not self.reserve(object_id, user, now_ns)

@@ -1,0 +1,44 @@
+"""How much each person may claim, so that no shard can have everybody listen to it all the time."""
+
+from collections import Counter
+
+from pointit.schemas import NS_PER_S, Claim
+
+MAX_CLAIMS = 10
+"""Limit of claims of a kind that are decided per person and second: nobody points at so many objects."""
+
+TOLD_NS = 10 * NS_PER_S
+"""Time for which people are told of who claimed more, ns."""
+
+MAX_TOLD = 5
+"""Limit of people who are told of."""
+
+
+class ClaimBudget:
+    """Counts the claims of each person in the current second."""
+
+    def __init__(self) -> None:
+        self._second = 0
+        self._claimed: Counter[tuple[str, str]] = Counter()
+        self._exceeded: dict[str, int] = {}
+
+    def allows(self, user: str, claim: Claim, now_ns: int) -> bool:
+        """Count a claim. Return False if it is one too many."""
+        second = now_ns // NS_PER_S
+        if second != self._second:
+            self._second = second
+            self._claimed.clear()
+        self._claimed[user, claim.wish] += 1
+        if self._claimed[user, claim.wish] <= MAX_CLAIMS:
+            return True
+        if user in self._exceeded or len(self._exceeded) < MAX_TOLD:
+            self._exceeded[user] = now_ns
+        return False
+
+    def problem(self, now_ns: int) -> str:
+        """Return who claimed too much lately, and what to do, or `""`."""
+        self._exceeded = {user: at_ns for user, at_ns in self._exceeded.items() if now_ns - at_ns < TOLD_NS}
+        if not self._exceeded:
+            return ""
+        names = ", ".join(sorted(self._exceeded))
+        return f"more than {MAX_CLAIMS} claims a second of {names} are ignored: check their selector"

@@ -73,6 +73,7 @@ async def test_rays_cross_a_link_only_to_a_pui_beyond_it(commands: Commands) -> 
     first, second = sharded["links"]
     assert (first["name"], second["name"]) == ("host 1 > above 1", "host 2 > above 1")
     assert second["up_hz"]["Cursor"] > 10, "led-driver looks"
+    assert first["up_hz"]["TrackedObjects"] > 0, "it was counted"
     assert first["up_hz"].get("Cursor", 0) < STRAY_HZ, "nobody looks"
     for link in sharded["links"]:
         assert all(each.get("PointingRay", 0) < STRAY_HZ for each in (link["up_hz"], link["down_hz"]))

@@ -38,6 +38,8 @@ class LinkUsage:
     up_hz: Mapping[str, float]
     """Messages by kind, unless the link is encrypted."""
     down_hz: Mapping[str, float]
+    counted_s: float
+    """Time in which these were counted, after the measurement."""
 
     def row(self) -> dict[str, Any]:
         """Return a row of the table."""

@@ -2,6 +2,7 @@
 
 import json
 import socket
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, ClassVar, cast
 
@@ -53,13 +54,13 @@ def test_messages_name_their_kind_in_clear() -> None:
 class Links(Network):
     """One link, whose counter is a command of the test."""
 
-    command = ("false",)
+    program: Sequence[str] = ("false",)
 
     def traffic(self) -> dict[int, Traffic]:
         return {1: Traffic(up_bytes=0, up_packets=0, down_bytes=0, down_packets=0)}
 
     def arguments(self, index: int, *command: str) -> list[str]:
-        return list(self.command)
+        return [*self.program, f"{index}", *command]
 
 
 async def test_a_counter_that_fails_is_an_error_and_not_an_empty_link() -> None:
@@ -69,7 +70,7 @@ async def test_a_counter_that_fails_is_an_error_and_not_an_empty_link() -> None:
 
 async def test_a_counter_that_ends_while_it_counts_is_an_error() -> None:
     links = Links(tree(2, 2, 2), "tcp")
-    links.command = ("sh", "-c", "echo; read line; exit 3")
+    links.program = ("sh", "-c", "echo; read line; exit 3")
     counters = await Counters.start(links)
     with pytest.raises(ConfigError, match="exit code 3"):
         await counters.count(0.1)
@@ -78,7 +79,7 @@ async def test_a_counter_that_ends_while_it_counts_is_an_error() -> None:
 async def test_counters_are_ready_before_they_count_and_say_for_how_long_they_did() -> None:
     links = Links(tree(2, 2, 2), "tcp")
     told = '{"lasted_s": 0.2, "counts": {"Cursor": [3, 0]}}'
-    links.command = ("sh", "-c", f"echo; read line; test $line = 0.1 && echo '{told}'")
+    links.program = ("sh", "-c", f"echo; read line; test $line = 0.1 && echo '{told}'")
     counted = await (await Counters.start(links)).count(0.1)
     assert counted == {1: Contents(lasted_s=0.2, counts={"Cursor": [3, 0]})}
 

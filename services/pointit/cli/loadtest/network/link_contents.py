@@ -1,8 +1,8 @@
 """Counts the messages that cross a link, by kind: run at its lower end.
 
 It says with an empty line that it is ready, counts for as many seconds as the line says that it gets then,
-and prints JSON. Each message on Zenoh names its kind in clear, unless the link is encrypted; a name that is cut by the
-end of a packet is missed. Linux only, as root.
+and prints JSON. Each message on Zenoh names its kind in clear, unless the link is encrypted. A name that is
+cut by the end of a packet is missed. Linux only, as root.
 """
 
 import json

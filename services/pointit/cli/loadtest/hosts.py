@@ -4,6 +4,7 @@ import asyncio
 import contextlib
 import os
 from collections.abc import AsyncGenerator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +27,15 @@ CONTENTS_S = 2.0
 """Time in which the messages on the links are counted, after the measurement: counting takes CPU."""
 MARGIN_S = 0.5
 """Time that the wrists are driven longer, as the counters may be told a little later."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Used:
+    """What routers and links, by machine, have used so far."""
+
+    at_s: float
+    routers: Mapping[int, UsageSample]
+    traffic: Mapping[int, Traffic]
 
 
 class HostsTest:
@@ -85,10 +95,9 @@ class HostsTest:
             ConfigError: If a process has ended.
         """
         order = {"rate_hz": rate_hz, "duration_s": duration_s}
-        routers, traffic = self._router_usage(), self._network.traffic()
-        answers = await self._order(order)
-        lasted_s = max(answer["lasted_s"] for answer in answers)
-        after = self._network.traffic()
+        before = self._used()
+        answers, after = await asyncio.gather(self._order(order), self._used_in(duration_s))
+        lasted_s = after.at_s - before.at_s
         processes = [
             Usage(
                 name=worker.group.name,
@@ -97,8 +106,8 @@ class HostsTest:
             )
             for worker, answer in zip(self._workers, answers, strict=True)
         ]
-        for index, now in self._router_usage().items():
-            cpu = (now.cpu_s - routers[index].cpu_s) / lasted_s
+        for index, now in after.routers.items():
+            cpu = (now.cpu_s - before.routers[index].cpu_s) / lasted_s
             name = f"router {self._network.machines[index].name}"
             processes.append(Usage(name=name, cpu=cpu, memory_mb=now.memory_mb))
         load_average = round(os.getloadavg()[0], 1)
@@ -114,16 +123,17 @@ class HostsTest:
             layout=layout,
             sent=sum(answer["sent"] for answer in answers),
             pointed=len(sight.cursor_s),
-            arrived=len(sight.arrived),
-            hovered=len(sight.hover_stamps),
+            arrived=sight.arrived,
+            hovered=sight.hovers,
             light_s=sight.light_s(),
             cursor_s=sight.cursor_s,
             processes=processes,
             load_average=load_average,
+            lacking=self._network.lacking,
             hosts=sum(machine.has_people for machine in self._network.machines),
             links=[
-                self._link(index, traffic[index], after[index], lasted_s, contents[index])
-                for index in traffic
+                self._link(index, before.traffic[index], after.traffic[index], lasted_s, contents[index])
+                for index in before.traffic
             ],
         )
 
@@ -136,9 +146,17 @@ class HostsTest:
             worker.send_line(dict(order))
         return [await worker.answer() for worker in self._workers]
 
-    def _router_usage(self) -> dict[int, UsageSample]:
+    async def _used_in(self, duration_s: float) -> "_Used":
+        await asyncio.sleep(duration_s)
+        return self._used()
+
+    def _used(self) -> "_Used":
         found = {index: read_usage(pid) for index, pid in self._routers.items()}
-        return {index: usage for index, usage in found.items() if usage is not None}
+        return _Used(
+            at_s=asyncio.get_running_loop().time(),
+            routers={index: usage for index, usage in found.items() if usage is not None},
+            traffic=self._network.traffic(),
+        )
 
     def _link(
         self,
@@ -166,6 +184,7 @@ class HostsTest:
             return {}
         counters = await Counters.start(self._network)
         order = {"rate_hz": rate_hz, "duration_s": CONTENTS_S + MARGIN_S}
+        contents: dict[int, Contents]
         _, contents = await asyncio.gather(self._order(order), counters.count(CONTENTS_S))
         return contents
 

@@ -38,6 +38,8 @@ def test_what_is_carried_fails_for_nothing() -> None:
     assert row["carried"] == "yes"
     record = measured().record()
     assert record["light_max_ms"] == 20.0
+    assert record["lacking"] == ""
+    assert measured(lacking="no root").record()["lacking"] == "no root"
     assert record["processes"][1] == {"name": "users 1", "cpu": 0.7, "memory_mb": 60.0}
 
 

@@ -99,7 +99,13 @@ def test_people_a_core_is_the_inverse_with_its_interval(
 
 @pytest.mark.parametrize(
     ("value", "error", "shown"),
-    [(49.23, 51.2, "49 ± 51"), (1.8, 0.124, "1.80 ± 0.12"), (-3.0, 3.4, "-3.0 ± 3.4"), (0.5, 0.0, "0.5 ± 0"), (0.5, None, "0.5 ± ?")],
+    [
+        (49.23, 51.2, "49 ± 51"),
+        (1.8, 0.124, "1.80 ± 0.12"),
+        (-3.0, 3.4, "-3.0 ± 3.4"),
+        (0.5, 0.0, "0.5 ± 0"),
+        (0.5, None, "0.5 ± ?"),
+    ],
 )
 def test_a_slope_has_the_digits_of_its_error(value: float, error: float | None, shown: str) -> None:
     assert str(Slope(value=value, error=error)) == shown

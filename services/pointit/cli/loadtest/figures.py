@@ -38,6 +38,8 @@ class LinkUsage:
     up_hz: Mapping[str, float]
     """Messages by kind, unless the link is encrypted."""
     down_hz: Mapping[str, float]
+    counted_s: float
+    """Time in which these were counted, after the measurement."""
 
     def row(self) -> dict[str, Any]:
         """Return a row of the table."""
@@ -77,6 +79,8 @@ class LoadResult:
     """Load average of the machine over the last minute, including other work."""
     hosts: int = 0
     """Number of hosts with people. 0: they are not simulated."""
+    lacking: str = ""
+    """Reason why the hosts were processes on loopback whose links are not measured, or `""`."""
     links: Sequence[LinkUsage] = ()
     """Links between the machines, as far as known."""
 
@@ -153,6 +157,7 @@ class LoadResult:
             "frames": len(self.light_s),
             "light_max_ms": _rounded(quantile_ms(self.light_s, 1.0)),
             "processes": [asdict(usage) for usage in self.processes],
+            "lacking": self.lacking,
             "links": [asdict(link) for link in self.links],
         }
 

@@ -2,17 +2,16 @@
 
 import asyncio
 import contextlib
-import json
 import os
-import sys
 from collections.abc import AsyncGenerator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from pointit.access.site_folder import SiteFolder
 from pointit.cli.loadtest.figures import LinkUsage, LoadResult, Usage
-from pointit.cli.loadtest.network import link_contents
-from pointit.cli.loadtest.network.namespaces import UPLINK, Network, Traffic
+from pointit.cli.loadtest.network.counters import Contents, Counters
+from pointit.cli.loadtest.network.namespaces import Network, Traffic
 from pointit.cli.loadtest.network.routers import (
     Program,
     plain_configuration,
@@ -26,8 +25,17 @@ from pointit.runtime.errors import ConfigError
 
 CONTENTS_S = 2.0
 """Time in which the messages on the links are counted, after the measurement: counting takes CPU."""
-START_S = 1.0
-"""Time for the counters to start."""
+MARGIN_S = 0.5
+"""Time that the wrists are driven longer, as the counters may be told a little later."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Used:
+    """What routers and links, by machine, have used so far."""
+
+    at_s: float
+    routers: Mapping[int, UsageSample]
+    traffic: Mapping[int, Traffic]
 
 
 class HostsTest:
@@ -81,12 +89,15 @@ class HostsTest:
             raise ConfigError(f"no light followed any sample within {READY_S:g} s") from None
 
     async def measure(self, rate_hz: float, duration_s: float, layout: str) -> LoadResult:
-        """Drive all wrists for `duration_s` and return the result. Count then what the links carry."""
+        """Drive all wrists for `duration_s` and return the result. Count then what the links carry.
+
+        Raises:
+            ConfigError: If a process has ended.
+        """
         order = {"rate_hz": rate_hz, "duration_s": duration_s}
-        routers, traffic = self._router_usage(), self._network.traffic()
-        answers = await self._order(order)
-        lasted_s = max(answer["lasted_s"] for answer in answers)
-        after = self._network.traffic()
+        before = self._used()
+        answers, after = await asyncio.gather(self._order(order), self._used_in(duration_s))
+        lasted_s = after.at_s - before.at_s
         processes = [
             Usage(
                 name=worker.group.name,
@@ -95,8 +106,8 @@ class HostsTest:
             )
             for worker, answer in zip(self._workers, answers, strict=True)
         ]
-        for index, now in self._router_usage().items():
-            cpu = (now.cpu_s - routers[index].cpu_s) / lasted_s
+        for index, now in after.routers.items():
+            cpu = (now.cpu_s - before.routers[index].cpu_s) / lasted_s
             name = f"router {self._network.machines[index].name}"
             processes.append(Usage(name=name, cpu=cpu, memory_mb=now.memory_mb))
         load_average = round(os.getloadavg()[0], 1)
@@ -112,16 +123,17 @@ class HostsTest:
             layout=layout,
             sent=sum(answer["sent"] for answer in answers),
             pointed=len(sight.cursor_s),
-            arrived=len(sight.arrived),
-            hovered=len(sight.hover_stamps),
+            arrived=sight.arrived,
+            hovered=sight.hovers,
             light_s=sight.light_s(),
             cursor_s=sight.cursor_s,
             processes=processes,
             load_average=load_average,
+            lacking=self._network.lacking,
             hosts=sum(machine.has_people for machine in self._network.machines),
             links=[
-                self._link(index, traffic[index], after[index], lasted_s, contents.get(index, {}))
-                for index in traffic
+                self._link(index, before.traffic[index], after.traffic[index], lasted_s, contents[index])
+                for index in before.traffic
             ],
         )
 
@@ -134,9 +146,17 @@ class HostsTest:
             worker.send_line(dict(order))
         return [await worker.answer() for worker in self._workers]
 
-    def _router_usage(self) -> dict[int, UsageSample]:
+    async def _used_in(self, duration_s: float) -> "_Used":
+        await asyncio.sleep(duration_s)
+        return self._used()
+
+    def _used(self) -> "_Used":
         found = {index: read_usage(pid) for index, pid in self._routers.items()}
-        return {index: usage for index, usage in found.items() if usage is not None}
+        return _Used(
+            at_s=asyncio.get_running_loop().time(),
+            routers={index: usage for index, usage in found.items() if usage is not None},
+            traffic=self._network.traffic(),
+        )
 
     def _link(
         self,
@@ -144,7 +164,7 @@ class HostsTest:
         before: Traffic,
         after: Traffic,
         lasted_s: float,
-        contents: Mapping[str, Sequence[int]],
+        contents: Contents,
     ) -> LinkUsage:
         machines = self._network.machines
         return LinkUsage(
@@ -153,25 +173,20 @@ class HostsTest:
             up_packets_hz=(after.up_packets - before.up_packets) / lasted_s,
             down_bytes_hz=(after.down_bytes - before.down_bytes) / lasted_s,
             down_packets_hz=(after.down_packets - before.down_packets) / lasted_s,
-            up_hz={kind: up / CONTENTS_S for kind, (up, _) in contents.items() if up},
-            down_hz={kind: down / CONTENTS_S for kind, (_, down) in contents.items() if down},
+            up_hz={kind: up / contents.lasted_s for kind, (up, _) in contents.counts.items() if up},
+            down_hz={kind: down / contents.lasted_s for kind, (_, down) in contents.counts.items() if down},
+            counted_s=contents.lasted_s,
         )
 
-    async def _contents(self, rate_hz: float) -> dict[int, dict[str, list[int]]]:
-        """Return the number of messages on each link in `CONTENTS_S` by kind, up and down."""
-        links = sorted(self._network.traffic())
-        program = [sys.executable, "-m", link_contents.__name__, UPLINK, f"{CONTENTS_S}"]
-        counters = [
-            await asyncio.create_subprocess_exec(
-                *self._network.arguments(index, *program), stdout=asyncio.subprocess.PIPE, process_group=0
-            )
-            for index in links
-        ]
-        if not counters:
+    async def _contents(self, rate_hz: float) -> dict[int, Contents]:
+        """Return what crosses each link in `CONTENTS_S`."""
+        if not self._network.traffic():
             return {}
-        await self._order({"rate_hz": rate_hz, "duration_s": CONTENTS_S + START_S * len(links)})
-        told = [await counter.communicate() for counter in counters]
-        return {index: json.loads(out or b"{}") for index, (out, _) in zip(links, told, strict=True)}
+        counters = await Counters.start(self._network)
+        order = {"rate_hz": rate_hz, "duration_s": CONTENTS_S + MARGIN_S}
+        contents: dict[int, Contents]
+        _, contents = await asyncio.gather(self._order(order), counters.count(CONTENTS_S))
+        return contents
 
 
 @contextlib.asynccontextmanager

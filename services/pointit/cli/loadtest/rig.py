@@ -87,7 +87,7 @@ class LoadTest:
             layout=layout,
             sent=sent,
             pointed=len(self._sight.cursor_s),
-            hovered=len(self._sight.hover_stamps),
+            hovered=self._sight.hovers,
             light_s=self._sight.light_s(),
             cursor_s=list(self._sight.cursor_s),
             processes=processes,

@@ -1,6 +1,7 @@
 """An observer of a load test: which cursors and lights follow the samples, and when."""
 
 import asyncio
+import threading
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -23,16 +24,18 @@ class Sight:
     """
 
     users: frozenset[str]
-    hover_stamps: list[int] = field(default_factory=list[int])
+    hovers: int = 0
+    """Number of hovers."""
     stamps: set[int] = field(default_factory=set[int])
     """Those of the cursors."""
     cursor_s: list[float] = field(default_factory=list[float])
     """Age of each cursor on arrival."""
     frames: dict[int, float] = field(default_factory=dict[int, float])
     """Age of each frame on arrival, by stamp."""
-    arrived: list[str] = field(default_factory=list[str])
-    """User of each cursor that reached the site's lights."""
+    arrived: int = 0
+    """Number of cursors that reached the site's lights."""
     poses: set[str] = field(default_factory=set[str])
+    _counting: threading.Lock = field(default_factory=threading.Lock)
 
     def watch(self, bus: Bus, *, alone: bool = False) -> None:
         """Read all that is observed of people; `alone`: of `users` only, so that no link carries others'."""
@@ -56,13 +59,15 @@ class Sight:
 
     def clear(self) -> None:
         """Forget what was received, but for the poses."""
-        for kept in (self.hover_stamps, self.arrived, self.stamps, self.cursor_s, self.frames):
+        for kept in (self.stamps, self.cursor_s, self.frames):
             kept.clear()
+        with self._counting:
+            self.hovers = self.arrived = 0
 
     def dump(self) -> dict[str, Any]:
         """Return all received values as JSON."""
         return {
-            "hover_stamps": self.hover_stamps,
+            "hovers": self.hovers,
             "arrived": self.arrived,
             "stamps": list(self.stamps),
             "cursor_s": self.cursor_s,
@@ -71,8 +76,8 @@ class Sight:
 
     def add(self, dumped: Mapping[str, Any]) -> None:
         """Add what another observer received, as it dumped it."""
-        self.hover_stamps.extend(dumped["hover_stamps"])
-        self.arrived.extend(dumped["arrived"])
+        self.hovers += dumped["hovers"]
+        self.arrived += dumped["arrived"]
         self.stamps.update(dumped["stamps"])
         self.cursor_s.extend(dumped["cursor_s"])
         self.frames.update((stamp_ns, age_s) for stamp_ns, age_s in dumped["frames"])
@@ -88,17 +93,19 @@ class Sight:
             self.stamps.add(stamp_ns)
             self.cursor_s.append((arrived_ns - stamp_ns) / NS_PER_S)
 
-    def _on_hover(self, message: Message | Undecoded, user: str) -> None:
+    def _on_hover(self, _message: Message | Undecoded, user: str) -> None:
         if user in self.users:
-            self.hover_stamps.append(_stamp_ns(message))
+            with self._counting:
+                self.hovers += 1
 
     def _on_frame(self, message: Message | Undecoded, _name: str) -> None:
         arrived_ns = time.time_ns()
         stamp_ns = _stamp_ns(message)
         self.frames.setdefault(stamp_ns, (arrived_ns - stamp_ns) / NS_PER_S)
 
-    def _on_arrival(self, _message: Message | Undecoded, user: str) -> None:
-        self.arrived.append(user)
+    def _on_arrival(self, _message: Message | Undecoded, _user: str) -> None:
+        with self._counting:
+            self.arrived += 1
 
     def _on_pose(self, _message: Message | Undecoded, user: str) -> None:
         self.poses.add(user)

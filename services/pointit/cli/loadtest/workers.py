@@ -15,8 +15,8 @@ READY_S = 60.0
 """Timeout until all poses are known and so all services run, for many processes on a busy machine."""
 
 STOP_S = 2.0
-MAX_LINE = 64 * 1024 * 1024
-"""Limit of an answer, bytes."""
+MAX_LINE = 1024 * 1024 * 1024
+"""Limit of an answer, bytes: some 50 for each sample of the people observed."""
 
 
 @dataclass(kw_only=True)

@@ -18,7 +18,6 @@ from pointit.launch.run.surroundings import check_names
 from pointit.runtime.errors import ConfigError, ConnectError
 from pointit.runtime.link.credentials import read_credentials
 from pointit.runtime.link.link import Link
-from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas.system import check_user
 from pointit.schemas.topics import check_name
 
@@ -273,6 +272,8 @@ def _refuse_taken(name: str, roles: dict[str, Role]) -> None:
 
 async def _refuse_shards(site: SiteFolder, names: Collection[str]) -> None:
     """Refuse names of shards that run on the site now, if it runs."""
+    from pointit.runtime.zenoh.zenoh_bus import ZenohBus  # noqa: PLC0415 - the other commands need no bus
+
     try:
         credentials = read_credentials(site.identity_folder("supervisor"), _now())
         link = Link(site=credentials.link.site, connect=credentials.link.endpoints, credentials=credentials)

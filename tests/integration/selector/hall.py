@@ -167,11 +167,18 @@ class Hall:
         for person in self.people:
             person.at_m = PACKAGE_M
 
-    async def claims(self, count: int) -> None:
-        """Wait until everybody has claimed `count` times, or has noticed that it is of no use."""
-        await self.all(
-            lambda person: len(person.toggles) >= count or "selector" not in person.services, "claims"
-        )
+    async def claims(self) -> bool:
+        """Wait until everybody has claimed once more, or has noticed that it is of no use.
+
+        Return True if all have claimed.
+        """
+        before = {person.name: len(person.toggles) for person in self.people}
+
+        def has_claimed(person: Person) -> bool:
+            return len(person.toggles) > before[person.name]
+
+        await self.all(lambda person: has_claimed(person) or "selector" not in person.services, "claims")
+        return all(has_claimed(person) for person in self.people)
 
     async def leave(self) -> None:
         """Have everybody point elsewhere for so long that they can select again."""

@@ -149,7 +149,7 @@ async def test_ctrl_c_ends_all_hosts(commands: Commands) -> None:
 
 
 def has_not_ended(process: psutil.Process) -> bool:
-    """Return whether it runs. Nobody may ask for the exit code of an orphan, so that a zombie remains."""
+    """Tell a process that runs from a zombie: nobody may ask for the exit code of an orphan."""
     try:
         return process.status() != psutil.STATUS_ZOMBIE
     except psutil.NoSuchProcess:

@@ -31,7 +31,7 @@ MARGIN_S = 0.5
 
 @dataclass(frozen=True, kw_only=True)
 class _Used:
-    """What routers and links, by machine, have used so far."""
+    """Usage of routers and links so far, by machine."""
 
     at_s: float
     routers: Mapping[int, UsageSample]
@@ -179,7 +179,7 @@ class HostsTest:
         )
 
     async def _contents(self, rate_hz: float) -> dict[int, Contents]:
-        """Return what crosses each link in `CONTENTS_S`."""
+        """Return the messages on each link in `CONTENTS_S`."""
         if not self._network.traffic():
             return {}
         counters = await Counters.start(self._network)

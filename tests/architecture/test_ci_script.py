@@ -1,4 +1,4 @@
-"""What continuous integration does on incomplete machines, and with tests that fail."""
+"""Script of continuous integration on incomplete machines, and with tests that fail."""
 
 import json
 import os

@@ -53,6 +53,8 @@ class Selector(Service[SelectorConfig]):
     def __init__(self, config: SelectorConfig, context: Context) -> None:
         super().__init__(config, context)
         self._in_use = config
+        self._is_over = False
+        """True when the journal is closed: what is not kept is not published."""
         self._told = ""
         """Last reported fault of the method."""
         self._people: dict[str, tuple[Publisher[Hover], Publisher[Feedback]]] = {}
@@ -85,6 +87,7 @@ class Selector(Service[SelectorConfig]):
                 self._check_method()
                 self._role.check(now_ns)
         finally:
+            self._is_over = True
             self._role.close()
 
     def _on_map(self, environment: Environment, _name: str) -> None:
@@ -135,6 +138,8 @@ class Selector(Service[SelectorConfig]):
 
     def _put(self, outputs: list[Output]) -> list[Output]:
         """Publish `outputs`, after the journal has committed them, and return them."""
+        if self._is_over:
+            return []
         self._role.commit()
         for output in outputs:
             message = output.message

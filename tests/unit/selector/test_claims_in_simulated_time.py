@@ -24,7 +24,7 @@ def dwell(site: ShardedSite) -> None:
 
 
 def decisions(age_s: float) -> list[tuple[str, str]]:
-    """Return what becomes of a claim of this age, s of the site's time."""
+    """Return the events of a claim of this age, s of the site's time."""
     site = a_site()
     site.step(AGE_S * SPEED * 2, {})
     claim = Claim(stamp_ns=site.now_ns - round(age_s * 1e9), object_id="a", wish="toggle")

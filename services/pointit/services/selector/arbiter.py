@@ -57,7 +57,7 @@ class Arbiter:
         self._is_news = False
         """True if reservations have changed since the last selection that was returned."""
         self._dwelt: dict[str, tuple[str, int]] = {}
-        """What each person changed last by staying on it, and when, ns."""
+        """Object that each person changed last by staying on it, and the time, ns."""
         self._decided: dict[str, deque[int]] = {}
         """Stamps of the last claims by person."""
         self._budget = ClaimBudget()
@@ -197,7 +197,7 @@ class Arbiter:
         return outputs if is_soon else outputs + self.news(now_ns)
 
     def excess(self, now_ns: int) -> str:
-        """Return whose claims are ignored, and what to do, or `""`."""
+        """Return a warning about people whose claims are ignored, or `""`."""
         return self._budget.problem(now_ns)
 
     def _refusal(self, user: str, claim: Claim, now_ns: int) -> str:

@@ -1,4 +1,4 @@
-"""How much each person may claim, so that no shard can have everybody listen to it all the time."""
+"""Limit of claims per person, so that no shard can have everybody listen to it all the time."""
 
 from collections import Counter
 
@@ -36,7 +36,7 @@ class ClaimBudget:
         return False
 
     def problem(self, now_ns: int) -> str:
-        """Return who claimed too much lately, and what to do, or `""`."""
+        """Return a warning about people who claimed too much lately, or `""`."""
         self._exceeded = {user: at_ns for user, at_ns in self._exceeded.items() if now_ns - at_ns < TOLD_NS}
         if not self._exceeded:
             return ""

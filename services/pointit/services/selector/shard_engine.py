@@ -136,7 +136,7 @@ class ShardEngine:
         return outputs
 
     def _send(self, pointed: list[Output], now_ns: int) -> list[Output]:
-        """Return what to publish of `pointed`."""
+        """Return the messages of `pointed` to publish."""
         outputs: list[Output] = []
         for user, message in pointed:
             if not isinstance(message, Claim):

@@ -19,7 +19,8 @@ async def test_a_router_that_dies_while_two_hosts_dwell_on_one_package(
         if is_frozen:  # it has the claims of both, and no decision
             hall.router.freeze()
         hall.point()
-        await hall.claims(1)
+        claimed = await hall.claims()
+        assert claimed or is_frozen, "who is cut off by the frozen router may notice first"
         for person in hall.people:
             person.warnings = ()
         killed_s = time.monotonic()

@@ -178,7 +178,8 @@ from tests.unit.conveyor_sim.rooms import FORK, config
 
 async def main():
     async with memory_bench(SimulatedClock(10.0)) as bench:
-        bench.bus.subscribe(SELECTION_EVENTS, lambda e, _: print("event", e.seq, e.object_id, flush=True))
+        # told while it is put: a subscriber hears of it in the next turn of the loop, which may never come
+        bench.bus.tap(SELECTION_EVENTS, lambda e, _: print("event", e.seq, e.object_id, flush=True))
         bench.bus.subscribe(
             OBJECTS, lambda m, _: print("objects", *(t.id for t in m.objects), flush=True)
         )

@@ -18,7 +18,7 @@ from pointit.services.selector.outputs import TOLD_AGAIN
 from pointit.services.selector.service import Selector
 from pointit.services.selector.store.journal import Journal
 from pointit.services.selector.store.journal_table import FILE
-from tests.support.bench import START_NS, ManualClock, memory_bench, until
+from tests.support.bench import START_NS, ManualClock, in_virtual_time, memory_bench, until
 from tests.unit.selector.test_selector_service import objects, stay
 
 
@@ -29,6 +29,7 @@ def as_left_by_a_kill(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, name: str
     monkeypatch.setenv("POINTIT_STATE", str(copy))
 
 
+@in_virtual_time
 async def test_selections_survive_a_kill_and_counting_goes_on(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -54,6 +55,7 @@ async def test_selections_survive_a_kill_and_counting_goes_on(
         assert after[-1].objects == before[-1].objects
 
 
+@in_virtual_time
 async def test_a_new_run_begins_with_nothing_selected_and_the_audit_stays() -> None:
     clock = ManualClock()
     async with memory_bench(clock) as bench:
@@ -83,6 +85,7 @@ def test_damaged_journal_is_logged_when_the_saved_state_is_discarded(
     assert f"was damaged and is now {aside.name}" in caplog.text
 
 
+@in_virtual_time
 async def test_the_audit_says_when_and_where_left_what_left_while_no_selector_ran(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -108,6 +111,7 @@ async def test_the_audit_says_when_and_where_left_what_left_while_no_selector_ra
     assert (rows[-1]["stamp_ns"], rows[-1]["reason"]) == (left_ns, "left at bay 1")
 
 
+@in_virtual_time
 async def test_a_selection_that_was_kept_but_not_published_is_published_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -147,6 +151,7 @@ def _told() -> int:
     return next(read_rows(path, "SELECT told FROM life", (), lambda row: int(row[0])))
 
 
+@in_virtual_time
 async def test_what_left_meanwhile_is_closed_after_a_grace_time() -> None:
     clock = ManualClock()
     config = SelectorConfig(unseen_after_s=30.0)
@@ -176,6 +181,7 @@ async def test_what_left_meanwhile_is_closed_after_a_grace_time() -> None:
     assert story == [("selected", "a"), ("selected", "b"), ("left", "a")]
 
 
+@in_virtual_time
 async def test_a_second_selector_warns_and_works_in_memory() -> None:
     clock = ManualClock()
     async with memory_bench(clock) as bench:
@@ -193,6 +199,7 @@ async def test_a_second_selector_warns_and_works_in_memory() -> None:
         assert [event["user"] for event in json.loads(result.output)["events"]] == ["anna"]
 
 
+@in_virtual_time
 async def test_it_can_be_told_to_keep_nothing() -> None:
     async with memory_bench() as bench:
         selections = bench.collect(SELECTION)

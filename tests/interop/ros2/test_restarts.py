@@ -9,7 +9,6 @@ import struct
 import time
 from collections.abc import AsyncGenerator, Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
 import pytest_asyncio
@@ -31,6 +30,10 @@ RAY = "/user1/pointing_ray"
 POSE = "geometry_msgs/msg/PoseStamped"
 PARTS = ("router", "bridge", "peer")
 GARBAGE_MB = 10
+HARASSED = (
+    ("/belt_cmd", "conveyor_msgs/msg/BeltCommand"),
+    ("/user1/metawear_ros/rotation", "geometry_msgs/msg/QuaternionStamped"),
+)
 PLACE_M = (0.5, -0.25, 0.0)
 STANDS = {
     "header": {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": "world"},
@@ -188,22 +191,19 @@ async def test_bytes_of_strangers_harm_nobody_and_are_named(parts: Parts, strang
         stranger.liveliness().declare_token(f"@ros2_lv/7/{text}")
         for text in ("x", "1/0/0/NN/%/%", "1/0/1/MP/%/%/node/%x/no_type/1/qos", "z" * 6000, "%/" * 50 + "%")
     ]
-    for payload, attachment in nonsense(chance):
-        stranger.put(key("/belt_cmd", "conveyor_msgs/msg/BeltCommand"), payload, attachment=attachment)
-        stranger.put(
-            key("/user1/metawear_ros/rotation", "geometry_msgs/msg/QuaternionStamped"),
-            payload,
-            attachment=attachment,
-        )
-    warnings: Any = {}
-
-    def named() -> bool:
-        health = parts.look.health.get("ros2")
-        warnings.clear()
-        warnings.update({} if health is None else {"all": str(health.warnings)})
-        return all(what in str(warnings) for what in ("/belt_cmd", "attachment", "longer than"))
-
-    await until(named, BACK_S, "health to name what was dropped")
+    patience = Patience(BACK_S)
+    while not _is_named(parts.look):
+        assert not patience.is_over(), "health names what was dropped"
+        for payload, attachment in nonsense(chance):
+            for topic, kind in HARASSED:
+                # Zenoh drops 10 MB, and what follows, where a link is slow, and then nobody can name them
+                stranger.put(
+                    key(topic, kind),
+                    payload,
+                    attachment=attachment,
+                    congestion_control=zenoh.CongestionControl.BLOCK,
+                )
+        await parts.look.sees_more(parts.states, "the site to go on")
     await _requests(stranger)
     await parts.flows()
     assert parts.bridge is not None
@@ -211,6 +211,13 @@ async def test_bytes_of_strangers_harm_nobody_and_are_named(parts: Parts, strang
     assert parts.place.dora.is_alive
     for token in tokens:
         token.undeclare()
+
+
+def _is_named(look: Onlooker) -> bool:
+    """Return True if the bridge's health names each kind of damage."""
+    health = look.health.get("ros2")
+    text = "" if health is None else str(health.warnings)
+    return all(what in text for what in ("/belt_cmd", "attachment", "longer than"))
 
 
 async def _requests(stranger: zenoh.Session) -> None:

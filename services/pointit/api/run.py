@@ -88,7 +88,7 @@ def run(
 
     Args:
         scenario: a shipped one, or the path of a .yaml file.
-        users: number of people, who are called `user1`, `user2` and so on, or their names (one, or a sequence).
+        users: number of people, who are called `user1`, `user2` and so on, or their name or names.
         virtual: in a `with` block, time passes only while a call waits, and then at once.
         seed: of all random number generators. In virtual time the same seed gives the same run.
         localize: people are located by pointing: at lamps (True or `lamps`), or by following a robot
@@ -115,9 +115,8 @@ def run(
             leds=leds,
             settings=[_setting(name, value) for name, value in (settings or {}).items()],
         )
-        planned = scenario_launches(
-            read_scenario(str(scenario)), choices, users if isinstance(users, int) else listed(users)
-        )
+        people = users if isinstance(users, int) else listed(users)
+        planned = scenario_launches(read_scenario(str(scenario)), choices, people)
         check_settings(planned, choices)
         check_launches(planned, (listen,) if listen else ())
         return planned

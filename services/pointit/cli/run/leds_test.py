@@ -75,7 +75,7 @@ async def _show(outputs: Sequence[GuardedOutput], room: Environment, strips: Seq
             output.set_map(room)
         await asyncio.sleep(CONNECT_S)
         with keys(pressed.set) if has_keyboard() else contextlib.nullcontext():
-            for strip, step in [(strip, step) for strip in strips for step in steps_of(strip)]:
+            for strip, step in [(each, step) for each in strips for step in steps_of(each)]:
                 pressed.clear()
                 click.echo(f"strip {strip.id}: {step.text}")
                 await _show_step(outputs, strip, step, numbers, pressed)

@@ -64,13 +64,11 @@ class TrustingProtocol(asyncio.DatagramProtocol):
             self._deliver(Reading(self._around.clock.now_ns(), (x, y, z, w)))
 
 
-datagrams_caught_by = CaughtBy(
-    replace(
-        DEVICE,
-        device=UdpDevice,
-        parameters=lambda device: {"host": device.host, "port": device.program_port},
-    )
-)
+def address(device: UdpDevice) -> dict[str, object]:
+    return {"host": device.host, "port": device.program_port}
+
+
+datagrams_caught_by = CaughtBy(replace(DEVICE, device=UdpDevice, parameters=address))
 datagrams_caught_by("bad_bytes", "a callback raised ValueError: .*, in datagram_received")(DatagramSource)
 datagrams_caught_by("waits_for_port", "`run` raised OSError: .*ddress already in use")(DatagramSource)
 

@@ -2,7 +2,7 @@
 
 import contextlib
 import socket
-from collections.abc import Iterator
+from collections.abc import Generator
 from dataclasses import replace
 from importlib import import_module
 from typing import Any
@@ -33,7 +33,7 @@ TEMPLATES = [
 
 
 @contextlib.contextmanager
-def usual_port_taken(config: type[Config]) -> Iterator[None]:
+def usual_port_taken(config: type[Config]) -> Generator[None]:
     """Have the port that a plug-in with these parameters uses unless told otherwise."""
     field = config.model_fields.get("port")
     port = field.default if field is not None and isinstance(field.default, int) else 0

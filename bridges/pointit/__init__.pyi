@@ -1,1 +1,1 @@
-# `pointit` is a package here too, for type checkers. Its names are in `services/pointit/__init__.pyi`.
+../../services/pointit/__init__.pyi

@@ -146,15 +146,15 @@ def test_one_root_has_the_public_names_and_finds_the_others() -> None:
     assert {Path(path) for path in pointit.__path__} == set(sources.NAMESPACES)
 
 
-def test_every_room_is_typed_and_a_package() -> None:
+def test_every_root_is_typed_and_every_room_a_package() -> None:
     assert len(sources.ROOMS) >= 6
-    lacking = [
-        f"{shown(room)}/{name}"
-        for room in sources.ROOMS
-        for name in ("__init__.py", "py.typed")
-        if not (room / name).is_file()
+    wanted = [
+        *(room / "__init__.py" for room in sources.ROOMS),
+        *(root / name for root in sources.NAMESPACES for name in ("__init__.pyi", "py.typed")),
     ]
-    assert not lacking
+    assert not [shown(path) for path in wanted if not path.is_file()]
+    stubs = {(root / "__init__.pyi").resolve() for root in sources.NAMESPACES}
+    assert len(stubs) == 1, "the first on the path is read alone: they are links to one file"
 
 
 def folder_of(row: Process) -> Path:

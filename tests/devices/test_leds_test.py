@@ -1,9 +1,12 @@
 """`pointit leds test`: what each step lights, on a controller that takes DDP; and the dark at its end."""
 
+import os
+import pty
 import signal
 import socket
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 
 import pytest
@@ -15,6 +18,8 @@ from pointit.services.led_driver.picture import strip_test
 from pointit.services.led_driver.picture.strip_test import steps_of
 
 HEADER = 10
+STEPS = 10
+"""Steps of the two strips of scenario_3."""
 RED, GREEN, BLUE = b"\xff\0\0", b"\0\xff\0", b"\0\0\xff"
 COUNT = 150
 """Pixels of each of the two strips of scenario_3."""
@@ -91,6 +96,24 @@ def test_steps_of_the_named_strip_are_lit_and_told(
     places = [seen.index(picture) for picture in wanted[:-1]]
     assert places == sorted(places)
     assert seen[-1] == wanted[-1]
+
+
+def test_enter_goes_on_to_the_next_step(receiver: socket.socket) -> None:
+    keyboard, terminal = pty.openpty()
+    command = [sys.executable, "-m", "pointit.cli", "leds", "test", "scenario_3", *output_of(receiver)]
+    with subprocess.Popen(command, stdin=terminal, stdout=subprocess.PIPE, text=True) as process:
+        os.close(terminal)
+        assert process.stdout is not None
+        times_s: list[float] = []
+        for _ in range(STEPS):
+            assert process.stdout.readline().startswith("strip ")
+            times_s.append(time.monotonic())
+            os.write(keyboard, b"\n")
+        assert process.wait(timeout=90) == 0
+    os.close(keyboard)
+    unhurried_s = 2 * (strip_test.ENDS_S + strip_test.RUN_S + 3 * strip_test.COLOR_S) - strip_test.COLOR_S
+    assert times_s[-1] - times_s[0] < unhurried_s / 2, "steps are not waited for"
+    assert not any(pixels_of(receiver)[-1])
 
 
 @pytest.mark.parametrize(

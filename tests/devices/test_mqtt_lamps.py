@@ -5,9 +5,10 @@ import contextlib
 import datetime as dt
 import json
 import ssl
+import sys
 from collections.abc import AsyncGenerator, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import aiomqtt
 import pytest
@@ -31,6 +32,7 @@ from tests.support.pace import Patience
 PATIENCE_S = 60.0
 NAMES = ("led_0", "led_1", "led_2", "led_3")
 LAMPS = tuple(Lamp(id=name, position_m=(0.0, 0.0, 1.0)) for name in ("desk", "door"))
+OFF = b'{"state":"OFF"}'
 RED, GREEN = (255, 0, 0), (0, 255, 0)
 
 
@@ -190,32 +192,94 @@ async def test_a_broker_that_comes_late_or_restarts_gets_all_colours(tmp_path: P
             assert {topic for topic, _ in heard} == {"zigbee2mqtt/desk/set", "zigbee2mqtt/door/set"}
 
 
-async def test_the_last_will_tells_that_the_lamps_are_left_alone(port: int) -> None:
-    """A process that dies cannot switch them off: an automation of the smart home can."""
-    links: list[asyncio.StreamWriter] = []
+class Relay:
+    """A way to the broker that can break."""
 
-    async def pass_on(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    def __init__(self, port: int) -> None:
+        self._broker = port
+        self._near: list[asyncio.StreamWriter] = []
+        self._far: list[asyncio.StreamWriter] = []
+        self._passing: list[asyncio.Task[None]] = []
+        self._is_noticed = True
+        self.port = 0
+
+    def cut(self, *, is_noticed: bool) -> None:
+        """Cut all connections. `is_noticed`: the broker gets to know."""
+        self._is_noticed = is_noticed
+        for link in self._far if is_noticed else self._near:
+            link.transport.abort()
+
+    async def _pass_on(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         with contextlib.suppress(OSError):
             while data := await reader.read(1000):
                 writer.write(data)
-        writer.close()
+        if self._is_noticed:
+            writer.close()
 
-    async def relay(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        far_reader, far_writer = await asyncio.open_connection("127.0.0.1", port)
-        links.append(far_writer)
-        await asyncio.gather(pass_on(reader, far_writer), pass_on(far_reader, writer))
+    async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        far_reader, far_writer = await asyncio.open_connection("127.0.0.1", self._broker)
+        self._near.append(writer)
+        self._far.append(far_writer)
+        links = (self._pass_on(reader, far_writer), self._pass_on(far_reader, writer))
+        self._passing += [asyncio.create_task(link) for link in links]
 
-    server = await asyncio.start_server(relay, "127.0.0.1", 0)
+    @contextlib.asynccontextmanager
+    async def running(self) -> AsyncGenerator[Self]:
+        async with await asyncio.start_server(self._serve, "127.0.0.1", 0) as server:
+            self.port = server.sockets[0].getsockname()[1]
+            yield self
+            self.cut(is_noticed=False)
+            self.cut(is_noticed=True)
+            await asyncio.gather(*self._passing)
+
+
+async def test_the_last_will_tells_that_the_lamps_are_left_alone(port: int) -> None:
+    """An automation of the smart home can react."""
     async with (
-        server,
+        Relay(port).running() as relay,
         overheard(port, "pointit/status") as heard,
-        lamps_on(server.sockets[0].getsockname()[1]),
+        lamps_on(relay.port),
     ):
         await until(lambda: [payload for _, payload in heard] == [b"online"], what="the beginning")
-        for link in links:
-            link.transport.abort()
+        relay.cut(is_noticed=True)
         await until(lambda: [payload for _, payload in heard[1:2]] == [b"offline"], what="the last will")
         await until(lambda: heard[-1][1] == b"online", what="the next connection")
+
+
+async def test_a_run_that_is_killed_leaves_no_lamp_lit(port: int) -> None:
+    arguments = ["run", "scenario_1", "--leds", f"mqtt:127.0.0.1:{port}", "--no-view", "--no-web"]
+    shown: dict[str, Any] = {}
+    async with overheard(port, "zigbee2mqtt/+/set") as heard:
+
+        def lit() -> list[str]:
+            shown.update(heard)
+            return [topic for topic, payload in shown.items() if payload != OFF]
+
+        run = await asyncio.create_subprocess_exec(sys.executable, "-m", "pointit.cli", *arguments)
+        try:
+            await until(lambda: len(lit()) >= 2, what="lit lamps")
+        finally:
+            run.kill()
+            await run.wait()
+        await until(lambda: not lit(), what="dark lamps")
+
+
+async def test_a_lamp_that_is_lit_again_after_a_loss_stays_lit_when_the_broker_notices_the_loss(
+    port: int,
+) -> None:
+    """The broker still has the connections of before when those of after come."""
+    async with (
+        Relay(port).running() as relay,
+        overheard(port, "#") as heard,
+        lamps_on(relay.port) as (output, _health),
+    ):
+        output.show_lamp("desk", RED)
+        await until(lambda: len(heard) >= 2, what="a command")
+        lit = heard[-1]
+        relay.cut(is_noticed=False)
+        await until(lambda: heard.count(lit) >= 2, what="the command again")
+        wills = {("pointit/status", b"offline"), *((f"zigbee2mqtt/{each.id}/set", OFF) for each in LAMPS)}
+        assert wills <= {*heard[: -1 - heard[::-1].index(lit)]}, "they would come later"
 
 
 async def test_a_broker_that_asks_for_a_password_gets_it_from_the_environment_or_a_file(

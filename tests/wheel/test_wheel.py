@@ -25,9 +25,32 @@ ROOTS = {
 """Folders of the repository, and where they are in the wheel."""
 LEFT_OUT = (
     "bridges/pointit/bridges/web/client/",  # what the page is built from
-    "bridges/pointit/__init__.pyi",  # with these two, type checkers see one package in a source tree
+    "bridges/pointit/__init__.pyi",  # with these, type checkers see one package in a source tree
+    "bridges/pointit/py.typed",
     "schemas/pointit/__init__.pyi",
+    "schemas/pointit/py.typed",
 )
+TYPED = """\
+# pyright: strict
+from typing import assert_type
+
+import pointit
+from pointit.bridges.web.server import certificate
+from pointit.plugins import ImuSource
+from pointit.schemas import Cursor
+
+
+async def main() -> None:
+    async with pointit.connect() as site:
+        assert_type(site, pointit.Site)
+    async with pointit.run("scenario_3") as site:
+        assert_type(site, pointit.Site)
+    with pointit.open() as opened:
+        assert_type(opened, pointit.SyncSite)
+    assert_type(Cursor(stamp_ns=1).range_m, float)
+    print(pointit.PointItError("no"), pointit.__version__, ImuSource, certificate.__name__)
+"""
+"""Program that uses names of all three roots."""
 UV = uv.find_uv_bin()
 INSTALL_S = 200.0
 """Limit of an installation from the index, where the cache of uv lacks something."""
@@ -112,3 +135,19 @@ async def test_uvx_runs_the_wheel_and_serves_the_page(wheel: Path, commands: Com
     ended = await command.stop()
     assert ended.code == 0, ended.err
     assert "scenario_3 ran" in ended.out
+
+
+@pytest.mark.parametrize("where", ["editable install", "wheel"])
+def test_type_checkers_see_every_public_name_of_the(
+    where: str, tmp_path: Path, request: pytest.FixtureRequest
+) -> None:
+    """Run both without any configuration, on a program outside the checkout, as an editor does."""
+    python = sys.executable
+    if where == "wheel":
+        python = str(request.getfixturevalue("plain").with_name("python"))
+    (tmp_path / "program.py").write_text(TYPED, encoding="utf-8")
+    said = run(sys.executable, "-m", "pyright", "--pythonpath", python, "program.py", cwd=tmp_path)
+    assert "0 errors, 0 warnings" in said
+    mypy = (sys.executable, "-m", "mypy", "--strict", "--cache-dir", tmp_path / "cache", "--config-file", "")
+    said = run(*mypy, "--python-executable", python, "program.py", cwd=tmp_path)
+    assert "no issues found in 1 source file" in said

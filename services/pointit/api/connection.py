@@ -8,6 +8,7 @@ from collections.abc import AsyncGenerator, Sequence
 from pathlib import Path
 
 from pointit.api.loop_thread import LoopThread
+from pointit.api.requests import listed
 from pointit.api.site import Site
 from pointit.api.sync_site import SyncSite
 from pointit.runtime.clock import SiteClock
@@ -75,7 +76,7 @@ async def _join(
 ) -> AsyncGenerator[Site]:
     if is_virtual():
         raise ConfigError("a site that runs elsewhere cannot be joined in virtual time; start one with `run`")
-    link = _link([address] if isinstance(address, str) else address, site, credentials)
+    link = _link(listed(address), site, credentials)
     bus = await ZenohBus.open(link, patience_s=patience_s)
     try:
         await _check_site(bus)

@@ -40,6 +40,11 @@ def query_of(request: Request[Any, Any], fields: dict[str, Any]) -> Query:
     return query
 
 
+def listed(names: str | Sequence[str]) -> Sequence[str]:
+    """Return `names`, of which one alone may be given, as a sequence: a text is one of letters."""
+    return [names] if isinstance(names, str) else names
+
+
 def rgb_of(color: str | Rgb | None) -> Rgb | None:
     """Return red, green and blue of `color`, which may be written `#rrggbb`.
 
@@ -105,9 +110,9 @@ class ConveyorRequests(_Requests[D], Generic[D, R]):
         reply: R = self._ask(topics.ADD_PACKAGE, kind=kind, lane=lane, length_m=length_m, position=position)
         return reply
 
-    def set_speed(self, speed_mps: float, *, belts: Sequence[str] = ()) -> D:
+    def set_speed(self, speed_mps: float, *, belts: str | Sequence[str] = ()) -> D:
         """Set the speed of all belts, or of `belts`, m/s. 0 stops them, below 0 they run backwards."""
-        return self._do(topics.SET_SPEED, speed_mps=speed_mps, belts=belts)
+        return self._do(topics.SET_SPEED, speed_mps=speed_mps, belts=listed(belts))
 
     def set_feeding(self, feeding: bool) -> D:  # noqa: FBT001 - its only argument
         """Start or stop the feeders."""
@@ -218,9 +223,9 @@ class RunRequests(_Requests[D]):
 class LedsRequests(_Requests[D]):
     """Requests to the LED driver."""
 
-    def brightness(self, brightness: float, *, strips: Sequence[str] = ()) -> D:
+    def brightness(self, brightness: float, *, strips: str | Sequence[str] = ()) -> D:
         """Dim all strips, or `strips`, to `brightness`, 0 to 1."""
-        return self._do(topics.SET_BRIGHTNESS, brightness=brightness, strips=strips)
+        return self._do(topics.SET_BRIGHTNESS, brightness=brightness, strips=listed(strips))
 
     def set_color(self, lamp: str, color: str | Rgb | None = None) -> D:
         """Show `color` on `lamp`: `#rrggbb` or (red, green, blue). None gives it back to the site."""

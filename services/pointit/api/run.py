@@ -11,6 +11,7 @@ from pathlib import Path
 from types import TracebackType
 
 from pointit.api.loop_thread import LoopThread
+from pointit.api.requests import listed
 from pointit.api.site import Site
 from pointit.api.sync_site import SyncSite
 from pointit.launch.plan.launches import LOCALIZATIONS, Choices, robot_of
@@ -71,11 +72,11 @@ class Run:
 def run(
     scenario: str | Path = DEFAULT_SCENARIO,
     *,
-    users: int | Sequence[str] = 1,
+    users: int | str | Sequence[str] = 1,
     virtual: bool = False,
     seed: int = 0,
     localize: bool | str = False,
-    imu: Sequence[str] = (),
+    imu: str | Sequence[str] = (),
     leds: str = "",
     settings: Mapping[str, object] | None = None,
     listen: str = "",
@@ -87,12 +88,12 @@ def run(
 
     Args:
         scenario: a shipped one, or the path of a .yaml file.
-        users: number of people, who are called `user1`, `user2` and so on, or their names.
+        users: number of people, who are called `user1`, `user2` and so on, or their name or names.
         virtual: in a `with` block, time passes only while a call waits, and then at once.
         seed: of all random number generators. In virtual time the same seed gives the same run.
         localize: people are located by pointing: at lamps (True or `lamps`), or by following a robot
             (`robot` or `robot:NAME`).
-        imu: IMU of each person in turn, as for `pointit run --imu`. Others are simulated.
+        imu: IMU of the first person, or of each in turn, as for `pointit run --imu`. Others are simulated.
         leds: LED output, as for `pointit run --leds`.
         settings: parameters of services, such as `{"selector.dwell_s": 0.8}`.
         listen: address at which other processes may join, such as `tcp/127.0.0.1:7447`; not in virtual time.
@@ -110,11 +111,12 @@ def run(
             seed=seed,
             localize=bool(localize),
             robot=robot_of(localize) if isinstance(localize, str) else None,
-            imu=imu,
+            imu=listed(imu),
             leds=leds,
             settings=[_setting(name, value) for name, value in (settings or {}).items()],
         )
-        planned = scenario_launches(read_scenario(str(scenario)), choices, users)
+        people = users if isinstance(users, int) else listed(users)
+        planned = scenario_launches(read_scenario(str(scenario)), choices, people)
         check_settings(planned, choices)
         check_launches(planned, (listen,) if listen else ())
         return planned

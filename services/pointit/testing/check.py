@@ -1,5 +1,7 @@
 """Checks: what must hold, what to do if it does not, and the function that finds out."""
 
+import asyncio
+import traceback
 from collections.abc import Callable, Coroutine, Generator, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
@@ -144,6 +146,23 @@ class Suite(Generic[H]):
 
 def _run(function: CheckFunction[H], harness: H) -> None:
     limit_s = PATIENCES * harness.patience_s
-    hung = run_in_own_loop(lambda: function(harness), limit_s=limit_s, virtual_time=harness.virtual_time)
+    raised: list[BaseException] = []
+
+    def on_error(loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
+        # of protocols, timers and readers: asyncio logs it, and nobody awaits them
+        if "exception" in context and "future" not in context:
+            raised.append(context["exception"])
+        else:
+            loop.default_exception_handler(context)
+
+    async def main() -> None:
+        asyncio.get_running_loop().set_exception_handler(on_error)
+        await function(harness)
+
+    hung = run_in_own_loop(main, limit_s=limit_s, virtual_time=harness.virtual_time)
     if hung:
         raise CheckFailedError(f"did not come to an end within {limit_s:g} s: {hung}")
+    for error in raised:
+        line = traceback.extract_tb(error.__traceback__)[-1]
+        where = f"{line.filename}, line {line.lineno}, in {line.name}"
+        raise CheckFailedError(f"a callback raised {type(error).__name__}: {error}, in {where}") from error

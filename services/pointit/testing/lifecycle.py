@@ -6,7 +6,7 @@ from typing import Any
 
 from pointit.testing.check import CheckFailedError
 from pointit.testing.common import require_nothing_left, require_refusals, require_responsive
-from pointit.testing.trial import CANCEL_S, DeviceHarness, Trial, absent, lived
+from pointit.testing.trial import CANCEL_S, DeviceHarness, Trial, absent, go_through, lived
 
 TRIES = 3
 """A time is only too long if it is so in each of this many tries: a busy machine makes any of them slow."""
@@ -44,7 +44,7 @@ async def does_not_block(harness: DeviceHarness[Any]) -> None:
     async def live() -> None:
         async with absent(harness.trial()) as trial:
             await trial.plug()
-            await trial.live()
+            await go_through(trial)
 
     await require_responsive(live)
 

@@ -1,6 +1,7 @@
 """Trials: one run of a plug-in in surroundings whose clock, health and device belong to the check."""
 
 import asyncio
+import contextlib
 import threading
 from abc import ABC, abstractmethod
 from collections.abc import AsyncGenerator, Awaitable, Callable, Mapping
@@ -228,6 +229,17 @@ def failure_of(task: asyncio.Task[None]) -> BaseException | None:
     return first_cause(error) if isinstance(error, Exception) else error
 
 
+async def go_through(trial: Trial) -> None:
+    """Let all happen to `trial` that can, whatever comes of it: checks of their own find it out.
+
+    Raises:
+        CheckFailedError: If `run` has ended.
+    """
+    with contextlib.suppress(CheckFailedError):
+        await trial.live()
+    trial.require_running()
+
+
 @asynccontextmanager
 async def absent(trial: T) -> AsyncGenerator[T]:
     """Run the plug-in of `trial` while its device is away."""
@@ -252,5 +264,5 @@ async def connected(trial: T) -> AsyncGenerator[T]:
 async def lived(trial: T) -> AsyncGenerator[T]:
     """Run the plug-in of `trial` with its device, and let all happen to it that can."""
     async with connected(trial):
-        await trial.live()
+        await go_through(trial)
         yield trial

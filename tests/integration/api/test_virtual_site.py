@@ -171,3 +171,13 @@ def test_nothing_elsewhere_can_be_joined_or_waited_for_in_virtual_time() -> None
         pointit.run_virtually(join())
     with pytest.raises(RuntimeError, match="everything waits for something that will never happen"):
         pointit.run_virtually(asyncio.Event().wait())
+
+
+def test_one_name_stands_for_a_list_of_one() -> None:
+    with pointit.run("scenario_4", users="anna", imu="page", virtual=True) as site:
+        assert next(site.people()) == {"anna"}
+        assert "imu-bridge.anna" in next(site.services())
+        with pytest.raises(RefusedError, match="nowhere"):
+            site.conveyor.set_speed(0.1, belts="nowhere")
+        with pytest.raises(RefusedError, match="nowhere"):
+            site.leds.brightness(0.5, strips="nowhere")

@@ -6,6 +6,7 @@ import re
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from pydantic import ValidationError
 
 from pointit.runtime.health.surroundings import NullHealth
 from pointit.schemas import Strip, StripFrame, StripsFrame
@@ -63,6 +64,16 @@ def test_rate_that_the_wire_does_not_carry_is_told_with_what_fits() -> None:
     assert warning(int(fitting[1])) == ""
     assert warning(int(fitting[1]) + 1)
     assert warning(300, baud=1_000_000) == ""
+    assert sentence.endswith(
+        "raise `baud` here and on the controller, use more outputs, or lower `wanted_rate_hz`"
+    )
+
+
+def test_no_more_baud_is_advised_than_can_be_set() -> None:
+    sentence = warning(2000, baud=4_000_000)
+    assert sentence.endswith(": use more outputs, or lower `wanted_rate_hz`")
+    with pytest.raises(ValidationError):
+        AdalightConfig(port="x", baud=4_000_001)
 
 
 def test_more_pixels_than_the_protocol_counts_are_refused() -> None:

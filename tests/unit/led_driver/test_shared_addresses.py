@@ -37,6 +37,14 @@ def test_outputs_at_one_node_have_a_universe_each(kind: str) -> None:
         names(node | {"universe": 2}, node | {"universe": 2})
 
 
+def test_outputs_at_one_host_have_a_port_each() -> None:
+    host = {"kind": "ddp", "host": "10.0.0.5"}
+    assert names(host, host | {"port": 4049}) == ["10.0.0.5 port 4048", "10.0.0.5 port 4049"]
+    with pytest.raises(ConfigError, match=r"outputs.1.host: 10.0.0.5 port 4048 is used .* `port`"):
+        names(host, host)
+
+
 def test_address_that_nothing_divides_has_one_output() -> None:
-    with pytest.raises(ConfigError, match=r"outputs.1.host: 10.0.0.5 is used by two outputs: remove one$"):
-        names({"kind": "ddp", "host": "10.0.0.5"}, {"kind": "ddp", "host": "10.0.0.5"})
+    port = {"kind": "adalight", "port": "/dev/x"}
+    with pytest.raises(ConfigError, match=r"outputs.1.port: /dev/x is used by two outputs: remove one$"):
+        names(port, port)

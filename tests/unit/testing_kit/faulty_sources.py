@@ -10,6 +10,7 @@ from typing import Any
 
 from pointit.plugins import Config, Deliver, Quaternion, Reading, Reconnected, Surroundings
 from pointit.runtime.health.surroundings import NullHealth
+from pointit.testing import UdpDevice
 from pointit.testing.templates.imu_source import Source, SourceConfig, parse
 from pointit.testing.templates.imu_source.fake import DEVICE
 from tests.unit.testing_kit.faults import CaughtBy, seed_in_run
@@ -30,6 +31,46 @@ class ConnectsOnce(Source):
     async def run(self, deliver: Deliver) -> None:
         await super()._connect_and_read(deliver)
         await asyncio.Event().wait()
+
+
+class DatagramSource:
+    """Listens by a protocol of asyncio, as sources of datagrams do."""
+
+    def __init__(self, config: SourceConfig, surroundings: Surroundings) -> None:
+        self._config = config
+        self.surroundings = surroundings
+
+    async def run(self, deliver: Deliver) -> None:
+        self.surroundings.health.warn("device", "nothing arrives; switch it on")
+        loop = asyncio.get_running_loop()
+        local = (self._config.host, self._config.port)
+        transport, _ = await loop.create_datagram_endpoint(lambda: TrustingProtocol(self, deliver), local)
+        try:
+            await asyncio.Event().wait()
+        finally:
+            transport.close()
+
+
+class TrustingProtocol(asyncio.DatagramProtocol):
+    def __init__(self, source: DatagramSource, deliver: Deliver) -> None:
+        self._around = source.surroundings
+        self._deliver = deliver
+
+    def datagram_received(self, data: bytes, addr: object) -> None:
+        del addr
+        w, x, y, z = map(float, data.split(b","))
+        if abs(math.hypot(w, x, y, z) - 1.0) < 0.1:
+            self._around.health.clear("device")
+            self._deliver(Reading(self._around.clock.now_ns(), (x, y, z, w)))
+
+
+def address(device: UdpDevice) -> dict[str, object]:
+    return {"host": device.host, "port": device.program_port}
+
+
+datagrams_caught_by = CaughtBy(replace(DEVICE, device=UdpDevice, parameters=address))
+datagrams_caught_by("bad_bytes", "a callback raised ValueError: .*, in datagram_received")(DatagramSource)
+datagrams_caught_by("waits_for_port", "`run` raised OSError: .*ddress already in use")(DatagramSource)
 
 
 @caught_by("tells_reconnection", "no `Reconnected`")

@@ -59,6 +59,15 @@ def test_seeded_fault_is_caught(name: str, reports: dict[str, str]) -> None:
     assert check.remedy in reports[name]
 
 
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::pytest.PytestUnraisableExceptionWarning")
+def test_an_output_without_a_heartbeat_breaks_one_promise_whose_remedy_names_it() -> None:
+    harness = FAULTS["LedOutput-HasNoHeartbeat-reconnects-came back, and did not get"].harness
+    broken = {check.name: problem for check, problem in run_checks(checks(harness)) if problem}
+    assert broken.keys() == {"reconnects"}
+    assert "again every second" in broken["reconnects"]
+
+
 def test_make_of_a_method_may_refuse_parameters() -> None:
     def make(config: MethodConfig, surroundings: Surroundings) -> Method:
         if config.dwell_s > 5.0:

@@ -1,6 +1,7 @@
 """`pointit leds test`: shows which pixel is where, strip by strip."""
 
 import asyncio
+import contextlib
 import itertools
 import tempfile
 from collections.abc import Sequence
@@ -9,6 +10,7 @@ from pathlib import Path
 import click
 
 from pointit.cli.common.interruption import interruptible
+from pointit.cli.common.keyboard import has_keyboard, keys
 from pointit.cli.run.leds_setup import PrintedHealth, read_setup, setup_options
 from pointit.runtime.clock import WallClock
 from pointit.runtime.errors import ConfigError
@@ -34,7 +36,8 @@ def command(
     """Light the pixels of each strip of SCENARIO's map one after the other, to test the connection.
 
     Steps for each strip: its first pixel green and its last one red, with their positions in the map. A white
-    pixel that runs from the first to the last. The first pixels red, green and blue.
+    pixel that runs from the first to the last. The first pixels red, green and blue. Enter goes on to the
+    next step at once.
 
     If the ends are mirrored, set `reversed` in the segment, or `direction: -1` in the map. If colours are
     wrong, set another `order`. If another strip lights, correct `segments`. If nothing lights, a warning
@@ -66,14 +69,16 @@ async def _show(outputs: Sequence[GuardedOutput], room: Environment, strips: Seq
     """Show the steps of each strip on all outputs, which are dark afterwards."""
     running = [asyncio.create_task(output.run()) for output in outputs]
     numbers = itertools.count(1)
+    pressed = asyncio.Event()
     try:
         for output in outputs:
             output.set_map(room)
         await asyncio.sleep(CONNECT_S)
-        for strip in strips:
-            for step in steps_of(strip):
+        with keys(pressed.set) if has_keyboard() else contextlib.nullcontext():
+            for strip, step in [(each, step) for each in strips for step in steps_of(each)]:
+                pressed.clear()
                 click.echo(f"strip {strip.id}: {step.text}")
-                await _show_step(outputs, strip, step, numbers)
+                await _show_step(outputs, strip, step, numbers, pressed)
     finally:
         for task in running:
             task.cancel()
@@ -81,12 +86,20 @@ async def _show(outputs: Sequence[GuardedOutput], room: Environment, strips: Seq
 
 
 async def _show_step(
-    outputs: Sequence[GuardedOutput], strip: Strip, step: Step, numbers: "itertools.count[int]"
+    outputs: Sequence[GuardedOutput],
+    strip: Strip,
+    step: Step,
+    numbers: "itertools.count[int]",
+    pressed: asyncio.Event,
 ) -> None:
+    """Show the pictures of `step`, each for its time, until a key is `pressed`."""
     clock = WallClock()
     for picture in step.pictures:
         shown = (StripFrame(id=strip.id, rgb=picture),)
         frame = StripsFrame(stamp_ns=clock.now_ns(), seq=next(numbers), strips=shown)
         for output in outputs:
             output.show(frame)
-        await asyncio.sleep(step.period_s)
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(step.period_s):
+                await pressed.wait()
+            return

@@ -37,7 +37,8 @@ class MqttBrokerDevice(TcpDevice):
         await self.send(bytes((PUBLISH << 4,)) + size + bytes((rest,)) + body)
 
     async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        self.received.clear()
+        if not self._writers:  # a program may have several connections
+            self.received.clear()
         self._writers.add(writer)
         with contextlib.suppress(OSError, asyncio.IncompleteReadError):
             while True:

@@ -14,13 +14,19 @@ class UdpDevice(NetworkDevice):
 
     def __init__(self) -> None:
         super().__init__(socket.SOCK_DGRAM)
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
-            free.bind((self.host, 0))
-            self.program_port: int = free.getsockname()[1]
-            """Port on which the program listens."""
+        self.program_port = 0
+        """Port on which the program listens."""
+        with self.take_program_port() as free:
+            self.program_port = int(free.getsockname()[1])
         self.datagrams: list[bytes] = []
         """Datagrams received since it was plugged in. `received` has their bytes."""
         self._transport: asyncio.DatagramTransport | None = None
+
+    def take_program_port(self) -> socket.socket:
+        """Return a socket that has the program's port until it is closed, like that of another program."""
+        taken = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        taken.bind((self.host, self.program_port))
+        return taken
 
     async def plug(self) -> None:
         """Begin to send and receive."""

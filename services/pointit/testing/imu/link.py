@@ -3,11 +3,13 @@
 import asyncio
 import statistics
 import time
+from typing import cast
 
 from pointit.testing import lifecycle
 from pointit.testing.check import CheckFailedError
+from pointit.testing.devices.udp import UdpDevice
 from pointit.testing.imu.harness import IMU_SUITE, ImuHarness, sends
-from pointit.testing.trial import absent, connected
+from pointit.testing.trial import ABSENT_S, absent, connected
 
 SILENCE_S = 0.4
 VIRTUAL_SILENCE_S = 120.0
@@ -21,6 +23,23 @@ async def waits_for_device(harness: ImuHarness) -> None:
     """Waits for a device that is not there yet."""
     async with absent(harness.trial()) as trial:
         await trial.plug()
+
+
+@IMU_SUITE.check(
+    "Catch OSError around opening the port, warn, and try again after a pause",
+    lambda harness: sends(harness) and isinstance(harness.example(), UdpDevice),
+)
+async def waits_for_port(harness: ImuHarness) -> None:
+    """Waits while another program has its port, warns meanwhile, and listens when it is free."""
+    async with harness.trial() as trial:
+        with cast("UdpDevice", trial.device).take_program_port():
+            await trial.start()
+            await trial.until(
+                lambda: bool(trial.health.warnings), "another program had its port and no warning said so"
+            )
+            await asyncio.sleep(ABSENT_S)
+            trial.require_running()
+        await trial.plug("the port became free")
 
 
 @IMU_SUITE.check("Connect in a loop: end of file and OSError lead back to connecting, after a pause", sends)

@@ -14,7 +14,8 @@ MANY = 8000
 
 
 @LED_SUITE.check(
-    "Connect in a loop, and send the kept frame whenever a connection is open: nobody shows it again",
+    "Connect in a loop, send the kept frame whenever a connection is open, since nobody shows it again, and "
+    "send it again every second: only sending tells that a connection is lost",
     notices_loss,
 )
 async def reconnects(harness: LedHarness) -> None:

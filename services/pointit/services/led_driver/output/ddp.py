@@ -34,7 +34,8 @@ def _make(config: DdpConfig, around: Surroundings) -> NetworkOutput:
         raise ConfigError("host: is missing; give the controller's name or address, as in --leds ddp:HOST")
     destination = Destination(host=config.host, port=config.port)
     wire = Wire(encode=_encode, max_rate_hz=config.max_rate_hz)
-    return NetworkOutput(config, destination, wire, around.health, config.host)
+    address = config.host if config.port == ddp_protocol.PORT else f"{config.host}:{config.port}"
+    return NetworkOutput(config, destination, wire, around.health, address)
 
 
 DDP = LedOutput(
@@ -42,6 +43,7 @@ DDP = LedOutput(
     config=DdpConfig,
     make=_make,
     argument="host",
+    divided_by="port",
     example="HOST",
     discover=find_wled,
 )

@@ -46,6 +46,10 @@ class MqttConfig(BrokerConfig, OutputConfig):
         default="pointit/status",
         description="topic that tells if the lamps are controlled, online or offline; none if empty",
     )
+    last_wills: bool = Field(
+        default=True,
+        description="switch lamps off if PointIt dies: by last wills, for which each has a connection",
+    )
 
     @model_validator(mode="after")
     def _one_topic_a_lamp(self) -> Self:

@@ -2,8 +2,10 @@
 
 import asyncio
 import contextlib
+import secrets
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from contextlib import AbstractAsyncContextManager
+from typing import TYPE_CHECKING
 
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.health.surroundings import Surroundings
@@ -57,6 +59,10 @@ class MqttLamps:
         self._online: dict[str, bool] = {}
         """Last message of each availability topic."""
         self._subscribed: set[str] = set()
+        self._guarded: set[str] = set()
+        """Lamps that the last will of a connection switches off."""
+        # the same after a loss: the broker then ends connections that it has not missed, before others begin
+        self._client_id = f"pointit{secrets.token_hex(5)}"
 
     def set_lamps(self, lamps: Sequence[Lamp]) -> None:
         """Set the map's lamps. Reports in health those that are configured and not in the map."""
@@ -89,32 +95,58 @@ class MqttLamps:
 
     async def _serve(self) -> None:
         """Connect, and send until the connection is lost."""
-        from aiomqtt import Will  # noqa: PLC0415 - an extra
-
-        options: dict[str, Any] = dict(self._options)
-        if self._config.status_topic:
-            options["will"] = Will(self._config.status_topic, OFFLINE, qos=1, retain=True)
-        async with connected(options) as client:
+        status = self._config.status_topic
+        async with self._connected(0, status, OFFLINE, retain=True) as client:
             self._health.clear("broker")
             self._online.clear()
             self._subscribed.clear()
+            self._guarded.clear()
             self._tell_availability()
             self._commands.resend()
             self._changed.set()
             try:
                 async with asyncio.TaskGroup() as tasks:
                     tasks.create_task(self._read(client), name="lamps' availability")
-                    tasks.create_task(self._send(client), name="lamps' commands")
+                    tasks.create_task(self._send(client, tasks), name="lamps' commands")
             except asyncio.CancelledError:
                 await self._end(client)
                 raise
 
-    async def _send(self, client: "aiomqtt.Client") -> None:
+    def _connected(
+        self, number: int, topic: str, will: bytes, *, retain: bool = False
+    ) -> AbstractAsyncContextManager["aiomqtt.Client"]:
+        """Connect as client `number`, with a last `will` on `topic`; without if that is `""`."""
+        from aiomqtt import Will  # noqa: PLC0415 - an extra
+
+        options = self._options | {"identifier": f"{self._client_id}-{number}"}
+        return connected(options | ({"will": Will(topic, will, qos=1, retain=retain)} if topic else {}))
+
+    async def _guard(self, tasks: asyncio.TaskGroup) -> None:
+        """Connect once more for each new lamp: a connection has one last will, which switches one off."""
+        new = [lamp_id for lamp_id in self._lamps if lamp_id not in self._guarded]
+        if not self._config.last_wills or not new:
+            return
+        is_left = [asyncio.Event() for _ in new]
+        for lamp_id, event in zip(new, is_left, strict=True):
+            self._guarded.add(lamp_id)
+            tasks.create_task(self._leave_will(len(self._guarded), lamp_id, event), name="a lamp's last will")
+        for event in is_left:
+            await event.wait()
+
+    async def _leave_will(self, number: int, lamp_id: str, is_left: asyncio.Event) -> None:
+        topic = self._config.command_topic(lamp_id)
+        async with self._connected(number, topic, light_protocol.command(DARK)) as client:
+            is_left.set()
+            async for _message in client.messages:  # none comes; a lost connection raises
+                pass
+
+    async def _send(self, client: "aiomqtt.Client", tasks: asyncio.TaskGroup) -> None:
         loop = asyncio.get_running_loop()
         await self._tell_status(client, ONLINE)
         while True:
             self._changed.clear()
             await self._subscribe(client)
+            await self._guard(tasks)
             while (taken := self._commands.take(loop.time())) is not None:
                 lamp_id, color = taken
                 await self._publish(client, lamp_id, color)

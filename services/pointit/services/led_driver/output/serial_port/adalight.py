@@ -14,6 +14,7 @@ from pointit.services.led_driver.output.power import Power
 from pointit.services.led_driver.output.serial_port import adalight_protocol
 from pointit.services.led_driver.output.serial_port.serial_config import (
     BITS_PER_BYTE,
+    MAX_BAUD,
     SerialOutputConfig,
     wire_time_s,
 )
@@ -91,10 +92,11 @@ def _too_slow(config: AdalightConfig, pixels: int) -> list[str]:
         - wire_time_s(adalight_protocol.HEADER_BYTES, config.baud)
     )
     fitting = int(room_s / (3 * BITS_PER_BYTE / config.baud + adalight_protocol.PIXEL_TIME_S))
+    faster = "raise `baud` here and on the controller, " if config.baud < MAX_BAUD else ""
     sentence = (
         f"{pixels} pixels at {config.baud} baud: {frame_s * 1e3:.0f} ms a frame, {1.0 / frame_s:.1f} frames "
-        f"a second; {max(0, fitting)} pixels fit at {config.wanted_rate_hz:g} frames a second: raise `baud` "
-        "here and on the controller, use more outputs, or lower `wanted_rate_hz`"
+        f"a second; {max(0, fitting)} pixels fit at {config.wanted_rate_hz:g} frames a second: {faster}"
+        "use more outputs, or lower `wanted_rate_hz`"
     )
     return [sentence]
 

@@ -4,6 +4,7 @@ from pydantic import Field
 
 from pointit.services.led_driver.outputs import OutputConfig
 
+MAX_BAUD = 4_000_000
 BITS_PER_BYTE = 10
 """Bits on the wire, with start and stop bit."""
 
@@ -15,7 +16,7 @@ class SerialOutputConfig(OutputConfig):
         default="",
         description="path or name of the controller's port; /dev/serial/by-id/... survives plugging in again",
     )
-    baud: int = Field(default=115200, gt=0, le=4_000_000, description="bits per second")
+    baud: int = Field(default=115200, gt=0, le=MAX_BAUD, description="bits per second")
     wanted_rate_hz: float = Field(
         default=25.0, gt=0, le=1000, description="frames per second below which a warning says what fits"
     )

@@ -4,6 +4,7 @@ import asyncio
 import json
 import socket
 import time
+import tracemalloc
 from typing import Any
 
 import pytest
@@ -117,6 +118,22 @@ async def test_all_that_waits_is_read_at_once_and_the_newest_orientation_and_eac
         assert newest.world_from_sensor == pytest.approx((0.6, 0.0, 0.0, 0.8))
         assert sent_ns <= newest.stamp_ns <= time.time_ns()
         assert len(wrist.of(Press)) == 10
+
+
+async def test_flood_while_the_loop_is_busy_is_bounded_in_memory_and_readings() -> None:
+    async with running(UDP) as wrist, phone_at(wrist.port) as phone:
+        await sends(wrist, phone, content())
+        wrist.items.clear()
+        tracemalloc.start()
+        try:
+            for _ in range(2000):  # 4 MB
+                phone.say(content() + b" " * 2000)
+            await until(lambda: bool(wrist.of(Reading)))
+            _, peak = tracemalloc.get_traced_memory()
+        finally:
+            tracemalloc.stop()
+        assert peak < 2_000_000
+        assert len(wrist.of(Reading)) <= 2
 
 
 async def test_rates_that_wait_are_all_delivered_since_they_are_summed_up() -> None:

@@ -104,7 +104,8 @@ class OscDecoder(Decoder):
         order = ORDERS.get(address)
         if order is None:
             is_zig_sim = address == self._zig_sim or address.startswith(ZIG_SIM)
-            order = "xyzw" if is_zig_sim or _is_of_two_parts(address) else "wxyz"
+            has_name = address.count("/") == 2 and address.endswith("/quaternion")
+            order = "xyzw" if is_zig_sim or has_name else "wxyz"
             if not is_zig_sim:
                 self.doubt = (
                     f"the order of the numbers at {address} is not known; they are read as {order}: set "
@@ -122,10 +123,6 @@ class OscDecoder(Decoder):
             return None
         self._battery = battery
         return battery
-
-
-def _is_of_two_parts(address: str) -> bool:
-    return address.count("/") == 2 and address.endswith("/quaternion")
 
 
 OSC = ImuSource(

@@ -5,6 +5,7 @@ from abc import ABC, abstractmethod
 
 from pointit.runtime.clock import Clock
 from pointit.runtime.health.surroundings import HealthSink
+from pointit.runtime.timer import Timer
 from pointit.services.imu_bridge.network.udp_server import (
     ANY_HOST,
     LOOPBACK,
@@ -47,17 +48,17 @@ class PortSource(ABC):
         self._newest: Reading | None = None
         """Orientation that is not delivered yet."""
         self._delivered_s = 0.0
-        self._timer: asyncio.TimerHandle | None = None
 
     async def run(self, deliver: Deliver) -> None:
         """Deliver readings until cancelled."""
         self._deliver = deliver
+        self._timer = Timer(asyncio.get_running_loop().call_later, self._deliver_newest)
         try:
             async with asyncio.TaskGroup() as group:
                 group.create_task(self._server.run())
                 await self._watch()
         finally:
-            self._stop_timer()
+            self._timer.cancel()
 
     @abstractmethod
     async def _watch(self) -> None:
@@ -86,27 +87,19 @@ class PortSource(ABC):
         self._deliver(item)
 
     def _on_read(self) -> None:
-        """Deliver the newest orientation, unless one was delivered just now."""
-        if self._newest is None or self._timer is not None:
-            return
-        loop = asyncio.get_running_loop()
-        wait_s = self._delivered_s + PERIOD_S - loop.time()
-        if wait_s > 0.0:
-            self._timer = loop.call_later(wait_s, self._deliver_newest)
-        else:
-            self._deliver_newest()
+        """Deliver the newest orientation, or a little later if one was delivered just now."""
+        if self._newest is not None:
+            wait_s = self._delivered_s + PERIOD_S - asyncio.get_running_loop().time()
+            if wait_s > 0.0:
+                self._timer.start(wait_s)
+            else:
+                self._deliver_newest()
 
     def _deliver_newest(self) -> None:
-        self._stop_timer()
         newest, self._newest = self._newest, None
         if newest is not None:
             self._delivered_s = asyncio.get_running_loop().time()
             self._deliver(newest)
-
-    def _stop_timer(self) -> None:
-        if self._timer is not None:
-            self._timer.cancel()
-            self._timer = None
 
     def _warn_flood(self, sender: str, now_s: float) -> None:
         problem = self._limit.problem(now_s)
@@ -115,8 +108,5 @@ class PortSource(ABC):
     @property
     def _only_here(self) -> str:
         """Return a clause about the networks that are not heard, or `""`."""
-        if not self._is_local:
-            return ""
-        return (
-            f"; only this machine is heard there, set {self._name}.host={ANY_HOST} for devices of the network"
-        )
+        remedy = f"set {self._name}.host={ANY_HOST} for devices of the network"
+        return f"; only this machine is heard there, {remedy}" if self._is_local else ""

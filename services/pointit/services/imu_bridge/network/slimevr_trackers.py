@@ -42,9 +42,8 @@ class Tracker:
     def label(self, place: str = "") -> str:
         """Return its MAC if it has one of its own, its firmware and its `place`, for people."""
         firmware, place = self.handshake.firmware or "owoTrack", place or self.address[0]
-        return (
-            f"{self.handshake.mac} ({firmware} at {place})" if self.handshake.mac else f"{place} ({firmware})"
-        )
+        mac = self.handshake.mac
+        return f"{mac} ({firmware} at {place})" if mac else f"{place} ({firmware})"
 
     def is_named(self, wanted: str) -> bool:
         """Return True if `wanted` is its MAC or its IP address."""

@@ -79,9 +79,9 @@ class UdpServer(asyncio.DatagramProtocol):
                 continue
             self._health.clear("port")
             self._transport = transport
-            if sys.platform != "win32":  # there the loop waits by reading, and would get the next one later
-                self._waiting = transport.get_extra_info("socket").dup()
             try:
+                if sys.platform != "win32":  # there the loop waits by reading: the next one would come late
+                    self._waiting = transport.get_extra_info("socket").dup()
                 await self._lost
             except OSError as error:
                 self._warn(error)

@@ -62,7 +62,7 @@ class Bno085Framer(Framer):
         return [Reading(stamp_ns, self._orientation(packet)) for packet in packets]
 
     def on_silence(self) -> None:
-        """Expect a counter that begins anew."""
+        """Compare the next counter with that of a start."""
         super().on_silence()
         self._is_first = True
 

@@ -11,8 +11,9 @@ SILENT_S = 2.0
 LISTENING_S = 0.5
 """Most of the time between two looks at the port that counts as silence, s: a process that had no time heard
 nothing."""
-NEAR_RAD = math.radians(5.0)
-"""Largest yaw of a sensor that has just been started: six-axis fusions begin at 0, rad."""
+NEAR_RAD = math.radians(3.0)
+"""Largest yaw of a sensor that has just been started: six-axis fusions begin at 0, rad. The wider, the more
+often an arm that turns there in a pause of its radio is taken for a start."""
 JUMP_RAD = math.radians(10.0)
 """Smallest change of the yaw that counts, rad. An arm at rest moves less in a pause of its radio."""
 

@@ -33,6 +33,7 @@ DEVICES = {
         "ble/witmotion_ble.py",
         "ble/xsens_dot.py",
         "network/datagram_source.py",
+        "network/port_source.py",
         "network/slimevr.py",
         "network/slimevr_search.py",
         "network/udp_server.py",

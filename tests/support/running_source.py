@@ -79,6 +79,12 @@ class Phone(asyncio.DatagramProtocol):
         assert self.transport is not None
         self.transport.sendto(data, (host, self._port))
 
+    @property
+    def port(self) -> int:
+        """Return the port from which it sends."""
+        assert self.transport is not None
+        return int(self.transport.get_extra_info("sockname")[1])
+
     def saying(self, data: bytes, condition: Callable[[], bool]) -> Callable[[], bool]:
         """Return `condition` as one that sends `data` each time before."""
 

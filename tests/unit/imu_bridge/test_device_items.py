@@ -155,6 +155,30 @@ def test_bursts_of_a_radio_are_stamped_with_the_times_of_capture() -> None:
     virtually(play)
 
 
+def test_age_of_the_oldest_reading_of_a_second_is_shown_by_the_time_of_the_device() -> None:
+    """In the last seconds, 40 readings wait for 10 to 400 ms, again and again."""
+
+    async def play(bench: Bench, puppet: Puppet) -> None:
+        health = bench.collect(HEALTH, INSTANCE)
+        puppet.give(Reading(bench.clock.now_ns(), LEVEL))
+        await asyncio.sleep(2.0)
+        assert figure(health, "age") is None
+        waiting: list[int] = []
+        for number in range(700):
+            waiting.append(number)
+            if number < 300 or number % 50 >= 40:
+                for each in waiting:
+                    device_ns = (500 + each) * 10_000_000
+                    puppet.give(Reading(bench.clock.now_ns(), (LEVEL, OTHER)[each % 2], device_ns))
+                waiting.clear()
+            await asyncio.sleep(0.01)
+            if number == 299:
+                assert figure(health, "age") == pytest.approx(0.0, abs=1.0)
+        assert figure(health, "age") == pytest.approx(400.0, abs=5.0)
+
+    virtually(play)
+
+
 def test_clock_of_a_device_that_jumps_is_named() -> None:
     async def play(bench: Bench, puppet: Puppet) -> None:
         health = bench.collect(HEALTH, INSTANCE)

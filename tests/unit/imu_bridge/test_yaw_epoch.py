@@ -1,5 +1,6 @@
 """New yaw origins are reported to other services: by request, mounting or restart."""
 
+import asyncio
 from pathlib import Path
 
 import pytest
@@ -9,6 +10,7 @@ from pointit.runtime.clock import WallClock
 from pointit.schemas import NS_PER_S, SetMounting, SetYawOrigin
 from pointit.schemas.topics import IMU, SET_MOUNTING, SET_YAW_ORIGIN
 from pointit.services.imu_bridge.config import ImuBridgeConfig
+from pointit.services.imu_bridge.serial import restart
 from pointit.services.imu_bridge.serial.config import SerialConfig
 from pointit.services.imu_bridge.service import ImuBridge
 from pointit.services.imu_bridge.simulated import SimulatedConfig
@@ -73,7 +75,9 @@ async def test_requests_that_turn_the_yaw_raise_it_and_others_do_not() -> None:
         assert {sample.yaw_epoch for sample in samples} == {0, 1, 2}
 
 
-async def test_a_serial_device_that_comes_back_or_is_restarted_raises_it(tmp_path: Path) -> None:
+async def test_a_serial_device_that_comes_back_or_is_restarted_raises_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     async with memory_bench(WallClock()) as bench:
         samples = bench.collect(IMU)
         with pty_device(tmp_path / "imu") as device:
@@ -85,8 +89,14 @@ async def test_a_serial_device_that_comes_back_or_is_restarted_raises_it(tmp_pat
             assert samples[0].yaw_epoch == 0
             device.send(b"2000000,1,0,0,0\n")
             await until(lambda: samples[-1].yaw_epoch == 1, what="a restart")
+            monkeypatch.setattr(restart, "SILENT_S", 0.3)
+            await send_until(
+                device, b"0.8,0,0,0.6\n", lambda: samples[-1].device_time_ns is None, what="a turn"
+            )
+            await asyncio.sleep(0.5)
+            await send_until(device, b"1,0,0,0\n", lambda: samples[-1].yaw_epoch == 2, what="a start")
             device.unplug()
             device.plug()
             await send_until(
-                device, b"9000000,1,0,0,0\n", lambda: samples[-1].yaw_epoch == 2, what="a reconnection"
+                device, b"9000000,1,0,0,0\n", lambda: samples[-1].yaw_epoch == 3, what="a reconnection"
             )

@@ -1,14 +1,22 @@
 """Sources without a handshake beside senders that fall silent, flood, compete or send garbage."""
 
+import asyncio
 import json
+import socket
+import time
+import tracemalloc
 from typing import Any
 
 import pytest
 
-from pointit.plugins import Disconnected, RawReading, Reading, Reconnected
-from pointit.services.imu_bridge.network import datagram_source
-from pointit.services.imu_bridge.network.datagram_source import SenderChoice
+from pointit.plugins import Disconnected, ImuSource, Press, RawReading, Reading, Reconnected
+from pointit.services.imu_bridge.network import datagram_source, sender_choice
+from pointit.services.imu_bridge.network.osc import OSC
+from pointit.services.imu_bridge.network.sender_choice import SenderChoice
 from pointit.services.imu_bridge.network.udp import UDP
+from pointit.services.imu_bridge.network.ximu3 import XIMU3
+from pointit.testing.devices.serial_formats import ximu3_quaternion
+from pointit.testing.shipped.network import osc_quaternion
 from tests.support.bench import until
 from tests.support.running_source import Phone, Running, phone_at, running
 
@@ -43,6 +51,121 @@ async def test_of_two_senders_the_first_is_used_and_the_other_named() -> None:
 
         await until(both)
         assert set(readings(wrist)) == {ONE}
+
+
+@pytest.mark.parametrize(
+    ("plugin", "mine", "others"),
+    [
+        (UDP, content(), content(OTHER)),
+        (OSC, osc_quaternion(ONE), osc_quaternion(OTHER)),
+        (XIMU3, ximu3_quaternion(ONE), ximu3_quaternion(OTHER)),
+    ],
+)
+async def test_of_two_programs_on_one_machine_the_first_is_used_and_the_other_named(
+    plugin: ImuSource, mine: bytes, others: bytes
+) -> None:
+    async with running(plugin) as wrist, phone_at(wrist.port) as first, phone_at(wrist.port) as second:
+        await sends(wrist, first, mine)
+
+        def both() -> bool:
+            first.say(mine)
+            second.say(others)
+            return f"127.0.0.1:{second.port} sends to port" in wrist.warnings.get("others", "")
+
+        await until(both)
+        assert set(readings(wrist)) == {ONE}
+        assert wrist.of(Reconnected) == [Reconnected()]
+
+
+def test_a_new_port_of_a_program_that_was_restarted_takes_over_after_the_old_one_was_silent() -> None:
+    senders = SenderChoice("10.0.0.1")
+    senders.use(("10.0.0.1", 5000), 0.0)
+    assert not senders.may_use(("10.0.0.1", 6000), 9.9)
+    assert senders.others(9.9) == ["10.0.0.1:6000"]
+    assert senders.may_use(("10.0.0.1", 6000), 10.1)
+    assert not senders.may_use(("10.0.0.2", 6000), 99.0)
+
+
+async def test_program_that_sends_each_datagram_from_another_port_is_one_sender() -> None:
+    async with running(UDP) as wrist:
+
+        def said() -> bool:
+            with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+                sender.sendto(content(), ("127.0.0.1", wrist.port))
+            return len(wrist.of(Reading)) > 20
+
+        await until(said)
+        assert len(wrist.of(Reconnected)) <= 2
+
+
+async def test_all_that_waits_is_read_at_once_and_the_newest_orientation_and_each_event_delivered() -> None:
+    async with running(UDP) as wrist, phone_at(wrist.port) as phone:
+        await sends(wrist, phone, b"1,0,0,0")
+        await asyncio.sleep(0.05)
+        wrist.items.clear()
+        sent_ns = time.time_ns()
+        for number in range(40):
+            phone.say(b"%d,0.6,0.8,0,0" % (1000 * number + 2) if number < 39 else b"99000,0.8,0.6,0,0")
+            if number % 4 == 0:
+                phone.say(b"button")
+        turns = 0
+        while not wrist.of(Reading):  # the loop turns until the socket is readable
+            turns += 1
+            await asyncio.sleep(0)
+        assert turns < 5
+        (newest,) = wrist.of(Reading)
+        assert newest.device_time_ns == 99_000_000
+        assert newest.world_from_sensor == pytest.approx((0.6, 0.0, 0.0, 0.8))
+        assert sent_ns <= newest.stamp_ns <= time.time_ns()
+        assert len(wrist.of(Press)) == 10
+
+
+async def test_flood_while_the_loop_is_busy_is_bounded_in_memory_and_readings() -> None:
+    async with running(UDP) as wrist, phone_at(wrist.port) as phone:
+        await sends(wrist, phone, content())
+        wrist.items.clear()
+        tracemalloc.start()
+        try:
+            for _ in range(2000):  # 4 MB
+                phone.say(content() + b" " * 2000)
+            await until(lambda: bool(wrist.of(Reading)))
+            _, peak = tracemalloc.get_traced_memory()
+        finally:
+            tracemalloc.stop()
+        assert peak < 2_000_000
+        assert len(wrist.of(Reading)) <= 2
+
+
+async def test_rates_that_wait_are_all_delivered_since_they_are_summed_up() -> None:
+    acceleration, rate = (
+        json.dumps({"type": f"android.sensor.{kind}", "values": [0.0, 0.0, value]}).encode()
+        for kind, value in (("accelerometer", 9.81), ("gyroscope", 0.1))
+    )
+    async with running(UDP) as wrist, phone_at(wrist.port) as phone:
+        for _ in range(20):
+            phone.say(acceleration)
+            phone.say(rate)
+        await until(lambda: len(wrist.of(RawReading)) == 20)
+
+
+async def test_1900_readings_a_second_leave_the_newest_orientation_and_each_event() -> None:
+    """More than 1000 items a second would be refused for the rest of the second."""
+    async with running(UDP) as wrist, phone_at(wrist.port) as phone:
+        await sends(wrist, phone, content())
+        loop, presses = asyncio.get_running_loop(), 0
+        wrist.items.clear()
+        begin_s = loop.time()
+        while (passed_s := loop.time() - begin_s) < 0.5:
+            if passed_s * 1900 > presses * 19:
+                for _ in range(18):
+                    phone.say(content())
+                phone.say(b"button")
+                presses += 1
+            await asyncio.sleep(0)
+        phone.say(content(OTHER))
+        await until(lambda: readings(wrist)[-1] == OTHER)
+        assert len(wrist.of(Press)) == presses
+        assert len(wrist.of(Reading)) <= 500 * (loop.time() - begin_s) + 1
 
 
 async def test_rates_of_a_phone_without_orientations_are_delivered_also_after_a_loss(
@@ -116,14 +239,14 @@ async def test_flood_is_named_and_cut_back() -> None:
 
 def test_senders_beyond_the_limit_are_forgotten_and_the_place_is_free_after_a_silence() -> None:
     senders = SenderChoice()
-    assert senders.may_use("10.0.0.1", 0.0)
-    senders.use("10.0.0.1", 0.0)
+    assert senders.may_use(("10.0.0.1", 5000), 0.0)
+    senders.use(("10.0.0.1", 5000), 0.0)
     for number in range(2, 200):
-        assert not senders.may_use(f"10.0.0.{number}", 1.0)
-    assert len(senders.others(1.0)) == datagram_source.MOST_OTHERS
+        assert not senders.may_use((f"10.0.0.{number}", 5000), 1.0)
+    assert len(senders.others(1.0)) == sender_choice.MOST_OTHERS
     assert senders.others(7.0) == []
-    assert not senders.may_use("10.0.0.2", 9.0)
-    assert senders.may_use("10.0.0.2", 10.1)
+    assert not senders.may_use(("10.0.0.2", 5000), 9.0)
+    assert senders.may_use(("10.0.0.2", 5000), 10.1)
 
 
 async def sends(wrist: Running, phone: Phone, data: bytes) -> None:

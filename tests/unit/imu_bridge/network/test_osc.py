@@ -33,11 +33,46 @@ def items(decoder: OscDecoder, address: str, *arguments: float | str) -> list[It
         ("/quaternion", WXYZ),  # NGIMU
         ("/gyrosc/quat", WXYZ),
         ("/SceneRotator/quaternions", WXYZ),
-        ("/my-phone/quaternion", [*XYZW]),  # ZIG SIM
+        ("/ZIGSIM/0A1B-2C3D/quaternion", [*XYZW]),  # iPhone
+        ("/my-phone/quaternion", [*XYZW]),  # ZIG SIM before, and on Android
+        ("/rotationvector", [*XYZW, 0.1]),  # Sensors2OSC
+        ("/gamerotationvector", [*XYZW]),
     ],
 )
 def test_orientations_of_known_devices(address: str, numbers: list[float]) -> None:
     assert items(OscDecoder(OscConfig()), address, *numbers) == [Reading(NOW, XYZW)]
+
+
+@pytest.mark.parametrize(
+    "address", ["/quaternion", "/gyrosc/quat", "/ZIGSIM/phone/quaternion", "/rotationvector"]
+)
+def test_order_of_a_known_address_is_not_doubted(address: str) -> None:
+    decoder = OscDecoder(OscConfig())
+    items(decoder, address, *WXYZ)
+    assert decoder.doubt == ""
+
+
+def test_order_of_an_unknown_address_is_doubted_until_it_is_set() -> None:
+    decoder = OscDecoder(OscConfig())
+    assert items(decoder, "/chest/left/quat", *WXYZ) == [Reading(NOW, XYZW)]
+    assert decoder.doubt == (
+        "the order of the numbers at /chest/left/quat is not known; they are read as wxyz: set osc.order to "
+        "wxyz or xyzw"
+    )
+    for config in (OscConfig(order="wxyz"), OscConfig(order="xyzw")):
+        decoder = OscDecoder(config)
+        items(decoder, "/chest/left/quat", *WXYZ)
+        assert decoder.doubt == ""
+
+
+def test_address_of_two_parts_is_that_of_zig_sim_only_beside_its_device_info() -> None:
+    decoder = OscDecoder(OscConfig())
+    items(decoder, "/my-phone/quaternion", *XYZW)
+    assert "/my-phone/quaternion is not known; they are read as xyzw" in decoder.doubt
+    decoder = OscDecoder(OscConfig())
+    items(decoder, "/my-phone/deviceinfo", "iPhone", "my-phone", "ios", "18.1", 1170.0, 2532.0)
+    items(decoder, "/my-phone/quaternion", *XYZW)
+    assert decoder.doubt == ""
 
 
 def test_address_and_order_are_configurable() -> None:

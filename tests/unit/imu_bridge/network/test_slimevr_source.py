@@ -135,6 +135,25 @@ async def test_two_phones_without_a_mac_at_once(monkeypatch: pytest.MonkeyPatch)
         assert "another person's app needs another slimevr.port" in wrist.warnings["tracker"]
 
 
+async def test_of_two_phones_on_one_machine_the_first_is_used_and_the_other_named(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Their addresses are the same, as behind a router that translates them."""
+    monkeypatch.setattr(slimevr, "STEP_S", 0.02)
+    monkeypatch.setattr(slimevr_trackers, "SILENT_S", 0.0)
+    async with running(SLIMEVR) as wrist, phone_at(wrist.port) as first, phone_at(wrist.port) as second:
+        await connect(wrist, first, board=OWOTRACK, last=0)
+
+        def both() -> bool:
+            second.say(handshake(OWOTRACK, 0))
+            second.say(rotation(0, TURNED))
+            return f"127.0.0.1:{second.port} (owoTrack8)" in wrist.warnings.get("tracker", "")
+
+        await until(both)
+        assert not second.heard
+        assert set(readings(wrist)) == {IDENTITY}
+
+
 @pytest.mark.skipif(not hasattr(socket, "SO_REUSEPORT"), reason="no port can be shared here")
 async def test_people_share_a_port_and_each_gets_all_of_their_own_phone() -> None:
     """By chance, a phone's datagrams would reach the right one of four sources in one of four cases."""
@@ -156,8 +175,9 @@ async def test_people_share_a_port_and_each_gets_all_of_their_own_phone() -> Non
         await until(all_answered)
         for number in range(1, 21):
             for _, phone in pairs:
-                phone.say(rotation(number))
-        await until(lambda: all(len(wrist.of(Reading)) == 20 for wrist, _ in pairs))
+                phone.say(rotation(2 * number))
+                phone.say(struct.pack(">IQB", 60, 2 * number + 1, 0))  # of orientations the newest counts
+        await until(lambda: all(len(wrist.of(Press)) == 20 and wrist.of(Reading) for wrist, _ in pairs))
 
 
 async def test_tracker_that_freezes_is_lost_and_found(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -2,8 +2,8 @@
 
 import asyncio
 import ipaddress
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from typing import Protocol
 
 from pydantic import Field, field_validator
 
@@ -11,23 +11,14 @@ from pointit.runtime.clock import Clock
 from pointit.runtime.config.config import Config
 from pointit.runtime.health.surroundings import HealthSink
 from pointit.services.imu_bridge.network.contents import DatagramError
-from pointit.services.imu_bridge.network.udp_server import (
-    ANY_HOST,
-    LOOPBACK,
-    Address,
-    DatagramLimit,
-    UdpServer,
-)
-from pointit.services.imu_bridge.reading import Deliver, Disconnected, Item, Reconnected
+from pointit.services.imu_bridge.network.port_source import PortSource
+from pointit.services.imu_bridge.network.sender_choice import MOST_OTHERS, REPLACED_S, SenderChoice
+from pointit.services.imu_bridge.network.udp_server import Address
+from pointit.services.imu_bridge.reading import Disconnected, Item, Reconnected
 
 STEP_S = 0.5
 LOST_S = 3.0
 """Time without a reading after which the sender is out of reach, s."""
-REPLACED_S = 10.0
-"""Time without a datagram after which another sender takes the place of one that nobody has named, s."""
-OTHERS_S = 5.0
-"""Time for which another sender is named, s."""
-MOST_OTHERS = 8
 BAD_S = 10.0
 """Time for which datagrams that cannot be read are told, s."""
 
@@ -56,51 +47,22 @@ class DatagramConfig(Config):
             raise ValueError("must be an IP address; leave it empty for the first that sends") from error
 
 
-class Decoder(Protocol):
+class Decoder(ABC):
     """Reads the datagrams of one device, from its connection on."""
 
+    doubt: str = ""
+    """Sentence about what was guessed of its format, with what to set, or `""`."""
+
+    @abstractmethod
     def items(self, data: bytes, stamp_ns: int) -> Sequence[Item]:
         """Return the readings and events of a datagram that arrived at `stamp_ns`, if it has any.
 
         Raises:
             DatagramError: If it cannot be read.
         """
-        ...
 
 
-class SenderChoice:
-    """Chooses one of the machines that send, and remembers the others."""
-
-    def __init__(self, wanted: str = "") -> None:
-        """Use the machine with the IP address `wanted`, or the first if it is `""`."""
-        self._wanted = wanted
-        self.used = ""
-        """IP address of the machine in use, or `""`."""
-        self._heard_s = 0.0
-        self._others: dict[str, float] = {}
-
-    def may_use(self, host: str, now_s: float) -> bool:
-        """Return True if datagrams of `host` may be used; else remember it."""
-        if self._wanted:
-            allowed = host == self._wanted
-        else:
-            allowed = not self.used or host == self.used or now_s - self._heard_s > REPLACED_S
-        if not allowed and (host in self._others or len(self._others) < MOST_OTHERS):
-            self._others[host] = now_s
-        return allowed
-
-    def use(self, host: str, now_s: float) -> None:
-        """Use `host`, which has sent something readable."""
-        self.used, self._heard_s = host, now_s
-        self._others.pop(host, None)
-
-    def others(self, now_s: float) -> list[str]:
-        """Return the other machines that have sent in the last seconds."""
-        self._others = {host: s for host, s in self._others.items() if now_s - s < OTHERS_S}
-        return sorted(self._others)
-
-
-class DatagramSource:
+class DatagramSource(PortSource):
     """Passes the readings of one sender on."""
 
     def __init__(
@@ -112,88 +74,73 @@ class DatagramSource:
         health: HealthSink,
     ) -> None:
         """Read datagrams by a new `decoder` for each connection. `name` is the plug-in's."""
-        self._name = name
-        self._config = config
-        self._make_decoder = decoder
-        self._decoders: dict[str, Decoder] = {}
-        """Decoders of the machine in use, or of those that have sent no reading yet."""
-        self._clock = clock
-        self._health = health
-        self._senders = SenderChoice(config.sender)
-        self._limit, self._limit_of_others = DatagramLimit(), DatagramLimit()
         remedy = f"end the program that has it, or set another {name}.port, here and in the device's app"
-        self._server = UdpServer(config.host, config.port, health, self._on_datagram, remedy=remedy)
+        super().__init__(name, (config.host, config.port), clock, health, remedy=remedy)
+        self._make_decoder = decoder
+        self._decoders: dict[Address, Decoder] = {}
+        """Decoders of the sender in use, or of those that have sent no reading yet."""
+        self._senders = SenderChoice(config.sender)
         self._read_s: float | None = None
         """Time of the last reading, or None while out of reach."""
         self._bad_s: float | None = None
         self._bad_count = 0
         self._bad = ""
 
-    async def run(self, deliver: Deliver) -> None:
-        """Deliver readings until cancelled."""
-        self._deliver = deliver
-        async with asyncio.TaskGroup() as group:
-            group.create_task(self._server.run())
-            while True:
-                self._step(asyncio.get_running_loop().time())
-                await asyncio.sleep(STEP_S)
+    async def _watch(self) -> None:
+        while True:
+            self._step(asyncio.get_running_loop().time())
+            await asyncio.sleep(STEP_S)
 
-    def _on_datagram(self, data: bytes, address: Address) -> None:
-        now_s = asyncio.get_running_loop().time()
-        host = address[0]
-        limit = self._limit if host == self._senders.used else self._limit_of_others
-        if not limit.admits(now_s) or not self._senders.may_use(host, now_s):
+    def _is_used(self, address: Address) -> bool:
+        return self._senders.is_used(address)
+
+    def _take(self, data: bytes, address: Address, now_s: float) -> None:
+        if not self._senders.may_use(address, now_s):
             return
-        is_new = self._read_s is None or host != self._senders.used
-        decoder = self._decoders.get(host)
+        sender = self._senders.name(address)
+        is_new = self._read_s is None or sender != self._senders.used
+        decoder = self._decoders.get(sender)
         if decoder is None:
             if len(self._decoders) >= MOST_OTHERS:
                 del self._decoders[next(iter(self._decoders))]
-            decoder = self._decoders[host] = self._make_decoder()
+            decoder = self._decoders[sender] = self._make_decoder()
         try:
             items = decoder.items(data, self._clock.now_ns())
         except DatagramError as error:
-            self._bad_s, self._bad = now_s, f"the last, from {host}, {error}"
+            self._bad_s, self._bad = now_s, f"the last, from {address[0]}, {error}"
             self._bad_count += 1
             return
         if not items:
             return
-        self._senders.use(host, now_s)
+        self._senders.use(sender, now_s)
         self._read_s = now_s
         if is_new:
-            self._decoders = {host: decoder}
-            self._deliver(Reconnected())
+            self._decoders = {sender: decoder}
+            self._pass_on(Reconnected())
         for item in items:
-            self._deliver(item)
+            self._pass_on(item)
 
     def _step(self, now_s: float) -> None:
         """Notice that the sender fell silent, and tell what is wrong."""
+        used = self._senders.used
+        host = "" if used is None else used[0]
         if self._read_s is not None and now_s - self._read_s > LOST_S:
             self._read_s = None
             self._decoders.clear()
-            self._deliver(
-                Disconnected(f"{self._senders.used} sends nothing any more: check its app and its network")
-            )
+            self._deliver(Disconnected(f"{host} sends nothing any more: check its app and its network"))
         place = self._server.place
-        missing = ""
-        if not self._senders.used:  # later, `Disconnected` tells it
-            only = (
-                "; only this machine is heard there, set "
-                f"{self._name}.host={ANY_HOST} for devices of the network"
-                if self._config.host.startswith(LOOPBACK)
-                else ""
-            )
-            missing = (
-                f"no reading arrives at UDP port {place}: start the app and let it send to this machine{only}"
-            )
-        self._health.warn("silent", missing)
+        missing = f"no reading arrives at UDP port {place}: start the app and let it send to this machine"
+        self._health.warn("silent", "" if host else f"{missing}{self._only_here}")  # later, `Disconnected`
         others = ", ".join(self._senders.others(now_s))
         self._health.warn(
             "others",
-            f"{others} sends to port {place}, too, and is not used: set {self._name}.sender"
+            f"{others} sends to port {place}, too, and is not used: set {self._name}.sender, or another port "
+            f"in one of the apps (one that was restarted is used after {REPLACED_S:g} s)"
             if others
             else "",
         )
+        decoder = None if used is None else self._decoders.get(used)
+        self._health.warn("order", "" if decoder is None else decoder.doubt)
         if self._bad_s is not None and now_s - self._bad_s > BAD_S:
             self._bad_s, self._bad_count = None, 0
         self._health.warn(
@@ -202,5 +149,4 @@ class DatagramSource:
             if self._bad_s is not None
             else "",
         )
-        problem = self._limit.problem(now_s)
-        self._health.warn("flood", f"{self._senders.used} {problem}" if problem else "")
+        self._warn_flood(host, now_s)

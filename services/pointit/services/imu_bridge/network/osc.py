@@ -1,20 +1,30 @@
-"""Wrists that speak Open Sound Control: NGIMU, and apps of phones such as GyrOSC and ZIG SIM."""
+"""Wrists that speak Open Sound Control: NGIMU, and apps of phones such as GyrOSC, ZIG SIM and Sensors2OSC."""
 
 import math
 from collections.abc import Sequence
-from typing import Literal
+from typing import Final, Literal
 
 from pydantic import Field, field_validator
 
 from pointit.services.imu_bridge.network.contents import Order, orientation, vector
-from pointit.services.imu_bridge.network.datagram_source import DatagramConfig, DatagramSource
+from pointit.services.imu_bridge.network.datagram_source import DatagramConfig, DatagramSource, Decoder
 from pointit.services.imu_bridge.network.osc_message import OscMessage, parse
 from pointit.services.imu_bridge.reading import Battery, Item, Press, RawReading, Reading
 from pointit.services.imu_bridge.sources import ImuSource
 
 GRAVITY_MPS2 = 9.80665
-NAMES = frozenset({"quaternion", "quaternions", "quat"})
+ORDERS: Final[dict[str, Order]] = {
+    "/quaternion": "wxyz",  # NGIMU
+    "/gyrosc/quat": "wxyz",
+    "/SceneRotator/quaternions": "wxyz",
+    "/rotationvector": "xyzw",  # Sensors2OSC, as Android states it
+    "/gamerotationvector": "xyzw",
+}
+"""Orders of the numbers at addresses of known devices."""
+NAMES = frozenset(address.rpartition("/")[2] for address in ORDERS)
 """Last parts of addresses of orientations."""
+ZIG_SIM = "/ZIGSIM/"
+"""Beginning of addresses of ZIG SIM on iPhones; before, and on Android, they begin with the device's name."""
 SENSORS = "/sensors"
 """NGIMU's rates, °/s, then its accelerations, g."""
 
@@ -31,12 +41,13 @@ class OscConfig(DatagramConfig):
     address: str = Field(
         default="",
         description="address of the messages with the orientation, such as /gyrosc/quat; each that ends "
-        "in /quaternion, /quaternions or /quat if empty",
+        "in /quaternion, /quaternions, /quat, /rotationvector or /gamerotationvector if empty",
     )
     order: Literal["auto", "wxyz", "xyzw"] = Field(
         default="auto",
-        description="order of the quaternion's numbers in a message; auto: xyzw behind the address of ZIG "
-        "SIM, /NAME/quaternion, else wxyz",
+        description="order of the quaternion's numbers in a message; auto: xyzw behind the addresses of ZIG "
+        "SIM (/ZIGSIM/NAME/quaternion, /NAME/quaternion) and Sensors2OSC (/rotationvector, "
+        "/gamerotationvector), else wxyz, with a warning behind an address that is not known",
     )
 
     @field_validator("address")
@@ -47,12 +58,14 @@ class OscConfig(DatagramConfig):
         return value
 
 
-class OscDecoder:
+class OscDecoder(Decoder):
     """Reads the messages of one device. Its rates are used until it sends an orientation."""
 
     def __init__(self, config: OscConfig) -> None:
         self._config = config
         self._has_orientation = False
+        self._zig_sim = ""
+        """Address of the orientations of a ZIG SIM that has introduced itself, or `""`."""
         self._battery: Battery | None = None
 
     def items(self, data: bytes, stamp_ns: int) -> Sequence[Item]:
@@ -74,6 +87,8 @@ class OscDecoder:
             return RawReading(stamp_ns, rates, vector(numbers[3:6], GRAVITY_MPS2), message.time_ns)
         if address == "/battery" and len(numbers) >= 3:
             return self._changed_battery(numbers)
+        if address.endswith("/deviceinfo"):
+            self._zig_sim = f"{address.removesuffix('deviceinfo')}quaternion"
         if address.rpartition("/")[2] == "button" and (not numbers or numbers[-1] > 0):
             return Press(stamp_ns)
         return None
@@ -86,7 +101,17 @@ class OscDecoder:
     def _order(self, address: str) -> Order:
         if self._config.order != "auto":
             return self._config.order
-        return "xyzw" if address.count("/") == 2 and address.endswith("/quaternion") else "wxyz"
+        order = ORDERS.get(address)
+        if order is None:
+            is_zig_sim = address == self._zig_sim or address.startswith(ZIG_SIM)
+            has_name = address.count("/") == 2 and address.endswith("/quaternion")
+            order = "xyzw" if is_zig_sim or has_name else "wxyz"
+            if not is_zig_sim:
+                self.doubt = (
+                    f"the order of the numbers at {address} is not known; they are read as {order}: set "
+                    "osc.order to wxyz or xyzw"
+                )
+        return order
 
     def _changed_battery(self, numbers: Sequence[float]) -> Battery | None:
         """Return NGIMU's battery if it differs from before: percent, minutes left, volts."""

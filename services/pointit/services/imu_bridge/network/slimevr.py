@@ -11,18 +11,12 @@ from pointit.runtime.config.config import Config
 from pointit.runtime.health.surroundings import HealthSink
 from pointit.schemas import Feedback
 from pointit.services.imu_bridge.network import slimevr_protocol as protocol
+from pointit.services.imu_bridge.network.port_source import PortSource
 from pointit.services.imu_bridge.network.slimevr_search import TAKEN, discover
 from pointit.services.imu_bridge.network.slimevr_trackers import Tracker, Trackers
-from pointit.services.imu_bridge.network.udp_server import (
-    ANY_HOST,
-    LOOPBACK,
-    Address,
-    DatagramLimit,
-    UdpServer,
-)
+from pointit.services.imu_bridge.network.udp_server import Address
 from pointit.services.imu_bridge.reading import (
     Battery,
-    Deliver,
     Disconnected,
     Item,
     Press,
@@ -77,31 +71,19 @@ class SlimevrConfig(Config):
             ) from error
 
 
-class SlimevrSource:
+class SlimevrSource(PortSource):
     """Answers the tracker of one person, and passes its readings on."""
 
     def __init__(self, config: SlimevrConfig, clock: Clock, health: HealthSink) -> None:
+        super().__init__("slimevr", (config.host, config.port), clock, health, remedy=TAKEN, is_shared=True)
         self._config = config
-        self._clock = clock
-        self._health = health
         self._trackers = Trackers(config.tracker)
-        self._limit, self._limit_of_others = DatagramLimit(), DatagramLimit()
-        self._server = UdpServer(
-            config.host, config.port, health, self._on_datagram, remedy=TAKEN, is_shared=True
-        )
         self._battery: Battery | None = None
         self._sensors: set[int] = set()
         self._pinged_s = 0.0
         self._pings = 0
         self._unreadable = 0
         self._unreadable_s = 0.0
-
-    async def run(self, deliver: Deliver) -> None:
-        """Deliver readings until cancelled."""
-        self._deliver = deliver
-        async with asyncio.TaskGroup() as group:
-            group.create_task(self._server.run())
-            await self._watch()
 
     def cue(self, cue: Feedback) -> None:
         """Let the phone or watch vibrate."""
@@ -124,8 +106,8 @@ class SlimevrSource:
                 self._health.set_metric("round trip", None)
                 self._deliver(
                     Disconnected(
-                        f"the SlimeVR tracker {self._trackers.used.label} is out of reach: bring it nearer, "
-                        "or charge it"
+                        f"the SlimeVR tracker {self._trackers.used.label()} is out of reach: bring it "
+                        "nearer, or charge it"
                     )
                 )
             self._pings += 1
@@ -138,12 +120,11 @@ class SlimevrSource:
             self._warn(now_s)
             await asyncio.sleep(STEP_S)
 
-    def _on_datagram(self, data: bytes, address: Address) -> None:
-        now_s = asyncio.get_running_loop().time()
+    def _is_used(self, address: Address) -> bool:
         used = self._trackers.used
-        is_used = used is not None and used.address == address
-        if not (self._limit if is_used else self._limit_of_others).admits(now_s):
-            return
+        return used is not None and used.address == address
+
+    def _take(self, data: bytes, address: Address, now_s: float) -> None:
         datagram = protocol.decode(data)
         if datagram is None:
             return
@@ -158,18 +139,18 @@ class SlimevrSource:
         if admission is None or used is None:
             return
         if admission.is_reconnected:
-            self._deliver(Reconnected(keeps_yaw=admission.keeps_yaw))
+            self._pass_on(Reconnected(keeps_yaw=admission.keeps_yaw))
             self._battery = None
         if datagram.unreadable:
             self._unreadable += datagram.unreadable
             self._unreadable_s = now_s
         stamp_ns = self._clock.now_ns()
         for packet in datagram.packets:
-            item = self._take(packet, used, stamp_ns, now_s)
+            item = self._item(packet, used, stamp_ns, now_s)
             if item is not None:
-                self._deliver(item)
+                self._pass_on(item)
 
-    def _take(self, packet: protocol.Packet, used: Tracker, stamp_ns: int, now_s: float) -> Item | None:
+    def _item(self, packet: protocol.Packet, used: Tracker, stamp_ns: int, now_s: float) -> Item | None:
         """Return the reading or event of a packet, or None if it is about the tracker."""
         match packet:
             case protocol.Rotation(sensor, orientation_xyzw):
@@ -225,7 +206,7 @@ class SlimevrSource:
             wanted = self._config.tracker or "any SlimeVR tracker"
             missing = (
                 f"nothing from {wanted} at UDP port {self._server.place}: switch it on and give its app the "
-                f"address of this machine and a port that no other person's app has{self._loopback}"
+                f"address of this machine and a port that no other person's app has{self._only_here}"
             )
         self._health.warn("tracker", f"{missing}{calling}".removeprefix("; "))
         sent = sorted(self._sensors)
@@ -246,16 +227,7 @@ class SlimevrSource:
             if self._unreadable
             else "",
         )
-        problem = self._limit.problem(now_s)
-        self._health.warn("flood", f"the tracker {problem}" if problem else "")
-
-    @property
-    def _loopback(self) -> str:
-        if self._config.host.startswith(LOOPBACK):
-            return (
-                f"; only this machine is heard there, set slimevr.host={ANY_HOST} for devices of the network"
-            )
-        return ""
+        self._warn_flood("the tracker", now_s)
 
 
 SLIMEVR = ImuSource(

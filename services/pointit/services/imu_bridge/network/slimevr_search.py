@@ -31,7 +31,7 @@ async def discover(seconds: float) -> Sequence[FoundDevice]:
                     "firmware": packet.firmware,
                     "board": float(packet.board),
                 }
-                label = f"{tracker.label}; set imu-bridge.slimevr.host={ANY_HOST}"
+                label = f"{tracker.label()}; set imu-bridge.slimevr.host={ANY_HOST}"
                 found[tracker.identity] = FoundDevice(tracker.identity, label, details)
 
     await overhear(protocol.PORT, seconds, on_datagram, remedy=TAKEN)

@@ -2,9 +2,9 @@
 
 from dataclasses import dataclass
 
+from pointit.services.imu_bridge.network.sender_choice import REPLACED_S, SenderChoice
 from pointit.services.imu_bridge.network.slimevr_protocol import Datagram, Handshake
-
-Address = tuple[str, int]
+from pointit.services.imu_bridge.network.udp_server import Address
 
 MOST_CALLERS = 16
 """Trackers that are remembered at the same time; further ones are ignored."""
@@ -12,8 +12,6 @@ SILENT_S = 1.0
 """Time without a datagram after which a tracker may be answered at another address."""
 LOST_S = 3.0
 """Time without a datagram after which a tracker is out of reach. Trackers wait as long for the server."""
-REPLACED_S = 10.0
-"""Time without a datagram after which another tracker takes the place of one that nobody has named."""
 CALLING_S = 5.0
 """Time after its last handshake for which a tracker counts as calling."""
 LATE = 100
@@ -41,12 +39,11 @@ class Tracker:
         """Return its MAC, or its IP address if it has none of its own."""
         return self.handshake.mac or self.address[0]
 
-    @property
-    def label(self) -> str:
-        """Return its identity, firmware and address, for people."""
-        firmware = self.handshake.firmware or "owoTrack"
-        where = "" if self.identity == self.address[0] else f" at {self.address[0]}"
-        return f"{self.identity} ({firmware}{where})"
+    def label(self, place: str = "") -> str:
+        """Return its MAC if it has one of its own, its firmware and its `place`, for people."""
+        firmware, place = self.handshake.firmware or "owoTrack", place or self.address[0]
+        mac = self.handshake.mac
+        return f"{mac} ({firmware} at {place})" if mac else f"{place} ({firmware})"
 
     def is_named(self, wanted: str) -> bool:
         """Return True if `wanted` is its MAC or its IP address."""
@@ -70,6 +67,7 @@ class Trackers:
         """Use the tracker with the MAC or IP address `wanted`, or the first that sends if it is `""`."""
         self._wanted = wanted
         self._known: dict[Address, Tracker] = {}
+        self._senders = SenderChoice()
         self.used: Tracker | None = None
         """The tracker whose datagrams are used, or None."""
         self.is_lost = True
@@ -88,6 +86,8 @@ class Trackers:
             tracker.is_answered = False
             return None
         used = self.used
+        if used is tracker:
+            self._senders.use(address, now_s)
         if used is not None and handshake.mac and handshake.mac == used.handshake.mac:
             tracker.number = used.number
         tracker.is_answered, tracker.has_sent = True, False
@@ -112,6 +112,7 @@ class Trackers:
         tracker.number = number or (0 if is_first else before)
         tracker.has_sent, tracker.heard_s = True, now_s
         self.used, self.is_lost = tracker, False
+        self._senders.use(address, now_s)
         return Admission(is_reconnected, is_reconnected and keeps_yaw)
 
     def step(self, now_s: float) -> bool:
@@ -132,7 +133,7 @@ class Trackers:
     def others(self, now_s: float) -> list[str]:
         """Return the labels of trackers that have called for a while and that nobody answers."""
         return [
-            tracker.label
+            tracker.label(self._senders.label(tracker.address))
             for tracker in self._known.values()
             if not tracker.is_answered
             and now_s - tracker.newest_call_s < CALLING_S
@@ -153,8 +154,6 @@ class Trackers:
         """Return True if `tracker` is the one to use, or may take the place of the one that was."""
         if self._wanted and not tracker.is_named(self._wanted):
             return False
-        used = self.used
-        if used is None or used.address == tracker.address:
-            return True
-        is_same = bool(self._wanted) or tracker.identity == used.identity
-        return now_s - used.heard_s > (SILENT_S if is_same else REPLACED_S)
+        mac = tracker.handshake.mac
+        is_same = self.used is not None and mac != "" and mac == self.used.handshake.mac
+        return self._senders.may_use(tracker.address, now_s, SILENT_S if is_same else REPLACED_S)

@@ -10,7 +10,7 @@ from pydantic import Field
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S
 from pointit.services.imu_bridge.network.contents import DatagramError, Order, orientation, vector
-from pointit.services.imu_bridge.network.datagram_source import DatagramConfig, DatagramSource
+from pointit.services.imu_bridge.network.datagram_source import DatagramConfig, DatagramSource, Decoder
 from pointit.services.imu_bridge.reading import Item, Press, RawReading, Reading
 from pointit.services.imu_bridge.serial.text_line import ButtonLine, LineError, LineParser
 from pointit.services.imu_bridge.sources import ImuSource
@@ -45,7 +45,7 @@ class UdpConfig(DatagramConfig):
     )
 
 
-class UdpDecoder:
+class UdpDecoder(Decoder):
     """Reads the datagrams of one device. Its rates are used until it sends an orientation."""
 
     def __init__(self, config: UdpConfig) -> None:

@@ -3,6 +3,7 @@
 import asyncio
 import contextlib
 import socket
+import sys
 from collections.abc import Callable, Container
 
 from pointit.runtime.errors import ConfigError
@@ -12,6 +13,8 @@ from pointit.runtime.health.surroundings import NullHealth
 Address = tuple[str, int]
 
 LONGEST_DATAGRAM = 65536
+MOST_AT_ONCE = 512
+"""Datagrams that are read before other work of the loop has its turn. Linux keeps about 300 small ones."""
 RETRY_S = 2.0
 """Wait before a port is opened again, s."""
 ANY_HOST = "0.0.0.0"  # noqa: S104 - no default of any parameter
@@ -29,22 +32,27 @@ class UdpServer(asyncio.DatagramProtocol):
         port: int,
         health: WarningSink,
         on_datagram: Callable[[bytes, Address], None],
+        on_read: Callable[[], None] = lambda: None,
         *,
         remedy: str,
         is_shared: bool = False,
     ) -> None:
         """Listen at `host`, of which the port 0 is any free one.
 
-        `remedy` says what to do if the port is taken. `is_shared`: other programs of this user may open it,
-        too, if they share it as well; each gets all broadcasts, and one of them the rest, unless one has
-        connected to the sender. Windows shares none.
+        `on_datagram` is called with each datagram, and `on_read` after all that waited. `remedy` says what to
+        do if the port is taken. `is_shared`: other programs of this user may open it, too, if they share it
+        as well; each gets all broadcasts, and one of them the rest, unless one has connected to the sender.
+        Windows shares none.
         """
         self._host, self._port = host, port
         self._health = health
         self._on_datagram = on_datagram
+        self._on_read = on_read
         self._remedy = remedy
         self._is_shared = is_shared and hasattr(socket, "SO_REUSEPORT")
         self._transport: asyncio.DatagramTransport | None = None
+        self._waiting: socket.socket | None = None
+        """The server's socket, of which the loop itself reads one datagram a turn."""
         self._lost: asyncio.Future[None] | None = None
         self._links: dict[Address, socket.socket] = {}
         """Sockets at the shared port, each connected to one sender, whose datagrams it alone gets."""
@@ -72,12 +80,17 @@ class UdpServer(asyncio.DatagramProtocol):
             self._health.clear("port")
             self._transport = transport
             try:
+                if sys.platform != "win32":  # there the loop waits by reading: the next one would come late
+                    self._waiting = transport.get_extra_info("socket").dup()
                 await self._lost
             except OSError as error:
                 self._warn(error)
                 await asyncio.sleep(RETRY_S)
             finally:
                 self._transport = None
+                if self._waiting is not None:
+                    self._waiting.close()
+                    self._waiting = None
                 self.disconnect_others(())
                 transport.abort()
 
@@ -105,12 +118,14 @@ class UdpServer(asyncio.DatagramProtocol):
             asyncio.get_running_loop().remove_reader(link)
             link.close()
 
-    def _read(self, link: socket.socket) -> None:
-        try:
-            data, sender = link.recvfrom(LONGEST_DATAGRAM)
-        except OSError:  # nobody listens there any more
-            return
-        self._on_datagram(data, (sender[0], sender[1]))  # another's, if it came before `connect`
+    def _read(self, waiting: socket.socket) -> None:
+        for _ in range(MOST_AT_ONCE):
+            try:
+                data, sender = waiting.recvfrom(LONGEST_DATAGRAM)
+            except OSError:  # that was all, or nobody listens there any more
+                break
+            self._on_datagram(data, (sender[0], sender[1]))  # another's, if it came before `connect`
+        self._on_read()
 
     def send(self, data: bytes, address: Address) -> None:
         """Send a datagram, or nothing while the port is closed."""
@@ -122,8 +137,12 @@ class UdpServer(asyncio.DatagramProtocol):
                 self._transport.sendto(data, address)
 
     def datagram_received(self, data: bytes, addr: tuple[str, int]) -> None:
-        """Pass a datagram on."""
+        """Pass a datagram on, and those that wait behind it."""
         self._on_datagram(data, (addr[0], addr[1]))
+        if self._waiting is None:
+            self._on_read()
+        else:
+            self._read(self._waiting)
 
     def error_received(self, exc: Exception) -> None:
         """Ignore that a datagram could not be delivered: who does not answer falls silent."""

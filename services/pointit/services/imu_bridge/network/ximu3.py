@@ -12,7 +12,7 @@ from pointit.runtime.config.device_plugin import FoundDevice
 from pointit.runtime.health.surroundings import HealthSink
 from pointit.schemas import Feedback
 from pointit.services.imu_bridge.network.contents import DatagramError
-from pointit.services.imu_bridge.network.datagram_source import DatagramConfig, DatagramSource
+from pointit.services.imu_bridge.network.datagram_source import DatagramConfig, DatagramSource, Decoder
 from pointit.services.imu_bridge.network.udp_server import ANY_HOST, Address, overhear
 from pointit.services.imu_bridge.reading import Item
 from pointit.services.imu_bridge.serial.framer import FLASH_S
@@ -44,7 +44,7 @@ class Ximu3Config(DatagramConfig):
     )
 
 
-class Ximu3Decoder:
+class Ximu3Decoder(Decoder):
     """Reads the datagrams of one device, each of which holds whole messages."""
 
     def __init__(self) -> None:
@@ -84,7 +84,9 @@ class Ximu3Source(DatagramSource):
             asyncio.get_running_loop().call_later(FLASH_S, self._send, end)
 
     def _send(self, command: bytes) -> None:
-        self._server.send(command, (self._senders.used, self._commands))
+        used = self._senders.used
+        if used is not None:
+            self._server.send(command, (used[0], self._commands))
 
 
 def announced(data: bytes, host: str) -> FoundDevice | None:

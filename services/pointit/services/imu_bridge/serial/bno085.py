@@ -30,6 +30,9 @@ MEMORY = 0.98
 RATIO = 0.5
 """Ratio of errors below which the other convention is used."""
 
+EARLY = 32
+"""Index from which a packet is none of the first ones after a start."""
+
 _VALUES = struct.Struct("<6h")
 
 
@@ -42,6 +45,8 @@ class Bno085Framer(Framer):
         self._errors = [0.0, 0.0]
         """Smoothed squared error of gravity: pitch about y, pitch about x."""
         self._used = 0
+        self._is_first = False
+        """True if the next packet is the first after a silence."""
 
     def feed(self, data: bytes, stamp_ns: int) -> list[Item]:
         """Return the readings in the packets that `data` completes."""
@@ -51,7 +56,15 @@ class Bno085Framer(Framer):
             self.bad += self._cutter.skipped - before
             self.reason = "a wrong checksum"
         self.good += len(packets)
+        if packets and self._is_first:
+            self._is_first = False
+            self.ran_on = packets[0][len(b"\xaa\xaa")] >= EARLY
         return [Reading(stamp_ns, self._orientation(packet)) for packet in packets]
+
+    def on_silence(self) -> None:
+        """Compare the next counter with that of a start."""
+        super().on_silence()
+        self._is_first = True
 
     def _orientation(self, packet: bytes) -> Quaternion:
         yaw, pitch, roll, *acceleration_mg = _VALUES.unpack_from(packet, 3)

@@ -9,6 +9,7 @@ from pointit.services.imu_bridge.serial import bno085, witmotion
 from pointit.services.imu_bridge.serial.bno085 import Bno085Framer
 from pointit.services.imu_bridge.serial.config import Format, SerialConfig
 from pointit.services.imu_bridge.serial.framer import Framer
+from pointit.services.imu_bridge.serial.restart import RestartWatch
 from pointit.services.imu_bridge.serial.text_framer import TextFramer
 from pointit.services.imu_bridge.serial.witmotion import WitMotionFramer
 from pointit.services.imu_bridge.serial.ximu3 import Ximu3Framer
@@ -97,6 +98,8 @@ class Detection:
         """Framer of the recognized format."""
         self.good = 0
         """Number of valid packets or lines of the recognized format."""
+        self._restarts = RestartWatch()
+        self._was_silent = False
         self._candidates: dict[Format, Framer] = {}
         self._since_s: float | None = None
         """Time of the first byte at this speed."""
@@ -120,15 +123,19 @@ class Detection:
 
     def feed(self, data: bytes, stamp_ns: int, now_s: float) -> list[Item]:
         """Return the items in `data`, which arrived at `stamp_ns`, or now, `now_s`, of any clock in s."""
+        is_silent = self._restarts.is_silent(now_s)
         if self.framer is not None:
+            if is_silent and not self._was_silent:
+                self.framer.on_silence()
+            self._was_silent = is_silent
             items = self.framer.feed(data, stamp_ns)
             self.good = self.framer.good
-            return items
+            return self._restarts.marked(items, may_be_start=is_silent and not self.framer.ran_on)
         for name, candidate in self._candidates.items():
             items = candidate.feed(data, stamp_ns)
             if candidate.good >= FORMATS[name].enough:
                 self._recognize(name)
-                return items
+                return self._restarts.marked(items, may_be_start=is_silent)
         if data:
             self._only_text = self._only_text and not data.translate(None, _TEXT)
             if self._since_s is None:

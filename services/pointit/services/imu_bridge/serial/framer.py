@@ -43,10 +43,16 @@ class Framer(ABC):
         """Commands to the device, to be sent one after another with a pause between them."""
         self.told: str = ""
         """Message about what `commands` change, or `""`."""
+        self.ran_on: bool = False
+        """True if a counter showed after the last silence that the device had not been restarted."""
 
     @abstractmethod
     def feed(self, data: bytes, stamp_ns: int) -> list[Item]:
         """Return the items in the packets that `data`, arrived at `stamp_ns`, completes."""
+
+    def on_silence(self) -> None:
+        """Note that no reading has come for a while: the device may have been restarted."""
+        self.ran_on = False
 
     def cue(self, cue: Feedback) -> tuple[bytes, bytes]:  # noqa: ARG002 - most devices have no signal
         """Return the commands that begin and end the signal for `cue`, empty if the device has none."""

@@ -10,7 +10,7 @@ from typing import Final
 
 from pointit.geometry import rotation
 from pointit.services.imu_bridge.arm_frame import from_roll_pitch_yaw
-from pointit.services.imu_bridge.reading import Item, RawReading, Reading
+from pointit.services.imu_bridge.reading import Item, RawReading, Reading, Reconnected
 from pointit.services.imu_bridge.serial.framer import EULER, QUATERNION, RAW, Framer, PacketCutter, Preference
 
 BAUDS: Final = (115200, 9600, 921600, 230400, 460800, 57600, 38400, 19200, 4800)
@@ -65,6 +65,8 @@ class WitMotionFramer(Framer):
         )
         self._asked_at: int | None = None
         """Number of packets at which quaternions were asked for."""
+        self._is_switched = self._is_suspect = False
+        """It was switched to quaternions; since then, it may have lost that with its power."""
 
     def feed(self, data: bytes, stamp_ns: int) -> list[Item]:
         """Return the readings in the packets that `data` completes."""
@@ -76,12 +78,19 @@ class WitMotionFramer(Framer):
         items: list[Item] = []
         for packet in packets:
             self.good += 1
+            if self._configure and self._switch(packet[1]) and self._is_suspect:
+                items.append(Reconnected())
             item = self._item(packet[1], _VALUES.unpack_from(packet, 2), stamp_ns)
             if item is not None:
                 items.append(item)
-            if self._configure:
-                self._switch(packet[1])
         return items
+
+    def on_silence(self) -> None:
+        """Switch it again if it sends anything but quaternions."""
+        super().on_silence()
+        if self._is_switched:
+            self._configure = self._is_suspect = True
+            self._asked_at = None
 
     def _item(self, kind: int, values: tuple[int, int, int, int], stamp_ns: int) -> Item | None:
         a, b, c, d = values
@@ -98,8 +107,9 @@ class WitMotionFramer(Framer):
             return RawReading(stamp_ns, (a * RADPS, b * RADPS, c * RADPS), self._acceleration)
         return None
 
-    def _switch(self, kind: int) -> None:
-        """Queue the commands that the packet of `kind` calls for."""
+    def _switch(self, kind: int) -> bool:
+        """Queue the commands that the packet of `kind` calls for. Return True if there are any."""
+        before = len(self.commands)
         if self._asked_at is None:
             if kind == ORIENTATION:  # somebody has configured it
                 self._configure = False
@@ -108,10 +118,12 @@ class WitMotionFramer(Framer):
                 self.commands.extend((UNLOCK, SIX_AXES, SEND_BOTH))
         elif kind == ORIENTATION:
             self.commands.extend((UNLOCK, SEND_QUATERNIONS, self._rate))
+            self._is_switched = True
             self._end("quaternions")
         elif self.good - self._asked_at > ASKED_PACKETS:  # it has none
             self.commands.extend((UNLOCK, SEND_ANGLES, self._rate))
             self._end("Euler angles")
+        return len(self.commands) > before
 
     def _end(self, what: str) -> None:
         self._configure = False

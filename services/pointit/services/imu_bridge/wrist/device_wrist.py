@@ -63,6 +63,8 @@ class DeviceWrist:
         self._problem = ""
         self._clock = DeviceClock() if has_steady_time else None
         self._has_device_time = False
+        self._age_ns = 0
+        """Largest age of a reading on arrival since the last report, by the device's clock."""
         self._jumps = 0
         self._jump_shown_s = 0.0
         self._fusion: Fusion | None = None
@@ -119,8 +121,10 @@ class DeviceWrist:
         is_timed = clock is not None and self._has_device_time and clock.is_used
         drift = clock.drift if clock is not None and is_timed else None
         clock_figure: Figure = ("clock drift", None if drift is None else round(1e6 * drift), "ppm")
+        age: Figure = ("age", round(self._age_ns / 1e6) if is_timed else None, "ms")
+        self._age_ns = 0
         fusion = () if self._fusion is None else self._fusion.report(now_s)
-        return chain(self.monitor.report(now_s), (clock_figure,), fusion)
+        return chain(self.monitor.report(now_s), (clock_figure, age), fusion)
 
     def warnings(self, now_s: float, *, is_explained: bool) -> Iterator[WarningText]:
         """Yield the warnings. `is_explained`: the source itself says why nothing comes."""
@@ -151,8 +155,9 @@ class DeviceWrist:
         self._has_device_time = True
         if epoch.count != origin:
             clock.restart_fallen(stamp_ns)
-        stamp_ns = clock.capture_ns(device_ns, stamp_ns)
-        return stamp_ns, device_ns if clock.is_used else None
+        captured_ns = clock.capture_ns(device_ns, stamp_ns)
+        self._age_ns = max(self._age_ns, stamp_ns - captured_ns)
+        return captured_ns, device_ns if clock.is_used else None
 
     def _fused(self, item: RawReading) -> Quaternion | None:
         if self._fusion is None:

@@ -1,0 +1,72 @@
+"""Choice of one of the programs that send to a port."""
+
+from pointit.services.imu_bridge.network.udp_server import Address
+
+REPLACED_S = 10.0
+"""Time without a datagram after which another sender takes the place of one that nobody has named, s."""
+OTHERS_S = 5.0
+"""Time for which another sender is named, s."""
+MOST_OTHERS = 8
+ROAMING = 8
+"""Ports of one machine in succession, none of them twice, by which it sends each datagram from another."""
+
+
+class SenderChoice:
+    """Chooses one of the senders, each an address and a port, and remembers the others."""
+
+    def __init__(self, wanted: str = "") -> None:
+        """Use a sender at the IP address `wanted`, or the first if it is `""`."""
+        self._wanted = wanted
+        self.used: Address | None = None
+        """Sender in use."""
+        self._heard_s = 0.0
+        self._others: dict[Address, float] = {}
+        self._ports: list[int] = []
+        """Other ports of its machine, in the order in which they were heard since it was."""
+        self._roaming = ""
+        """Machine that sends each datagram from another port, or `""`."""
+
+    def name(self, address: Address) -> Address:
+        """Return `address`, or its machine with the port 0 if it sends each datagram from another port."""
+        return (address[0], 0) if address[0] == self._roaming else address
+
+    def is_used(self, address: Address) -> bool:
+        """Return True if `address` is that of the sender in use."""
+        return self.used is not None and self.name(address) == self.name(self.used)
+
+    def may_use(self, address: Address, now_s: float, patience_s: float = REPLACED_S) -> bool:
+        """Return True if datagrams of `address` may be used; else remember it.
+
+        Args:
+            address: sender.
+            now_s: the time, s.
+            patience_s: time for which the sender in use must have been silent, s.
+        """
+        is_free = self.used is None or self.is_used(address) or now_s - self._heard_s > patience_s
+        if is_free and self._wanted in ("", address[0]):
+            return True
+        if self.used is not None and address[0] == self.used[0]:
+            self._ports = [*self._ports, address[1]][-ROAMING:]
+            if len(set(self._ports)) == ROAMING:
+                self._roaming, self._others = address[0], {}
+                return True
+        if address in self._others or len(self._others) < MOST_OTHERS:
+            self._others[address] = now_s
+        return False
+
+    def use(self, address: Address, now_s: float) -> None:
+        """Use `address`, which has sent something readable."""
+        self.used, self._heard_s = address, now_s
+        self._ports = []
+        self._others.pop(address, None)
+
+    def others(self, now_s: float) -> list[str]:
+        """Return the other senders of the last seconds: their address, with the port if it is that in use."""
+        self._others = {each: s for each, s in self._others.items() if now_s - s < OTHERS_S}
+        return sorted({self.label(each) for each in self._others})
+
+    def label(self, address: Address) -> str:
+        """Return the IP address of a sender, with its port if another at this address is in use."""
+        host, port = address
+        is_beside = self.used is not None and host == self.used[0] and not self.is_used(address)
+        return f"{host}:{port}" if is_beside else host

@@ -155,10 +155,10 @@ class DeniedOperations:
             self._take_let_in(line)
 
     def _take_sentences(self, elapsed_s: float) -> dict[str, str]:
+        slowed = self._take_slowed(elapsed_s)
         clauses: dict[str, list[str]] = defaultdict(list)
         for name, attempts in self._attempts.items():
             clauses[name].append(f"may not {_listed(attempts)}: refused")
-        slowed = self._take_slowed(elapsed_s)
         for name, floods in self._floods(elapsed_s, slowed).items():
             key, count = floods.most_common(1)[0]
             clauses[name].append(
@@ -227,7 +227,11 @@ class DeniedOperations:
             attempts[attempt] += 1
 
     def _take_slowed(self, elapsed_s: float) -> set[str]:
-        """Count what was dropped as too frequent as written, too. Return the lines of which much was."""
+        """Count what was dropped as too frequent as written, or as denied where the others of its key were.
+
+        Returns:
+            The ends of the lines on writes of which many were dropped.
+        """
         much: set[str] = set()
         for line, count in self._slowed.items():
             if (found := SLOWED.match(line)) is None:
@@ -235,6 +239,11 @@ class DeniedOperations:
             # Who takes the first characters of the name of another's connection blames nobody.
             owners = {self._identity_of(each): each for each in self._names if each.startswith(found[2])}
             connection = next(iter(owners.values())) if len(owners) == 1 else found[2]
+            denied = self._attempts.get(self._identity_of(connection), Counter())
+            if (attempt := ("write", _without(found[1]))) in denied:
+                denied[attempt] += count
+                self.total += count
+                continue
             written = f"{connection}{WRITES}{found[1][:MAX_KEY]}"
             self._written[written] += count
             if count > SLOWED_HZ * elapsed_s:

@@ -127,6 +127,17 @@ def test_who_writes_what_is_dropped_as_too_frequent_is_told_and_it_counts() -> N
     assert sentences(known, *[slowed("12ab34cd", flow="to")] * 5000) == [], "a dashboard's"
 
 
+def test_attempts_that_are_dropped_as_too_frequent_count() -> None:
+    denied = f"{HEAD}{ANNA} is unauthorized to Put (ingress) on pointit/lab/users/ben/claim"
+    refused = DeniedOperations()
+    for line in (denied, *[slowed("12ab", "users/ben/claim")] * 200):
+        refused.take(line)
+    assert refused.take_sentences(1.0) == {
+        "lab/anna": "lab/anna may not write users/ben/claim (201 times): refused"
+    }
+    assert refused.total == 201
+
+
 def test_who_takes_the_first_letters_of_anothers_connection_blames_nobody() -> None:
     names = ["12ab34cd56", "12ab34cd78", "12ab34cd99"]
     known = [

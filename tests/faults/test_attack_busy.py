@@ -1,4 +1,4 @@
-"""Who floods own keys while the machine is busy takes nobody's cursor that is computed centrally."""
+"""Floods of own keys by an insider on a busy machine, which leave others their cursors computed centrally."""
 
 import asyncio
 import contextlib

@@ -81,6 +81,7 @@ class Central:
 
         Repeated if the gap is long: a blackout by floods repeats, one by other jobs of the machine may not.
         """
+        quiet_s = flooded_s = math.inf
         for _ in range(TRIES):
             await self.fresh()
             quiet_s = await self.longest_gap_s()

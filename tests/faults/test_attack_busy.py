@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from pointit.access.rights import rights_of
+from pointit.access.rights import Role, rights_of
 from pointit.access.site_folder import SiteFolder
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas import Cursor, PointingRay, UserPose
@@ -109,8 +109,9 @@ async def point(bus: ZenohBus, name: str) -> None:
 @contextlib.asynccontextmanager
 async def central_site(path: Path) -> AsyncGenerator[Central]:
     """Yield a site on which all is well, on a machine that is busy."""
-    names = {**dict.fromkeys((*PEOPLE, *INSIDERS), "user"), "supervisor": "supervisor"}
-    folder = make_site(path / "site", names={**names, "dashboard1": "dashboard"})  # type: ignore[arg-type]
+    names: dict[str, Role] = {"supervisor": "supervisor", "dashboard1": "dashboard"}
+    names |= {name: "user" for name in (*PEOPLE, *INSIDERS)}
+    folder = make_site(path / "site", names=names)
     commands = Commands(path)
     try:
         async with contextlib.AsyncExitStack() as stack:

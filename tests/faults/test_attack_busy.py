@@ -110,7 +110,7 @@ async def point(bus: ZenohBus, name: str) -> None:
 async def central_site(path: Path) -> AsyncGenerator[Central]:
     """Yield a site on which all is well, on a machine that is busy."""
     names: dict[str, Role] = {"supervisor": "supervisor", "dashboard1": "dashboard"}
-    names |= {name: "user" for name in (*PEOPLE, *INSIDERS)}
+    names |= dict.fromkeys((*PEOPLE, *INSIDERS), "user")
     folder = make_site(path / "site", names=names)
     commands = Commands(path)
     try:

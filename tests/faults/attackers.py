@@ -14,14 +14,15 @@ import time
 from collections.abc import AsyncGenerator, Callable, Generator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import zenoh
 from zenoh.handlers import Callback
 
 from pointit.access.site_folder import SiteFolder
 from pointit.runtime.zenoh.router.router_health import SERVICE
-from pointit.schemas import ButtonEvent, Cursor, encode
-from pointit.schemas.topics import BUTTON, CURSOR, REQUESTS, TOPICS
+from pointit.schemas import ButtonEvent, Claim, Cursor, Message, encode
+from pointit.schemas.topics import BUTTON, CLAIM, CURSOR, REQUESTS, TOPICS, Topic, topic_of
 from tests.faults.account import Account, Fault
 from tests.faults.memory import Memory
 from tests.faults.site import PEOPLE, Site
@@ -37,7 +38,6 @@ ROUTER = SERVICE
 LARGE = 10_000_000
 MARK = b"attack"
 """Payload of attackers, which is no message of ours."""
-BUTTON_END = BUTTON.at("x").partition("x")[2]
 SECONDS_OF_A_BURST = 0.01
 
 
@@ -223,7 +223,7 @@ def flooding(site: Site, name: str, rate_hz: float, *keys: str) -> Generator[Com
 def flood(folder: SiteFolder, name: str, rate_hz: float, keys: Sequence[str]) -> None:
     """Write until killed; say once a second how often."""
     with Member(folder, name) as somebody:
-        payloads = {key: _press() if key.endswith(BUTTON_END) else bytes(100) for key in keys}
+        payloads = {key: _payload(key) for key in keys}
         began_s = time.monotonic()
         sys.stdout.write("begins\n")
         sys.stdout.flush()
@@ -237,9 +237,16 @@ def flood(folder: SiteFolder, name: str, rate_hz: float, keys: Sequence[str]) ->
                 sys.stdout.flush()
 
 
-def _press() -> bytes:
-    """Return a message that equals that of a person's button."""
-    return encode(ButtonEvent(stamp_ns=time.time_ns()))
+def _payload(key: str) -> bytes:
+    """Return a message that equals that of a person where such messages are handled, else no message."""
+    now_ns = time.time_ns()
+    messages: dict[Topic[Any], Message] = {
+        BUTTON: ButtonEvent(stamp_ns=now_ns),
+        CLAIM: Claim(stamp_ns=now_ns, object_id="nothing", wish="toggle"),
+        CURSOR: Cursor(stamp_ns=now_ns, surface="strip", surface_id="0", point_m=(1.0, 0.0, 0.9)),
+    }
+    topic = topic_of(key)
+    return encode(messages[topic]) if topic in messages else bytes(100)
 
 
 if __name__ == "__main__":

@@ -24,6 +24,9 @@ MAX_WRITTEN = 10_000
 """Limit of keys that are counted at a time."""
 FLOOD_HZ = 1000.0
 """Rate above which a key is flooded. Wrists send 200 Hz at most, and of most keys only the newest counts."""
+SLOWED_HZ = 50.0
+"""Rate of messages dropped as too frequent (`router_configuration`), above which a key is flooded. Readers
+fetch some of a burst again."""
 ID_LENGTH = 32
 """Maximum number of characters of a connection's name."""
 
@@ -45,6 +48,11 @@ DECISION = "authorized to "
 WORKS_OUT = "caching permissions"
 WRITES = " is authorized to Put (ingress) on "
 DROPPED = "interceptor: Msg intercepted!"
+SLOWED_TARGET = "\x1b[2mzenoh::net::routing::interceptor::downsampling\x1b"
+PUSH = "interceptor: Push("
+FROM = ") from:"
+SLOWED = re.compile(r"interceptor: Push\((.+)\) from:\S*/(\w+):\d+$", re.DOTALL)
+"""Key, which matches one of a person, and the first characters of the connection's name."""
 
 VERBS = {
     "Put": "write",
@@ -92,6 +100,8 @@ class DeniedOperations:
         self._strangers = RejectedConnections()
         self._written: Counter[str] = Counter()
         """Counts by the end of the line: connection and key."""
+        self._slowed: Counter[str] = Counter()
+        """Counts of messages dropped as too frequent, by the end of the line."""
         self._names: dict[str, str] = {}
         """Identity by connection."""
         self._working_out: dict[str, int] = {}
@@ -129,6 +139,10 @@ class DeniedOperations:
         decision, works_out = line.find(DECISION), line.find(WORKS_OUT)
         if works_out >= 0 and (decision < 0 or works_out < decision):  # the key that follows may be any text
             self._working_out[where] = KINDS
+        elif line.startswith(SLOWED_TARGET, end + 2):
+            slowed = line[line.find(PUSH) :]
+            if FROM in slowed and (slowed in self._slowed or len(self._slowed) < MAX_WRITTEN):
+                self._slowed[slowed] += 1
         elif decision < 0:
             self._take_other(line, where, before)
         elif self._working_out.get(where, 0) and "Using cached" not in line[:decision]:
@@ -141,10 +155,11 @@ class DeniedOperations:
             self._take_let_in(line)
 
     def _take_sentences(self, elapsed_s: float) -> dict[str, str]:
+        slowed = self._take_slowed(elapsed_s)
         clauses: dict[str, list[str]] = defaultdict(list)
         for name, attempts in self._attempts.items():
             clauses[name].append(f"may not {_listed(attempts)}: refused")
-        for name, floods in self._floods(elapsed_s).items():
+        for name, floods in self._floods(elapsed_s, slowed).items():
             key, count = floods.most_common(1)[0]
             clauses[name].append(
                 f"writes {key} {count / elapsed_s:.0f} times a second, more than anybody needs: end what does"
@@ -156,7 +171,7 @@ class DeniedOperations:
         for line, count in self._written.items():
             rates[self._identity_of(_connection(line))] += count
         self.rates_hz = {name: count / elapsed_s for name, count in rates.items()}
-        for counted in (self._attempts, self._written):
+        for counted in (self._attempts, self._written, self._slowed):
             counted.clear()
         return sentences
 
@@ -211,10 +226,34 @@ class DeniedOperations:
         if attempt in attempts or len(attempts) < MAX_NAMES:
             attempts[attempt] += 1
 
-    def _floods(self, elapsed_s: float) -> dict[str, Counter[str]]:
+    def _take_slowed(self, elapsed_s: float) -> set[str]:
+        """Count what was dropped as too frequent as written, or as denied where the others of its key were.
+
+        Returns:
+            The ends of the lines on writes of which many were dropped.
+        """
+        much: set[str] = set()
+        for line, count in self._slowed.items():
+            if (found := SLOWED.match(line)) is None:
+                continue
+            # Who takes the first characters of the name of another's connection blames nobody.
+            owners = {self._identity_of(each): each for each in self._names if each.startswith(found[2])}
+            connection = next(iter(owners.values())) if len(owners) == 1 else found[2]
+            denied = self._attempts.get(self._identity_of(connection), Counter())
+            if (attempt := ("write", _without(found[1]))) in denied:
+                denied[attempt] += count
+                self.total += count
+                continue
+            written = f"{connection}{WRITES}{found[1][:MAX_KEY]}"
+            self._written[written] += count
+            if count > SLOWED_HZ * elapsed_s:
+                much.add(written)
+        return much
+
+    def _floods(self, elapsed_s: float, slowed: set[str]) -> dict[str, Counter[str]]:
         floods: dict[str, Counter[str]] = defaultdict(Counter)
         for line, count in self._written.items():
-            if count > FLOOD_HZ * elapsed_s:
+            if count > FLOOD_HZ * elapsed_s or line in slowed:
                 floods[self._identity_of(_connection(line))][_without(line.partition(WRITES)[2])] += count
         return floods
 

@@ -1,21 +1,30 @@
 """Limits of one identity at a router, in connections and messages, and stuck readers. Pure.
 
-Zenoh has no such limits. Its `downsampling` sets a minimum time between two messages of a key, so it would
-drop all but the first of what an honest sensor sends after its link stalled.
+Zenoh limits only the rate of each key of a connection (`max_rate_hz`), at once; `pointit router` the messages
+of an identity, over all its keys and connections, within seconds.
 """
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+from pointit.schemas.topics import Delivery, topic_of
+
 LIMITED = frozenset({"user", "dashboard"})
 """Roles with limits. Identities of other roles serve all people, like a site's services."""
 MAX_CONNECTIONS = 16
 """Maximum connections of one identity: a person's five services as processes, and some commands."""
-MAX_HZ = 5000.0
-"""Maximum rate of messages of one identity. An IMU of 200 Hz, with all derived messages, makes 1400."""
+LATEST_HZ = 500.0
+"""Maximum rate of a key of which only the newest message counts. Wrists send 200 Hz at most."""
+KEPT_HZ = 100.0
+"""Maximum rate of a key with states or events, of which each has to be handled."""
+MAX_HZ = 2500.0
+"""Rate of messages of one identity that is allowed for good. An IMU of 200 Hz, with all derived messages,
+makes 1400."""
+BURST = 10_000.0
+"""Number of messages beyond `MAX_HZ` at which an identity is cut off. A stalled link delivers at most a
+lease (3 s) of messages at once."""
 PATIENCE = 3
-"""Number of consecutive checks, one per second, above `MAX_HZ` before an identity is cut off, or without
-reading before a connection is reported. A stalled link delivers at most a lease (3 s) of messages at once."""
+"""Number of consecutive checks, one per second, without reading before a connection is reported."""
 HOLD_S = 30.0
 """Time for which a flooding identity stays cut off, s."""
 MIN_UNREAD = 16 * 1024
@@ -39,6 +48,12 @@ class Connection:
         return not self.address.startswith("quic/")
 
 
+def max_rate_hz(key: str) -> float:
+    """Return the maximum rate of a key, relative to the site, on each connection of a person."""
+    topic = topic_of(key)
+    return KEPT_HZ if topic is not None and topic.delivery is not Delivery.LATEST else LATEST_HZ
+
+
 class Limits:
     """Decides at each check which connections to cut."""
 
@@ -46,8 +61,8 @@ class Limits:
         self._most = most_connections
         self._seen: dict[tuple[str, str], Connection] = {}
         """Connections by session and address, in order of arrival. Their identity may be known later."""
-        self._floods: dict[str, int] = {}
-        """Number of consecutive checks at which an identity has flooded."""
+        self._excess: dict[str, float] = {}
+        """Number of messages beyond `MAX_HZ` by identity, which shrinks again at lower rates."""
         self._held: dict[str, float] = {}
         """Identities that are cut off, and the end of that time."""
         self._unread: dict[Connection, tuple[int, int]] = {}
@@ -81,7 +96,7 @@ class Limits:
             own = by_identity.pop(name, [])
             cut += own
             messages[name] = (
-                f"{name} has written more than {MAX_HZ:.0f} messages a second for {PATIENCE} s and "
+                f"{name} has written {BURST:.0f} messages more than {MAX_HZ:.0f} messages a second and "
                 + (
                     f"is cut off for {HOLD_S:.0f} s: end the process that does"
                     if all(each.can_be_cut for each in own)
@@ -123,11 +138,12 @@ class Limits:
 
     def _hold(self, rates_hz: Mapping[str, float], now_s: float) -> None:
         self._held = {name: held for name, held in self._held.items() if held > now_s}
-        flooding = {name for name, rate in rates_hz.items() if rate > MAX_HZ}
-        self._floods = {name: self._floods.get(name, 0) + 1 for name in flooding}
-        for name, looks in self._floods.items():
-            if looks >= PATIENCE:
+        for name in {*self._excess, *rates_hz}:
+            messages = self._excess.get(name, 0.0) + rates_hz.get(name, 0.0) - MAX_HZ
+            self._excess[name] = max(0.0, min(BURST, messages))
+            if messages >= BURST:
                 self._held[name] = now_s + HOLD_S
+        self._excess = {name: messages for name, messages in self._excess.items() if messages}
 
 
 def _stays(identity: str) -> str:

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from pointit.access.limits import max_rate_hz
 from pointit.access.rights import Role, rights_of
 from pointit.access.rules import Rule, all_key_expressions, namespace, rules_of
 from pointit.runtime.errors import ConfigError
@@ -77,8 +78,10 @@ def configuration(sites: Sequence[RouterSite], addresses: Sequence[str] = ("0.0.
     rules: list[Rule] = []
     subjects: list[dict[str, Any]] = []
     policies: list[dict[str, Any]] = []
+    slowed: list[dict[str, Any]] = []
     thinned: list[dict[str, Any]] = []
     for routed in sites:
+        slowed += _slowed(routed)
         listen += _listeners(routed, addresses)
         connect += [f"{address}#{_client(routed)}" for address in routed.uplinks]
         who = "usernames" if routed.password else "cert_common_names"
@@ -127,16 +130,11 @@ def configuration(sites: Sequence[RouterSite], addresses: Sequence[str] = ("0.0.
         "low_pass_filter": [limit for routed in sites for limit in _limits(routed.site)],
         "qos": {"network": [_never_waits(routed.site) for routed in sites]},
     }
-    if thinned:
-        made["downsampling"] = [
-            {
-                "id": "dashboards",
-                "link_protocols": ["quic"],
-                "messages": ["put"],
-                "flows": ["egress"],
-                "rules": thinned,
-            }
-        ]
+    slower: list[dict[str, Any]] = [
+        {"id": "people", "flows": ["ingress"], "rules": slowed},
+        {"id": "dashboards", "flows": ["egress"], "rules": thinned, "link_protocols": ["quic"]},
+    ]
+    made["downsampling"] = [{**each, "messages": ["put"]} for each in slower if each["rules"]]
     if any(routed.password for routed in sites):
         (routed,) = sites
         made["transport"]["auth"] = {"usrpwd": {"dictionary_file": f"{routed.folder}users.txt"}}
@@ -256,6 +254,22 @@ def _nothing(site: str, name: str) -> Rule:
         "flows": ["egress"],
         "key_exprs": [f"{namespace(site)}/nothing"],
     }
+
+
+def _slowed(routed: RouterSite) -> list[dict[str, Any]]:
+    """Return the maximum rate of each key that a person may write, of each connection.
+
+    Zenoh knows no bursts: the rate is a minimum time between two messages. Readers fetch what it drops of
+    states and events again from their publisher, and of the others read only the newest.
+    """
+    keys = [
+        key
+        for member in routed.members
+        if member.role == "user"
+        for key in rights_of("user", member.name).writes
+    ]
+    root = namespace(routed.site)
+    return [{"key_expr": f"{root}/{key}", "freq": max_rate_hz(key)} for key in keys]
 
 
 def _thinned(routed: RouterSite) -> list[dict[str, Any]]:

@@ -15,8 +15,11 @@ from zenoh.handlers import Callback
 
 from pointit.access.limits import MAX_CONNECTIONS
 from pointit.access.site_folder import SiteFolder
-from pointit.schemas.topics import BUTTON, CURSOR, RAY
-from tests.integration.access.secured import Member, RouterProgram, make_site, routed, wait
+from pointit.runtime.zenoh.zenoh_bus import ZenohBus
+from pointit.schemas import ButtonEvent, UserPose
+from pointit.schemas.topics import BUTTON, CURSOR, POSE, RAY
+from tests.integration.access.secured import Member, RouterProgram, link_of, make_site, routed, wait
+from tests.support.bench import until
 
 pytestmark = pytest.mark.timeout(120)
 
@@ -111,6 +114,40 @@ def test_router_drops_instead_of_waiting_whatever_a_writer_wants(folder: SiteFol
         wait(lambda: bool(heard), "a button", lambda: anna.put(BUTTON.at("anna")))
         subscriber.undeclare()
     assert all(heard)
+
+
+async def test_no_event_of_a_burst_is_lost_nor_is_the_newest_state(folder: SiteFolder) -> None:
+    """Zenoh drops what follows too soon; readers fetch it again."""
+    count, burst = 0, 20
+    buttons: list[int] = []
+    poses: list[int] = []
+    with routed(folder):
+        anna = await ZenohBus.open(link_of(folder, "anna"), patience_s=30)
+        services = await ZenohBus.open(link_of(folder, "services"), patience_s=30)
+        heard = services.subscribe(BUTTON, lambda button, _user: buttons.append(button.seq))
+        services.subscribe(POSE, lambda pose, _user: poses.append(pose.seq))
+        button, pose = anna.publisher(BUTTON, "anna"), anna.publisher(POSE, "anna")
+
+        def press() -> None:
+            nonlocal count
+            count += 1
+            button.put(ButtonEvent(stamp_ns=time.time_ns(), seq=count))
+            pose.put(UserPose(stamp_ns=time.time_ns(), seq=count, position_m=(1.0, 1.0, 0.0), yaw_rad=0.0))
+
+        def is_heard() -> bool:
+            if not buttons:
+                press()  # nobody may hear the first ones
+            return bool(buttons)
+
+        await until(is_heard, what="a button")
+        for _ in range(3):
+            for _ in range(burst):
+                press()
+            await until(lambda: buttons[-1:] == poses[-1:] == [count], what="the last of a burst")
+        assert buttons[-3 * burst :] == list(range(count - 3 * burst + 1, count + 1))
+        assert heard.traffic.lost == 0
+        await anna.close()
+        await services.close()
 
 
 def test_connections_beyond_the_limit_of_an_identity_are_cut_and_the_identity_is_named(

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pointit.access.denied_operations import FLOOD_HZ, KINDS, MAX_KEY, DeniedOperations
+from pointit.access.denied_operations import FLOOD_HZ, KINDS, MAX_KEY, SLOWED_HZ, DeniedOperations
 from pointit.access.recent_denials import MAX_MESSAGES, RECENT_S, RecentDenials
 from pointit.access.rejected_connections import (
     CLAIMS,
@@ -102,6 +102,51 @@ def test_who_writes_too_often_is_told() -> None:
     assert told == (
         "lab/anna writes users/anna/button 1001 times a second, more than anybody needs: end what does"
     )
+
+
+def slowed(connection: str, key: str = "users/anna/claim", flow: str = "from") -> str:
+    """Return the line on a message that Zenoh drops as too frequent."""
+    head = HEAD.replace("access_control", "downsampling")
+    dropped = f"Message dropped by the downsampling interceptor: Push(pointit/lab/{key})"
+    return f"{head}{dropped} {flow}:south:0:client/{connection}:1"
+
+
+def test_who_writes_what_is_dropped_as_too_frequent_is_told_and_it_counts() -> None:
+    name = "12ab34cd" * 4
+    known = f"{ANNA.replace('12ab', name)} is authorized to Put (ingress) on pointit/lab/users/anna/claim"
+    refused = DeniedOperations()
+    for line in (HEAD + known, *[slowed("12ab34cd")] * int(SLOWED_HZ + 1)):
+        refused.take(line)
+    (told,) = refused.take_sentences(1.0).values()
+    assert (
+        told == "lab/anna writes users/anna/claim 52 times a second, more than anybody needs: end what does"
+    )
+    assert refused.rates_hz == {"lab/anna": 52.0}
+    assert refused.take_sentences(1.0) == {}
+    assert sentences(known, *[slowed("12ab34cd")] * int(SLOWED_HZ)) == [], "of a burst, some is fetched again"
+    assert sentences(known, *[slowed("12ab34cd", flow="to")] * 5000) == [], "a dashboard's"
+
+
+def test_attempts_that_are_dropped_as_too_frequent_count() -> None:
+    denied = f"{HEAD}{ANNA} is unauthorized to Put (ingress) on pointit/lab/users/ben/claim"
+    refused = DeniedOperations()
+    for line in (denied, *[slowed("12ab", "users/ben/claim")] * 200):
+        refused.take(line)
+    assert refused.take_sentences(1.0) == {
+        "lab/anna": "lab/anna may not write users/ben/claim (201 times): refused"
+    }
+    assert refused.total == 201
+
+
+def test_who_takes_the_first_letters_of_anothers_connection_blames_nobody() -> None:
+    names = ["12ab34cd56", "12ab34cd78", "12ab34cd99"]
+    known = [
+        f"{ANNA.replace('12ab', name).replace('anna', who)} is authorized to Put (ingress) on pointit/lab/a"
+        for name, who in zip(names, ("anna", "anna", "ben"), strict=True)
+    ]
+    drops = [slowed("12ab34cd")] * 100
+    assert sentences(*known[:2], *drops)[0].startswith("lab/anna writes users/anna/claim 100 times")
+    assert sentences(*known, *drops)[0].startswith("connection 12ab34cd writes users/anna/claim 100 times")
 
 
 def test_a_key_cannot_lay_the_blame_on_somebody_else() -> None:

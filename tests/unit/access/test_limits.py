@@ -5,13 +5,17 @@ import dataclasses
 import pytest
 
 from pointit.access.limits import (
+    BURST,
     HOLD_S,
+    KEPT_HZ,
+    LATEST_HZ,
     MAX_CONNECTIONS,
     MAX_HZ,
     MIN_UNREAD,
     PATIENCE,
     Connection,
     Limits,
+    max_rate_hz,
 )
 
 ROLES = {"lab/anna": "user", "lab/ben": "user", "lab/services": "services", "lab/operator": "operator"}
@@ -65,8 +69,7 @@ def test_connections_by_quic_are_named_with_what_ends_them_and_not_said_to_be_cu
     assert told["lab/dashboard1"].endswith(
         "cannot be cut (QUIC): revoke it: `pointit site revoke dashboard1`"
     )
-    for now_s in range(1, 1 + PATIENCE):
-        cut, told = limits.excess(own, roles, {"lab/dashboard1": MAX_HZ + 1.0}, float(now_s))
+    cut, told = limits.excess(own, roles, {"lab/dashboard1": MAX_HZ + BURST}, 1.0)
     assert not cut
     assert "messages a second" in told["lab/dashboard1"]
     assert told["lab/dashboard1"].endswith(
@@ -77,10 +80,11 @@ def test_connections_by_quic_are_named_with_what_ends_them_and_not_said_to_be_cu
 def test_flood_is_cut_off_for_a_while_and_only_that_identity() -> None:
     limits, own = Limits(), connections("lab/anna", 2)
     everybody = [*own, *connections("lab/ben", 2, 50)]
-    rates = {"lab/anna": MAX_HZ + 1.0, "lab/ben": 1400.0}
-    for now_s in range(PATIENCE - 1):
+    looks = 4
+    rates = {"lab/anna": MAX_HZ + BURST / looks, "lab/ben": 1400.0}
+    for now_s in range(looks - 1):
         assert limits.excess(everybody, ROLES, rates, float(now_s)) == ([], {})
-    flooded_s = float(PATIENCE - 1)
+    flooded_s = float(looks - 1)
     cut, told = limits.excess(everybody, ROLES, rates, flooded_s)
     assert (cut, list(told)) == (own, ["lab/anna"])
     assert "cut off for 30 s" in told["lab/anna"]
@@ -95,8 +99,31 @@ def test_burst_after_a_link_stood_still_is_not_cut_off() -> None:
         rate_hz = 3 * 1400.0 + 1400.0 if now_s % 4 == 0 else 1400.0
         assert limits.excess(own, ROLES, {"lab/anna": rate_hz}, float(now_s)) == ([], {})
     for now_s in range(60, 120):  # all at once, twice what can be
-        rate_hz = 4 * MAX_HZ if now_s % PATIENCE == 0 else 1400.0
+        rate_hz = 2 * (3 * 1400.0 + 1400.0) if now_s % 10 == 0 else 1400.0
         assert limits.excess(own, ROLES, {"lab/anna": rate_hz}, float(now_s)) == ([], {})
+
+
+@pytest.mark.parametrize(("rate_hz", "cut_after"), [(3000.0, 20), (4900.0, 5), (10_000.0, 2)])
+def test_flood_counts_by_rate_and_time(rate_hz: float, cut_after: int) -> None:
+    limits, own = Limits(), connections("lab/anna", 1)
+    looks = [bool(limits.excess(own, ROLES, {"lab/anna": rate_hz}, now_s)[0]) for now_s in range(cut_after)]
+    assert looks == [False] * (cut_after - 1) + [True]
+
+
+def test_flood_that_pauses_for_a_second_is_cut_off() -> None:
+    limits, own = Limits(), connections("lab/anna", 1)
+    rates = [0.0 if now_s % 4 == 3 else MAX_HZ + BURST / 4 for now_s in range(20)]
+    assert any(
+        limits.excess(own, ROLES, {"lab/anna": rate} if rate else {}, float(now_s))[0]
+        for now_s, rate in enumerate(rates)
+    )
+
+
+def test_rate_of_a_key_follows_from_its_delivery() -> None:
+    hertz = [
+        max_rate_hz(key) for key in ("users/anna/cursor", "users/anna/claim", "users/anna/pose", "other")
+    ]
+    assert hertz == [LATEST_HZ, KEPT_HZ, KEPT_HZ, LATEST_HZ]
 
 
 def test_reader_that_takes_nothing_is_named_and_a_slow_one_is_not() -> None:

@@ -2,7 +2,7 @@
 
 import pytest
 
-from pointit.access.limits import HOLD_S, MAX_HZ, MIN_UNREAD, PATIENCE, Connection, Limits
+from pointit.access.limits import BURST, HOLD_S, MAX_HZ, MIN_UNREAD, PATIENCE, Connection, Limits
 
 ANNA = Connection(identity="lab/anna", session="a1", address="tls/10.0.0.7:40000")
 ROLES = {"lab/anna": "user"}
@@ -40,8 +40,8 @@ def test_looks_at_which_a_backlog_stands_still_count_in_a_row() -> None:
 
 def test_identity_that_flooded_is_let_in_again_when_it_has_ended_to() -> None:
     limits = Limits()
-    assert [look(limits, float(second), 2.0 * MAX_HZ) for second in range(PATIENCE)][-1]
-    for second in range(PATIENCE, int(HOLD_S)):
+    assert look(limits, 0.0, MAX_HZ + 10 * BURST)
+    for second in range(1, int(HOLD_S)):
         assert look(limits, float(second))
-    for second in range(PATIENCE + int(HOLD_S), 200):
+    for second in range(int(HOLD_S), 200):
         assert not look(limits, float(second), MAX_HZ / 2.0)

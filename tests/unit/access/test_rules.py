@@ -221,7 +221,7 @@ def test_every_row_of_the_tables_has_a_limit() -> None:
 
 def test_each_persons_key_is_thinned_by_a_rule_of_its_own() -> None:
     made = configuration([routed(dashboard_rate_hz=20.0)])
-    (thinned,) = made["downsampling"]
+    people, thinned = made["downsampling"]
     keys = [rule["key_expr"] for rule in thinned["rules"]]
     assert "pointit/lab/users/anna/cursor" in keys
     assert not any("*" in key for key in keys)
@@ -229,7 +229,22 @@ def test_each_persons_key_is_thinned_by_a_rule_of_its_own() -> None:
     assert {endpoint.partition("/")[0] for endpoint in made["listen"]["endpoints"]} == {"tls", "quic"}
     (quic,) = (endpoint for endpoint in made["listen"]["endpoints"] if endpoint.startswith("quic"))
     assert "?multistream=0#" in quic  # else questions overtake the keys they are about
-    assert "downsampling" not in configuration([routed()])
+    assert configuration([routed()])["downsampling"] == [people]
+
+
+def test_each_key_that_a_person_may_write_has_a_rate_of_its_own() -> None:
+    (people,) = configuration([routed()])["downsampling"]
+    assert (people["messages"], people["flows"]) == (["put"], ["ingress"])
+    assert "link_protocols" not in people
+    rates_hz = {rule["key_expr"]: rule["freq"] for rule in people["rules"]}
+    assert set(rates_hz) == {
+        f"pointit/lab/{key}"
+        for member in routed().members
+        if member.role == "user"
+        for key in rights_of("user", member.name).writes
+    }
+    assert not any("*" in key for key in rates_hz), "keys of one rule would share its rate"
+    assert rates_hz["pointit/lab/users/anna/claim"] < rates_hz["pointit/lab/users/anna/cursor"]
 
 
 def test_what_is_written_is_what_zenoh_takes() -> None:

@@ -37,6 +37,8 @@ MOVING_MPS = 0.05
 UNREACHABLE = "the robot cannot go where you point: point at the floor"
 NEAR_M = 0.1
 """A robot that follows is there, and a point of its way is passed, at this distance, m."""
+PASSING = ("report", "other_master")
+"""Kinds of stops that free the robot and pass by themselves."""
 
 
 class RobotPilot:
@@ -95,6 +97,11 @@ class RobotPilot:
         )
 
     @property
+    def has_other_master(self) -> bool:
+        """Return True while somebody else than PointIt steers it."""
+        return not self._lost and self._stop is not None and self._stop.kind == "other_master"
+
+    @property
     def goal_ns(self) -> int:
         """Return the stamp of the goal that it carries out, or 0."""
         return self._order.goal_ns
@@ -111,7 +118,7 @@ class RobotPilot:
         if self._lost or self._is_silent or report is None:
             return "lost"
         is_down = self._is_flyer and not report.is_flying
-        if self._stop is not None:
+        if self._stop is not None and not self.has_other_master:
             return "landed" if is_down else "stopped"
         if isinstance(command, Land):
             return "landing"
@@ -235,7 +242,7 @@ class RobotPilot:
     def _moves_without_order(self, now_ns: int) -> bool:
         """Return True if it has to be told again to stop. A landed quadrotor may be carried."""
         report = self.report
-        is_known = report is not None and not (self._lost or self._is_silent or self._is_jumping)
+        is_known = not (self._lost or self._is_silent or self._is_jumping or self.has_other_master)
         is_ordered = not isinstance(self._order.command, Stop | None)
         if report is None or not is_known or is_ordered or (self._is_flyer and not report.is_flying):
             self._standstill.forget()
@@ -259,7 +266,7 @@ class RobotPilot:
         self._is_silent = stop is not None and stop.kind == "report"
         self._is_jumping = stop is not None and stop.kind == "jump"
         if stop is None:
-            if self._stop is not None and (not self._stop.is_freeing or self._stop.kind == "report"):
+            if self._stop is not None and (not self._stop.is_freeing or self._stop.kind in PASSING):
                 self._stop = None
             return
         before = self._stop
@@ -267,7 +274,7 @@ class RobotPilot:
             self._release(stop)
             return
         self._halts |= before is None
-        if before is None or not before.is_freeing:
+        if before is None or not before.is_freeing or before.kind in PASSING or stop.kind == "other_master":
             self._stop = stop
         self._goal = None
         self._order.drop()

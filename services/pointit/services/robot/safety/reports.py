@@ -75,6 +75,12 @@ class Reports:
         if age_s > self._config.report_timeout_s:
             text = f"{self._robot} has not reported its place for {age_s:.1f} s: look at its link and battery"
             return StopReason("report", text, is_freeing=True)
+        if self.newest.has_other_master:
+            text = (
+                f"another master control steers {self._robot}: it is left alone until its order has ended; "
+                "stop it there, or at the vehicle"
+            )
+            return StopReason("other_master", text, is_freeing=True)
         if self._jump and now_ns - self._jumped_ns < SETTLED_S * NS_PER_S:
             return StopReason("jump", self._jump, is_freeing=True)
         return None

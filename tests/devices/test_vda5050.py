@@ -268,7 +268,7 @@ def message_of_another(number: int, **body: object) -> str:
 
 def order_of_another(*points: tuple[float, float]) -> str:
     """Return an order of another master control along `points`."""
-    nodes = [
+    nodes: list[dict[str, Any]] = [
         {
             "nodeId": f"theirs.{number}",
             "sequenceId": 2 * number,
@@ -278,7 +278,7 @@ def order_of_another(*points: tuple[float, float]) -> str:
         }
         for number, (x, y) in enumerate(points)
     ]
-    edges = [
+    edges: list[dict[str, Any]] = [
         {
             "edgeId": f"theirs.{end['nodeId']}",
             "sequenceId": 2 * number + 1,

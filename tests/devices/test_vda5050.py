@@ -2,6 +2,7 @@
 
 import asyncio
 import contextlib
+import itertools
 import json
 import math
 import subprocess
@@ -16,11 +17,12 @@ from pointit.bridges.agv_tracker.config import AgvTrackerConfig
 from pointit.bridges.agv_tracker.service import AgvTracker
 from pointit.geometry.vector import Vec3
 from pointit.runtime.clock import WallClock
+from pointit.runtime.errors import RefusedError
 from pointit.runtime.health.surroundings import Surroundings
 from pointit.runtime.service.service import Launch, run_service
-from pointit.schemas import RobotState, Steering
+from pointit.schemas import RobotState, Steering, StopRobot
 from pointit.schemas.environment import Frame
-from pointit.schemas.topics import MAP, OBJECTS
+from pointit.schemas.topics import MAP, OBJECTS, STOP_ROBOT
 from pointit.services.robot.config import RobotConfig
 from pointit.services.robot.drivers.vda5050.driver import VDA5050
 from pointit.services.robot.drivers.vda5050.search import find_agvs_on
@@ -251,15 +253,75 @@ async def test_an_order_that_another_master_cancels_ends_with_a_sentence(
         order = steered.tell(Follow, (9.0, 2.0, 0.0))
         await until(lambda: steered.away_m(START) > 0.2, PATIENCE_S, "its departure")
         action = {"actionType": "cancelOrder", "actionId": "other", "blockingType": "NONE"}
-        header = {"headerId": 1, "timestamp": "2026-01-01T00:00:00.00Z", "version": "2.0.0"}
-        agv = {"manufacturer": "acme", "serialNumber": "7"}
         async with aiomqtt.Client("127.0.0.1", port) as other:
-            await other.publish(
-                f"{TOPICS}/instantActions", json.dumps({**header, **agv, "instantActions": [action]})
-            )
+            await other.publish(f"{TOPICS}/instantActions", message_of_another(1, instantActions=[action]))
         await until(lambda: bool(steered.outcomes(order)), PATIENCE_S, "the end of the order")
         ((state, reason),) = steered.outcomes(order)
         assert (state, reason) == ("cancelled", "it was cancelled at the AGV, or by another master control")
+
+
+def message_of_another(number: int, **body: object) -> str:
+    """Return a message of another master control."""
+    header = {"headerId": number, "timestamp": "2026-01-01T00:00:00.00Z", "version": "2.0.0"}
+    return json.dumps({**header, "manufacturer": "acme", "serialNumber": "7", **body})
+
+
+def order_of_another(*points: tuple[float, float]) -> str:
+    """Return an order of another master control along `points`."""
+    nodes: list[dict[str, Any]] = [
+        {
+            "nodeId": f"theirs.{number}",
+            "sequenceId": 2 * number,
+            "released": True,
+            "nodePosition": {"x": x, "y": y, "theta": 0.0, "mapId": "hall"},
+            "actions": [],
+        }
+        for number, (x, y) in enumerate(points)
+    ]
+    edges: list[dict[str, Any]] = [
+        {
+            "edgeId": f"theirs.{end['nodeId']}",
+            "sequenceId": 2 * number + 1,
+            "released": True,
+            "startNodeId": start["nodeId"],
+            "endNodeId": end["nodeId"],
+            "actions": [],
+        }
+        for number, (start, end) in enumerate(itertools.pairwise(nodes))
+    ]
+    return message_of_another(1, orderId="theirs", orderUpdateId=0, nodes=nodes, edges=edges)
+
+
+async def test_an_order_of_another_master_is_left_alone_and_shown_while_pointit_starts_idles_and_stops(
+    port: int, node: tuple[str, Path]
+) -> None:
+    agv = {"broker": f"127.0.0.1:{port}", "manufacturer": "acme", "serial_number": "7"}
+    config = RobotConfig.model_validate({"driver": "vda5050", "vda5050": agv})
+    launch = Launch(service=Robot, config=config, name=ROBOT)
+    end = (6.0, START[1])
+    async with (
+        agv_on(port, node, speed=0.5),
+        overheard(port, "instantActions") as actions,
+        overheard(port, "state") as states,
+        aiomqtt.Client("127.0.0.1", port) as other,
+        memory_bench(WallClock()) as bench,
+    ):
+        await other.publish(f"{TOPICS}/order", order_of_another(START, end))
+        await until(lambda: bool(states) and bool(states[-1]["nodeStates"]), PATIENCE_S, "their order")
+        pilotage = Pilotage(bench)
+        async with running(run_service(launch, bench.bus, bench.clock)):
+            shown = await pilotage.until(lambda state: "another master control" in state.reason)
+            assert (shown.phase, shown.user) == ("moving", "")
+            with pytest.raises(RefusedError, match="another master control"):
+                await bench.bus.call(STOP_ROBOT, StopRobot(), ROBOT)
+            # the monitor of standstill, and the end of PointIt, have cancelled it before
+            await pilotage.until(lambda state: state.position_m[0] > START[0] + 3.5, PATIENCE_S)
+        async with running(run_service(launch, bench.bus, bench.clock)):
+            await pilotage.until(lambda state: state.phase == "idle" and not state.reason, PATIENCE_S)
+        assert states[-1]["orderId"] == "theirs"
+        assert states[-1]["lastNodeId"] == "theirs.1", "it has arrived"
+        kinds = {each["actionType"] for heard in actions for each in heard["actions"]}
+        assert kinds == {"stateRequest"}
 
 
 async def test_a_restarted_broker_leaves_nothing_that_moves(tmp_path: Path, node: tuple[str, Path]) -> None:

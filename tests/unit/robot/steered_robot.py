@@ -37,7 +37,8 @@ def fence(
 
 def spec(config: RobotConfig, name: str = "quad") -> RobotSpec:
     return RobotSpec(
-        name=name, kind=config.kind, start_m=config.start_m, start_yaw_rad=0.0, radius_m=config.radius_m,
+        name=name, kind=config.kind, start_m=config.start_m, radius_m=config.radius_m,
+        start_yaw_rad=math.radians(config.start_yaw_deg),
         hover_m=config.hover_m, max_speed_mps=config.max_speed_mps,
         max_acceleration_mps2=config.max_acceleration_mps2,
     )  # fmt: skip
@@ -56,6 +57,7 @@ class Steered:
     are_reports_alive: bool = True
     change_report: Callable[[RobotReport], RobotReport] = lambda report: report
     on_step: Callable[[], None] = lambda: None
+    tick: int = TICK
 
     def __post_init__(self) -> None:
         """Put the robot at its start, in the air if it flies, and everybody at their places."""
@@ -114,7 +116,7 @@ class Steered:
                 self._take(self.change_report(self.report))
             if self.is_cursor_alive:
                 self.safety.on_cursor("ada", self._cursor())
-        if self._step % TICK == 0:
+        if self._step % self.tick == 0:
             self._tick()
         self.on_step()
 

@@ -4,6 +4,8 @@ import pytest
 from click.testing import CliRunner
 
 from pointit.cli.inspect.robot import find_robots, rows, stop, stop_robots
+from pointit.schemas import RobotPlan
+from pointit.schemas.topics import ROBOT_PLAN
 from tests.unit.robot.flight import ROBOT, Pilotage, fly
 
 
@@ -18,6 +20,20 @@ def test_a_robot_is_found_and_stopped_and_an_absent_one_is_said() -> None:
         assert list(problems) == ["nobody"]
         stopped = await pilotage.until(lambda state: bool(state.reason))
         assert "(a child runs there)" in stopped.reason
+
+    fly(flight)
+
+
+def test_a_robot_whose_process_was_killed_is_listed_as_lost() -> None:
+    async def flight(pilotage: Pilotage) -> None:
+        await pilotage.until(lambda state: state.phase == "landed")
+        pilotage.bench.put(ROBOT_PLAN, RobotPlan(stamp_ns=1), "cart")  # as the keeper has it
+        there, gone = sorted(
+            rows(await find_robots(pilotage.bench.bus)), key=lambda row: row["phase"] == "lost"
+        )
+        assert there["robot"] == ROBOT
+        assert (gone["robot"], gone["phase"], gone["x_m"]) == ("cart", "lost", None)
+        assert "process has ended" in str(gone["reason"])
 
     fly(flight)
 

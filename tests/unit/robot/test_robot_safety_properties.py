@@ -1,5 +1,6 @@
 """No fence is crossed and no person approached, whatever is pointed at, lost or reported."""
 
+import asyncio
 import math
 import random
 from dataclasses import dataclass, replace
@@ -12,11 +13,13 @@ from hypothesis import strategies as st
 
 from pointit.geometry.polygon import Polygon
 from pointit.geometry.vector import Vec3
-from pointit.schemas import RobotKind
+from pointit.schemas import RobotKind, Steering
 from pointit.schemas.environment import Fence
+from pointit.schemas.topics import MAP
 from pointit.services.robot.config import RobotConfig
 from pointit.services.robot.robot_driver import RobotReport
-from tests.unit.robot.steered_robot import Steered
+from tests.unit.robot.flight import CURSOR_S, ROBOT, ROOM, Pilotage, fly
+from tests.unit.robot.steered_robot import TICK, Steered
 
 Event = Literal["point", "nothing", "no cursor", "no report", "nan", "jump", "rest", "unsure", "far"]
 DISTURBANCES: tuple[Event, ...] = (
@@ -77,6 +80,8 @@ class Course:
     people_m: dict[str, Vec3]
     person_sigma_m: float
     events: list[tuple[Event, Vec3, float]]
+    tick: int = TICK
+    """Steps between two checks."""
 
     @property
     def keep_m(self) -> float:
@@ -107,9 +112,39 @@ def random_course(kind: RobotKind, seed: int) -> Course:
     return Course(config, random_fences(rng), people_m, rng.choice((0.0, 0.1, 0.3)), events)
 
 
+def corner_course(seed: int) -> Course:
+    """Return a course of a ground robot that turns beside a box while people point behind it."""
+    rng = random.Random(seed)
+    config = RobotConfig(
+        driver="sim",
+        kind="ground",
+        start_yaw_deg=rng.uniform(0.0, 360.0),
+        radius_m=rng.choice((0.2, 0.25, 0.3)),
+        aim_sigma_deg=0.0,
+        max_speed_mps=rng.choice((1.0, 1.5, 2.0)),
+        max_acceleration_mps2=rng.choice((1.0, 2.0, 4.0)),
+    )
+    x_m, wide_m = rng.uniform(0.35, 0.8), rng.uniform(0.3, 0.8)
+    y_m, end_m = rng.uniform(-1.2, 0.3), rng.uniform(0.4, 1.5)
+    outline_m = ((x_m, y_m), (x_m + wide_m, y_m), (x_m + wide_m, end_m), (x_m, end_m))
+    box = Fence(id="box", kind="keep_out", outline_m=outline_m)
+    events: list[tuple[Event, Vec3, float]] = []
+    for _ in range(3):
+        angle, range_m = rng.uniform(-math.pi / 2.0, math.pi / 2.0), rng.uniform(1.0, 6.0)
+        target_m = (range_m * math.cos(angle), range_m * math.sin(angle), 0.0)
+        events.append(("point", target_m, rng.uniform(0.5, 2.0)))
+    return Course(config, (box,), {"ada": (20.0, 20.0, 0.0)}, 0.0, events, tick=2)
+
+
 def check_course(course: Course) -> float:
     """Steer the robot through all that happens, check its place every 10 ms, and return its way, m."""
-    steered = Steered(course.config, course.fences, course.people_m, person_sigma_m=course.person_sigma_m)
+    steered = Steered(
+        course.config,
+        course.fences,
+        course.people_m,
+        person_sigma_m=course.person_sigma_m,
+        tick=course.tick,
+    )
     event: Event = "point"
     places_m: list[Vec3] = []
 
@@ -142,6 +177,51 @@ def test_a_quadrotor_crosses_no_fence_and_approaches_nobody(seed: int) -> None:
 @given(st.integers(0, 2**32))
 def test_a_ground_robot_crosses_no_fence_and_approaches_nobody(seed: int) -> None:
     check_course(random_course("ground", seed))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("part", range(4))
+def test_a_ground_robot_that_turns_beside_corners_crosses_none_on_200_courses(part: int) -> None:
+    way_m = [check_course(corner_course(seed)) for seed in range(part, 200, 4)]
+    assert sum(way_m) > 50 * 0.5
+
+
+@pytest.mark.parametrize(
+    ("max_speed_mps", "max_acceleration_mps2", "start_yaw_deg"), [(1.0, 4.0, 180.0), (1.5, 2.0, 270.0)]
+)
+def test_a_robot_that_is_led_about_a_corner_neither_slides_over_it_nor_stops_and_goes_on_in_turns(
+    max_speed_mps: float, max_acceleration_mps2: float, start_yaw_deg: float
+) -> None:
+    radius_m = 0.25
+    box = Fence(id="box", kind="keep_out", outline_m=((4.0, 1.0), (4.6, 1.0), (4.6, 2.2), (4.0, 2.2)))
+    gaps_m: list[float] = []
+
+    async def lead(pilotage: Pilotage) -> None:
+        pilotage.bench.put(MAP, ROOM.model_copy(update={"fences": (box,)}))
+        pilotage.arrive("anna")
+        pilotage.steer("anna", Steering(stamp_ns=0, robot=ROBOT, mode="follow"))
+        for (x_m, y_m), (to_x_m, to_y_m) in pairwise(((3.6, 1.0), (8.0, 5.0), (0.5, 0.5))):
+            steps = round(math.dist((x_m, y_m), (to_x_m, to_y_m)) / (1.5 * CURSOR_S))
+            for step in range(steps):
+                part = (step + 1) / steps
+                pilotage.point("anna", (x_m + part * (to_x_m - x_m), y_m + part * (to_y_m - y_m), 0.0))
+                await asyncio.sleep(CURSOR_S)
+            await asyncio.sleep(1.0)
+        gaps_m.extend(fence_gap_m(box, state.position_m, radius_m) for state in pilotage.states)
+        phases = [state.phase for state in pilotage.states]
+        assert sum(before != after for before, after in pairwise(phases)) <= 10
+
+    config = RobotConfig(
+        start_m=(3.6, 1.0, 0.0),
+        start_yaw_deg=start_yaw_deg,
+        radius_m=radius_m,
+        max_speed_mps=max_speed_mps,
+        max_acceleration_mps2=max_acceleration_mps2,
+        max_cursor_sigma_m=5.0,
+        keep_out_m=0.1,
+    )
+    fly(lead, config)
+    assert min(gaps_m) > 0.0
 
 
 @pytest.mark.parametrize("kind", ["quadrotor", "ground"])

@@ -2,6 +2,7 @@
 
 import asyncio
 from collections.abc import Collection, Mapping
+from typing import Literal
 
 import click
 
@@ -11,29 +12,45 @@ from pointit.cli.common.site_link import join_site, quiet, site_options
 from pointit.runtime.bus.contract import Bus, list_present
 from pointit.runtime.errors import PointItError
 from pointit.runtime.service.shutdown import EXIT_FAILED, run_until_shutdown
-from pointit.schemas import RobotState, StopRobot
+from pointit.schemas import RobotPlan, RobotState, StopRobot
 from pointit.schemas.system import split_instance
-from pointit.schemas.topics import ROBOT_STATE, SERVICE_ALIVE, STOP_ROBOT, check_name
+from pointit.schemas.topics import ROBOT_PLAN, ROBOT_STATE, SERVICE_ALIVE, STOP_ROBOT, check_name
+
+Found = RobotState | Literal["silent", "lost"]
+"""A robot's state; `silent`: its process says nothing, `lost`: its process has ended."""
+WITHOUT_STATE = {
+    "silent": "its service says nothing: see `pointit doctor`",
+    "lost": "its process has ended: look after the robot, then start its process again",
+}
 
 LOOK_S = 0.5
 """Time in which robots are found; they say their state ten times a second."""
 
 
-async def find_robots(bus: Bus, wait_s: float = LOOK_S) -> dict[str, RobotState | None]:
-    """Return the robots that run, by name, each with its last state, or None if it says nothing."""
+async def find_robots(bus: Bus, wait_s: float = LOOK_S) -> dict[str, Found]:
+    """Return the robots, by name, each with its last state or why there is none.
+
+    Those whose process has ended are known by their last plan, which the keeper has.
+    """
     states: dict[str, RobotState] = {}
+    planned: set[str] = set()
 
     def on_state(state: RobotState, robot: str) -> None:
         states[robot] = state
 
-    listening = bus.subscribe(ROBOT_STATE, on_state)
+    def on_plan(_plan: RobotPlan, robot: str) -> None:
+        planned.add(robot)
+
+    listening = (bus.subscribe(ROBOT_STATE, on_state), bus.subscribe(ROBOT_PLAN, on_plan))
     try:
         present = await list_present(bus, SERVICE_ALIVE, wait_s)
     finally:
-        listening.close()
+        for each in listening:
+            each.close()
     instances = (split_instance(instance) for instance in present)
     names = {name or service for service, name in instances if service == STOP_ROBOT.server}
-    return {name: states.get(name) for name in sorted(names | set(states))}
+    found: dict[str, Found] = {name: "lost" if name not in names else "silent" for name in names | planned}
+    return dict(sorted((found | states).items()))
 
 
 async def stop_robots(bus: Bus, names: Collection[str], reason: str = "") -> dict[str, str]:
@@ -52,23 +69,24 @@ async def stop_robots(bus: Bus, names: Collection[str], reason: str = "") -> dic
     return problems
 
 
-def rows(robots: Mapping[str, RobotState | None]) -> tuple[Row, ...]:
+def rows(robots: Mapping[str, Found]) -> tuple[Row, ...]:
     """Return a row for each robot."""
     return tuple(_row(name, state) for name, state in robots.items())
 
 
-def _row(name: str, state: RobotState | None) -> Row:
+def _row(name: str, found: Found) -> Row:
+    state = found if isinstance(found, RobotState) else None
     x_m, y_m, z_m = (None, None, None) if state is None else state.position_m
     return {
         "robot": name,
         "kind": "" if state is None else state.kind,
-        "phase": "silent" if state is None else state.phase,
+        "phase": found if isinstance(found, str) else found.phase,
         "user": "" if state is None else state.user,
         "x_m": x_m,
         "y_m": y_m,
         "z_m": z_m,
         "battery": None if state is None else state.battery,
-        "reason": "its service says nothing: see `pointit doctor`" if state is None else state.reason,
+        "reason": WITHOUT_STATE[found] if isinstance(found, str) else found.reason,
     }
 
 
@@ -132,7 +150,7 @@ async def _stop(
     names: tuple[str, ...], reason: str, *, as_json: bool, site: str, connect: tuple[str, ...]
 ) -> int:
     async with join_site(site, connect) as bus:
-        meant = names or tuple(await find_robots(bus))
+        meant = names or tuple(name for name, found in (await find_robots(bus)).items() if found != "lost")
         problems = await stop_robots(bus, meant, reason)
     if as_json:
         print_json({"stopped": [name for name in meant if name not in problems], "problems": problems})

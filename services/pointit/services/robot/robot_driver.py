@@ -43,6 +43,8 @@ class RobotReport:
     """True from leaving the ground until it has landed."""
     battery: float | None = None
     """Charge, 0 to 1, if known."""
+    has_other_master: bool = False
+    """True while it does what somebody else than PointIt has ordered: the driver leaves it alone."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -37,6 +37,7 @@ MOVING_MPS = 0.05
 UNREACHABLE = "the robot cannot go where you point: point at the floor"
 NEAR_M = 0.1
 """A robot that follows is there, and a point of its way is passed, at this distance, m."""
+PASSING = ("report", "other_master")  # kinds of stops that free the robot and pass by themselves
 
 
 class RobotPilot:
@@ -68,7 +69,7 @@ class RobotPilot:
         """Stamps of the last goals by person."""
         self._stop: StopReason | None = None
         """Reason to stand still; a stop that freed it counts until somebody takes it."""
-        self._is_silent = self._is_jumping = False
+        self._kind = ""
         self._halts = False
         """True if the driver has to be told to stop."""
         self._refused: tuple[str, Vec3 | None] | None = None
@@ -95,6 +96,11 @@ class RobotPilot:
         )
 
     @property
+    def has_other_master(self) -> bool:
+        """Return True while somebody else than PointIt steers it."""
+        return not self._lost and self._stop is not None and self._stop.kind == "other_master"
+
+    @property
     def goal_ns(self) -> int:
         """Return the stamp of the goal that it carries out, or 0."""
         return self._order.goal_ns
@@ -108,10 +114,10 @@ class RobotPilot:
     def phase(self) -> RobotPhase:
         """Return its phase."""
         report, command = self.report, self._order.command
-        if self._lost or self._is_silent or report is None:
+        if self._lost or self._kind == "report" or report is None:
             return "lost"
         is_down = self._is_flyer and not report.is_flying
-        if self._stop is not None:
+        if self._stop is not None and not self.has_other_master:
             return "landed" if is_down else "stopped"
         if isinstance(command, Land):
             return "landing"
@@ -235,7 +241,7 @@ class RobotPilot:
     def _moves_without_order(self, now_ns: int) -> bool:
         """Return True if it has to be told again to stop. A landed quadrotor may be carried."""
         report = self.report
-        is_known = report is not None and not (self._lost or self._is_silent or self._is_jumping)
+        is_known = not (self._lost or self._kind in ("report", "jump", "other_master"))
         is_ordered = not isinstance(self._order.command, Stop | None)
         if report is None or not is_known or is_ordered or (self._is_flyer and not report.is_flying):
             self._standstill.forget()
@@ -256,10 +262,9 @@ class RobotPilot:
 
     def _obey_safety(self, now_ns: int) -> None:
         stop = self._safety.stop(self.user, self._owners.steering.mode, now_ns)
-        self._is_silent = stop is not None and stop.kind == "report"
-        self._is_jumping = stop is not None and stop.kind == "jump"
+        self._kind = "" if stop is None else stop.kind
         if stop is None:
-            if self._stop is not None and (not self._stop.is_freeing or self._stop.kind == "report"):
+            if self._stop is not None and (not self._stop.is_freeing or self._stop.kind in PASSING):
                 self._stop = None
             return
         before = self._stop
@@ -267,7 +272,7 @@ class RobotPilot:
             self._release(stop)
             return
         self._halts |= before is None
-        if before is None or not before.is_freeing:
+        if before is None or not before.is_freeing or before.kind in PASSING or stop.kind == "other_master":
             self._stop = stop
         self._goal = None
         self._order.drop()

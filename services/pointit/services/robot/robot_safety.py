@@ -16,6 +16,7 @@ StopKind = Literal[
     "unsure",
     "pose",
     "report",
+    "other_master",
     "jump",
     "fence",
     "people",

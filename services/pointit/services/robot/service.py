@@ -6,7 +6,7 @@ from typing import ClassVar
 
 from pointit.maps.frames import frame_of
 from pointit.runtime.clock import ticks
-from pointit.runtime.errors import ConfigError
+from pointit.runtime.errors import ConfigError, RefusedError
 from pointit.runtime.health.surroundings import NullHealth
 from pointit.runtime.service.plugin_guard import PluginGuard, guard_of
 from pointit.runtime.service.service import Context, Scope, Service
@@ -229,6 +229,8 @@ class Robot(Service[RobotConfig]):
             self._safety.on_robot(robot, state)
 
     async def _stop(self, query: StopRobot, _robot: str) -> Done:
+        if self._pilot.has_other_master:
+            raise RefusedError(self._pilot.reason)
         why = f" ({query.reason})" if query.reason else ""
         self._pilot.on_stop_request(f"somebody has stopped the robot{why}: point at it and take it again")
         self._step(self.clock.now_ns())

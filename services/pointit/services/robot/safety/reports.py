@@ -2,7 +2,7 @@
 
 import math
 
-from pointit.geometry.vector import Vec3, norm, scale, subtract
+from pointit.geometry.vector import Vec3, norm, scale, subtract, wrap
 from pointit.schemas import NS_PER_S
 from pointit.services.robot.config import RobotConfig
 from pointit.services.robot.robot_driver import RobotReport
@@ -20,6 +20,8 @@ MOVING_MPS = 0.1
 """Speed above which a robot moves."""
 BASE_S = 0.25
 """Least time between two places whose difference is a velocity."""
+TURN_S = 0.1
+"""Least time between two directions whose difference is a turn rate."""
 
 
 class Reports:
@@ -35,8 +37,11 @@ class Reports:
         self._came_ns = 0
         """Time of the newest report by the slower of the two clocks."""
         self._base: RobotReport | None = None
+        self._turn_base: RobotReport | None = None
         self._driven_mps: Vec3 = (0.0, 0.0, 0.0)
         """Velocity from the places of two reports."""
+        self.turn_radps = 0.0
+        """Turn rate from the directions of two reports."""
         self.newest: RobotReport | None = None
 
     @property
@@ -60,6 +65,7 @@ class Reports:
             self._find_jump(last, report, now_ns)
         self.newest, self._came_ns = report, min(report.stamp_ns, now_ns)
         self._note_velocity(report)
+        self._note_turn(report)
         self._problem = ""
         return ""
 
@@ -75,9 +81,22 @@ class Reports:
         if age_s > self._config.report_timeout_s:
             text = f"{self._robot} has not reported its place for {age_s:.1f} s: look at its link and battery"
             return StopReason("report", text, is_freeing=True)
+        if self.newest.has_other_master:
+            text = (
+                f"another master control steers {self._robot}: it is left alone until its order has ended; "
+                "stop it there, or at the vehicle"
+            )
+            return StopReason("other_master", text, is_freeing=True)
         if self._jump and now_ns - self._jumped_ns < SETTLED_S * NS_PER_S:
             return StopReason("jump", self._jump, is_freeing=True)
         return None
+
+    def _note_turn(self, report: RobotReport) -> None:
+        base = self._turn_base or report
+        passed_s = (report.stamp_ns - base.stamp_ns) / NS_PER_S
+        if passed_s >= TURN_S or self._turn_base is None:
+            self._turn_base = report
+            self.turn_radps = wrap(report.yaw_rad - base.yaw_rad) / max(passed_s, TURN_S)
 
     def _note_velocity(self, report: RobotReport) -> None:
         base = self._base

@@ -2,13 +2,14 @@
 
 from collections.abc import Sequence
 from itertools import pairwise
+from typing import get_args
 
 from pointit.geometry.vector import Vec3, add, norm, scale, subtract
 from pointit.schemas import NS_PER_S, Cursor, Environment, Interaction, RobotState, UserPose
 from pointit.services.robot.config import RobotConfig
 from pointit.services.robot.robot_driver import RobotReport
 from pointit.services.robot.robot_safety import PermittedSetPoint, StopReason
-from pointit.services.robot.safety.obstacles import CylinderObstacle, KeepIn, KeepOut, Obstacle
+from pointit.services.robot.safety.obstacles import CylinderObstacle, KeepIn, KeepOut, Obstacle, ObstacleKind
 from pointit.services.robot.safety.people import FORGOTTEN_S, People
 from pointit.services.robot.safety.region import MARGIN_M, Region
 from pointit.services.robot.safety.reports import MOVING_MPS, Reports
@@ -16,7 +17,7 @@ from pointit.services.robot.safety.speeds import (
     NEAR_M,
     lead_m,
     path_limit_mps,
-    predicted_place_m,
+    predicted_places_m,
     speed_limit_mps,
     stopping_m,
 )
@@ -142,7 +143,9 @@ class Safety:
         reach_m = lead_m(self._config, self._config.max_speed_mps)
         ahead_m, blocker = region.toward(place_m, target_m, reach_m)
         step = subtract(ahead_m, place_m)
-        limit_mps = speed_limit_mps(self._config, region, place_m, step)
+        report = self._reports.newest
+        yaw_rad = 0.0 if report is None else report.yaw_rad
+        limit_mps = speed_limit_mps(self._config, region, place_m, step, yaw_rad)
         most_m = max(lead_m(self._config, limit_mps), MARGIN_M)
         if norm(step) > most_m:
             ahead_m = add(place_m, scale(step, most_m / norm(step)))
@@ -183,10 +186,14 @@ class Safety:
             return None
         if self._fences is None:
             return StopReason("fence", NO_MAP, is_freeing=False)
+        last = None if self._stop is None else self._stop[1]
+        if last is not None and last.kind in get_args(ObstacleKind) and last.text != NO_MAP:
+            return last  # until it stands: else it is stopped and goes on in turns
         region, place_m = self._region(), report.position_m
-        rest_m = predicted_place_m(self._config, place_m, velocity_mps)
+        rests_m = predicted_places_m(self._config, place_m, velocity_mps, self._reports.turn_radps)
+        rest_m = rests_m[0]
         blocker = (
-            region.way(place_m, rest_m, 0.0).blocker
+            next((found for each in rests_m if (found := region.way(place_m, each, 0.0).blocker)), None)
             or (_not_left(region, place_m, rest_m) if abs(velocity_mps[2]) >= MOVING_MPS else None)
             or self._too_fast_near(region, place_m, norm(velocity_mps))
         )

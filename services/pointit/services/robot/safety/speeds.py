@@ -1,12 +1,13 @@
 """Limits of a robot's speed: it can stop before everything in its way, and is slow near people."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from itertools import pairwise
 
-from pointit.geometry.vector import Vec3, add, dot, norm, scale
+from pointit.geometry.vector import Vec3, add, azimuth, direction, dot, norm, scale, wrap
 from pointit.services.robot.config import RobotConfig
-from pointit.services.robot.safety.region import Region
+from pointit.services.robot.safety.region import MARGIN_M, Region
+from pointit.services.robot.safety.reports import TURN_S
 
 NEAR_M = 1.0
 """Distance beyond a person's own space in which `max_approach_mps` is the limit."""
@@ -18,6 +19,8 @@ LEAD_S = 0.5
 """Time by which a set-point is farther away than the way to stop, so that a robot need not brake for it."""
 LEAST_MPS = 0.02
 """Speed at which a robot may always go to a permitted place."""
+TURN_STEP_RAD = math.radians(30.0)
+"""Angle between two directions in which a robot that turns is checked."""
 
 
 def stopping_m(config: RobotConfig, speed_mps: float) -> float:
@@ -30,17 +33,21 @@ def lead_m(config: RobotConfig, speed_mps: float) -> float:
     return stopping_m(config, speed_mps) + speed_mps * LEAD_S
 
 
-def speed_limit_mps(config: RobotConfig, region: Region, place_m: Vec3, step: Vec3) -> float:
-    """Return the greatest speed at `place_m` in the direction of `step`."""
+def speed_limit_mps(config: RobotConfig, region: Region, place_m: Vec3, step: Vec3, yaw_rad: float) -> float:
+    """Return the greatest speed at `place_m` in the direction of `step`, to which its front turns."""
     limit = config.max_speed_mps
     length = norm(step)
     if length == 0.0:
         return limit
     ahead = scale(step, 1.0 / length)
     horizon_m = stopping_m(config, limit) + limit * SPARE_S + limit**2 / config.max_acceleration_mps2
-    way = region.way(place_m, add(place_m, scale(ahead, horizon_m)), 0.0)
-    if way.blocker is not None:
-        limit = min(limit, _from(config, way.share * horizon_m, 0.0))
+    for course, margin_m in (
+        (ahead, 0.0),
+        *((each, MARGIN_M / 2.0) for each in _turn(config, ahead, yaw_rad)),
+    ):
+        way = region.way(place_m, add(place_m, scale(course, horizon_m)), margin_m)
+        if way.blocker is not None:
+            limit = min(limit, _from(config, way.share * horizon_m, 0.0))
     for obstacle in region.obstacles:
         if obstacle.kind != "people":
             continue
@@ -64,11 +71,29 @@ def path_limit_mps(config: RobotConfig, region: Region, points_m: Sequence[Vec3]
     return min(config.max_speed_mps, config.max_approach_mps) if is_near else config.max_speed_mps
 
 
-def predicted_place_m(config: RobotConfig, place_m: Vec3, velocity_mps: Vec3) -> Vec3:
-    """Return where a robot would come to rest if it were stopped now. It does not sink below the floor."""
+def _turn(config: RobotConfig, ahead: Vec3, yaw_rad: float) -> Iterator[Vec3]:
+    """Yield the directions in which a ground robot drives before it has turned from `yaw_rad` to `ahead`."""
+    if config.kind == "ground":
+        left_rad = wrap(azimuth(ahead) - yaw_rad)
+        count = math.ceil(abs(left_rad) / TURN_STEP_RAD)
+        yield from (direction(yaw_rad + left_rad * index / count, 0.0) for index in range(count))
+
+
+def predicted_places_m(
+    config: RobotConfig, place_m: Vec3, velocity_mps: Vec3, turn_radps: float
+) -> tuple[Vec3, ...]:
+    """Return where a robot would come to rest if it were stopped now, or after a ground robot's turn.
+
+    It does not sink below the floor.
+    """
     speed_mps = norm(velocity_mps)
-    if speed_mps == 0.0:
-        return place_m
+    turned_rad = azimuth(velocity_mps) + turn_radps * (config.reaction_s + TURN_S)
+    turned_mps = scale(direction(turned_rad, 0.0), speed_mps)
+    courses_mps = (velocity_mps, turned_mps) if config.kind == "ground" else (velocity_mps,)
+    return tuple(_rest_m(config, place_m, each, speed_mps) for each in courses_mps)
+
+
+def _rest_m(config: RobotConfig, place_m: Vec3, velocity_mps: Vec3, speed_mps: float) -> Vec3:
     end_m = add(place_m, scale(velocity_mps, stopping_m(config, speed_mps) / speed_mps))
     return (end_m[0], end_m[1], max(end_m[2], min(place_m[2], 0.0)))
 

@@ -14,7 +14,7 @@ from pointit.runtime.mqtt.agv_messages import (
     velocity_on_map,
 )
 from pointit.schemas import NS_PER_S
-from pointit.services.robot.drivers.vda5050.agv_orders import AgvOrders, Outcome
+from pointit.services.robot.drivers.vda5050.agv_orders import AgvOrders, Outcome, has_other_master
 from pointit.services.robot.drivers.vda5050.master_messages import InstantAction, MessageEncoder, Order
 from pointit.services.robot.drivers.vda5050.route import Point
 from pointit.services.robot.drivers.vda5050.vda5050_config import Vda5050Config
@@ -69,7 +69,7 @@ class Agv:
         """Newest report, or None while the AGV is not connected."""
         self._lost = ""
         self._map_id = config.map_id
-        self._is_driving = False
+        self._is_driving = self._has_other_master = False
         self._battery: float | None = None
         self._heard_s = 0.0
         self._polled_s = 0.0
@@ -129,7 +129,7 @@ class Agv:
                 return
             self._heard_s = now_s
             if isinstance(message, State):
-                self._is_driving = message.driving
+                self._is_driving, self._has_other_master = message.driving, has_other_master(message)
                 battery = message.battery_state
                 self._battery = battery.battery_charge / 100 if battery else None
             self._on_pose(message)
@@ -234,6 +234,7 @@ class Agv:
             velocity_mps=(*velocity, 0.0),
             position_sigma_m=sigma_m,
             battery=self._battery,
+            has_other_master=self._has_other_master,
         )
         self._report(self._last)
 

@@ -12,6 +12,7 @@ from pointit.services.robot.drivers.vda5050.route import Point, Route
 
 PREFIX = "pointit-"
 """Beginning of the ids of our orders. One that nobody steers is cancelled, also that of an earlier run."""
+OTHER_MASTER = "another master control has given the AGV an order"
 RESEND_S = 1.0
 """Time without an answer after which a message is sent again, s. Orders are lost in radio networks."""
 MAX_TRIES = 5
@@ -24,6 +25,11 @@ NODES_AHEAD = 4
 Outcome = Literal["accepted", "done", "cancelled", "refused", "failed"]
 Tell = Callable[[int, Outcome, str], None]
 """Called with the number of a command, what became of it, and the reason."""
+
+
+def has_other_master(state: State) -> bool:
+    """Return True if the AGV carries out an order that is not ours."""
+    return bool(state.node_states) and not state.order_id.startswith(PREFIX)
 
 
 @dataclass(frozen=True)
@@ -50,6 +56,7 @@ class AgvOrders:
     An order is handed out in steps: at most four nodes ahead of the AGV are released, and updates append to
     them. So a new target replaces the way beyond the next nodes without a stop, and an AGV that loses its
     connection, which by the standard drives on to its last released node, drives `base_m` at most.
+    Nothing is sent before the AGV has told its state, nor while it carries out an order of another master.
     """
 
     def __init__(self, session: str, base_m: float, interval_s: float, tell: Tell) -> None:
@@ -78,8 +85,8 @@ class AgvOrders:
         self._position: Point | None = None
         self._blocked = ""
         self._is_paused = False
-        self._is_idle = False
-        """True if the AGV has said that it has no nodes to reach."""
+        self._state: State | None = None
+        """Newest state since the AGV was connected, or None."""
         self._sent: _Sent | None = None
         self._last_order_s = -math.inf
         self._is_cancelling = False
@@ -94,12 +101,12 @@ class AgvOrders:
     @property
     def is_active(self) -> bool:
         """Return True from a command to its end, while the AGV may move."""
-        return bool(self._sent or self._route or self._is_cancelling)
+        return bool(self._sent or self._route or self._is_cancelling or self._stop_number)
 
     @property
     def problem(self) -> str:
         """Return a sentence if the AGV does not stop, or does not start, else `""`."""
-        if self._cancel_tries > MAX_TRIES:
+        if self._is_cancelling and self._cancel_tries > MAX_TRIES:
             return (
                 "the AGV does not confirm that it stops: press its emergency stop, and look at its connection"
             )
@@ -127,14 +134,13 @@ class AgvOrders:
         self._route.replace(points)
 
     def stop(self, number: int) -> None:
-        """Cancel what the AGV does, unless it is known to have nothing to do."""
+        """Cancel our order, also one of an earlier run, which the AGV's state tells."""
         self._number, self._stop_number = 0, number
-        if self._is_idle and not self._sent and not self._is_cancelling:
-            self._drop()
-            self._end_stop()
-            return
+        if self._sent:
+            self._cancel()
         self._drop()
-        self._cancel()
+        if self._state is not None:
+            self._on_state_without_order(self._state)
 
     def on_connected(self, position: Point) -> None:
         """Set that the AGV is connected, and where it is, m."""
@@ -144,7 +150,7 @@ class AgvOrders:
 
     def on_disconnected(self) -> None:
         """Set that the AGV is not connected, and forget what was ordered."""
-        self._is_linked = self._is_idle = False
+        self._is_linked, self._state = False, None
         if self._sent or self._route:
             self._finish("failed", "the connection to the AGV is lost")
 
@@ -154,9 +160,14 @@ class AgvOrders:
 
     def on_state(self, state: State) -> None:
         """Compare a state, newer than those before, with what was ordered."""
-        self._blocked = blocked_by(state)
+        self._state = state
+        self._blocked = OTHER_MASTER if has_other_master(state) else blocked_by(state)
         self._is_paused = state.paused and bool(state.node_states)
-        self._is_idle = not state.node_states
+        if has_other_master(state):  # which is not ours to cancel
+            self._sent, self._is_cancelling = None, False
+            self._finish("failed", OTHER_MASTER)
+            self._end_stop()
+            return
         if self._is_cancelling:
             self._check_cancelled(state)
             return
@@ -164,19 +175,20 @@ class AgvOrders:
             self._finish("refused", self._blocked)
             return
         if self._sent is None:
-            if state.node_states and state.order_id.startswith(PREFIX):
-                self._cancel()
+            self._on_state_without_order(state)
             return
         if state.order_id == self._sent.order.order_id:
             self._check_progress(self._sent, state)
         elif self._sent.is_confirmed:
-            self._sent = None  # that of another is not ours to cancel
-            self._finish("failed", "another master control has given the AGV an order")
+            self._sent = None
+            self._finish("failed", OTHER_MASTER)
         if self._sent is not None and not self._sent.is_confirmed:
             self._check_refusal(self._sent.order, state)
 
     def step(self, now_s: float) -> list[Order | InstantAction]:
-        """Return the messages to send at `now_s`; a cancellation also to an AGV that does not report."""
+        """Return the messages to send at `now_s`; a cancellation also to an AGV that knows no place."""
+        if self._state is None:
+            return []
         if self._is_cancelling:
             return self._send_cancellation(now_s)
         if not self._is_linked:
@@ -271,11 +283,17 @@ class AgvOrders:
             error.is_about("actionId", action_id) for error in state.errors for action_id in self._cancel_ids
         )
         has_cleared = bool(self._blocked)  # by hand, without an answer
-        if not (answered or has_cleared) or (state.node_states and state.order_id.startswith(PREFIX)):
+        if not (answered or has_cleared) or state.node_states:
             return
         self._is_cancelling = False
-        self._cancel_tries = 0
         self._end_stop()
+
+    def _on_state_without_order(self, state: State) -> None:
+        """Cancel our order that nobody steers; else a stop is done."""
+        if state.node_states and not has_other_master(state):
+            self._cancel()
+        elif not self._is_cancelling:
+            self._end_stop()
 
     def _end_stop(self) -> None:
         if self._stop_number:

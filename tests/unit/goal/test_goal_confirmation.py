@@ -63,6 +63,15 @@ def test_unconfirmed_proposal_is_withdrawn_in_time() -> None:
     assert (anna.cues[2:], anna.goals) == (["selected"], [])  # only proposed again
 
 
+def test_after_a_goal_who_stays_about_its_place_proposes_nothing() -> None:
+    anna = Anna().stay(THERE).stay(None, 0.2).stay((2.4, 1.0, 0.0))
+    assert len(anna.goals) == 1
+    before = len(anna.cues)
+    anna.stay((1.5, 1.0, 0.0), 2.0)  # nearer to the goal than twice the radius, though not to the second stay
+    assert len(anna.cues) == before
+    assert len(anna.stay(ELSEWHERE, 1.2).cues) == before + 1
+
+
 def test_a_stay_elsewhere_is_another_proposal() -> None:
     anna = Anna().stay(THERE).stay(ELSEWHERE).stay(THERE)
     assert (anna.cues, anna.goals) == (["selected"] * 3, [])

@@ -1,4 +1,4 @@
-"""What others do in golden and replayed sessions: ask, press, walk, and track things with a camera."""
+"""Acts of others in golden and replayed sessions: they ask, press, walk, and track things with a camera."""
 
 import asyncio
 import contextlib
@@ -98,7 +98,7 @@ OFFSET = PointingOffset(
 
 
 class _Desk:
-    """Where the others sit: they know the time of the session and what is selected."""
+    """Place of those others, who know the time of the session and what is selected."""
 
     def __init__(self, bus: MemoryBus) -> None:
         self.bus = bus

@@ -32,7 +32,7 @@ ROBOT = "robot.csv"
 """A recording that `play` writes into the folder it runs in."""
 
 Script = Callable[[MemoryBus], Coroutine[Any, Any, None]]
-"""What others do during a session: requests, presses, objects of a camera."""
+"""Acts of others during a session: requests, presses, objects of a camera."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -9,13 +9,13 @@ import ast
 import random
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from tests.architecture.test_layout import DEVICES, FOUR_FILES, HOMES
 
 ROOT = Path(__file__).parents[2]
 NETS = ("tests/golden/test_golden.py", "tests/replay/test_replay.py")
-"""What must notice a mutant that the unit tests of its room let pass."""
+"""Tests for mutants that the unit tests of their room let pass."""
 GEOMETRY = "services/pointit/geometry"
 
 OPPOSITES: tuple[tuple[type[ast.AST], type[ast.AST]], ...] = (
@@ -30,7 +30,7 @@ OPPOSITES: tuple[tuple[type[ast.AST], type[ast.AST]], ...] = (
     (ast.BitAnd, ast.BitOr),
 )
 OPERATORS: dict[type[ast.AST], Any] = {a: b for pair in OPPOSITES for a, b in (pair, pair[::-1])}
-"""What a mistake puts in place of an operator."""
+"""Operators that mistakes put in place of others."""
 
 
 def core_files() -> list[str]:
@@ -92,7 +92,7 @@ def _code(node: ast.AST) -> Iterator[ast.AST]:
     for name, value in ast.iter_fields(node):
         if name in ("annotation", "returns", "decorator_list"):
             continue
-        for child in value if isinstance(value, list) else [value]:
+        for child in cast("list[object]", value if isinstance(value, list) else [value]):
             if isinstance(child, ast.AST) and not isinstance(child, ast.JoinedStr | ast.Raise | ast.Assert):
                 yield from _code(child)
 

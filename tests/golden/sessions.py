@@ -7,13 +7,13 @@ import math
 import os
 import random
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Coroutine, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeVar
 from unittest import mock
 
-from pointit.launch.plan.launches import Choices, site_launches, user_launches
+from pointit.launch.plan.launches import Choices, shard_launches, site_launches, user_launches
 from pointit.launch.plan.scenario import read_scenario
 from pointit.runtime.bus.contract import Subscription
 from pointit.runtime.bus.local_broker import LocalBroker
@@ -23,12 +23,16 @@ from pointit.runtime.service.service import Launch, run_services
 from pointit.runtime.virtual_time import START_NS, VirtualClock, run_virtually
 from pointit.schemas import NS_PER_S, Message
 from pointit.schemas.topics import ANY, TOPICS, Delivery, Topic
+from tests.golden import scripts
 
 L = TypeVar("L")
 M = TypeVar("M", bound=Message)
 
 ROBOT = "robot.csv"
 """A recording that `play` writes into the folder it runs in."""
+
+Script = Callable[[MemoryBus], Coroutine[Any, Any, None]]
+"""Acts of others during a session: requests, presses, objects of a camera."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,6 +49,11 @@ class Session:
     """Parameters of further site services, by service."""
     restarts: bool = False
     """Restart every service but the simulated person, one after the other."""
+    script: Script | None = None
+    shard_s: float | None = None
+    """Shards serve the first person; they end after so long."""
+    room: str = ""
+    """Map file, which `play` writes as `room.yaml`."""
     link: Callable[[LocalBroker], MemoryBus] = MemoryBus
 
 
@@ -152,6 +161,84 @@ SESSIONS: dict[str, Session] = {
     "a bad link": Session(
         scenario="scenario_3", duration_s=30.0, link=BadLink, happens=("selection/events=selected",)
     ),
+    "an offset": Session(
+        scenario="scenario_2",
+        duration_s=48.0,
+        choices=choices("user-sim.aim.elevation_bias_deg=6", localize=True),
+        script=scripts.calibrates,
+        happens=("users/anna/pose=static_targets", "users/anna/cursor=strip"),
+    ),
+    "taken back": Session(
+        scenario="scenario_3",
+        duration_s=25.0,
+        choices=choices(method="gauge"),
+        users=("anna", "ben"),
+        script=scripts.takes_back,
+        happens=("selection/events=undo", "selection/events=release", "selection/events=clear"),
+    ),
+    "another method": Session(
+        scenario="scenario_3",
+        duration_s=24.0,
+        script=scripts.chooses_method,
+        happens=("selection/events=selected",),
+    ),
+    "belts": Session(
+        scenario="scenario_4",
+        duration_s=34.0,
+        choices=choices(
+            "conveyor-sim.tracking.noise_m=0.02",
+            "conveyor-sim.tracking.missed_share=0.1",
+            "conveyor-sim.tracking.dropout_share=0.05",
+            "conveyor-sim.tracking.latency_s=0.1",
+            "selector.method=hold",
+        ),
+        script=scripts.runs_belts,
+        happens=("selection/events=dispatched", "conveyor/state"),
+    ),
+    "a shard and workspaces": Session(
+        scenario="scenario_2",
+        duration_s=20.0,
+        choices=choices("pui.map=room.yaml", services=("selector",)),
+        users=("anna", "ben"),
+        script=scripts.moves_on_workspaces,
+        shard_s=17.8,
+        room=scripts.ROOM,
+        happens=(
+            "users/anna/cursor=workspace/horizontal",
+            "users/anna/cursor=workspace/facing",
+            "users/anna/cursor=workspace/cylinder",
+            "users/anna/cursor=workspace/sphere",
+        ),
+    ),
+    "solids": Session(
+        scenario="scenario_3",
+        duration_s=18.0,
+        choices=choices(
+            "pui.map=room.yaml",
+            "pui.surfaces=[strip,box,cylinder,sphere,plane]",
+            "conveyor-sim.feeder.sequence=[]",
+            "selector.confirm=press",
+            "supervisor.press_while_pointing=confirms",
+        ),
+        script=scripts.presses,
+        room=scripts.ROOM,
+        happens=("selection/events=selected", "selection/events=deselected", "users/anna/cursor=crate"),
+    ),
+    "a quadrotor and a visitor": Session(
+        scenario="scenario_5",
+        duration_s=32.0,
+        script=scripts.walks_by,
+        happens=("users/anna/steering", "robots/quad/state"),
+    ),
+    "a rover": Session(
+        scenario="scenario_6",
+        duration_s=24.0,
+        users=("anna", "ben"),
+        happens=("users/anna/steering", "robots/rover/plan"),
+    ),
+    "lamps": Session(
+        scenario="scenario_1", duration_s=9.0, script=scripts.lights_lamps, happens=("leds/led_0/color",)
+    ),
 }
 
 
@@ -164,6 +251,7 @@ def play(session: Session, listen: Callable[[MemoryBus], L], *, through_link: bo
     others = {name: value for name, value in os.environ.items() if not name.startswith("POINTIT_")}
     with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
         _write_robot(Path(ROBOT))
+        Path("room.yaml").write_text(session.room, encoding="utf-8")
         with mock.patch.dict(os.environ, others | {"POINTIT_STATE": folder}, clear=True):
             return run_virtually(_play(session, listen, through_link=through_link))
 
@@ -185,22 +273,32 @@ async def _play(session: Session, listen: Callable[[MemoryBus], L], *, through_l
     launches = site_launches(plan, session.choices)
     for index, user in enumerate(session.users):
         launches += user_launches(plan, session.choices, user, index)
+    shards = [] if session.shard_s is None else shard_launches(plan, session.choices, session.users[0])
     exchange = LocalBroker()
     onlooker = (session.link if through_link else MemoryBus)(exchange)
     bus = session.link(exchange)
     heard = listen(onlooker)
     lives = [asyncio.create_task(_live(launch, bus)) for launch in launches]
+    served = [asyncio.create_task(_live(launch, bus)) for launch in shards]
+    asyncio.get_running_loop().call_later(session.shard_s or 0.0, _cancel, served)
+    scripted = asyncio.create_task(session.script(onlooker)) if session.script else None
     if session.restarts:
         await _restart_each(launches, lives, bus, session.duration_s)
     await asyncio.wait(lives, timeout=session.duration_s - (VirtualClock().now_ns() - START_NS) / NS_PER_S)
-    for life in lives:
-        life.cancel()
-    for result in await asyncio.gather(*lives, return_exceptions=True):
+    if scripted is not None:
+        scripted.result()
+    _cancel(lives)
+    for result in await asyncio.gather(*lives, *served, return_exceptions=True):
         assert isinstance(result, asyncio.CancelledError), f"a service ended by itself: {result!r}"
     await asyncio.sleep(1.0)
     await bus.close()
     await onlooker.close()
     return heard
+
+
+def _cancel(lives: Sequence[asyncio.Task[None]]) -> None:
+    for life in lives:
+        life.cancel()
 
 
 async def _live(launch: Launch, bus: MemoryBus) -> None:

@@ -8,6 +8,10 @@ Python imports its file (`plugin.py`): the files themselves are never touched.
 - SURVIVED: the test passed. It has lost the behaviour: mend the test, not the row.
 - BROKEN: pytest ended otherwise, for instance because the changed module can no longer be imported.
 
+`scripts/mutants --fresh N` draws N mistakes in the cores that are no rows (`fresh.py`) and runs the unit
+tests of their rooms, then the golden and the replayed sessions, until one fails. Those that survive need a
+test, or a row in `equivalent.toml` with the reason if no behaviour differs.
+
 When code moves, `scripts/mutants --check` names the rows whose line is no longer found exactly once, and
 where such a line is now; `--mend` enters the new path where only one file has it, and leaves out the names of
 tests that are gone. To add a mutant, append a row whose mistake changes behaviour and whose test is quick.
@@ -18,20 +22,25 @@ import difflib
 import json
 import os
 import random
+import re
 import resource
 import subprocess
 import sys
 import tempfile
 import time
 import tomllib
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+from tests.mutants import fresh
 from tests.mutants.plugin import NOT_IMPORTED, VARIABLE, mutate
 
 ROOT = Path(__file__).parents[2]
 ROWS = Path(__file__).with_name("mutants.toml")
+EQUIVALENT = Path(__file__).with_name("equivalent.toml")
+"""Mistakes that change nothing, each with the reason in place of a test."""
 SOURCES = ("schemas/pointit", "services/pointit", "bridges/pointit")
 TIMEOUT_S = 30
 """Limit of a single test (s). A mutant that makes a test hang is killed."""
@@ -158,6 +167,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("part", nargs="*", help="only mutants whose file or test contains this text")
     parser.add_argument("--sample", type=int, metavar="N", help="only N of them, chosen by --seed")
+    parser.add_argument(
+        "--fresh", type=int, metavar="N", help="N mistakes that are no rows, chosen by --seed"
+    )
     parser.add_argument("--seed", default="0", help="any text; the same text chooses the same mutants")
     parser.add_argument("--check", action="store_true", help="only check the rows; run no test")
     parser.add_argument(
@@ -166,6 +178,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         help="first correct rows whose file was moved or whose test was renamed",
     )
     chosen = parser.parse_args(arguments)
+    if chosen.fresh is not None:
+        return _run_fresh(chosen.fresh, chosen.seed, chosen.part)
     if chosen.mend:
         mend()
     mutants = [
@@ -204,6 +218,37 @@ def _run(mutants: Sequence[Mutant], folder: str) -> int:
     used = resource.getrusage(resource.RUSAGE_CHILDREN)
     _say(f"{killed} of {len(mutants)} killed, {used.ru_utime + used.ru_stime:.0f} s of CPU")
     return int(killed < len(mutants))
+
+
+def _run_fresh(count: int, seed: str, parts: Sequence[str]) -> int:
+    """Run the tests of rooms and the nets with fresh mutants; return 0 if nine in ten are killed."""
+    rows = {(row.file, row.line) for row in read()}
+    reasons = {(row.file, row.line, row.mutated): row.test for row in read(EQUIVALENT)}
+    tally: Counter[str] = Counter()
+    with tempfile.TemporaryDirectory() as folder:
+        for file, line, mutated in fresh.sample(count, seed, rows):
+            if parts and not any(part in file for part in parts):
+                continue
+            began = time.monotonic()
+            if reason := reasons.get((file, line, mutated)):
+                answer, said = "equivalent", reason
+            else:
+                answer, said = _fresh_verdict(Mutant(file, line, mutated, ""), folder)
+            tally[answer] += 1
+            _say(f"{time.monotonic() - began:5.1f} s  {answer}  {file}: {line} -> {mutated}  {said}")
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    _say(f"{dict(tally)}, {used.ru_utime + used.ru_stime:.0f} s of CPU")
+    return int(tally["killed"] < 0.9 * (tally["killed"] + tally["SURVIVED"]))
+
+
+def _fresh_verdict(mutant: Mutant, folder: str) -> tuple[str, str]:
+    """Return `killed` or `SURVIVED`, and the test that failed."""
+    for tests in (fresh.unit_tests(mutant.file), fresh.NETS):
+        code, printed = run_tests(tests, folder, mutant) if tests else (PASSED, "")
+        if code != PASSED:  # also an import that is no longer possible
+            failed = re.search(r"^(?:FAILED|ERROR) (\S+)", printed, re.MULTILINE)
+            return "killed", failed[1] if failed else f"pytest ended with {code}"
+    return "SURVIVED", ""
 
 
 if __name__ == "__main__":

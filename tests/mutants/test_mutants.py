@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 
 from tests.mutants import __main__ as runner
+from tests.mutants import fresh
 from tests.mutants.plugin import mutate
 
 SOURCE = "def area(a, b):\n    return a * b\n"
@@ -98,3 +99,49 @@ def test_mutant_that_cannot_be_imported_is_broken_not_killed(project: Path, tmp_
     each = mutant("def area(a, b, c=undefined):", line="def area(a, b):")
     assert project.is_dir()
     assert runner.verdict(each, str(tmp_path / "cache")).startswith("BROKEN (pytest ended with 2)")
+
+
+def test_fresh_mutants_are_python_and_leave_texts_types_and_repeated_lines_alone() -> None:
+    source = (
+        "def area(a: int | None, b=2, is_on=True):\n"
+        "    log.info('of %s' % a)\n"
+        "    if not a or b < 1:\n"
+        "        raise ValueError(f'no {b + 1}')\n"
+        "    show(a)\n"
+        "    total = a * b if is_on else -a\n"
+        "    total += 1\n"
+        "    total += 1\n"
+        "    return total\n"
+    )
+    found = list(fresh.changes(source))
+    for line, mutated in found:
+        compile(mutate(source, line, mutated), "area.py", "exec")
+    of = {line: {mutated for each, mutated in found if each == line} for line, _ in found}
+    assert of["if not a or b < 1:"] == {
+        "if (not a and b < 1):",
+        "if (not a):",
+        "if (b < 1):",
+        "if (a) or b < 1:",
+        "if not a or (b <= 1):",
+        "if not a or b < 2:",
+    }
+    assert of["show(a)"] == {"pass"}
+    assert "total = (a / b) if is_on else -a" in of["total = a * b if is_on else -a"]
+    assert of["def area(a: int | None, b=2, is_on=True):"] == {
+        "def area(a: int | None, b=3, is_on=True):",
+        "def area(a: int | None, b=2, is_on=False):",
+    }
+    assert not any("raise" in line or line == "total += 1" for line in of)
+
+
+def test_a_seed_draws_the_same_lines_of_cores_and_none_of_those_left_out() -> None:
+    drawn = fresh.sample(20, "a seed", set())
+    assert drawn[1:] == fresh.sample(19, "a seed", {drawn[0][:2]})
+    assert drawn != fresh.sample(20, "another", set())
+    assert all(fresh.unit_tests(file) for file, _, _ in drawn)
+
+
+def test_equivalent_mutants_are_those_of_lines_that_are_there() -> None:
+    rows = runner.read(runner.EQUIVALENT)
+    assert [row.file for row in rows if row.line not in (runner.ROOT / row.file).read_text("utf-8")] == []
+    assert all(row.test for row in rows)

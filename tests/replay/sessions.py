@@ -12,8 +12,9 @@ from pointit.runtime.bus.contract import Bus
 from pointit.runtime.virtual_time import START_NS, VirtualClock
 from pointit.schemas import NS_PER_S
 from pointit.schemas.system import split_instance
-from pointit.schemas.topics import CONFIGURATION, HEALTH, MAP, SERVICE_ALIVE
+from pointit.schemas.topics import CONFIGURATION, HEALTH, MAP, SERVICE_ALIVE, Request
 from tests.golden.sessions import ROBOT, BadLink, Session, choices, play
+from tests.golden.sessions import SESSIONS as GOLDEN
 
 RECORDINGS = Path(__file__).with_name("recordings")
 
@@ -73,6 +74,10 @@ SESSIONS: dict[str, Session] = {
         link=BadLink,
         happens=("selection/events=selected",),
     ),
+    "offset": GOLDEN["an offset"],
+    "taken_back": GOLDEN["taken back"],
+    "workspaces": GOLDEN["a shard and workspaces"],
+    "solids": GOLDEN["solids"],
 }
 
 
@@ -101,6 +106,8 @@ def record(name: str) -> Path:
 def _is_input(entry: Entry, split: Split) -> bool:
     if entry.row in (CONFIGURATION, SERVICE_ALIVE):
         return split_instance(entry.name)[0] in SERVICES["edge"]
+    if isinstance(entry.row, Request):  # asked again, unless the replayed supervisor does
+        return True
     return entry.row is MAP or (entry.row is not HEALTH and not split.is_recomputed(entry))
 
 

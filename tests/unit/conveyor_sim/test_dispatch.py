@@ -127,6 +127,8 @@ def test_departures_of_selected_packages_are_stored_for_late_subscribers() -> No
     again = plant(FORK, feeder={"sequence": []})
     again.restore(belts.snapshot())
     assert again.state(0).departures == departures
+    again.restore(belts.snapshot() | {"departures": [each.model_dump() for each in departures] * 26})
+    assert len(again.state(0).departures) == 50  # no more are told, of however many
     again.reset()
     assert again.state(0).departures == ()
 

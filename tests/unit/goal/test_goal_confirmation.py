@@ -63,6 +63,15 @@ def test_unconfirmed_proposal_is_withdrawn_in_time() -> None:
     assert (anna.cues[2:], anna.goals) == (["selected"], [])  # only proposed again
 
 
+def test_after_a_goal_who_stays_about_its_place_proposes_nothing() -> None:
+    anna = Anna().stay(THERE).stay(None, 0.2).stay((2.4, 1.0, 0.0))
+    assert len(anna.goals) == 1
+    before = len(anna.cues)
+    anna.stay((1.5, 1.0, 0.0), 2.0)  # nearer to the goal than twice the radius, though not to the second stay
+    assert len(anna.cues) == before
+    assert len(anna.stay(ELSEWHERE, 1.2).cues) == before + 1
+
+
 def test_a_stay_elsewhere_is_another_proposal() -> None:
     anna = Anna().stay(THERE).stay(ELSEWHERE).stay(THERE)
     assert (anna.cues, anna.goals) == (["selected"] * 3, [])
@@ -285,3 +294,12 @@ def test_how_sure_a_place_is_follows_from_place_heading_and_aim(
     aim = math.radians(aim_deg) * math.hypot(range_m, 1.64)
     along, across = place_m**2 + (aim / slope) ** 2, place_m**2 + aim**2 + (range_m * yaw_rad) ** 2
     assert sigma == pytest.approx(math.sqrt(max(along, across)), rel=1e-6, abs=1e-6)
+
+
+def test_nobody_knows_how_sure_a_place_is_without_a_pose_or_the_eyes() -> None:
+    judging = GoalChecker(GoalConfig(), "anna")
+    seen = cursor(START_NS, THERE)
+    assert judging.sigma_m(THERE, seen) == math.inf
+    judging.on_pose("anna", pose(0.0, 0.0))
+    assert judging.sigma_m(THERE, seen) < 0.5
+    assert judging.sigma_m(THERE, seen.model_copy(update={"origin_m": None})) == math.inf

@@ -200,6 +200,19 @@ def test_no_lamp_flashes_more_than_three_times_a_second(changes: list[tuple[int,
     assert guard.show(changes[-1][1], now_ns + NS_PER_S) == changes[-1][1]
 
 
+def test_a_colour_that_is_held_back_is_shown_a_second_after_the_first_change_that_holds_it() -> None:
+    guard, turns = FlashGuard(), [0, 100, 200, 350, 500]
+    for number, turn_ms in enumerate(turns):
+        color = DARK if number % 2 else (255, 255, 255)
+        assert guard.show(color, NOW_NS + turn_ms * MS) == color
+    assert guard.show(DARK, NOW_NS + 600 * MS) == (255, 255, 255)
+    assert guard.free_ns == NOW_NS + 1000 * MS
+    assert guard.show(DARK, NOW_NS + 999 * MS) == (255, 255, 255)
+    assert guard.show(DARK, NOW_NS + 1000 * MS) == DARK
+    assert guard.show((255, 255, 255), NOW_NS + 1050 * MS) == DARK
+    assert guard.free_ns == NOW_NS + 1100 * MS
+
+
 actions = st.lists(
     st.tuples(st.integers(0, 200), st.sampled_from(["cue", "cursor", "lost", "start", "stop"])), max_size=60
 )

@@ -140,6 +140,25 @@ def test_what_is_mounted_on_a_crate_is_seen() -> None:
         assert met(surfaces("lamp", room=hiding(place)), place) == ("lamp", "hidden")
 
 
+@pytest.mark.parametrize(("depth_m", "is_seen"), [(0.01, True), (0.04, True), (0.06, False), (0.3, False)])
+def test_what_the_map_puts_a_little_into_a_crate_is_seen(depth_m: float, is_seen: bool) -> None:  # noqa: FBT001
+    front = (2.6, 0.0, 0.4)
+    into = vector.normalized(vector.subtract(front, EYES))
+    place = vector.add(front, vector.scale(into, depth_m))
+    assert (met(surfaces("lamp", room=hiding(place)), place) is not None) == is_seen
+
+
+@pytest.mark.parametrize(
+    ("place", "aim"),
+    [
+        ((3.3, 0.0, 0.79), (2.6, 0.0, 0.7)),  # just under the top, seen over the front that the ray meets
+        ((3.304, 0.0, 0.696), (3.3, 0.0, 0.8)),  # under the place that the ray meets, hardly farther
+    ],
+)
+def test_whatever_is_hardly_into_a_crate_is_seen_beside_the_ray(place: Vec3, aim: Vec3) -> None:
+    assert met(surfaces("lamp", room=hiding(place)), aim) == ("lamp", "hidden")
+
+
 def test_instead_of_something_hidden_the_next_in_front_counts() -> None:
     front = Lamp(id="front", position_m=(2.0, 0.15, 1.0))
     room = hiding(lamps=(front,))

@@ -256,6 +256,9 @@ def test_a_package_is_moved_on_round_the_bend() -> None:
     tracked.on_objects("sim", TrackedObjects(stamp_ns=S, objects=(package,)))
     assert tracked.where("p", 2 * S) == pytest.approx((1.0, 0.6, 1.0))
     assert tracked.where("p", S) == pytest.approx((0.5, 0.1, 1.0))
+    slower = package.model_copy(update={"surface_speed_mps": -0.2})
+    tracked.on_objects("sim", TrackedObjects(stamp_ns=S, objects=(slower,)))
+    assert tracked.where("p", 2 * S) == pytest.approx((0.3, 0.1, 1.0))
 
 
 def test_of_two_trackers_the_newer_counts_and_what_left_is_gone() -> None:

@@ -58,7 +58,7 @@ def test_others_drain_at_half_the_rate() -> None:
 
 
 def test_nothing_fills_in_a_gap_and_everything_drains() -> None:
-    gauges = Gauges(longest_gap_s=0.25)
+    gauges = Gauges()
     run(gauges, every(10, 0, 400), "a")
     assert run(gauges, [800], "a") == []
     assert gauges.fill("a") == pytest.approx(0.25)
@@ -78,6 +78,14 @@ def test_a_gap_is_not_leaving() -> None:
     assert run(gauges, every(10, 0, 1000), "a") == [800]
     run(gauges, [1500], None)
     assert run(gauges, every(10, 1510, 4000), "a") == []
+
+
+def test_time_without_cursors_is_not_leaving_even_between_times_away() -> None:
+    gauges = Gauges(leave_s=0.3, longest_gap_s=0.25)
+    assert run(gauges, every(10, 0, 1000), "a") == [800]
+    run(gauges, every(10, 1010, 1100), None)
+    run(gauges, every(10, 1500, 1590), None)  # away for 0.09 s, twice
+    assert run(gauges, every(10, 1600, 4000), "a") == []
 
 
 def test_latched_by_hand_it_does_not_fill() -> None:

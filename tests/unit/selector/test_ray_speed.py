@@ -43,6 +43,24 @@ def test_a_ray_that_turns_evenly_has_that_speed(
     assert math.degrees(rate[1]) == pytest.approx(0.5 * raised_deg_s, abs=1e-6)
 
 
+@given(st.lists(st.integers(1, 60), min_size=3, max_size=12), st.floats(-40, 40), st.floats(-40, 40))
+def test_it_has_that_speed_at_whatever_times_the_rays_come(
+    gaps_ms: list[int], turned_deg_s: float, raised_deg_s: float
+) -> None:
+    steadiness = RaySpeedEstimator(0.15)
+    time_ms, elevation = 0, 0.0
+    for gap_ms in gaps_ms:
+        time_ms += gap_ms
+        elevation = math.radians(raised_deg_s * time_ms / 1000)
+        steadiness.add(
+            time_ms * 1_000_000, vector.direction(math.radians(turned_deg_s * time_ms / 1000), elevation)
+        )
+    rate = steadiness.rate()
+    assert rate is not None
+    assert math.degrees(rate[0]) == pytest.approx(turned_deg_s * math.cos(elevation), abs=1e-6)
+    assert math.degrees(rate[1]) == pytest.approx(raised_deg_s, abs=1e-6)
+
+
 @pytest.mark.parametrize("frequency_hz", [6.0, 7.5, 9.0, 10.5, 12.0])
 def test_tremor_of_its_highest_rms_is_steady(frequency_hz: float) -> None:
     steadiness = RaySpeedEstimator(0.15)

@@ -114,6 +114,20 @@ def test_searches_share_one_scan() -> None:
         device.close()
 
 
+def test_a_short_press_two_of_them_and_a_long_one_are_three_gestures() -> None:
+    gestures = ButtonGestures()
+    assert (gestures.down(0.0), gestures.up(0.1)) == (None, None)
+    assert gestures.due_s == pytest.approx(0.1 + DOUBLE_S)
+    assert gestures.wait(0.1 + DOUBLE_S) == "press"
+    assert [gestures.down(1.0), gestures.up(1.1), gestures.down(1.2), gestures.up(1.3)][-1] == "double"
+    gestures.down(2.0)
+    assert gestures.wait(2.0 + HOLD_S) == "hold"
+    gestures.up(3.0)
+    gestures.down(4.0)
+    assert gestures.up(4.0 + HOLD_S) == "hold"
+    assert gestures.due_s is None
+
+
 Changes = st.lists(st.tuples(st.floats(0.0, 2.0), st.booleans()), max_size=12)
 
 

@@ -101,6 +101,7 @@ def test_handshakes_of_boards_and_apps() -> None:
     assert only(handshake()) == Handshake(1, 2, 19, "0.6.0", "A4:E5:7C:B6:01:02")
     old_app = only(datagram(3, b"", 0))
     assert old_app == Handshake()
+    assert only(datagram(3, struct.pack(">7i", 1, 4, 2, 0, 0, 0, 19), 0)) == Handshake(1, 2, 19, "", "")
     owotrack = only(handshake(13, 3, b"owoTrack8", bytes.fromhex("004500000000")))
     assert owotrack == Handshake(13, 3, 19, "owoTrack8", "")
     assert isinstance(old_app, Handshake)

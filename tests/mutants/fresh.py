@@ -1,0 +1,138 @@
+"""Fresh mutants: one-line mistakes in the cores that nobody chose, and the nets that must notice them.
+
+The cores are the modules of `services` that `test_layout.py` calls so, and `geometry`. A mistake replaces an
+operator, a number or a truth, takes one side of an expression, or leaves out a statement. Sentences that
+people read are left as they are.
+"""
+
+import ast
+import random
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, cast
+
+from tests.architecture.test_layout import DEVICES, FOUR_FILES, HOMES
+
+ROOT = Path(__file__).parents[2]
+NETS = ("tests/golden/test_golden.py", "tests/replay/test_replay.py")
+"""Tests for mutants that the unit tests of their room let pass."""
+GEOMETRY = "services/pointit/geometry"
+
+OPPOSITES: tuple[tuple[type[ast.AST], type[ast.AST]], ...] = (
+    (ast.Lt, ast.LtE),
+    (ast.Gt, ast.GtE),
+    (ast.Eq, ast.NotEq),
+    (ast.Is, ast.IsNot),
+    (ast.In, ast.NotIn),
+    (ast.Add, ast.Sub),
+    (ast.Mult, ast.Div),
+    (ast.And, ast.Or),
+    (ast.BitAnd, ast.BitOr),
+)
+OPERATORS: dict[type[ast.AST], Any] = {a: b for pair in OPPOSITES for a, b in (pair, pair[::-1])}
+"""Operators that mistakes put in place of others."""
+
+
+def core_files() -> list[str]:
+    """Return the paths of all cores."""
+    files = [path.relative_to(ROOT).as_posix() for path in sorted((ROOT / GEOMETRY).glob("[!_]*.py"))]
+    for folder in sorted(HOMES["services"].iterdir()):
+        devices = DEVICES.get(folder.name.replace("_", "-"), set())
+        for path in sorted(folder.rglob("*.py")):
+            inside = path.relative_to(folder).as_posix()
+            if path.name not in FOUR_FILES and inside not in devices:
+                files.append(path.relative_to(ROOT).as_posix())
+    return files
+
+
+def unit_tests(file: str) -> list[str]:
+    """Return the test files of the room of `file`; those that name its module first."""
+    room = Path(file).relative_to("services/pointit").parts
+    folder = ROOT / "tests/unit" / (room[1] if room[0] == "services" else room[0])
+    module = ".".join(Path(file).relative_to("services").with_suffix("").parts)
+    tests = sorted(folder.rglob("test_*.py"), key=lambda path: module not in path.read_text("utf-8"))
+    return [path.relative_to(ROOT).as_posix() for path in tests]
+
+
+def sample(count: int, seed: str, without: set[tuple[str, str]]) -> list[tuple[str, str, str]]:
+    """Return files, lines and mistakes: one for each of `count` lines, none of them in `without`.
+
+    The draw of a line depends on the seed and this line alone: it stays where others change.
+    """
+    drawn: list[tuple[float, str, str, str]] = []
+    for file in core_files():
+        found: dict[str, list[str]] = {}
+        for line, mutated in changes((ROOT / file).read_text("utf-8")):
+            found.setdefault(line, []).append(mutated)
+        for line, mistakes in found.items():
+            if (file, line) not in without:
+                chance = random.Random(f"{seed} {file} {line}")
+                drawn.append((chance.random(), file, line, chance.choice(mistakes)))
+    return [(file, line, mutated) for _, file, line, mutated in sorted(drawn)[:count]]
+
+
+def changes(source: str) -> Iterator[tuple[str, str]]:
+    """Yield lines of `source` that occur once, and what a mistake makes of them, without indentation."""
+    lines = source.splitlines()
+    stripped = [line.strip() for line in lines]
+    for node in _code(ast.parse(source)):
+        if not isinstance(node, ast.expr | ast.stmt) or node.end_lineno != node.lineno:
+            continue
+        text, line = lines[node.lineno - 1], stripped[node.lineno - 1]
+        if line.isascii() and stripped.count(line) == 1:
+            for instead in _mistakes(node):
+                mutated = (text[: node.col_offset] + instead + text[node.end_col_offset :]).strip()
+                if mutated != line:
+                    yield line, mutated
+
+
+def _code(node: ast.AST) -> Iterator[ast.AST]:
+    """Yield what is computed: no texts, no types, no errors."""
+    yield node
+    for name, value in ast.iter_fields(node):
+        if name in ("annotation", "returns", "decorator_list"):
+            continue
+        for child in cast("list[object]", value if isinstance(value, list) else [value]):
+            if isinstance(child, ast.AST) and not isinstance(child, ast.JoinedStr | ast.Raise | ast.Assert):
+                yield from _code(child)
+
+
+def _mistakes(node: ast.AST) -> Iterator[str]:
+    """Yield what a mistake puts in place of `node`."""
+    match node:
+        case ast.Compare() | ast.BinOp() | ast.BoolOp():
+            yield from map(_text, _miscalculated(node))
+        case ast.UnaryOp(op=ast.Not() | ast.USub(), operand=operand):
+            yield _text(operand)
+        case ast.IfExp(body=body, orelse=orelse):
+            yield from (_text(body), _text(orelse))
+        case ast.Constant(value=bool(value)):
+            yield str(not value)
+        case ast.Constant(value=int(value) | float(value)):
+            yield repr(value + 1)
+        case ast.AugAssign():
+            yield "pass"
+        case ast.Expr(value=ast.Call(func=called)) if not ast.unparse(called).startswith("log."):
+            yield "pass"
+        case _:
+            pass
+
+
+def _miscalculated(node: ast.Compare | ast.BinOp | ast.BoolOp) -> Iterator[ast.expr]:
+    """Yield `node` with another operator, and its sides alone."""
+    match node:
+        case ast.Compare(left=left, ops=[op], comparators=rest):
+            yield ast.Compare(left, [OPERATORS[type(op)]()], rest)
+        case ast.BinOp(left=left, op=op, right=right):
+            if type(op) in OPERATORS:
+                yield ast.BinOp(left, OPERATORS[type(op)](), right)
+            yield left
+        case ast.BoolOp(op=op, values=values):
+            yield ast.BoolOp(OPERATORS[type(op)](), values)
+            yield from (values[0], values[-1])
+        case _:
+            pass
+
+
+def _text(node: ast.expr) -> str:
+    return f"({ast.unparse(node)})"

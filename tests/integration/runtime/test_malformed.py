@@ -12,10 +12,12 @@ import pytest
 import zenoh
 from zenoh.handlers import Callback
 
+from pointit.runtime.clock import WallClock
 from pointit.runtime.errors import NoAnswerError, RefusedError, RequestError
+from pointit.runtime.health.service_bus import ServiceBus
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas import Done, ImuSample, Message, SetBrightness, SetPose, encode
-from pointit.schemas.topics import IMU, SET_BRIGHTNESS, SET_POSE, TOPICS, USER_ALIVE, Topic
+from pointit.schemas.topics import CLAIM, IMU, SET_BRIGHTNESS, SET_POSE, TOPICS, USER_ALIVE, Topic
 from tests.support.bench import until
 
 SITE = "pointit/lab/"
@@ -160,3 +162,22 @@ async def test_a_reply_that_does_not_decode_is_an_error_that_names_the_server(
     with pytest.raises(RefusedError, match="not UTF-8"):
         await bus.call(SET_BRIGHTNESS, SetBrightness(brightness=1))
     queryable.undeclare()
+
+
+async def test_who_sends_an_endless_id_is_named_in_health(
+    bus_and_stranger: tuple[ZenohBus, zenoh.Session],
+) -> None:
+    bus, stranger = bus_and_stranger
+    seen: list[Message] = []
+    view = ServiceBus(bus, WallClock(), "selector", "selector")
+    view.subscribe(CLAIM, lambda claim, _name: seen.append(claim))
+    claim = msgpack.packb({"stamp_ns": 1, "object_id": "x" * 15_000, "wish": "toggle"})
+    stranger.put(SITE + CLAIM.at("mallory"), claim)
+    await until(lambda: bool(view.report().warnings))
+    (warning,) = view.report().warnings
+    assert warning == (
+        "1 messages on users/{user}/claim were invalid and were dropped, the last of mallory (Claim: "
+        "object_id: String should have at most 256 characters (got "
+        f"'{'x' * 27}...{'x' * 28}')): look at what writes them there"
+    )
+    assert not seen

@@ -275,7 +275,7 @@ class Arbiter:
     def release(self, user: str, object_id: str, take_over: bool, now_ns: int) -> list[Output]:  # noqa: FBT001
         """Deselect `object_id`, regardless of its owner, or take it over.
 
-        `user` is the caller: a supervisor, or the person who wants it.
+        `user` is the caller: an operator, or the person for whom one takes it.
         """
         entry = self._ledger.entries.get(object_id)
         records = self._ledger.release(object_id, user, now_ns, take_over=take_over)

@@ -90,7 +90,7 @@ class JournalConfig(Config):
     max_mb: float = Field(
         default=200.0,
         ge=1,
-        description="size of the file beyond which the oldest refusals, then the oldest events are deleted, MB",
+        description="size of the file beyond which the oldest refusals, then other old events go, MB",
     )
     restore_within_s: float = Field(
         default=600.0,

@@ -67,7 +67,7 @@ class Journal:
             folder: folder of the files. It is created if missing.
             keep_days: events older than this are deleted.
             restore_within_s: selections are dropped if the last sign of life is older.
-            max_mb: the oldest refusals, then the oldest other events are deleted beyond this size of the file.
+            max_mb: the oldest refusals, then other old events are deleted beyond this size of the file.
         """
         self._store = Store(folder / FILE, LAYOUT)
         self._keep_ns = int(keep_days * NS_PER_DAY)

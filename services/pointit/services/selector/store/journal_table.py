@@ -28,7 +28,7 @@ LAYOUT = Layout(
         DELETE FROM events WHERE length(object_id) > {MAX_ID} OR length(kind) > {MAX_ID};
         CREATE TABLE IF NOT EXISTS life (told INTEGER NOT NULL, alive_ns INTEGER NOT NULL);
         INSERT INTO life SELECT 0, 0 WHERE NOT EXISTS (SELECT 1 FROM life);
-    """,
+    """,  # noqa: S608 - a constant
     writer="selector",
     loss="selections are kept in memory only",
 )

@@ -139,6 +139,7 @@ async def test_who_may_not_is_told(
             tracker = site.tracker("camera")
             with pytest.raises(AccessDeniedError, match="may not write objects/camera"):
                 await until_denied(tracker)
+        await asyncio.to_thread(update_twice_without_rights)
         with pytest.raises(ConfigError, match=r"site plant: the credentials in .* are of site lab"):
             async with pointit.connect(site="plant", credentials=folder.identity_folder("anna")):
                 pass
@@ -189,6 +190,13 @@ async def test_a_person_has_the_latest_of_their_own_on_a_secured_site(tmp_path: 
                 assert await site.latest.ray.wait("anna", patience_s=60) == site.latest.ray["anna"]
         finally:
             await wrist.close()
+
+
+def update_twice_without_rights() -> None:
+    with pointit.open() as site, contextlib.closing(site.tracker("camera")) as tracker:
+        tracker.update([])
+        with pytest.raises(AccessDeniedError, match="may not write objects/camera"):
+            tracker.update([])
 
 
 async def until_denied(tracker: Tracker) -> None:

@@ -1,4 +1,4 @@
-"""What the catalogue tells a program in another language beyond keys and messages."""
+"""Sentences of the catalogue for programs in other languages."""
 
 from pointit.schemas.base import MAX_ID
 from pointit.schemas.catalogue.asyncapi import document, readme

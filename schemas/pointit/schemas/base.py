@@ -3,7 +3,7 @@
 import math
 from typing import Annotated, ClassVar, TypeVar
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, FailFast, Field
+from pydantic import AfterValidator, BaseModel, ConfigDict, FailFast, Field, WithJsonSchema
 
 T = TypeVar("T")
 
@@ -59,6 +59,13 @@ QuaternionXyzw = Annotated[
 
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_][A-Za-z0-9_.\-]{0,63}$")]
 """A name that may stand in a key: letters, digits, `_`, `-`, `.`; at most 64 of them."""
+
+MAX_ID = 256
+"""Limit of characters of an id, so that a message that repeats a few of them has room for them."""
+
+Id = Annotated[str, Field(max_length=MAX_ID), WithJsonSchema({"type": "string"})]
+"""A name of anything: of an object, a surface, a kind, a person. The limit is newer than the schemas of
+messages, which never change, so they do not state it; the catalogue does."""
 
 Fraction = Annotated[float, Field(ge=0.0, le=1.0)]
 """A share, 0 to 1."""

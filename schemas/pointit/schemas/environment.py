@@ -9,6 +9,7 @@ from pointit.schemas.base import (
     Along,
     Count,
     Extent,
+    Id,
     Many,
     Message,
     Name,
@@ -39,7 +40,7 @@ class Lamp(SchemaModel):
 class Strip(SchemaModel):
     """An LED strip along a polyline."""
 
-    id: str
+    id: Id
     line_m: Line
     pixels: Annotated[int, Field(gt=0, le=4096)]
     direction: Annotated[Literal[1, -1], Field(description="-1: pixel 0 sits at the line's last vertex")] = 1
@@ -48,7 +49,7 @@ class Strip(SchemaModel):
 class Belt(SchemaModel):
     """A conveyor belt along its centre line."""
 
-    id: str
+    id: Id
     line_m: Line
     width_m: Annotated[float, Field(gt=0, le=FARTHEST)] = 0.5
 
@@ -56,8 +57,8 @@ class Belt(SchemaModel):
 class BeltLink(SchemaModel):
     """One belt hands its objects over to another; where several leave at one place, a diverter chooses."""
 
-    source: str
-    target: str
+    source: Id
+    target: Id
     source_position_m: Annotated[
         Along | None, Field(description="arc length on `source` where they leave it; None for its end")
     ] = None
@@ -68,7 +69,7 @@ class Bay(SchemaModel):
     """The end of a belt, where objects leave the conveyor."""
 
     id: Name
-    belt: str
+    belt: Id
 
 
 Size = Annotated[float, Field(gt=0, le=FARTHEST)]
@@ -152,7 +153,7 @@ class Environment(Message):
     max_bytes: ClassVar[int] = 1024 * 1024
     """Room for 10 000 strips."""
 
-    name: str
+    name: Id
     lamps: Many[Lamp] = ()
     strips: Many[Strip] = ()
     belts: Many[Belt] = ()
@@ -187,16 +188,16 @@ OTHER_COLOR: Rgb = (200, 200, 200)
 class TrackedObject(SchemaModel):
     """An object with a known position: a package, a segment, a robot."""
 
-    id: str
-    kind: str
+    id: Id
+    kind: Id
     position_m: Annotated[Vec3, Field(description="its centre at the message's stamp, {W}")]
     velocity_mps: Annotated[Vec3, Field(description="{W}")] = (0.0, 0.0, 0.0)
     length_m: Annotated[Extent, Field(description="extent along its surface, or diameter")] = 0.0
     surface: SurfaceKind = "none"
-    surface_id: str = ""
+    surface_id: Id = ""
     surface_position_m: Annotated[Along, Field(description="arc length of its centre on the surface")] = 0.0
     surface_speed_mps: Annotated[Real, Field(description="along the surface, signed")] = 0.0
-    bay: Annotated[str, Field(description="its destination; empty if undecided or none")] = ""
+    bay: Annotated[Id, Field(description="its destination; empty if undecided or none")] = ""
     bay_until_ns: Annotated[
         Ns | None,
         Field(
@@ -228,15 +229,15 @@ class TrackedObjects(Message):
 class BeltSpeed(SchemaModel):
     """The speed of one belt."""
 
-    id: str
+    id: Id
     speed_mps: Real
 
 
 class BayCount(SchemaModel):
     """Counts of the objects that came out at a bay."""
 
-    bay: str
-    kind: str
+    bay: Id
+    kind: Id
     count: Count
     selected: Annotated[Count, Field(description="number of selected ones among them")] = 0
 
@@ -244,10 +245,10 @@ class BayCount(SchemaModel):
 class Departure(SchemaModel):
     """An object that came out at a bay."""
 
-    object_id: str
+    object_id: Id
     stamp_ns: Ns
-    bay: Annotated[str, Field(description="empty for a belt's end")] = ""
-    user: Annotated[str, Field(description="person for whom it was sent there, or empty")] = ""
+    bay: Annotated[Id, Field(description="empty for a belt's end")] = ""
+    user: Annotated[Id, Field(description="person for whom it was sent there, or empty")] = ""
 
 
 class ConveyorState(Message):
@@ -261,7 +262,7 @@ class ConveyorState(Message):
     belts: Annotated[Many[BeltSpeed], Field(description="those with a speed of their own")] = ()
     bays: Many[BayCount] = ()
     refused: Annotated[Count, Field(description="selections that came past the point of no return")] = 0
-    step: Annotated[str, Field(description="of a feeding schedule, or empty without one")] = ""
+    step: Annotated[Id, Field(description="of a feeding schedule, or empty without one")] = ""
     feeding: Annotated[bool, Field(description="false while the feeders are stopped")] = True
     departures: Annotated[
         Many[Departure], Field(description="the latest objects that left and were selected, oldest first")
@@ -277,11 +278,11 @@ class LampColor(Message):
 class LampLease(SchemaModel):
     """One person's place in the queue for lamps."""
 
-    user: str
+    user: Id
     since_ns: Annotated[Ns, Field(description="`since_ns` of their localization, which is their place")]
-    lamps: Many[str]
+    lamps: Many[Id]
     ahead: Annotated[
-        Many[str], Field(description="people who come first; if empty, the lamps are theirs until they end")
+        Many[Id], Field(description="people who come first; if empty, the lamps are theirs until they end")
     ] = ()
 
 
@@ -297,7 +298,7 @@ class LampLeases(Message):
 class StripFrame(SchemaModel):
     """The pixels of one strip."""
 
-    id: str
+    id: Id
     rgb: Annotated[bytes, Field(description="3 bytes a pixel, red green blue, pixel 0 first")]
 
 

@@ -8,6 +8,7 @@ from pointit.schemas.base import (
     Count,
     Extent,
     Fraction,
+    Id,
     Message,
     Ns,
     QuaternionXyzw,
@@ -85,7 +86,7 @@ class ButtonEvent(Message):
     """The person pressed their button; presses move the interaction on."""
 
     gesture: Literal["press", "double", "hold"] = "press"
-    source: Annotated[str, Field(description="device, page, keyboard, joypad, simulated")] = "device"
+    source: Annotated[Id, Field(description="device, page, keyboard, joypad, simulated")] = "device"
 
 
 class BodyMeasures(SchemaModel):

@@ -10,6 +10,7 @@ from pointit.schemas.base import (
     Distance,
     Extent,
     Fraction,
+    Id,
     Many,
     Message,
     Ns,
@@ -85,7 +86,7 @@ class UserPose(Message):
 class Candidate(SchemaModel):
     """A thing that may be meant, and how probably."""
 
-    object_id: str
+    object_id: Id
     probability: Fraction
 
 
@@ -95,7 +96,7 @@ class Localization(Message):
     version: ClassVar[int] = 4
 
     phase: Literal["idle", "sampling", "solved", "refused", "cancelled"]
-    target_id: Annotated[str, Field(description="lamp or robot to point at now, or empty")] = ""
+    target_id: Annotated[Id, Field(description="lamp or robot to point at now, or empty")] = ""
     target_index: Annotated[int, Field(ge=0)] = 0
     target_count: Annotated[int, Field(ge=0)] = 0
     samples: Annotated[int, Field(ge=0, description="rays gathered so far")] = 0
@@ -115,11 +116,11 @@ class Localization(Message):
         Many[Candidate], Field(description="of several robots, which may be meant; the likeliest first")
     ] = ()
     ahead: Annotated[
-        Many[str],
+        Many[Id],
         Field(description="people at the lamps or ahead in the queue; the person waits, not sampling"),
     ] = ()
     lamps: Annotated[
-        Many[str],
+        Many[Id],
         Field(description="lamps that nobody else can use meanwhile; `target_id` among them is to be lit"),
     ] = ()
 
@@ -130,7 +131,7 @@ class Anchor(Message):
     `stamp_ns`: the middle of the hold.
     """
 
-    target_id: Annotated[str, Field(description="lamp or object; empty for a mere direction")] = ""
+    target_id: Annotated[Id, Field(description="lamp or object; empty for a mere direction")] = ""
     target_m: Annotated[Vec3 | None, Field(description="{W}")] = None
     origin_m: Annotated[Vec3, Field(description="of the ray, {H}")]
     raw_direction: Annotated[UnitVec3, Field(description="mean of the raw rays, {H}")]
@@ -150,7 +151,7 @@ class Anchor(Message):
 class LampMiss(SchemaModel):
     """Distance at which the ray passes a lamp."""
 
-    id: str
+    id: Id
     miss_rad: Extent
 
 
@@ -159,7 +160,7 @@ class Passed(SchemaModel):
 
     surface: SurfaceKind = "none"
     solid: Solid = ""
-    surface_id: str = ""
+    surface_id: Id = ""
     point_m: Annotated[Vec3, Field(description="nearest point of it, {W}")]
     position_m: Annotated[Along, Field(description="arc length of that point along a strip or belt")] = 0.0
     right_rad: Annotated[Real, Field(description="azimuth to turn to the right; negative: to the left")]
@@ -175,7 +176,7 @@ class Cursor(Message):
     version: ClassVar[int] = 3
 
     surface: SurfaceKind = "none"
-    surface_id: str = ""
+    surface_id: Id = ""
     point_m: Annotated[Vec3 | None, Field(description="on the surface, {W}")] = None
     position_m: Annotated[Along, Field(description="arc length along a strip or belt from its start")] = 0.0
     miss_m: Annotated[Distance, Field(description="from the ray to the point")] = 0.0
@@ -199,12 +200,12 @@ class Hover(Message):
 
     version: ClassVar[int] = 2
 
-    object_id: Annotated[str, Field(description="empty when none")] = ""
+    object_id: Annotated[Id, Field(description="empty when none")] = ""
     progress: Fraction = 0.0
     action: Annotated[
         Literal["", "select", "deselect", "refuse"], Field(description="effect of dwelling there")
     ] = ""
-    taken_by: Annotated[str, Field(description="other person who has selected or reserved it")] = ""
+    taken_by: Annotated[Id, Field(description="other person who has selected or reserved it")] = ""
     is_selected: bool = False
     snapped_m: Annotated[
         Vec3 | None, Field(description="position that attracts the cursor, {W}; the true one is the cursor's")
@@ -224,7 +225,7 @@ class Interaction(Message):
     next_step: Annotated[str, Field(description="instruction to the person, in one sentence")] = ""
     reason: Annotated[str, Field(description="why the state was entered")] = ""
     ahead: Annotated[
-        Many[str], Field(description="people to be localized before, in turn; also empty without a request")
+        Many[Id], Field(description="people to be localized before, in turn; also empty without a request")
     ] = ()
     is_unsure: Annotated[
         bool,
@@ -247,7 +248,7 @@ class Goal(Message):
     position_m: Vec3
     yaw_rad: Annotated[Real, Field(description="azimuth from the person to the place: facing on, on arrival")]
     surface_id: Annotated[
-        str, Field(description="level plane of the map it is on, or `workspace/horizontal`; empty if unknown")
+        Id, Field(description="level plane of the map it is on, or `workspace/horizontal`; empty if unknown")
     ] = ""
     age_s: Annotated[Extent, Field(description="of that ray when the goal was given")]
     position_sigma_m: Annotated[
@@ -260,7 +261,7 @@ class Goal(Message):
     confirmed_by: Annotated[
         Literal["again", "press"], Field(description="by pointing there once more, or by their button")
     ]
-    robot: Annotated[str, Field(description="that is to go there, or empty if any may")] = ""
+    robot: Annotated[Id, Field(description="that is to go there, or empty if any may")] = ""
     via_m: Annotated[Many[Vec3], Field(description="way-points before `position_m`, in order, {W}")] = ()
 
 
@@ -280,7 +281,7 @@ class Feedback(Message):
         Field(description="vibration pattern: on, off, on ..., ms; empty for none"),
     ] = ()
     color: Annotated[Rgb | None, Field(description="short flash of a state lamp")] = None
-    target_id: Annotated[str, Field(description="target that the person should point at")] = ""
+    target_id: Annotated[Id, Field(description="target that the person should point at")] = ""
     waits: Annotated[bool, Field(description="there is nothing to do yet but wait for the next cue")] = False
     point_m: Annotated[Vec3 | None, Field(description="position that it refers to, {W}, or None")] = None
     turn_rad: Annotated[

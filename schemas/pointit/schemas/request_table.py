@@ -108,7 +108,7 @@ RELEASE_OBJECT = Request(
     query=requests.ReleaseObject,
     reply=requests.Done,
     server="selector",
-    about="deselect or take over an object of any person",
+    about="deselect or take over an object of any person: operators only",
 )
 SET_WORKSPACE = Request(
     key="pui/{user}/set_workspace",

@@ -2,9 +2,9 @@
 
 from typing import Annotated, ClassVar, Literal
 
-from pydantic import Field
+from pydantic import Field, WithJsonSchema
 
-from pointit.schemas.base import Fraction, Many, Name, Ns, QuaternionXyzw, Query, Real, Reply, Rgb, Vec3
+from pointit.schemas.base import Fraction, Id, Many, Name, Ns, QuaternionXyzw, Query, Real, Reply, Rgb, Vec3
 from pointit.schemas.person import LearntPointing, PointingOffset
 from pointit.schemas.pointing import Covariance
 from pointit.schemas.selection import SelectionEvent
@@ -16,7 +16,7 @@ class AddPackage(Query):
     version: ClassVar[int] = 2
 
     kind: Annotated[str, Field(min_length=1, max_length=64)]
-    lane: Annotated[str, Field(description="strip or belt id; empty for the first lane")] = ""
+    lane: Annotated[Id, Field(description="strip or belt id; empty for the first lane")] = ""
     length_m: Annotated[float, Field(gt=0, le=5)] = 0.3
     position: Annotated[
         Fraction | None,
@@ -27,7 +27,7 @@ class AddPackage(Query):
 class AddPackageReply(Reply):
     """The object's id."""
 
-    object_id: str
+    object_id: Id
 
 
 class SetSpeed(Query):
@@ -36,7 +36,7 @@ class SetSpeed(Query):
     version: ClassVar[int] = 2
 
     speed_mps: Annotated[float, Field(ge=-5, le=5)]
-    belts: Annotated[Many[str], Field(description="ids of belts, or empty for all")] = ()
+    belts: Annotated[Many[Id], Field(description="ids of belts, or empty for all")] = ()
 
 
 class SetFeeding(Query):
@@ -87,7 +87,7 @@ class SetHeading(Query):
 class PointAnchor(Query):
     """Ask the person to point at one lamp without a cursor, to correct their pose."""
 
-    lamp: Annotated[str, Field(description="its id, or empty for the most informative one")] = ""
+    lamp: Annotated[Id, Field(description="its id, or empty for the most informative one")] = ""
 
 
 class SetOffset(Query):
@@ -141,7 +141,7 @@ class UndoSelection(Query):
 class ReleaseObject(Query):
     """Deselect one object of any person: for a supervisor, or to take it over."""
 
-    object_id: Annotated[str, Field(min_length=1)]
+    object_id: Annotated[Id, Field(min_length=1), WithJsonSchema({"type": "string", "minLength": 1})]
     take_over: Annotated[bool, Field(description="select it at once for the requesting person")] = False
 
 
@@ -158,7 +158,7 @@ class SetWorkspace(Query):
     anchor: Annotated[Literal["pointer", "object", "point"], Field(description="point on the plane")] = (
         "pointer"
     )
-    object_id: str = ""
+    object_id: Id = ""
     point_m: Vec3 | None = None
 
 
@@ -249,7 +249,7 @@ class SetBrightness(Query):
     version: ClassVar[int] = 2
 
     brightness: Fraction
-    strips: Annotated[Many[str], Field(description="ids of strips, or empty for all")] = ()
+    strips: Annotated[Many[Id], Field(description="ids of strips, or empty for all")] = ()
 
 
 class SetLamp(Query):

@@ -4,16 +4,16 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
-from pointit.schemas.base import Fraction, Many, Message, Ns, SchemaModel
+from pointit.schemas.base import Fraction, Id, Many, Message, Ns, SchemaModel
 
 
 class SelectedObject(SchemaModel):
     """One selected object."""
 
-    id: str
-    user: str
+    id: Id
+    user: Id
     since_ns: Ns
-    kind: str = ""
+    kind: Id = ""
     confidence: Annotated[
         Fraction | None, Field(description="probability that it was meant among nearby objects, or None")
     ] = None
@@ -22,8 +22,8 @@ class SelectedObject(SchemaModel):
 class ReservedObject(SchemaModel):
     """An object that a person is about to select. To others it is not available."""
 
-    id: str
-    user: str
+    id: Id
+    user: Id
     until_ns: Annotated[Ns, Field(description="free again then, unless held on")]
 
 
@@ -37,7 +37,7 @@ class Selection(Message):
 
     objects: Many[SelectedObject] = ()
     reserved: Many[ReservedObject] = ()
-    method: Annotated[str | None, Field(description="method of selecting in use, told where shards run")] = (
+    method: Annotated[Id | None, Field(description="method of selecting in use, told where shards run")] = (
         None
     )
     dwell_s: Annotated[
@@ -51,13 +51,13 @@ class SelectionEvent(Message):
     version: ClassVar[int] = 2
 
     event: Literal["selected", "deselected", "refused", "left", "dispatched"]
-    object_id: str
-    kind: str = ""
+    object_id: Id
+    kind: Id = ""
     user: Annotated[
-        str, Field(description="acting person; of `left` and `dispatched`: for whom it went there, or empty")
+        Id, Field(description="acting person; of `left` and `dispatched`: for whom it went there, or empty")
     ] = ""
     reason: str = ""
-    bay: Annotated[str, Field(description="of `dispatched`: where it went")] = ""
+    bay: Annotated[Id, Field(description="of `dispatched`: where it went")] = ""
     cause: Annotated[
         Literal["", "dwell", "button", "undo", "clear", "release"],
         Field(description="action of the person; empty if none or unknown"),
@@ -71,7 +71,7 @@ class Claim(Message):
     The event of its decision has the stamp of a claim to toggle.
     """
 
-    object_id: str
+    object_id: Id
     wish: Annotated[
         Literal["reserve", "toggle"],
         Field(description="keep it for them for a moment, or (de)select it"),

@@ -4,7 +4,7 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
-from pointit.schemas.base import Count, Many, Message, SchemaModel
+from pointit.schemas.base import Count, Id, Many, Message, SchemaModel
 from pointit.schemas.errors import KeyNameError
 from pointit.schemas.table_types import check_name
 
@@ -52,7 +52,7 @@ class ClockTick(Message):
 class KeyHealth(SchemaModel):
     """Traffic of one service on one topic over the last second."""
 
-    key: str
+    key: Id
     direction: Literal["in", "out"]
     rate_hz: Annotated[float, Field(ge=0)]
     age_s: Annotated[float | None, Field(description="since the newest, or None without one")] = None
@@ -96,11 +96,11 @@ class Health(Message):
 
     max_bytes: ClassVar[int] = 64 * 1024
 
-    service: str
-    instance: str
+    service: Id
+    instance: Id
     pid: Annotated[int, Field(ge=0)]
-    host: str = ""
-    user: str = ""
+    host: Id = ""
+    user: Id = ""
     uptime_s: Annotated[float, Field(ge=0)] = 0.0
     keys: Many[KeyHealth] = ()
     step: Annotated[Quantiles | None, Field(description="time spent in its handlers")] = None
@@ -116,11 +116,11 @@ class Configuration(Message):
 
     max_bytes: ClassVar[int] = 256 * 1024
 
-    service: str
-    instance: str
-    user: str = ""
+    service: Id
+    instance: Id
+    user: Id = ""
     parameters: Annotated[str, Field(description="JSON of all parameters but secrets")] = "{}"
-    release: Annotated[str, Field(description="version of PointIt")] = ""
+    release: Annotated[Id, Field(description="version of PointIt")] = ""
 
 
 class ServedRequest(Message):
@@ -128,9 +128,9 @@ class ServedRequest(Message):
 
     max_bytes: ClassVar[int] = 1024 * 1024
 
-    service: str
-    instance: str
-    request: Annotated[str, Field(description="key of the request")]
+    service: Id
+    instance: Id
+    request: Annotated[Id, Field(description="key of the request")]
     query: Annotated[str, Field(description="JSON")]
     reply: Annotated[str, Field(description="JSON, or empty if it was refused or too large")] = ""
     refusal: Annotated[str, Field(description="the reason, or empty if it was not refused")] = ""
@@ -139,10 +139,10 @@ class ServedRequest(Message):
 class ExpectedService(SchemaModel):
     """A service that should be running, and the command that starts it again."""
 
-    service: str
-    user: str = ""
+    service: Id
+    user: Id = ""
     command: Many[str] = ()
-    name: Annotated[str, Field(description="among several of its kind on the site, or empty")] = ""
+    name: Annotated[Id, Field(description="among several of its kind on the site, or empty")] = ""
 
     @property
     def instance(self) -> str:
@@ -158,15 +158,15 @@ class Deployment(Message):
     max_bytes: ClassVar[int] = 512 * 1024
     """Room for 64 people."""
 
-    name: Annotated[str, Field(description="the scenario, or the user")]
+    name: Annotated[Id, Field(description="the scenario, or the user")]
     services: Many[ExpectedService] = ()
-    scenario: Annotated[str, Field(description="name of the running one, or empty if it has none")] = ""
+    scenario: Annotated[Id, Field(description="name of the running one, or empty if it has none")] = ""
     scenarios: Annotated[
-        Many[str], Field(description="alternatives on request; empty if it accepts none")
+        Many[Id], Field(description="alternatives on request; empty if it accepts none")
     ] = ()
     localizes: Annotated[bool, Field(description="people are found by pointing at lamps")] = False
     target_kinds: Annotated[
-        Many[str], Field(description="kinds of objects to select; empty if all are right")
+        Many[Id], Field(description="kinds of objects to select; empty if all are right")
     ] = ()
 
     def believed(self, name: str) -> "Deployment":

@@ -18,6 +18,7 @@ from pointit.schemas.topics import (
     RAY,
     READ_HISTORY,
     READ_MEMORY,
+    RELEASE_OBJECT,
     REQUESTS,
     RUN_SCENARIO,
     SERVED,
@@ -50,6 +51,9 @@ RECALLED: tuple[Request[Any, Any], ...] = (READ_HISTORY,)
 
 OF_PEOPLE: tuple[Request[Any, Any], ...] = (READ_MEMORY, ERASE_MEMORY)
 """Requests of the person and operators only: what is remembered of people. No bridge offers them."""
+
+OF_OPERATORS: tuple[Request[Any, Any], ...] = (RELEASE_OBJECT,)
+"""Requests of operators, the page's too, and the supervisor only: they take from others what is theirs."""
 
 FOR_ALL = (*RECALLED, STOP_ROBOT)
 """Requests of all roles: who sees a robot may stop it."""
@@ -96,17 +100,18 @@ def rights_of(role: Role, name: str) -> Rights:
 
 
 def _bridge(name: str) -> Rights:
-    """Return the rights of the bridge `name`: those of its row, and all requests but `OF_PEOPLE`.
+    """Return the rights of the bridge `name`: those of its row, and all requests but those of others only.
 
     The ROS bridge may be present for any person. Its configuration decides for whom.
     """
     (row,) = (row for row in PROCESSES if row.name == name)
+    others = OF_PEOPLE if name == "web" else (*OF_PEOPLE, *OF_OPERATORS)
     return Rights(
         writes=_sorted(
             [*_anywhere([row.writes]), *(key for topic in ACCOUNTS for key in _numbered(topic.at(name)))]
         ),
         reads=_anywhere([viewer_topics(), row.reads]),
-        asks=_anywhere([[request for request in REQUESTS if request not in OF_PEOPLE]]),
+        asks=_anywhere([[request for request in REQUESTS if request not in others]]),
         announces=(*_numbered(SERVICE_ALIVE.at(name)), *(presence.at(ANY) for presence in row.announces)),
     )
 
@@ -145,7 +150,7 @@ def _user(name: str) -> Rights:
         ),
         asks=_sorted(
             [
-                *(request.at(name) for request in REQUESTS if _is_personal(request)),
+                *(row.at(name) for row in REQUESTS if _is_personal(row) and row not in OF_OPERATORS),
                 *_anywhere([FOR_ALL, (row for row in _asked(mine) if not _is_personal(row))]),
             ]
         ),

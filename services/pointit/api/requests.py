@@ -83,7 +83,10 @@ class SelectRequests(_Requests[D], Generic[D, R, S]):
         return self._do(topics.UNDO_SELECTION, user)
 
     def release(self, user: str, object_id: str, *, take_over: bool = False) -> D:
-        """Deselect an object of any person, in the name of `user`; `take_over`: select it for `user`."""
+        """Deselect an object of any person, in the name of `user`; `take_over`: select it for `user`.
+
+        On a secured site only operators and the supervisor may.
+        """
         return self._do(topics.RELEASE_OBJECT, user, object_id=object_id, take_over=take_over)
 
     def method(self, name: str | None = None, *, dwell_s: float | None = None) -> R:

@@ -1,5 +1,6 @@
 """Objects from anywhere: a camera, a robot, a script."""
 
+import asyncio
 from collections.abc import Callable, Iterable
 
 from pydantic import ValidationError
@@ -46,8 +47,10 @@ class Tracker:
         self._seq = 0
         self._is_open = True
         self._denial: AccessDeniedError | None = None
+        self.checked: asyncio.Task[None] | None = None
+        """Done when it is known whether this identity may write them. None if everybody may."""
         if bus.is_restricted:
-            bus.spawn(self._check_access(), f"access to {self._key}")
+            self.checked = bus.spawn(self._check_access(), f"access to {self._key}")
 
     def update(self, objects: Iterable[TrackedObject], *, stamp_ns: int | None = None) -> None:
         """Publish all objects of this tracker, at least once a second; who is no longer listed has left.
@@ -61,7 +64,8 @@ class Tracker:
             ConfigError: If the map has not the tracker's frame.
             NoMessageError: If the tracker has a frame, and the map has not come yet.
             BusClosedError: If the tracker or the site is closed.
-            AccessDeniedError: If this identity may not write them, which is known after some seconds.
+            AccessDeniedError: If this identity may not write them, which is known after two seconds. Without
+                asyncio the second update waits for that.
         """
         if self._denial is not None:
             raise self._denial

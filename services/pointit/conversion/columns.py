@@ -5,6 +5,7 @@ Lists of any length stay one cell, as JSON.
 """
 
 import json
+import re
 import types
 from collections.abc import Callable, Iterator
 from typing import Annotated, Any, NamedTuple, Union, get_args, get_origin
@@ -31,6 +32,8 @@ UNITS = {
 AXES = {"xyz": ("x", "y", "z"), "xyzw": ("x", "y", "z", "w"), "uv": ("u", "v")}
 """Components by how names of fields end."""
 COLORS = ("r", "g", "b")
+PAIRS = {"turn_rad": ("right", "up")}
+"""Components of fields of two values by their names."""
 _STATE = ("x", "y", "yaw")
 COVARIANCE = tuple(
     (f"{a}_{b}", *(("m2", "m²"), ("m_rad", "m·rad"), ("rad2", "rad²"))[(a, b).count("yaw")])
@@ -67,8 +70,13 @@ def columns_of(kind: type[SchemaModel], without: tuple[str, ...] = ()) -> list[C
         column
         for name, field in kind.model_fields.items()
         if name not in without
-        for column in _columns(name, field.annotation, field.description or "", _getter(name))
+        for column in _columns(name, field.annotation, _in_cells(field.description), _getter(name))
     ]
+
+
+def _in_cells(about: str | None) -> str:
+    """Return the description of a field for a table, in which None is an empty cell."""
+    return re.sub(r"\bNone\b", "empty", about or "")
 
 
 def _columns(name: str, annotation: Any, about: str, get: Callable[[Any], Any]) -> Iterator[Column]:
@@ -76,7 +84,10 @@ def _columns(name: str, annotation: Any, about: str, get: Callable[[Any], Any]) 
     if isinstance(plain, type) and issubclass(plain, SchemaModel):
         for part, field in plain.model_fields.items():
             yield from _columns(
-                f"{name}_{part}", field.annotation, field.description or about, _inside(get, _getter(part))
+                f"{name}_{part}",
+                field.annotation,
+                _in_cells(field.description) or about,
+                _inside(get, _getter(part)),
             )
         return
     parts = get_args(plain) if get_origin(plain) is tuple else ()
@@ -101,7 +112,7 @@ def _titles(name: str, unit: str, count: int) -> list[tuple[str, str]]:
     elif "color" in name:
         parts = COLORS
     else:
-        parts = AXES["xyz"] if count == 3 else tuple(str(index) for index in range(count))
+        parts = AXES["xyz"] if count == 3 else PAIRS.get(name) or tuple(map(str, range(count)))
     return [(f"{base}_{part}{suffix}".removeprefix("_"), unit) for part in parts]
 
 

@@ -24,6 +24,7 @@ from pointit.schemas.topics import (
     RAY,
     READ_HISTORY,
     READ_MEMORY,
+    RELEASE_OBJECT,
     REQUESTS,
     RUN_SCENARIO,
     SERVED,
@@ -176,7 +177,12 @@ def test_requests_are_answered_for_whom_they_may_be(members: dict[str, Member]) 
                 if NAMES[me] == "operator"
                 or (NAMES[me] == "web" and row not in (READ_MEMORY, ERASE_MEMORY))
                 or row in (READ_HISTORY, STOP_ROBOT)
-                or (NAMES[me] == "user" and row.placeholder == "user" and name == me)
+                or (
+                    NAMES[me] == "user"
+                    and row.placeholder == "user"
+                    and name == me
+                    and row is not RELEASE_OBJECT
+                )
             }
             assert members[me].answered(*keys) == expected, me
 
@@ -188,6 +194,17 @@ def test_what_is_remembered_of_people_is_for_them_and_operators(members: dict[st
         told = {me for me in LIMITED if members[me].answered(*keys)}
     assert told == {me for me in LIMITED if me == "anna" or NAMES[me] == "operator"}
     assert not {READ_MEMORY.at(ANY), ERASE_MEMORY.at(ANY)} & set(rights_of("ros2", "ros2").asks)
+
+
+def test_objects_of_others_are_taken_over_by_operators_and_the_supervisor_only(
+    members: dict[str, Member],
+) -> None:
+    keys = [RELEASE_OBJECT.at(name) for name in PEOPLE]
+    with members["supervisor"].serving(*keys):
+        members["supervisor"].settle(members["operator"])
+        told = {me for me in LIMITED if members[me].answered(*keys)}
+    assert told == {"operator", "web"}
+    assert RELEASE_OBJECT.at(ANY) not in rights_of("ros2", "ros2").asks
 
 
 def may_serve(me: str, row: Request[Any, Any], name: str) -> bool:

@@ -25,8 +25,8 @@ from pointit.errors import (
 )
 from pointit.runtime.link.link import Link
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
-from pointit.schemas import PointingRay, SelectionEvent, TrackedObject
-from pointit.schemas.topics import CURSOR, RAY, SELECTION_EVENTS, SERVICE_ALIVE
+from pointit.schemas import Done, PointingRay, ReleaseObject, SelectionEvent, TrackedObject
+from pointit.schemas.topics import CURSOR, RAY, RELEASE_OBJECT, SELECTION_EVENTS, SERVICE_ALIVE
 from tests.integration.access.secured import link_of, make_site, routed
 from tests.support.bench import until
 
@@ -139,6 +139,7 @@ async def test_who_may_not_is_told(
             tracker = site.tracker("camera")
             with pytest.raises(AccessDeniedError, match="may not write objects/camera"):
                 await until_denied(tracker)
+        await asyncio.to_thread(update_twice_without_rights)
         with pytest.raises(ConfigError, match=r"site plant: the credentials in .* are of site lab"):
             async with pointit.connect(site="plant", credentials=folder.identity_folder("anna")):
                 pass
@@ -146,6 +147,34 @@ async def test_who_may_not_is_told(
     with routed(folder), pytest.raises(AccessDeniedError, match="it was revoked"):
         async with pointit.connect(credentials=folder.identity_folder("guest")):
             pass
+
+
+async def release(query: ReleaseObject, name: str) -> Done:
+    return Done(message=f"{query.object_id} is {name}'s")
+
+
+async def test_objects_of_others_are_taken_over_by_operators_only(tmp_path: Path) -> None:
+    folder = make_site(
+        tmp_path / "lab", names={"anna": "user", "services": "services", "operator": "operator"}
+    )
+    with routed(folder):
+        services = await ZenohBus.open(link_of(folder, "services"), patience_s=30)
+        try:
+            services.serve(RELEASE_OBJECT, release)
+            async with pointit.connect(credentials=folder.identity_folder("operator")) as site:
+                given = await site.select.release("anna", "box", take_over=True)
+            assert given.message == "box is anna's"
+            async with pointit.connect(credentials=folder.identity_folder("anna")) as site:
+                with pytest.raises(AccessDeniedError, match=r"anna.* may not ask selector/anna/release"):
+                    await site.select.release("anna", "box", take_over=True)
+        finally:
+            await services.close()
+
+
+async def test_on_an_open_site_everybody_takes_over(home: ZenohBus, endpoint: str) -> None:
+    home.serve(RELEASE_OBJECT, release)
+    async with pointit.connect(endpoint) as site:
+        assert (await site.select.release("anna", "box", take_over=True)).message == "box is anna's"
 
 
 async def test_a_person_has_the_latest_of_their_own_on_a_secured_site(tmp_path: Path) -> None:
@@ -161,6 +190,13 @@ async def test_a_person_has_the_latest_of_their_own_on_a_secured_site(tmp_path: 
                 assert await site.latest.ray.wait("anna", patience_s=60) == site.latest.ray["anna"]
         finally:
             await wrist.close()
+
+
+def update_twice_without_rights() -> None:
+    with pointit.open() as site, contextlib.closing(site.tracker("camera")) as tracker:
+        tracker.update([])
+        with pytest.raises(AccessDeniedError, match="may not write objects/camera"):
+            tracker.update([])
 
 
 async def until_denied(tracker: Tracker) -> None:

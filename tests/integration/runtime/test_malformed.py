@@ -12,10 +12,12 @@ import pytest
 import zenoh
 from zenoh.handlers import Callback
 
+from pointit.runtime.clock import WallClock
 from pointit.runtime.errors import NoAnswerError, RefusedError, RequestError
+from pointit.runtime.health.service_bus import ServiceBus
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
-from pointit.schemas import Done, ImuSample, Message, SetBrightness, SetPose, encode
-from pointit.schemas.topics import IMU, SET_BRIGHTNESS, SET_POSE, TOPICS, USER_ALIVE, Topic
+from pointit.schemas import Done, ImuSample, Message, SetBrightness, SetPose, UserProfile, encode
+from pointit.schemas.topics import CLAIM, IMU, PROFILE, SET_BRIGHTNESS, SET_POSE, TOPICS, USER_ALIVE, Topic
 from tests.support.bench import until
 
 SITE = "pointit/lab/"
@@ -160,3 +162,46 @@ async def test_a_reply_that_does_not_decode_is_an_error_that_names_the_server(
     with pytest.raises(RefusedError, match="not UTF-8"):
         await bus.call(SET_BRIGHTNESS, SetBrightness(brightness=1))
     queryable.undeclare()
+
+
+async def test_who_sends_an_endless_id_is_named_in_health(
+    bus_and_stranger: tuple[ZenohBus, zenoh.Session],
+) -> None:
+    bus, stranger = bus_and_stranger
+    seen: list[Message] = []
+    view = ServiceBus(bus, WallClock(), "selector", "selector")
+    view.subscribe(CLAIM, lambda claim, _name: seen.append(claim))
+    claim = msgpack.packb({"stamp_ns": 1, "object_id": "x" * 15_000, "wish": "toggle"})
+    stranger.put(SITE + CLAIM.at("mallory"), claim)
+    await until(lambda: bool(view.report().warnings))
+    (warning,) = view.report().warnings
+    assert warning == (
+        "1 messages on users/{user}/claim were invalid and were dropped, the last of mallory (Claim: "
+        "object_id: String should have at most 256 characters (got "
+        f"'{'x' * 27}...{'x' * 28}')): look at what writes them there"
+    )
+    assert not seen
+
+
+async def test_a_get_on_the_key_of_a_state_returns_it_and_an_error_is_a_sentence(
+    bus_and_stranger: tuple[ZenohBus, zenoh.Session],
+) -> None:
+    bus, stranger = bus_and_stranger
+    bus.publisher(PROFILE, "anna").put(UserProfile(stamp_ns=1))
+
+    async def refuse(_query: SetBrightness, _name: str) -> Done:
+        raise RefusedError("not now")
+
+    bus.serve(SET_BRIGHTNESS, refuse)
+
+    def get(key: str, **query: Any) -> list[zenoh.Reply]:
+        return list(stranger.get(SITE + key, timeout=5.0, **query))
+
+    (state,) = await asyncio.to_thread(get, f"{PROFILE.at('anna')}/@adv/**?_anyke")
+    assert state.ok is not None
+    assert str(state.ok.key_expr).endswith(PROFILE.at("anna"))
+    assert msgpack.unpackb(state.ok.payload.to_bytes())["stamp_ns"] == 1
+    payload = encode(SetBrightness(brightness=0.5))
+    (refused,) = await asyncio.to_thread(get, SET_BRIGHTNESS.key, payload=payload)
+    assert refused.err is not None
+    assert refused.err.payload.to_bytes() == b"not now"

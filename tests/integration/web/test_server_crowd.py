@@ -38,11 +38,18 @@ async def listening(tls: ssl.SSLContext | None = None, most: int = 0) -> AsyncGe
         await listener.close()
 
 
-async def opened(listener: Listener) -> socket.socket:
-    """Return a connection on which nothing was said."""
+FLOODER = "127.0.0.2"
+"""Another address of this machine than that of a browser."""
+
+
+async def opened(listener: Listener, address: str = "127.0.0.1", said: bytes = b"") -> socket.socket:
+    """Return a connection of `address` on which nothing more than `said` was said, and nothing is read."""
     client = socket.socket()
     client.setblocking(False)
+    client.bind((address, 0))
     await asyncio.get_running_loop().sock_connect(client, ("127.0.0.1", listener.port))
+    with contextlib.suppress(ConnectionError):  # it was cut already
+        await asyncio.get_running_loop().sock_sendall(client, said)
     return client
 
 
@@ -102,6 +109,47 @@ async def test_who_is_answered_is_not_cut_for_newer_ones() -> None:
 
 
 @pytest.mark.parametrize("said", [b"", b"GET / HTTP/1.1\r\nX: ", ASKED.replace(b"GET /", b"GET /long")])
+@pytest.mark.parametrize("address", [FLOODER, "127.0.0.1"])
+async def test_connections_half_open_at_every_place_keep_no_browser_out(address: str, said: bytes) -> None:
+    async with listening(most=8) as listener:
+        flood = [await opened(listener, address, said) for _ in range(40)]
+        try:
+            for _ in range(5):
+                assert b"hello" in await answered(listener)
+        finally:
+            for client in flood:
+                client.close()
+
+
+async def test_silent_connections_take_few_places() -> None:
+    async with listening() as listener:
+        flood = [await opened(listener, FLOODER) for _ in range(3 * serving.MAX_ARRIVING)]
+        try:
+            assert b"hello" in await answered(listener)
+            assert listener.connections() <= serving.MAX_ARRIVING + 1
+            assert await is_cut(flood[0])
+        finally:
+            for client in flood:
+                client.close()
+
+
+async def test_a_browser_that_rests_is_not_cut_for_the_many_connections_of_another_address() -> None:
+    async with listening(most=8) as listener:
+        reader, writer = await asyncio.open_connection("127.0.0.1", listener.port)
+        flood = [await opened(listener, FLOODER) for _ in range(40)]
+        try:
+            assert await is_cut(flood[0])
+            writer.write(ASKED)
+            assert b"200" in await reader.readline()
+        finally:
+            writer.close()
+            with contextlib.suppress(OSError):
+                await writer.wait_closed()
+            for client in flood:
+                client.close()
+
+
+@pytest.mark.parametrize("said", [b"", b"GET / HTTP/1.1\r\nX: ", ASKED.replace(b"GET /", b"GET /long")])
 async def test_who_is_quiet_is_cut(monkeypatch: pytest.MonkeyPatch, said: bytes) -> None:
     monkeypatch.setattr(serving, "QUIET_S", 0.2)
     async with listening() as listener:
@@ -156,17 +204,43 @@ async def test_of_who_does_not_read_little_is_kept() -> None:
                 client.close()
 
 
+def secured(path: Path) -> tuple[ssl.SSLContext, ssl.SSLContext]:
+    """Return the contexts of a server and of its clients."""
+    kept = obtain(path, ["127.0.0.1"], "bench", dt.datetime.now(dt.UTC))
+    tls = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    tls.load_cert_chain(kept.certificate, kept.key)
+    return tls, ssl.create_default_context(cafile=kept.certificate)
+
+
+async def test_a_slow_handshake_is_not_cut_for_the_many_of_another_address(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(serving, "MAX_ARRIVING", 4)
+    tls, trust = secured(tmp_path)
+    async with listening(tls) as listener:
+        phone = await opened(listener)
+        flood = [await opened(listener, FLOODER) for _ in range(40)]
+        try:
+            assert await is_cut(flood[0])
+            reader, writer = await asyncio.open_connection(sock=phone, ssl=trust, server_hostname="127.0.0.1")
+            writer.write(ASKED)
+            assert b"200" in await reader.readline()
+            await reader.readuntil(b"hello")
+            writer.close()
+            await writer.wait_closed()
+        finally:
+            for client in flood:
+                client.close()
+
+
 async def test_tls_that_is_never_agreed_keeps_nobody_out(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setattr(serving, "MAX_ARRIVING", 4)
-    kept = obtain(tmp_path, ["127.0.0.1"], "bench", dt.datetime.now(dt.UTC))
-    tls = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
-    tls.load_cert_chain(kept.certificate, kept.key)
+    tls, trust = secured(tmp_path)
     async with listening(tls) as listener:
         silent = [socket.create_connection(("127.0.0.1", listener.port)) for _ in range(60)]  # all at once
         try:
-            trust = ssl.create_default_context(cafile=kept.certificate)
             reader, writer = await asyncio.open_connection("127.0.0.1", listener.port, ssl=trust)
             writer.write(ASKED)
             async with asyncio.timeout(60.0):

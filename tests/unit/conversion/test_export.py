@@ -17,6 +17,7 @@ from pointit.recording.reader import Recording
 from pointit.runtime.errors import ConfigError
 from pointit.schemas import (
     Done,
+    Feedback,
     Hover,
     ImuSample,
     Localization,
@@ -106,6 +107,15 @@ def test_the_dictionary_describes_every_column(tmp_path: Path) -> None:
     units = {(row["file"], row["column"]): row["unit"] for row in table(tmp_path / "columns.csv")}
     assert units["objects.csv", "velocity_x_mps"] == "m/s"
     assert units["imu.csv", "orientation_x"] == ""
+
+
+def test_the_rotation_of_a_cue_is_named_and_an_empty_cell_is_called_so(tmp_path: Path) -> None:
+    columns = {column.name: column for column in columns_of(Feedback)}
+    cue = Feedback(stamp_ns=1, cue="target", turn_rad=(0.25, -0.5))
+    assert (columns["turn_right_rad"].get(cue), columns["turn_up_rad"].get(cue)) == (0.25, -0.5)
+    assert "turn_0_rad" not in columns
+    export_csv(session(), BEGAN_NS, tmp_path)
+    assert "None" not in (tmp_path / "columns.csv").read_text()
 
 
 def test_columns_of_a_table_have_different_names() -> None:

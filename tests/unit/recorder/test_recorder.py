@@ -338,6 +338,8 @@ async def test_full_disk_is_said_and_what_is_there_is_readable(
         ]
         assert frames
         assert "it ends in the middle" in recording.problem
+        readable = sum(recording.counts.values())
+    assert f"the {readable} messages before are readable" in caplog.text
 
 
 async def test_health_tells_how_many_messages_are_left_out_and_why(

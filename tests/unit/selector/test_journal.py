@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from pointit.runtime.host.store import RETRY_EVERY_NS
+from pointit.schemas.base import MAX_ID
 from pointit.services.selector.config import SelectorConfig
 from pointit.services.selector.outputs import Owned, Record, event_of
 from pointit.services.selector.selection_engine import SelectionEngine
@@ -252,3 +253,67 @@ def test_to_drop_old_events_does_not_hold_the_loop_up(tmp_path: Path) -> None:
     journal.close()
     assert len(list(audit(journal.path))) < 20_000
     assert within(min(durations_s[1:]), 0.005)  # it takes about 1 ms
+
+
+def flood(journal: Journal, *rounds: tuple[Record, ...]) -> int:
+    """Commit `rounds` one after the other. Return the largest size of the journal's files, bytes."""
+    largest = 0
+    for count, records in enumerate(rounds):
+        for record in records:
+            journal.add(record)
+        journal.commit(NOW + count)
+        largest = max(largest, sum(path.stat().st_size for path in journal.path.parent.glob("journal*")))
+    return largest
+
+
+CHECKPOINT_BYTES = 5_000_000
+"""SQLite's log beside the file, which it empties at 1000 pages."""
+
+
+def test_a_flood_of_refused_claims_leaves_the_journal_in_its_limit_and_selections_in_it(
+    tmp_path: Path,
+) -> None:
+    journal = Journal(tmp_path, max_mb=1.0)
+    journal.begin(NOW)
+    hers = [selected(f"hers {seq}", seq) for seq in range(50)]
+    over = [
+        each for seq in range(50, 100, 2) for each in (selected(f"o{seq}", seq), ended(f"o{seq}", seq + 1))
+    ]
+    rounds = [
+        tuple(refused(f"{seq} ".ljust(MAX_ID, "x"), seq) for seq in range(at, at + 20))
+        for at in range(100, 20_100, 20)
+    ]
+    assert flood(journal, tuple(hers + over), *rounds) < 1.1e6 + CHECKPOINT_BYTES
+    journal.close()
+    assert journal.path.stat().st_size < 1.1e6
+    again = Journal(tmp_path, max_mb=1.0)
+    kept = again.begin(NOW + S)
+    again.close()
+    assert set(kept.entries) == {one.object_id for one in hers}
+    assert kept.events == 20_099
+    assert [each for each in audit(journal.path) if each.event != "refused"] == hers + over
+    assert sum(each.event == "refused" for each in audit(journal.path)) > 300
+
+
+def test_a_flood_of_selections_leaves_the_journal_in_its_limit_and_what_is_selected_in_it(
+    tmp_path: Path,
+) -> None:
+    journal = Journal(tmp_path, max_mb=1.0)
+    journal.begin(NOW)
+    hers = selected("hers", 1)
+    rounds = [(selected(f"{seq}", seq), ended(f"{seq}", seq + 1)) for seq in range(2, 20_002, 2)]
+    flood(journal, (hers,), *rounds)
+    journal.close()
+    assert journal.path.stat().st_size < 1.1e6
+    left = list(audit(journal.path))
+    assert left[0] == hers
+    assert left[-1].seq == 20_001
+
+
+def test_endless_names_of_an_older_version_are_left_out(tmp_path: Path) -> None:
+    keep(tmp_path, selected("x" * 10_000, 1), selected("a", 2), refused("y" * 10_000, 3), told=0)
+    journal = Journal(tmp_path)
+    kept = journal.begin(NOW + S)
+    journal.close()
+    assert set(kept.entries) == {"a"}
+    assert [record.object_id for record in kept.unpublished] == ["a"]

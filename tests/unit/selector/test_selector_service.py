@@ -293,6 +293,22 @@ async def test_undo_and_release_answer_what_they_did_or_why_not() -> None:
         assert [(one.id, one.user) for one in selections[-1].objects] == [("a", "anna")]
 
 
+async def test_undo_for_somebody_who_is_not_there_names_who_is() -> None:
+    clock = ManualClock()
+    async with memory_bench(clock) as bench:
+        bench.start(Selector)
+        await bench.settle()
+        await stay(bench, clock, "anna", 1.0, "a")
+        bench.bus.announce(USER_ALIVE, "ben")
+        await bench.settle()
+        with pytest.raises(
+            RefusedError, match=r"^nobody is not there, but anna, ben: there is nothing to take"
+        ):
+            await bench.bus.call(UNDO_SELECTION, UndoSelection(), "nobody")
+        with pytest.raises(RefusedError, match=r"^there is nothing to take back$"):
+            await bench.bus.call(UNDO_SELECTION, UndoSelection(), "ben")
+
+
 async def test_a_press_confirms_where_that_is_wanted() -> None:
     clock = ManualClock()
     async with memory_bench(clock) as bench:

@@ -92,6 +92,8 @@ class SubscriptionStats:
     """Bytes that were not the message of their key."""
     complaint: str = ""
     """Error message about the last of them."""
+    culprit: str = ""
+    """Name on whose key it came, if known."""
     errors: int = 0
     """Handlers that raised."""
 

@@ -206,7 +206,7 @@ class Mailbox:
         for name, item in batch:
             if self._closed:
                 return
-            message = item if isinstance(item, Message) else self._open(item)
+            message = item if isinstance(item, Message) else self._open(item, name)
             if message is None or (self._takes_kept and self._is_known(name, message)):
                 continue
             try:
@@ -240,11 +240,11 @@ class Mailbox:
             count = self.traffic.errors
             log.error("handler of %s failed (%d so far)", self.topic.key, count, exc_info=error)
 
-    def count_invalid(self, reason: object) -> None:
-        """Count what came and cannot be taken, and say why; from any thread."""
+    def count_invalid(self, reason: object, name: str = "") -> None:
+        """Count what came, for `name` if known, and cannot be taken, and say why; from any thread."""
         with self._lock:
             self.traffic.invalid += 1
-            self.traffic.complaint = str(reason)
+            self.traffic.complaint, self.traffic.culprit = str(reason), name
         if self._may_log("invalid"):
             log.warning("%s: dropped, %s (%d so far)", self.topic.key, reason, self.traffic.invalid)
 
@@ -264,13 +264,13 @@ class Mailbox:
         for names in (self._live, self._recalled, self._kept):
             names.clear()
 
-    def _open(self, item: Any) -> Message | None:
+    def _open(self, item: Any, name: str) -> Message | None:
         try:
             return self._unpack(item) if self._unpack else None
         except DecodeError as error:
-            self.count_invalid(error)
+            self.count_invalid(error, name)
         except Exception as error:  # noqa: BLE001 - whatever foreign bytes provoke, they stop nobody
-            self.count_invalid(f"{type(error).__name__}: {error}")
+            self.count_invalid(f"{type(error).__name__}: {error}", name)
         return None
 
     def _may_log(self, what: str) -> bool:

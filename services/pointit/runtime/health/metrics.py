@@ -118,6 +118,7 @@ class TopicMeter:
         self._readers = {self._closed}
         self._old = _Complaint()
         self._late = _Complaint()
+        self._invalid = _Complaint()
 
     def add(self, reader: ReaderCounts) -> None:
         """Count what `reader` counts, too."""
@@ -134,13 +135,21 @@ class TopicMeter:
         return sum(getattr(reader.traffic, counter) for reader in self._readers)
 
     def warnings(self, now_s: float) -> Iterator[str]:
-        """Yield a message each if old or late messages came recently."""
+        """Yield a message each if old, late or invalid messages came recently."""
         old = sum(reader.order.refused for reader in self._readers)
         if self._old.holds(old, now_s):
             yield (
                 f"{old} messages on {self.topic.key} were older than those before them and were left out: "
                 "is a recording played on this site, or do two write the same?"
             )
+        invalid = self.total("invalid")
+        if self._invalid.holds(invalid, now_s):
+            bad = next((each.traffic for each in self._readers if each.traffic.culprit), None)
+            if bad is not None:
+                yield (
+                    f"{invalid} messages on {self.topic.key} were invalid and were dropped, the last of "
+                    f"{bad.culprit} ({bad.complaint}): look at what writes them there"
+                )
         late = sum(reader.lateness.refused for reader in self._readers)
         if self._late.holds(late, now_s):
             by_s = max(reader.lateness.by_s for reader in self._readers)

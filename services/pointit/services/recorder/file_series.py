@@ -30,6 +30,8 @@ class FileSeries:
         """Number of entries in all files."""
         self.left_out = 0
         """Number of entries that are in none, as there are too many keys."""
+        self.closed_entries = 0
+        """Number of entries in all files but the one that is being written."""
         self._closed_size = 0
         self._kept: dict[tuple[str, str], Entry] = {}
         """By row and name: the newest of each state, and who is present."""
@@ -75,7 +77,7 @@ class FileSeries:
     def _next(self, now_ns: int) -> None:
         """End the file, and begin one whose first entries are those that still hold."""
         self.close()
-        self._closed_size = self.size
+        self._closed_size, self.closed_entries = self.size, self.entries
         self._file.close()
         self._file, self._writer = self._open(self._head.model_copy(update={"began_ns": now_ns}))
         log.info("the recording goes on in %s", self.path)

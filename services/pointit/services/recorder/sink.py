@@ -1,5 +1,6 @@
 """The thread that decodes and writes what has arrived, so that a slow disk holds up nobody."""
 
+import contextlib
 import functools
 import logging
 import threading
@@ -12,7 +13,9 @@ from typing import NamedTuple, TypeVar
 from pointit.recording.entries import AnyRow, Entry
 from pointit.recording.exchanges import entry_of
 from pointit.recording.head import Head
+from pointit.recording.reader import Recording
 from pointit.runtime.bus.contract import Undecoded
+from pointit.runtime.errors import PointItError
 from pointit.runtime.host.threads import in_daemon_thread
 from pointit.schemas import DecodeError, Message, ServedRequest
 from pointit.services.recorder.file_series import FileSeries
@@ -125,6 +128,7 @@ class Sink:
             if not isinstance(error, OSError):
                 log.exception("the recorder's thread has failed")
             reason = (isinstance(error, OSError) and error.strerror) or str(error) or type(error).__name__
+            self._recount()
             self._end(
                 f"{self.path}: {reason}; nothing more is recorded, "
                 f"and the {self.entries} messages before are readable"
@@ -171,6 +175,11 @@ class Sink:
         if self._files.left_out:
             with self._lock:
                 self.left_out[TOO_MANY_KEYS] = self._files.left_out
+
+    def _recount(self) -> None:
+        """Count the entries as a reader does, since the last ones may be on disk or not."""
+        with contextlib.suppress(PointItError), Recording.open(self.path) as recording:
+            self.entries = self._files.closed_entries + sum(recording.counts.values())
 
     def _guarded(self, step: Callable[[T], R], item: T) -> R | None:
         """Return the result of `step` for `item`, or None if it fails: one message may not end all."""

@@ -265,7 +265,9 @@ class Arbiter:
         """Undo `user`'s last step. Refused with a cue if there is none."""
         records = self._ledger.undo(user, now_ns, self._positions.objects)
         if not records:
-            return [self._publisher.cue(user, "refused", "there is nothing to take back", now_ns)]
+            there = self._ownership.presences.there(now_ns)
+            who = f"{user} is not there, but {', '.join(there)}: " if there and user not in there else ""
+            return [self._publisher.cue(user, "refused", f"{who}there is nothing to take back", now_ns)]
         return self._publish(user, records, now_ns)
 
     def clear(self, user: str, now_ns: int) -> list[Output]:
@@ -275,7 +277,7 @@ class Arbiter:
     def release(self, user: str, object_id: str, take_over: bool, now_ns: int) -> list[Output]:  # noqa: FBT001
         """Deselect `object_id`, regardless of its owner, or take it over.
 
-        `user` is the caller: a supervisor, or the person who wants it.
+        `user` is the caller: an operator, or the person for whom one takes it.
         """
         entry = self._ledger.entries.get(object_id)
         records = self._ledger.release(object_id, user, now_ns, take_over=take_over)

@@ -87,6 +87,11 @@ class JournalConfig(Config):
     keep_days: float = Field(
         default=30.0, gt=0, le=3650, description="age beyond which events of the audit are deleted, days"
     )
+    max_mb: float = Field(
+        default=200.0,
+        ge=1,
+        description="size of the file beyond which the oldest refusals, then other old events go, MB",
+    )
     restore_within_s: float = Field(
         default=600.0,
         ge=0,

@@ -67,6 +67,7 @@ class SiteRole:
             site_folder(bus.site, "selector"),
             keep_days=kept.keep_days,
             restore_within_s=kept.restore_within_s,
+            max_mb=kept.max_mb,
         )
         self._is_kept = kept.enabled
         self._bus, self._clock, self._put, self._use = bus, clock, put, use

@@ -6,11 +6,14 @@ for clients that have stopped reading.
 
 import asyncio
 import contextlib
+import functools
+import itertools
 import logging
 import socket
 import ssl
 import sys
-from collections import OrderedDict
+from collections import Counter, OrderedDict
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -36,10 +39,14 @@ BACKLOG = 128
 
 MAX_CONNECTIONS = 1024
 """Maximum number of connections, or a quarter of the files that this process may open. A further one replaces
-the longest idle one, and is cut itself if none is idle."""
+the one that has been idle longest, else has not read longest, of the address that has most."""
 
 MAX_ARRIVING = 64
-"""Maximum number of TLS handshakes in progress; a further one replaces the oldest."""
+"""Maximum number of TLS handshakes in progress, and of connections on which nothing was said yet. A further
+one replaces the oldest of the address that has most."""
+
+AT_ONCE = 32
+"""Number of connections that are accepted before anything else is done."""
 
 ARRIVING_S = 10.0
 """Timeout of a TLS handshake, s."""
@@ -95,6 +102,8 @@ def most_connections() -> int:
 class _Visit:
     """State of a connection."""
 
+    address: str
+    """IP address of the client."""
     cycle: object = None
     """Its newest request, or None."""
     owed: int = 0
@@ -135,15 +144,18 @@ class Listener:
         self._state = ServerState()
         self._visits: OrderedDict[Any, _Visit] = OrderedDict()
         """Connections that are no websockets, in order of arrival."""
-        self._arriving: OrderedDict[asyncio.Task[None], None] = OrderedDict()
-        self._at_the_door: socket.socket | None = None
-        """Accepted, but without a protocol yet."""
+        self._arriving: OrderedDict[asyncio.Task[None], str] = OrderedDict()
+        """Addresses of clients whose handshake is in progress, in order of arrival."""
+        self._silent: OrderedDict[socket.socket, tuple[str, float]] = OrderedDict()
+        """Accepted and silent so far, with address and time of arrival, s. They cost little."""
+        self._at_the_door: set[socket.socket] = set()
+        """They have said something, but have no protocol yet."""
         self._lingering: set[Any] = set()
         self._accepting: asyncio.Task[None] | None = None
 
     def connections(self) -> int:
         """Return the number of connections, websockets included."""
-        return len(self._state.connections)
+        return len(self._state.connections) + len(self._silent)
 
     async def start(self) -> None:
         """Start to accept connections."""
@@ -158,6 +170,8 @@ class Listener:
         `QUIET_S`.
         """
         now_s = asyncio.get_running_loop().time()
+        for client in [each for each, (_, since_s) in self._silent.items() if now_s - since_s > QUIET_S]:
+            self._hang_up(client)
         closing = {one for one in self._state.connections if one.transport.is_closing()}
         for connection in closing & self._lingering:
             connection.transport.abort()
@@ -182,8 +196,8 @@ class Listener:
         for task in (accepting, *arriving):
             task.cancel()
         await asyncio.gather(accepting, *arriving, return_exceptions=True)
-        if self._at_the_door is not None:
-            self._at_the_door.close()
+        for client in [*self._silent, *self._at_the_door]:
+            self._hang_up(client)
         self._socket.close()
         state = self._state
         for connection in list(state.connections):
@@ -201,29 +215,51 @@ class Listener:
 
     async def _accept(self) -> None:
         loop = asyncio.get_running_loop()
-        while True:
+        for count in itertools.count(1):
             try:
-                accepted, _ = await loop.sock_accept(self._socket)
+                accepted, peer = await loop.sock_accept(self._socket)
             except ConnectionError:
                 continue  # gone again already
             except OSError as error:
                 log.warning("port %d accepts no connections for now: %s", self.port, error.strerror or error)
                 await asyncio.sleep(REST_S)
                 continue
-            if len(self._arriving) >= MAX_ARRIVING:
-                oldest, _ = self._arriving.popitem(last=False)
-                oldest.cancel()
-            task = asyncio.create_task(self._let_in(accepted), name=f"port {self.port} lets in")
-            self._arriving[task] = None
-            task.add_done_callback(self._arrived)
-            self._at_the_door = accepted
-            await asyncio.sleep(0)  # one task per connection; the next one is accepted after it has begun
+            if sys.platform == "win32":  # its loop waits for no socket to be readable
+                self._on_first_bytes(accepted, peer[0])
+            else:
+                self._silent[accepted] = peer[0], loop.time()
+                loop.add_reader(accepted, self._on_first_bytes, accepted, peer[0])
+            if len(self._silent) > min(MAX_ARRIVING, self._most):
+                self._hang_up(_of_most({one: address for one, (address, _) in self._silent.items()})[0])
+            if count % AT_ONCE == 0:
+                await asyncio.sleep(0)
 
-    def _arrived(self, task: asyncio.Task[None]) -> None:
+    def _hang_up(self, client: socket.socket) -> None:
+        """Close a connection that has no protocol."""
+        if self._silent.pop(client, None) is not None:
+            asyncio.get_running_loop().remove_reader(client)
+        self._at_the_door.discard(client)
+        client.close()
+
+    def _on_first_bytes(self, accepted: socket.socket, address: str) -> None:
+        if self._silent.pop(accepted, None) is not None:
+            asyncio.get_running_loop().remove_reader(accepted)
+        if len(self._arriving) >= MAX_ARRIVING:
+            oldest = _of_most(self._arriving)[0]
+            del self._arriving[oldest]
+            oldest.cancel()
+        self._at_the_door.add(accepted)
+        task = asyncio.create_task(self._let_in(accepted, address), name=f"port {self.port} lets in")
+        self._arriving[task] = address
+        task.add_done_callback(functools.partial(self._arrived, accepted))
+
+    def _arrived(self, accepted: socket.socket, task: asyncio.Task[None]) -> None:
         self._arriving.pop(task, None)
+        if accepted in self._at_the_door:  # cancelled before it began
+            self._hang_up(accepted)
 
-    async def _let_in(self, accepted: socket.socket) -> None:
-        self._at_the_door = None
+    async def _let_in(self, accepted: socket.socket, address: str) -> None:
+        self._at_the_door.discard(accepted)
         loop = asyncio.get_running_loop()
         with contextlib.suppress(
             OSError
@@ -234,20 +270,35 @@ class Listener:
                 ssl=self._tls,
                 ssl_handshake_timeout=None if self._tls is None else ARRIVING_S,
             )
-            self._visits[connection] = _Visit(since_s=loop.time())
+            self._visits[connection] = _Visit(address=address, since_s=loop.time())
             if len(self._state.connections) > self._most:
                 self._make_room(connection)
 
     def _make_room(self, newest: Any) -> None:
-        """Cut the oldest idle connection, or `newest` if none is idle."""
+        """Cut connections of the address that has most: those idle for longest, else that stuck for longest.
+
+        Several at a time, since to look for them takes time. `newest` is cut if all others are websockets.
+        """
         there = self._state.connections
-        idle = (one for one in self._visits if one in there and not _is_busy(one))
-        oldest = next((one for one in idle if not one.transport.is_closing()), newest)
-        self._visits.pop(oldest)
-        oldest.transport.abort()
+        visits = {
+            one: visit.address
+            for one, visit in self._visits.items()
+            if one in there and one is not newest and not one.transport.is_closing()
+        }
+        crowd = sorted(_of_most(visits), key=lambda one: (_is_busy(one), self._visits[one].since_s))
+        idle = [one for one in crowd[: self._most // 16] if not _is_busy(one)]
+        for one in idle or crowd[:1] or [newest]:
+            del self._visits[one]
+            one.transport.abort()
 
     def _make_connection(self) -> asyncio.Protocol:
         return H11Protocol(self._config, self._state, {})
+
+
+def _of_most(addresses: Mapping[Any, str]) -> list[Any]:
+    """Return the keys with the address that most have, in order."""
+    most = Counter(addresses.values()).most_common(1)
+    return [one for one, address in addresses.items() if address == most[0][0]]
 
 
 def _is_busy(connection: Any) -> bool:

@@ -21,6 +21,10 @@ class UserPresence:
         (self._present.add if present else self._present.discard)(user)
         self._heard_ns[user] = now_ns
 
+    def there(self, now_ns: int) -> list[str]:
+        """Return the people who are not gone, by name."""
+        return sorted(user for user in {*self._present, *self._heard_ns} if not self.is_gone(user, now_ns))
+
     def is_gone(self, user: str, now_ns: int) -> bool:
         """Return True if `user` has been away for so long that anyone may change what is theirs."""
         if user in self._present:

@@ -15,6 +15,7 @@ from pointit.schemas import NS_PER_S
 from pointit.schemas.base import Count, Ns
 from pointit.services.selector.outputs import Owned, Record
 from pointit.services.selector.store.journal_table import (
+    BYTES,
     DECIDED,
     FILE,
     INSERT,
@@ -22,6 +23,7 @@ from pointit.services.selector.store.journal_table import (
     OPEN,
     PRUNE,
     PRUNE_TO,
+    SHRINK,
     UNPUBLISHED,
     record_of,
 )
@@ -56,17 +58,21 @@ class JournalContents:
 class Journal:
     """The journal file of one site's selector, which writes it alone. It keeps nothing before `begin`."""
 
-    def __init__(self, folder: Path, *, keep_days: float = 30.0, restore_within_s: float = 600.0) -> None:
+    def __init__(
+        self, folder: Path, *, keep_days: float = 30.0, restore_within_s: float = 600.0, max_mb: float = 200.0
+    ) -> None:
         """Create without opening any file.
 
         Args:
             folder: folder of the files. It is created if missing.
             keep_days: events older than this are deleted.
             restore_within_s: selections are dropped if the last sign of life is older.
+            max_mb: the oldest refusals, then other old events are deleted beyond this size of the file.
         """
         self._store = Store(folder / FILE, LAYOUT)
         self._keep_ns = int(keep_days * NS_PER_DAY)
         self._within_ns = int(restore_within_s * NS_PER_S)
+        self._max_bytes = int(max_mb * 1e6)
         self._pending: list[Record] = []
         self._published = self._published_on_disk = 0
         self._alive_ns: int | None = None
@@ -140,6 +146,10 @@ class Journal:
 
         def write(db: sqlite3.Connection) -> None:
             db.executemany(INSERT, self._pending)
+            if self._pending and db.execute(BYTES).fetchone()[0] > self._max_bytes:
+                rows = (PRUNED_AT_ONCE + 2 * len(self._pending),)
+                if not db.execute(SHRINK[0], rows).rowcount:
+                    db.execute(SHRINK[1], rows)
             db.execute("UPDATE life SET told = ?, alive_ns = ?", (self._published, now_ns))
             if self._is_sign_due(now_ns):
                 self._prune(db, now_ns)

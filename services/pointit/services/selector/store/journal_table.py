@@ -6,6 +6,7 @@ from pathlib import Path
 from pydantic import ConfigDict, TypeAdapter
 
 from pointit.runtime.host.store import Layout, read_rows
+from pointit.schemas.base import MAX_ID
 from pointit.services.selector.outputs import Record
 
 FILE = "journal.sqlite"
@@ -14,7 +15,7 @@ MAX_COUNT = 2**63 - 1
 """Upper limit of times and numbers, in messages and in SQLite."""
 
 LAYOUT = Layout(
-    tables="""
+    tables=f"""
         CREATE TABLE IF NOT EXISTS events (
             id INTEGER PRIMARY KEY,
             stamp_ns INTEGER NOT NULL, event TEXT NOT NULL, object_id TEXT NOT NULL, kind TEXT NOT NULL,
@@ -23,9 +24,11 @@ LAYOUT = Layout(
         );
         CREATE INDEX IF NOT EXISTS events_of_object ON events (object_id, id);
         CREATE INDEX IF NOT EXISTS events_told ON events (seq);
+        CREATE INDEX IF NOT EXISTS events_refused ON events (id) WHERE event = 'refused';
+        DELETE FROM events WHERE length(object_id) > {MAX_ID} OR length(kind) > {MAX_ID};
         CREATE TABLE IF NOT EXISTS life (told INTEGER NOT NULL, alive_ns INTEGER NOT NULL);
         INSERT INTO life SELECT 0, 0 WHERE NOT EXISTS (SELECT 1 FROM life);
-    """,
+    """,  # noqa: S608 - a constant
     writer="selector",
     loss="selections are kept in memory only",
 )
@@ -44,12 +47,20 @@ OPEN_IDS = (
 )
 OPEN = f"SELECT {COLUMNS} FROM events WHERE id IN ({OPEN_IDS}) ORDER BY id"  # noqa: S608 - see above
 PRUNE_TO = "SELECT MAX(id) FROM (SELECT id FROM events WHERE id > ? ORDER BY id LIMIT ?)"
-PRUNE = """
-DELETE FROM events WHERE id > ? AND id <= ? AND stamp_ns < ? AND (event <> 'selected' OR EXISTS (
+CLOSED = """(event <> 'selected' OR EXISTS (
     SELECT 1 FROM events AS later
     WHERE later.object_id = events.object_id AND later.id > events.id AND later.event <> 'refused'
-))
+))"""
+PRUNE = f"DELETE FROM events WHERE id > ? AND id <= ? AND stamp_ns < ? AND {CLOSED}"  # noqa: S608 - see above
+BYTES = """
+SELECT (page_count - freelist_count) * page_size
+FROM pragma_page_count, pragma_freelist_count, pragma_page_size
 """
+SHRINK = [
+    f"DELETE FROM events WHERE id IN (SELECT id FROM events WHERE {rows} ORDER BY id LIMIT ?)"  # noqa: S608 - see above
+    for rows in ("event = 'refused'", CLOSED)
+]
+"""Delete the oldest refusals, which anybody can cause, or the oldest events of what is not selected now."""
 AUDIT = (
     f"SELECT {COLUMNS} FROM events WHERE stamp_ns >= ? AND (? = '' OR user = ? OR owner = ?) "  # noqa: S608 - see above
     "AND (? = '' OR object_id = ?) ORDER BY id"

@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from pointit.evaluation.robots.choice import choices
 from pointit.evaluation.robots.identification import BEGIN_NS, rates, simulated_results
 from pointit.evaluation.robots.simulated_follower import RATE_HZ, SimulatedFollower
 from pointit.geometry import vector
@@ -142,3 +143,15 @@ def test_a_robot_that_reports_two_places_at_nearly_the_same_time_is_no_error() -
         pointer.core.on_robot("right", stamp_ns, (2.0, 1.0, 0.5))
     found = pointer.core.identify(pointer.now_ns)
     assert {each.object_id for each in found.candidates} == {"left", "right"}
+
+
+@pytest.mark.slow
+def test_nine_of_ten_robots_stated_to_be_meant_with_90_percent_are_though_half_the_people_point_beside() -> None:
+    every = choices(range(900, 940), (("lone", 1), ("row", 2), ("column", 3)))
+    sure = [choice.is_right for choice in every if choice.stated >= 0.9]
+    assert len(sure) >= 15
+    assert sum(sure) >= 0.9 * len(sure)
+    started = [choice.result != "none" for choice in every if choice.is_beside]
+    assert sum(started) <= 0.06 * len(started)
+    taken = [choice.result == "right" for choice in every if not choice.is_beside and choice.robots < 3]
+    assert sum(taken) >= 0.7 * len(taken)

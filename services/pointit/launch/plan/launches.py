@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
+from pointit.geometry.floor_sigma import ROBOT_PLACE_SIGMA_M
 from pointit.launch.plan.extras import load
 from pointit.launch.plan.person import REALISTIC, Pose, body_of
 from pointit.launch.plan.scenario import Place, Scenario
@@ -50,8 +51,14 @@ OF_TWO_LAMPS: dict[str, Any] = {
 """With two lamps, as in the paper, poses are uncertain but still accepted."""
 
 
-FOLLOWING: dict[str, Any] = {"method": "moving_target", "window_s": 5.0}
-"""Localization by a robot: people follow it with the arm for so long, s."""
+FOLLOWING: dict[str, Any] = {"method": "moving_target", "window_s": 10.0, "give_up_s": 60.0}
+"""Localization by a robot: people follow it with the arm, s."""
+
+AIM_SHARE = 0.76
+"""Share of the uncertainty of a goal that the pose may cause: the aim adds to it."""
+
+FOUND_SIGMAS_M = 0.8
+"""Distance that a robot keeps from people who were found, besides `keep_out_m`: 2 sigma of their places, m."""
 
 LAMPS = "lamps"
 LOCALIZATIONS = re.compile(r"lamps|robot(:.*)?")
@@ -117,7 +124,7 @@ def site_launches(scenario: Scenario, choices: Choices) -> list[Launch]:
     if choices.localize and choices.robot is not None:
         places = [place.position_m for place in scenario.places]
         followed = followed_robot(scenario, choices.robot)
-        extra[ROBOT if followed == ROBOT else f"{ROBOT}.{followed}"] = {"figure": {"people_m": places}}
+        extra[ROBOT if followed == ROBOT else f"{ROBOT}.{followed}"] = {"figure": {"people_m": places, "person_sigma_m": FOUND_SIGMAS_M}}
     usual: dict[str, dict[str, Any]] = {"conveyor-sim": {"seed": seed_of(choices.seed, "conveyor-sim")}}
     services = dict(scenario.site)
     for name in added_services(choices, "site"):
@@ -213,6 +220,9 @@ def _person(
     supervisor: dict[str, Any] = {"localize": choices.localize}
     if choices.localize and choices.robot is not None:
         localizer = FOLLOWING | {"robot_id": followed_robot(scenario, choices.robot)}
+        if (goal := scenario.user.get("goal")) is not None:
+            limit_m = goal.get("max_sigma_m", ROBOT_PLACE_SIGMA_M)
+            localizer["max_place_sigma_m"] = AIM_SHARE * limit_m
         supervisor["localization_method"] = "moving_target"
         if choices.targets is not None:
             raise ConfigError(f"--targets {choices.targets}: --localize robot has no lamps; leave one out")

@@ -23,7 +23,6 @@ from pointit.schemas.topics import FEEDBACK, GOAL, ROBOT_STATE
 from pointit.services.user_sim.person import Person
 from tests.integration.scenario.play import watched_people
 
-
 STEP_S = 1.0
 """Time after which it is looked whether the play is over."""
 

@@ -14,6 +14,7 @@ from pointit.evaluation.robots.simulated_follower import RATE_HZ, SimulatedFollo
 from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, PointingRay, UserPose
+from pointit.services.goal.aim_evidence import IdentificationSettings
 from pointit.services.goal.robot_identification import Identification, RobotIdentifier
 
 LEFT: Vec3 = (2.0, 1.5, 1.0)
@@ -29,7 +30,7 @@ class Pointer:
     def __init__(
         self, robots: dict[str, Vec3], *, at_m: Vec3 = (0.0, 0.0, 0.0), yaw_rad: float = 0.0
     ) -> None:
-        self.core = RobotIdentifier()
+        self.core = RobotIdentifier(IdentificationSettings(none_prior=0.2))  # who seldom points beside one
         self.robots, self._at_m, self._yaw_rad = robots, at_m, yaw_rad
         self.now_ns = BEGIN_NS
         self.core.on_pose(UserPose(stamp_ns=0, position_m=at_m, yaw_rad=yaw_rad, covariance=COVARIANCE))
@@ -146,12 +147,13 @@ def test_a_robot_that_reports_two_places_at_nearly_the_same_time_is_no_error() -
 
 
 @pytest.mark.slow
-def test_nine_of_ten_robots_stated_to_be_meant_with_90_percent_are_though_half_the_people_point_beside() -> None:
-    every = choices(range(900, 940), (("lone", 1), ("row", 2), ("column", 3)))
-    sure = [choice.is_right for choice in every if choice.stated >= 0.9]
-    assert len(sure) >= 15
-    assert sum(sure) >= 0.9 * len(sure)
+def test_probabilities_are_not_too_high_though_half_the_people_point_beside_the_robots() -> None:
+    every = choices(range(900, 920), (("lone", 1), ("row", 2)))
+    likely = [choice for choice in every if choice.stated >= 0.6]
+    assert len(likely) >= 20
+    right = np.mean([choice.is_right for choice in likely])
+    assert right >= np.mean([choice.stated for choice in likely]) - 0.1
     started = [choice.result != "none" for choice in every if choice.is_beside]
-    assert sum(started) <= 0.06 * len(started)
-    taken = [choice.result == "right" for choice in every if not choice.is_beside and choice.robots < 3]
+    assert sum(started) <= 0.05 * len(started)
+    taken = [choice.result == "right" for choice in every if not choice.is_beside]
     assert sum(taken) >= 0.7 * len(taken)

@@ -292,4 +292,7 @@ def test_a_pose_is_refined_until_places_near_the_robot_are_as_sure_as_goals_must
     late = poses(outputs)[0]
     assert late.stamp_ns > early.stamp_ns
     assert any(f"limit {limit_m:g} m" in message.reason for message in told(outputs))
-    assert place_sigma_m((2.5, 1.0, 0.0), late.position_m, late.covariance, (0.0, 0.0, 1.6), 0.0) < 1.05 * limit_m
+    assert (
+        place_sigma_m((2.5, 1.0, 0.0), late.position_m, late.covariance, (0.0, 0.0, 1.6), 0.0)
+        < 1.05 * limit_m
+    )

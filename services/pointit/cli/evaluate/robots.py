@@ -54,7 +54,8 @@ def robots(
     The services' own cores run in virtual time: the person sees the robot only, and corrects. Benches:
     landing, from spot to spot as in the recordings hri_landing, which have a joystick, too; workspace, to
     places on a horizontal plane, a cylinder and a sphere about the person; identification, of one of two
-    robots; choice, of one of several by people of whom a share points beside; following, localization by a robot's figure. The same seed gives the same rows.
+    robots; choice, of one of several, by people of whom a share points beside; following, localization by a
+    robot's figure. The same seed gives the same rows.
 
     Example: pointit evaluate robots --bench landing --people 24 --json rows.json
     """

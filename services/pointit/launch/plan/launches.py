@@ -54,11 +54,11 @@ OF_TWO_LAMPS: dict[str, Any] = {
 FOLLOWING: dict[str, Any] = {"method": "moving_target", "window_s": 10.0, "give_up_s": 60.0}
 """Localization by a robot: people follow it with the arm, s."""
 
-AIM_SHARE = 0.76
+AIM_SHARE = 0.9
 """Share of the uncertainty of a goal that the pose may cause: the aim adds to it."""
 
 FOUND_SIGMAS_M = 0.8
-"""Distance that a robot keeps from people who were found, besides `keep_out_m`: 2 sigma of their places, m."""
+"""Distance that a robot keeps from people it finds, besides `keep_out_m`: 2 sigma of their places, m."""
 
 LAMPS = "lamps"
 LOCALIZATIONS = re.compile(r"lamps|robot(:.*)?")
@@ -124,7 +124,9 @@ def site_launches(scenario: Scenario, choices: Choices) -> list[Launch]:
     if choices.localize and choices.robot is not None:
         places = [place.position_m for place in scenario.places]
         followed = followed_robot(scenario, choices.robot)
-        extra[ROBOT if followed == ROBOT else f"{ROBOT}.{followed}"] = {"figure": {"people_m": places, "person_sigma_m": FOUND_SIGMAS_M}}
+        extra[ROBOT if followed == ROBOT else f"{ROBOT}.{followed}"] = {
+            "figure": {"people_m": places, "person_sigma_m": FOUND_SIGMAS_M}
+        }
     usual: dict[str, dict[str, Any]] = {"conveyor-sim": {"seed": seed_of(choices.seed, "conveyor-sim")}}
     services = dict(scenario.site)
     for name in added_services(choices, "site"):
@@ -219,10 +221,9 @@ def _person(
     localizer: dict[str, Any] = {"position_m": position_m, "yaw_deg": yaw_deg}
     supervisor: dict[str, Any] = {"localize": choices.localize}
     if choices.localize and choices.robot is not None:
+        limit_m = scenario.user.get("goal", {}).get("max_sigma_m", ROBOT_PLACE_SIGMA_M)
         localizer = FOLLOWING | {"robot_id": followed_robot(scenario, choices.robot)}
-        if (goal := scenario.user.get("goal")) is not None:
-            limit_m = goal.get("max_sigma_m", ROBOT_PLACE_SIGMA_M)
-            localizer["max_place_sigma_m"] = AIM_SHARE * limit_m
+        localizer["max_place_sigma_m"] = AIM_SHARE * limit_m
         supervisor["localization_method"] = "moving_target"
         if choices.targets is not None:
             raise ConfigError(f"--targets {choices.targets}: --localize robot has no lamps; leave one out")

@@ -1,5 +1,6 @@
 """The robot that a person points at, and cues when it is not clear which."""
 
+import math
 from typing import Literal, NamedTuple
 
 from pointit.schemas import NS_PER_S, Candidate, PointingRay, RobotState, UserPose
@@ -11,10 +12,10 @@ PENDING_NS = 3 * NS_PER_S
 """Time after a press within which an unclear choice may still become clear by pointing on."""
 LIKELY = 0.1
 """Probability from which a robot is named as one that may be meant."""
-ONE = 0.9
+ONE = 0.8
 """Share of the likeliest robot in all likely ones from which only a place beside it may be meant instead."""
 SHOWN_STEP = 0.05
-"""Resolution of published probabilities."""
+"""Resolution of published probabilities, which are rounded down: what is shown is not stated too high."""
 
 
 class ChosenRobot(NamedTuple):
@@ -119,10 +120,8 @@ class RobotChoice:
 
     def _identify(self, now_ns: int) -> str:
         found = self._identifier.identify(now_ns)
-        rounded = [
-            Candidate(object_id=each.object_id, probability=round(each.probability / SHOWN_STEP) * SHOWN_STEP)
-            for each in found.candidates
-        ]
+        steps = [(each.object_id, math.floor(each.probability / SHOWN_STEP)) for each in found.candidates]
+        rounded = [Candidate(object_id=name, probability=step * SHOWN_STEP) for name, step in steps]
         self.candidates = tuple(each for each in rounded if each.probability > 0.0)
         return found.chosen
 

@@ -86,7 +86,7 @@ class Choice:
 
 @dataclass(frozen=True, kw_only=True)
 class Reliability:
-    """What is right of what was stated, for one arrangement and share, with 95 % intervals over people."""
+    """Rates of one arrangement and share of people beside, with 95 % intervals over people."""
 
     layout: Layout
     robots: int

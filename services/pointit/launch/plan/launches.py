@@ -57,9 +57,6 @@ FOLLOWING: dict[str, Any] = {"method": "moving_target", "window_s": 10.0, "give_
 AIM_SHARE = 0.9
 """Share of the uncertainty of a goal that the pose may cause: the aim adds to it."""
 
-FOUND_SIGMAS_M = 0.8
-"""Distance that a robot keeps from people it finds, besides `keep_out_m`: 2 sigma of their places, m."""
-
 LAMPS = "lamps"
 LOCALIZATIONS = re.compile(r"lamps|robot(:.*)?")
 """Ways to localize people by pointing: at lamps, or by following a robot, which may be named."""
@@ -124,9 +121,7 @@ def site_launches(scenario: Scenario, choices: Choices) -> list[Launch]:
     if choices.localize and choices.robot is not None:
         places = [place.position_m for place in scenario.places]
         followed = followed_robot(scenario, choices.robot)
-        extra[ROBOT if followed == ROBOT else f"{ROBOT}.{followed}"] = {
-            "figure": {"people_m": places, "person_sigma_m": FOUND_SIGMAS_M}
-        }
+        extra[ROBOT if followed == ROBOT else f"{ROBOT}.{followed}"] = {"figure": {"people_m": places}}
     usual: dict[str, dict[str, Any]] = {"conveyor-sim": {"seed": seed_of(choices.seed, "conveyor-sim")}}
     services = dict(scenario.site)
     for name in added_services(choices, "site"):

@@ -90,9 +90,8 @@ class RobotPilot:
             return "" if self._is_expected else self._lost
         if self._standstill.problem:
             return self._standstill.problem
-        if self._stop is not None:
-            return self._stop.text
-        return self._problem or self._wait or self._figure.problem
+        held = self._problem or self._wait or self._figure.problem
+        return held if self._stop is None else self._stop.text
 
     @property
     def goal_ns(self) -> int:

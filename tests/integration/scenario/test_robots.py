@@ -59,10 +59,26 @@ def reached(flights: Flights, user: str) -> bool:
     return any("has arrived" in text or "has landed" in text for text in flights.texts(user))
 
 
-@pytest.mark.parametrize(
-    "seeds",
-    [pytest.param([1], id="one seed"), pytest.param(range(1, 21), id="20 seeds", marks=pytest.mark.long)],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("scenario", ["scenario_5", "scenario_6"])
+def test_one_robot_finds_three_people_before_anybody_takes_it(scenario: str) -> None:
+    users = ("anna", "ben", "cleo")
+    flights = play_robots(
+        scenario,
+        30.0,
+        seed=1,
+        users=users,
+        localized_by="",
+        until=lambda seen: all("You are localized." in seen.texts(user) for user in users),
+    )
+    for user in users:
+        assert "You are localized." in flights.texts(user), user
+        assert not [text for text in flights.texts(user) if "two or more" in text]
+    assert not [user for _, user in flights.owners if user]
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("seeds", [range(1, 21)], ids=["20 seeds"])
 @pytest.mark.parametrize("scenario", ["scenario_5", "scenario_6"])
 def test_three_people_whom_one_robot_localizes_all_reach_goals(scenario: str, seeds: Iterable[int]) -> None:
     users = ("anna", "ben", "cleo")

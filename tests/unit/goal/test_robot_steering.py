@@ -258,5 +258,5 @@ def test_a_press_for_a_place_near_a_lone_robot_asks_and_only_another_press_takes
     ben.point((2.5, 0.0, 0.0)).press()
     assert ben.text == "quad may be meant: press again to take it"
     ben.point((2.5, 0.0, 0.0), 4.0).press()
-    assert ben.steering.robot == ""  # that press came too late, and asks anew
+    assert ben.steering.robot == ""  # that press came too late, and asks again
     assert ben.point((2.5, 0.0, 0.0), 1.0).press().steering.robot == "quad"

@@ -8,6 +8,9 @@ from numpy.typing import ArrayLike
 
 from pointit.geometry.vector import Vec3
 
+ROBOT_PLACE_SIGMA_M = 0.5
+"""Default of the largest uncertainty of a place for a robot, 1 sigma along its worse direction, m."""
+
 
 def position_sigma_m(covariance: ArrayLike) -> float:
     """Return 1 sigma of a position on the floor along its worse direction, m.

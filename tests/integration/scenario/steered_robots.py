@@ -4,7 +4,7 @@ import asyncio
 import math
 import os
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from unittest import mock
 
@@ -22,6 +22,9 @@ from pointit.schemas import Feedback, Goal, RobotState
 from pointit.schemas.topics import FEEDBACK, GOAL, ROBOT_STATE
 from pointit.services.user_sim.person import Person
 from tests.integration.scenario.play import watched_people
+
+STEP_S = 1.0
+"""Time after which it is looked whether the play is over."""
 
 
 @dataclass
@@ -59,7 +62,8 @@ class Flights:
         if state.phase in {"moving", "landing", "taking_off"}:
             apart = (math.dist(state.position_m[:2], each.position_m[:2]) for each in people.values())
             self.nearest_m = min(self.nearest_m, *apart)
-        if before is not None and before.phase == "landing" and state.phase == "landed":
+        is_down = before is not None and before.phase == "landing" and state.phase == "landed"
+        if before is not None and is_down and before.user:
             self.landed_off_m.append(_off_m(people[before.user], state.position_m))
 
     def on_goal(self, goal: Goal, person: Person) -> None:
@@ -79,15 +83,26 @@ def play_robots(
     seed: int = 0,
     users: Sequence[str] = ("anna",),
     settings: Sequence[str] = (),
+    localized_by: str | None = None,
+    until: Callable[[Flights], bool] = lambda _: False,
 ) -> Flights:
-    """Run `scenario` for people; the same arguments give the same outcome."""
+    """Run `scenario` for people, or until something has happened; the same arguments give the same outcome.
+
+    They are localized by the robot `localized_by`, `""` for the scenario's first. None: they are known.
+    """
     plan = read_scenario(scenario) if isinstance(scenario, str) else scenario
-    choices = Choices(seed=seed, settings=settings)
+    choices = Choices(seed=seed, settings=settings, localize=localized_by is not None, robot=localized_by)
     with tempfile.TemporaryDirectory() as state, mock.patch.dict(os.environ, {"POINTIT_STATE": state}):
-        return run_virtually(_play(plan, choices, users, duration_s))
+        return run_virtually(_play(plan, choices, users, duration_s, until))
 
 
-async def _play(plan: Scenario, choices: Choices, users: Sequence[str], duration_s: float) -> Flights:
+async def _play(
+    plan: Scenario,
+    choices: Choices,
+    users: Sequence[str],
+    duration_s: float,
+    until: Callable[[Flights], bool],
+) -> Flights:
     launches = site_launches(plan, choices)
     for index, user in enumerate(users):
         launches += user_launches(plan, choices, user, index)
@@ -107,7 +122,10 @@ async def _play(plan: Scenario, choices: Choices, users: Sequence[str], duration
     monitor.attach(bus)
     with watched_people(born):
         running = asyncio.create_task(run_services(launches, bus, VirtualClock()))
-        await asyncio.wait({running}, timeout=duration_s)
+        for _ in range(math.ceil(duration_s / STEP_S)):
+            await asyncio.wait({running}, timeout=STEP_S)
+            if running.done() or until(flights):
+                break
     if running.done():
         running.result()
     running.cancel()

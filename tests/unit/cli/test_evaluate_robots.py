@@ -7,6 +7,7 @@ import pytest
 from click.testing import CliRunner
 
 from pointit.cli.evaluate.robots import robots
+from pointit.evaluation.robots import choice
 from pointit.runtime.errors import ConfigError
 from tests.unit.evaluation.test_hri_landing import write
 
@@ -52,3 +53,13 @@ def test_localization_by_following_a_figure_stands_beside_other_ways() -> None:
 def test_a_folder_without_recordings_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="--data"):
         invoke("--bench", "landing", "--data", str(tmp_path / "none"))
+
+
+def test_reliability_of_the_choice_of_a_robot_by_arrangement_and_share_beside(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(choice, "LAYOUTS", (("lone", 1), ("row", 2)))
+    out, _ = invoke("--bench", "choice")
+    rows = [line.split()[:3] for line in out.splitlines()]
+    assert ["lone", "50", "%"] in rows
+    assert ["2", "row", "80"] in rows

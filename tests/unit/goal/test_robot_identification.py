@@ -8,11 +8,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from pointit.evaluation.robots.choice import choices
 from pointit.evaluation.robots.identification import BEGIN_NS, rates, simulated_results
 from pointit.evaluation.robots.simulated_follower import RATE_HZ, SimulatedFollower
 from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, PointingRay, UserPose
+from pointit.services.goal.aim_evidence import IdentificationSettings
 from pointit.services.goal.robot_identification import Identification, RobotIdentifier
 
 LEFT: Vec3 = (2.0, 1.5, 1.0)
@@ -28,7 +30,7 @@ class Pointer:
     def __init__(
         self, robots: dict[str, Vec3], *, at_m: Vec3 = (0.0, 0.0, 0.0), yaw_rad: float = 0.0
     ) -> None:
-        self.core = RobotIdentifier()
+        self.core = RobotIdentifier(IdentificationSettings(none_prior=0.2))  # who seldom points beside one
         self.robots, self._at_m, self._yaw_rad = robots, at_m, yaw_rad
         self.now_ns = BEGIN_NS
         self.core.on_pose(UserPose(stamp_ns=0, position_m=at_m, yaw_rad=yaw_rad, covariance=COVARIANCE))
@@ -142,3 +144,16 @@ def test_a_robot_that_reports_two_places_at_nearly_the_same_time_is_no_error() -
         pointer.core.on_robot("right", stamp_ns, (2.0, 1.0, 0.5))
     found = pointer.core.identify(pointer.now_ns)
     assert {each.object_id for each in found.candidates} == {"left", "right"}
+
+
+@pytest.mark.slow
+def test_probabilities_are_not_too_high_though_half_the_people_point_beside_the_robots() -> None:
+    every = choices(range(900, 920), (("lone", 1), ("row", 2)))
+    likely = [choice for choice in every if choice.stated >= 0.6]
+    assert len(likely) >= 20
+    right = np.mean([choice.is_right for choice in likely])
+    assert right >= np.mean([choice.stated for choice in likely]) - 0.1
+    started = [choice.result != "none" for choice in every if choice.is_beside]
+    assert sum(started) <= 0.05 * len(started)
+    taken = [choice.result == "right" for choice in every if not choice.is_beside]
+    assert sum(taken) >= 0.7 * len(taken)

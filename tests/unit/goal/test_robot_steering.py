@@ -245,3 +245,18 @@ def test_whatever_happens_a_person_without_a_robot_wants_nothing_of_one(acts: li
     for cue in ben.cues:
         assert cue.text
         assert not cue.text.endswith(".")
+
+
+def test_a_press_for_a_place_near_a_lone_robot_asks_and_only_another_press_takes_it() -> None:
+    for behind_m in (0.5, 1.0, 1.5):
+        ben = Ben()
+        del ben.robots["rover"]
+        ben.point((2.0 + behind_m, 0.0, 0.0)).press()
+        assert ben.steering.robot == "", behind_m
+    ben = Ben()
+    del ben.robots["rover"]
+    ben.point((2.5, 0.0, 0.0)).press()
+    assert ben.text == "quad may be meant: press again to take it"
+    ben.point((2.5, 0.0, 0.0), 4.0).press()
+    assert ben.steering.robot == ""  # that press came too late, and asks again
+    assert ben.point((2.5, 0.0, 0.0), 1.0).press().steering.robot == "quad"

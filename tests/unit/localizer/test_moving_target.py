@@ -6,6 +6,7 @@ import math
 import numpy as np
 import pytest
 
+from pointit.geometry.floor_sigma import place_sigma_m
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, Localization, TrackedObject, TrackedObjects, UserPose
 from pointit.services.localizer.outputs import Output
@@ -270,3 +271,28 @@ def test_a_window_forgets_and_takes_no_older_ray() -> None:
         window.add(PERSON.ray((1.0, 1.0, 1.0), START_NS + round(t_s * NS_PER_S)))
     assert len(window) == 3
     assert window.newest_ns == START_NS + round(2.5 * NS_PER_S)
+
+
+def test_a_robot_that_stands_is_the_reason_and_no_second_place_is_asked_for() -> None:
+    procedure = MovingTarget(config())
+    outputs = procedure.start(START_NS)
+    for tick in range(300):
+        now_ns = START_NS + tick * NS_PER_S // 50
+        procedure.on_ray(PERSON.ray((2.5, 1.0, 0.2), now_ns))
+        procedure.on_objects("room", robots(tick / 50.0, drone=(2.5, 1.0, 0.2)))
+        outputs += procedure.step(now_ns)
+    assert told(outputs)[-1].reason == "drone stands still: follow it with the arm as soon as it moves"
+    assert not any("two or more" in message.reason for message in told(outputs))
+
+
+def test_a_pose_is_refined_until_places_near_the_robot_are_as_sure_as_goals_must_be() -> None:
+    early = poses(fly(MovingTarget(config()), 12.0))[0]
+    limit_m = 0.9 * place_sigma_m((2.5, 1.0, 0.0), early.position_m, early.covariance, (0.0, 0.0, 1.6), 0.0)
+    outputs = fly(MovingTarget(config(max_place_sigma_m=limit_m)), 25.0)
+    late = poses(outputs)[0]
+    assert late.stamp_ns > early.stamp_ns
+    assert any(f"limit {limit_m:g} m" in message.reason for message in told(outputs))
+    assert (
+        place_sigma_m((2.5, 1.0, 0.0), late.position_m, late.covariance, (0.0, 0.0, 1.6), 0.0)
+        < 1.05 * limit_m
+    )

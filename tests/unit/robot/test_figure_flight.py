@@ -8,7 +8,7 @@ import pytest
 from pointit.schemas import Localization, Steering, UserPose
 from pointit.schemas.topics import LOCALIZATION, POSE, SERVICE_ALIVE
 from pointit.services.robot.config import FigureConfig, RobotConfig
-from pointit.services.robot.figure_flight import NO_FIGURE
+from pointit.services.robot.figure_flight import NO_FIGURE, FigureFlight
 from tests.unit.robot.flight import ROBOT, Pilotage, fly
 
 SAMPLING = Localization(stamp_ns=0, phase="sampling", target_id=ROBOT)
@@ -123,3 +123,35 @@ def test_a_robot_without_room_says_so_and_stays() -> None:
 
     near = FigureConfig(people_m=((0.9, 0.0, 0.0),))
     fly(drive, RobotConfig(kind="ground", figure=near))
+
+
+def test_who_is_found_gets_the_robot_only_when_nobody_else_follows_it() -> None:
+    async def drive(pilotage: Pilotage) -> None:
+        await pilotage.until(lambda state: state.phase == "idle")
+        begin(pilotage)
+        since_ns = pilotage.bench.clock.now_ns()
+        ben = SAMPLING.model_copy(update={"since_ns": since_ns})
+        pilotage.bench.put(LOCALIZATION, ben, "ben")
+        await pilotage.until(lambda state: state.phase == "moving")
+        pilotage.bench.put(LOCALIZATION, SOLVED, "anna")
+        pilotage.arrive("anna")
+        pilotage.point("anna", (0.5, 0.0, 0.0))
+        pilotage.steer("anna", Steering(stamp_ns=0, robot=ROBOT, mode="goals"))
+        barred = await pilotage.until(lambda state: "until ben is found" in state.reason)
+        assert (barred.user, barred.phase) == ("", "moving")
+        await asyncio.sleep(1.0)
+        pilotage.bench.put(LOCALIZATION, SOLVED, "ben")
+        pilotage.steer("anna", Steering(stamp_ns=0, robot=ROBOT, mode="goals"))
+        await pilotage.until(lambda state: state.user == "anna")
+
+    fly(drive, QUADROTOR.model_copy(update={"kind": "ground"}))
+
+
+def test_a_figure_is_for_the_places_of_those_who_are_not_found_yet() -> None:
+    figure = FigureConfig(people_m=((2.5, 0.0, 0.0), (0.0, 2.5, 0.0)))
+    flight = FigureFlight(RobotConfig(figure=figure), ROBOT)
+    tracked = UserPose(stamp_ns=1, position_m=(2.3, 0.2, 0.0), yaw_rad=0.0)
+    flight.on_localization("ben", SAMPLING)
+    flight.on_pose("anna", tracked)
+    flight.on_pose("ben", tracked.model_copy(update={"position_m": (0.0, 2.5, 0.0)}))  # he is looked for again
+    assert [each.place_m for each in flight.people((0.0, 0.0, 0.0), is_flying=False)] == [(0.0, 2.5, 0.0)]

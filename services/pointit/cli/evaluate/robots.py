@@ -15,8 +15,8 @@ from pointit.evaluation.recordings.row import Row
 if TYPE_CHECKING:  # SciPy is wanted only by the command
     from pointit.evaluation.localization.trial import Trial
 
-IDENTIFICATION, FOLLOWING = "identification", "following"
-BENCHES = ("landing", "workspace", IDENTIFICATION, FOLLOWING)
+IDENTIFICATION, CHOICE, FOLLOWING = "identification", "choice", "following"
+BENCHES = ("landing", "workspace", IDENTIFICATION, CHOICE, FOLLOWING)
 
 
 @click.command("robots")
@@ -54,13 +54,14 @@ def robots(
     The services' own cores run in virtual time: the person sees the robot only, and corrects. Benches:
     landing, from spot to spot as in the recordings hri_landing, which have a joystick, too; workspace, to
     places on a horizontal plane, a cylinder and a sphere about the person; identification, of one of two
-    robots; following, localization by a robot's figure. The same seed gives the same rows.
+    robots; choice, of one of several, by people of whom a share points beside; following, localization by a
+    robot's figure. The same seed gives the same rows.
 
     Example: pointit evaluate robots --bench landing --people 24 --json rows.json
     """
     from pointit.cli.evaluate.robots_table import print_robots  # noqa: PLC0415 - wanted only here
     from pointit.evaluation.datasets import hri_landing  # noqa: PLC0415 - as above
-    from pointit.evaluation.robots import following, identification  # noqa: PLC0415 - SciPy is wanted only here
+    from pointit.evaluation.robots import choice, following, identification  # noqa: PLC0415 - SciPy is wanted only here
     from pointit.evaluation.robots.flight_row import recorded_rows  # noqa: PLC0415 - as above
     from pointit.evaluation.robots.flight_setup import CONDITIONS  # noqa: PLC0415 - as above
     from pointit.evaluation.robots.robots import document, flight_rows  # noqa: PLC0415 - as above
@@ -86,11 +87,12 @@ def robots(
         if IDENTIFICATION in chosen:
             results = identification.simulated_results(seeds)
             rates = identification.rates([*results, *identification.recorded_results(trials)])
+        rows = choice.reliabilities(choice.choices(seeds)) if CHOICE in chosen else []
         found: list[Row] = []
         if FOLLOWING in chosen:
             found = [*following.simulated_rows(seeds), *following.recorded_rows(trials)]
-        if not write_json(document(flights, rates, found), json_file):
-            print_robots(flights, rates, found)
+        if not write_json(document(flights, rates, found, rows), json_file):
+            print_robots(flights, rates, found, rows)
 
 
 def _trials(data: Path | None) -> "list[Trial]":

@@ -9,6 +9,7 @@ from rich.text import Text
 
 from pointit.cli.evaluate.table import evaluation_console, print_rows
 from pointit.evaluation.recordings.row import ALL, Row
+from pointit.evaluation.robots.choice import Reliability
 from pointit.evaluation.robots.flight_row import FlightRow, Quantiles
 from pointit.evaluation.robots.identification import Rate
 from pointit.evaluation.selection.difference import Interval
@@ -27,13 +28,26 @@ RATE_NOTES = (
 )
 
 
+CHOICE_NOTE = (
+    "`beside`: share of people who point at a place 0.5 to 1.5 m from a robot. `right`: share of the robots "
+    "stated at the press with p ≥ .9 (`stated`: their mean p) that were meant, with 95 % intervals over "
+    "people. `taken right`: the same of robots that were taken. `at once`: share of the robots meant that "
+    "the first press took, or pointing on for 3 s; `taken`: a second press, if asked for, counts too. "
+    "`started`: share of the people who point beside that started a robot. `time`: from press to taking, s."
+)
+
 FOLLOWING_NOTE = (
     "following: `figure`: the way that the robot chooses to localize a person, against others of the same "
     "length; the place of the person is known to 0.4 m before."
 )
 
 
-def print_robots(flights: Sequence[FlightRow], identified: Sequence[Rate], following: Sequence[Row]) -> None:
+def print_robots(
+    flights: Sequence[FlightRow],
+    identified: Sequence[Rate],
+    following: Sequence[Row],
+    chosen: Sequence[Reliability] = (),
+) -> None:
     """Print `flights` by bench, and the rates and the errors of localization over all people of each set."""
     screen = evaluation_console()
     for bench, of_bench in groupby(flights, key=lambda row: row.bench):
@@ -44,6 +58,9 @@ def print_robots(flights: Sequence[FlightRow], identified: Sequence[Rate], follo
     if rates:
         screen.print(_rates(rates))
         screen.print(Text(RATE_NOTES))
+    if chosen:
+        screen.print(_choices(chosen))
+        screen.print(Text(CHOICE_NOTE))
     poses = [row for row in following if row.subject == ALL]
     if poses:
         print_rows(screen, poses, [FOLLOWING_NOTE])
@@ -82,6 +99,22 @@ def _rates(rates: Sequence[Rate]) -> Table:
     for rate in rates:
         cells = (str(rate.n), _share(rate.right), _share(rate.chosen), _share(rate.wrong))
         table.add_row(Text(rate.set), Text(rate.condition), Text(rate.method), *map(_cell, cells))
+    return table
+
+
+def _choices(rows: Sequence[Reliability]) -> Table:
+    names = ("beside", "stated", "right", "taken right", "at once", "taken", "started", "time")
+    table = _table("choice", ("robots",), names)
+    for row in rows:
+        cells = (
+            f"{100.0 * row.beside:.0f} %",
+            None if row.stated is None else f"{row.stated:.2f}",
+            None if row.right is None else _share(row.right),
+            None if row.taken_right is None else _share(row.taken_right),
+            *(_share(each) for each in (row.at_once, row.taken, row.started)),
+            None if row.time_s is None else f"{row.time_s:.1f}",
+        )
+        table.add_row(Text(f"{row.robots} {row.layout}".removeprefix("1 ")), *map(_cell, cells))
     return table
 
 

@@ -54,7 +54,7 @@ class IdentificationResult:
     condition: str
     method: Method
     probability: float
-    """That the robot that is pointed at is meant."""
+    """That the robot that is pointed at is meant, as one of the two is."""
     is_right: bool
     """It is the likeliest one."""
     chosen: Literal["right", "wrong", "none"]
@@ -219,7 +219,7 @@ def _with_pose(
         subject=trial.subject,
         condition=trial.condition,
         method="with a pose",
-        probability=of[MEANT],
+        probability=of[MEANT] / (of[MEANT] + of[OTHER]) if of[MEANT] > 0.0 else 0.0,
         is_right=of[MEANT] > of[OTHER],
         chosen="right" if result.chosen == MEANT else "wrong" if result.chosen else "none",
     )

@@ -6,6 +6,7 @@ from typing import Any
 
 from pointit.evaluation.recordings.parallel import map_parallel
 from pointit.evaluation.recordings.row import Row
+from pointit.evaluation.robots.choice import Reliability
 from pointit.evaluation.robots.flight import FlightScore, fly
 from pointit.evaluation.robots.flight_row import FlightRow, flight_row
 from pointit.evaluation.robots.flight_setup import Flight, FlightCondition, flight_of
@@ -53,12 +54,16 @@ def flight_rows(
 
 
 def document(
-    flights: Sequence[FlightRow], identified: Sequence[Rate], following: Sequence[Row]
+    flights: Sequence[FlightRow],
+    identified: Sequence[Rate],
+    following: Sequence[Row],
+    chosen: Sequence[Reliability],
 ) -> dict[str, Any]:
     """Return the document for `--json FILE`."""
     return {
         "flights": [row.as_json() for row in flights],
         "identification": [rate.as_json() for rate in identified],
+        "choice": [row.as_json() for row in chosen],
         "following": [row.as_json() for row in following],
         "following_over_people": [row.as_json() for row in of_every_set(following)],
     }

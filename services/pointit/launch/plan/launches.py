@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
+from pointit.geometry.floor_sigma import ROBOT_PLACE_SIGMA_M
 from pointit.launch.plan.extras import load
 from pointit.launch.plan.person import REALISTIC, Pose, body_of
 from pointit.launch.plan.scenario import Place, Scenario
@@ -50,8 +51,11 @@ OF_TWO_LAMPS: dict[str, Any] = {
 """With two lamps, as in the paper, poses are uncertain but still accepted."""
 
 
-FOLLOWING: dict[str, Any] = {"method": "moving_target", "window_s": 5.0}
-"""Localization by a robot: people follow it with the arm for so long, s."""
+FOLLOWING: dict[str, Any] = {"method": "moving_target", "window_s": 10.0, "give_up_s": 60.0}
+"""Localization by a robot: people follow it with the arm, s."""
+
+AIM_SHARE = 0.9
+"""Share of the uncertainty of a goal that the pose may cause: the aim adds to it."""
 
 LAMPS = "lamps"
 LOCALIZATIONS = re.compile(r"lamps|robot(:.*)?")
@@ -212,7 +216,9 @@ def _person(
     localizer: dict[str, Any] = {"position_m": position_m, "yaw_deg": yaw_deg}
     supervisor: dict[str, Any] = {"localize": choices.localize}
     if choices.localize and choices.robot is not None:
+        limit_m = scenario.user.get("goal", {}).get("max_sigma_m", ROBOT_PLACE_SIGMA_M)
         localizer = FOLLOWING | {"robot_id": followed_robot(scenario, choices.robot)}
+        localizer["max_place_sigma_m"] = AIM_SHARE * limit_m
         supervisor["localization_method"] = "moving_target"
         if choices.targets is not None:
             raise ConfigError(f"--targets {choices.targets}: --localize robot has no lamps; leave one out")

@@ -50,8 +50,12 @@ class IdentificationSettings:
     began_s: tuple[float, ...] = (3.0, 2.0, 1.0, 0.5)
     """Times since which the person may have pointed at the present target, the longest first."""
     began_odds: tuple[float, ...] = (0.4, 0.2, 0.2, 0.2)
-    none_prior: float = 0.2
+    none_prior: float = 0.5
     """Probability that the person points at no robot, before any ray."""
+    beside_share: float = 0.8
+    """Share of it that is of places beside robots, where people want one to go."""
+    beside_sigma_m: float = 1.0
+    """Standard deviation of such a place about a robot, per axis on the floor."""
     chosen: float = 0.9
     """Probability from which a robot is chosen."""
     stale_s: float = 1.0

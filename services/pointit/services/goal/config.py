@@ -4,6 +4,7 @@ from typing import Literal
 
 from pydantic import Field
 
+from pointit.geometry.floor_sigma import ROBOT_PLACE_SIGMA_M
 from pointit.runtime.config.config import Config
 
 
@@ -54,7 +55,7 @@ class GoalConfig(Config):
         default=0.2, gt=0, le=2, description="largest age of cursors that propose or confirm, s"
     )
     max_sigma_m: float = Field(
-        default=0.5,
+        default=ROBOT_PLACE_SIGMA_M,
         gt=0,
         le=10,
         description="largest uncertainty of a place, 1 sigma along its worse direction, m",

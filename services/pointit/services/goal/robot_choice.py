@@ -1,5 +1,6 @@
 """The robot that a person points at, and cues when it is not clear which."""
 
+import math
 from typing import Literal, NamedTuple
 
 from pointit.schemas import NS_PER_S, Candidate, PointingRay, RobotState, UserPose
@@ -11,8 +12,10 @@ PENDING_NS = 3 * NS_PER_S
 """Time after a press within which an unclear choice may still become clear by pointing on."""
 LIKELY = 0.1
 """Probability from which a robot is named as one that may be meant."""
+ONE = 0.8
+"""Share of the likeliest robot in all likely ones from which only a place beside it may be meant instead."""
 SHOWN_STEP = 0.05
-"""Resolution of published probabilities."""
+"""Resolution of published probabilities, which are rounded down: what is shown is not stated too high."""
 
 
 class ChosenRobot(NamedTuple):
@@ -34,6 +37,8 @@ class RobotChoice:
         self._dwell_ns = round(dwell_s * NS_PER_S)
         self._next_ns = 0
         self._pressed_ns: int | None = None
+        self._asked = ("", 0)
+        """Robot that another press takes, and since when."""
         self._on = ("", 0)
         """Robot that is pointed at, and since when."""
         self._done = ""
@@ -65,20 +70,31 @@ class RobotChoice:
     def reset(self) -> None:
         """Withdraw an unclear choice, and show no candidates."""
         self._pressed_ns = None
-        self._on = ("", 0)
+        self._asked = self._on = ("", 0)
         self.candidates = ()
 
     def press(self, now_ns: int) -> ChosenRobot:
-        """Return the robot pointed at. If it is unclear, pointing on for a while may make it clear."""
+        """Return the robot pointed at.
+
+        If it is unclear which, pointing on for a while may make it clear. If it is unclear whether one is
+        meant at all, or a place near it, another press takes it.
+        """
         chosen = self._identify(now_ns)
+        (asked, asked_ns), self._asked = self._asked, ("", 0)
+        likely = [each for each in self.candidates if each.probability >= LIKELY]
+        is_one = bool(likely) and likely[0].probability >= ONE * sum(each.probability for each in likely)
+        if is_one and likely[0].object_id == asked and 0 <= now_ns - asked_ns <= PENDING_NS:
+            chosen = chosen or asked
         if chosen:
             self._pressed_ns = None
             return ChosenRobot(chosen, "")
-        likely = [each for each in self.candidates if each.probability >= LIKELY]
         if not likely:
             self._pressed_ns = None
             return ChosenRobot("", "no robot is where you point: point at one, then press")
         self._pressed_ns = now_ns
+        if is_one:
+            self._asked = (likely[0].object_id, now_ns)
+            return ChosenRobot("", f"{likely[0].object_id} may be meant: press again to take it")
         return ChosenRobot("", _unclear(likely))
 
     def step(self, now_ns: int) -> ChosenRobot | None:
@@ -104,18 +120,14 @@ class RobotChoice:
 
     def _identify(self, now_ns: int) -> str:
         found = self._identifier.identify(now_ns)
-        rounded = [
-            Candidate(object_id=each.object_id, probability=round(each.probability / SHOWN_STEP) * SHOWN_STEP)
-            for each in found.candidates
-        ]
+        steps = [(each.object_id, math.floor(each.probability / SHOWN_STEP)) for each in found.candidates]
+        rounded = [Candidate(object_id=name, probability=step * SHOWN_STEP) for name, step in steps]
         self.candidates = tuple(each for each in rounded if each.probability > 0.0)
         return found.chosen
 
 
 def _unclear(likely: list[Candidate]) -> str:
     names = [each.object_id for each in likely]
-    if len(names) == 1:
-        return f"{names[0]} may be meant, but it is not sure: point longer at it"
     count = "two" if len(names) == 2 else str(len(names))
     listed = f"{', '.join(names[:-1])} and {names[-1]}"
     return f"{count} robots may be meant, {listed}: point longer at one"

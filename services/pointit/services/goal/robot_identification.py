@@ -128,22 +128,34 @@ class RobotIdentifier:
         if not tracks or pose is None or not is_recent:
             return Identification()
         blocks = _blocks(self._rays, pose, self._settings.block_s)
-        means, spreads = zip(*(self._missed(blocks, track, pose) for track in tracks.values()), strict=True)
-        logs = log_likelihoods(blocks, np.stack(means), np.stack(spreads), self._settings)
-        prior = np.full(len(logs), (1.0 - self._settings.none_prior) / len(tracks))
-        prior[-1] = self._settings.none_prior
+        settings = self._settings
+        found_at = [
+            self._missed(blocks, track, pose, beside_m)
+            for beside_m in (0.0, settings.beside_sigma_m)
+            for track in tracks.values()
+        ]
+        means, spreads = zip(*found_at, strict=True)
+        logs = log_likelihoods(blocks, np.stack(means), np.stack(spreads), settings)
+        beside = settings.none_prior * settings.beside_share
+        shares = np.array([1.0 - settings.none_prior, beside]) / len(tracks)
+        prior = np.append(np.repeat(shares, len(tracks)), settings.none_prior - beside)
         odds = prior * np.exp(logs - logs.max())
         odds /= odds.sum()
         found = [
             Candidate(object_id=robot, probability=min(1.0, float(share)))
-            for robot, share in zip(tracks, odds, strict=False)
+            for robot, share in zip(tracks, odds, strict=False)  # then come the places beside them
         ]
         found.sort(key=lambda each: -each.probability)
         is_sure = found[0].probability >= self._settings.chosen
-        return Identification(tuple(found), min(1.0, float(odds[-1])), found[0].object_id if is_sure else "")
+        none = min(1.0, float(odds[len(tracks) :].sum()))
+        return Identification(tuple(found), none, found[0].object_id if is_sure else "")
 
-    def _missed(self, blocks: RayBlocks, track: _Track, pose: UserPose) -> tuple[Array, Array]:
+    def _missed(
+        self, blocks: RayBlocks, track: _Track, pose: UserPose, beside_m: float
+    ) -> tuple[Array, Array]:
         """Return the angles from the rays to a robot (2n: sideways, upwards), and their lasting errors.
+
+        Those to places beside it if `beside_m`, 1 sigma of their distance from it per axis, is not 0.
 
         Returns:
             2n; 2n x 2n, the covariance of errors that are common to all rays, rad².
@@ -166,7 +178,7 @@ class RobotIdentifier:
         slope[:, :, 5] = np.einsum("knj,nj->kn", slope[:, :, :3], velocities)
         errors = np.zeros((6, 6))
         errors[np.ix_([0, 1, 3], [0, 1, 3])] = _valid(np.array(pose.covariance).reshape(3, 3))
-        level_m2 = settings.body_sigma_m**2 + track.position_sigma_m**2
+        level_m2 = settings.body_sigma_m**2 + track.position_sigma_m**2 + beside_m**2
         height_m2 = settings.height_sigma_m**2 + track.position_sigma_m**2
         late_s2 = settings.latency_sigma_s**2 + (track.latency_sigma_s or 0.0) ** 2
         own = [level_m2, level_m2, height_m2, settings.aim_sigma_rad**2, settings.bias_sigma_rad**2, late_s2]

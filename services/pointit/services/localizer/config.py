@@ -86,6 +86,12 @@ class LocalizerConfig(Config):
     give_up_s: float = Field(
         default=30.0, gt=1, le=3600, description="moving_target: refused when nothing fits until then, s"
     )
+    max_place_sigma_m: float = Field(
+        default=100.0,
+        gt=0,
+        le=100,
+        description="moving_target: poses by which a place amid the robot's way is less sure are refined, m",
+    )
     autostart: bool = Field(
         default=False, description="moving_target: start immediately and refine continuously"
     )

@@ -2,6 +2,7 @@
 
 from pydantic import Field, field_validator
 
+from pointit.geometry.floor_sigma import ROBOT_PLACE_SIGMA_M
 from pointit.runtime.config.config import Config
 from pointit.runtime.config.plugins import PluginConfig, PluginGroup
 from pointit.schemas import RobotKind
@@ -66,7 +67,7 @@ class RobotConfig(PluginConfig):
         description="distance from every person whose place is known, besides 2 sigma of that place, m",
     )
     max_cursor_sigma_m: float = Field(
-        default=0.5,
+        default=ROBOT_PLACE_SIGMA_M,
         gt=0,
         le=100,
         description="a cursor or goal whose place is less sure moves nothing, 1 sigma, m",

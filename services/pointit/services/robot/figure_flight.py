@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable, Sequence
 
 from pointit.geometry.vector import Vec3
-from pointit.schemas import NS_PER_S, Localization
+from pointit.schemas import NS_PER_S, Localization, UserPose
 from pointit.services.robot.config import RobotConfig
 from pointit.services.robot.current_order import CurrentOrder
 from pointit.services.robot.figure import AssumedPerson, best_figure, figures
@@ -22,6 +22,9 @@ MOST_TRIED = 12
 PAUSE_S = 1.0
 """Least time from one figure to the next: one that is refused is not repeated at every step."""
 
+FOUND_M = 0.9
+"""Distance from a configured place within which a person who was found stands at it."""
+
 LONGEST_S = 120.0
 """A localization that began longer ago is over, even if nothing has said so, s."""
 
@@ -37,15 +40,29 @@ class FigureFlight:
         self._name = name
         self._followers: dict[str, int] = {}
         """People who are localized by this robot, and since when, ns."""
+        self._poses: dict[str, UserPose] = {}
         self._is_begun = False
         self._tried_ns: int | None = None
         """Time of the last figure."""
         self.problem = ""
         """Reason for which there is no figure, or `""`."""
 
-    def _is_wanted(self, now_ns: int) -> bool:
-        """Return True while somebody is localized by this robot."""
-        return any(abs(now_ns - since_ns) < LONGEST_S * NS_PER_S for since_ns in self._followers.values())
+    def _waiting(self, now_ns: int) -> list[str]:
+        """Return the people who are localized by this robot."""
+        longest_ns = LONGEST_S * NS_PER_S
+        return [user for user, since_ns in self._followers.items() if abs(now_ns - since_ns) < longest_ns]
+
+    def take_problem(self, user: str, now_ns: int) -> str:
+        """Return the reason not to let `user` end the figure that others follow, or `""`."""
+        others = [each for each in self._waiting(now_ns) if each != user]
+        if not others or self.problem:
+            return ""
+        who = f"{others[0]} is" if len(others) == 1 else f"{', '.join(others[:-1])} and {others[-1]} are"
+        return f"{self._name} moves until {who} found: take it then"
+
+    def on_pose(self, user: str, pose: UserPose) -> None:
+        """Update a person's pose: who is found needs no figure."""
+        self._poses[user] = pose
 
     def on_localization(self, user: str, news: Localization) -> None:
         """Update whether `user` is localized by this robot."""
@@ -57,6 +74,7 @@ class FigureFlight:
     def on_gone(self, user: str) -> None:
         """Note that the localizer of `user` has ended."""
         self._followers.pop(user, None)
+        self._poses.pop(user, None)
 
     def forget(self) -> None:
         """Note that somebody steers the robot now, or that it was stopped: the figure is over."""
@@ -80,7 +98,7 @@ class FigureFlight:
             speed_limit_mps: returns the greatest speed along points.
             now_ns: the time.
         """
-        is_wanted = self._is_wanted(now_ns)
+        is_wanted = bool(self._waiting(now_ns))
         if not is_wanted and isinstance(order.command, FollowPath | TakeOff):
             return self._interrupt(order)
         is_early = self._tried_ns is not None and abs(now_ns - self._tried_ns) < PAUSE_S * NS_PER_S
@@ -100,7 +118,7 @@ class FigureFlight:
         length_m = self._config.max_speed_mps * self._config.figure.duration_s
         ranked = figures(
             report.position_m,
-            self._people(report.position_m, is_flying=report.is_flying),
+            self.people(report.position_m, is_flying=report.is_flying),
             length_m=length_m,
             is_flying=self._config.kind == "quadrotor",
         )
@@ -126,12 +144,15 @@ class FigureFlight:
         self._tried_ns = now_ns
         return Land(order.next(), None)
 
-    def _people(self, here_m: Vec3, *, is_flying: bool) -> list[AssumedPerson]:
-        """Return where those who follow may stand: as configured, else anywhere around."""
+    def people(self, here_m: Vec3, *, is_flying: bool) -> list[AssumedPerson]:
+        """Return where those who follow may stand: as configured, unless found, else anywhere around."""
         config = self._config
         apart_m = config.keep_out_m + config.figure.person_sigma_m + config.radius_m
         if config.figure.people_m:
-            return [AssumedPerson(place_m, apart_m) for place_m in config.figure.people_m]
+            found = [pose.position_m[:2] for user, pose in self._poses.items() if user not in self._followers]
+            places = config.figure.people_m
+            open_m = [each for each in places if all(math.dist(each[:2], at) > FOUND_M for at in found)]
+            return [AssumedPerson(place_m, apart_m) for place_m in open_m or places]
         turns = [math.tau * number / DIRECTIONS for number in range(DIRECTIONS)]
         floor_m = here_m[2] - (config.figure.height_m if is_flying else 0.0)
         return [

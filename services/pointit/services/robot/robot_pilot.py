@@ -4,7 +4,7 @@ import math
 from dataclasses import replace
 
 from pointit.geometry.vector import Vec3
-from pointit.schemas import NS_PER_S, Cursor, Environment, Goal, Localization, RobotPhase, Steering
+from pointit.schemas import NS_PER_S, Cursor, Environment, Goal, Localization, RobotPhase, Steering, UserPose
 from pointit.services.robot.config import RobotConfig
 from pointit.services.robot.current_order import CurrentOrder
 from pointit.services.robot.figure_flight import FigureFlight
@@ -91,9 +91,8 @@ class RobotPilot:
             return "" if self._is_expected else self._lost
         if self._standstill.problem:
             return self._standstill.problem
-        return (
-            self._stop.text if self._stop is not None else self._problem or self._wait or self._figure.problem
-        )
+        held = self._problem or self._wait or self._figure.problem
+        return held if self._stop is None else self._stop.text
 
     @property
     def has_other_master(self) -> bool:
@@ -145,6 +144,11 @@ class RobotPilot:
         if not present:
             self._cursors.pop(user, None)
             self._figure.on_gone(user)
+
+    def on_pose(self, user: str, pose: UserPose) -> None:
+        """Update the pose of any person."""
+        self._safety.on_pose(user, pose)
+        self._figure.on_pose(user, pose)
 
     def on_localizer_end(self, user: str) -> None:
         """Note that nothing localizes a person any longer."""
@@ -287,7 +291,8 @@ class RobotPilot:
         span_ns = (max(self._since_ns, now_ns - age_ns), now_ns + age_ns)
         wanted = self._owners.candidate(*span_ns)
         if wanted:
-            self._problem = self._lost or self._safety.take_problem(wanted, now_ns)
+            barred = self._lost or self._figure.take_problem(wanted, now_ns)
+            self._problem = barred or self._safety.take_problem(wanted, now_ns)
         elif late := self._owners.late(*span_ns):
             self._problem = f"{late} asked for the robot too long ago, or by another clock: take it again"
         else:

@@ -200,7 +200,7 @@ class Robot(Service[RobotConfig]):
             self._pilot.on_localizer_end(instance.removeprefix(LOCALIZER))
 
     def _on_pose(self, pose: UserPose, user: str) -> None:
-        self._safety.on_pose(user, pose)
+        self._pilot.on_pose(user, pose)
 
     def _on_interaction(self, interaction: Interaction, user: str) -> None:
         self._safety.on_interaction(user, interaction)

@@ -113,12 +113,12 @@ class Person:
             return None, None
         if self._wanted.presses > self._presses:
             self._presses = self._wanted.presses
-            return self._band.sample(now_ns, orientation), self._press.decided(now_ns)
+            return self._band.sample(now_ns, orientation), self._press.decided(now_ns, self._wanted.gesture)
         press = self._press.step(
             now_ns,
             self._perception.belief,
             known_ns=self._sight.profile_ns,
-            off_rad=correction.off_rad if closed else 0.0,
+            off_rad=correction.off_rad if closed and not self._goal.robot else 0.0,  # a robot is slow
             sees=self._perception.cursor is not None if closed and self._sees_light() else None,
         )
         return self._band.sample(now_ns, orientation), press

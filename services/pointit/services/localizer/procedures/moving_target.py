@@ -7,9 +7,18 @@ import math
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
+from pointit.geometry.floor_sigma import place_sigma_m
 from pointit.schemas import NS_PER_S, Candidate, PointingRay, TrackedObjects
 from pointit.services.localizer.config import LocalizerConfig
-from pointit.services.localizer.estimation.estimator import Refusal, Solution, SolverSettings
+from pointit.services.localizer.estimation.estimator import (
+    SAME_PLACE_M,
+    Pointings,
+    Refusal,
+    Solution,
+    SolverSettings,
+)
 from pointit.services.localizer.estimation.mounting import mounting_fault
 from pointit.services.localizer.memory.person_memory import PersonMemory, Remember
 from pointit.services.localizer.outputs import Output, Phase, pose_message
@@ -192,7 +201,18 @@ class MovingTarget(Procedure):
             self._rays.forget_older_half()
             return result
         wrong = mounting_fault(pointings, result, trust, floor_m)
+        if not wrong and isinstance(result, Solution):
+            wrong = self._unsure(pointings, result)
         return Refusal(wrong, result.residual_rad) if wrong else result
+
+    def _unsure(self, pointings: Pointings, found: Solution) -> str:
+        """Return that a pose is not sure enough for places of the robot, or `""`."""
+        x, y, _ = pointings.targets_m.mean(axis=0).tolist()
+        feet = (found.x_m, found.y_m, self._config.floor_m)
+        sigma_m = place_sigma_m((x, y, feet[2]), feet, found.covariance.ravel().tolist(), feet, 0.0)
+        limit_m = self._config.max_place_sigma_m
+        how = f"a place at the robot is sure to {sigma_m:.2f} m only, limit {limit_m:g} m"
+        return f"{how}: follow on, with the arm straight" if sigma_m > limit_m else ""
 
     def _forget_left(self, now_ns: int, tracker: str | None = None) -> None:
         """Drop targets not reported for a window, of `tracker` or of all; their clocks may differ."""
@@ -212,6 +232,8 @@ class MovingTarget(Procedure):
         self._span_s = max(self._span_s, pointings.span_s)
         if pointings.span_s < MIN_SPAN_S:
             return Refusal("keep following the robot with the arm straight")
+        if float(np.ptp(pointings.targets_m, axis=0).max()) < SAME_PLACE_M:
+            return Refusal(f"{robot} stands still: follow it with the arm as soon as it moves")
         tracker_s = trust.latency_sigma_s if track.latency_sigma_s is None else track.latency_sigma_s
         wrist_s = WRIST_SIGMA_S if self.wrist_sigma_s is None else self.wrist_sigma_s
         trust = replace(trust, latency_sigma_s=math.hypot(tracker_s, wrist_s))

@@ -6,6 +6,7 @@ from pointit.geometry import vector
 from pointit.geometry.polyline import Polyline
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S
+from pointit.services.user_sim.decision.press import Gesture
 from pointit.services.user_sim.sight.pixels import Kind
 from pointit.services.user_sim.sight.sight import SeenObject, Sight
 
@@ -37,6 +38,8 @@ class Goal:
     """Robot that follows the hand and so shows the cursor, or `""`: light does."""
     presses: int = 0
     """Number of presses of the button that the person has decided on so far."""
+    gesture: Gesture = "press"
+    """The last of them."""
 
     def point_at(self, now_ns: int) -> Vec3 | None:
         """Return its expected position at `now_ns`, or None."""

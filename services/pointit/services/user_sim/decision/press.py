@@ -14,7 +14,7 @@ PATIENCE_S = 15.0
 GREETING_S = 3.0
 """Time without a profile after which the person presses anyway, s."""
 
-Gesture = Literal["press", "double"]
+Gesture = Literal["press", "double", "hold"]
 
 
 class ButtonModel:
@@ -39,9 +39,9 @@ class ButtonModel:
         self._free_ns: int | None = None
         """Last time at which another client controlled the wrist. None: never."""
 
-    def decided(self, now_ns: int) -> ButtonEvent:
-        """Return the press that the person's behaviour has decided on."""
-        return self._event(now_ns, "press")
+    def decided(self, now_ns: int, gesture: Gesture) -> ButtonEvent:
+        """Return the gesture that the person's behaviour has decided on."""
+        return self._event(now_ns, gesture)
 
     def wait(self, now_ns: int) -> None:
         """Press nothing, as another client controls the wrist. Resets all timers."""

@@ -9,6 +9,7 @@ from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, Feedback, RobotKind, RobotState
 from pointit.services.user_sim.decision.decision_times import DecisionTimes
 from pointit.services.user_sim.decision.goal import IN_AIR_M, REST, Goal
+from pointit.services.user_sim.decision.press import PATIENCE_S, Gesture
 from pointit.services.user_sim.sight.sight import Sight
 
 AIM_S = 2.4
@@ -29,6 +30,12 @@ WAYPOINT_S = 8.0
 """Time at a place without a cue after which the person points at it again, s."""
 PATH = 2
 """Number of spots of a path: a way-point and a goal."""
+SETTLED_S = 2.0
+"""Time of steering from which an uncertain place is not that of an arm that turns, s."""
+TURN = 2
+"""Number of paths after which the person lets a ground robot go, so that others can have it."""
+TURN_PAUSE_S = 10.0
+"""Time for which they leave it to others, s."""
 
 Stage = Literal["choose", "aim", "asked", "steer", "sent"]
 
@@ -45,6 +52,9 @@ class _RobotUser(ABC):
         self._since_ns = self._called_ns = 0
         self._attempts = 0
         self._presses = 0
+        self._gesture: Gesture = "press"
+        self._lamp_ns = self._unclear = 0
+        """Time of the last request to point at a lamp, and number of robots that were not clear."""
         self._robot = ""
         self._next: int = 0
         """Index of the next spot, which counts on."""
@@ -100,21 +110,35 @@ class _RobotUser(ABC):
             velocity_mps=robot.velocity_mps,
             stamp_ns=robot.stamp_ns,
             presses=self._presses,
+            gesture=self._gesture,
         )
 
     def _on_cue(self, cue: Feedback, now_ns: int) -> None:
-        if cue.cue == "deselected":
+        if cue.cue == "refused" and self._needs_lamp(cue.text, now_ns):
+            self._lamp_ns = now_ns
+            self._press("asked", now_ns, "double")
+        elif cue.cue == "deselected":
             self._enter("choose", now_ns)
         elif self._stage == "asked" and cue.cue == "selected":
             self._enter("steer", now_ns)
         elif self._stage == "asked" and cue.cue == "refused":
-            if "no robot" in cue.text:
+            if "press again" in cue.text:
+                self._press("asked", now_ns)
+            elif "no robot" in cue.text:
                 self._aim_again(now_ns)
             elif "longer" not in cue.text:
                 self._pause_until_ns[self._robot] = now_ns + round(self._usually(PAUSE_S) * NS_PER_S)
                 self._enter("choose", now_ns)
         elif self._stage in ("steer", "sent"):
             self._on_result(cue, now_ns)
+
+    def _needs_lamp(self, text: str, now_ns: int) -> bool:
+        """Return True if pointing at a lamp once helps, and was not done just before."""
+        is_settled = self._lasted_s(now_ns) > SETTLED_S
+        self._unclear += "longer" in text
+        is_unsure = "press twice" in text or ("localize again" in text and is_settled)
+        is_needed = is_unsure or ("longer" in text and self._unclear % 2 == 0)
+        return is_needed and not 0 <= now_ns - self._lamp_ns < PATIENCE_S * NS_PER_S
 
     def _aim_again(self, now_ns: int) -> None:
         """Reach for the robot once more, with another error."""
@@ -124,8 +148,9 @@ class _RobotUser(ABC):
     def _enter(self, stage: Stage, now_ns: int) -> None:
         self._stage, self._since_ns = stage, now_ns
 
-    def _press(self, stage: Stage, now_ns: int) -> None:
+    def _press(self, stage: Stage, now_ns: int, gesture: Gesture = "press") -> None:
         self._presses += 1
+        self._gesture = gesture
         self._enter(stage, now_ns)
 
     def _lasted_s(self, now_ns: int) -> float:
@@ -159,6 +184,7 @@ class QuadrotorUser(_RobotUser):
             closed_loop=True,
             robot=self._robot,
             presses=self._presses,
+            gesture=self._gesture,
         )
 
     def _is_content(self, robot: RobotState | None, now_ns: int) -> bool:
@@ -180,6 +206,7 @@ class QuadrotorUser(_RobotUser):
             self._next += 1
             self._enter("choose", now_ns)
         elif cue.cue == "refused":
+            self._next += "choose one" in cue.text
             self._enter("steer", now_ns)
 
 
@@ -191,6 +218,7 @@ class GroundRobotUser(_RobotUser):
         super().__init__("ground", spots_m, pace)
         self._set = 0
         """Number of way-points set so far."""
+        self._arrivals = 0
 
     def _at_spot(self, robot: RobotState | None, now_ns: int) -> Goal:  # noqa: ARG002 - the other kind's need
         if self._stage == "sent" and self._lasted_s(now_ns) > RESULT_S:
@@ -206,6 +234,7 @@ class GroundRobotUser(_RobotUser):
             point_m=self._spot_m,
             closed_loop=True,
             presses=self._presses,
+            gesture=self._gesture,
         )
 
     def _on_result(self, cue: Feedback, now_ns: int) -> None:
@@ -218,7 +247,12 @@ class GroundRobotUser(_RobotUser):
             self._since_ns = now_ns
         elif self._stage == "sent" and cue.chime == "double":
             self._next += 1
-            self._enter("steer", now_ns)
+            self._arrivals += 1
+            if self._arrivals % TURN:
+                self._enter("steer", now_ns)
+            else:
+                self._pause_until_ns[self._robot] = now_ns + round(TURN_PAUSE_S * NS_PER_S)
+                self._press("asked", now_ns, "hold")  # it is the others' turn
         elif self._stage == "sent" and cue.cue == "refused":
             self._enter("steer", now_ns)
 

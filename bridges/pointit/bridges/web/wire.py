@@ -107,6 +107,7 @@ class FindingLine(WireModel):
     service: str
     sentence: str
     remedy: str
+    follows: Annotated[bool, Field(description="from the outage of the whole site, a finding itself")] = False
 
 
 class AssumedPlace(WireModel):

@@ -123,6 +123,10 @@ export interface Cue {
  * A finding and its remedy.
  */
 export interface FindingLine {
+  /**
+   * from the outage of the whole site, a finding itself
+   */
+  follows: boolean;
   remedy: string;
   sentence: string;
   service: string;

@@ -176,7 +176,7 @@ function announce(): void {
   const interaction = controls.person?.interaction;
   const robot = steeredBy(site, controls.user);
   const steers = robot ? ` ${robot.name}: ${phaseOf(robot.state)}. ${robot.state.reason}` : "";
-  const now = interaction ? `${controls.user}: ${stateTitle(interaction.state)}. ${interaction.next_step}${steers}` : "";
+  const now = interaction ? `${controls.user}: ${stateTitle(interaction.state)}. ${site.timeline ? "" : interaction.next_step}${steers}` : "";
   if (now === announced) return;
   announced = now;
   write(at("said"), now);

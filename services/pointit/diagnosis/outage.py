@@ -30,7 +30,9 @@ def unreachable(connect: Sequence[str], *, is_refused: bool, is_secured: bool) -
     """
     where = ", ".join(connect)
     if not is_refused:
-        return _outage(f"the router at {where} does not answer", f"{AGAIN}; or give another address by --connect")
+        return _outage(
+            f"the router at {where} does not answer", f"{AGAIN}; or give another address by --connect"
+        )
     return _outage(
         f"nothing runs at {where}",
         "start its router with `pointit router`, or give its address by --connect"

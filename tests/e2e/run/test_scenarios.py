@@ -175,7 +175,9 @@ async def test_no_cursor_is_a_failure(commands: Commands) -> None:
     assert "Wrist to light: not measured" in ended.out
 
 
-async def test_a_device_that_is_not_there_is_why_no_cursor_appeared(commands: Commands, tmp_path: Path) -> None:
+async def test_a_device_that_is_not_there_is_why_no_cursor_appeared(
+    commands: Commands, tmp_path: Path
+) -> None:
     port = tmp_path / "ttyUSB0"
     ended = await commands.pointit(
         "run", "scenario_1", "--duration", "3", "--imu", f"serial:{port}", "--no-view", *listen()

@@ -31,15 +31,17 @@ BEYOND = """() => {
   const shown = [...document.querySelectorAll("#panel, .transport > *")]
     .map((each) => [each.className, each.getBoundingClientRect(), each]).filter(([, { width }]) => width);
   for (const [name, { left, right, bottom }, each] of shown) {
-    if (left < 0 || right > innerWidth || bottom > innerHeight || each.scrollWidth > each.clientWidth + 1) beyond.push(name);
+    const isCut = each.scrollWidth > each.clientWidth + 1;
+    if (left < 0 || right > innerWidth || bottom > innerHeight || isCut) beyond.push(name);
   }
   for (const [name, a] of shown) for (const [other, b] of shown) {
-    const isOver = a.left < b.right - 1 && b.left < a.right - 1 && a.top < b.bottom - 1 && b.top < a.bottom - 1;
-    if (a !== b && isOver) beyond.push(`${name} over ${other}`);
+    const isBeside = a.left >= b.right - 1 || b.left >= a.right - 1;
+    const isUnder = a.top >= b.bottom - 1 || b.top >= a.bottom - 1;
+    if (a !== b && !isBeside && !isUnder) beyond.push(`${name} over ${other}`);
   }
   return beyond;
 }"""
-"""Parts of the timeline or panel that are cut off or lie over each other; the size of a page larger than its window."""
+"""Parts that are cut off or lie over each other, and the size of a page larger than its window."""
 SELECTED = "(window.pointit.site.selection?.objects ?? []).map(({ id }) => id)"
 
 

@@ -20,7 +20,7 @@ SIZES = ((390, 844), (320, 640), (844, 390), (640, 400), (512, 384))
 WIDER = "document.documentElement.scrollWidth - innerWidth"
 TALLER = """Math.max(document.documentElement.scrollHeight,
   document.getElementById("panel").getBoundingClientRect().bottom) - innerHeight"""
-"""What Tab or a finger could scroll out of the window."""
+"""Height beyond the window, px, by which Tab or a finger could scroll."""
 LEAST_SCENARIO_PX = 40
 
 FOCUSED = """() => {
@@ -157,7 +157,9 @@ async def test_a_small_screen_shows_all_and_a_finger_aims(browser: Browser, shar
                 await unfold(page)
             assert await page.evaluate(WIDER) <= 0, (width, tab)
             assert await page.evaluate(TALLER) <= 0, (width, tab)
-        assert await page.evaluate(f"{tag}, document.getElementById('scenario').clientWidth") > LEAST_SCENARIO_PX
+        assert (
+            await page.evaluate(f"{tag}, document.getElementById('scenario').clientWidth") > LEAST_SCENARIO_PX
+        )
         canvas = await page.locator("#view canvas").bounding_box()
         assert canvas is not None
         assert canvas["width"] <= width

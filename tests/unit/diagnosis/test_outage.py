@@ -1,4 +1,4 @@
-"""When most services vanish together, one finding names the address and the remedy; the rest follows from it."""
+"""When most services vanish together, one finding names the address and the remedy."""
 
 from collections.abc import Sequence
 

@@ -268,10 +268,7 @@ def test_lanes_tell_states_selections_refusals_misses_and_warnings_but_not_the_e
         ("wrong", "anna"): ((10.5, 10.5, "not wanted: blue 7"),),
         ("refusals", "anna"): ((11.0, 11.0, "refused red 7"),),
         ("interaction", "ben"): (),
-        ("misses", ""): (
-            (13.0, 13.0, "red 7 left without being selected"),
-            (13.5, 13.5, "red 7 left without being selected"),
-        ),
+        ("misses", ""): tuple((at_s, at_s, "red 7 left without being selected") for at_s in (13.0, 13.5)),
         ("warnings", ""): ((5.05, 8.05, "selector: 50 messages lost"), (15.0, 15.0, "pui has gone")),
     }
 

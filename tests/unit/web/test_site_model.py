@@ -6,7 +6,15 @@ from pointit.bridges.web.model import site_model as module
 from pointit.bridges.web.model.site_model import SiteModel
 from pointit.bridges.web.pages.latest_values import LatestValueCache
 from pointit.bridges.web.playback.recent import Recent
-from pointit.schemas import Deployment, Environment, ExpectedService, Lamp, LampColor, SelectionEvent, UserPose
+from pointit.schemas import (
+    Deployment,
+    Environment,
+    ExpectedService,
+    Lamp,
+    LampColor,
+    SelectionEvent,
+    UserPose,
+)
 from pointit.schemas.system import RUN
 from pointit.schemas.topics import DEPLOYMENT, LAMP_COLOR, MAP, POSE, SELECTION_EVENTS
 
@@ -47,7 +55,9 @@ def test_the_events_of_a_run_begin_with_it() -> None:
         event = SelectionEvent(stamp_ns=stamp_ns, event="selected", object_id="red-1")
         belief.take(SELECTION_EVENTS, "", event, stamp_ns, 0.0)
 
-    def deployed(name: str, stamp_ns: int, now_ns: int, services: tuple[ExpectedService, ...] = (PUI,)) -> None:
+    def deployed(
+        name: str, stamp_ns: int, now_ns: int, services: tuple[ExpectedService, ...] = (PUI,)
+    ) -> None:
         message = Deployment(stamp_ns=stamp_ns, name=name, scenario=name, services=services)
         belief.take(DEPLOYMENT, f"{RUN}{name}", message, now_ns, 0.0)
 

@@ -107,7 +107,7 @@ def _harmless(text: Text) -> Text:
 
 
 def console() -> Console:
-    """Return a console on standard output, as wide as the terminal, also before a pager, or as the rows need."""
+    """Return a console on standard output, as wide as the terminal, before a pager too, or as the rows."""
     width = None if sys.stdout.isatty() else PIPE_WIDTH
     if sys.stderr.isatty() and not sys.stdout.isatty():  # `pointit list | less`
         with contextlib.suppress(OSError):

@@ -68,7 +68,7 @@ async def _open(link: Link, patience_s: float) -> ZenohBus:
 
 
 def listens(endpoint: str) -> bool | None:
-    """Return whether somebody listens at a TCP port. None if that is unknown. Blocks for up to `PROBE_S`."""
+    """Return True if a TCP port is open, False if it refuses, None if unknown. Blocks for up to `PROBE_S`."""
     found = ENDPOINT.fullmatch(endpoint)
     if not found or found[1] not in ("tcp", "tls", "ws"):
         return None

@@ -49,11 +49,9 @@ def print_honesty(
 def _fitting(screen: Console, name: str, rows: Sequence[HonestyRow]) -> Table:
     """Return the table of `rows` with as many figures as fit `screen`."""
     unbounded = screen.options.update(max_width=10 * screen.width)
-    tables = (_table(name, rows, LEFT_OUT[:count]) for count in range(len(LEFT_OUT) + 1))
-    for table in tables:
-        if screen.measure(table, options=unbounded).maximum <= screen.width:
-            break
-    return table
+    tables = [_table(name, rows, LEFT_OUT[:count]) for count in range(len(LEFT_OUT) + 1)]
+    fits = (each for each in tables if screen.measure(each, options=unbounded).maximum <= screen.width)
+    return next(fits, tables[-1])
 
 
 def _table(name: str, rows: Sequence[HonestyRow], left_out: Sequence[str]) -> Table:

@@ -155,8 +155,10 @@ async def _pose(user: str, asked: _Asked, *, as_json: bool, site: str, connect: 
             said = await _say(bus, user, asked, poses)
         except NoAnswerError as error:
             there = await list_present(bus, SERVICE_ALIVE, LISTEN_S)
-            raise error if user in people(there) else NoAnswerError(
-                f"the pose is not set: {missing_reason(POSE, user, there)}"
+            raise (
+                error
+                if user in people(there)
+                else NoAnswerError(f"the pose is not set: {missing_reason(POSE, user, there)}")
             ) from error
         except asyncio.CancelledError:
             return INTERRUPTED

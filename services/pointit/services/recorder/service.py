@@ -51,8 +51,9 @@ class Recorder(Service[RecorderConfig]):
         try:
             tempfile.TemporaryFile(dir=folder).close()  # rights alone do not tell, such as root's
         except OSError as error:
+            why = error.strerror or error
             raise ConfigError(
-                f"{config.file or folder}: cannot be written ({error.strerror or error}); record in another folder"
+                f"{config.file or folder}: cannot be written ({why}); record in another folder"
             ) from error
         known = {part for topic in TOPICS for part in topic.key.split("/") if "{" not in part}
         for part in config.without:

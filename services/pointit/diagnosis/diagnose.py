@@ -1,6 +1,6 @@
 """Problems of a running site, from its services' reports. Pure."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 from pointit.diagnosis.certainty import (
     ANCHOR_AGE,
@@ -14,6 +14,7 @@ from pointit.diagnosis.certainty import (
 )
 from pointit.diagnosis.clocks import find_clock_skew
 from pointit.diagnosis.observation import Finding, Observation, Report
+from pointit.diagnosis.outage import fold_outage
 from pointit.diagnosis.staleness import stale_inputs
 from pointit.diagnosis.writers import start_command
 from pointit.runtime.health.timeliness import LONGEST_HOST
@@ -30,9 +31,10 @@ UNCERTAIN = "uncertain"
 """Word in the localizer's own warnings about the pose."""
 
 
-def diagnose(seen: Observation) -> list[Finding]:
-    """Return the problems, the worst first."""
-    findings = [*_presence(seen), *find_clock_skew(seen), *_reports(seen), *stale_inputs(seen)]
+def diagnose(seen: Observation, is_sure: Callable[[Finding], bool] = lambda _: True) -> list[Finding]:
+    """Return the problems that `is_sure`, the worst first."""
+    found = [*_presence(seen), *find_clock_skew(seen), *_reports(seen), *stale_inputs(seen)]
+    findings = fold_outage([finding for finding in found if is_sure(finding)], seen)
     order = ("error", "warning", "note")
     return sorted(findings, key=lambda finding: (order.index(finding.severity), finding.service))
 

@@ -31,4 +31,4 @@ def filter_findings(findings: Sequence[Finding], seen: Observation, name: str) -
                 remedy=did_you_mean(name, there) or "start it, or see without --only what does",
             )
         ]
-    return [finding for finding in findings if is_about(finding.service, name)]
+    return [each for each in findings if each.code == "unreachable" or is_about(each.service, name)]

@@ -43,6 +43,8 @@ class Finding:
     """Instance with the problem. `""` for the whole site."""
     sentence: str
     remedy: str
+    follows: bool = False
+    """It follows from the outage of the whole site, which is a finding of its own."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -175,6 +175,18 @@ async def test_no_cursor_is_a_failure(commands: Commands) -> None:
     assert "Wrist to light: not measured" in ended.out
 
 
+async def test_a_device_that_is_not_there_is_why_no_cursor_appeared(
+    commands: Commands, tmp_path: Path
+) -> None:
+    port = tmp_path / "ttyUSB0"
+    ended = await commands.pointit(
+        "run", "scenario_1", "--duration", "3", "--imu", f"serial:{port}", "--no-view", *listen()
+    )
+    assert ended.code == 1
+    (verdict,) = (line for line in ended.err.splitlines() if "no cursor ever appeared; " in line)
+    assert f"imu-bridge.user1: {port} is not there: plug the device in; ports found: " in verdict
+
+
 async def test_what_was_missed_is_told_and_is_no_failure_of_the_run(commands: Commands) -> None:
     """A person who holds too short: the run did its job, and the summary gives the result."""
     arguments = ("--duration", "80", "--speed", "8", "--set", "selector.window_s=10", "--no-view", "--json")

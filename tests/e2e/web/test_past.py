@@ -23,6 +23,25 @@ LENGTH_S = 10.0
 
 PLAYS = "window.pointit.site.playing?.is_playing"
 POSITION = "(window.pointit.site.sentNs - window.pointit.site.timeline.began_ns) / 1e9"
+SMALL = ((390, 844), (320, 640), (844, 390), (640, 400), (512, 384))
+"""CSS pixels of phones, and of windows at 200 % zoom."""
+BEYOND = """() => {
+  const { scrollWidth, scrollHeight } = document.documentElement, beyond = [];
+  if (scrollWidth > innerWidth || scrollHeight > innerHeight) beyond.push([scrollWidth, scrollHeight]);
+  const shown = [...document.querySelectorAll("#panel, .transport > *")]
+    .map((each) => [each.className, each.getBoundingClientRect(), each]).filter(([, { width }]) => width);
+  for (const [name, { left, right, bottom }, each] of shown) {
+    const isCut = each.scrollWidth > each.clientWidth + 1;
+    if (left < 0 || right > innerWidth || bottom > innerHeight || isCut) beyond.push(name);
+  }
+  for (const [name, a] of shown) for (const [other, b] of shown) {
+    const isBeside = a.left >= b.right - 1 || b.left >= a.right - 1;
+    const isUnder = a.top >= b.bottom - 1 || b.top >= a.bottom - 1;
+    if (a !== b && !isBeside && !isUnder) beyond.push(`${name} over ${other}`);
+  }
+  return beyond;
+}"""
+"""Parts that are cut off or lie over each other, and the size of a page larger than its window."""
 SELECTED = "(window.pointit.site.selection?.objects ?? []).map(({ id }) => id)"
 
 
@@ -84,6 +103,11 @@ async def test_a_recording_is_played_paused_and_scrubbed(
     await page.mouse.down()
     await window.until(f"{POSITION} > 0.9 * {LENGTH_S}", "the mouse holds the position")
     await window.until(f"{SELECTED}.length === 1", "what was selected then")
+    await expect(page.locator(".state strong")).to_have_text("Pointing")
+    assert await page.locator(".state .next").inner_text() == "", "nobody is told to point in the past"
+    labels = await page.locator(".axis span").all_inner_texts()
+    assert labels[0] == "0:00"
+    assert len(labels) >= 3
     await page.mouse.move(*await on(lane, recorded.share - 0.05), steps=5)
     await window.until(f"{SELECTED}.length === 0", "what was selected before")
     await page.mouse.up()
@@ -113,9 +137,10 @@ async def test_a_recording_is_played_paused_and_scrubbed(
     await window.until(f"{PLAYS} === false", "the end")
 
     assert await violations(page) == []
-    await page.set_viewport_size({"width": 390, "height": 844})
-    await expect(lane).to_be_visible()
-    assert await page.evaluate("document.documentElement.scrollWidth") <= 390
+    for width, height in SMALL:
+        await page.set_viewport_size({"width": width, "height": height})
+        await expect(lane).to_be_visible()
+        assert await page.evaluate(BEYOND) == [], (width, height)
     assert await violations(page) == []
     assert (window.faults, await window.violations()) == ([], [])
     assert (await command.stop()).code == 0

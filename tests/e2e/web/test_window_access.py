@@ -15,8 +15,13 @@ from tests.support.bench import until
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(300)]
 
 THEMES: tuple[Theme, ...] = ("light", "dark")
-SIZES = ((390, 844), (320, 640), (844, 390))
+SIZES = ((390, 844), (320, 640), (844, 390), (640, 400), (512, 384))
+"""CSS pixels of phones, and of windows at 200 % zoom."""
 WIDER = "document.documentElement.scrollWidth - innerWidth"
+TALLER = """Math.max(document.documentElement.scrollHeight,
+  document.getElementById("panel").getBoundingClientRect().bottom) - innerHeight"""
+"""Height beyond the window, px, by which Tab or a finger could scroll."""
+LEAST_SCENARIO_PX = 40
 
 FOCUSED = """() => {
   const found = document.activeElement;
@@ -143,6 +148,7 @@ async def test_a_small_screen_shows_all_and_a_finger_aims(browser: Browser, shar
     )
     page = window.page
     await window.is_shown()
+    tag = "document.getElementById('recorded').hidden = false"  # as while it is recorded
     for width, height in SIZES:
         await page.set_viewport_size({"width": width, "height": height})
         for tab in ("Control", "Health"):
@@ -150,6 +156,10 @@ async def test_a_small_screen_shows_all_and_a_finger_aims(browser: Browser, shar
             if tab == "Control":
                 await unfold(page)
             assert await page.evaluate(WIDER) <= 0, (width, tab)
+            assert await page.evaluate(TALLER) <= 0, (width, tab)
+        assert (
+            await page.evaluate(f"{tag}, document.getElementById('scenario').clientWidth") > LEAST_SCENARIO_PX
+        )
         canvas = await page.locator("#view canvas").bounding_box()
         assert canvas is not None
         assert canvas["width"] <= width

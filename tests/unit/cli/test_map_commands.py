@@ -121,7 +121,9 @@ def test_check_prints_at_most_a_hundred_findings_and_counts_the_others(room: Pat
 
 
 def test_a_missing_map_is_an_error(room: Path) -> None:
-    assert invoke("check", str(room.parent / "none.yaml")).exit_code == 1
+    ended = invoke("check", str(room.parent / "none.yaml"))
+    assert ended.exit_code == 1
+    assert "none.yaml: cannot be read (No such file or directory); check its path and rights" in ended.output
 
 
 def test_a_map_too_large_to_travel_is_an_error(room: Path, monkeypatch: pytest.MonkeyPatch) -> None:

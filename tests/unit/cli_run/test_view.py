@@ -9,11 +9,12 @@ import pytest
 from rich.console import Console
 from rich.segment import Segment
 
-from pointit.cli.display.view import MAX_STRIPS, NAME_WIDTH, draw, pixels_along
+from pointit.cli.display.view import MAX_STRIPS, NAME_WIDTH, draw, figures, pixels_along
 from pointit.diagnosis.observation import SILENT_S
 from pointit.launch.run.monitor import LINES, Monitor
 from pointit.runtime.bus.local_broker import LocalBroker
 from pointit.runtime.bus.memory_bus import MemoryBus
+from pointit.runtime.link.link import ROUTER_LOST
 from pointit.schemas import (
     Cursor,
     Environment,
@@ -311,3 +312,14 @@ def test_what_services_say_is_wrong_is_told_with_their_names() -> None:
             {**health, "service": name, "instance": name, "warnings": warnings}
         )
     assert monitor.warnings() == ["conveyor-sim: no belt 'x'", "conveyor-sim: two"]
+
+
+def test_a_lost_router_is_one_sentence_instead_of_every_service_by_name() -> None:
+    monitor = monitor_of()
+    lost = ROUTER_LOST.format(where="tcp/10.0.0.1:7447", ago_s=5)
+    for name in ("pui", "selector", "keeper", "pointing.anna"):
+        health = Health(stamp_ns=0, service=name, instance=name, pid=1, warnings=(lost,))
+        monitor.health[name], monitor.heard_s[name] = health, time.monotonic()
+    text = figures(monitor).plain
+    assert "the router at tcp/10.0.0.1:7447 does not answer: nothing arrives from other machines; " in text
+    assert "look at" not in text

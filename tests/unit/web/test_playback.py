@@ -104,6 +104,7 @@ def entries() -> list[Entry]:
         said(0.0, SERVICE_ALIVE, "pui", True),
         said(15.0, SERVICE_ALIVE, "pui", False),
         said(13.0, SELECTION_EVENTS, "", event(13.0, "left", user="")),
+        said(13.5, SELECTION_EVENTS, "", event(13.5, "dispatched", user="")),
     ]
     for tick in range(round(LENGTH_S * 10)):
         now_s = 0.05 + tick / 10
@@ -242,7 +243,7 @@ def test_a_slow_machine_plays_more_slowly_and_skips_nothing(
         playback.advance(15.0 + tick)
     assert not playback.is_playing
     events = [news for _ in range(3) for batch in [feed.take(1e6)] if batch for news in batch.events]
-    assert len(events) == 4
+    assert len(events) == 5
 
 
 def test_steps_visit_the_time_of_every_message_both_ways(past: Past, entries: list[Entry]) -> None:
@@ -258,15 +259,16 @@ def test_steps_visit_the_time_of_every_message_both_ways(past: Past, entries: li
         assert playback.at_ns(50.0) == time_ns
 
 
-def test_lanes_tell_states_hovers_selections_misses_and_warnings_but_not_the_end(past: Past) -> None:
+def test_lanes_tell_states_selections_refusals_misses_and_warnings_but_not_the_end(past: Past) -> None:
     lanes = {(lane.kind, lane.user): lane.items for lane in past.timeline().lanes}
     assert lanes == {
         ("interaction", "anna"): ((1.0, 20.0, "pointing"),),
         ("hover", "anna"): ((8.05, 9.55, "red 7"),),
         ("selections", "anna"): ((9.5, 9.5, "selected red 7"), (10.5, 10.5, "selected blue 7")),
-        ("misses", "anna"): ((10.5, 10.5, "not wanted: blue 7"), (11.0, 11.0, "refused red 7")),
+        ("wrong", "anna"): ((10.5, 10.5, "not wanted: blue 7"),),
+        ("refusals", "anna"): ((11.0, 11.0, "refused red 7"),),
         ("interaction", "ben"): (),
-        ("misses", ""): ((13.0, 13.0, "red 7 left without being selected"),),
+        ("misses", ""): tuple((at_s, at_s, "red 7 left without being selected") for at_s in (13.0, 13.5)),
         ("warnings", ""): ((5.05, 8.05, "selector: 50 messages lost"), (15.0, 15.0, "pui has gone")),
     }
 
@@ -363,7 +365,7 @@ def test_of_a_running_site_the_last_visitor_has_lanes_and_those_before_the_windo
     past = kept(list(visitors(number, stay_s)), window_s=119.0).past(at(end_s))
     lanes = {(lane.user, lane.kind): lane.items for lane in past.timeline().lanes}
     last = {f"visitor{n}" for n in range(number - 4, number)}
-    kinds = ("interaction", "hover", "selections", "misses", "warnings")
+    kinds = ("interaction", "hover", "selections", "refusals", "warnings")
     assert lanes.keys() == {(user, kind) for user in last for kind in kinds}
 
 

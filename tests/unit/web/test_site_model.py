@@ -6,8 +6,19 @@ from pointit.bridges.web.model import site_model as module
 from pointit.bridges.web.model.site_model import SiteModel
 from pointit.bridges.web.pages.latest_values import LatestValueCache
 from pointit.bridges.web.playback.recent import Recent
-from pointit.schemas import Environment, Lamp, LampColor, UserPose
-from pointit.schemas.topics import LAMP_COLOR, MAP, POSE
+from pointit.schemas import (
+    Deployment,
+    Environment,
+    ExpectedService,
+    Lamp,
+    LampColor,
+    SelectionEvent,
+    UserPose,
+)
+from pointit.schemas.system import RUN
+from pointit.schemas.topics import DEPLOYMENT, LAMP_COLOR, MAP, POSE, SELECTION_EVENTS
+
+PUI = ExpectedService(service="pui")
 
 
 def test_of_names_without_end_nothing_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -35,3 +46,29 @@ def test_lamps_that_are_not_in_the_map_take_no_place(monkeypatch: pytest.MonkeyP
     assert belief.take(LAMP_COLOR, "real", lamp, 1, 0.0)
     assert belief.take(POSE, "anna", UserPose(stamp_ns=1, yaw_rad=0.0, position_m=(0.0, 0.0, 0.0)), 1, 0.0)
     assert belief.hub.names(LAMP_COLOR) == ["real"]
+
+
+def test_the_events_of_a_run_begin_with_it() -> None:
+    belief = SiteModel("web", 0.0)
+
+    def happens(stamp_ns: int) -> None:
+        event = SelectionEvent(stamp_ns=stamp_ns, event="selected", object_id="red-1")
+        belief.take(SELECTION_EVENTS, "", event, stamp_ns, 0.0)
+
+    def deployed(
+        name: str, stamp_ns: int, now_ns: int, services: tuple[ExpectedService, ...] = (PUI,)
+    ) -> None:
+        message = Deployment(stamp_ns=stamp_ns, name=name, scenario=name, services=services)
+        belief.take(DEPLOYMENT, f"{RUN}{name}", message, now_ns, 0.0)
+
+    happens(10)
+    assert len(belief.hub.history()) == 1
+    deployed("one", 20, 20)
+    happens(30)
+    assert len(belief.hub.history()) == 1
+    deployed("one", 40, 40, services=())
+    deployed("two", 900, 50)  # a slow simulation: its time is behind the wall's
+    assert len(belief.hub.history()) == 0
+    happens(60)
+    belief.take(DEPLOYMENT, "anna", Deployment(stamp_ns=70, name="anna", services=(PUI,)), 70, 0.0)
+    assert len(belief.hub.history()) == 1

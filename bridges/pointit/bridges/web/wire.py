@@ -107,6 +107,7 @@ class FindingLine(WireModel):
     service: str
     sentence: str
     remedy: str
+    follows: Annotated[bool, Field(description="from the outage of the whole site, a finding itself")] = False
 
 
 class AssumedPlace(WireModel):
@@ -167,9 +168,9 @@ class Cue(WireModel):
     has_lost_arm: Annotated[bool, Field(description="the arm no longer follows this phone")] = False
 
 
-LaneKind = Literal["interaction", "robot", "hover", "selections", "misses", "warnings"]
-"""Content of a lane. `interaction`: states of the person; `robot`: what a robot does, and for whom; `misses`:
-refused and unwanted selections."""
+LaneKind = Literal["interaction", "robot", "hover", "selections", "refusals", "wrong", "misses", "warnings"]
+"""Content of a lane. `interaction`: states of the person; `robot`: what a robot does, and for whom; `wrong`:
+selections of objects that are not wanted; `misses`: wanted objects that left without being selected."""
 
 
 class Lane(WireModel):

@@ -1,5 +1,6 @@
 """Output of commands: tables for people, JSON for programs, lines for pipes."""
 
+import contextlib
 import json
 import os
 import re
@@ -106,8 +107,12 @@ def _harmless(text: Text) -> Text:
 
 
 def console() -> Console:
-    """Return a console on standard output, as wide as the terminal or as the rows need."""
-    return Console(markup=False, emoji=False, width=None if sys.stdout.isatty() else PIPE_WIDTH)
+    """Return a console on standard output, as wide as the terminal, before a pager too, or as the rows."""
+    width = None if sys.stdout.isatty() else PIPE_WIDTH
+    if sys.stderr.isatty() and not sys.stdout.isatty():  # `pointit list | less`
+        with contextlib.suppress(OSError):
+            width = os.get_terminal_size(sys.stderr.fileno()).columns or width
+    return Console(markup=False, emoji=False, width=width)
 
 
 def say(text: str, *, err: bool = False) -> None:

@@ -60,21 +60,23 @@ async def _open(link: Link, patience_s: float) -> ZenohBus:
     except ConnectError:
         spent_s = loop.time() - began_s
         is_final = spent_s < REFUSED_PATIENCE_S or spent_s >= patience_s
-        if is_final or await in_daemon_thread(lambda: all(map(_is_refused, link.connect)), "probe"):
+        if is_final or await in_daemon_thread(
+            lambda: all(listens(each) is False for each in link.connect), "probe"
+        ):
             raise
     return await ZenohBus.open(link, patience_s=patience_s - spent_s)
 
 
-def _is_refused(endpoint: str) -> bool:
-    """Return True if nobody listens at a TCP port. Blocks for up to `PROBE_S`."""
+def listens(endpoint: str) -> bool | None:
+    """Return True if a TCP port is open, False if it refuses, None if unknown. Blocks for up to `PROBE_S`."""
     found = ENDPOINT.fullmatch(endpoint)
     if not found or found[1] not in ("tcp", "tls", "ws"):
-        return False
+        return None
     try:
         socket.create_connection((found[2].strip("[]"), int(found["port"])), timeout=PROBE_S).close()
     except OSError as error:
-        return isinstance(error, ConnectionRefusedError)
-    return False
+        return False if isinstance(error, ConnectionRefusedError) else None
+    return True
 
 
 def address(site: str, connect: Sequence[str]) -> str:

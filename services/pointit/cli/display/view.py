@@ -22,6 +22,7 @@ from pointit.cli.display.people_view import (
 from pointit.cli.display.robots_view import reason_lines, robot_lines
 from pointit.diagnosis.certainty import FRAME_RATE
 from pointit.diagnosis.observation import SILENT_S
+from pointit.diagnosis.outage import find_outage
 from pointit.geometry.polyline import Polyline
 from pointit.launch.run.monitor import Monitor
 from pointit.schemas import Strip, StripsFrame
@@ -248,7 +249,10 @@ def figures(monitor: Monitor) -> Text:
         if health.warnings or now_s - heard_s.get(name, now_s) > SILENT_S
     ]
     text = Text(" · ".join(parts))
-    if ill:
+    silent = {name for name, at_s in heard_s.items() if now_s - at_s > SILENT_S}
+    if outage := find_outage(heard_s, silent, monitor.warnings()):
+        text.append(f"  {outage.sentence}; {outage.remedy}", style="red")
+    elif ill:
         text.append(f"  look at: {', '.join(sorted(ill))} (pointit doctor)", style="yellow")
     return text
 

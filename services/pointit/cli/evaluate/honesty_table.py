@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from itertools import groupby
 
 from rich import box
+from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
@@ -19,6 +20,8 @@ NOTES = (
     "overlap, and people have several. `without one`: range of the share before it without any one person."
 )
 FIGURES = ("n", "taken", "m", "p90", "2 sigma", "without one", "yaw", "square", "wrong", "without one")
+LEFT_OUT = ("without one", "p90", "square", "n", "yaw")
+"""Figures that a narrow terminal leaves out, the first one first, so that no condition is cut."""
 MISSED = "Missed (90 to 98 % within 2 sigma, square 0.6 to 1.6, at most 1 % wrong):"
 
 
@@ -35,7 +38,7 @@ def print_honesty(
     screen = evaluation_console()
     shown = [row for row in rows if durations or row.duration == EVERY]
     for name, of_set in groupby(shown, key=lambda row: row.set):
-        screen.print(_table(name, list(of_set)))
+        screen.print(_fitting(screen, name, list(of_set)))
     screen.print(Text(NOTES))
     if missed:
         screen.print(Text(MISSED, style="bold"))
@@ -43,17 +46,28 @@ def print_honesty(
         screen.print(Text(f"  {row.set}, {row.condition}: {', '.join(figures)}"))
 
 
-def _table(name: str, rows: Sequence[HonestyRow]) -> Table:
+def _fitting(screen: Console, name: str, rows: Sequence[HonestyRow]) -> Table:
+    """Return the table of `rows` with as many figures as fit `screen`."""
+    unbounded = screen.options.update(max_width=10 * screen.width)
+    tables = [_table(name, rows, LEFT_OUT[:count]) for count in range(len(LEFT_OUT) + 1)]
+    fits = (each for each in tables if screen.measure(each, options=unbounded).maximum <= screen.width)
+    return next(fits, tables[-1])
+
+
+def _table(name: str, rows: Sequence[HonestyRow], left_out: Sequence[str]) -> Table:
     table = Table(box=box.SIMPLE_HEAD, title=name, title_justify="left", title_style="bold", pad_edge=False)
-    table.add_column("condition")
+    table.padding = (0, 1, 0, 0)
+    table.add_column("condition", min_width=max(len(row.condition) for row in rows))
     has_durations = any(row.duration != EVERY for row in rows)
     if has_durations:
         table.add_column("after")
-    for figure in FIGURES:
-        table.add_column(figure, justify="right", no_wrap=True)
+    shown = [index for index, figure in enumerate(FIGURES) if figure not in left_out]
+    for index in shown:
+        table.add_column(FIGURES[index], justify="right", no_wrap=True)
     for row in rows:
         words = (row.condition, row.duration) if has_durations else (row.condition,)
-        table.add_row(*map(Text, words), *map(_cell, _figures(row)))
+        figures = _figures(row)
+        table.add_row(*map(Text, words), *(_cell(figures[index]) for index in shown))
     return table
 
 

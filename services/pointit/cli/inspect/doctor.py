@@ -15,11 +15,12 @@ from rich.text import Text
 from pointit.cli.common.identities_table import expiring, section, visible_rows
 from pointit.cli.common.option_types import Finite
 from pointit.cli.common.output import INTERRUPTED, Row, Section, console, json_option, print_json, print_table
-from pointit.cli.common.site_link import address, join_site, quiet, site_options
+from pointit.cli.common.site_link import address, join_site, listens, quiet, site_options
 from pointit.cli.common.waiting import PATIENCE_S, notify_if_slow
 from pointit.diagnosis.diagnose import diagnose, is_healthy
 from pointit.diagnosis.finding_filter import filter_findings, is_about
 from pointit.diagnosis.observation import SILENT_S, Finding, Observation, Report
+from pointit.diagnosis.outage import unreachable
 from pointit.runtime.errors import ConnectError
 from pointit.runtime.link.link import DEFAULT_ENDPOINT, DEFAULT_SITE, Link
 from pointit.runtime.link.options import given_credentials
@@ -84,16 +85,8 @@ def command(
     try:
         run_until_shutdown(_listen(look, site, connect, timeout_s))
     except ConnectError:
-        finding = Finding(
-            severity="error",
-            code="unreachable",
-            service="",
-            sentence=f"nothing runs at {', '.join(connect)}",
-            remedy="start its router with `pointit router`, or give its address by --connect"
-            if credentials
-            else "start `pointit run`, give its address by --connect or, on a secured site, your identity by "
-            "--credentials",
-        )
+        is_refused = all(listens(each) is False for each in connect)
+        finding = unreachable(connect, is_refused=is_refused, is_secured=credentials is not None)
         return _show(Observation(began_s=0.0, now_s=0.0), [finding], known, site, as_json=as_json)
     if look.seen is None:
         return INTERRUPTED
@@ -241,7 +234,7 @@ def _show(
         print_table(screen, section(known))
     if others := expiring(row for row in known if not row["own"]):  # the own ones were reported at the start
         click.echo(f"Warning: {', '.join(others)}: renew with `pointit site renew`", err=True)
-    for finding in findings:
+    for finding in (each for each in findings if not each.follows):
         who = f"{finding.service}: " if finding.service else ""
         screen.print(
             Text.assemble(
@@ -249,6 +242,8 @@ def _show(
                 f"{who}{finding.sentence}" + (f"\n    -> {finding.remedy}" if finding.remedy else ""),
             )
         )
+    if folded := sum(each.follows for each in findings):
+        screen.print(Text(f"    {folded} more follow from it (--json lists them)", style="dim"))
     if healthy:
         many = "1 service runs" if len(instances) == 1 else f"{len(instances)} services run"
         screen.print(Text(f"all is well: {many}", style="green"))

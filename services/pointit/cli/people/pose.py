@@ -153,6 +153,13 @@ async def _pose(user: str, asked: _Asked, *, as_json: bool, site: str, connect: 
         poses, news = LatestMessage(bus, POSE, user), LatestMessage(bus, LOCALIZATION, user)
         try:
             said = await _say(bus, user, asked, poses)
+        except NoAnswerError as error:
+            there = await list_present(bus, SERVICE_ALIVE, LISTEN_S)
+            raise (
+                error
+                if user in people(there)
+                else NoAnswerError(f"the pose is not set: {missing_reason(POSE, user, there)}")
+            ) from error
         except asyncio.CancelledError:
             return INTERRUPTED
         if said and not as_json:

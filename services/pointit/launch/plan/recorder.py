@@ -42,6 +42,8 @@ def recorder_launch(
     Raises:
         ConfigError: If the file is there already, or the extra is not installed.
     """
+    if file is not None and file.is_dir():
+        raise ConfigError(f"{file} is a folder; give a file in it, such as {file / 'session.mcap'}")
     if file is not None and file.exists():
         raise ConfigError(f"{file} is there already; give another name, or move it away")
     config = RecorderConfig(

@@ -6,6 +6,7 @@ from typing import Any, Self
 
 from pydantic import Field, PrivateAttr
 
+from pointit.maps.model import MapFile
 from pointit.runtime.config.config import Config, Layers
 from pointit.runtime.config.similar_names import did_you_mean
 from pointit.runtime.config.yaml_file import read_yaml
@@ -49,8 +50,13 @@ class Scenario(Config):
     @classmethod
     def read(cls, path: Path, source: str) -> Self:
         """Return the scenario in the file at `path`, called `source` in errors."""
-        layers = Layers()
-        layers.add(read_yaml(path), source)
+        layers, content = Layers(), read_yaml(path)
+        if content.keys() & MapFile.model_fields.keys() and not content.keys() & cls.model_fields.keys():
+            raise ConfigError(
+                f"{source}: is a map, not a scenario; run a scenario in it: `pointit run scenario_2 --set "
+                f"pui.map={source}`"
+            )
+        layers.add(content, source)
         scenario = layers.build(cls)
         scenario._source = source  # noqa: SLF001 - its own
         room = scenario.site.get("pui", {}).get("map")

@@ -155,7 +155,7 @@ class Monitor:
 
     def warnings(self) -> list[str]:
         """Return the services' last warnings, each prefixed with the instance."""
-        return [f"{name}: {said}" for name, health in self.health.items() for said in health.warnings]
+        return [f"{name}: {said}" for name, health in list(self.health.items()) for said in health.warnings]
 
     def refusal(self, user: str) -> str:
         """Return the reason of a person's last refusal, or `""` once they try again."""

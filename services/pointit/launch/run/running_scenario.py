@@ -148,6 +148,7 @@ class RunningScenario:
         if self._opening is not None:
             self._opening.cancel()
             await asyncio.wait({self._opening})
+        self.monitor.detach()  # what was last said of people who now leave is for the summary
         if not self.has_ended:  # else it failed and stays in the deployment as missing
             self._notice.retract()
         casts = [cast for cast in (self._cast, self._page) if cast is not None]

@@ -19,6 +19,9 @@ ENDPOINT = re.compile(
 
 MAX_PORT = 65535
 
+ROUTER_LOST = "router at {where} lost {ago_s:.0f} s ago; trying again"
+"""Sentence in the health of every service of a process that has lost its router."""
+
 LEASE_MS = 3000
 """A peer that is silent this long is taken for gone: a stopped process is noticed within 5 s."""
 

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import zenoh
 
 from pointit.runtime.host.threads import in_daemon_thread
-from pointit.runtime.link.link import Link
+from pointit.runtime.link.link import ROUTER_LOST, Link
 from pointit.runtime.transport.connections import Connections
 from pointit.runtime.zenoh.session import refusals
 
@@ -41,7 +41,7 @@ class LinkWatch:
         """Return one sentence while the router is lost."""
         if self._lost_s is None:
             return ""
-        lost = f"router at {self._where} lost {self._loop.time() - self._lost_s:.0f} s ago; trying again"
+        lost = ROUTER_LOST.format(where=self._where, ago_s=self._loop.time() - self._lost_s)
         return f"{lost}: {self._why}" if self._why else lost
 
     def close(self) -> None:

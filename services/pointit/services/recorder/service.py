@@ -4,6 +4,7 @@ import asyncio
 import functools
 import logging
 import re
+import tempfile
 import time
 from pathlib import Path
 from typing import ClassVar
@@ -43,9 +44,17 @@ class Recorder(Service[RecorderConfig]):
 
     @classmethod
     def validate_config(cls, config: RecorderConfig) -> None:
-        """Check that the folder of the file exists, and that there are topics to leave out."""
-        if config.file and not Path(config.file).expanduser().resolve().parent.is_dir():
+        """Check that a file can be made in the folder, and that there are topics to leave out."""
+        folder = Path(config.file or "x").expanduser().resolve().parent
+        if not folder.is_dir():
             raise ConfigError(f"{config.file}: its folder does not exist; create it, or record elsewhere")
+        try:
+            tempfile.TemporaryFile(dir=folder).close()  # rights alone do not tell, such as root's
+        except OSError as error:
+            why = error.strerror or error
+            raise ConfigError(
+                f"{config.file or folder}: cannot be written ({why}); record in another folder"
+            ) from error
         known = {part for topic in TOPICS for part in topic.key.split("/") if "{" not in part}
         for part in config.without:
             if part not in known:

@@ -12,6 +12,7 @@ from pointit.bridges.web.pages.latest_values import LatestValueCache
 from pointit.bridges.web.playback.recent import Recent
 from pointit.bridges.web.wire import PersonLine, Status
 from pointit.schemas import Deployment, Environment, Health, Message, encode
+from pointit.schemas.system import RUN
 from pointit.schemas.topics import LAMP_COLOR, OBJECTS, STRIPS_FRAME, Topic
 
 
@@ -31,6 +32,8 @@ class SiteModel:
         self._sight = SiteObservation(now_s)
         self._trackers = Trackers()
         self._deployments = Deployments(own)
+        self._began_ns: dict[str, int] = {}
+        """Start of each run that goes on, by deployment."""
         self._lamps: frozenset[str] | None = None
         """Lamps of the map, or None before the map has come."""
 
@@ -61,6 +64,10 @@ class SiteModel:
             if self._deployments.is_another(message):
                 self._sight.reset(now_s)
             self._forget(self._deployments.put(name, message, now_s))
+            self._began_ns[name] = min(message.stamp_ns, now_ns)  # the time of a slow simulation lags behind
+            runs = {run for run in self._deployments.known if run.startswith(RUN)}
+            self._began_ns = {run: ns for run, ns in self._began_ns.items() if run in runs}
+            self.hub.began_ns = min(self._began_ns.values(), default=0)
         return True
 
     def set_service(self, instance: str, present: bool, now_s: float) -> None:  # noqa: FBT001 - the bus's signature

@@ -90,9 +90,9 @@ class SiteObservation:
                     service=finding.service,
                     sentence=finding.sentence,
                     remedy=finding.remedy,
+                    follows=finding.follows,
                 )
-                for finding in diagnose(seen)
-                if self._is_sure(finding, now_s)
+                for finding in diagnose(seen, lambda finding: self._is_sure(finding, now_s))
             )[:MAX_LINES],
             people=tuple(people),
             viewers=viewers,

@@ -64,6 +64,8 @@ class LatestValueCache:
         """Version of the newest urgent state."""
         self._events: deque[tuple[int, News]] = deque(maxlen=max_events)
         """With their stamps, in order of arrival."""
+        self.began_ns = 0
+        """Start of the run. History holds no events before it."""
         self._past: list[tuple[int, News]] = []
         """Events that were not received here, see `recall`."""
         self._event_count = 0
@@ -98,8 +100,9 @@ class LatestValueCache:
         self._past = list(past)
 
     def history(self) -> list[News]:
-        """Return the last `HISTORY` events, including recalled ones, oldest first."""
-        happened = sorted((*self._past, *self._events), key=lambda event: event[0])
+        """Return the last `HISTORY` events of the run, including recalled ones, oldest first."""
+        happened = [event for event in (*self._past, *self._events) if event[0] >= self.began_ns]
+        happened.sort(key=lambda event: event[0])
         return [news for _, news in happened[-HISTORY:]]
 
     def forget(self, topic: Topic[Any], name: str) -> bool:

@@ -1,4 +1,4 @@
-"""Lanes of a timeline: states, hovers, selections, misses and warnings of each person; pure."""
+"""Lanes of a timeline: states, hovers, selections, refusals, misses and warnings of each person; pure."""
 
 import math
 import re
@@ -34,7 +34,9 @@ MAX_LANES = 256
 MAX_TEXT = 200
 """Maximum length of an item's text."""
 
-KINDS: tuple[LaneKind, ...] = ("interaction", "robot", "hover", "selections", "misses", "warnings")
+KINDS: tuple[LaneKind, ...] = (
+    *("interaction", "robot", "hover", "selections", "refusals", "wrong", "misses", "warnings"),
+)
 """In the order in which they are shown."""
 
 ROBOT = ROBOT_STATE.writers[0]
@@ -142,11 +144,11 @@ class Lanes:
         if event.event in ("selected", "deselected"):
             self._put("selections", event.user, (at_ns, at_ns, f"{event.event} {what}"))
             if event.event == "selected" and not is_wanted:
-                self._put("misses", event.user, (at_ns, at_ns, f"not wanted: {what}"))
+                self._put("wrong", event.user, (at_ns, at_ns, f"not wanted: {what}"))
         elif event.event == "refused":
             reason = f": {event.reason}" if event.reason else ""
-            self._put("misses", event.user, (at_ns, at_ns, f"refused {what}{reason}"))
-        elif event.event == "left" and not event.user and is_wanted and wanted:
+            self._put("refusals", event.user, (at_ns, at_ns, f"refused {what}{reason}"))
+        elif event.event in ("left", "dispatched") and not event.user and is_wanted and wanted:
             self._put("misses", "", (at_ns, at_ns, f"{what} left without being selected"))
 
     def _called(self, object_id: str, kind: str = "") -> str:

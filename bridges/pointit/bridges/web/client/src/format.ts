@@ -35,6 +35,11 @@ export function bytes(count: number): string {
   return count < 1e6 ? `${(count / 1e3).toFixed(count < 1e4 ? 1 : 0)} kB` : `${(count / 1e6).toFixed(1)} MB`;
 }
 
+/** Label of an axis of ms, of six characters at most: `200`, `12.5 s`. */
+export function latencyTick(ms: number): string {
+  return ms < 1000 ? String(ms) : `${Number((ms / 1000).toFixed(1))} s`;
+}
+
 /** First letter in capitals. */
 export function capital(text: string): string {
   return text.charAt(0).toUpperCase() + text.slice(1);

@@ -1,6 +1,8 @@
 /** Why the scene stands still: a service without which it must, and the cause as far as it is known. */
 
+import { capital } from "./format";
 import type { Site } from "./site/site";
+import type { FindingLine } from "./wire";
 
 /** Visible effect of each service's absence, the most important first. */
 const EFFECTS: Readonly<Record<string, string>> = {
@@ -10,8 +12,22 @@ const EFFECTS: Readonly<Record<string, string>> = {
 /** How the diagnosis calls one that hangs. */
 const SILENT = "is present but has not reported";
 
+type Known = Pick<Site, "status">;
+
+/** Whether the site as a whole is out of reach. */
+export function isCutOff(site: Known): boolean {
+  return whole(site)?.severity === "error";
+}
+
+function whole({ status }: Known): FindingLine | undefined {
+  const all = status?.findings ?? [];
+  return all.some(({ follows }) => follows) ? all.find(({ service, follows }) => !service && !follows) : undefined;
+}
+
 /** One sentence for people; empty while all run. */
-export function outage({ status }: Pick<Site, "status">): string {
+export function outage({ status }: Known): string {
+  const site = whole({ status });
+  if (site) return `${capital(site.sentence)}; ${site.remedy}`;
   for (const [service, effect] of Object.entries(EFFECTS)) {
     const isGone = status?.services.some(({ instance, present }) => instance === service && !present) ?? false;
     const cause = status?.findings.find((each) => each.service === service && each.severity === "error" && (isGone || each.sentence.startsWith(SILENT)));

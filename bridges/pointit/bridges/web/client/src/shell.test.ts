@@ -1,6 +1,6 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { bytes, duration, figure, milliseconds, rendererName } from "./format";
+import { bytes, duration, figure, latencyTick, milliseconds, rendererName } from "./format";
 import { guidance, type Situation } from "./guidance";
 import { fingerprintLines } from "./panel/pairing";
 import { command, foundWrists } from "./panel/wrists";
@@ -9,6 +9,7 @@ import { readSettings } from "./settings";
 test("numbers as people read them", () => {
   assert.deepEqual([5.9, 61, 7500, 200_000].map(duration), ["5 s", "1 min", "2 h 05 min", "2 d"]);
   assert.deepEqual([null, 12.4, 1234].map(milliseconds), ["–", "12 ms", "1.2 s"]);
+  assert.deepEqual([0, 200, 1000, 10_000, 12_500].map(latencyTick), ["0", "200", "1 s", "10 s", "12.5 s"], "as the axis has room");
   assert.deepEqual([0, 12.34, -1.25, 0.123, 0.0123, -0.0001].map(figure), ["0", "12", "-1.3", "0.12", "0.012", "0.000"]);
   assert.deepEqual([999, 1234, 45_678, 2.5e6].map(bytes), ["999 B", "1.2 kB", "46 kB", "2.5 MB"]);
   assert.equal(fingerprintLines("ab:cd:01"), "AB CD 01");

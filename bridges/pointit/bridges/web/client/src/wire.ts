@@ -123,6 +123,10 @@ export interface Cue {
  * A finding and its remedy.
  */
 export interface FindingLine {
+  /**
+   * from the outage of the whole site, a finding itself
+   */
+  follows: boolean;
   remedy: string;
   sentence: string;
   service: string;
@@ -157,7 +161,7 @@ export interface Lane {
    * start and end, s from the beginning, equal for an instant; and a text
    */
   items: [number, number, string][];
-  kind: "interaction" | "robot" | "hover" | "selections" | "misses" | "warnings";
+  kind: "interaction" | "robot" | "hover" | "selections" | "refusals" | "wrong" | "misses" | "warnings";
   /**
    * person or robot; empty if it is of the site
    */

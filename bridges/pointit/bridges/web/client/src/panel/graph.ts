@@ -3,7 +3,7 @@
 import uPlot from "uplot";
 import "uplot/dist/uPlot.min.css";
 import { el, mark } from "../dom";
-import { milliseconds } from "../format";
+import { latencyTick, milliseconds } from "../format";
 import type { Second } from "../site/timing";
 
 const HEIGHT = 110;
@@ -42,7 +42,7 @@ export class LatencyGraph {
       scales: { x: { time: false, range: [-59, 0] }, y: { range: (_plot, _low, high) => [0, Math.max(40, (high ?? 0) * 1.15)] } },
       axes: [
         { ...axis, size: 20, space: 60, values: (_plot, ticks) => ticks.map((tick) => (tick === 0 ? "now" : `−${-tick} s`)) },
-        { ...axis, size: 34, space: 26, values: (_plot, ticks) => ticks.map((tick) => (tick === 0 ? "0" : `${tick}`)) },
+        { ...axis, size: 42, space: 26, values: (_plot, ticks) => ticks.map(latencyTick) },
       ],
       series: [
         {}, { stroke: color("--accent"), width: 2, points: { show: false }, fill: color("--accent-soft") },

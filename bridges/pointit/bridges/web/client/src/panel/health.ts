@@ -36,6 +36,7 @@ export function healthPart(controls: Controls, stats: () => ViewStats | null): P
   const battery = tile("battery"), rate = tile("readings/s"), gaps = tile("gaps"), signal = tile("signal");
   const wrist = section("The device on their wrist", tiles(battery, rate, gaps, signal));
   const findings = el("ul", { className: "findings" });
+  const folded = el("ul", { className: "findings" }), more = el("details", {}, el("summary", { text: "What follows from it" }), folded);
   const services = el("ul", { className: "services" });
   const page = el("p", { className: "muted" });
   const faults = el("p", { className: "fault", hidden: true });
@@ -44,7 +45,7 @@ export function healthPart(controls: Controls, stats: () => ViewStats | null): P
     section("From wrist to screen", tiles(p50, p95, p99), graph.element,
       el("p", { className: "legend muted" }, el("i", { className: "whole" }), "median ", el("i", { className: "broken" }), "99 % of each second")),
     section("Messages a second", tiles(imu, ray, cursor, frame), dropped),
-    certainty, wrist, section("Warnings", findings), section("Services", services), section("This page", page, faults, record));
+    certainty, wrist, section("Warnings", findings, more), section("Services", services), section("This page", page, faults, record));
   let renewed = -Infinity;
 
   function showCertainty(): void {
@@ -72,10 +73,14 @@ export function healthPart(controls: Controls, stats: () => ViewStats | null): P
 
   function showFindings(): void {
     const all = site.status?.findings ?? [];
-    renew(findings, JSON.stringify(all), () => all.length
-      ? all.map(({ severity, service, sentence, remedy }) => el("li", { "data-severity": SEVERITIES[severity] }, icon(severity === "note" ? "info" : "warning"),
+    const lines = (isFolded: boolean): HTMLElement[] => all.filter(({ follows }) => follows === isFolded)
+      .map(({ severity, service, sentence, remedy }) => el("li", { "data-severity": SEVERITIES[severity] }, icon(severity === "note" ? "info" : "warning"),
         el("div", {}, el("strong", { text: [severity === "note" ? "Note" : severity === "error" ? "Error" : "Warning", service].filter(Boolean).join(": ") }),
-          el("p", { text: sentence }), remedy ? el("p", { className: "muted", text: remedy }) : null)))
+          el("p", { text: sentence }), remedy ? el("p", { className: "muted", text: remedy }) : null)));
+    renew(folded, JSON.stringify(all), () => lines(true));
+    show(more, folded.childElementCount > 0);
+    renew(findings, JSON.stringify(all), () => all.length
+      ? lines(false)
       : [el("li", { "data-severity": "fine" }, icon("check"), el("div", { text: "Nothing is wrong." }))]);
   }
 

@@ -70,7 +70,7 @@ export function nowPart(controls: Controls): Part {
       write(place, stands ? `The position of ${controls.user} is not yet measured; the assumed one is shown.` : `The position of ${controls.user} is not known, so they are not shown.`);
       const name = users.length > 1 ? `${controls.user}: ${stateTitle(now).toLowerCase()}` : stateTitle(now);
       write(state, interaction ? name : "");
-      write(next, controls.person?.cursor?.passed?.text || (interaction?.next_step ?? ""));
+      write(next, controls.person?.cursor?.passed?.text || (site.timeline ? "" : interaction?.next_step ?? ""));
       show(press, controls.mayDo("press") && controls.user !== "");
       const progress = controls.person?.localization;
       const isLocalizing = now === "localizing" || progress?.phase === "sampling";

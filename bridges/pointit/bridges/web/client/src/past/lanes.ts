@@ -6,7 +6,7 @@ import type { Lane } from "../wire";
 export const WIDTH = 1000, HEIGHT = 10;
 
 export const LANE_NAMES: Record<Lane["kind"], string> = {
-  interaction: "State", robot: "Robot", hover: "Hover", selections: "Selected", misses: "Missed", warnings: "Warnings",
+  interaction: "State", robot: "Robot", hover: "Hover", selections: "Selected", refusals: "Refused", wrong: "Wrong", misses: "Missed", warnings: "Warnings",
 };
 
 type Item = Lane["items"][number];
@@ -17,7 +17,7 @@ export function outline(items: readonly Item[], length: number): string {
   return items.map(([start, end]) => `M${x(start)} 0V${HEIGHT}${end > start ? `H${x(end)}V0Z` : ""}`).join("");
 }
 
-/** What a step to the next event stops at: selections, misses, warnings and changes of state, in order. */
+/** What a step to the next event stops at: selections, refusals, misses, warnings and changes of state, in order. */
 export function events(lanes: readonly Lane[]): { at: number; text: string }[] {
   const found = lanes.filter(({ kind }) => kind !== "hover")
     .flatMap(({ user, items }) => items.map(([at, , text]) => ({ at, text: user ? `${user}: ${text}` : text })));
@@ -44,6 +44,14 @@ export function textAt({ items }: Lane, at: number, reach: number): string {
     if (off <= least) [best, least] = [text, off];
   }
   return best;
+}
+
+const STEPS_S = [1, 2, 5, 10, 15, 30, 60, 120, 300, 600, 1200, 1800, 3600, 7200, 14400, 43200];
+
+/** Round positions for the labels of the axis, s, `most` or fewer. */
+export function ticks(length: number, most: number): number[] {
+  const step = STEPS_S.find((each) => length / each < most) ?? Math.ceil(length / most);
+  return Array.from({ length: Math.floor(length / step) + 1 }, (_, index) => index * step);
 }
 
 /** `1:07.3`, `1:02:07.3`. */

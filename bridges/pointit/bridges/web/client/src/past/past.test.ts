@@ -7,7 +7,7 @@ import { note } from "../site/log";
 import { emptySite, isHeard, position } from "../site/site";
 import { SiteClock } from "../site/timing";
 import type { Lane } from "../wire";
-import { clock, eventFrom, outline, spoken, textAt } from "./lanes";
+import { clock, eventFrom, outline, spoken, textAt, ticks } from "./lanes";
 
 const lane = (kind: Lane["kind"], user: string, ...items: Lane["items"]): Lane => ({ kind, user, items });
 const LANES = [
@@ -33,6 +33,13 @@ test("the pointer names what is under it, or near", () => {
   assert.equal(textAt(LANES[1]!, 3.05, 0.1), "red 7");
   assert.equal(textAt(LANES[1]!, 5, 0.1), "");
   assert.equal(textAt(LANES[2]!, 9.45, 0.1), "selected red 7");
+});
+
+test("ticks are at round times and no more than fit", () => {
+  assert.deepEqual(ticks(25.4, 6), [0, 5, 10, 15, 20, 25]);
+  assert.deepEqual(ticks(3600, 4), [0, 1200, 2400, 3600]);
+  for (const length of [0, 0.3, 59, 61, 3725, 1e5, 1e6]) for (const most of [2, 5, 20]) assert.ok(ticks(length, most).length <= most + 1, `${length}`);
+  assert.deepEqual(ticks(0, 5), [0]);
 });
 
 test("positions as they are shown and read out", () => {

@@ -5,11 +5,13 @@ import { el, icon, mark, renew, show, write } from "../dom";
 import { time } from "../format";
 import { position } from "../site/site";
 import type { Lane } from "../wire";
-import { clock, eventFrom, HEIGHT, LANE_NAMES, outline, spoken, textAt, WIDTH } from "./lanes";
+import { clock, eventFrom, HEIGHT, LANE_NAMES, outline, spoken, textAt, ticks, WIDTH } from "./lanes";
 
 const SPEEDS = [0.25, 0.5, 1, 2, 4, 8];
 /** How close the pointer must be to an item to name it, px. */
 const REACH_PX = 6;
+/** Room of a label of the axis, px. */
+const LABEL_PX = 70;
 const SVG = "http://www.w3.org/2000/svg";
 
 export interface Timeline {
@@ -39,7 +41,8 @@ export function makeTimeline(host: HTMLElement, controls: Controls, say: (text: 
   const problem = el("p", { className: "fault" });
   const slide = el("input", { type: "range", min: 0, max: 1, step: "any", "aria-label": "Position" });
   const rows = el("div", { className: "lanes", role: "group", tabindex: 0, "aria-label": "What each person did" });
-  const tracks = el("div", { className: "tracks" }, el("div", { className: "lane slide" }, el("span", {}), el("span", {}), slide), rows);
+  const axis = el("div", { className: "axis", "aria-hidden": "true" });
+  const tracks = el("div", { className: "tracks" }, el("div", { className: "lane slide" }, el("span", {}), el("span", {}), slide), axis, rows);
   host.append(
     el("div", { className: "transport" }, button("before", "Event before", "Shift+E", () => self.event(-1)), button("back", "Message before", ",", () => self.step(-1)), playPause,
       button("forth", "Next message", ".", () => self.step(1)), button("next", "Next event", "E", () => self.event(1)), at, ofDay, speed),
@@ -128,6 +131,13 @@ export function makeTimeline(host: HTMLElement, controls: Controls, say: (text: 
       const lanes = timeline.lanes;
       renew(rows, JSON.stringify([timeline.length_s, timeline.read_s, lanes.map(({ items }) => items.length)]), () => lanes.map((lane, index) => row(lane, index, lanes[index - 1], timeline.length_s)));
       mark(slide, "max", String(timeline.length_s));
+      const places = ticks(timeline.length_s, Math.max(2, axis.clientWidth / LABEL_PX));
+      renew(axis, JSON.stringify([timeline.length_s, places]), () => places.map((place) => {
+        const share = place / Math.max(timeline.length_s, 1e-3), isLast = share > 0.9; // its label is on the other side
+        const label = el("span", { className: isLast ? "last" : "", text: clock(place).slice(0, -2) });
+        label.style[isLast ? "right" : "left"] = `${100 * (isLast ? 1 - share : share)}%`;
+        return label;
+      }));
       const isPlaying = playing?.is_playing ?? false;
       const does = isPlaying ? "Pause" : "Play";
       mark(playPause.querySelector("use")!, "href", `#icon-${does.toLowerCase()}`);

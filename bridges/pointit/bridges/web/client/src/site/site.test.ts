@@ -70,7 +70,7 @@ test("events of the first batch are history: they are in the log at their times,
 });
 
 test("a vital service that is gone or hangs is one sentence with its cause", () => {
-  const finding = (service: string, sentence: string, severity: "error" | "warning" = "error") => ({ severity, service, sentence, remedy: "start it again" });
+  const finding = (service: string, sentence: string, severity: "error" | "warning" = "error") => ({ severity, service, sentence, remedy: "start it again", follows: false });
   const line = (instance: string, present: boolean) => ({ instance, present, since_s: 1 });
   const told = (services: Status["services"], findings: Status["findings"]): string => outage({ status: { ...status(), services, findings } });
   assert.equal(outage({ status: null }), "");
@@ -79,6 +79,8 @@ test("a vital service that is gone or hangs is one sentence with its cause", () 
   assert.equal(told([line("keeper", false)], [finding("keeper", "should run and does not")]), "");
   assert.equal(told([line("pui", false)], [finding("pui", "should run and does not")]),
     "Cursors and lights do not move: pui should run and does not; start it again");
+  const all = [finding("", "the router at x does not answer"), { ...finding("pui", "should run and does not"), follows: true }];
+  assert.equal(told([line("pui", false)], all), "The router at x does not answer; start it again", "what follows is not told");
   assert.match(told([line("selector", true)], [finding("selector", "is present but has not reported for 5 s")]), /^Nothing can be selected: selector is present/);
 });
 

@@ -1,0 +1,80 @@
+"""When most services vanish together, one finding names the address and the remedy."""
+
+from collections.abc import Sequence
+
+from pointit.diagnosis.diagnose import diagnose, is_healthy
+from pointit.diagnosis.finding_filter import filter_findings
+from pointit.diagnosis.observation import Finding, Observation
+from pointit.runtime.link.link import ROUTER_LOST
+from pointit.schemas import ExpectedService
+from tests.unit.diagnosis.test_diagnose import BEGAN_S, deployment, health, observation
+
+WHERE = "tcp/10.0.0.1:7447"
+LOST = ROUTER_LOST.format(where=WHERE, ago_s=12.3)
+SERVICES = ("pui", "selector", "led-driver", "conveyor-sim", "keeper")
+EXPECTED = deployment(*(ExpectedService(service=name, command=("python",)) for name in SERVICES))
+
+
+def told(findings: Sequence[Finding]) -> Finding:
+    """Return the only finding that does not follow from another."""
+    (finding,) = (each for each in findings if not each.follows)
+    assert (finding.code, finding.service) == ("unreachable", "")
+    return finding
+
+
+def test_the_loss_of_the_router_is_one_sentence_with_its_address_and_one_remedy() -> None:
+    seen = observation(health("web", warnings=(LOST,), status="degraded"), deployments=EXPECTED)
+    findings = diagnose(seen)
+    outage = told(findings)
+    assert findings[0] is outage
+    assert outage.severity == "error"
+    assert outage.sentence == f"the router at {WHERE} does not answer: 5 of 6 services are out of reach"
+    assert "`kill -CONT PID`" in outage.remedy
+    assert "pointit service run" not in outage.remedy
+    assert sorted(each.service for each in findings if each.follows) == sorted((*SERVICES, "web"))
+
+
+def test_services_of_the_observers_own_process_are_not_out_of_reach() -> None:
+    here = [health(name, warnings=(LOST,), status="degraded") for name in SERVICES]
+    findings = diagnose(observation(*here, deployments=EXPECTED))
+    outage = told(findings)
+    assert (outage.severity, is_healthy(findings)) == ("warning", False)
+    assert outage.sentence == f"the router at {WHERE} does not answer: nothing arrives from other machines"
+
+
+def test_most_that_vanish_together_behind_a_router_that_answers_are_one_finding() -> None:
+    seen = observation(health("web"), deployments=EXPECTED)
+    outage = told(diagnose(seen))
+    assert outage.sentence.startswith("5 of 6 services are gone together: ")
+    assert outage.severity == "error"
+
+
+def test_most_that_are_silent_together_are_one_finding() -> None:
+    seen = Observation(began_s=BEGAN_S, now_s=BEGAN_S + 3.1, present=frozenset(SERVICES))
+    assert told(diagnose(seen)).sentence.startswith("5 of 5 services are gone together: ")
+
+
+def test_most_that_left_and_are_not_expected_are_a_warning() -> None:
+    assert told(diagnose(observation(health("web"), left=frozenset(SERVICES)))).severity == "warning"
+
+
+def test_a_few_that_are_absent_are_named_each() -> None:
+    running = map(health, SERVICES[2:])
+    findings = diagnose(observation(*running, deployments=EXPECTED))
+    assert [(each.code, each.follows) for each in findings] == [("absent", False)] * 2
+
+
+def test_what_is_not_sure_yet_is_no_part_of_an_outage() -> None:
+    seen = observation(health("web"), deployments=EXPECTED)
+    assert diagnose(seen, lambda finding: finding.code != "absent") == []
+
+
+def test_another_problem_does_not_follow() -> None:
+    seen = observation(health("web", warnings=("the disk is full",)), deployments=EXPECTED)
+    assert [each.sentence for each in diagnose(seen) if not each.follows][1:] == ["the disk is full"]
+
+
+def test_whoever_asks_for_one_service_is_told_of_the_outage() -> None:
+    seen = observation(health("web"), deployments=EXPECTED)
+    kept = filter_findings(diagnose(seen), seen, "pui")
+    assert [(each.code, each.service) for each in kept] == [("unreachable", ""), ("absent", "pui")]

@@ -24,20 +24,15 @@ from pointit.services.robot.robot_driver import (
 )
 from pointit.services.robot.robot_safety import RobotSafety, StopReason
 from pointit.services.robot.standstill import ProgressMonitor, StandstillMonitor
-from pointit.services.robot.targets import Targets
+from pointit.services.robot.steering.errand import Errand
+from pointit.services.robot.steering.table import HOLDS, Stage, hold_of, stage_of, verdict_of
 
-ANSWER_S = 3.0
-"""A robot that has not answered an order for so long is said to be silent, s."""
 CLAIM_AGE_S = 2.0
 """A person who has named the robot longer ago, or so much ahead, does not get it, s."""
-GOAL_AGE_S = 2.0
-"""A goal pointed at longer ago, or so much ahead, is refused, s."""
 MOVING_MPS = 0.05
 """A slower robot counts as standing, m/s."""
-UNREACHABLE = "the robot cannot go where you point: point at the floor"
 NEAR_M = 0.1
 """A robot that follows is there, and a point of its way is passed, at this distance, m."""
-PASSING = ("report", "other_master")  # kinds of stops that free the robot and pass by themselves
 
 
 class RobotPilot:
@@ -49,8 +44,8 @@ class RobotPilot:
         self._name = name
         self._safety = safety
         self._owners = Ownership(name)
-        self._targets = Targets(config)
         self._order = CurrentOrder()
+        self._errand = Errand(config, safety, self._owners, self._order)
         self._figure = FigureFlight(config, name)
         self._standstill = StandstillMonitor(config, name)
         self._progress = ProgressMonitor()
@@ -63,19 +58,11 @@ class RobotPilot:
         self._since_ns = 0
         """Time of the first report after the last loss. What people wanted before counts no more."""
         self._cursors: dict[str, Cursor] = {}
-        self._goal: Goal | None = None
-        """Goal that waits until the robot can go."""
-        self._goal_ns: dict[str, int] = {}
-        """Stamps of the last goals by person."""
         self._stop: StopReason | None = None
         """Reason to stand still; a stop that freed it counts until somebody takes it."""
         self._kind = ""
         self._halts = False
         """True if the driver has to be told to stop."""
-        self._refused: tuple[str, Vec3 | None] | None = None
-        """Mode and place of steering that the robot refused: it is not asked again."""
-        self._problem = ""
-        """Reason not to do what it is asked for."""
         self._wait = ""
         """That it does not go on along its path, which it has not given up, or `""`."""
 
@@ -91,7 +78,7 @@ class RobotPilot:
             return "" if self._is_expected else self._lost
         if self._standstill.problem:
             return self._standstill.problem
-        held = self._problem or self._wait or self._figure.problem
+        held = self._errand.problem or self._wait or self._figure.problem
         return held if self._stop is None else self._stop.text
 
     @property
@@ -112,29 +99,25 @@ class RobotPilot:
     @property
     def phase(self) -> RobotPhase:
         """Return its phase."""
-        report, command = self.report, self._order.command
+        report, command, stage = self.report, self._order.command, self._stage
         if self._lost or self._kind == "report" or report is None:
             return "lost"
-        is_down = self._is_flyer and not report.is_flying
         if self._stop is not None and not self.has_other_master:
-            return "landed" if is_down else "stopped"
-        if isinstance(command, Land):
-            return "landing"
-        if isinstance(command, TakeOff):
-            return "taking_off"
-        if is_down:
-            return "landed"
+            return "landed" if stage == "landed" else "stopped"
+        if stage in ("landing", "taking_off", "landed"):
+            return stage
         is_away = isinstance(command, Follow) and math.dist(command.position_m, report.position_m) > NEAR_M
-        is_on_way = isinstance(command, FollowPath) or is_away
+        is_on_way = stage == "on_path" or is_away
         return "moving" if is_on_way or math.hypot(*report.velocity_mps) > MOVING_MPS else "idle"
 
     @property
-    def _is_flyer(self) -> bool:
-        return self._config.kind == "quadrotor"
+    def _stage(self) -> Stage:
+        is_down = self._config.kind == "quadrotor" and self.report is not None and not self.report.is_flying
+        return stage_of(self._order.command, is_down=is_down)
 
     def on_map(self, environment: Environment) -> None:
         """Update the map."""
-        self._targets.on_map(environment)
+        self._errand.targets.on_map(environment)
         self._safety.on_map(environment)
 
     def on_presence(self, user: str, *, present: bool) -> None:
@@ -169,18 +152,8 @@ class RobotPilot:
 
     def on_goal(self, user: str, goal: Goal, now_ns: int) -> None:
         """Take a goal of the person who steers the robot. One that comes twice or late is not followed."""
-        is_new = goal.stamp_ns > self._goal_ns.get(user, 0)
-        if user != self.user or goal.robot not in ("", self._name) or not is_new:
-            return
-        age_s = (now_ns - goal.stamp_ns) / NS_PER_S
-        if age_s < -GOAL_AGE_S:
-            self._problem = f"the goal is {-age_s:.1f} s ahead of the robot's clock: synchronize the clocks"
-            return
-        self._goal_ns[user] = goal.stamp_ns
-        if age_s > GOAL_AGE_S:
-            self._problem = f"the goal came {age_s:.1f} s late: point there again, and look for a slow link"
-        else:
-            self._goal = goal
+        if user == self.user and goal.robot in ("", self._name):
+            self._errand.on_goal(user, goal, now_ns)
 
     def on_item(self, item: ReportItem, now_ns: int) -> str:
         """Take what the driver reports. Return why it cannot be used, or `""`."""
@@ -198,9 +171,8 @@ class RobotPilot:
                 self._is_expected = False
                 self._order.pass_points(item.position_m, max(NEAR_M, self._config.radius_m))
             case LinkLost(reason=reason):
-                self._lost, self._goal = reason, None
-                self._is_expected = False
-                self._order.drop()
+                self._lost, self._is_expected = reason, False
+                self._errand.interrupt()
                 self._safety.on_link_lost(reason)
             case OrderStatus():
                 self._on_status(item)
@@ -234,20 +206,13 @@ class RobotPilot:
         if not self.user:
             return self._figure_command(report, now_ns)
         self._figure.forget()
-        if (silent_s := self._order.unanswered_s(now_ns)) > ANSWER_S:
-            self._problem = f"the robot has not answered its order for {silent_s:.0f} s: look at its driver"
-        command = self._wanted(report, now_ns)
-        if command is not None:
-            goal_ns = self._goal_ns.get(self.user, 0) if isinstance(command, FollowPath) else 0
-            self._order.give(command, now_ns, goal_ns)
-        return command
+        return self._errand.step(self._stage, report, self._cursors.get(self.user), now_ns)
 
     def _moves_without_order(self, now_ns: int) -> bool:
         """Return True if it has to be told again to stop. A landed quadrotor may be carried."""
         report = self.report
         is_known = not (self._lost or self._kind in ("report", "jump", "other_master"))
-        is_ordered = not isinstance(self._order.command, Stop | None)
-        if report is None or not is_known or is_ordered or (self._is_flyer and not report.is_flying):
+        if report is None or not is_known or self._stage != "resting":
             self._standstill.forget()
             return False
         return self._standstill.is_left(report, now_ns)
@@ -267,19 +232,14 @@ class RobotPilot:
     def _obey_safety(self, now_ns: int) -> None:
         stop = self._safety.stop(self.user, self._owners.steering.mode, now_ns)
         self._kind = "" if stop is None else stop.kind
-        if stop is None:
-            if self._stop is not None and (not self._stop.is_freeing or self._stop.kind in PASSING):
-                self._stop = None
-            return
-        before = self._stop
-        if stop.is_freeing and (self.user or before is None):
+        change = HOLDS[hold_of(self._stop, self.user)][verdict_of(stop)]
+        if change == "release" and stop is not None:
             self._release(stop)
-            return
-        self._halts |= before is None
-        if before is None or not before.is_freeing or before.kind in PASSING or stop.kind == "other_master":
+        if change in ("resume", "note", "halt"):
             self._stop = stop
-        self._goal = None
-        self._order.drop()
+        if change in ("end", "note", "halt"):
+            self._errand.interrupt()
+        self._halts |= change == "halt"
 
     def _change_owner(self, now_ns: int) -> None:
         """Take the robot from who lets go of it, and give it to the first who wants it and may have it."""
@@ -290,14 +250,14 @@ class RobotPilot:
         age_ns = round(CLAIM_AGE_S * NS_PER_S)
         span_ns = (max(self._since_ns, now_ns - age_ns), now_ns + age_ns)
         wanted = self._owners.candidate(*span_ns)
+        problem = ""
         if wanted:
             barred = self._lost or self._figure.take_problem(wanted, now_ns)
-            self._problem = barred or self._safety.take_problem(wanted, now_ns)
+            problem = barred or self._safety.take_problem(wanted, now_ns)
         elif late := self._owners.late(*span_ns):
-            self._problem = f"{late} asked for the robot too long ago, or by another clock: take it again"
-        else:
-            self._problem = ""
-        if wanted and not self._problem:
+            problem = f"{late} asked for the robot too long ago, or by another clock: take it again"
+        self._errand.problem = problem
+        if wanted and not problem:
             self._owners.take(wanted)
             self._stop = None
 
@@ -314,80 +274,7 @@ class RobotPilot:
 
     def _end_steering(self) -> None:
         self._halts = True
-        self._goal = self._refused = None
-        self._problem = ""
-        self._order.drop()
-
-    def _wanted(self, report: RobotReport, now_ns: int) -> Command | None:
-        """Return the command by which the robot begins, or goes on with, what its person wants."""
-        steering, command = self._owners.steering, self._order.command
-        if self._refused != (steering.mode, steering.target_m):
-            self._refused = None
-        if isinstance(command, TakeOff):
-            return None
-        if steering.mode != "goals":
-            self._goal = None
-        if steering.mode == "land":
-            return self._landing(steering.target_m, report)
-        if isinstance(command, Land):  # they have changed their mind
-            return Stop(self._order.next())
-        if self._refused is not None:
-            return None
-        if self._is_flyer and not report.is_flying:
-            wants = steering.mode != "none"
-            return TakeOff(self._order.next(), self._config.hover_m) if wants else None
-        if steering.mode == "follow":
-            return self._following(report, now_ns)
-        if isinstance(command, Follow) or (steering.mode == "none" and isinstance(command, FollowPath)):
-            return self._hold("")
-        return self._path(report, now_ns) if steering.mode == "goals" else None
-
-    def _hold(self, problem: str) -> Command | None:
-        """Return the command by which it stays where it is, if it does not already."""
-        self._problem = problem
-        command = self._order.command
-        return None if command is None or isinstance(command, Stop) else Stop(self._order.next())
-
-    def _following(self, report: RobotReport, now_ns: int) -> Command | None:
-        cursor = self._cursors.get(self.user)
-        target = None if cursor is None else self._targets.of_cursor(cursor, report.position_m)
-        if target is None:
-            return self._hold(UNREACHABLE)
-        set_point = self._safety.set_point(self.user, target, now_ns)
-        self._problem = set_point.problem
-        return Follow(self._order.next(), set_point.position_m, None, set_point.max_speed_mps)
-
-    def _path(self, report: RobotReport, now_ns: int) -> Command | None:
-        goal, self._goal = self._goal, None
-        if goal is None:
-            return None
-        here_m, wanted_m = report.position_m, (*goal.via_m, goal.position_m)
-        if not all(self._targets.is_reachable(point, here_m) for point in wanted_m):
-            self._problem = UNREACHABLE
-            return None
-        points = tuple(self._targets.above(point, here_m) for point in wanted_m)
-        self._problem = self._safety.target_problem(self.user, points, now_ns, sigma_m=goal.position_sigma_m)
-        if self._problem:
-            return None
-        speed_mps = self._safety.speed_limit_mps((here_m, *points))
-        return FollowPath(self._order.next(), points, goal.yaw_rad, speed_mps)
-
-    def _landing(self, place_m: Vec3 | None, report: RobotReport) -> Command | None:
-        """Return the next command of a landing, or None. If it stands, it is free."""
-        command = self._order.command
-        if not self._is_flyer or (not report.is_flying and not isinstance(command, Land)):
-            self._free()
-            self._halts = False
-            return Stop(self._order.next())
-        if self._refused is not None or (isinstance(command, Land) and command.position_m == place_m):
-            return None
-        way = () if place_m is None else (self._targets.above(place_m, report.position_m), place_m)
-        problem = self._safety.way_problem(way) if way else ""  # an arm that is lowered ends no landing
-        if problem:
-            self._refused = ("land", place_m)
-            return self._hold(problem)
-        self._problem = ""
-        return Land(self._order.next(), place_m, self._safety.speed_limit_mps(way) if way else None)
+        self._errand.forget()
 
     def _on_status(self, status: OrderStatus) -> None:
         """Note what became of the present order. What is said of earlier ones is no news."""
@@ -395,10 +282,7 @@ class RobotPilot:
         if command is None:
             return
         if status.state != "done":
-            why = f": {status.reason}" if status.reason else ""
-            self._problem = f"the robot has {status.state} its order{why}; point there again, or elsewhere"
-            if not isinstance(command, FollowPath):
-                self._refused = (self._owners.steering.mode, self._owners.steering.target_m)
+            self._errand.on_failure(command, status.state, status.reason)
         elif isinstance(command, Land):
             self._free()
         elif isinstance(command, TakeOff) and self.report is not None:

@@ -1,0 +1,1 @@
+"""Steering of a robot by its person."""

@@ -1,0 +1,149 @@
+"""Commands to a robot for the person who steers it. Pure."""
+
+from pointit.geometry.vector import Vec3
+from pointit.schemas import NS_PER_S, Cursor, Goal
+from pointit.services.robot.config import RobotConfig
+from pointit.services.robot.current_order import CurrentOrder
+from pointit.services.robot.ownership import Ownership
+from pointit.services.robot.robot_driver import Command, Follow, FollowPath, Land, RobotReport, Stop, TakeOff
+from pointit.services.robot.robot_safety import RobotSafety
+from pointit.services.robot.steering.table import ACTIONS, Stage
+from pointit.services.robot.targets import Targets
+
+ANSWER_S = 3.0
+"""A robot that has not answered an order for so long is said to be silent, s."""
+GOAL_AGE_S = 2.0
+"""A goal pointed at longer ago, or so much ahead, is refused, s."""
+UNREACHABLE = "the robot cannot go where you point: point at the floor"
+
+
+class Errand:
+    """Makes the commands of the table of actions, as far as safety permits."""
+
+    def __init__(
+        self, config: RobotConfig, safety: RobotSafety, owners: Ownership, order: CurrentOrder
+    ) -> None:
+        """Start with nothing to do."""
+        self._config = config
+        self._safety = safety
+        self._owners = owners
+        self._order = order
+        self.targets = Targets(config)
+        self._goal_ns: dict[str, int] = {}
+        """Stamps of the last goals by person."""
+        self._goal: Goal | None = None
+        """Goal that waits until the robot can go."""
+        self._refused: tuple[str, Vec3 | None] | None = None
+        """Mode and place of steering that the robot refused: it is not asked again."""
+        self.problem = ""
+        """Reason not to do what it is asked for."""
+
+    def on_goal(self, user: str, goal: Goal, now_ns: int) -> None:
+        """Take a goal of the person who steers the robot. One that comes twice or late is not followed."""
+        if goal.stamp_ns <= self._goal_ns.get(user, 0):
+            return
+        age_s = (now_ns - goal.stamp_ns) / NS_PER_S
+        if age_s < -GOAL_AGE_S:
+            self.problem = f"the goal is {-age_s:.1f} s ahead of the robot's clock: synchronize the clocks"
+            return
+        self._goal_ns[user] = goal.stamp_ns
+        if age_s > GOAL_AGE_S:
+            self.problem = f"the goal came {age_s:.1f} s late: point there again, and look for a slow link"
+        else:
+            self._goal = goal
+
+    def on_failure(self, command: Command, state: str, reason: str) -> None:
+        """Note that the robot has not carried out `command`."""
+        why = f": {reason}" if reason else ""
+        self.problem = f"the robot has {state} its order{why}; point there again, or elsewhere"
+        if not isinstance(command, FollowPath):
+            self._refused = (self._owners.steering.mode, self._owners.steering.target_m)
+
+    def interrupt(self) -> None:
+        """End the order, and forget the goal."""
+        self._goal = None
+        self._order.drop()
+
+    def forget(self) -> None:
+        """End the order and all that was wanted."""
+        self.interrupt()
+        self._refused, self.problem = None, ""
+
+    def step(self, stage: Stage, report: RobotReport, cursor: Cursor | None, now_ns: int) -> Command | None:
+        """Return the command by which the robot begins, or goes on with, what its person wants."""
+        if (silent_s := self._order.unanswered_s(now_ns)) > ANSWER_S:
+            self.problem = f"the robot has not answered its order for {silent_s:.0f} s: look at its driver"
+        command = self._next(stage, report, cursor, now_ns)
+        if command is not None:
+            goal_ns = self._goal_ns.get(self._owners.user, 0) if isinstance(command, FollowPath) else 0
+            self._order.give(command, now_ns, goal_ns)
+        return command
+
+    def _next(self, stage: Stage, report: RobotReport, cursor: Cursor | None, now_ns: int) -> Command | None:
+        steering = self._owners.steering
+        action = ACTIONS[stage][steering.mode]
+        if self._refused != (steering.mode, steering.target_m):
+            self._refused = None
+        if steering.mode != "goals" and stage != "taking_off":
+            self._goal = None
+        if action == "let go" or (action == "land" and self._config.kind == "ground"):
+            self._owners.free()
+            self.forget()
+            action = "stop"
+        if action == "stop":
+            return Stop(self._order.next())
+        if self._refused is not None or action == "wait":
+            return None
+        match action:
+            case "take off":
+                return TakeOff(self._order.next(), self._config.hover_m)
+            case "follow":
+                return self._following(report, cursor, now_ns)
+            case "go":
+                return self._path(report, now_ns)
+            case "land":
+                return self._landing(steering.target_m, report)
+            case _:
+                return self._stay("")
+
+    def _stay(self, problem: str) -> Command | None:
+        """Return the command by which it stays where it is, if it does not already."""
+        self.problem = problem
+        command = self._order.command
+        return None if command is None or isinstance(command, Stop) else Stop(self._order.next())
+
+    def _following(self, report: RobotReport, cursor: Cursor | None, now_ns: int) -> Command | None:
+        target = None if cursor is None else self.targets.of_cursor(cursor, report.position_m)
+        if target is None:
+            return self._stay(UNREACHABLE)
+        set_point = self._safety.set_point(self._owners.user, target, now_ns)
+        self.problem = set_point.problem
+        return Follow(self._order.next(), set_point.position_m, None, set_point.max_speed_mps)
+
+    def _path(self, report: RobotReport, now_ns: int) -> Command | None:
+        goal, self._goal = self._goal, None
+        if goal is None:
+            return None
+        here_m, wanted_m = report.position_m, (*goal.via_m, goal.position_m)
+        if not all(self.targets.is_reachable(point, here_m) for point in wanted_m):
+            self.problem = UNREACHABLE
+            return None
+        points = tuple(self.targets.above(point, here_m) for point in wanted_m)
+        user = self._owners.user
+        self.problem = self._safety.target_problem(user, points, now_ns, sigma_m=goal.position_sigma_m)
+        if self.problem:
+            return None
+        speed_mps = self._safety.speed_limit_mps((here_m, *points))
+        return FollowPath(self._order.next(), points, goal.yaw_rad, speed_mps)
+
+    def _landing(self, place_m: Vec3 | None, report: RobotReport) -> Command | None:
+        command = self._order.command
+        if isinstance(command, Land) and command.position_m == place_m:
+            return None
+        way = () if place_m is None else (self.targets.above(place_m, report.position_m), place_m)
+        problem = self._safety.way_problem(way) if way else ""  # an arm that is lowered ends no landing
+        if problem:
+            self._refused = ("land", place_m)
+            return self._stay(problem)
+        self.problem = ""
+        return Land(self._order.next(), place_m, self._safety.speed_limit_mps(way) if way else None)

@@ -1,0 +1,109 @@
+"""The tables of what a robot does for its person, and when it stands still: complete, safe, and obeyed."""
+
+from itertools import product
+from typing import get_args
+
+import pytest
+
+from pointit.schemas import Steering
+from pointit.services.robot.robot_driver import Command, Follow, FollowPath, Land, OrderStatus, Stop, TakeOff
+from pointit.services.robot.robot_safety import StopReason
+from pointit.services.robot.steering.table import (
+    ACTIONS,
+    HOLDS,
+    Action,
+    Change,
+    Hold,
+    Mode,
+    Stage,
+    Verdict,
+    hold_of,
+)
+from tests.unit.robot.permits import Desk
+
+THERE = (1.0, 0.5, 0.0)
+ABOVE = (0.0, 0.0, 1.0)
+COMMANDS: dict[Action, type[Command] | None] = {
+    "wait": None, "take off": TakeOff, "follow": Follow, "go": FollowPath, "land": Land, "stay": Stop,
+    "stop": Stop, "let go": Stop,
+}  # fmt: skip
+STOPS: dict[Verdict, StopReason | None] = {
+    "safe": None,
+    "hold": StopReason("people", "somebody is near", is_freeing=False),
+    "free": StopReason("jump", "it has jumped", is_freeing=True),
+    "other_master": StopReason("other_master", "another steers it", is_freeing=True),
+}
+SILENT = StopReason("report", "nothing is heard of it", is_freeing=True)
+HELD: dict[Hold, StopReason | None] = {
+    "none": None, "kept": STOPS["hold"], "passing": SILENT, "freed": STOPS["free"]
+}  # fmt: skip
+
+
+def test_each_stage_has_an_action_for_each_wish_and_each_hold_a_change_for_each_verdict() -> None:
+    assert get_args(Mode) == get_args(Steering.model_fields["mode"].annotation)
+    assert set(product(get_args(Stage), get_args(Mode))) == {(a, b) for a in ACTIONS for b in ACTIONS[a]}
+    assert set(product(get_args(Hold), get_args(Verdict))) == {(a, b) for a in HOLDS for b in HOLDS[a]}
+
+
+def test_nothing_begins_for_who_wants_nothing_and_nothing_resumes_unless_it_is_safe() -> None:
+    assert {actions["none"] for actions in ACTIONS.values()} <= {"wait", "stay", "stop"}
+    for changes in HOLDS.values():
+        assert {changes[each] for each in get_args(Verdict) if each != "safe"}.isdisjoint({"-", "resume"})
+
+
+def desk_in(stage: Stage) -> Desk:
+    """Return a desk with a quadrotor that anna steers, and that does this."""
+    desk = Desk()
+    desk.report()
+    desk.step()
+    desk.point("anna", THERE)
+    desk.steer("anna", "none" if stage == "landed" else "goals")
+    order = desk.step()
+    if stage in ("landed", "taking_off"):
+        return desk
+    assert isinstance(order, TakeOff)
+    desk.pilot.on_item(OrderStatus(order.order, "done"), desk.now_ns)
+    desk.report(ABOVE, is_flying=True)
+    wish(
+        desk,
+        {"landing": "land", "following": "follow", "on_path": "goals"}.get(stage, "none"),
+        (0.2, 0.3, 0.0),
+    )
+    desk.step()
+    return desk
+
+
+def wish(desk: Desk, mode: str, place_m: tuple[float, float, float]) -> None:
+    desk.steer("anna", mode, target_m=place_m if mode == "land" else None)
+    if mode == "goals":
+        desk.send("anna", place_m)
+
+
+@pytest.mark.parametrize(("stage", "mode"), list(product(get_args(Stage), get_args(Mode))))
+def test_a_robot_does_what_the_table_says(stage: Stage, mode: Mode) -> None:
+    desk = desk_in(stage)
+    action = ACTIONS[stage][mode]
+    wish(desk, mode, THERE)
+    command = desk.step()
+    expected = COMMANDS[action]
+    assert command is None if expected is None else isinstance(command, expected)
+    assert desk.pilot.user == ("" if action == "let go" else "anna")
+
+
+@pytest.mark.parametrize(("hold", "verdict"), list(product(get_args(Hold), get_args(Verdict))))
+def test_a_robot_stands_as_long_as_the_table_says(hold: Hold, verdict: Verdict) -> None:
+    desk = desk_in("resting")
+    before, now = HELD[hold], STOPS[verdict]
+    desk.safety.stop_reason = before
+    desk.step()
+    user = desk.pilot.user
+    assert hold_of(before, user) == hold
+    if now is not None:
+        now = now._replace(text=f"now {now.text}")
+    desk.safety.stop_reason = now
+    command = desk.step()
+    change: Change = HOLDS[hold][verdict]
+    stop = {"-": before, "resume": None, "end": before}.get(change, now)
+    assert desk.pilot.reason == ("" if stop is None else stop.text)
+    assert isinstance(command, Stop) == (change in ("halt", "release"))
+    assert desk.pilot.user == ("" if change == "release" else user)

@@ -13,6 +13,7 @@ import threading
 from collections import Counter, defaultdict
 
 from pointit.access import rejected_connections
+from pointit.access.limits import max_rate_hz
 from pointit.access.rejected_connections import RejectedConnections
 
 KINDS = 9
@@ -24,9 +25,9 @@ MAX_WRITTEN = 10_000
 """Limit of keys that are counted at a time."""
 FLOOD_HZ = 1000.0
 """Rate above which a key is flooded. Wrists send 200 Hz at most, and of most keys only the newest counts."""
-SLOWED_HZ = 50.0
-"""Rate of messages dropped as too frequent (`router_configuration`), above which a key is flooded. Readers
-fetch some of a burst again."""
+SLOWED = 2.0
+"""The same for a key of which some were dropped as too frequent (`router_configuration`), as a multiple of
+its maximum rate: what waited on a link that stalled comes at once, too."""
 ID_LENGTH = 32
 """Maximum number of characters of a connection's name."""
 
@@ -51,7 +52,7 @@ DROPPED = "interceptor: Msg intercepted!"
 SLOWED_TARGET = "\x1b[2mzenoh::net::routing::interceptor::downsampling\x1b"
 PUSH = "interceptor: Push("
 FROM = ") from:"
-SLOWED = re.compile(r"interceptor: Push\((.+)\) from:\S*/(\w+):\d+$", re.DOTALL)
+TOO_FREQUENT = re.compile(r"interceptor: Push\((.+)\) from:\S*/(\w+):\d+$", re.DOTALL)
 """Key, which matches one of a person, and the first characters of the connection's name."""
 
 VERBS = {
@@ -155,7 +156,7 @@ class DeniedOperations:
             self._take_let_in(line)
 
     def _take_sentences(self, elapsed_s: float) -> dict[str, str]:
-        slowed = self._take_slowed(elapsed_s)
+        slowed = self._take_slowed()
         clauses: dict[str, list[str]] = defaultdict(list)
         for name, attempts in self._attempts.items():
             clauses[name].append(f"may not {_listed(attempts)}: refused")
@@ -226,15 +227,15 @@ class DeniedOperations:
         if attempt in attempts or len(attempts) < MAX_NAMES:
             attempts[attempt] += 1
 
-    def _take_slowed(self, elapsed_s: float) -> set[str]:
+    def _take_slowed(self) -> set[str]:
         """Count what was dropped as too frequent as written, or as denied where the others of its key were.
 
         Returns:
-            The ends of the lines on writes of which many were dropped.
+            The ends of the lines on writes of which some were dropped.
         """
-        much: set[str] = set()
+        slowed: set[str] = set()
         for line, count in self._slowed.items():
-            if (found := SLOWED.match(line)) is None:
+            if (found := TOO_FREQUENT.match(line)) is None:
                 continue
             # Who takes the first characters of the name of another's connection blames nobody.
             owners = {self._identity_of(each): each for each in self._names if each.startswith(found[2])}
@@ -246,15 +247,15 @@ class DeniedOperations:
                 continue
             written = f"{connection}{WRITES}{found[1][:MAX_KEY]}"
             self._written[written] += count
-            if count > SLOWED_HZ * elapsed_s:
-                much.add(written)
-        return much
+            slowed.add(written)
+        return slowed
 
     def _floods(self, elapsed_s: float, slowed: set[str]) -> dict[str, Counter[str]]:
         floods: dict[str, Counter[str]] = defaultdict(Counter)
         for line, count in self._written.items():
-            if count > FLOOD_HZ * elapsed_s or line in slowed:
-                floods[self._identity_of(_connection(line))][_without(line.partition(WRITES)[2])] += count
+            key = _without(line.partition(WRITES)[2])
+            if count > (SLOWED * max_rate_hz(key) if line in slowed else FLOOD_HZ) * elapsed_s:
+                floods[self._identity_of(_connection(line))][key] += count
         return floods
 
 

@@ -260,7 +260,8 @@ def _slowed(routed: RouterSite) -> list[dict[str, Any]]:
     """Return the maximum rate of each key that a person may write, of each connection.
 
     Zenoh knows no bursts: the rate is a minimum time between two messages. Readers fetch what it drops of
-    states and events again from their publisher, and of the others read only the newest.
+    states and events again from their publisher. Of a burst of others, such as rays behind a link that
+    stalled, they get the first, and then the next that comes.
     """
     keys = [
         key

@@ -78,15 +78,14 @@ class SyncTracker:
     def __init__(self, tracker: Tracker, thread: LoopThread) -> None:
         self._tracker = tracker
         self._thread = thread
-        self._has_updated = False
 
     def update(self, objects: Iterable[TrackedObject], *, stamp_ns: int | None = None) -> None:
         """Publish all objects of this tracker, at least once a second; see `Tracker.update`."""
         listed = tuple(objects)  # here: a generator may use the site
-        if self._has_updated and self._tracker.checked is not None:
-            self._thread.run(asyncio.wait([self._tracker.checked]))
-        self._has_updated = True
         self._thread.call(lambda: self._tracker.update(listed, stamp_ns=stamp_ns))
+        checked = self._tracker.checked
+        if checked is not None and not checked.done():  # afterwards: these objects are seen now
+            self._thread.run(asyncio.wait([checked]))
 
     def close(self) -> None:
         """Publish that all objects have left, and end."""

@@ -65,7 +65,7 @@ class Tracker:
             NoMessageError: If the tracker has a frame, and the map has not come yet.
             BusClosedError: If the tracker or the site is closed.
             AccessDeniedError: If this identity may not write them, which is known after two seconds. Without
-                asyncio the second update waits for that.
+                asyncio the first update waits for that.
         """
         if self._denial is not None:
             raise self._denial

@@ -2,6 +2,7 @@
 # (the stubs of zenoh leave return types out)
 """Limits of one identity at a router: number of connections, and delays that it causes for others."""
 
+import functools
 import itertools
 import threading
 import time
@@ -13,7 +14,7 @@ import pytest
 import zenoh
 from zenoh.handlers import Callback
 
-from pointit.access.limits import MAX_CONNECTIONS
+from pointit.access.limits import KEPT_HZ, LATEST_HZ, MAX_CONNECTIONS
 from pointit.access.site_folder import SiteFolder
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas import ButtonEvent, UserPose
@@ -114,6 +115,26 @@ def test_router_drops_instead_of_waiting_whatever_a_writer_wants(folder: SiteFol
         wait(lambda: bool(heard), "a button", lambda: anna.put(BUTTON.at("anna")))
         subscriber.undeclare()
     assert all(heard)
+
+
+def test_what_a_person_writes_too_often_reaches_nobody(folder: SiteFolder) -> None:
+    button, cursor, pose = (topic.at("anna") for topic in (BUTTON, CURSOR, POSE))
+    with (
+        routed(folder),
+        Member(folder, "anna") as anna,
+        Member(folder, "services") as services,
+        services.listening(button, cursor, pose) as ear,
+    ):
+        for key in (button, cursor):
+            ear.hears(key, functools.partial(anna.put, key))
+        ear.keys.clear()
+        began_s = time.monotonic()
+        for _ in range(3000):
+            anna.put(button, cursor)
+        ear.hears(pose, functools.partial(anna.put, pose))
+        took_s = time.monotonic() - began_s
+        assert ear.keys.count(button) <= KEPT_HZ * took_s + 2
+        assert ear.keys.count(cursor) <= LATEST_HZ * took_s + 2
 
 
 async def test_no_event_of_a_burst_is_lost_nor_is_the_newest_state(folder: SiteFolder) -> None:

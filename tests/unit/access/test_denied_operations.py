@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pointit.access.denied_operations import FLOOD_HZ, KINDS, MAX_KEY, SLOWED_HZ, DeniedOperations
+from pointit.access.denied_operations import FLOOD_HZ, KINDS, MAX_KEY, SLOWED, DeniedOperations
+from pointit.access.limits import KEPT_HZ, LATEST_HZ
 from pointit.access.recent_denials import MAX_MESSAGES, RECENT_S, RecentDenials
 from pointit.access.rejected_connections import (
     CLAIMS,
@@ -115,15 +116,18 @@ def test_who_writes_what_is_dropped_as_too_frequent_is_told_and_it_counts() -> N
     name = "12ab34cd" * 4
     known = f"{ANNA.replace('12ab', name)} is authorized to Put (ingress) on pointit/lab/users/anna/claim"
     refused = DeniedOperations()
-    for line in (HEAD + known, *[slowed("12ab34cd")] * int(SLOWED_HZ + 1)):
+    for line in (HEAD + known, *[slowed("12ab34cd")] * int(SLOWED * KEPT_HZ)):
         refused.take(line)
     (told,) = refused.take_sentences(1.0).values()
     assert (
-        told == "lab/anna writes users/anna/claim 52 times a second, more than anybody needs: end what does"
+        told == "lab/anna writes users/anna/claim 201 times a second, more than anybody needs: end what does"
     )
-    assert refused.rates_hz == {"lab/anna": 52.0}
+    assert refused.rates_hz == {"lab/anna": 201.0}
     assert refused.take_sentences(1.0) == {}
-    assert sentences(known, *[slowed("12ab34cd")] * int(SLOWED_HZ)) == [], "of a burst, some is fetched again"
+    burst = [slowed("12ab34cd")] * int(SLOWED * KEPT_HZ - 1)
+    assert sentences(known, *burst) == [], "of a burst, some is fetched again"
+    stalled = [slowed("12ab34cd", "users/anna/imu")] * int(SLOWED * LATEST_HZ)
+    assert sentences(known, *stalled) == [], "a wrist behind a link that stalls and goes on"
     assert sentences(known, *[slowed("12ab34cd", flow="to")] * 5000) == [], "a dashboard's"
 
 
@@ -144,9 +148,9 @@ def test_who_takes_the_first_letters_of_anothers_connection_blames_nobody() -> N
         f"{ANNA.replace('12ab', name).replace('anna', who)} is authorized to Put (ingress) on pointit/lab/a"
         for name, who in zip(names, ("anna", "anna", "ben"), strict=True)
     ]
-    drops = [slowed("12ab34cd")] * 100
-    assert sentences(*known[:2], *drops)[0].startswith("lab/anna writes users/anna/claim 100 times")
-    assert sentences(*known, *drops)[0].startswith("connection 12ab34cd writes users/anna/claim 100 times")
+    drops = [slowed("12ab34cd")] * 300
+    assert sentences(*known[:2], *drops)[0].startswith("lab/anna writes users/anna/claim 300 times")
+    assert sentences(*known, *drops)[0].startswith("connection 12ab34cd writes users/anna/claim 300 times")
 
 
 def test_a_key_cannot_lay_the_blame_on_somebody_else() -> None:

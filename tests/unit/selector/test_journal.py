@@ -295,19 +295,22 @@ def test_a_flood_of_refused_claims_leaves_the_journal_in_its_limit_and_selection
     assert sum(each.event == "refused" for each in audit(journal.path)) > 300
 
 
-def test_a_flood_of_selections_leaves_the_journal_in_its_limit_and_what_is_selected_in_it(
+def test_a_flood_of_selections_and_refusals_leaves_the_journal_in_its_limit_and_what_is_selected_in_it(
     tmp_path: Path,
 ) -> None:
     journal = Journal(tmp_path, max_mb=1.0)
     journal.begin(NOW)
     hers = selected("hers", 1)
-    rounds = [(selected(f"{seq}", seq), ended(f"{seq}", seq + 1)) for seq in range(2, 20_002, 2)]
+    rounds = [
+        (selected(f"{seq}", seq), ended(f"{seq}", seq + 1), refused("hers", seq + 2))
+        for seq in range(2, 30_002, 3)
+    ]
     flood(journal, (hers,), *rounds)
     journal.close()
     assert journal.path.stat().st_size < 1.1e6
     left = list(audit(journal.path))
     assert left[0] == hers
-    assert left[-1].seq == 20_001
+    assert left[-1].seq == 30_001
 
 
 def test_endless_names_of_an_older_version_are_left_out(tmp_path: Path) -> None:

@@ -147,9 +147,9 @@ class Journal:
         def write(db: sqlite3.Connection) -> None:
             db.executemany(INSERT, self._pending)
             if self._pending and db.execute(BYTES).fetchone()[0] > self._max_bytes:
-                rows = (PRUNED_AT_ONCE + 2 * len(self._pending),)
-                if not db.execute(SHRINK[0], rows).rowcount:
-                    db.execute(SHRINK[1], rows)
+                rows = PRUNED_AT_ONCE + 2 * len(self._pending)
+                for shrink in SHRINK:
+                    rows -= db.execute(shrink, (rows,)).rowcount
             db.execute("UPDATE life SET told = ?, alive_ns = ?", (self._published, now_ns))
             if self._is_sign_due(now_ns):
                 self._prune(db, now_ns)

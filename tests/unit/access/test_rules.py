@@ -232,7 +232,7 @@ def test_each_persons_key_is_thinned_by_a_rule_of_its_own() -> None:
     assert configuration([routed()])["downsampling"] == [people]
 
 
-def test_each_key_that_a_person_may_write_has_a_rate_of_its_own() -> None:
+def test_each_key_that_a_person_may_write_but_samples_and_rays_has_a_rate_of_its_own() -> None:
     (people,) = configuration([routed()])["downsampling"]
     assert (people["messages"], people["flows"]) == (["put"], ["ingress"])
     assert "link_protocols" not in people
@@ -242,6 +242,7 @@ def test_each_key_that_a_person_may_write_has_a_rate_of_its_own() -> None:
         for member in routed().members
         if member.role == "user"
         for key in rights_of("user", member.name).writes
+        if key not in (IMU.at(member.name), RAY.at(member.name))  # of a late batch, the newest is wanted
     }
     assert not any("*" in key for key in rates_hz), "keys of one rule would share its rate"
     assert rates_hz["pointit/lab/users/anna/claim"] < rates_hz["pointit/lab/users/anna/cursor"]

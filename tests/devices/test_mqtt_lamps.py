@@ -18,6 +18,7 @@ from ha_mqtt_discoverable.sensors import Light, LightInfo
 
 import pointit
 from pointit.bridges.web.server import certificate
+from pointit.runtime.mqtt.broker import connected
 from pointit.schemas import Lamp
 from pointit.services.led_driver.output.mqtt import mqtt_output
 from pointit.services.led_driver.output.mqtt.mqtt_config import MqttConfig
@@ -251,8 +252,6 @@ async def test_the_last_will_tells_that_the_lamps_are_left_alone(port: int) -> N
 async def test_a_broker_without_room_for_last_wills_is_said(
     port: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    connected = mqtt_output.connected
-
     def connected_once(options: dict[str, Any]) -> contextlib.AbstractAsyncContextManager[aiomqtt.Client]:
         if not options["identifier"].endswith("-0"):
             raise ConnectionRefusedError("no room")

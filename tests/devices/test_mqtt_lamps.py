@@ -4,6 +4,7 @@ import asyncio
 import contextlib
 import datetime as dt
 import json
+import re
 import ssl
 import sys
 from collections.abc import AsyncGenerator, Iterator
@@ -17,7 +18,9 @@ from ha_mqtt_discoverable.sensors import Light, LightInfo
 
 import pointit
 from pointit.bridges.web.server import certificate
+from pointit.runtime.mqtt.broker import connected
 from pointit.schemas import Lamp
+from pointit.services.led_driver.output.mqtt import mqtt_output
 from pointit.services.led_driver.output.mqtt.mqtt_config import MqttConfig
 from pointit.services.led_driver.output.mqtt.mqtt_output import MqttLamps
 from pointit.services.led_driver.output.mqtt.search import find_lamps_on
@@ -244,6 +247,24 @@ async def test_the_last_will_tells_that_the_lamps_are_left_alone(port: int) -> N
         relay.cut(is_noticed=True)
         await until(lambda: [payload for _, payload in heard[1:2]] == [b"offline"], what="the last will")
         await until(lambda: heard[-1][1] == b"online", what="the next connection")
+
+
+async def test_a_broker_without_room_for_last_wills_is_said(
+    port: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def connected_once(options: dict[str, Any]) -> contextlib.AbstractAsyncContextManager[aiomqtt.Client]:
+        if not options["identifier"].endswith("-0"):
+            raise ConnectionRefusedError("no room")
+        return connected(options)
+
+    monkeypatch.setattr(mqtt_output, "connected", connected_once)
+    async with lamps_on(port) as (_output, health):
+        sentence = r"no room, at the last will of d\w+; `last_wills: false` needs none"
+        await until(lambda: bool(re.search(sentence, str(health.warnings))), what="the warning")
+    async with lamps_on(port, last_wills=False) as (output, health), overheard(port, "+/desk/set") as heard:
+        output.show_lamp("desk", RED)
+        await until(lambda: bool(heard), what="a command")
+        assert not health.warnings
 
 
 async def test_a_run_that_is_killed_leaves_no_lamp_lit(port: int) -> None:

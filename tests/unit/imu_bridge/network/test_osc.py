@@ -69,7 +69,6 @@ def test_address_of_two_parts_is_that_of_zig_sim_only_beside_its_device_info() -
     decoder = OscDecoder(OscConfig())
     items(decoder, "/my-phone/quaternion", *XYZW)
     assert "/my-phone/quaternion is not known; they are read as xyzw" in decoder.doubt
-    decoder = OscDecoder(OscConfig())
     items(decoder, "/my-phone/deviceinfo", "iPhone", "my-phone", "ios", "18.1", 1170.0, 2532.0)
     items(decoder, "/my-phone/quaternion", *XYZW)
     assert decoder.doubt == ""

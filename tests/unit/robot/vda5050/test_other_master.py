@@ -79,3 +79,15 @@ def test_what_another_master_orders_during_a_lost_link_is_not_cancelled_after_it
     bench.run(3.0)
     assert bench.virtual.base == THEIRS
     assert "cancelOrder" not in str(bench.sent)
+
+
+def test_an_agv_whose_first_state_is_lost_is_asked_again_though_it_reports_its_place() -> None:
+    """Nothing is sent before its state is known, and by the standard it sends one every 30 s only."""
+    bench = AgvBench()
+    bench.is_lossy = lambda topic: topic.endswith("/instantActions")
+    bench.connect()
+    bench.run(0.1)
+    path = bench.tell(FollowPath, ((1.0, 0.0, 0.0),))
+    bench.is_lossy = lambda _topic: False
+    bench.run(3.0)
+    assert bench.outcomes(path)[-1:] == [("done", "")]

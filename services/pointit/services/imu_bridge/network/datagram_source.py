@@ -12,7 +12,7 @@ from pointit.runtime.config.config import Config
 from pointit.runtime.health.surroundings import HealthSink
 from pointit.services.imu_bridge.network.contents import DatagramError
 from pointit.services.imu_bridge.network.port_source import PortSource
-from pointit.services.imu_bridge.network.sender_choice import MOST_OTHERS, REPLACED_S, SenderChoice
+from pointit.services.imu_bridge.network.sender_choice import MOST_OTHERS, RESTARTED_S, SenderChoice
 from pointit.services.imu_bridge.network.udp_server import Address
 from pointit.services.imu_bridge.reading import Disconnected, Item, Reconnected
 
@@ -135,7 +135,7 @@ class DatagramSource(PortSource):
         self._health.warn(
             "others",
             f"{others} sends to port {place}, too, and is not used: set {self._name}.sender, or another port "
-            f"in one of the apps (one that was restarted is used after {REPLACED_S:g} s)"
+            f"in one of the apps (one that was restarted is used after {RESTARTED_S:g} s)"
             if others
             else "",
         )

@@ -88,7 +88,7 @@ class OscDecoder(Decoder):
         if address == "/battery" and len(numbers) >= 3:
             return self._changed_battery(numbers)
         if address.endswith("/deviceinfo"):
-            self._zig_sim = f"{address.removesuffix('deviceinfo')}quaternion"
+            self._zig_sim, self.doubt = f"{address.removesuffix('deviceinfo')}quaternion", ""
         if address.rpartition("/")[2] == "button" and (not numbers or numbers[-1] > 0):
             return Press(stamp_ns)
         return None

@@ -1,4 +1,4 @@
-"""A wrist at a UDP port: of all that waits, the newest orientation and each event are delivered at once."""
+"""A wrist at a UDP port: of all that waits, each event and the newest orientations are delivered at once."""
 
 import asyncio
 from abc import ABC, abstractmethod
@@ -13,7 +13,7 @@ from pointit.services.imu_bridge.network.udp_server import (
     DatagramLimit,
     UdpServer,
 )
-from pointit.services.imu_bridge.reading import Deliver, Item, Reading, Reconnected
+from pointit.services.imu_bridge.reading import Deliver, Item, Reading
 
 PERIOD_S = 0.002
 """Shortest time between two orientations that are delivered, s. imu-bridge refuses more than 1000 items a
@@ -78,12 +78,11 @@ class PortSource(ABC):
             self._take(data, address, now_s)
 
     def _pass_on(self, item: Item) -> None:
-        """Deliver `item`; an orientation only if none follows in what is read at once."""
+        """Deliver `item`; an orientation only if none follows it at once, since the newest counts."""
         if isinstance(item, Reading):
             self._newest = item
             return
-        if isinstance(item, Reconnected):
-            self._deliver_newest()  # that of the connection before
+        self._deliver_newest()  # that at which the button was pressed, or of the connection before
         self._deliver(item)
 
     def _on_read(self) -> None:

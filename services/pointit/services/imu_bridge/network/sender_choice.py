@@ -3,12 +3,15 @@
 from pointit.services.imu_bridge.network.udp_server import Address
 
 REPLACED_S = 10.0
-"""Time without a datagram after which another sender takes the place of one that nobody has named, s."""
+"""Time without a datagram after which another machine takes the place of one that nobody has named, s."""
+RESTARTED_S = 3.0
+"""Time without a datagram after which another port of its machine takes the place, as of an app that was
+restarted, s."""
 OTHERS_S = 5.0
 """Time for which another sender is named, s."""
 MOST_OTHERS = 8
 ROAMING = 8
-"""Ports of one machine in succession, none of them twice, by which it sends each datagram from another."""
+"""Number of other ports of its machine, while it is silent, that show a new port for each datagram."""
 
 
 class SenderChoice:
@@ -21,8 +24,8 @@ class SenderChoice:
         """Sender in use."""
         self._heard_s = 0.0
         self._others: dict[Address, float] = {}
-        self._ports: list[int] = []
-        """Other ports of its machine, in the order in which they were heard since it was."""
+        self._ports: set[int] = set()
+        """Other ports of its machine that were heard since it was."""
         self._roaming = ""
         """Machine that sends each datagram from another port, or `""`."""
 
@@ -40,14 +43,17 @@ class SenderChoice:
         Args:
             address: sender.
             now_s: the time, s.
-            patience_s: time for which the sender in use must have been silent, s.
+            patience_s: time for which the sender in use must have been silent, s. At most `RESTARTED_S` for
+                its own machine.
         """
+        is_beside = self.used is not None and address[0] == self.used[0]
+        patience_s = min(patience_s, RESTARTED_S) if is_beside else patience_s
         is_free = self.used is None or self.is_used(address) or now_s - self._heard_s > patience_s
         if is_free and self._wanted in ("", address[0]):
             return True
-        if self.used is not None and address[0] == self.used[0]:
-            self._ports = [*self._ports, address[1]][-ROAMING:]
-            if len(set(self._ports)) == ROAMING:
+        if is_beside:
+            self._ports.add(address[1])
+            if len(self._ports) == ROAMING:
                 self._roaming, self._others = address[0], {}
                 return True
         if address in self._others or len(self._others) < MOST_OTHERS:
@@ -57,7 +63,7 @@ class SenderChoice:
     def use(self, address: Address, now_s: float) -> None:
         """Use `address`, which has sent something readable."""
         self.used, self._heard_s = address, now_s
-        self._ports = []
+        self._ports.clear()
         self._others.pop(address, None)
 
     def others(self, now_s: float) -> list[str]:

@@ -134,11 +134,19 @@ class MqttLamps:
             await event.wait()
 
     async def _leave_will(self, number: int, lamp_id: str, is_left: asyncio.Event) -> None:
+        from aiomqtt import MqttError  # noqa: PLC0415 - an extra
+
         topic = self._config.command_topic(lamp_id)
-        async with self._connected(number, topic, light_protocol.command(DARK)) as client:
-            is_left.set()
-            async for _message in client.messages:  # none comes; a lost connection raises
-                pass
+        try:
+            async with self._connected(number, topic, light_protocol.command(DARK)) as client:
+                is_left.set()
+                async for _message in client.messages:  # none comes; a lost connection raises
+                    pass
+        except (MqttError, OSError) as error:
+            if is_left.is_set():
+                raise
+            why = str(error) or "no answer"
+            raise OSError(f"{why}, at the last will of {lamp_id}; `last_wills: false` needs none") from error
 
     async def _send(self, client: "aiomqtt.Client", tasks: asyncio.TaskGroup) -> None:
         loop = asyncio.get_running_loop()

@@ -1,5 +1,6 @@
 """One AGV: its messages become reports, commands become its orders. Pure; time is an argument."""
 
+import math
 from collections.abc import Callable
 
 from pointit.geometry.vector import wrap
@@ -94,6 +95,7 @@ class Agv:
         Some AGVs report every 30 s only: nobody is to wait for that.
         """
         self._is_up = True
+        self._polled_s = math.inf  # at the next step
         self._disconnect(
             f"no AGV reports at {self.topic('state')} on {self._config.broker}: switch it on, or correct "
             "`manufacturer`, `serial_number`, `interface` or `version`"
@@ -163,7 +165,9 @@ class Agv:
         if self._last is not None and is_resting and now_s - max(self._heard_s, self._repeated_s) >= REPEAT_S:
             self._repeated_s = now_s
             self._say(self._last.position_m, self._last.yaw_rad, (0.0, 0.0), self._last.position_sigma_m)
-        if self._orders.is_active and now_s - max(self._heard_s, self._polled_s) >= POLL_S:
+        self._polled_s = min(self._polled_s, now_s)
+        heard_s = self._heard_s if self._orders.has_state else 0.0  # its place alone does not tell
+        if self._orders.is_active and now_s - max(heard_s, self._polled_s) >= POLL_S:
             self._polled_s = now_s
             publications.append(self._state_request())
         return publications

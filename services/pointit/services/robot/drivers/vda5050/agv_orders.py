@@ -99,6 +99,11 @@ class AgvOrders:
         """Number of the stop that the cancellation is for, or 0."""
 
     @property
+    def has_state(self) -> bool:
+        """Return True if the AGV has told its state since it was connected."""
+        return self._state is not None
+
+    @property
     def is_active(self) -> bool:
         """Return True from a command to its end, while the AGV may move."""
         return bool(self._sent or self._route or self._is_cancelling or self._stop_number)

@@ -57,9 +57,7 @@ def test_a_pose_exactly_as_uncertain_as_allowed_is_taken() -> None:
     rays = pointings(TRUE, WAY, each=1)
     free = solve(rays, recall(TRUST, memory(8.0), 0))
     assert isinstance(free, Solution)
-    limited = replace(
-        TRUST, max_position_sigma_m=free.position_sigma_m, max_yaw_sigma_rad=free.yaw_sigma_rad
-    )
+    limited = replace(TRUST, max_position_sigma_m=free.position_sigma_m, max_yaw_sigma_rad=free.yaw_sigma_rad)
     taken = solve(rays, recall(limited, memory(8.0), 0))
     assert isinstance(taken, Solution)
     assert taken.position_sigma_m == free.position_sigma_m

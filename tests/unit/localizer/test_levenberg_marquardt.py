@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 from scipy.optimize import minimize as scipy_minimize
 
 from pointit.services.localizer.estimation.levenberg_marquardt import evaluate_costs, minimize
@@ -25,9 +26,11 @@ def test_costs_of_a_descent_are_those_of_its_pose_and_no_search_finds_less_nearb
     start = np.array([[x + 0.3, y - 0.3, yaw_rad + 0.3, 0.05, 0.0]])
     found = minimize(rays, start, weights)
     assert evaluate_costs(rays, found.poses, weights) == pytest.approx(found.costs)
-    searched = scipy_minimize(
-        lambda pose: float(evaluate_costs(rays, pose[None], weights)[0]), found.poses[0]
-    )
+
+    def cost(pose: NDArray[np.float64]) -> float:
+        return float(evaluate_costs(rays, pose[None], weights)[0])
+
+    searched = scipy_minimize(cost, found.poses[0])
     assert found.costs[0] <= searched.fun + 1e-4
 
 

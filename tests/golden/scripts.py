@@ -3,6 +3,7 @@
 import asyncio
 import contextlib
 import math
+from pathlib import Path
 from typing import Any, Literal
 
 from pointit.runtime.bus.memory_bus import MemoryBus
@@ -67,22 +68,7 @@ from pointit.schemas.topics import (
     Request,
 )
 
-ROOM = """
-leds:
-  led_0: {position: [3.5, -2.9, 2.0]}
-  led_1: {position: [1.7, -2.6, 0.8]}
-  led_2: {position: [3.2, -0.6, 0.2]}
-strips:
-  0: {line: [[4.8, -1.4, 0.9], [4.8, 3.6, 0.9], [3.8, 3.6, 0.9]], pixels: 150}
-boxes:
-  crate: {center: [4.0, 1.6, 0.5], size: [0.6, 0.8, 1.6], yaw_deg: 20}
-cylinders:
-  bin: {center: [4.2, -0.6, 0.0], radius: 0.3, height: 1.5}
-spheres:
-  ball: {center: [3.6, 2.9, 0.8], radius: 0.3}
-planes:
-  wall: {center: [5.5, 1.0, 1.2], normal: [-1.0, 0.0, 0.0], size: [6.0, 2.4]}
-"""
+ROOM = Path(__file__).with_name("room.yaml").read_text("utf-8")
 """A strip with a bend, partly behind opaque things, before a wall."""
 
 OFFSET = PointingOffset(

@@ -5,7 +5,6 @@ import contextlib
 import csv
 import math
 import os
-import random
 import tempfile
 from collections.abc import Callable, Coroutine, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -15,18 +14,15 @@ from unittest import mock
 
 from pointit.launch.plan.launches import Choices, shard_launches, site_launches, user_launches
 from pointit.launch.plan.scenario import read_scenario
-from pointit.runtime.bus.contract import Subscription
 from pointit.runtime.bus.local_broker import LocalBroker
 from pointit.runtime.bus.memory_bus import MemoryBus
-from pointit.runtime.errors import BusClosedError
 from pointit.runtime.service.service import Launch, run_services
 from pointit.runtime.virtual_time import START_NS, VirtualClock, run_virtually
-from pointit.schemas import NS_PER_S, Message
-from pointit.schemas.topics import ANY, TOPICS, Delivery, Topic
+from pointit.schemas import NS_PER_S
 from tests.golden import scripts
+from tests.golden.bad_link import BadLink
 
 L = TypeVar("L")
-M = TypeVar("M", bound=Message)
 
 ROBOT = "robot.csv"
 """A recording that `play` writes into the folder it runs in."""
@@ -55,47 +51,6 @@ class Session:
     room: str = ""
     """Map file, which `play` writes as `room.yaml`."""
     link: Callable[[LocalBroker], MemoryBus] = MemoryBus
-
-
-class BadLink(MemoryBus):
-    """A bus on which every reader gets messages late, and loses a tenth of those of *latest* topics.
-
-    Messages of *latest* topics may overtake each other; events and states are reliable and keep their order.
-    """
-
-    LOST = 0.1
-    LATE_S = 0.1
-    JITTER_S = 0.05
-
-    def __init__(self, exchange: LocalBroker) -> None:
-        super().__init__(exchange)
-        self._random = random.Random(1)
-
-    def subscribe(
-        self,
-        topic: Topic[M],
-        handler: Callable[[M, str], None],
-        name: str = ANY,
-        *,
-        kept: bool = True,
-        every: bool = False,
-    ) -> Subscription:
-        loop = asyncio.get_running_loop()
-        may_be_lost = any(row.key == topic.key and row.delivery is Delivery.LATEST for row in TOPICS)
-
-        def deliver(message: M, its_name: str) -> None:
-            with contextlib.suppress(BusClosedError):  # the reader may have ended meanwhile
-                handler(message, its_name)
-
-        def on_arrival(message: M, its_name: str) -> None:
-            late_s = self.LATE_S
-            if may_be_lost:
-                if self._random.random() < self.LOST:
-                    return
-                late_s += self._random.uniform(-self.JITTER_S, self.JITTER_S)
-            loop.call_later(late_s, deliver, message, its_name)
-
-        return super().subscribe(topic, on_arrival, name, kept=kept, every=every)
 
 
 def choices(*settings: str, localize: bool = False, **chosen: Any) -> Choices:

@@ -13,7 +13,8 @@ from pointit.runtime.virtual_time import START_NS, VirtualClock
 from pointit.schemas import NS_PER_S
 from pointit.schemas.system import split_instance
 from pointit.schemas.topics import CONFIGURATION, HEALTH, MAP, SERVICE_ALIVE, Request
-from tests.golden.sessions import ROBOT, BadLink, Session, choices, play
+from tests.golden.bad_link import BadLink
+from tests.golden.sessions import ROBOT, Session, choices, play
 from tests.golden.sessions import SESSIONS as GOLDEN
 
 RECORDINGS = Path(__file__).with_name("recordings")

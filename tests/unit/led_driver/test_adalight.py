@@ -76,8 +76,10 @@ def test_no_more_baud_is_advised_than_can_be_set() -> None:
         AdalightConfig(port="x", baud=4_000_001)
 
 
-def test_more_pixels_than_the_protocol_counts_are_refused() -> None:
+def test_more_pixels_than_the_protocol_counts_in_two_bytes_are_refused() -> None:
     assert "69632 pixels are more than Adalight has" in warning(17 * 4096)
+    assert "65537 pixels are more than Adalight has" in warning(2**16 + 1)
+    assert "more than Adalight has" not in warning(2**16)
 
 
 def test_dark_frame_has_the_same_pixels() -> None:

@@ -39,6 +39,20 @@ def test_segments_have_a_part_an_order_and_a_direction_each_and_gaps_stay_dark()
     ) == ([50, 40, 60, 20, 10, 30, 0, 0, 0, 4, 5, 6, 9, 8, 7], [])
 
 
+def test_a_segment_that_reaches_beyond_its_strip_shows_what_there_is() -> None:
+    assert shown(Segment(strip="a", first=2, pixels=4), Segment(strip="b"))[0] == [
+        7,
+        8,
+        9,
+        10,
+        20,
+        30,
+        40,
+        50,
+        60,
+    ]
+
+
 def test_white_stays_dark_and_has_its_place_in_the_order() -> None:
     assert shown(Segment(strip="b", order="WGRB")) == ([0, 20, 10, 30, 0, 50, 40, 60], [])
 

@@ -5,6 +5,7 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
@@ -12,7 +13,8 @@ from numpy.typing import NDArray
 from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S
-from pointit.services.localizer.drift.filter import DriftFilter, DriftPose, Fix
+from pointit.services.localizer.drift.filter import DriftFilter, DriftPose, DriftSettings, Fix
+from pointit.services.localizer.drift.state import DriftState
 from tests.unit.localizer.person import EYES_M, yaw_difference
 
 EYES = (0.0, 0.0, EYES_M)
@@ -56,6 +58,12 @@ def apply(drift: DriftFilter, step: Step) -> None:
             drift.reset_yaw(stamp_ns, is_restarted=restarted)
         case _:
             raise AssertionError(step)
+
+
+def test_it_starts_as_uncertain_of_the_imu_as_its_settings_say() -> None:
+    trust = DriftSettings(rate_sigma_radps=0.002, creep_sigma_radps=0.0005)
+    _, covariance = DriftState(some_fix(0.0, 0.0, 0.0, 0.1, 0), trust).moments()
+    assert np.sqrt(np.diagonal(covariance)[3:]) == pytest.approx([0.002, 0.0005])
 
 
 def check(pose: DriftPose, whole: NDArray[np.float64]) -> None:

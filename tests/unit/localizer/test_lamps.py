@@ -6,7 +6,7 @@ import pytest
 
 from pointit.schemas import NS_PER_S, Environment, Lamp, Localization
 from pointit.services.localizer.config import LocalizerConfig
-from pointit.services.localizer.estimation.estimator import Refusal
+from pointit.services.localizer.estimation.estimator import SAME_PLACE_M, Refusal
 from pointit.services.localizer.pose_manager import PoseManager, Response
 from pointit.services.localizer.procedures.lamps import lamps_for_pose, map_change_reason
 from tests.unit.localizer.lab import config
@@ -17,6 +17,8 @@ A, B, C = (
     Lamp(id="b", position_m=(-3.0, 2.5, 0.9)),
     Lamp(id="c", position_m=(-2.5, -3.0, 2.0)),
 )
+
+AT_ORIGIN = Lamp(id="zero", position_m=(0.0, 0.0, 0.1))
 
 
 def at(lamp: Lamp, x_m: float = 0.0, z_m: float = 0.0, name: str = "") -> Lamp:
@@ -39,6 +41,7 @@ NEEDS = "needs two at different places"
         (tuple(at(A, 1e-6 * n, name=f"led_{n}") for n in range(5)), config(order="informative"), NEEDS),
         ((A, at(A, 0.04)), config(order="informative"), NEEDS),
         ((A, at(A, 0.06)), config(order="informative"), ""),
+        ((AT_ORIGIN, at(AT_ORIGIN, SAME_PLACE_M)), config(), ""),  # exactly at the limit
         ((A, at(A), B), config(targets=2), NEEDS),
         ((A, at(A), B), config(), ""),
         ((A, at(A), B), config(order="informative", targets=2), ""),

@@ -36,12 +36,13 @@ def run(
     *,
     start_ns: int = START_NS,
     delay_s: float = 1.2,
+    tick_ns: int = TICK_NS,
     outputs: list[Output] | None = None,
 ) -> list[Output]:
     """Have `person` point at what is lit, `delay_s` late; until then the arm stays where it was."""
     outputs = outputs if outputs is not None else procedure.start(start_ns)
     aim, since_ns, current = (1.0, 1.0, 1.0), start_ns, ""
-    for now_ns in range(start_ns, start_ns + round(duration_s * NS_PER_S), TICK_NS):
+    for now_ns in range(start_ns, start_ns + round(duration_s * NS_PER_S), tick_ns):
         lit = "".join(lamps_lit(outputs))
         if lit != current:
             current, since_ns = lit, now_ns
@@ -98,6 +99,15 @@ def test_rays_that_come_late_are_waited_for() -> None:
     outputs += procedure.step(START_NS + 5 * NS_PER_S)  # the hold is over, nothing came
     outputs = run(procedure, Person(0.2, 0.1), 12.0, start_ns=START_NS + 5 * NS_PER_S, outputs=outputs)
     assert told(outputs)[-1].phase == "solved"
+
+
+def test_rays_of_a_slow_imu_suffice_if_all_given_lamps_together_bring_enough() -> None:
+    """Eight in each hold of 2 s, 24 of three lamps, where 20 are needed."""
+    outputs = run(StaticTargets(LAMPS, config()), Person(0.6, -0.4), 15.0, tick_ns=NS_PER_S // 4)
+    last = told(outputs)[-1]
+    assert last.phase == "solved"
+    assert last.samples == pytest.approx(25, abs=2)
+    assert (last.stamp_ns - START_NS) / NS_PER_S == pytest.approx(10.5, abs=0.3)
 
 
 def test_repeated_and_older_rays_are_not_counted_twice() -> None:

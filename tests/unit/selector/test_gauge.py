@@ -9,6 +9,11 @@ from pointit.services.selector.methods.gauge import Gauges
 MS = 1_000_000
 
 
+def new() -> Gauges:
+    """Return empty gauges, full after 0.8 s, that drain at half the rate."""
+    return Gauges(drain_share=0.5, leave_s=0.3, longest_gap_s=0.25, full_s=0.8)
+
+
 def run(
     gauges: Gauges, times_ms: list[int], hovered: str | None, *, full_s: float = 0.8, fills: bool = True
 ) -> list[int]:
@@ -27,18 +32,18 @@ def every(step_ms: int, start_ms: int, end_ms: int) -> list[int]:
 
 @pytest.mark.parametrize("step_ms", [5, 10, 20, 40, 100])
 def test_a_gauge_is_full_after_its_time_and_fires_once(step_ms: int) -> None:
-    assert run(Gauges(), every(step_ms, 0, 5000), "a") == [800]
+    assert run(new(), every(step_ms, 0, 5000), "a") == [800]
 
 
 @given(st.integers(1, 240), st.integers(50, 3000))
 def test_any_rate_fires_at_the_first_cursor_from_its_time_on(step_ms: int, full_ms: int) -> None:
-    fired = run(Gauges(), every(step_ms, 0, 5000), "a", full_s=full_ms / 1000)
+    fired = run(new(), every(step_ms, 0, 5000), "a", full_s=full_ms / 1000)
     assert len(fired) == 1
     assert full_ms <= fired[0] < full_ms + step_ms
 
 
 def test_it_stays_as_it_is_while_the_ray_moves_fast() -> None:
-    gauges = Gauges()
+    gauges = new()
     run(gauges, every(10, 0, 400), "a")
     run(gauges, every(10, 410, 2000), "a", fills=False)
     assert gauges.fill("a") == pytest.approx(0.5)
@@ -46,7 +51,7 @@ def test_it_stays_as_it_is_while_the_ray_moves_fast() -> None:
 
 
 def test_others_drain_at_half_the_rate() -> None:
-    gauges = Gauges()
+    gauges = new()
     run(gauges, every(10, 0, 400), "a")
     run(gauges, every(10, 410, 800), "b")
     assert gauges.fill("a") == pytest.approx(0.25)
@@ -58,14 +63,14 @@ def test_others_drain_at_half_the_rate() -> None:
 
 
 def test_nothing_fills_in_a_gap_and_everything_drains() -> None:
-    gauges = Gauges()
+    gauges = new()
     run(gauges, every(10, 0, 400), "a")
     assert run(gauges, [800], "a") == []
     assert gauges.fill("a") == pytest.approx(0.25)
 
 
 def test_a_fired_gauge_fills_again_once_it_was_left_long_enough() -> None:
-    gauges = Gauges(leave_s=0.3)
+    gauges = new()
     assert run(gauges, every(10, 0, 1000), "a") == [800]
     run(gauges, every(10, 1010, 1300), None)
     assert run(gauges, every(10, 1310, 3000), "a") == []  # left for 0.29 s
@@ -74,14 +79,14 @@ def test_a_fired_gauge_fills_again_once_it_was_left_long_enough() -> None:
 
 
 def test_a_gap_is_not_leaving() -> None:
-    gauges = Gauges(leave_s=0.3)
+    gauges = new()
     assert run(gauges, every(10, 0, 1000), "a") == [800]
     run(gauges, [1500], None)
     assert run(gauges, every(10, 1510, 4000), "a") == []
 
 
 def test_time_without_cursors_is_not_leaving_even_between_times_away() -> None:
-    gauges = Gauges(leave_s=0.3, longest_gap_s=0.25)
+    gauges = new()
     assert run(gauges, every(10, 0, 1000), "a") == [800]
     run(gauges, every(10, 1010, 1100), None)
     run(gauges, every(10, 1500, 1590), None)  # away for 0.09 s, twice
@@ -89,7 +94,7 @@ def test_time_without_cursors_is_not_leaving_even_between_times_away() -> None:
 
 
 def test_latched_by_hand_it_does_not_fill() -> None:
-    gauges = Gauges()
+    gauges = new()
     run(gauges, every(10, 0, 700), "a")
     gauges.latch("a")
     assert run(gauges, every(10, 710, 4000), "a") == []
@@ -100,7 +105,7 @@ def test_latched_by_hand_it_does_not_fill() -> None:
     st.lists(st.tuples(st.integers(1, 400), st.sampled_from(["a", "b", None]), st.booleans()), max_size=200)
 )
 def test_no_sequence_breaks_its_bounds(steps: list[tuple[int, str | None, bool]]) -> None:
-    gauges = Gauges()
+    gauges = new()
     time_ms = 0
     last: dict[str, int] = {}
     for passed_ms, hovered, fills in steps:

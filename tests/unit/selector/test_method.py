@@ -6,13 +6,13 @@ from typing import Any
 import pytest
 
 from pointit.runtime.errors import RefusedError
-from pointit.schemas import ButtonEvent, ReservedObject, SetMethod, SetMethodReply
+from pointit.schemas import ButtonEvent, ReservedObject, Selection, SetMethod, SetMethodReply
 from pointit.schemas.topics import HOVER, SELECTION, SELECTION_EVENTS, SET_METHOD
 from pointit.services.selector.config import SelectorConfig
 from pointit.services.selector.methods.method import apply_method
 from pointit.services.selector.service import Selector
 from tests.support.bench import Bench, ManualClock, memory_bench
-from tests.unit.selector.room import Room, package
+from tests.unit.selector.room import Room, at, package
 from tests.unit.selector.test_selector_service import stay
 
 METHODS: tuple[str, ...] = ("hold", "fraction", "gauge")
@@ -148,3 +148,13 @@ async def test_asking_disturbs_nobodys_progress() -> None:
         await ask(bench, method="hold", dwell_s=3.0)
         await stay(bench, clock, "anna", 1.0, "a")
         assert min(hover.progress for hover in hovers[26:]) >= before
+
+
+def test_selections_tell_the_method_once_there_is_a_shard() -> None:
+    room = Room(package("a", 3.0))
+    first = room.selecting.selection(at(0.0))
+    assert (first.method, first.dwell_s) == (None, None)
+    room.selecting.tell_method()
+    told = [one.message for one in room.selecting.tick(at(0.5))]
+    assert [(one.method, one.dwell_s) for one in told if isinstance(one, Selection)] == [("gauge", 0.8)]
+    assert room.selecting.tick(at(1.0)) == []

@@ -389,13 +389,3 @@ def test_what_was_cleared_is_not_selected_again_by_who_still_rests_on_it() -> No
     dwell(site, anna=3.0)
     dwell(site, anna=3.0)
     assert [event.event for event in site.events] == ["selected", "deselected"]
-
-
-def test_selections_tell_the_method_once_there_is_a_shard() -> None:
-    room = Room(package("a", 3.0))
-    first = room.selecting.selection(at(0.0))
-    assert (first.method, first.dwell_s) == (None, None)
-    room.selecting.tell_method()
-    told = [one.message for one in room.selecting.tick(at(0.5))]
-    assert [(one.method, one.dwell_s) for one in told if isinstance(one, Selection)] == [("gauge", 0.8)]
-    assert room.selecting.tick(at(1.0)) == []

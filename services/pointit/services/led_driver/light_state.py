@@ -33,7 +33,6 @@ class LightState:
         self._config = config
         self._scene = Scene(config)
         self._lamps = Lamps(config)
-        self._layout: Layout | None = None
         self._renderer: Renderer | None = None
         self._strips: dict[str, StripFrame] = {}
         """Strips of the last frame. One that does not change is the same object in the next."""
@@ -49,7 +48,7 @@ class LightState:
         Raises:
             ValueError: If there is no such strip. The message lists the existing ones.
         """
-        known = () if self._layout is None else tuple(self._layout.slices)
+        known = () if self._renderer is None else tuple(self._renderer.layout.slices)
         missing = [name for name in strips if name not in known]
         if missing:
             raise ValueError(f"there is no strip {missing[0]!r}; there are {', '.join(known) or 'none'}")
@@ -69,7 +68,6 @@ class LightState:
         """
         layout = Layout(environment.strips, environment.belts)
         self._renderer = Renderer(layout, self._config.style)
-        self._layout = layout
         self._strips.clear()
         self._own_dimming = {
             name: table for name, table in self._own_dimming.items() if name in layout.slices
@@ -125,17 +123,18 @@ class LightState:
 
     def frame(self, now_ns: int, light_s: float = 0.0) -> StripsFrame | None:
         """Return the strips for `now_ns`, to be seen `light_s` later, or None without a map."""
-        if self._renderer is None or self._layout is None:
+        if self._renderer is None:
             return None
         self._scene.forget(now_ns)
+        layout = self._renderer.layout
         pixels = self._renderer.render(self._scene.segments(now_ns), self._scene.cursors(now_ns))
-        data = self._dimmed(pixels.ravel(), self._layout).tobytes()
+        data = self._dimmed(pixels.ravel(), layout).tobytes()
         new_ns = self._scene.pop_newest_capture_ns()
         self._seq += 1
         return StripsFrame(
             stamp_ns=now_ns if new_ns is None else new_ns,
             seq=self._seq,
-            strips=(*[self._strip(name, data[where]) for name, where in self._layout.slices.items()],),
+            strips=(*[self._strip(name, data[where]) for name, where in layout.slices.items()],),
             light_s=light_s,
         )
 

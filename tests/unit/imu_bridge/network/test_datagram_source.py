@@ -254,6 +254,14 @@ def test_senders_beyond_the_limit_are_forgotten_and_the_place_is_free_after_a_si
     assert senders.may_use(("10.0.0.2", 5000), 10.1)
 
 
+def test_a_machine_that_sends_by_eight_ports_in_succession_is_one_sender() -> None:
+    senders = SenderChoice()
+    senders.use(("10.0.0.1", 5000), 0.0)
+    for port in range(5001, 5008):
+        assert not senders.may_use(("10.0.0.1", port), 0.1)
+    assert senders.may_use(("10.0.0.1", 5008), 0.1)
+
+
 async def sends(wrist: Running, phone: Phone, data: bytes) -> None:
     """Send `data` until a reading is delivered."""
     before = len(wrist.of(Reading))

@@ -27,6 +27,16 @@ def connected(trackers: Trackers, handshake: Handshake = BOARD, number: int = 5)
     assert trackers.admit(ANNA, sent(number), 0.1) == FIRST
 
 
+def test_a_tracker_that_goes_on_calling_beside_the_one_in_use_is_named() -> None:
+    trackers = Trackers()
+    for second in range(100, 120):
+        assert trackers.called(ANNA, BOARD, second) is not None
+        trackers.admit(ANNA, sent(second), second + 0.1)
+        assert trackers.called(BEN, OTHER_BOARD, second + 0.2) is None
+        trackers.step(second + 0.3)
+    assert len(trackers.others(119.5)) == 1
+
+
 def test_datagrams_that_are_late_or_repeated_are_dropped() -> None:
     trackers = Trackers()
     connected(trackers)

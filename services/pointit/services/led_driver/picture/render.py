@@ -85,7 +85,7 @@ class Renderer:
     def __init__(self, layout: Layout, style: StyleConfig | None = None) -> None:
         """Create for `layout` and `style`."""
         self._style = style if style is not None else StyleConfig()
-        self._layout = layout
+        self.layout = layout
         self._buffer: Bytes = np.zeros((layout.count, 3), dtype=np.uint8)
         margin = np.clip(np.rint(self._style.margin_m / layout.pitch_m), 1, 4096).astype(np.intp)
         self._margin: Indices = margin[layout.run]
@@ -101,7 +101,7 @@ class Renderer:
         return self._buffer
 
     def _draw_segments(self, segments: Segments) -> None:
-        layout = self._layout
+        layout = self.layout
         start_m, end_m = segments.at_m - segments.half_m, segments.at_m + segments.half_m
         tails_m = segments.tail_m
         if tails_m is None:
@@ -138,7 +138,7 @@ class Renderer:
 
         If the strip ends within the segment, pixels are counted as if it continued.
         """
-        layout = self._layout
+        layout = self.layout
         run, number = layout.run[entries], layout.number[entries]
         stated = np.cumsum(segments.margins > 0) - 1
         slot = stated[whose] * len(layout.pitch_m) + run
@@ -180,7 +180,7 @@ class Renderer:
         return roles
 
     def _draw_cursors(self, cursors: list[CursorMark]) -> None:
-        layout = self._layout
+        layout = self.layout
         line, place_m, width_m, color = zip(*cursors, strict=True)
         lines, colors = np.array(line, dtype=np.intp), np.array(color, dtype=np.uint8)
         at_m, half_m = np.array(place_m), np.array(width_m) / 2.0

@@ -14,14 +14,7 @@ class Gauges:
     is latched until it was left for `leave_s` without a break.
     """
 
-    def __init__(
-        self,
-        *,
-        drain_share: float = 0.5,
-        leave_s: float = 0.3,
-        longest_gap_s: float = 0.25,
-        full_s: float = 0.8,
-    ) -> None:
+    def __init__(self, *, drain_share: float, leave_s: float, longest_gap_s: float, full_s: float) -> None:
         self._drain_per_s = drain_share / full_s
         self._leave_ns = round(leave_s * NS_PER_S)
         self._gap_s = longest_gap_s

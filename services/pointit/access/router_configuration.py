@@ -25,7 +25,7 @@ ONE_STREAM = "?multistream=0"
 """Setting of QUIC. With a stream for each priority, Zenoh's default, a query may overtake the declaration of
 its key, and the router drops it silently."""
 UNSLOWED = (IMU, RAY)
-"""Topics without a maximum rate: of a batch that comes late Zenoh would pass the oldest, and the newest counts
+"""Topics without a maximum rate. Zenoh would pass the oldest of a late batch, of which the newest counts
 (200 Hz in batches of 50 ms: 46 instead of 1 ms old). Readers keep the newest, so a flood harms little."""
 MAX_SESSIONS = 1000
 ACCEPT_MS = 3000

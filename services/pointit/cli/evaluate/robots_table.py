@@ -29,11 +29,10 @@ RATE_NOTES = (
 
 
 CHOICE_NOTE = (
-    "`beside`: share of people who point at a place 0.5 to 1.5 m from a robot. `right`: share of the robots "
-    "stated at the press with p ≥ .9 (`stated`: their mean p) that were meant, with 95 % intervals over "
-    "people. `taken right`: the same of robots that were taken. `at once`: share of the robots meant that "
-    "the first press took, or pointing on for 3 s; `taken`: a second press, if asked for, counts too. "
-    "`started`: share of the people who point beside that started a robot. `time`: from press to taking, s."
+    "Half of the people point at a place 0.5 to 1.5 m from a robot. `p ≥ .9`: share of the robots so stated "
+    "at the press that were meant. `right`: of the robots taken, if 20, 50 and 80 % point beside. `once`: "
+    "share of the robots meant that the first press took, or pointing on for 3 s; `taken`: with a second one, "
+    "if asked for. `started`: share of the people who point beside that started a robot."
 )
 
 FOLLOWING_NOTE = (
@@ -69,7 +68,7 @@ def print_robots(
 def _table(title: str, texts: Sequence[str], numbers: Sequence[str]) -> Table:
     table = Table(box=box.SIMPLE_HEAD, title=title, title_justify="left", title_style="bold", pad_edge=False)
     for name in texts:
-        table.add_column(name)
+        table.add_column(name, min_width=len(name))  # numbers do not wrap: they would leave it none
     for name in numbers:
         table.add_column(name, justify="right", no_wrap=True)
     return table
@@ -103,18 +102,12 @@ def _rates(rates: Sequence[Rate]) -> Table:
 
 
 def _choices(rows: Sequence[Reliability]) -> Table:
-    names = ("beside", "stated", "right", "taken right", "at once", "taken", "started", "time")
-    table = _table("choice", ("robots",), names)
+    table = _table("choice", ("robots",), ("n", "p ≥ .9", "right", "once", "taken", "started"))
     for row in rows:
-        cells = (
-            f"{100.0 * row.beside:.0f} %",
-            None if row.stated is None else f"{row.stated:.2f}",
-            None if row.right is None else _share(row.right),
-            None if row.taken_right is None else _share(row.taken_right),
-            *(_share(each) for each in (row.at_once, row.taken, row.started)),
-            None if row.time_s is None else f"{row.time_s:.1f}",
-        )
-        table.add_row(Text(f"{row.robots} {row.layout}".removeprefix("1 ")), *map(_cell, cells))
+        sure = None if row.right is None else f"{_share(row.right)} of {row.stated}"
+        right = " ".join("-" if each is None else f"{100.0 * each:.0f}" for each in row.taken_right)
+        cells = (str(row.n), sure, f"{right} %", f"{100.0 * row.at_once.value:.0f} %")
+        table.add_row(Text(row.robots), *map(_cell, (*cells, _share(row.taken), _share(row.started))))
     return table
 
 

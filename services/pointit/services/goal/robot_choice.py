@@ -125,7 +125,7 @@ class RobotChoice:
         return ChosenRobot(on, "")
 
     def _likely(self) -> tuple[list[Candidate], str]:
-        """Return the robots that may be meant, and the one that is if any is, or `""` if it is unclear which."""
+        """Return the robots that may be meant, and the one that is if any is, `""` if that is unclear."""
         likely = [each for each in self.candidates if each.probability >= LIKELY]
         is_one = bool(likely) and likely[0].probability >= ONE * sum(each.probability for each in likely)
         return likely, likely[0].object_id if is_one else ""

@@ -156,9 +156,7 @@ def test_a_figure_is_for_the_places_of_those_who_are_not_found_yet() -> None:
     tracked = UserPose(stamp_ns=1, position_m=(2.3, 0.2, 0.0), yaw_rad=0.0)
     flight.on_localization("ben", SAMPLING)
     flight.on_pose("anna", tracked)
-    flight.on_pose(
-        "ben", tracked.model_copy(update={"position_m": (0.0, 2.5, 0.0)})
-    )  # looked for again
+    flight.on_pose("ben", tracked.model_copy(update={"position_m": (0.0, 2.5, 0.0)}))  # looked for again
     assert [each.place_m for each in flight.people((0.0, 0.0, 0.0), is_flying=False)] == [(0.0, 2.5, 0.0)]
 
 

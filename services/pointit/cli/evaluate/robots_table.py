@@ -29,9 +29,9 @@ RATE_NOTES = (
 
 
 CHOICE_NOTE = (
-    "Half of the people point at a place 0.5 to 1.5 m from a robot. `p ≥ .9`: share of the robots so stated "
-    "at the press that were meant. `right`: of the robots taken, if 20, 50 and 80 % point beside. `once`: "
-    "share of the robots meant that the first press took, or pointing on for 3 s; `taken`: with a second one, "
+    "Half of the people point at a place 0.5 to 1.5 m from a robot. `p ≥ .9`: robots meant of those so stated "
+    "at the press. `right`: of the robots taken, if 20, 50 and 80 % point beside. `once`: "
+    "share of the robots meant that the first press took, or pointing on for 3 s; `taken`: with a second, "
     "if asked for. `started`: share of the people who point beside that started a robot."
 )
 
@@ -68,7 +68,7 @@ def print_robots(
 def _table(title: str, texts: Sequence[str], numbers: Sequence[str]) -> Table:
     table = Table(box=box.SIMPLE_HEAD, title=title, title_justify="left", title_style="bold", pad_edge=False)
     for name in texts:
-        table.add_column(name, min_width=len(name))  # numbers do not wrap: they would leave it none
+        table.add_column(name)
     for name in numbers:
         table.add_column(name, justify="right", no_wrap=True)
     return table
@@ -102,11 +102,11 @@ def _rates(rates: Sequence[Rate]) -> Table:
 
 
 def _choices(rows: Sequence[Reliability]) -> Table:
-    table = _table("choice", ("robots",), ("n", "p ≥ .9", "right", "once", "taken", "started"))
+    table = _table("choice", ("robots",), ("p ≥ .9", "right", "once", "taken", "started"))
     for row in rows:
-        sure = None if row.right is None else f"{_share(row.right)} of {row.stated}"
+        sure = None if row.right is None else f"{round(row.right.value * row.stated)} of {row.stated}"
         right = " ".join("-" if each is None else f"{100.0 * each:.0f}" for each in row.taken_right)
-        cells = (str(row.n), sure, f"{right} %", f"{100.0 * row.at_once.value:.0f} %")
+        cells = (sure, f"{right} %", f"{100.0 * row.at_once.value:.0f} %")
         table.add_row(Text(row.robots), *map(_cell, (*cells, _share(row.taken), _share(row.started))))
     return table
 

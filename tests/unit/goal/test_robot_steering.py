@@ -44,7 +44,7 @@ def test_staying_on_a_robot_that_is_unclear_from_a_place_beside_it_asks_and_stay
     left = Ben(take="dwell")
     del left.robots["rover"]
     left.point(beside, 2.0).point((-2.0, 1.0, 0.0), 3.0)
-    assert left.point(beside, 1.0).steering.robot == ""  # that stay begins anew
+    assert left.point(beside, 1.0).steering.robot == ""  # the stay counts from its start
 
 
 def test_two_robots_side_by_side_are_told_apart_by_pointing_on_or_neither_is_taken() -> None:

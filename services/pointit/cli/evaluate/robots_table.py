@@ -29,7 +29,7 @@ RATE_NOTES = (
 
 
 CHOICE_NOTE = (
-    "Half of the people point at a place 0.5 to 1.5 m from a robot. `p ≥ .9`: robots meant of those so stated "
+    "Half the people point at a place 0.5 to 1.5 m from a robot. `p ≥ .9`: robots meant of those stated so "
     "at the press. `right`: of the robots taken, if 20, 50 and 80 % point beside. `once`: "
     "share of the robots meant that the first press took, or pointing on for 3 s; `taken`: with a second, "
     "if asked for. `started`: share of the people who point beside that started a robot."

@@ -43,7 +43,7 @@ class RobotChoice:
         """Robot that another press takes, and since when."""
         self._on = ("", 0)
         """Robot that is pointed at, and since when."""
-        self._done = ""
+        self._done: str = ""
         """Robot whose stay had a result, until another one, or none, is pointed at."""
         self.candidates: tuple[Candidate, ...] = ()
         """Robots that may be meant, in steps of `SHOWN_STEP`, the likeliest first."""
@@ -106,7 +106,8 @@ class RobotChoice:
         if 0 <= self._next_ns - now_ns <= PERIOD_NS:
             return None
         self._next_ns = now_ns + PERIOD_NS
-        on = chosen = self._identify(now_ns)
+        chosen = self._identify(now_ns)
+        on: str = chosen
         if self._pressed_ns is not None and not 0 <= now_ns - self._pressed_ns <= PENDING_NS:
             self._pressed_ns = None
         if self._take == "dwell" and self.candidates and self.candidates[0].probability >= RATHER:

@@ -50,7 +50,7 @@ class _RobotUser(ABC):
         self._pace = pace
         self._stage: Stage = "choose"
         self._since_ns = self._called_ns = 0
-        self._attempts = 0
+        self._attempts: int = 0
         self._presses = 0
         self._gesture: Gesture = "press"
         self._lamp_ns = self._unclear = 0
@@ -201,7 +201,7 @@ class QuadrotorUser(_RobotUser):
 
     def _on_result(self, cue: Feedback, now_ns: int) -> None:
         if self._stage == "steer":  # what keeps the robot away has led the arm too far
-            self._attempts += "past everything" in cue.text
+            self._attempts += int("past everything" in cue.text)
         elif cue.chime == "double":
             self._next += 1
             self._enter("choose", now_ns)

@@ -77,25 +77,6 @@ def test_one_robot_finds_three_people_before_anybody_takes_it(scenario: str) -> 
     assert not [user for _, user in flights.owners if user]
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("seeds", [range(1, 21)], ids=["20 seeds"])
-@pytest.mark.parametrize("scenario", ["scenario_5", "scenario_6"])
-def test_three_people_whom_one_robot_localizes_all_reach_goals(scenario: str, seeds: Iterable[int]) -> None:
-    users = ("anna", "ben", "cleo")
-    for seed in seeds:
-        flights = play_robots(
-            scenario,
-            400.0,
-            seed=seed,
-            users=users,
-            localized_by="",
-            until=lambda seen: all(reached(seen, user) for user in users),
-        )
-        assert {user for user in users if reached(flights, user)} == set(users), seed
-        assert not [text for user in users for text in flights.texts(user) if "two or more" in text], seed
-        assert flights.nearest_m > 1.0, seed
-
-
 def turns(flights: Flights, robot: str) -> list[str]:
     """Return the people who steered a robot, in turn. Checks that it was free in between."""
     users = [user for name, user in flights.owners if name == robot]

@@ -34,6 +34,19 @@ def test_a_robot_is_taken_by_staying_on_it_where_that_is_configured() -> None:
     assert Ben().point(ROVER, 4.0).steering.robot == ""
 
 
+def test_staying_on_a_robot_that_is_unclear_from_a_place_beside_it_asks_and_staying_on_takes_it() -> None:
+    ben = Ben(take="dwell")
+    del ben.robots["rover"]
+    beside: Vec3 = (2.5, 0.0, 0.0)
+    ben.point(beside, 2.0)
+    assert (ben.steering.robot, ben.text) == ("", "quad may be meant: stay on it to take it")
+    assert ben.point(beside, 0.8).steering.robot == "quad"
+    left = Ben(take="dwell")
+    del left.robots["rover"]
+    left.point(beside, 2.0).point((-2.0, 1.0, 0.0), 3.0)
+    assert left.point(beside, 1.0).steering.robot == ""  # the stay counts from its start
+
+
 def test_two_robots_side_by_side_are_told_apart_by_pointing_on_or_neither_is_taken() -> None:
     ben = Ben()
     ben.robots["rover"]["position_m"] = (2.0, 0.15, 0.1)

@@ -8,11 +8,14 @@ import pytest
 from pointit.schemas import Localization, Steering, UserPose
 from pointit.schemas.topics import LOCALIZATION, POSE, SERVICE_ALIVE
 from pointit.services.robot.config import FigureConfig, RobotConfig
+from pointit.services.robot.current_order import CurrentOrder
 from pointit.services.robot.figure_flight import NO_FIGURE, FigureFlight
+from pointit.services.robot.robot_driver import RobotReport
 from tests.unit.robot.flight import ROBOT, Pilotage, fly
 
 SAMPLING = Localization(stamp_ns=0, phase="sampling", target_id=ROBOT)
 SOLVED = SAMPLING.model_copy(update={"phase": "solved"})
+STANDS = RobotReport(stamp_ns=0, position_m=(0.0, 0.0, 0.0), yaw_rad=0.0)
 QUADROTOR = RobotConfig(kind="quadrotor", figure=FigureConfig(people_m=((2.5, 0.0, 0.0),)))
 
 
@@ -153,5 +156,26 @@ def test_a_figure_is_for_the_places_of_those_who_are_not_found_yet() -> None:
     tracked = UserPose(stamp_ns=1, position_m=(2.3, 0.2, 0.0), yaw_rad=0.0)
     flight.on_localization("ben", SAMPLING)
     flight.on_pose("anna", tracked)
-    flight.on_pose("ben", tracked.model_copy(update={"position_m": (0.0, 2.5, 0.0)}))  # is looked for again
+    flight.on_pose("ben", tracked.model_copy(update={"position_m": (0.0, 2.5, 0.0)}))  # looked for again
     assert [each.place_m for each in flight.people((0.0, 0.0, 0.0), is_flying=False)] == [(0.0, 2.5, 0.0)]
+
+
+def test_a_robot_that_was_stopped_is_free_for_who_was_found_though_others_wait() -> None:
+    flight = FigureFlight(QUADROTOR.model_copy(update={"kind": "ground"}), ROBOT)
+    flight.on_localization("ben", SAMPLING)
+    assert flight.command(STANDS, CurrentOrder(), lambda _: "", lambda _: 1.0, 0) is not None
+    assert "until ben is found" in flight.take_problem("anna", 0)
+    flight.forget()  # it stays stopped until somebody takes it
+    assert flight.take_problem("anna", 0) == ""
+
+
+def test_a_less_informative_figure_is_flown_where_people_and_fences_leave_room_for_it_only() -> None:
+    flight = FigureFlight(QUADROTOR.model_copy(update={"kind": "ground"}), ROBOT)
+    flight.on_localization("ben", SAMPLING)
+    tried: list[object] = []
+
+    def barred(points: object) -> str:
+        tried.append(points)
+        return "fence" if len(tried) < 14 else ""
+
+    assert flight.command(STANDS, CurrentOrder(), barred, lambda _: 1.0, 0) is not None

@@ -1,7 +1,7 @@
 """Ids have a length, so that no message that repeats one outgrows what its writer may send."""
 
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, cast
 
 import msgpack
 import pytest
@@ -24,10 +24,10 @@ def texts(value: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
     if isinstance(value, str):
         yield path
     elif isinstance(value, dict):
-        for name, each in value.items():
+        for name, each in cast("dict[str, Any]", value).items():
             yield from texts(each, (*path, name))
     elif isinstance(value, list):
-        for place, each in enumerate(value):
+        for place, each in enumerate(cast("list[Any]", value)):
             yield from texts(each, (*path, place))
 
 

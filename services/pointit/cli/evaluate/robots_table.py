@@ -29,11 +29,10 @@ RATE_NOTES = (
 
 
 CHOICE_NOTE = (
-    "`beside`: share of people who point at a place 0.5 to 1.5 m from a robot. `right`: share of the robots "
-    "stated at the press with p ≥ .9 (`stated`: their mean p) that were meant, with 95 % intervals over "
-    "people. `taken right`: the same of robots that were taken. `at once`: share of the robots meant that "
-    "the first press took, or pointing on for 3 s; `taken`: a second press, if asked for, counts too. "
-    "`started`: share of the people who point beside that started a robot. `time`: from press to taking, s."
+    "Half the people point at a place 0.5 to 1.5 m from a robot. `p ≥ .9`: robots meant of those stated so "
+    "at the press. `right`: of the robots taken, if 20, 50 and 80 % point beside. `once`: "
+    "share of the robots meant that the first press took, or pointing on for 3 s; `taken`: with a second, "
+    "if asked for. `started`: share of the people who point beside that started a robot."
 )
 
 FOLLOWING_NOTE = (
@@ -103,18 +102,12 @@ def _rates(rates: Sequence[Rate]) -> Table:
 
 
 def _choices(rows: Sequence[Reliability]) -> Table:
-    names = ("beside", "stated", "right", "taken right", "at once", "taken", "started", "time")
-    table = _table("choice", ("robots",), names)
+    table = _table("choice", ("robots",), ("p ≥ .9", "right", "once", "taken", "started"))
     for row in rows:
-        cells = (
-            f"{100.0 * row.beside:.0f} %",
-            None if row.stated is None else f"{row.stated:.2f}",
-            None if row.right is None else _share(row.right),
-            None if row.taken_right is None else _share(row.taken_right),
-            *(_share(each) for each in (row.at_once, row.taken, row.started)),
-            None if row.time_s is None else f"{row.time_s:.1f}",
-        )
-        table.add_row(Text(f"{row.robots} {row.layout}".removeprefix("1 ")), *map(_cell, cells))
+        sure = None if row.right is None else f"{round(row.right.value * row.stated)} of {row.stated}"
+        right = " ".join("-" if each is None else f"{100.0 * each:.0f}" for each in row.taken_right)
+        cells = (sure, f"{right} %", f"{100.0 * row.at_once.value:.0f} %")
+        table.add_row(Text(row.robots), *map(_cell, (*cells, _share(row.taken), _share(row.started))))
     return table
 
 

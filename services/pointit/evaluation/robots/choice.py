@@ -6,12 +6,14 @@ near one, presses, and points on. The choice is that of the service `goal`.
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from itertools import product
 from typing import Any, Literal
 
 import numpy as np
 
+from pointit.evaluation.recordings.row import ALL
+from pointit.evaluation.robots.identification import share
 from pointit.evaluation.robots.simulated_follower import RATE_HZ, Array, SimulatedFollower
 from pointit.evaluation.selection.difference import Interval
 from pointit.schemas import NS_PER_S, PointingRay, RobotState, UserPose
@@ -25,7 +27,7 @@ LAYOUTS: tuple[tuple[Layout, int], ...] = (
 )
 """Arrangements, and numbers of robots."""
 
-SHARES = (0.0, 0.2, 0.5, 0.8)
+SHARES = (0.2, 0.5, 0.8)
 """Shares of pointings that are beside all robots."""
 
 AIM_SIGMA_DEG = (3.0, 8.0)
@@ -58,10 +60,9 @@ STEP_S = 0.2
 SURE = 0.9
 """Probability from which the choice is judged."""
 
-RESAMPLES = 1000
-"""Number of bootstrap samples, of people."""
-
 BEGIN_NS = 1000 * NS_PER_S
+
+STILL: dict[str, Any] = {"velocity_mps": (0.0, 0.0, 0.0), "radius_m": 0.2}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -78,38 +79,29 @@ class Choice:
     """That robot is meant."""
     result: Literal["right", "wrong", "none"]
     """Robot that was taken by the press, or by pointing on."""
-    time_s: float
-    """Time from the press until then."""
     is_asked: bool
     """The person was asked to press again, and did."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Reliability:
-    """Rates of one arrangement and share of people beside, with 95 % intervals over people."""
+    """Rates of one arrangement, or of all, with 95 % intervals (Wilson)."""
 
-    layout: Layout
-    robots: int
-    beside: float
+    robots: str
     n: int
-    stated: float | None
-    """Mean probability of robots stated to be meant with `SURE` or more at the press."""
+    """Pointings: half of them beside all robots."""
     right: Interval | None
-    """Share of them that were meant."""
-    taken_right: Interval | None
-    """Share of robots taken that were meant."""
+    """Share of robots stated to be meant with `SURE` or more at the press that were meant."""
+    stated: int
+    """Number of these."""
+    taken_right: tuple[float | None, ...]
+    """Share of robots taken that were meant, by share of pointings beside (`SHARES`)."""
     at_once: Interval
     """Share of robots meant that the first press took, or pointing on."""
     taken: Interval
     """Share of robots meant that were taken, if a second press that was asked for counts, too."""
     started: Interval
     """Share of pointings beside that took a robot."""
-    time_s: float | None
-    """Mean time from the press until a robot that is meant is taken."""
-
-    def as_json(self) -> dict[str, Any]:
-        """Return the row for a JSON file."""
-        return asdict(self)
 
 
 def choices(seeds: Iterable[int], layouts: Sequence[tuple[Layout, int]] | None = None) -> list[Choice]:
@@ -121,51 +113,31 @@ def choices(seeds: Iterable[int], layouts: Sequence[tuple[Layout, int]] | None =
 
 
 def reliabilities(results: Sequence[Choice]) -> list[Reliability]:
-    """Return a row for each arrangement and share of pointings beside."""
-    groups = dict.fromkeys((each.layout, each.robots) for each in results)
-    return [
-        _row([each for each in results if (each.layout, each.robots) == group], share)
-        for group in groups
-        for share in SHARES
-    ]
+    """Return a row for each arrangement, and one for all."""
+    groups: dict[str, list[Choice]] = {}
+    for each in results:
+        for name in (f"{each.robots} {each.layout}".removeprefix("1 "), ALL):
+            groups.setdefault(name, []).append(each)
+    return [_row(name, groups[name]) for name in (*(each for each in groups if each != ALL), ALL)]
 
 
-def _row(group: Sequence[Choice], share: float) -> Reliability:
-    weights = np.array([share if each.is_beside else 1.0 - share for each in group])
-    meant = np.array([0.0 if each.is_beside else 1.0 for each in group])
-    sure = weights * [each.stated >= SURE for each in group]
-    taken = np.array([float(each.result != "none") for each in group])
-    right = np.array([float(each.result == "right") for each in group])
-    seeds = np.array([each.seed for each in group])
-
-    def rate(hits: Array, of: Array) -> Interval | None:
-        return _rate(hits * of, of, seeds) if of.any() else None
-
-    stated = np.array([each.stated for each in group])
-    times = [each.time_s for each in group if each.result == "right"]
+def _row(name: str, group: Sequence[Choice]) -> Reliability:
+    meant = [each.result == "right" for each in group if not each.is_beside]
+    right, wrong = sum(meant), sum(each.result == "wrong" and not each.is_beside for each in group)
+    started = sum(each.result != "none" and each.is_beside for each in group)
+    sure = [each.is_right for each in group if each.stated >= SURE]
+    taken = [right + wrong + started * beside / (1.0 - beside) for beside in SHARES]
+    at_once = sum(each.result == "right" and not each.is_asked for each in group)
     return Reliability(
-        layout=group[0].layout,
-        robots=group[0].robots,
-        beside=share,
+        robots=name,
         n=len(group),
-        stated=float(stated @ sure / sure.sum()) if sure.any() else None,
-        right=rate(np.array([float(each.is_right) for each in group]), sure),
-        taken_right=rate(right, weights * taken),
-        at_once=_rate(right * [float(not each.is_asked) for each in group] * meant, meant, seeds),
-        taken=_rate(right * meant, meant, seeds),
-        started=_rate(taken * (1.0 - meant), 1.0 - meant, seeds),
-        time_s=float(np.mean(times)) if times else None,
+        right=share(sum(sure), len(sure)) if sure else None,
+        stated=len(sure),
+        taken_right=tuple(right / count if count else None for count in taken),
+        at_once=share(at_once, len(meant)),
+        taken=share(right, len(meant)),
+        started=share(started, len(group) - len(meant)),
     )
-
-
-def _rate(hits: Array, of: Array, seeds: Array) -> Interval:
-    """Return the share of `hits` in `of`, with its interval by resampled people."""
-    people, index = np.unique(seeds, return_inverse=True)
-    sums = np.stack([np.bincount(index, each) for each in (hits, of)])
-    drawn = np.random.default_rng(0).integers(len(people), size=(RESAMPLES, len(people)))
-    above, below = sums[:, drawn].sum(axis=2)
-    low, high = np.quantile(above[below > 0.0] / below[below > 0.0], (0.025, 0.975))
-    return Interval(value=float(hits.sum() / of.sum()), low=float(low), high=float(high))
 
 
 def _chosen(seed: int, layout: Layout, count: int, *, is_beside: bool) -> Choice:
@@ -184,18 +156,12 @@ def _chosen(seed: int, layout: Layout, count: int, *, is_beside: bool) -> Choice
     directions = person.directions(lambda at: np.tile(place, (len(at), 1)), times_s, rng)
     choice = RobotChoice("press", 1.0)
     x_m, y_m = (float(value) for value in rng.normal((person.x_m, person.y_m), POSITION_SIGMA_M))
-    variances = (POSITION_SIGMA_M**2, POSITION_SIGMA_M**2, YAW_SIGMA_RAD**2)
+    covariance = np.diag([POSITION_SIGMA_M**2, POSITION_SIGMA_M**2, YAW_SIGMA_RAD**2]).ravel().tolist()
     yaw_rad = float(rng.normal(person.yaw_rad, YAW_SIGMA_RAD))
-    choice.on_pose(
-        UserPose(
-            stamp_ns=0,
-            position_m=(x_m, y_m, 0.0),
-            yaw_rad=yaw_rad,
-            covariance=tuple(np.diag(variances).ravel().tolist()),
-        )
-    )
-    stated, likeliest, next_s = 0.0, "", PRESS_S
-    again_s, is_asked = math.inf, False
+    pose = UserPose(stamp_ns=0, position_m=(x_m, y_m, 0.0), yaw_rad=yaw_rad, covariance=tuple(covariance))
+    choice.on_pose(pose)
+    stated, likeliest, robot, next_s, again_s = 0.0, "", "", PRESS_S, math.inf
+    is_asked = False
     for time_s, direction in zip(times_s.tolist(), directions, strict=True):
         now_ns = BEGIN_NS + round(time_s * NS_PER_S)
         ray = PointingRay(stamp_ns=now_ns, origin_m=(0.0, 0.0, person.eyes_m), direction=_vec3(direction))
@@ -204,13 +170,7 @@ def _chosen(seed: int, layout: Layout, count: int, *, is_beside: bool) -> Choice
             continue
         for number, at in enumerate(places):
             state = RobotState(
-                stamp_ns=now_ns,
-                kind="ground",
-                phase="idle",
-                position_m=_vec3(at),
-                yaw_rad=0.0,
-                velocity_mps=(0.0, 0.0, 0.0),
-                radius_m=0.2,
+                stamp_ns=now_ns, kind="ground", phase="idle", position_m=_vec3(at), yaw_rad=0.0, **STILL
             )
             choice.on_robot(str(number), state)
         if next_s == PRESS_S:
@@ -235,18 +195,14 @@ def _chosen(seed: int, layout: Layout, count: int, *, is_beside: bool) -> Choice
         stated=stated,
         is_right=not is_beside and likeliest == str(meant),
         result="none" if not robot else "right" if is_meant else "wrong",
-        time_s=time_s - PRESS_S,
         is_asked=is_asked,
     )
 
 
 def _places(person: SimulatedFollower, layout: Layout, count: int, rng: np.random.Generator) -> list[Array]:
     """Return the places of robots on the floor."""
-    way, reach_m, apart_m = (
-        rng.uniform(-math.pi, math.pi),
-        rng.uniform(NEAREST_M, FARTHEST_M),
-        rng.uniform(*APART_M),
-    )
+    way, reach_m = rng.uniform(-math.pi, math.pi), rng.uniform(NEAREST_M, FARTHEST_M)
+    apart_m = rng.uniform(*APART_M)
     ahead = np.array([math.cos(way), math.sin(way), 0.0])
     aside = np.array([-ahead[1], ahead[0], 0.0])
     feet = np.array([person.x_m, person.y_m, 0.0])

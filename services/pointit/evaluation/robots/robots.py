@@ -2,6 +2,7 @@
 
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict
 from typing import Any
 
 from pointit.evaluation.recordings.parallel import map_parallel
@@ -63,7 +64,7 @@ def document(
     return {
         "flights": [row.as_json() for row in flights],
         "identification": [rate.as_json() for rate in identified],
-        "choice": [row.as_json() for row in chosen],
+        "choice": [asdict(row) for row in chosen],
         "following": [row.as_json() for row in following],
         "following_over_people": [row.as_json() for row in of_every_set(following)],
     }

@@ -14,6 +14,8 @@ LIKELY = 0.1
 """Probability from which a robot is named as one that may be meant."""
 ONE = 0.8
 """Share of the likeliest robot in all likely ones from which only a place beside it may be meant instead."""
+RATHER = 0.5
+"""Probability from which staying asks whether a robot is meant: nothing else says that one is wanted."""
 SHOWN_STEP = 0.05
 """Resolution of published probabilities, which are rounded down: what is shown is not stated too high."""
 
@@ -41,7 +43,7 @@ class RobotChoice:
         """Robot that another press takes, and since when."""
         self._on = ("", 0)
         """Robot that is pointed at, and since when."""
-        self._done = ""
+        self._done: str = ""
         """Robot whose stay had a result, until another one, or none, is pointed at."""
         self.candidates: tuple[Candidate, ...] = ()
         """Robots that may be meant, in steps of `SHOWN_STEP`, the likeliest first."""
@@ -81,9 +83,8 @@ class RobotChoice:
         """
         chosen = self._identify(now_ns)
         (asked, asked_ns), self._asked = self._asked, ("", 0)
-        likely = [each for each in self.candidates if each.probability >= LIKELY]
-        is_one = bool(likely) and likely[0].probability >= ONE * sum(each.probability for each in likely)
-        if is_one and likely[0].object_id == asked and 0 <= now_ns - asked_ns <= PENDING_NS:
+        likely, one = self._likely()
+        if one and one == asked and 0 <= now_ns - asked_ns <= PENDING_NS:
             chosen = chosen or asked
         if chosen:
             self._pressed_ns = None
@@ -92,31 +93,43 @@ class RobotChoice:
             self._pressed_ns = None
             return ChosenRobot("", "no robot is where you point: point at one, then press")
         self._pressed_ns = now_ns
-        if is_one:
-            self._asked = (likely[0].object_id, now_ns)
-            return ChosenRobot("", f"{likely[0].object_id} may be meant: press again to take it")
+        if one:
+            self._asked = (one, now_ns)
+            return ChosenRobot("", f"{one} may be meant: press again to take it")
         return ChosenRobot("", _unclear(likely))
 
     def step(self, now_ns: int) -> ChosenRobot | None:
-        """Return a choice that became clear by pointing on, or None. Identifies at 5 Hz only."""
+        """Return a choice that became clear by pointing on, or None. Identifies at 5 Hz only.
+
+        Staying on a robot that may be meant asks for staying on it for as long again.
+        """
         if 0 <= self._next_ns - now_ns <= PERIOD_NS:
             return None
         self._next_ns = now_ns + PERIOD_NS
         chosen = self._identify(now_ns)
-        pressed_ns = self._pressed_ns
-        if pressed_ns is not None and not 0 <= now_ns - pressed_ns <= PENDING_NS:
-            pressed_ns = self._pressed_ns = None
-        if chosen != self._on[0]:
-            self._on = (chosen, now_ns)
-        if chosen != self._done:
+        on: str = chosen
+        if self._pressed_ns is not None and not 0 <= now_ns - self._pressed_ns <= PENDING_NS:
+            self._pressed_ns = None
+        if self._take == "dwell" and self.candidates and self.candidates[0].probability >= RATHER:
+            on = chosen or self._likely()[1]
+        if on != self._on[0]:
+            self._on = (on, now_ns)
+        if on != self._done:
             self._done = ""
-        if not chosen or chosen == self._done:
-            return None
         stayed = self._take == "dwell" and now_ns - self._on[1] >= self._dwell_ns
-        if pressed_ns is None and not stayed:
+        if not on or on == self._done or not (stayed or (chosen and self._pressed_ns is not None)):
             return None
-        self._pressed_ns, self._done = None, chosen
-        return ChosenRobot(chosen, "")
+        if not chosen and self._asked != self._on:
+            self._asked = self._on = (on, now_ns)
+            return ChosenRobot("", f"{on} may be meant: stay on it to take it")
+        self._pressed_ns, self._done = None, on
+        return ChosenRobot(on, "")
+
+    def _likely(self) -> tuple[list[Candidate], str]:
+        """Return the robots that may be meant, and the one that is if any is, `""` if that is unclear."""
+        likely = [each for each in self.candidates if each.probability >= LIKELY]
+        is_one = bool(likely) and likely[0].probability >= ONE * sum(each.probability for each in likely)
+        return likely, likely[0].object_id if is_one else ""
 
     def _identify(self, now_ns: int) -> str:
         found = self._identifier.identify(now_ns)

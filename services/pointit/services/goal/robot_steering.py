@@ -25,7 +25,7 @@ from pointit.schemas import (
 from pointit.services.goal.config import GoalConfig
 from pointit.services.goal.goal_checks import GoalChecker
 from pointit.services.goal.goal_cues import CueFactory
-from pointit.services.goal.robot_choice import RobotChoice
+from pointit.services.goal.robot_choice import ChosenRobot, RobotChoice
 from pointit.services.goal.stay_detector import StayDetector
 from pointit.services.goal.taken_robot import RobotCue, TakenRobot
 
@@ -144,7 +144,7 @@ class RobotSteering:
         if self._taken is None and self._checker.is_pointing:
             choice = self._choice.step(now_ns)
             if choice is not None:
-                outputs += self._take(choice.robot, now_ns)
+                outputs += self._chosen(choice, now_ns)
         elif mean_m is not None and self._mode == "goals" and self._is_owner:
             outputs += self._add_waypoint(mean_m, cursor, now_ns)
         return self._output(outputs, now_ns)
@@ -159,7 +159,7 @@ class RobotSteering:
             late = "your press came late, or by another clock: point there and press once more"
             outputs.append(self._cues.make("refused", late, now_ns))
         elif self._taken is None:
-            outputs += self._choose(now_ns)
+            outputs += self._chosen(self._choice.press(now_ns), now_ns)
         elif not self._is_owner or self._mode == "land":
             pass  # the robot has yet to answer
         elif self._mode == "follow":
@@ -185,8 +185,7 @@ class RobotSteering:
     def _is_owner(self) -> bool:
         return self._taken is not None and self._taken.is_owner
 
-    def _choose(self, now_ns: int) -> list[Output]:
-        choice = self._choice.press(now_ns)
+    def _chosen(self, choice: ChosenRobot, now_ns: int) -> list[Output]:
         if choice.robot:
             return self._take(choice.robot, now_ns)
         return [self._cues.make("refused", choice.problem, now_ns)]

@@ -16,9 +16,6 @@ AROUND_M = 2.5
 DIRECTIONS = 8
 """Number of directions in which they may."""
 
-MOST_TRIED = 12
-"""Number of figures, the most informative, that are checked for fences, people and robots."""
-
 PAUSE_S = 1.0
 """Least time from one figure to the next: one that is refused is not repeated at every step."""
 
@@ -55,7 +52,7 @@ class FigureFlight:
     def take_problem(self, user: str, now_ns: int) -> str:
         """Return the reason not to let `user` end the figure that others follow, or `""`."""
         others = [each for each in self._waiting(now_ns) if each != user]
-        if not others or self.problem:
+        if not others or self.problem or not self._is_begun:  # one that stands still delays nobody
             return ""
         who = f"{others[0]} is" if len(others) == 1 else f"{', '.join(others[:-1])} and {others[-1]} are"
         return f"{self._name} moves until {who} found: take it then"
@@ -122,7 +119,7 @@ class FigureFlight:
             length_m=length_m,
             is_flying=self._config.kind == "quadrotor",
         )
-        chosen = best_figure(ranked[:MOST_TRIED], lambda points: not way_problem(points))
+        chosen = best_figure(ranked, lambda points: not way_problem(points))
         if chosen is None:
             self.problem = NO_FIGURE
             return None

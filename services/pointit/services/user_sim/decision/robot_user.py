@@ -50,7 +50,7 @@ class _RobotUser(ABC):
         self._pace = pace
         self._stage: Stage = "choose"
         self._since_ns = self._called_ns = 0
-        self._attempts = 0
+        self._attempts: int = 0
         self._presses = 0
         self._gesture: Gesture = "press"
         self._lamp_ns = self._unclear = 0
@@ -179,7 +179,7 @@ class QuadrotorUser(_RobotUser):
         elif self._stage == "steer" and self._is_content(robot, now_ns):
             self._press("sent", now_ns)
         return Goal(
-            key=f"spot {self._next}",
+            key=f"spot {self._next} {self._attempts}",
             point_m=self._spot_m,
             closed_loop=True,
             robot=self._robot,
@@ -200,9 +200,9 @@ class QuadrotorUser(_RobotUser):
         return has_stayed or self._lasted_s(now_ns) > ENOUGH_S
 
     def _on_result(self, cue: Feedback, now_ns: int) -> None:
-        if self._stage != "sent":
-            return
-        if cue.chime == "double":
+        if self._stage == "steer":  # what keeps the robot away has led the arm too far
+            self._attempts += int("past everything" in cue.text)
+        elif cue.chime == "double":
             self._next += 1
             self._enter("choose", now_ns)
         elif cue.cue == "refused":
@@ -253,7 +253,8 @@ class GroundRobotUser(_RobotUser):
             else:
                 self._pause_until_ns[self._robot] = now_ns + round(TURN_PAUSE_S * NS_PER_S)
                 self._press("asked", now_ns, "hold")  # it is the others' turn
-        elif self._stage == "sent" and cue.cue == "refused":
+        elif self._stage == "sent" and cue.cue == "refused":  # a second stay where the last one was is none
+            self._next += 1
             self._enter("steer", now_ns)
 
     def _enter(self, stage: Stage, now_ns: int) -> None:

@@ -86,7 +86,7 @@ def test_the_person_follows_the_robot_and_the_robot_knows_about_where_they_stand
         assert (localizer["method"], localizer["robot_id"], localizer["window_s"]) == (
             "moving_target",
             robot,
-            5.0,
+            10.0,
         )
         assert configs["supervisor.user1"]["localization_method"] == "moving_target"
         assert configs[f"robot.{robot}"]["figure"]["people_m"] == ((3.0, 0.4, 0.0),)

@@ -28,7 +28,7 @@ UNRUN = {
     "docs/how-to/conveyor.md": 1,
     "docs/how-to/devices.md": 2,
     "docs/how-to/export.md": 2,
-    "docs/how-to/measure.md": 7,
+    "docs/how-to/measure.md": 8,
     "docs/how-to/observe.md": 1,
     "docs/how-to/page.md": 1,
     "docs/how-to/replay.md": 1,

@@ -79,6 +79,28 @@ def test_one_robot_finds_three_people_before_anybody_takes_it(scenario: str) -> 
     assert not [text for text in texts[:found] if "is yours" in text]
 
 
+THREE = [
+    pytest.param(range(2, 3), marks=pytest.mark.slow, id="1 seed"),
+    pytest.param(range(1, 21), marks=pytest.mark.long, id="20 seeds"),
+]
+
+
+@pytest.mark.parametrize("seeds", THREE)
+def test_three_people_whom_a_quadrotor_localizes_all_land_it(seeds: Iterable[int]) -> None:
+    users = ("anna", "ben", "cleo")
+    for seed in seeds:
+        flights = play_robots(
+            "scenario_5",
+            400.0,
+            seed=seed,
+            users=users,
+            localized_by="",
+            until=lambda seen: all(reached(seen, user) for user in users),
+        )
+        assert {user for user in users if reached(flights, user)} == set(users), seed
+        assert flights.nearest_m > 1.0, seed
+
+
 def turns(flights: Flights, robot: str) -> list[str]:
     """Return the people who steered a robot, in turn. Checks that it was free in between."""
     users = [user for name, user in flights.owners if name == robot]

@@ -83,8 +83,10 @@ class Room:
         return next(each.yaw_rad for each in reversed(self.heard) if isinstance(each, UserPose))
 
 
-def test_taking_a_robot_corrects_the_yaw() -> None:
-    room = Room()
+@pytest.mark.parametrize("how", ["no strips", "strips that do not show the cursor"])
+def test_taking_a_robot_corrects_the_yaw(how: str) -> None:
+    lit = BARE.model_copy(update={"strips": (LIT,)})
+    room = Room() if how == "no strips" else Room(lit, anchor_at_robots=True)
     room.point(QUAD, 1.0)
     room.drive("anna")
     (anchor,) = room.anchors
@@ -97,7 +99,7 @@ def test_taking_a_robot_corrects_the_yaw() -> None:
 @pytest.mark.parametrize("how", ["strips", "moves", "switched off", "somebody else", "was hers", "arm moves"])
 def test_what_is_no_measure_corrects_nothing(how: str) -> None:
     lit = BARE.model_copy(update={"strips": (LIT,)})
-    room = Room(lit if how == "strips" else BARE, anchor_at_robots=how != "switched off")
+    room = Room(lit if how == "strips" else BARE, anchor_at_robots=None if how != "switched off" else False)
     if how == "was hers":
         room.drive("anna")
         room.heard.clear()

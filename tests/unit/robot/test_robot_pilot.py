@@ -198,6 +198,18 @@ def test_who_may_not_steer_does_not_get_it_and_the_reason_is_said() -> None:
     assert (desk.pilot.user, desk.pilot.reason) == ("anna", "")
 
 
+def test_who_asks_after_anothers_stop_hears_their_own_reason() -> None:
+    desk = desk_of("anna")
+    desk.pilot.on_stop_request("anna is not pointing")
+    desk.step()
+    assert desk.pilot.reason == "anna is not pointing"
+    desk.safety.person_problem = "ben's direction has become uncertain"
+    desk.steer("ben", "goals")
+    desk.step()
+    assert (desk.pilot.user, desk.pilot.reason) == ("", "ben's direction has become uncertain")
+    assert desk.pilot.phase == "stopped"
+
+
 def test_a_quadrotor_follows_above_the_floor_and_hovers_when_its_person_points_elsewhere() -> None:
     desk = flying_desk()
     order = desk.step()

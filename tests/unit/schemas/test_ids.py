@@ -27,7 +27,7 @@ def texts(value: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
         for name, each in cast("dict[str, Any]", value).items():
             yield from texts(each, (*path, name))
     elif isinstance(value, list):
-        for place, each in enumerate(cast("list[Any]", value)):
+        for place, each in enumerate(cast("list[object]", value)):
             yield from texts(each, (*path, place))
 
 

@@ -95,10 +95,10 @@ class LocalizerConfig(Config):
     autostart: bool = Field(
         default=False, description="moving_target: start immediately and refine continuously"
     )
-    anchor_at_robots: bool = Field(
-        default=True,
-        description="correct a drifting pose by the rays with which the person takes a robot; not on a map "
-        "with strips, and to be switched off where a spotlight shows the cursor",
+    anchor_at_robots: bool | None = Field(
+        default=None,
+        description="correct a drifting pose by the rays with which the person takes a robot. If empty, not "
+        "on a map with strips; to be switched off where a spotlight shows the cursor",
     )
     floor_m: Real = Field(default=0.0, description="height of the floor in the room's coordinates, m")
     free_height: bool = Field(

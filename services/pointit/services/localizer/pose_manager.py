@@ -115,7 +115,7 @@ class PoseManager:
         if before is None or before == self._user or state.user != self._user or not self._tracking.follows:
             return []
         mean = self._facing.mean(now_ns)
-        if not self._config.anchor_at_robots or isinstance(mean, Refusal):
+        if self._config.anchor_at_robots is False or isinstance(mean, Refusal):
             return []
         return self._procedures.taken_robot(state, robot, mean, now_ns)
 

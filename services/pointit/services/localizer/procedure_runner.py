@@ -192,7 +192,7 @@ class ProcedureRunner:
         Not while a procedure runs, nor if the robot moved, nor where the person sees a cursor on a strip: who
         steers a cursor onto a thing points there whatever the drift.
         """
-        is_seen = self._room is None or bool(self._room.strips)
+        is_seen = self._config.anchor_at_robots is None and (self._room is None or bool(self._room.strips))
         if self._running is not None or is_seen or math.hypot(*state.velocity_mps) > STANDS_MPS:
             return []
         outcome = self._tracking.anchor(Lamp(id=robot, position_m=state.position_m), mean, "", now_ns)

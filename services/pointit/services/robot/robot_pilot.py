@@ -79,7 +79,8 @@ class RobotPilot:
         if self._standstill.problem:
             return self._standstill.problem
         held = self._errand.problem or self._wait or self._figure.problem
-        return held if self._stop is None else self._stop.text
+        is_asked = not self.user and self._errand.problem  # who asks hears why not, not why others lost it
+        return held if self._stop is None or is_asked else self._stop.text
 
     @property
     def has_other_master(self) -> bool:

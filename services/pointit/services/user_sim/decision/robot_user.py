@@ -33,7 +33,7 @@ PATH = 2
 SETTLED_S = 2.0
 """Time of steering from which an uncertain place is not that of an arm that turns, s."""
 TURN = 2
-"""Number of paths after which the person lets a ground robot go, so that others can have it."""
+"""Number of paths or landings after which the person leaves the robot to others."""
 TURN_PAUSE_S = 10.0
 """Time for which they leave it to others, s."""
 
@@ -56,6 +56,7 @@ class _RobotUser(ABC):
         self._lamp_ns = self._unclear = 0
         """Time of the last request to point at a lamp, and number of robots that were not clear."""
         self._robot = ""
+        self._arrivals: int = 0
         self._next: int = 0
         """Index of the next spot, which counts on."""
         self._pause_until_ns: dict[str, int] = {}
@@ -145,6 +146,15 @@ class _RobotUser(ABC):
         self._attempts += 1
         self._enter("aim", now_ns)
 
+    def _arrived(self, now_ns: int) -> bool:
+        """Go on to the next spot. Return True if it is the others' turn."""
+        self._next += 1
+        self._arrivals += 1
+        if self._arrivals % TURN:
+            return False
+        self._pause_until_ns[self._robot] = now_ns + round(TURN_PAUSE_S * NS_PER_S)
+        return True
+
     def _enter(self, stage: Stage, now_ns: int) -> None:
         self._stage, self._since_ns = stage, now_ns
 
@@ -203,7 +213,7 @@ class QuadrotorUser(_RobotUser):
         if self._stage == "steer":  # what keeps the robot away has led the arm too far
             self._attempts += int("past everything" in cue.text)
         elif cue.chime == "double":
-            self._next += 1
+            self._arrived(now_ns)
             self._enter("choose", now_ns)
         elif cue.cue == "refused":
             self._next += "choose one" in cue.text
@@ -218,7 +228,6 @@ class GroundRobotUser(_RobotUser):
         super().__init__("ground", spots_m, pace)
         self._set = 0
         """Number of way-points set so far."""
-        self._arrivals = 0
 
     def _at_spot(self, robot: RobotState | None, now_ns: int) -> Goal:  # noqa: ARG002 - the other kind's need
         if self._stage == "sent" and self._lasted_s(now_ns) > RESULT_S:
@@ -246,13 +255,10 @@ class GroundRobotUser(_RobotUser):
             self._next += 1
             self._since_ns = now_ns
         elif self._stage == "sent" and cue.chime == "double":
-            self._next += 1
-            self._arrivals += 1
-            if self._arrivals % TURN:
-                self._enter("steer", now_ns)
+            if self._arrived(now_ns):
+                self._press("asked", now_ns, "hold")
             else:
-                self._pause_until_ns[self._robot] = now_ns + round(TURN_PAUSE_S * NS_PER_S)
-                self._press("asked", now_ns, "hold")  # it is the others' turn
+                self._enter("steer", now_ns)
         elif self._stage == "sent" and cue.cue == "refused":  # a second stay where the last one was is none
             self._next += 1
             self._enter("steer", now_ns)

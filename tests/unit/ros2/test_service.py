@@ -100,13 +100,15 @@ async def test_other_domains_are_others(bench: Bench, backend: FakeBackend) -> N
 
 
 async def test_who_is_there_is_shown_and_who_is_missing_is_said(
-    bench: Bench, backend: FakeBackend, caplog: pytest.LogCaptureFixture
+    backend: FakeBackend, caplog: pytest.LogCaptureFixture
 ) -> None:
-    caplog.set_level("INFO")
-    await until(lambda: "no other ROS node is seen" in caplog.messages)
-    reports = bench.collect(HEALTH)
-    backend.watchers[0](graph(("subscriber", "/tf"), ("publisher", "/clock")))
-    await until(lambda: any(each.name == "ROS nodes" and each.value == 1 for each in figures(reports)))
+    caplog.set_level("INFO")  # before it starts: it says that once
+    async with memory_bench() as bench:
+        bench.start(Ros2)
+        await until(lambda: "no other ROS node is seen" in caplog.messages)
+        reports = bench.collect(HEALTH)
+        backend.watchers[0](graph(("subscriber", "/tf"), ("publisher", "/clock")))
+        await until(lambda: any(each.name == "ROS nodes" and each.value == 1 for each in figures(reports)))
 
 
 async def test_nothing_more_is_said_while_the_graph_is_left(

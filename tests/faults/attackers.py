@@ -162,7 +162,10 @@ async def new_rules(site: Site) -> AsyncGenerator[None]:
     """Wait at the end until the router applies the rules changed inside."""
     count = site.router.err.count("that there are now")
     yield
-    await until(lambda: site.router.err.count("that there are now") > count, 10, "the router's new rules")
+    try:
+        await until(lambda: site.router.err.count("that there are now") > count, 10, "the router's new rules")
+    except AssertionError as error:
+        raise AssertionError(f"{error}; the router said last: {site.router.err[-2000:]}") from error
 
 
 @contextlib.contextmanager

@@ -31,8 +31,9 @@ log = logging.getLogger(__name__)
 
 LOOK_S = 0.5
 """Period of polling the files, since not every system and file system reports changes."""
-PORT_PATIENCE_S = 5.0
-"""Time that the router's own port may stay in use after it was closed (QUIC: 0.1 s)."""
+PORT_PATIENCE_S = 60.0
+"""Time that the router's own port may stay in use after it was closed (QUIC: 0.1 s; longer where cores are busy).
+A router that gave up sooner would end for everybody."""
 PORT_RETRY_S = 0.05
 REOPEN_PATIENCE_S = 11.0
 """Time to wait for a session's end before the next one begins. Zenoh takes 10 s at most."""

@@ -32,7 +32,7 @@ log = logging.getLogger(__name__)
 LOOK_S = 0.5
 """Period of polling the files, since not every system and file system reports changes."""
 PORT_PATIENCE_S = 60.0
-"""Time that the router's own port may stay in use after it was closed (QUIC: 0.1 s; longer where cores are busy).
+"""Time for which its own port may stay in use after it was closed (QUIC: 0.1 s; more where cores are busy).
 A router that gave up sooner would end for everybody."""
 PORT_RETRY_S = 0.05
 REOPEN_PATIENCE_S = 11.0

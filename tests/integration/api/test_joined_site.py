@@ -28,7 +28,7 @@ from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas import Done, PointingRay, ReleaseObject, SelectionEvent, TrackedObject
 from pointit.schemas.topics import CURSOR, RAY, RELEASE_OBJECT, SELECTION_EVENTS, SERVICE_ALIVE
 from tests.integration.access.secured import link_of, make_site, routed
-from tests.support.bench import until
+from tests.support.bench import PATIENCE_S, until
 
 FORGETFUL = """
 import sys
@@ -67,7 +67,10 @@ async def repeated(put: Callable[[], object]) -> AsyncGenerator[None]:
 
 
 async def test_a_whole_site_is_joined_and_answers(endpoint: str) -> None:
-    async with pointit.run("scenario_2", listen=endpoint), pointit.connect(endpoint) as site:
+    async with (
+        pointit.run("scenario_2", listen=endpoint),
+        pointit.connect(endpoint, patience_s=PATIENCE_S) as site,
+    ):
         assert await anext(site.people()) == {"user1"}
         assert (await anext(site.cursors("user1"))).seq > 0
         assert (await site.leds.brightness(0.5)).message == "the strips' brightness is 50% now"
@@ -77,7 +80,7 @@ async def test_a_whole_site_is_joined_and_answers(endpoint: str) -> None:
 
 
 async def test_loops_go_on_after_the_router_was_lost(home: ZenohBus, endpoint: str) -> None:
-    async with pointit.connect(endpoint) as site:
+    async with pointit.connect(endpoint, patience_s=PATIENCE_S) as site:
         events = site.selections()
         await home.close()
         await until(lambda: site.problem.startswith("router at "), what="the loss to be known")
@@ -107,12 +110,12 @@ async def test_nobody_there_is_one_sentence(endpoint: str) -> None:
 @pytest.mark.usefixtures("home")
 async def test_another_site_is_named(endpoint: str) -> None:
     with pytest.raises(WrongSiteError, match=r"nothing runs on site plant at .*; there is site lab"):
-        async with pointit.connect(endpoint, site="plant"):
+        async with pointit.connect(endpoint, site="plant", patience_s=PATIENCE_S):
             pass
 
 
 async def test_messages_of_another_version_are_one_sentence(home: ZenohBus, endpoint: str) -> None:
-    async with pointit.connect(endpoint) as site:
+    async with pointit.connect(endpoint, patience_s=PATIENCE_S) as site:
         cursors = site.cursors("anna")
         async with repeated(lambda: home.session.put(CURSOR.at("anna"), b"\x81\xa1x\x01")):
             with pytest.raises(VersionError, match=r"none could be read .*install the same version"):
@@ -128,7 +131,7 @@ async def test_who_may_not_is_told(
         with pytest.raises(ConfigError, match=r"^tcp/host:1: credentials are for encrypted addresses only"):
             await asyncio.to_thread(pointit.open, "tcp/host:1")
         assert "the credentials of dashboard1 end on" in caplog.text
-        async with pointit.connect() as site:
+        async with pointit.connect(patience_s=PATIENCE_S) as site:
             assert site.name == "lab"
             with pytest.raises(AccessDeniedError, match=r"dashboard1.* may not read users/anna/ray"):
                 await anext(site.rays("anna"))
@@ -145,7 +148,7 @@ async def test_who_may_not_is_told(
                 pass
         folder.revoke("guest")
     with routed(folder), pytest.raises(AccessDeniedError, match="it was revoked"):
-        async with pointit.connect(credentials=folder.identity_folder("guest")):
+        async with pointit.connect(credentials=folder.identity_folder("guest"), patience_s=PATIENCE_S):
             pass
 
 
@@ -161,10 +164,14 @@ async def test_objects_of_others_are_taken_over_by_operators_only(tmp_path: Path
         services = await ZenohBus.open(link_of(folder, "services"), patience_s=30)
         try:
             services.serve(RELEASE_OBJECT, release)
-            async with pointit.connect(credentials=folder.identity_folder("operator")) as site:
+            async with pointit.connect(
+                credentials=folder.identity_folder("operator"), patience_s=PATIENCE_S
+            ) as site:
                 given = await site.select.release("anna", "box", take_over=True)
             assert given.message == "box is anna's"
-            async with pointit.connect(credentials=folder.identity_folder("anna")) as site:
+            async with pointit.connect(
+                credentials=folder.identity_folder("anna"), patience_s=PATIENCE_S
+            ) as site:
                 with pytest.raises(AccessDeniedError, match=r"anna.* may not ask selector/anna/release"):
                     await site.select.release("anna", "box", take_over=True)
         finally:
@@ -173,7 +180,7 @@ async def test_objects_of_others_are_taken_over_by_operators_only(tmp_path: Path
 
 async def test_on_an_open_site_everybody_takes_over(home: ZenohBus, endpoint: str) -> None:
     home.serve(RELEASE_OBJECT, release)
-    async with pointit.connect(endpoint) as site:
+    async with pointit.connect(endpoint, patience_s=PATIENCE_S) as site:
         assert (await site.select.release("anna", "box", take_over=True)).message == "box is anna's"
 
 
@@ -184,7 +191,7 @@ async def test_a_person_has_the_latest_of_their_own_on_a_secured_site(tmp_path: 
         ray = PointingRay(stamp_ns=1, origin_m=(0, 0, 1), direction=(1, 0, 0))
         try:
             async with (
-                pointit.connect(credentials=folder.identity_folder("anna")) as site,
+                pointit.connect(credentials=folder.identity_folder("anna"), patience_s=PATIENCE_S) as site,
                 repeated(partial(wrist.publisher(RAY, "anna").put, ray)),
             ):
                 assert await site.latest.ray.wait("anna", patience_s=60) == site.latest.ray["anna"]
@@ -193,7 +200,7 @@ async def test_a_person_has_the_latest_of_their_own_on_a_secured_site(tmp_path: 
 
 
 def update_twice_without_rights() -> None:
-    with pointit.open() as site, contextlib.closing(site.tracker("camera")) as tracker:
+    with pointit.open(patience_s=PATIENCE_S) as site, contextlib.closing(site.tracker("camera")) as tracker:
         tracker.update([])
         with pytest.raises(AccessDeniedError, match="may not write objects/camera"):
             tracker.update([])

@@ -145,8 +145,15 @@ class Trial:
     async def _events_arrive(self) -> None:
         """Wait until all selections and deselections so far are known at host B."""
         self.view.tell()
-        there = self.both.spectator
-        await until(lambda: set(self.view.events) <= set(there.events()), PATIENCE_S, "all events at host B")
+
+        def missing() -> set[str]:
+            return set(self.view.events) - set(self.both.spectator.events())
+
+        def said() -> str:
+            there = self.both.spectator
+            return f"host B lacks {missing()}; it has {there.events()} and said {there.command.err}"
+
+        await until(lambda: not missing(), PATIENCE_S, said)
 
 
 @pytest.mark.slow

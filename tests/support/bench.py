@@ -57,19 +57,22 @@ def in_virtual_time(test: Callable[P, Coroutine[Any, Any, None]]) -> Callable[P,
     return run
 
 
-async def until(condition: Callable[[], bool], patience_s: float = PATIENCE_S, what: str = "") -> None:
+async def until(
+    condition: Callable[[], bool], patience_s: float = PATIENCE_S, what: str | Callable[[], str] = ""
+) -> None:
     """Wait for `condition`; fail, saying `what`, if it does not come true in time.
 
     Args:
         condition: polled every few milliseconds, less often the longer it takes.
         patience_s: time that is enough on a quiet machine. A machine whose cores are all busy may hold up
             another process for seconds, so that less than `PATIENCE_S` counts as `PATIENCE_S`.
-        what: description of the condition.
+        what: description of the condition; a function is called when it has failed.
     """
     patience, wait_s = Patience(max(patience_s, PATIENCE_S)), SHORTEST_WAIT_S
     while not condition():
         if patience.is_over():
-            raise AssertionError(f"waited {patience} in vain{': ' + what if what else ''}")
+            sentence = what if isinstance(what, str) else what()
+            raise AssertionError(f"waited {patience} in vain{': ' + sentence if sentence else ''}")
         await asyncio.sleep(wait_s)
         wait_s = min(1.1 * wait_s, LONGEST_WAIT_S)
 

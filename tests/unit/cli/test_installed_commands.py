@@ -1,7 +1,7 @@
 """Commands that other packages add: shown without an import, called, and what is wrong with one."""
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Generator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -41,7 +41,7 @@ def refusal(*arguments: str) -> str:
 
 
 @contextmanager
-def with_command(folder: Path, module: str, line: str, source: str = WAVES) -> Iterator[None]:
+def with_command(folder: Path, module: str, line: str, source: str = WAVES) -> Generator[None]:
     with strangers.installed(folder, module, source, commands=line):
         yield
 

@@ -1,16 +1,16 @@
 """Commands that other packages add by entry points `pointit.commands`, each a click command.
 
 They are listed from the packages' files, since `importlib.metadata` takes as long as the rest of the help,
-and imported when they are called.
+and `pathlib` a twentieth of it. They are imported when they are called.
 """
 
 import contextlib
+import os
 import re
 import sys
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
 
 import click
 
@@ -86,19 +86,32 @@ def load(package: str, name: str) -> click.Command:
 
 
 def declared() -> Iterator[Declared]:
-    """Yield the commands of all installed packages."""
+    """Yield the commands of all installed packages. Of two with one name, the first on the path counts."""
     seen = set[str]()
     for folder in dict.fromkeys(sys.path):
-        for file in sorted(Path(folder).glob("*.dist-info/entry_points.txt")):
+        for name in _packages(folder or "."):
             with contextlib.suppress(OSError, ValueError):  # `load` says more if it is called
-                section = file.read_text(encoding="utf-8").partition(f"[{GROUP}]\n")[2].partition("\n[")[0]
-                if not section or file.parent.name in seen:
+                text = _content(f"{folder or '.'}/{name}/entry_points.txt")
+                section = text.partition(f"[{GROUP}]\n")[2].partition("\n[")[0]
+                if not section or name in seen:
                     continue
-                seen.add(file.parent.name)
-                head = file.with_name("METADATA").read_text(encoding="utf-8").partition("\n\n")[0]
+                seen.add(name)
+                head = _content(f"{folder or '.'}/{name}/METADATA").partition("\n\n")[0]
                 package, summary = _field("Name", head), _field("Summary", head)
-                for name in re.findall(r"^([^#=\s][^=]*?)\s*=", section, re.MULTILINE):
-                    yield Declared(name=name, package=package, summary=summary)
+                for command in re.findall(r"^([^#=\s][^=]*?)\s*=", section, re.MULTILINE):
+                    yield Declared(name=command, package=package, summary=summary)
+
+
+def _packages(folder: str) -> list[str]:
+    try:
+        return sorted(name for name in os.listdir(folder) if name.endswith(".dist-info"))  # noqa: PTH208 - see above
+    except OSError:  # such as an archive
+        return []
+
+
+def _content(path: str) -> str:
+    with open(path, encoding="utf-8") as file:  # noqa: PTH123 - see above
+        return file.read()
 
 
 def _field(name: str, head: str) -> str:

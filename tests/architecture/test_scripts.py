@@ -70,8 +70,9 @@ def test_tests_need_more_than_the_demo_and_the_demo_less(machine: Machine) -> No
     machine.add("python3", PYTHON)
     machine.run("demo")
     assert machine.run("test", "-q", "tests/unit").returncode == 0
+    projects = f"-e {machine.root}[dev] -e {machine.root}/lab"
     assert machine.calls[1:] == [
-        f"python -m pip install --quiet --disable-pip-version-check -e {machine.root}[dev]",
+        f"python -m pip install --quiet --disable-pip-version-check {projects}",
         "python -m pytest -q tests/unit",
     ]
     with (machine.root / "pyproject.toml").open("a") as file:
@@ -122,15 +123,17 @@ def test_an_extra_goes_into_the_venv_with_uv_and_without(machine: Machine, *, uv
     assert machine.calls[-1] == f"{pip} -e {machine.root}[ros2,plot]"
     machine.run("setup", "ros2", "plot")
     assert machine.calls == []
+    assert machine.run("setup", "web", "lab").returncode == 0
+    assert machine.calls[-1] == f"{pip} -e {machine.root}[web,lab] -e {machine.root}/lab"
     assert machine.run("setup", "dev").returncode == 0
-    assert machine.calls[-1] == f"{pip} -e {machine.root}[dev]"
+    assert machine.calls[-1] == f"{pip} -e {machine.root}[dev] -e {machine.root}/lab"
 
 
 def test_an_extra_that_does_not_exist_is_refused(machine: Machine) -> None:
     machine.add("python3", PYTHON)
     done = machine.run("setup", "web", "ros")
     assert done.returncode == 1
-    extras = "plot web record site ble fusion mqtt discovery docs foxglove ros2 dev"
+    extras = "lab plot web record site ble fusion mqtt discovery docs foxglove ros2 dev"
     assert done.stderr == f"setup: there is no extra 'ros'; there are: {extras}\n"
     assert machine.calls == []
 

@@ -12,7 +12,7 @@ from collections.abc import Iterator
 import pytest
 from click.testing import CliRunner
 
-from pointit.cli.run import leds_test
+from pointit.cli.leds import leds_test
 from pointit.schemas import Strip
 from pointit.services.led_driver.picture import strip_test
 from pointit.services.led_driver.picture.strip_test import steps_of

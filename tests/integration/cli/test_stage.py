@@ -11,8 +11,8 @@ from typing import Any
 import pytest
 
 from pointit.cli.run.execution import _Run
+from pointit.launch.page.page import page_of
 from pointit.launch.plan.launches import Choices
-from pointit.launch.plan.page import page_of
 from pointit.launch.plan.plan import Plan
 from pointit.launch.plan.scenario import read_scenario
 from pointit.launch.plan.scenario_catalog import ScenarioCatalog, scenario_launches
@@ -270,7 +270,7 @@ async def test_a_site_without_people_of_its_own_takes_no_wish() -> None:
 
 
 async def test_a_run_goes_on_while_somebody_looks_on(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("pointit.launch.plan.page.SILENT_S", 3.0)
+    monkeypatch.setattr("pointit.launch.page.page.SILENT_S", 3.0)
     monkeypatch.setattr(
         "pointit.runtime.service.service.HEALTH_PERIOD_S", 0.2
     )  # a late report is no silence yet

@@ -15,7 +15,7 @@ from pointit.cli.loadtest.network.namespaces import Network, Traffic
 from pointit.cli.loadtest.network.routers import plain_configuration, router_process, secured_configuration
 from pointit.cli.loadtest.network.tree import tree
 from pointit.runtime.errors import ConfigError
-from pointit.runtime.zenoh.router.router import parse_config
+from pointit.runtime.router.router import parse_config
 from pointit.runtime.zenoh.wire_format import encoding_of
 from pointit.schemas import Cursor, PointingRay
 

@@ -19,10 +19,10 @@ from pointit.bridges.web.config import WebConfig
 from pointit.bridges.web.server.link_file import keep_link
 from pointit.cli.display.summary import write_summary
 from pointit.cli.main import command
-from pointit.cli.run import browser, dashboard
-from pointit.launch.plan import page
+from pointit.cli.page import browser, dashboard
+from pointit.launch.page import page
+from pointit.launch.page.page import PORT, PORTS_TO_TRY, Page, is_asked_of_page, kept_link, page_of, where
 from pointit.launch.plan.launches import Choices
-from pointit.launch.plan.page import PORT, PORTS_TO_TRY, Page, is_asked_of_page, kept_link, page_of, where
 from pointit.launch.plan.person import Pose
 from pointit.launch.plan.plan import Plan
 from pointit.launch.plan.scenario import read_scenario
@@ -170,7 +170,7 @@ def test_the_extra_is_looked_for_without_loading_it(monkeypatch: pytest.MonkeyPa
     monkeypatch.setattr(importlib.metadata, "version", without)
     assert not page.is_available()
     script = (
-        "import sys, pointit.cli.run.run, pointit.launch.plan.page as page\n"
+        "import sys, pointit.cli.run.run, pointit.launch.page.page as page\n"
         "page.is_available(); print(*sys.modules)"
     )
     done = subprocess.run(
@@ -201,7 +201,7 @@ def test_other_machines_too(name: str) -> None:
 
 
 def invoke(monkeypatch: pytest.MonkeyPatch, *arguments: str, has_extra: bool = True) -> BaseException | None:
-    for module in ("pointit.cli.run.run", "pointit.cli.run.dashboard"):
+    for module in ("pointit.cli.run.run", "pointit.cli.page.dashboard"):
         monkeypatch.setattr(f"{module}.is_available", lambda: has_extra)
     result = CliRunner().invoke(command, list(arguments), standalone_mode=False)
     return result.exception

@@ -4,8 +4,8 @@ from typing import Any
 
 import pytest
 
+from pointit.launch.robots.robot_monitor import RobotMonitor
 from pointit.launch.run.monitor import Monitor
-from pointit.launch.run.robot_monitor import RobotMonitor
 from pointit.runtime.bus.local_broker import LocalBroker
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.schemas import Cursor, RobotState

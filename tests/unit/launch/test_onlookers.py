@@ -1,7 +1,7 @@
 """Time for which a page counts as having viewers."""
 
 from pointit.diagnosis.observation import SILENT_S
-from pointit.launch.plan.page import Onlookers
+from pointit.launch.page.page import Onlookers
 from pointit.schemas import Figure, Health
 
 

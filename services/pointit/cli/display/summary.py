@@ -10,11 +10,11 @@ from typing import Any
 import click
 
 from pointit.cli.common.output import say
-from pointit.diagnosis.certainty import position_sigma_m, yaw_sigma_deg
 from pointit.launch.plan.plan import Plan
+from pointit.launch.robots.robot_score import robot_lines
 from pointit.launch.run.monitor import Monitor
-from pointit.launch.run.robot_score import robot_lines
 from pointit.runtime.errors import ConfigError
+from pointit.services.localizer.certainty import position_sigma_m, yaw_sigma_deg
 
 
 def check_writable(summary: Path) -> None:

@@ -19,14 +19,14 @@ from pointit.cli.display.people_view import (
     pose_lines,
     wrist_lines,
 )
-from pointit.cli.display.robots_view import reason_lines, robot_lines
-from pointit.diagnosis.certainty import FRAME_RATE
+from pointit.cli.robots.robots_view import reason_lines, robot_lines
 from pointit.diagnosis.observation import SILENT_S
 from pointit.diagnosis.outage import find_outage
 from pointit.geometry.polyline import Polyline
 from pointit.launch.run.monitor import Monitor
 from pointit.schemas import Strip, StripsFrame
 from pointit.schemas.topics import CURSOR, IMU, RAY, STRIPS_FRAME, Topic
+from pointit.services.led_driver.outputs import FRAME_RATE
 
 REFRESH_HZ = 8
 """Refresh rate of the view, which is drawn in a thread of its own."""

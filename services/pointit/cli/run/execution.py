@@ -14,11 +14,11 @@ from pointit.cli.common.output import say
 from pointit.cli.display.screen import on_screen
 from pointit.cli.display.summary import write_summary
 from pointit.cli.display.view import figures
-from pointit.cli.run import browser
-from pointit.launch.plan.page import Onlookers, Page, kept_link, where
+from pointit.cli.page import browser
+from pointit.launch.page.page import Onlookers, Page, kept_link, where
 from pointit.launch.plan.plan import Plan
-from pointit.launch.plan.recorder import recorded
 from pointit.launch.plan.startup_notices import kept_mountings, kept_offsets
+from pointit.launch.recorder import recorded
 from pointit.launch.run.run_bus import adapt_to_site, clock_of, open_bus
 from pointit.launch.run.running_scenario import RunningScenario
 from pointit.launch.run.scenario_requests import ScenarioRequests

@@ -22,8 +22,7 @@ from pointit.cli.run.run_options import (
     page_options,
     shared_options,
 )
-from pointit.launch.plan.launches import PAGE, Choices
-from pointit.launch.plan.page import (
+from pointit.launch.page.page import (
     REMEDY,
     Page,
     is_asked_of_page,
@@ -31,13 +30,14 @@ from pointit.launch.plan.page import (
     page_of,
     page_unavailable_error,
 )
-from pointit.launch.plan.page_tokens import kept_tokens
+from pointit.launch.page.page_tokens import kept_tokens
+from pointit.launch.plan.launches import PAGE, Choices
 from pointit.launch.plan.plan import Plan
-from pointit.launch.plan.recorder import recorder_launch
 from pointit.launch.plan.scenario import Scenario, read_scenario, scenario_names
 from pointit.launch.plan.scenario_catalog import ScenarioCatalog, places, scenario_launches
 from pointit.launch.plan.settings import check_settings
 from pointit.launch.plan.startup_notices import assumed_places
+from pointit.launch.recorder import recorder_launch
 from pointit.launch.run.surroundings import USUAL
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.link.link import DEFAULT_ENDPOINT

@@ -9,8 +9,8 @@ import click
 
 from pointit.cli.common.option_types import Finite
 from pointit.cli.run.person_options import PERSON_OPTIONS
+from pointit.launch.page.page import PORT
 from pointit.launch.plan.launches import LAMPS, LOCALIZATIONS, Choices, robot_of
-from pointit.launch.plan.page import PORT
 from pointit.runtime.config.environment import check_environment
 from pointit.runtime.link.link import DEFAULT_ENDPOINT, Link
 from pointit.runtime.link.options import given_credentials, link_of

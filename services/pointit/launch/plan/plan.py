@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from pointit.launch.plan.page import Page
+from pointit.launch.page.page import Page
 from pointit.runtime.link.link import Link
 from pointit.runtime.service.service import Launch
 from pointit.schemas import RunScenario

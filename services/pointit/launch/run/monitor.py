@@ -6,10 +6,9 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from pointit.diagnosis.certainty import FRAME_RATE
+from pointit.launch.robots.robot_monitor import RobotMonitor
+from pointit.launch.robots.robot_score import RobotsScore
 from pointit.launch.run.latency import Latency
-from pointit.launch.run.robot_monitor import RobotMonitor
-from pointit.launch.run.robot_score import RobotsScore
 from pointit.launch.run.score import Score
 from pointit.runtime.bus.contract import Bus, Closable
 from pointit.runtime.clock import Clock
@@ -53,6 +52,7 @@ from pointit.schemas.topics import (
     STRIPS_FRAME,
     USER_ALIVE,
 )
+from pointit.services.led_driver.outputs import FRAME_RATE
 from pointit.services.registry import RECORDER
 
 LINES = 5

@@ -7,11 +7,11 @@ import time
 from collections.abc import Callable, Sequence
 from typing import cast
 
-from pointit.launch.plan.page import Page
+from pointit.launch.page.page import Page
 from pointit.launch.plan.plan import Plan
+from pointit.launch.robots.robot_score import RobotsScore, spots_of
 from pointit.launch.run.deployment_publisher import DeploymentPublisher, Line
 from pointit.launch.run.monitor import Monitor
-from pointit.launch.run.robot_score import RobotsScore, spots_of
 from pointit.launch.run.score import Score
 from pointit.launch.run.service_group import ServiceGroup
 from pointit.runtime.bus.contract import UNDECLARE_S, Bus

@@ -13,9 +13,9 @@ from typing import Any, TextIO
 from pointit.bridges.web.config import WebConfig
 from pointit.bridges.web.server.link_file import keep_link, without_token
 from pointit.diagnosis.observation import SILENT_S
+from pointit.launch.page.page_tokens import Tokens
 from pointit.launch.plan.extras import has_extra, load
 from pointit.launch.plan.launches import PAGE
-from pointit.launch.plan.page_tokens import Tokens
 from pointit.launch.plan.settings import Settings, layers_of, service_of
 from pointit.runtime.errors import ConfigError, ListenError
 from pointit.runtime.host.extras import remedy

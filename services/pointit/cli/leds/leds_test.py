@@ -11,7 +11,7 @@ import click
 
 from pointit.cli.common.interruption import interruptible
 from pointit.cli.common.keyboard import has_keyboard, keys
-from pointit.cli.run.leds_setup import PrintedHealth, read_setup, setup_options
+from pointit.cli.leds.leds_setup import PrintedHealth, read_setup, setup_options
 from pointit.runtime.clock import WallClock
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.health.surroundings import Surroundings

@@ -9,7 +9,7 @@ import click
 
 from pointit.cli.common.site_link import site_options
 from pointit.cli.page import browser
-from pointit.cli.run.run_options import NEW_LINK
+from pointit.cli.page.run_page import NEW_LINK
 from pointit.launch.page.page import (
     EVERYWHERE,
     PORT,

@@ -56,10 +56,10 @@ RUN_PARTS: Sequence[Part["RunPart"]] = (
 """Panels of options of `run`, in the order of its help."""
 
 DISPLAY_PARTS: Sequence[Part["DisplayPart"]] = ((("pointit.cli.robots", "pointit.launch.robots"), _robots),)
-"""What the view and the summary of a run show."""
+"""Parts of the view and the summary of a run, in their order."""
 
 PERSON_CHECKS: Sequence[Part[PersonCheck]] = ((("pointit.cli.site", "pointit.access"), _credentials),)
-"""What is checked before a person joins a site."""
+"""Checks before a person joins a site."""
 
 PLUGIN_GROUPS: Sequence[Part[PluginGroups]] = ((("pointit.plugins", "pointit.services.robot"), _plugins),)
 """Plug-ins that are listed."""

@@ -50,7 +50,7 @@ class RunRecorder(Beside):
         return self._launch
 
     def afterword(self) -> str:
-        """Return what it has written."""
+        """Return a sentence on its file."""
         return recorded(self._launch)
 
 

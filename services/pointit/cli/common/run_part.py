@@ -1,4 +1,4 @@
-"""What an optional room adds to `pointit run`: a panel of options, and what it puts beside the run."""
+"""Part of `pointit run` that an optional room brings: a panel of options, and services beside the run."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from pointit.launch.plan.scenario import Scenario
 
 @dataclass(frozen=True, kw_only=True)
 class Added:
-    """What the options of one run put beside it."""
+    """Outcome of the options for one run."""
 
     beside: Sequence[Beside] = ()
     services: Sequence[str] = ()

@@ -1,4 +1,4 @@
-"""What an optional room shows in the view of a run, and says in its summary."""
+"""Part of the view and of the summary of a run that an optional room brings."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass

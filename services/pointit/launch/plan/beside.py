@@ -1,4 +1,4 @@
-"""What runs beside a scenario and outlasts it, such as a page or a recorder."""
+"""Service beside a scenario that outlasts it, such as a page or a recorder."""
 
 import contextlib
 from abc import ABC, abstractmethod
@@ -14,7 +14,7 @@ class Beside(ABC):
     """A service beside the scenario, which stays when that changes, and what a run owes it."""
 
     WHAT: ClassVar[str]
-    """What it is in messages, such as `page`."""
+    """Common noun in messages, such as `page`."""
     WAIT_S: ClassVar[float] = 0.0
     """The scenario waits until it is present, at most so long, and ends before it. 0: it is started in the
     background after the scenario."""
@@ -31,11 +31,11 @@ class Beside(ABC):
         """Return its launch. May be slow: it imports the service."""
 
     def checked(self) -> Sequence[Launch]:
-        """Return what must be checked before anything starts."""
+        """Return the launches to check before anything starts."""
         return [self.launch()]
 
     def joined(self, bus: Bus) -> AbstractContextManager[object]:
-        """Return what is open while the run is on `bus`."""
+        """Return a context that is open while the run is on `bus`."""
         del bus
         return contextlib.nullcontext()
 

@@ -39,7 +39,7 @@ class Plan:
     summary: Path | None = None
     as_json: bool = False
     beside: Sequence[Beside] = ()
-    """What runs beside the scenario, such as a page and a recorder."""
+    """Services that stay when the scenario changes, such as a page and a recorder."""
     scenario: str = ""
     """Name of the running scenario, or `""` for one person's part."""
     scenarios: Sequence[str] = ()

@@ -1,4 +1,4 @@
-"""What a run observes and scores beside people and their objects."""
+"""Observation and score of a run beside those of people and objects."""
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Protocol, TypeAlias

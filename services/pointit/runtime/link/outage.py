@@ -23,14 +23,14 @@ LOST = re.compile(re.escape(ROUTER_LOST.partition("{where}")[0]) + r"(?P<where>.
 
 @dataclass(frozen=True)
 class Outage:
-    """What happened to the site as a whole."""
+    """One cause for which services are out of reach, and its remedy."""
 
     sentence: str
     remedy: str
 
 
 def find_outage(known: Collection[str], gone: Collection[str], warnings: Iterable[str]) -> Outage | None:
-    """Return what happened if the router is lost or most of the site vanished together, else None.
+    """Return the outage if the router is lost or most of the site vanished together, else None.
 
     Args:
         known: instances that run or should run.

@@ -27,7 +27,17 @@ def house() -> ModuleType:
 def test_no_limit_is_exceeded() -> None:
     done = subprocess.run([sys.executable, SCRIPT, "--limits"], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
-    assert done.stdout.count("  limit ") == 3
+    assert done.stdout.count("  limit ") == 5
+
+
+def test_limit_of_the_core_never_rises(house: ModuleType) -> None:
+    assert house.MOST_CORE <= 42_000
+
+
+def test_rooms_are_told_apart_by_whole_names(house: ModuleType) -> None:
+    assert house.is_below("pointit.a.b", ["pointit.a"])
+    assert house.is_below("pointit.a", ["pointit.a"])
+    assert not house.is_below("pointit.ab", ["pointit.a"])
 
 
 def test_import_circle_is_found(house: ModuleType) -> None:

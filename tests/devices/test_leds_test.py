@@ -12,10 +12,9 @@ from collections.abc import Iterator
 import pytest
 from click.testing import CliRunner
 
-from pointit.cli.run import leds_test
+from pointit.cli.leds import leds_test, strip_test
+from pointit.cli.leds.strip_test import steps_of
 from pointit.schemas import Strip
-from pointit.services.led_driver.picture import strip_test
-from pointit.services.led_driver.picture.strip_test import steps_of
 
 HEADER = 10
 STEPS = 10

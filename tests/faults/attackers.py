@@ -20,7 +20,7 @@ import zenoh
 from zenoh.handlers import Callback
 
 from pointit.access.site_folder import SiteFolder
-from pointit.runtime.zenoh.router.router_health import SERVICE
+from pointit.runtime.router.router_health import SERVICE
 from pointit.schemas import ButtonEvent, Claim, Cursor, Message, encode
 from pointit.schemas.topics import BUTTON, CLAIM, CURSOR, REQUESTS, TOPICS, Topic, topic_of
 from tests.faults.account import Account, Fault

@@ -19,7 +19,7 @@ from pointit.runtime.bus.contract import Bus
 from pointit.runtime.bus.local_broker import LocalBroker
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.link.link import Link
-from pointit.runtime.zenoh.router.router import running_router
+from pointit.runtime.router.router import running_router
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas.topics import SERVICE_ALIVE
 from tests.support.bench import until

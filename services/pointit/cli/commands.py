@@ -89,7 +89,7 @@ COMMANDS: dict[str, tuple[Entry, ...]] = {
         command(
             "dashboard",
             "open the page of a site that runs elsewhere, in the browser",
-            "pointit.cli.run.dashboard:command",
+            "pointit.cli.page.dashboard:command",
         ),
         command("list", "list scenarios, maps, plug-ins and services", "pointit.cli.run.list:command"),
     ),
@@ -173,9 +173,9 @@ COMMANDS: dict[str, tuple[Entry, ...]] = {
                 command(
                     "list",
                     "show where each robot is, who steers it, and why it stands",
-                    "pointit.cli.inspect.robot:list_robots",
+                    "pointit.cli.robots.robot:list_robots",
                 ),
-                command("stop", "stop one robot, some, or all", "pointit.cli.inspect.robot:stop"),
+                command("stop", "stop one robot, some, or all", "pointit.cli.robots.robot:stop"),
             ),
         ),
         noun(
@@ -222,7 +222,7 @@ COMMANDS: dict[str, tuple[Entry, ...]] = {
             "make a recording of a CSV file or a ROS 2 bag",
             "pointit.cli.recordings.import_:command",
         ),
-        command("page", "open a recording in the page, with a timeline", "pointit.cli.run.page:command"),
+        command("page", "open a recording in the page, with a timeline", "pointit.cli.page.page:command"),
     ),
     "Rooms and devices of your own": (
         command(
@@ -265,12 +265,12 @@ COMMANDS: dict[str, tuple[Entry, ...]] = {
                 command(
                     "calibrate",
                     "find the pose of a moving head by pointing its beam at known places",
-                    "pointit.cli.run.leds_calibrate:command",
+                    "pointit.cli.leds.leds_calibrate:command",
                 ),
                 command(
                     "test",
                     "light the pixels of each strip in turn, and say where the map has them",
-                    "pointit.cli.run.leds_test:command",
+                    "pointit.cli.leds.leds_test:command",
                 ),
             ),
         ),

@@ -2,16 +2,6 @@
 
 from collections.abc import Callable, Iterator, Sequence
 
-from pointit.diagnosis.certainty import (
-    ANCHOR_AGE,
-    OLD_ANCHOR_S,
-    POSITION_SIGMA,
-    SURE_DEG,
-    UNSURE_DEG,
-    UNSURE_M,
-    YAW_SIGMA,
-    figure,
-)
 from pointit.diagnosis.clocks import find_clock_skew
 from pointit.diagnosis.observation import Finding, Observation, Report
 from pointit.diagnosis.outage import fold_outage
@@ -22,6 +12,16 @@ from pointit.schemas import Health
 from pointit.schemas.system import split_instance
 from pointit.schemas.text import one_line
 from pointit.schemas.topics import TOPICS, Delivery
+from pointit.services.localizer.certainty import (
+    ANCHOR_AGE,
+    OLD_ANCHOR_S,
+    POSITION_SIGMA,
+    SURE_DEG,
+    UNSURE_DEG,
+    UNSURE_M,
+    YAW_SIGMA,
+    figure,
+)
 from pointit.services.registry import person_of
 
 SLOW_S = 0.1

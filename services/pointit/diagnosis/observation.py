@@ -5,12 +5,10 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from pointit.diagnosis.writers import start_command
+from pointit.runtime.link.outage import SILENT_S
 from pointit.schemas import Deployment, ExpectedService, Health
 from pointit.schemas.system import RUN
 from pointit.schemas.table_types import NAME
-
-SILENT_S = 3.0
-"""Time without a report at which a present service is stopped, or too busy to report, s."""
 
 Severity = Literal["error", "warning", "note"]
 Code = Literal[

@@ -248,3 +248,31 @@ def _sentence(detail: ErrorDetails) -> str:
         return f"write a mapping of names to entries, not {format_value(value)}"
     known = [field.alias or name for name, field in model.model_fields.items() if field.is_required()]
     return f"write a mapping with {join_names(known)}, not {format_value(value)}"
+
+
+def contents(file: MapFile, clouds: Mapping[str, NDArray[np.float64]]) -> str:
+    """Return a summary of a map, `8 belts, 8 links, 4 bays, 22 strips with 1228 pixels, 3 lamps`."""
+    counts = (
+        (len(file.belts), "belt", ""),
+        (len(file.links), "link", ""),
+        (len(file.bays), "bay", ""),
+        (len(file.strips), "strip", _with(sum(strip.pixels for strip in file.strips.values()), "pixel")),
+        (len(file.leds), "lamp", ""),
+        (len(file.boxes), "box", ""),
+        (len(file.planes), "plane", ""),
+        (len(file.cylinders), "cylinder", ""),
+        (len(file.spheres), "sphere", ""),
+        (len(clouds), "cloud", _with(sum(len(points) for points in clouds.values()), "point")),
+        (len(file.fences), "fence", ""),
+        (len(file.frames), "frame", ""),
+    )
+    plural = {"box": "boxes"}
+    return ", ".join(
+        f"{count} {word if count == 1 else plural.get(word, word + 's')}{more}"
+        for count, word, more in counts
+        if count
+    )
+
+
+def _with(count: int, what: str) -> str:
+    return f" with {count} {what}{'s' if count > 1 else ''}"

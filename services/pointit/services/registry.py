@@ -5,12 +5,12 @@ process loads only what it needs. Services of other packages get a row when they
 """
 
 import contextlib
-import importlib
 from dataclasses import dataclass
 from importlib.metadata import entry_points
 from typing import TYPE_CHECKING, Any, Literal
 
 from pointit.runtime.errors import ConfigError
+from pointit.runtime.host.optional_rooms import import_room
 from pointit.schemas import topics
 from pointit.schemas.system import split_instance
 from pointit.schemas.topics import Presence, Request, Topic
@@ -63,14 +63,14 @@ class Process:
         """Return the class of its parameters, which needs no extra: `LedDriverConfig` for `led-driver`."""
         if self.plugin is not None:
             return self.plugin.config
-        module = importlib.import_module(f"{self.package}.config")
+        module = import_room(f"{self.package}.config", self.name)
         return getattr(module, f"{self.name.title().replace('-', '')}Config")
 
     def load(self) -> Any:
         """Return its service class."""
         if self.plugin is not None:
             return self.plugin.make
-        return importlib.import_module(f"{self.package}.service").SERVICE
+        return import_room(f"{self.package}.service", self.name).SERVICE
 
 
 RECORDER = "recorder"

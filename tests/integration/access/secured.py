@@ -25,7 +25,7 @@ from pointit.access.site_folder import SiteFolder
 from pointit.access.site_state import SiteState
 from pointit.runtime.link.credentials import Credentials, read_credentials
 from pointit.runtime.link.link import Link
-from pointit.runtime.zenoh.router.router import parse_config
+from pointit.runtime.router.router import parse_config
 from pointit.runtime.zenoh.session import configuration
 from tests.support.buses import free_port
 from tests.support.forked import ForkedProcess

@@ -11,7 +11,7 @@ import pytest
 
 from pointit.access.router_configuration import configuration
 from pointit.runtime.host.tcp_timeouts import LINGER, tcp_sockets
-from pointit.runtime.zenoh.router.router import Router
+from pointit.runtime.router.router import Router
 from tests.integration.access.secured import Member, make_site
 from tests.support.bench import until
 

@@ -20,7 +20,7 @@ from pointit.runtime.bus.contract import AnyTopic
 from pointit.runtime.errors import ConfigError, ConnectError, NoAnswerError
 from pointit.runtime.link.credentials import connection_refusal, read_credentials
 from pointit.runtime.link.link import Link
-from pointit.runtime.zenoh.router.router import running_router
+from pointit.runtime.router.router import running_router
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas import (
     ButtonEvent,

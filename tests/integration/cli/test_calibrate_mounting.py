@@ -6,6 +6,7 @@ import math
 import sys
 from pathlib import Path
 
+from pointit.cli.people.mounting import angle_between
 from pointit.geometry import rotation
 from pointit.geometry.rotation import Quaternion
 from pointit.runtime.clock import WallClock
@@ -14,7 +15,6 @@ from pointit.schemas import ImuSample, SetMounting
 from pointit.schemas.topics import IMU, SET_MOUNTING
 from pointit.services.imu_bridge.arm_frame import MOUNTINGS, from_roll_pitch_yaw
 from pointit.services.imu_bridge.config import ImuBridgeConfig
-from pointit.services.imu_bridge.mounting import angle_between
 from pointit.services.imu_bridge.serial.config import SerialConfig
 from pointit.services.imu_bridge.service import ImuBridge
 from pointit.services.user_sim.service import UserSim

@@ -10,9 +10,10 @@ from typing import Any
 
 import pytest
 
+from pointit.cli.page.run_page import RunPage
 from pointit.cli.run.execution import _Run
+from pointit.launch.page.page import page_of
 from pointit.launch.plan.launches import Choices
-from pointit.launch.plan.page import page_of
 from pointit.launch.plan.plan import Plan
 from pointit.launch.plan.scenario import read_scenario
 from pointit.launch.plan.scenario_catalog import ScenarioCatalog, scenario_launches
@@ -66,7 +67,7 @@ def plan_of(
         target_kinds=scenario.target_kinds,
         scenarios=program.offered,
         another=program.plan,
-        page=replace(page_of(Settings(), asked={"port": 0}), load=lambda: service),
+        beside=[RunPage(replace(page_of(Settings(), asked={"port": 0}), load=lambda: service))],
     )
     return replace(plan, **said)
 
@@ -270,7 +271,7 @@ async def test_a_site_without_people_of_its_own_takes_no_wish() -> None:
 
 
 async def test_a_run_goes_on_while_somebody_looks_on(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("pointit.launch.plan.page.SILENT_S", 3.0)
+    monkeypatch.setattr("pointit.launch.run.onlookers.SILENT_S", 3.0)
     monkeypatch.setattr(
         "pointit.runtime.service.service.HEALTH_PERIOD_S", 0.2
     )  # a late report is no silence yet
@@ -312,14 +313,14 @@ async def test_a_page_that_cannot_be_is_told_and_costs_nothing(caplog: pytest.Lo
 async def test_the_address_is_told_once_and_nowhere_else(caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level("DEBUG")
     plan = plan_of("scenario_2")
-    assert plan.page is not None
+    (beside,) = plan.beside
 
     def told_of() -> list[str]:
         return [text for text in caplog.messages if text.startswith("page: ")]
 
     async with going(plan):  # which ends when told: on a loaded machine, a page opens late
         await until(lambda: bool(told_of()), PATIENCE_S, "the page")
-    address, _, token = plan.page.url.partition("?token=")
+    address, _, token = beside.address.partition("?token=")
     texts = caplog.messages
     (told,) = told_of()
     assert told.startswith(f"page: {address} (its link is in ")

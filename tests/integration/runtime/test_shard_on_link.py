@@ -8,8 +8,8 @@ from collections.abc import AsyncGenerator
 
 from pointit.runtime.clock import WallClock
 from pointit.runtime.link.link import Link
+from pointit.runtime.router.router import running_router
 from pointit.runtime.service.service import Launch, run_service
-from pointit.runtime.zenoh.router.router import running_router
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas import Cursor, PointingRay, UserPose
 from pointit.schemas.topics import CURSOR, POSE, RAY, SHARD_ALIVE, USER_ALIVE

@@ -11,8 +11,9 @@ from unittest import mock
 from pointit.geometry.vector import Vec3
 from pointit.launch.plan.launches import Choices, site_launches, user_launches
 from pointit.launch.plan.scenario import Scenario, read_scenario
+from pointit.launch.robots.robot_score import RobotsScore
+from pointit.launch.robots.robot_watcher import RobotWatcher
 from pointit.launch.run.monitor import Monitor
-from pointit.launch.run.robot_score import RobotsScore
 from pointit.launch.run.score import Score
 from pointit.runtime.bus.local_broker import LocalBroker
 from pointit.runtime.bus.memory_bus import MemoryBus
@@ -118,7 +119,7 @@ async def _play(
     bus.subscribe(ROBOT_STATE, on_state)
     bus.subscribe(GOAL, lambda goal, user: flights.on_goal(goal, people[user]))
     bus.subscribe(FEEDBACK, lambda cue, user: flights.cues.append((user, cue)))
-    monitor = Monitor(Score(()), VirtualClock(), robots=flights.robots)
+    monitor = Monitor(Score(()), VirtualClock(), watchers=[RobotWatcher(flights.robots)])
     monitor.attach(bus)
     with watched_people(born):
         running = asyncio.create_task(run_services(launches, bus, VirtualClock()))

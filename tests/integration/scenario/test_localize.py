@@ -8,8 +8,8 @@ import statistics
 
 import pytest
 
-from pointit.diagnosis.certainty import position_sigma_m
 from pointit.launch.plan.launches import Choices
+from pointit.services.localizer.certainty import position_sigma_m
 from tests.integration.scenario.play import Found, Outcome, play
 
 PERSON = ("user-sim.aim.elevation_bias_deg=10", "user-sim.wristband.yaw_drift_degpmin=15")

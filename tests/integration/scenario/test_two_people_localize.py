@@ -5,7 +5,6 @@ import math
 
 import pytest
 
-from pointit.diagnosis.certainty import UNSURE_M, position_sigma_m
 from pointit.launch.plan.launches import Choices, site_launches, user_launches
 from pointit.launch.plan.scenario import read_scenario
 from pointit.runtime.bus.local_broker import LocalBroker
@@ -14,6 +13,7 @@ from pointit.runtime.service.service import run_services
 from pointit.runtime.virtual_time import VirtualClock, run_virtually
 from pointit.schemas import UserPose
 from pointit.schemas.topics import INTERACTION, POSE
+from pointit.services.localizer.certainty import UNSURE_M, position_sigma_m
 
 USERS = ("user1", "user2")
 

@@ -9,7 +9,7 @@ from typing import Any, ClassVar, cast
 import pytest
 
 from pointit.runtime.errors import ConfigError
-from pointit.runtime.zenoh.router.router import parse_config
+from pointit.runtime.router.router import parse_config
 from pointit.runtime.zenoh.wire_format import encoding_of
 from pointit.schemas import Cursor, PointingRay
 from pointit_lab.loadtest.measuring import secured_site

@@ -7,6 +7,7 @@ import pytest
 from pointit.cli.people import pose_text
 from pointit.cli.people.anchor import sentence
 from pointit.cli.people.calibrate_mounting import format_result
+from pointit.cli.people.mounting import Mounting
 from pointit.cli.people.offset_report import (
     assess,
     describe,
@@ -18,7 +19,6 @@ from pointit.cli.people.offset_report import (
 from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
 from pointit.schemas import Anchor, PointingOffset, UserPose
-from pointit.services.imu_bridge.mounting import Mounting
 
 S = 1_000_000_000
 EYES: Vec3 = (0.0, 0.0, 1.6)

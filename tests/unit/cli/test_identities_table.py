@@ -8,7 +8,7 @@ import pytest
 
 from pointit.access.site_folder import SiteFolder
 from pointit.access.site_state import SiteState
-from pointit.cli.common.identities_table import expiring, rows_of, section, visible_rows
+from pointit.cli.site.identities_table import expiring, rows_of, section, visible_rows
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.link.credentials import read_credentials
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from pointit.cli.run.page import command
+from pointit.cli.page.page import command
 from pointit.recording.entries import RecordingError
 
 

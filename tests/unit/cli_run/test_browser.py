@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from pointit.bridges.web.server.link_file import keep_link
-from pointit.cli.run import browser
+from pointit.cli.page import browser
 from pointit.runtime.bus.local_broker import LocalBroker
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.schemas.topics import SERVICE_ALIVE

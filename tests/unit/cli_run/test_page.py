@@ -19,10 +19,11 @@ from pointit.bridges.web.config import WebConfig
 from pointit.bridges.web.server.link_file import keep_link
 from pointit.cli.display.summary import write_summary
 from pointit.cli.main import command
-from pointit.cli.run import browser, dashboard
-from pointit.launch.plan import page
+from pointit.cli.page import browser, dashboard
+from pointit.cli.page.run_page import RunPage
+from pointit.launch.page import page
+from pointit.launch.page.page import PORT, PORTS_TO_TRY, Page, is_asked_of_page, kept_link, page_of, where
 from pointit.launch.plan.launches import Choices
-from pointit.launch.plan.page import PORT, PORTS_TO_TRY, Page, is_asked_of_page, kept_link, page_of, where
 from pointit.launch.plan.person import Pose
 from pointit.launch.plan.plan import Plan
 from pointit.launch.plan.scenario import read_scenario
@@ -170,7 +171,7 @@ def test_the_extra_is_looked_for_without_loading_it(monkeypatch: pytest.MonkeyPa
     monkeypatch.setattr(importlib.metadata, "version", without)
     assert not page.is_available()
     script = (
-        "import sys, pointit.cli.run.run, pointit.launch.plan.page as page\n"
+        "import sys, pointit.cli.run.run, pointit.launch.page.page as page\n"
         "page.is_available(); print(*sys.modules)"
     )
     done = subprocess.run(
@@ -201,7 +202,7 @@ def test_other_machines_too(name: str) -> None:
 
 
 def invoke(monkeypatch: pytest.MonkeyPatch, *arguments: str, has_extra: bool = True) -> BaseException | None:
-    for module in ("pointit.cli.run.run", "pointit.cli.run.dashboard"):
+    for module in ("pointit.cli.page.run_page", "pointit.cli.page.dashboard"):
         monkeypatch.setattr(f"{module}.is_available", lambda: has_extra)
     result = CliRunner().invoke(command, list(arguments), standalone_mode=False)
     return result.exception
@@ -279,13 +280,13 @@ def test_a_run_has_the_link_of_the_one_before_until_a_new_one_is_wanted(
     mine = ("--set", "web.operator_token=a-token-of-mine")
     for arguments in ((), (), mine, ("--new-link",), ("--site", "other"), (), ("--new-link", *mine)):
         assert invoke(monkeypatch, "run", "--web-port", "0", *arguments) is None
-    pages = [plan.page for plan in plans]
-    first, again, own, new, elsewhere, last, _ = (page.config.operator_token for page in pages if page)
+    pages = [each.page for plan in plans for each in plan.beside if isinstance(each, RunPage)]
+    first, again, own, new, elsewhere, last, _ = (page.config.operator_token for page in pages)
     assert first == again
     assert own == "a-token-of-mine"
     assert len({first, new, elsewhere}) == 3
     assert last == new
-    assert all(page is not None and page.is_usual for page in pages[:2])  # else all is loaded
+    assert all(page.is_usual for page in pages[:2])  # else all is loaded
     assert any("--new-link does not change" in note for note in plans[-1].notes)
 
 

@@ -8,7 +8,6 @@ from rich.console import Console
 from rich.segment import Segment
 
 from pointit.cli.display.view import draw
-from pointit.diagnosis.certainty import UNSURE_DEG, UNSURE_M
 from pointit.launch.run.monitor import Monitor
 from pointit.runtime.bus.local_broker import LocalBroker
 from pointit.runtime.bus.memory_bus import MemoryBus
@@ -27,6 +26,7 @@ from pointit.schemas import (
 )
 from pointit.schemas.topics import ANCHOR, FEEDBACK, INTERACTION, LOCALIZATION, POSE, USER_ALIVE
 from pointit.services.imu_bridge.wrist.monitor import BATTERY, GAPS, RATE, SIGNAL
+from pointit.services.localizer.certainty import UNSURE_DEG, UNSURE_M
 from tests.support.bench import until
 from tests.unit.cli_run.drawn import FRAME, cursor, monitor_of, shown, strip
 

@@ -4,8 +4,10 @@ from typing import Any
 
 import pytest
 
+from pointit.cli.robots.robots_view import ROBOTS_DISPLAY
+from pointit.launch.robots.robot_monitor import RobotMonitor
+from pointit.launch.robots.robot_watcher import RobotWatcher
 from pointit.launch.run.monitor import Monitor
-from pointit.launch.run.robot_monitor import RobotMonitor
 from pointit.runtime.bus.local_broker import LocalBroker
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.schemas import Cursor, RobotState
@@ -19,46 +21,53 @@ def robot(**fields: Any) -> RobotState:
     return RobotState.model_validate({"stamp_ns": 1, "kind": "quadrotor", "phase": "idle", **at, **fields})
 
 
+def watched() -> tuple[Monitor, RobotMonitor]:
+    """Return a monitor, and that of its robots."""
+    monitor, robots = monitor_of(), RobotWatcher()
+    monitor.watchers = [robots]
+    return monitor, robots.monitor
+
+
+def view(monitor: Monitor, width: int = 100) -> list[str]:
+    return shown(monitor, width, parts=[ROBOTS_DISPLAY])
+
+
 def rows(monitor: Monitor, width: int = 100) -> list[list[str]]:
     """Return the words of the lines that begin with a robot's name."""
-    lines = [line.strip("│ ").split("  ") for line in shown(monitor, width)]
+    lines = [line.strip("│ ").split("  ") for line in view(monitor, width)]
     cells = [[cell.strip() for cell in line if cell.strip()] for line in lines]
     return [line for line in cells if line and line[0] in ("cart", "quad")]
 
 
 def test_robots_are_listed_with_who_steers_them_and_where_to() -> None:
-    monitor = monitor_of()
-    monitor.robot_monitor.take(
-        robot(phase="taking_off", user="anna", target_m=(3.04, -1.0, 0.2), battery=0.5), "quad"
-    )
-    monitor.robot_monitor.take(
-        robot(kind="ground", phase="stopped", reason="ben is too near; step back"), "cart"
-    )
+    monitor, robots = watched()
+    robots.take(robot(phase="taking_off", user="anna", target_m=(3.04, -1.0, 0.2), battery=0.5), "quad")
+    robots.take(robot(kind="ground", phase="stopped", reason="ben is too near; step back"), "cart")
     assert rows(monitor) == [
         ["cart", "-", "stopped", "-", "1.0, 2.0, 0.8 m", "-"],
         ["quad", "anna", "taking off", "3.0, -1.0 m", "1.0, 2.0, 0.8 m", "50%"],
     ]
-    assert any("cart: ben is too near; step back" in line for line in shown(monitor))
+    assert any("cart: ben is too near; step back" in line for line in view(monitor))
 
 
 @pytest.mark.parametrize("width", [44, 60])
 def test_a_narrow_terminal_shows_the_first_columns(width: int) -> None:
-    monitor = monitor_of()
-    monitor.robot_monitor.take(robot(phase="moving", user="anna", target_m=(3.0, -1.0, 0.2)), "quad")
-    (line,) = (line for line in shown(monitor, width) if "quad" in line)
+    monitor, robots = watched()
+    robots.take(robot(phase="moving", user="anna", target_m=(3.0, -1.0, 0.2)), "quad")
+    (line,) = (line for line in view(monitor, width) if "quad" in line)
     assert "anna" in line
     assert "moving" in line
 
 
 def test_no_robot_takes_no_line() -> None:
-    assert not any("steered by" in line for line in shown(monitor_of()))
+    assert not any("steered by" in line for line in view(watched()[0]))
 
 
 def test_one_persons_view_has_their_robot_and_free_ones() -> None:
-    monitor = monitor_of()
+    monitor, robots = watched()
     monitor.person = "anna"
-    monitor.robot_monitor.take(robot(user="ben"), "cart")
-    monitor.robot_monitor.take(robot(), "quad")
+    robots.take(robot(user="ben"), "cart")
+    robots.take(robot(), "quad")
     assert [line[0] for line in rows(monitor)] == ["quad"]
 
 
@@ -89,14 +98,14 @@ def test_changes_are_told_once_whatever_their_figures() -> None:
 async def test_a_robot_is_shown_as_long_as_its_service_runs() -> None:
     exchange = LocalBroker()
     bus, other = MemoryBus(exchange), MemoryBus(exchange)
-    monitor = monitor_of()
+    monitor, robots = watched()
     monitor.attach(bus)
     presence = other.announce(SERVICE_ALIVE, "robot.quad")
     for name in ("quad", "cart"):
         other.publisher(ROBOT_STATE, name).put(robot(user="anna"))
-    await until(lambda: set(monitor.robot_monitor.states) == {"quad", "cart"})
+    await until(lambda: set(robots.states) == {"quad", "cart"})
     presence.close()
-    await until(lambda: set(monitor.robot_monitor.states) == {"cart"})
+    await until(lambda: set(robots.states) == {"cart"})
     assert sorted(monitor.events) == ["cart: anna steers it", "quad: anna steers it"]
     monitor.detach()
     await bus.close()

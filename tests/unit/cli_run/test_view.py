@@ -10,11 +10,11 @@ from rich.console import Console
 from rich.segment import Segment
 
 from pointit.cli.display.view import MAX_STRIPS, NAME_WIDTH, draw, figures, pixels_along
-from pointit.diagnosis.observation import SILENT_S
 from pointit.launch.run.monitor import LINES, Monitor
 from pointit.runtime.bus.local_broker import LocalBroker
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.link.link import ROUTER_LOST
+from pointit.runtime.link.outage import SILENT_S
 from pointit.schemas import (
     Cursor,
     Environment,

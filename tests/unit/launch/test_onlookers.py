@@ -1,7 +1,7 @@
 """Time for which a page counts as having viewers."""
 
-from pointit.diagnosis.observation import SILENT_S
-from pointit.launch.plan.page import Onlookers
+from pointit.launch.run.onlookers import Onlookers
+from pointit.runtime.link.outage import SILENT_S
 from pointit.schemas import Figure, Health
 
 

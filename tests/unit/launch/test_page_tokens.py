@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from pointit.launch.plan.page_tokens import kept_tokens
+from pointit.launch.page.page_tokens import kept_tokens
 
 
 def kept_at(state: Path, site: str = "lab") -> Path:

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from pointit.launch.plan.recorder import recorded, recorder_launch
+from pointit.launch.recorder import recorded, recorder_launch
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.service.service import check_launches
 from tests.support.recorded import session, write_recording

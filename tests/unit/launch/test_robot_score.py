@@ -3,7 +3,7 @@
 from typing import Any
 
 from pointit.geometry.vector import Vec3
-from pointit.launch.run.robot_score import RobotsScore, robot_lines
+from pointit.launch.robots.robot_score import RobotsScore, score_lines
 from pointit.schemas import Environment, Goal, RobotState
 from pointit.schemas.environment import Fence
 
@@ -37,7 +37,7 @@ def test_a_landing_counts_with_its_distance_from_the_nearest_spot() -> None:
     score.on_state("quad", state((1.0, 1.1, 0.0), "landed"))
     score.on_state("quad", state((1.0, 1.1, 0.0), "landed"))
     assert score.as_dict()["quad"]["landed_off_m"] == [0.1]
-    assert robot_lines(score.as_dict()) == ["quad landed once, 0.10 m from the place."]
+    assert score_lines(score.as_dict()) == ["quad landed once, 0.10 m from the place."]
 
 
 def test_without_spots_a_landing_is_measured_from_where_the_robot_was_sent() -> None:
@@ -66,7 +66,7 @@ def test_a_goal_is_reached_where_the_robot_ends_near_it() -> None:
         score.on_goal(sent)
         score.on_state("rover", state((0.6, 0.5, 0.0), goal_ns=goal_ns))
         score.on_state("rover", state((end_m, 0.5, 0.0), "idle"))
-    assert robot_lines(score.as_dict()) == ["rover reached 1 of 2 goals."]
+    assert score_lines(score.as_dict()) == ["rover reached 1 of 2 goals."]
 
 
 def test_each_crossing_of_a_fence_counts_once() -> None:
@@ -75,10 +75,10 @@ def test_each_crossing_of_a_fence_counts_once() -> None:
     for place_m in ((1.0, 1.0, 0.2), (3.5, 3.5, 0.2), (3.6, 3.5, 0.2), (1.0, 1.0, 0.2), (1.0, 1.0, 2.1)):
         score.on_state("quad", state(place_m))
     assert score.as_dict()["quad"]["fences_crossed"] == 2
-    assert robot_lines(score.as_dict()) == ["quad crossed fences 2 times."]
+    assert score_lines(score.as_dict()) == ["quad crossed fences 2 times."]
 
 
 def test_robots_that_did_nothing_are_not_mentioned() -> None:
     score = RobotsScore()
     score.on_state("quad", state((1.0, 1.0, 0.0), "landed"))
-    assert robot_lines(score.as_dict()) == []
+    assert score_lines(score.as_dict()) == []

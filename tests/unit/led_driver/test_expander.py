@@ -12,7 +12,6 @@ from typing import Any, cast
 
 import pytest
 
-from pointit.diagnosis.certainty import FRAME_RATE
 from pointit.runtime.bus.local_broker import LocalBroker
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.clock import WallClock
@@ -31,6 +30,7 @@ from pointit.services.led_driver.output.serial_port.expander import ExpanderFram
 from pointit.services.led_driver.output.serial_port.expander_config import ExpanderConfig
 from pointit.services.led_driver.output.serial_port.serial_config import wire_time_s
 from pointit.services.led_driver.output.serial_port.serial_output import KEEP_ALIVE_S
+from pointit.services.led_driver.outputs import FRAME_RATE
 from pointit.services.led_driver.service import LedDriver
 from tests.support.bench import ManualClock, memory_bench, until
 from tests.support.pace import within

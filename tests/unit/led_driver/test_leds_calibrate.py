@@ -10,8 +10,8 @@ from click.testing import CliRunner
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pointit.cli.run import leds_calibrate
-from pointit.cli.run.leds_calibrate import pointed, report
+from pointit.cli.leds import leds_calibrate
+from pointit.cli.leds.leds_calibrate import pointed, report
 from pointit.runtime.errors import PointItError
 from pointit.runtime.health.surroundings import NullHealth
 from pointit.services.led_driver.output.spotlight.config import SpotlightConfig

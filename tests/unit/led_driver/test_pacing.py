@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pointit.services.led_driver.output.pacing import FrameLimiter
+from pointit.services.led_driver.pacing import FrameLimiter
 
 
 def test_the_pacer_draws_cursors_as_they_come_and_the_rest_with_them() -> None:

@@ -7,7 +7,7 @@ import pytest
 from pointit.schemas import NS_PER_S, Cursor, Passed, UserProfile
 from pointit.schemas.topics import CURSOR, OBJECTS
 from pointit.services.led_driver.light_state import LightState
-from pointit.services.led_driver.output.pacing import FrameLimiter
+from pointit.services.led_driver.pacing import FrameLimiter
 from tests.support.bench import ManualClock, memory_bench, until
 from tests.unit.led_driver.driving import FAST, MAP_MESSAGE, cursor, next_frame, package, pixels, started
 

@@ -5,7 +5,7 @@ import math
 import pytest
 from pydantic import ValidationError
 
-from pointit.diagnosis.certainty import UNSURE_DEG, UNSURE_M
+from pointit.services.localizer.certainty import UNSURE_DEG, UNSURE_M
 from pointit.services.localizer.config import LocalizerConfig
 from pointit.services.localizer.drift.filter import DriftSettings
 from pointit.services.localizer.estimation.estimator import SolverSettings

@@ -6,9 +6,9 @@ import pytest
 import yaml
 
 from pointit.geometry.polyline import Array, Polyline
-from pointit.maps.checks.check import check_map, contents
+from pointit.maps.checks.check import check_map
 from pointit.maps.checks.finding import Finding
-from pointit.maps.file import map_path, read_clouds, read_map_file, shipped_maps
+from pointit.maps.file import contents, map_path, read_clouds, read_map_file, shipped_maps
 from pointit.maps.model import ENTRIES, MapFile
 from pointit.runtime.config.validation_message import field_names
 from tests.support.data import data_file

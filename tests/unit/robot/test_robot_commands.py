@@ -3,7 +3,7 @@
 import pytest
 from click.testing import CliRunner
 
-from pointit.cli.inspect.robot import find_robots, rows, stop, stop_robots
+from pointit.cli.robots.robot import find_robots, rows, stop, stop_robots
 from pointit.schemas import RobotPlan
 from pointit.schemas.topics import ROBOT_PLAN
 from tests.unit.robot.flight import ROBOT, Pilotage, fly

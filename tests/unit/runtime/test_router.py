@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from pointit.runtime.zenoh.router import router
-from pointit.runtime.zenoh.router.router import Router
+from pointit.runtime.router import router
+from pointit.runtime.router.router import Router
 from tests.support.bench import until
 
 PATIENCE_S = 20.0

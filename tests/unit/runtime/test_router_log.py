@@ -3,7 +3,7 @@
 import os
 import threading
 
-from pointit.runtime.zenoh.router.router_log import MOST_LINES, _read
+from pointit.runtime.router.router_log import MOST_LINES, _read
 
 MARK = b"unauthorized"
 

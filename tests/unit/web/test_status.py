@@ -4,7 +4,7 @@ import pytest
 
 from pointit.bridges.web.model.status import GRACE_S, KEPT_S, LEFT_S, SiteObservation
 from pointit.bridges.web.wire import PersonLine, Status
-from pointit.diagnosis.observation import SILENT_S
+from pointit.runtime.link.outage import SILENT_S
 from pointit.schemas import Deployment, Health, KeyHealth
 from pointit.schemas.system import ExpectedService
 

@@ -4,7 +4,8 @@ import math
 from dataclasses import dataclass, field
 
 from pointit.bridges.agv_tracker.config import AgvTrackerConfig
-from pointit.runtime.mqtt.agv_messages import (
+from pointit.schemas import NS_PER_S, TrackedObject
+from pointit.services.robot.drivers.vda5050.agv_messages import (
     Connection,
     HeaderCheck,
     LastPose,
@@ -13,7 +14,6 @@ from pointit.runtime.mqtt.agv_messages import (
     parse,
     velocity_on_map,
 )
-from pointit.schemas import NS_PER_S, TrackedObject
 
 TOPICS = ("+/+/+/+/connection", "+/+/+/+/state", "+/+/+/+/visualization")
 LEVELS = 5

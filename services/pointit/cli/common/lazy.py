@@ -1,7 +1,6 @@
 """Groups of commands that import a command when it is called, and suggest names for a typo."""
 
 import contextlib
-import importlib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -131,8 +130,10 @@ def from_module(target: str) -> Callable[[], click.Command]:
     """Return a loader of the command at `target`, `module:attribute`."""
 
     def load() -> click.Command:
+        from pointit.runtime.host.optional_rooms import import_room  # noqa: PLC0415 - not for help
+
         module, _, attribute = target.partition(":")
-        command: click.Command = getattr(importlib.import_module(module), attribute)
+        command: click.Command = getattr(import_room(module, "this command"), attribute)
         return command
 
     return load

@@ -2,12 +2,13 @@
 
 import contextlib
 import time
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Sequence
 
 from rich.console import Console, RenderableType
 from rich.live import Live
 
 from pointit.cli.common.keyboard import has_keyboard, keys
+from pointit.cli.display.display_part import DisplayPart
 from pointit.cli.display.view import REFRESH_HZ, draw
 from pointit.launch.run.running_scenario import RunningScenario
 from pointit.runtime.bus.contract import Publisher
@@ -21,6 +22,7 @@ def on_screen(
     console: Console | None,
     end_s: Callable[[], float | None],
     looks_on: Callable[[], bool],
+    parts: Sequence[DisplayPart],
 ) -> Generator[None]:
     """Draw the run, if there is a terminal; its Space key is the first person's button.
 
@@ -29,6 +31,7 @@ def on_screen(
         console: the terminal. None: draw nothing.
         end_s: returns the monotonic time when the run ends by itself, if ever.
         looks_on: returns True if a page is open, for which the run continues.
+        parts: what optional rooms show in it.
     """
     if console is None:
         yield
@@ -47,13 +50,13 @@ def on_screen(
         return 0.0 if over_s is None else max(0.0, over_s - time.monotonic())
 
     def drawn() -> RenderableType:
-        page = stage.plan.page
         return draw(
             stage.monitor,
             f"PointIt {stage.plan.name}",
             left_s,
             _first_person(stage) if has_keyboard() else "",
-            page=page.url if page is not None and stage.has_page else "",
+            page=stage.address,
+            parts=parts,
             is_looked_on=end_s() is not None and looks_on(),
         )
 

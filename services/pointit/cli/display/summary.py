@@ -3,18 +3,18 @@
 import json
 import math
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import click
 
 from pointit.cli.common.output import say
-from pointit.diagnosis.certainty import position_sigma_m, yaw_sigma_deg
+from pointit.cli.display.display_part import DisplayPart
 from pointit.launch.plan.plan import Plan
 from pointit.launch.run.monitor import Monitor
-from pointit.launch.run.robot_score import robot_lines
 from pointit.runtime.errors import ConfigError
+from pointit.services.localizer.certainty import position_sigma_m, yaw_sigma_deg
 
 
 def check_writable(summary: Path) -> None:
@@ -80,7 +80,7 @@ def true_yaw_deg(simulated: Mapping[str, Any]) -> float | None:
     return yaw_deg if is_steady else None
 
 
-def write_summary(plan: Plan, monitor: Monitor, duration_s: float) -> None:
+def write_summary(plan: Plan, monitor: Monitor, duration_s: float, parts: Sequence[DisplayPart] = ()) -> None:
     """Print the summary of a run of `duration_s`, and write it to the file of the plan, if any."""
     if not (plan.scored or plan.summary is not None or plan.as_json):
         return
@@ -95,7 +95,7 @@ def write_summary(plan: Plan, monitor: Monitor, duration_s: float) -> None:
         "refused": monitor.score.refused,
         "last_refusal": monitor.score.refusal,
         "dispatched": monitor.score.dispatched(),
-        "robots": monitor.robots.as_dict(),
+        **{name: value for watcher in monitor.watchers for name, value in watcher.summary().items()},
         "latency_ms": monitor.latency.quantiles_ms(),
         "cursors": monitor.cursor_count,
         "frames": monitor.frame_count,
@@ -113,7 +113,7 @@ def write_summary(plan: Plan, monitor: Monitor, duration_s: float) -> None:
     if plan.as_json:
         click.echo(json.dumps(summary, indent=2))
     else:
-        for line in summary_lines(summary):
+        for line in summary_lines(summary, parts):
             say(line)
         if plan.afterword:
             click.echo(plan.afterword)
@@ -124,8 +124,8 @@ def write_summary(plan: Plan, monitor: Monitor, duration_s: float) -> None:
             raise ConfigError(f"{plan.summary}: cannot be written ({error.strerror or error})") from error
 
 
-def summary_lines(summary: dict[str, Any]) -> list[str]:
-    """Return the summary as lines of text."""
+def summary_lines(summary: Mapping[str, Any], parts: Sequence[DisplayPart] = ()) -> list[str]:
+    """Return the summary as lines of text, with those of `parts`."""
     latency = summary["latency_ms"]
     shown = (
         "not measured"
@@ -148,7 +148,8 @@ def summary_lines(summary: dict[str, Any]) -> list[str]:
     for bay, kinds in summary.get("dispatched", {}).items():
         came = ", ".join(f"{count} {kind}" for kind, count in kinds.items())
         lines.append(f"Bay {bay}: {came}.")
-    lines += robot_lines(summary.get("robots", {}))
+    for part in parts:
+        lines += part.summary(summary)
     if met := summary.get("lamps_missed_by_deg"):
         lines.append(f"Nearest to lamps: {', '.join(f'{lamp} {deg:.1f}°' for lamp, deg in met.items())}.")
     for user, found in summary.get("people", {}).items():

@@ -11,6 +11,7 @@ from rich.panel import Panel
 from rich.segment import Segment, SegmentLines
 from rich.text import Text
 
+from pointit.cli.display.display_part import DisplayPart
 from pointit.cli.display.people_view import (
     ROOMY_WIDTH,
     activity_lines,
@@ -19,14 +20,12 @@ from pointit.cli.display.people_view import (
     pose_lines,
     wrist_lines,
 )
-from pointit.cli.display.robots_view import reason_lines, robot_lines
-from pointit.diagnosis.certainty import FRAME_RATE
-from pointit.diagnosis.observation import SILENT_S
-from pointit.diagnosis.outage import find_outage
 from pointit.geometry.polyline import Polyline
 from pointit.launch.run.monitor import Monitor
+from pointit.runtime.link.outage import SILENT_S, find_outage
 from pointit.schemas import Strip, StripsFrame
 from pointit.schemas.topics import CURSOR, IMU, RAY, STRIPS_FRAME, Topic
+from pointit.services.led_driver.outputs import FRAME_RATE
 
 REFRESH_HZ = 8
 """Refresh rate of the view, which is drawn in a thread of its own."""
@@ -59,6 +58,7 @@ def draw(
     *,
     page: str = "",
     is_looked_on: bool = False,
+    parts: Sequence[DisplayPart] = (),
 ) -> RenderableType:
     """Return the view of `monitor`, rendered with its contents and the terminal's width at that time.
 
@@ -69,8 +69,9 @@ def draw(
         button_of: the person whose button the Space key is, or `""`.
         page: URL of the page, or `""`.
         is_looked_on: a page is open, for which the run continues after its duration.
+        parts: what optional rooms show in it.
     """
-    return _View(monitor, title, remaining_s, button_of, page, is_looked_on)
+    return _View(monitor, title, remaining_s, button_of, page, is_looked_on, parts)
 
 
 @dataclass(frozen=True)
@@ -81,6 +82,7 @@ class _View:
     button_of: str
     page: str
     is_looked_on: bool
+    shown: Sequence[DisplayPart]
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
         width = max(1, options.max_width - BORDER_WIDTH)
@@ -135,9 +137,10 @@ class _View:
             if monitor.lamps:
                 parts.append((None, _lamps(monitor)))
         parts.append((None, activity_lines(monitor, whole_width)))
-        if (robots := robot_lines(monitor, whole_width)) is not None:
-            parts.append((None, robots))
-            parts += [((WORDS, -row), line) for row, line in enumerate(reason_lines(monitor))]
+        for each in self.shown:
+            if (rows := each.rows(monitor, whole_width)) is not None:
+                parts.append((None, rows))
+                parts += [((WORDS, -row), line) for row, line in enumerate(each.lines(monitor))]
         if (where := pose_lines(monitor, whole_width)) is not None:
             parts.append(((PLACES, 0), where))
         parts += [((PLACES, -1 - row), line) for row, line in enumerate(wrist_lines(monitor))]

@@ -12,18 +12,19 @@ from typing import Any
 import click
 from rich.text import Text
 
-from pointit.cli.common.identities_table import expiring, section, visible_rows
 from pointit.cli.common.option_types import Finite
 from pointit.cli.common.output import INTERRUPTED, Row, Section, console, json_option, print_json, print_table
 from pointit.cli.common.site_link import address, join_site, listens, quiet, site_options
 from pointit.cli.common.waiting import PATIENCE_S, notify_if_slow
+from pointit.cli.site.identities_table import expiring, section, visible_rows
 from pointit.diagnosis.diagnose import diagnose, is_healthy
 from pointit.diagnosis.finding_filter import filter_findings, is_about
-from pointit.diagnosis.observation import SILENT_S, Finding, Observation, Report
+from pointit.diagnosis.observation import Finding, Observation, Report
 from pointit.diagnosis.outage import unreachable
 from pointit.runtime.errors import ConnectError
 from pointit.runtime.link.link import DEFAULT_ENDPOINT, DEFAULT_SITE, Link
 from pointit.runtime.link.options import given_credentials
+from pointit.runtime.link.outage import SILENT_S
 from pointit.runtime.service.shutdown import EXIT_FAILED, run_until_shutdown
 from pointit.runtime.zenoh.sites import sites_at
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import click
 
 from pointit.cli.common.site_link import join_site, quiet, site_options
-from pointit.launch.plan.page import is_available, page_unavailable_error
+from pointit.launch.page.page import is_available, page_unavailable_error
 from pointit.runtime.bus.contract import Bus
 from pointit.runtime.host.release import pointit_version
 from pointit.runtime.service.shutdown import EXIT_FAILED, run_until_shutdown

@@ -8,9 +8,9 @@ import click
 from pointit.cli.common.completed_names import maps
 from pointit.cli.common.option_types import Point, person_option
 from pointit.cli.common.output import json_option, print_json
-from pointit.maps.checks.check import check_map, contents
+from pointit.maps.checks.check import check_map
 from pointit.maps.checks.finding import Finding, error
-from pointit.maps.file import MapError, map_path, read_clouds, read_map_file, to_message
+from pointit.maps.file import MapError, contents, map_path, read_clouds, read_map_file, to_message
 from pointit.maps.model import MapFile
 from pointit.runtime.errors import ConfigError
 

@@ -15,6 +15,15 @@ from pointit.cli.common.output import INTERRUPTED, json_option, print_json, say
 from pointit.cli.common.site_link import default_address_note, join_site, quiet, site_options
 from pointit.cli.common.waiting import PATIENCE_S, notify_if_slow
 from pointit.cli.people.anchoring import LISTEN_S
+from pointit.cli.people.mounting import (
+    APART_RAD,
+    Hold,
+    Mounting,
+    MountingError,
+    RestPoseCollector,
+    angle_between,
+    solve_mounting,
+)
 from pointit.cli.people.stored_calibration import erase_local, query_site, read_local
 from pointit.diagnosis.writers import silence_reason
 from pointit.geometry.rotation import IDENTITY, Quaternion
@@ -25,15 +34,6 @@ from pointit.runtime.service.shutdown import run_until_shutdown
 from pointit.schemas import NS_PER_S, ImuSample, SetMounting, SetMountingReply
 from pointit.schemas.system import instance_of
 from pointit.schemas.topics import IMU, SERVICE_ALIVE, SET_MOUNTING, check_name
-from pointit.services.imu_bridge.mounting import (
-    APART_RAD,
-    Hold,
-    Mounting,
-    MountingError,
-    RestPoseCollector,
-    angle_between,
-    solve_mounting,
-)
 from pointit.services.imu_bridge.stored_mounting import PURPOSE, StoredMountings
 
 POSES = (

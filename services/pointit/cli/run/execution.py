@@ -5,7 +5,6 @@ import contextlib
 import logging
 import time
 from collections.abc import AsyncGenerator, Generator
-from pathlib import Path
 
 from rich.console import Console
 from rich.text import Text
@@ -14,15 +13,16 @@ from pointit.cli.common.output import say
 from pointit.cli.display.screen import on_screen
 from pointit.cli.display.summary import write_summary
 from pointit.cli.display.view import figures
-from pointit.cli.run import browser
-from pointit.launch.plan.page import Onlookers, Page, kept_link, where
+from pointit.cli.parts import DISPLAY_PARTS
+from pointit.launch.plan.beside import Beside
 from pointit.launch.plan.plan import Plan
-from pointit.launch.plan.recorder import recorded
 from pointit.launch.plan.startup_notices import kept_mountings, kept_offsets
+from pointit.launch.run.onlookers import Onlookers
 from pointit.launch.run.run_bus import adapt_to_site, clock_of, open_bus
 from pointit.launch.run.running_scenario import RunningScenario
 from pointit.launch.run.scenario_requests import ScenarioRequests
 from pointit.runtime.clock import Clock, SimulatedClock, WallClock, publish_time
+from pointit.runtime.host.optional_rooms import present
 from pointit.runtime.service.console import PlainConsole
 from pointit.runtime.service.logs import setup_logging
 from pointit.runtime.service.service import check_launches
@@ -45,10 +45,8 @@ def execute(plan: Plan, log_level: str) -> int:
     Raises:
         ConfigError: If a service cannot work as configured; nothing was started.
     """
-    recorder = [] if plan.recorder is None else [plan.recorder]
-    check_launches([*plan.launches, *recorder], plan.link.addresses)
-    if plan.page is not None and not plan.page.is_usual:
-        check_launches([plan.page.launch()])
+    beside = [launch for each in plan.beside for launch in each.checked()]
+    check_launches([*plan.launches, *beside], plan.link.addresses)
     console = PlainConsole(stderr=True)
     drawn = plan.view and console.is_terminal and not console.is_dumb_terminal
     setup_logging(log_level if not drawn else "warning", console if drawn else None)
@@ -82,11 +80,12 @@ async def _run(plan: Plan, console: Console | None) -> int:
             raise
         finally:
             if run.stage is not None and (not failed or run.stage.monitor.first_cursor_unix_s is not None):
-                write_summary(run.stage.plan, run.stage.monitor, run.lasted_s * plan.speed)
+                parts = present(DISPLAY_PARTS)
+                write_summary(run.stage.plan, run.stage.monitor, run.lasted_s * plan.speed, parts)
     finally:
         await bus.close()
-        if plan.recorder is not None:
-            _say(recorded(plan.recorder))
+        for sentence in filter(None, (each.afterword() for each in plan.beside)):
+            _say(sentence)
     return 0 if run.stage is None else _verdict(run.stage)
 
 
@@ -108,8 +107,6 @@ class _Run:
         self._plan = plan
         self._bus = bus
         self._console = console
-        self._link: Path | None = None
-        """The file that holds the page's link."""
         self._news = asyncio.Event()
         """Set by events that may end or change the run."""
         self._wishes = ScenarioRequests(self._news.set)
@@ -128,7 +125,7 @@ class _Run:
             tell=lambda sentence: _tell(sentence, self._console),
             news=None if is_drawn else log.info,
             on_end=self._news.set,
-            on_page=self._announce,
+            on_beside=self._announce,
         )
         async with _told(stage, is_drawn=is_drawn):
             try:
@@ -138,7 +135,8 @@ class _Run:
                         self._limit_s = stage.end_s
                     if self._plan.scenario:
                         listening.callback(self._bus.serve(RUN_SCENARIO, self._wishes.serve).close)
-                    with on_screen(stage, self._console, self._end_s, self._is_looked_on):
+                    parts = present(DISPLAY_PARTS)
+                    with on_screen(stage, self._console, self._end_s, self._is_looked_on, parts):
                         await self._until_over(stage)
             finally:
                 self.lasted_s = self._lasted_s(stage)
@@ -146,24 +144,16 @@ class _Run:
 
     @contextlib.contextmanager
     def _listening(self) -> Generator[contextlib.ExitStack]:
-        """Subscribe to viewers, and open the browser as soon as the page is present."""
-        page = self._plan.page
+        """Subscribe to viewers, and open what runs beside the scenario needs."""
         with contextlib.ExitStack() as stack:
             stack.callback(self._bus.subscribe(HEALTH, self._on_health).close)
-            if page is not None:
-                self._link = stack.enter_context(kept_link(self._bus.site, page.url, page.lan_url))
-                if self._link is not None and self._plan.browser and browser.is_wanted():
-                    opening = browser.PageOpener(self._bus, page.instance, self._link)
-                    stack.callback(opening.close)
+            for each in self._plan.beside:
+                stack.enter_context(each.joined(self._bus))
             yield stack
 
-    def _announce(self, page: Page) -> None:
-        """Print the page's link, unless the view shows it."""
-        if self._console is None:
-            _say(f"page: {where(page.url, self._link)}")
-        if page.lan_url:
-            address = where(page.lan_url, self._link)
-            sentence = f"--lan: the page is open to the local network, at {address}"
+    def _announce(self, beside: Beside) -> None:
+        """Print what is to be said of what has begun beside the scenario."""
+        for sentence in beside.greeting(is_drawn=self._console is not None):
             if self._console is None:
                 _say(sentence)
             else:

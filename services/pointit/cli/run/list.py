@@ -7,8 +7,10 @@ import click
 
 from pointit.cli.common.lazy import UnknownNameError
 from pointit.cli.common.output import Section, json_option, show
+from pointit.cli.parts import PLUGIN_GROUPS
 from pointit.runtime.config.similar_names import nearest
 from pointit.runtime.errors import ConfigError
+from pointit.runtime.host.optional_rooms import present
 from pointit.services.registry import PROCESSES, add_installed
 
 
@@ -52,8 +54,14 @@ def scenarios() -> Section:
 
 def maps() -> Section:
     """Return the shipped maps."""
-    from pointit.maps.checks.check import contents  # noqa: PLC0415 - only when asked for
-    from pointit.maps.file import about_map, map_path, read_clouds, read_map_file, shipped_maps  # noqa: PLC0415
+    from pointit.maps.file import (  # noqa: PLC0415 - only when asked for
+        about_map,
+        contents,
+        map_path,
+        read_clouds,
+        read_map_file,
+        shipped_maps,
+    )
 
     rows: list[dict[str, Any]] = []
     for name in shipped_maps():
@@ -81,10 +89,9 @@ OPTIONS = {
 
 def plugins() -> Section:
     """Return the plug-ins of all installed packages, ours among them."""
-    from pointit.plugins import GROUPS  # noqa: PLC0415 - only when asked for
-
     rows: list[dict[str, Any]] = []
-    for kind, group in GROUPS.items():
+    groups = {kind: group for part in present(PLUGIN_GROUPS) for kind, group in part.items()}
+    for kind, group in groups.items():
         option = OPTIONS[kind]
         for name in group.names:
             try:

@@ -1,7 +1,6 @@
 """`pointit run`: a whole scenario."""
 
 import dataclasses
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,31 +10,21 @@ from pointit.cli.common.completed_names import scenarios
 from pointit.cli.common.option_types import Finite
 from pointit.cli.common.panels import PanelCommand
 from pointit.cli.display.summary import check_writable
-from pointit.cli.recordings.options import recorder_options
 from pointit.cli.run.execution import execute
 from pointit.cli.run.run_options import (
     BESIDE_ROS,
     OPTIONAL,
     PANELS,
+    PARTS,
     choices_of,
     joining,
-    page_options,
+    part_options,
     shared_options,
 )
-from pointit.launch.plan.launches import PAGE, Choices
-from pointit.launch.plan.page import (
-    REMEDY,
-    Page,
-    is_asked_of_page,
-    is_available,
-    page_of,
-    page_unavailable_error,
-)
-from pointit.launch.plan.page_tokens import kept_tokens
+from pointit.launch.plan.launches import Choices
 from pointit.launch.plan.plan import Plan
-from pointit.launch.plan.recorder import recorder_launch
-from pointit.launch.plan.scenario import Scenario, read_scenario, scenario_names
-from pointit.launch.plan.scenario_catalog import ScenarioCatalog, places, scenario_launches
+from pointit.launch.plan.scenario import read_scenario, scenario_names
+from pointit.launch.plan.scenario_catalog import ScenarioCatalog, scenario_launches
 from pointit.launch.plan.settings import check_settings
 from pointit.launch.plan.startup_notices import assumed_places
 from pointit.launch.run.surroundings import USUAL
@@ -112,14 +101,7 @@ def _explain(context: click.Context, _parameter: click.Parameter, wanted: bool) 
     type=Finite(0.1, 20),
     help="factor of simulated time",
 )
-@page_options
-@click.option(
-    "--record",
-    type=click.Path(path_type=Path),
-    metavar="FILE",
-    help="record everything that travels in this file, as `pointit record` does",
-)
-@recorder_options
+@part_options
 @click.option("--summary", type=click.Path(path_type=Path), help="write the summary to this file, as JSON")
 @click.option("--json", "as_json", is_flag=True, help="print the summary as JSON")
 @click.option("--connect", multiple=True, help="join this address instead of listening")
@@ -135,9 +117,6 @@ def run(
     speed: float,
     summary: Path | None,
     as_json: bool,
-    record: Path | None,
-    without: tuple[str, ...],
-    pseudonyms: bool,
     **options: Any,
 ) -> int:
     """Run SCENARIO, in which simulated or real people point at objects.
@@ -168,21 +147,14 @@ def run(
     choices = choices_of(options, leds)
     people = 0 if site_only else users
     _check_people(choices, people)
-    page, notes = _page(chosen, choices, options)
-    choices = dataclasses.replace(choices, page=page is not None)
+    added = [part.add(chosen, choices, options) for part in PARTS]
+    choices = dataclasses.replace(choices, page=any(each.moves_wrists for each in added))
     launches = scenario_launches(chosen, choices, people)
-    check_settings(launches, choices, *([PAGE] if page else []))
+    check_settings(launches, choices, *(name for each in added for name in each.services))
     duration_s = options["duration"]
     if duration_s is None and not site_only:
         duration_s = chosen.duration_s
     name = Path(scenario).stem
-    if record is None and (without or pseudonyms):
-        raise ConfigError("--without and --pseudonyms are for a recording: add --record FILE")
-    recorder = (
-        None
-        if record is None
-        else recorder_launch(record, without=without, pseudonyms=pseudonyms, seed=choices.seed)
-    )
     program = None if site_only else ScenarioCatalog.beginning_with(name, scenario, chosen, choices)
     plan = Plan(
         name=name,
@@ -195,20 +167,18 @@ def run(
         speed=speed,
         processes=options["processes"],
         notes=(
-            *notes,
+            *(note for each in added for note in each.notes),
             *([] if people else [NOBODY]),
             *_ros2_notes(options),
             *assumed_places(launches, choices),
         ),
-        afterword=f"There was no page: {REMEDY}." if page is None and notes else "",
+        afterword=" ".join(each.afterword for each in added if each.afterword),
         may_move=not options["listen"] and not options["connect"],
         scored=not site_only,
         view=not options["no_view"],
         summary=summary,
         as_json=as_json,
-        page=page,
-        recorder=recorder,
-        browser=not options["no_browser"],
+        beside=[beside for each in added for beside in each.beside],
         scenario=name,
         scenarios=() if program is None else program.offered,
         localizes=choices.localize,
@@ -221,43 +191,6 @@ def _ros2_notes(options: dict[str, Any]) -> tuple[str, ...]:
     if not options["ros2"] or options["listen"] or options["connect"] or given_credentials() is not None:
         return ()
     return (f"7447 is the ROS router's port: give other commands --connect {BESIDE_ROS}",)
-
-
-def _page(scenario: Scenario, choices: Choices, options: dict[str, Any]) -> tuple[Page | None, Sequence[str]]:
-    """Return the page of a run, if it has one, and notices about it.
-
-    Raises:
-        ConfigError: If an option needs a page that is unavailable.
-        ListenError: If its port is in use.
-    """
-    port: int | None = options["web_port"]
-    asked = {"--web-port": port is not None, "--lan": options["lan"], "--new-link": options["new_link"]}
-    if options["no_web"]:
-        for option, is_given in asked.items():
-            if is_given:
-                raise ConfigError(f"--no-web and {option} exclude each other: there is no page")
-        return None, []
-    if not is_available():
-        asked["--set web."] = is_asked_of_page(choices.settings)
-        for option, is_given in asked.items():
-            if is_given:
-                raise page_unavailable_error(option)
-        return None, [f"{REMEDY}; --no-web runs without it and without this note"]
-    said = {"port": port} if port is not None else {}
-    tokens, notes = kept_tokens(options["site"], renew=options["new_link"])
-    page = page_of(
-        choices,
-        below=scenario.site.get(PAGE, {}),
-        asked=said | ({"lan": True} if options["lan"] else {}),
-        places=places(scenario, choices),
-        tokens=tokens,
-    )
-    if options["new_link"] and page.config.operator_token != tokens.operator:
-        notes = (
-            *notes,
-            "--new-link does not change the link for control: its token is set by hand",
-        )
-    return page, notes
 
 
 for _parameter in link_options():

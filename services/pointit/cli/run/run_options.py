@@ -1,17 +1,17 @@
 """Options shared by commands that start services, and their conversion."""
 
 import os
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import click
 
 from pointit.cli.common.option_types import Finite
+from pointit.cli.parts import RUN_PARTS
 from pointit.cli.run.person_options import PERSON_OPTIONS
 from pointit.launch.plan.launches import LAMPS, LOCALIZATIONS, Choices, robot_of
-from pointit.launch.plan.page import PORT
 from pointit.runtime.config.environment import check_environment
+from pointit.runtime.host.optional_rooms import present
 from pointit.runtime.link.link import DEFAULT_ENDPOINT, Link
 from pointit.runtime.link.options import given_credentials, link_of
 from pointit.services import registry
@@ -19,11 +19,8 @@ from pointit.services import registry
 BESIDE_ROS = "tcp/127.0.0.1:7448"
 """Listen address of a run in a ROS graph: ROS nodes would mistake a process at 7447 for their router."""
 
-NEW_LINK = (
-    "create new links of the page and revoke the old ones  [default: the site's stored links, so that an "
-    "open page reconnects after a restart at the same port]"
-)
-
+PARTS = present(RUN_PARTS)
+"""Panels that optional rooms bring."""
 
 PANELS = {
     "People": (
@@ -40,8 +37,7 @@ PANELS = {
         "method",
     ),
     "Devices": ("imu", "leds", "ros2"),
-    "Page": ("no_web", "web_port", "lan", "no_browser", "new_link"),
-    "Recording": ("record", "without", "pseudonyms"),
+    **{part.heading: part.names for part in PARTS},
     "Network": ("connect", "listen", "site", "credentials"),
 }
 """Names of the options of `run` by the heading of their panel."""
@@ -132,26 +128,10 @@ def shared_options(function: Any) -> Any:
     return function
 
 
-def page_options(function: Any) -> Any:
-    """Add the options of `run` about its page."""
-    options: tuple[Callable[[Any], Any], ...] = (
-        click.option("--no-web", is_flag=True, help="no page for browsers"),
-        click.option(
-            "--web-port",
-            type=click.IntRange(0, 65535),
-            metavar="PORT",
-            help=f"port of the page on this machine, 0: any free one  [default: {PORT} or the next free one]",
-        ),
-        click.option(
-            "--lan",
-            is_flag=True,
-            help="also open the page to the local network, by HTTPS, which phones need",
-        ),
-        click.option("--no-browser", is_flag=True, help="do not open the page in a browser"),
-        click.option("--new-link", is_flag=True, help=NEW_LINK),
-    )
-    for option in reversed(options):
-        function = option(function)
+def part_options(function: Any) -> Any:
+    """Add the options of `run` that optional rooms bring."""
+    for part in reversed(PARTS):
+        function = part.options(function)
     return function
 
 

@@ -8,9 +8,10 @@ import click
 
 from pointit.cli.common.completed_names import scenarios
 from pointit.cli.common.panels import PanelCommand
+from pointit.cli.parts import PERSON_CHECKS
 from pointit.cli.run.execution import execute
 from pointit.cli.run.run_options import OPTIONAL, PERSON_PANELS, choices_of, joining, shared_options
-from pointit.cli.run.site_inspection import check_person, inspect_site
+from pointit.cli.run.site_inspection import inspect_site
 from pointit.launch.plan.launches import added_services, shard_launches, user_launches
 from pointit.launch.plan.plan import Plan
 from pointit.launch.plan.scenario import Scenario, read_scenario
@@ -18,6 +19,7 @@ from pointit.launch.plan.settings import check_settings
 from pointit.launch.plan.startup_notices import assumed_places
 from pointit.launch.run.surroundings import USUAL
 from pointit.runtime.errors import ConfigError
+from pointit.runtime.host.optional_rooms import present
 from pointit.runtime.link.options import link_options
 from pointit.runtime.service.process import log_option
 from pointit.schemas.system import check_user
@@ -53,7 +55,8 @@ def command(name: str, scenario: str | None, place: int | None, *, here: bool, *
     Example: pointit person add anna --imu serial:/dev/ttyUSB0 --localize
     """
     check_user(name)
-    check_person(name)
+    for check in present(PERSON_CHECKS):
+        check(name)
     if scenario is None or place is None:
         link = joining(options)
         found = (USUAL, 1) if not link.connect else inspect_site(link.site, link.connect)

@@ -17,11 +17,11 @@ from pointit.access.router_configuration import configuration
 from pointit.access.site_folder import SiteFolder
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.link.link import DEFAULT_ENDPOINT
+from pointit.runtime.router.router import Router, raise_file_limit, running_router
+from pointit.runtime.router.router_log import captured_log
 from pointit.runtime.service.logs import setup_logging
 from pointit.runtime.service.process import log_option
 from pointit.runtime.service.shutdown import run_until_shutdown
-from pointit.runtime.zenoh.router.router import Router, raise_file_limit, running_router
-from pointit.runtime.zenoh.router.router_log import captured_log
 
 log = logging.getLogger(__name__)
 

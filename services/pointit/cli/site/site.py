@@ -11,9 +11,9 @@ import click
 from pointit.access.rights import Role
 from pointit.access.site_folder import ROUTER, SiteFolder
 from pointit.access.site_state import SiteState
-from pointit.cli.common import identities_table
 from pointit.cli.common.option_types import Finite
 from pointit.cli.common.output import json_option, print_json, show
+from pointit.cli.site import identities_table
 from pointit.launch.run.surroundings import check_names
 from pointit.runtime.errors import ConfigError, ConnectError
 from pointit.runtime.link.credentials import read_credentials

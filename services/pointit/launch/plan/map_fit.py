@@ -10,14 +10,7 @@ from pointit.maps.lanes import broken_references
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.service.service import Launch
 from pointit.schemas import Environment
-from pointit.services.conveyor_sim.config import ConveyorSimConfig
-from pointit.services.conveyor_sim.from_map import UnusableMapError
-from pointit.services.conveyor_sim.plant import Plant
-from pointit.services.localizer.config import LocalizerConfig
 from pointit.services.pui.config import PuiConfig
-
-MIN_LAMPS = 2
-"""Lamps needed to localize by pointing."""
 
 
 def check_map_fits(launches: Sequence[Launch]) -> None:
@@ -34,34 +27,10 @@ def check_map_fits(launches: Sequence[Launch]) -> None:
     if room is None:
         return
     for launch in launches:
-        config = launch.config
-        if isinstance(config, ConveyorSimConfig):
-            try:
-                Plant(room, config, seed=0, start_ns=0)
-            except UnusableMapError as error:
-                raise ConfigError(f"{launch.instance}: {error}, or choose another map: pui.map") from error
-            _check_bays(launch.instance, config, room)
-        if (
-            isinstance(config, LocalizerConfig)
-            and config.method == "static_targets"
-            and len(room.lamps) < MIN_LAMPS
-        ):
-            raise ConfigError(
-                f"{launch.instance}: map {room.name!r} has {len(room.lamps) or 'no'} "
-                f"lamp{'' if len(room.lamps) == 1 else 's'} and pointing at lamps needs {MIN_LAMPS}; "
-                "leave --localize out, or add lamps to the map"
-            )
-
-
-def _check_bays(instance: str, config: ConveyorSimConfig, room: Environment) -> None:
-    """Check that the configured bays exist. A map with fewer than two bays sorts nothing."""
-    there = [bay.id for bay in room.bays]
-    for name, bay in (("bay_selected", config.bay_selected), ("bay_rest", config.bay_rest)):
-        if len(there) > 1 and bay not in there:
-            raise ConfigError(
-                f"{instance}: {name}: map {room.name!r} has no bay {bay!r}, there are {', '.join(there)}; "
-                f"set conveyor-sim.{name}"
-            )
+        try:
+            launch.service.validate_map(launch.config, room)
+        except ConfigError as error:
+            raise ConfigError(f"{launch.instance}: {error}") from error
 
 
 def _room(name_or_path: str) -> Environment | None:

@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from pointit.launch.plan.page import Page
+from pointit.launch.plan.beside import Beside
 from pointit.runtime.link.link import Link
 from pointit.runtime.service.service import Launch
 from pointit.schemas import RunScenario
@@ -16,7 +16,7 @@ class Plan:
 
     name: str
     launches: Sequence[Launch]
-    """Services of the scenario or the person, without the page."""
+    """Services of the scenario or the person, without those beside it."""
     link: Link
     target_kinds: Sequence[str] = ()
     seed: int = 0
@@ -38,11 +38,8 @@ class Plan:
     """Message to print below the summary."""
     summary: Path | None = None
     as_json: bool = False
-    page: Page | None = None
-    recorder: Launch | None = None
-    """Records the run from before its first service to after its last one."""
-    browser: bool = False
-    """Open the page in a browser, if there is a desktop."""
+    beside: Sequence[Beside] = ()
+    """Services that stay when the scenario changes, such as a page and a recorder."""
     scenario: str = ""
     """Name of the running scenario, or `""` for one person's part."""
     scenarios: Sequence[str] = ()
@@ -60,6 +57,4 @@ class Plan:
     @property
     def instances(self) -> list[str]:
         """Return the instance names of all that it starts."""
-        page = [] if self.page is None else [self.page.instance]
-        recorder = [] if self.recorder is None else [self.recorder.instance]
-        return [launch.instance for launch in self.launches] + page + recorder
+        return [launch.instance for launch in self.launches] + [each.instance for each in self.beside]

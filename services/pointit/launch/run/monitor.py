@@ -3,13 +3,11 @@
 import math
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
-from pointit.diagnosis.certainty import FRAME_RATE
+from pointit.launch.plan.watcher import Watcher
 from pointit.launch.run.latency import Latency
-from pointit.launch.run.robot_monitor import RobotMonitor
-from pointit.launch.run.robot_score import RobotsScore
 from pointit.launch.run.score import Score
 from pointit.runtime.bus.contract import Bus, Closable
 from pointit.runtime.clock import Clock
@@ -23,7 +21,6 @@ from pointit.schemas import (
     Interaction,
     LampColor,
     Localization,
-    RobotState,
     SelectionEvent,
     StripsFrame,
     UserPose,
@@ -36,7 +33,6 @@ from pointit.schemas.topics import (
     ANY,
     CURSOR,
     FEEDBACK,
-    GOAL,
     HEALTH,
     HOVER,
     INTERACTION,
@@ -46,13 +42,13 @@ from pointit.schemas.topics import (
     OBJECTS,
     POSE,
     PROFILE,
-    ROBOT_STATE,
     SELECTION,
     SELECTION_EVENTS,
     SERVICE_ALIVE,
     STRIPS_FRAME,
     USER_ALIVE,
 )
+from pointit.services.led_driver.outputs import FRAME_RATE
 from pointit.services.registry import RECORDER
 
 LINES = 5
@@ -73,7 +69,7 @@ class Monitor:
     """The only person whose activity is reported, or `""` for all."""
     tell: Callable[[str], object] | None = None
     """Called with each event line."""
-    robots: RobotsScore = field(default_factory=RobotsScore)
+    watchers: Sequence[Watcher] = ()
     environment: Environment | None = None
     frame: StripsFrame | None = None
     cursors: dict[str, Cursor] = field(default_factory=dict[str, Cursor])
@@ -96,7 +92,6 @@ class Monitor:
     heard_s: dict[str, float] = field(default_factory=dict[str, float])
     """Monotonic time of a service's last Health, since another machine's clock may differ."""
     events: deque[str] = field(default_factory=lambda: deque(maxlen=LINES))
-    robot_monitor: RobotMonitor = field(default_factory=RobotMonitor)
     latency: Latency = field(default_factory=Latency)
     is_recorded: bool = False
     """A recorder is present on the site."""
@@ -120,8 +115,6 @@ class Monitor:
             bus.subscribe(MAP, self._on_map),
             bus.subscribe(OBJECTS, lambda message, tracker: self.score.on_objects(tracker, message)),
             bus.subscribe(SELECTION_EVENTS, self._on_event),
-            bus.subscribe(ROBOT_STATE, lambda state, robot: self.robots.on_state(robot, state)),
-            bus.subscribe(GOAL, lambda goal, _user: self.robots.on_goal(goal)),
             bus.subscribe(SELECTION, lambda state, _name: self.score.on_selection(state)),
             bus.subscribe(INTERACTION, self._on_interaction, whose),
             bus.subscribe(POSE, self._on_pose, whose),
@@ -134,10 +127,11 @@ class Monitor:
             bus.subscribe(HEALTH, self._on_health),
             bus.subscribe(CURSOR, self._on_cursor, whose),
             bus.subscribe(STRIPS_FRAME, self._on_frame),
-            bus.subscribe(ROBOT_STATE, self._on_robot),
             bus.watch(USER_ALIVE, self._on_user),
             bus.watch(SERVICE_ALIVE, self._on_service),
         ]
+        for watcher in self.watchers:
+            self._listening += watcher.attach(bus, self._news_of)
 
     def detach(self) -> None:
         """Unsubscribe; received data stays."""
@@ -170,11 +164,15 @@ class Monitor:
         if self.tell is not None:
             self.tell(line)
 
+    def _news_of(self, text: str, user: str) -> None:
+        if not self.person or user in ("", self.person):
+            self._news(text)
+
     def _on_service(self, instance: str, present: bool) -> None:  # noqa: FBT001 - as above
         if instance == RECORDER:
             self.is_recorded = present
-        if not present:
-            self.robot_monitor.end(instance)
+        for watcher in self.watchers:
+            watcher.on_service(instance, is_present=present)
 
     def _on_user(self, user: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
         if not present:  # none of their services runs any more, so their last state is outdated
@@ -194,7 +192,8 @@ class Monitor:
 
     def _on_map(self, environment: Environment, _name: str) -> None:
         self.environment = environment
-        self.robots.on_map(environment)
+        for watcher in self.watchers:
+            watcher.on_map(environment)
 
     def _on_event(self, event: SelectionEvent, _name: str) -> None:
         self.score.on_event(event)
@@ -270,11 +269,6 @@ class Monitor:
 
     def _on_profile(self, profile: UserProfile, user: str) -> None:
         self.colors[user] = profile.cursor_color
-
-    def _on_robot(self, state: RobotState, name: str) -> None:
-        for line in self.robot_monitor.take(state, name):
-            if not self.person or state.user in ("", self.person):
-                self._news(line)
 
     def _on_hover(self, hover: Hover, user: str) -> None:
         self.hovers[user] = hover

@@ -59,7 +59,7 @@ async def clock_of(plan: Plan, bus: ZenohBus) -> Clock:
 
 
 async def adapt_to_site(plan: Plan, bus: ZenohBus) -> Plan:
-    """Return the plan adapted to the services on the site: without a page if there is one already.
+    """Return the plan adapted to the services on the site: without what one is enough of, if there is one.
 
     Raises:
         ConfigError: If another process runs services under the same people's names, or a shard has one.
@@ -71,7 +71,7 @@ async def adapt_to_site(plan: Plan, bus: ZenohBus) -> Plan:
         claim_names(bus, USER_ALIVE, plan.users),
         check_names(bus, plan.users),
     )
-    if plan.page is None or plan.page.instance not in there:
-        return plan
-    log.warning("site %s has a page already; this run opens none of its own", bus.site)
-    return dataclasses.replace(plan, page=None)
+    doubled = [each for each in plan.beside if each.ONE_IS_ENOUGH and each.instance in there]
+    for each in doubled:
+        log.warning("site %s has a %s already; this run opens none of its own", bus.site, each.WHAT)
+    return dataclasses.replace(plan, beside=[each for each in plan.beside if each not in doubled])

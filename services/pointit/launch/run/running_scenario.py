@@ -7,16 +7,17 @@ import time
 from collections.abc import Callable, Sequence
 from typing import cast
 
-from pointit.launch.plan.page import Page
+from pointit.launch.parts import WATCHERS
+from pointit.launch.plan.beside import Beside
 from pointit.launch.plan.plan import Plan
 from pointit.launch.run.deployment_publisher import DeploymentPublisher, Line
 from pointit.launch.run.monitor import Monitor
-from pointit.launch.run.robot_score import RobotsScore, spots_of
 from pointit.launch.run.score import Score
 from pointit.launch.run.service_group import ServiceGroup
 from pointit.runtime.bus.contract import UNDECLARE_S, Bus
 from pointit.runtime.clock import Clock
 from pointit.runtime.errors import ConfigError
+from pointit.runtime.host.optional_rooms import present
 from pointit.runtime.link.link import Link
 from pointit.runtime.service.instance_takeover import claim_names
 from pointit.runtime.service.service import Launch
@@ -27,9 +28,6 @@ log = logging.getLogger(__name__)
 PRESENCE_PATIENCE_S = 0.3
 """Time to listen for services that are already present."""
 
-RECORDER_PATIENCE_S = 10.0
-"""Time that a run waits for its recorder, so that the recording has its beginning."""
-
 GONE_S = UNDECLARE_S + 0.05
 """Time after which late subscribers receive no retained state of ended services any more."""
 
@@ -37,8 +35,36 @@ Tell = Callable[[str], object]
 """Shows a message to the operator: in the log, or above the view."""
 
 
+class _Companion:
+    """A service beside the scenario. When it ends, the run continues without it."""
+
+    def __init__(self, beside: Beside) -> None:
+        self.beside = beside
+        self.group: ServiceGroup | None = None
+        self.has_begun = False
+        self.is_lost = False
+
+    async def begin(self, group: ServiceGroup) -> None:
+        self.group = group
+        await group.begin()
+
+    def check(self) -> None:
+        """Report its end."""
+        try:
+            if self.group is not None:
+                self.group.check()
+        except Exception as error:  # noqa: BLE001 - whatever it was, the scenario goes on
+            self.give_up(error)
+
+    def give_up(self, error: Exception) -> None:
+        if not self.is_lost:
+            what = self.beside.WHAT
+            log.error("the %s has ended (%s); the run continues without it", what, _sentence(error))
+        self.is_lost = True
+
+
 class RunningScenario:
-    """The running services, here or as processes. The page stays when the scenario changes."""
+    """The running services, here or as processes. What runs beside them stays when the scenario changes."""
 
     def __init__(
         self,
@@ -50,7 +76,7 @@ class RunningScenario:
         tell: Tell,
         news: Tell | None,
         on_end: Callable[[], None],
-        on_page: Callable[[Page], None],
+        on_beside: Callable[[Beside], None],
     ) -> None:
         """Create it; starts nothing yet.
 
@@ -62,7 +88,7 @@ class RunningScenario:
             tell: shows messages to the operator.
             news: receives event lines, if there is no view.
             on_end: called when services end unexpectedly.
-            on_page: called when the page is present.
+            on_beside: called when what was started in the background has begun.
         """
         self.plan = plan
         self.bus = bus
@@ -75,13 +101,11 @@ class RunningScenario:
         self._tell = tell
         self._news = news
         self._on_end = on_end
-        self._on_page = on_page
+        self._on_beside = on_beside
         self._notice = DeploymentPublisher(bus)
         self._cast: ServiceGroup | None = None
-        self._page: ServiceGroup | None = None
-        self._page_is_lost = False
-        self._recorder: ServiceGroup | None = None
-        self._opening: asyncio.Task[None] | None = None
+        self._companions = [_Companion(beside) for beside in plan.beside]
+        self._opening: list[asyncio.Task[None]] = []
 
     @property
     def end_s(self) -> float | None:
@@ -96,28 +120,27 @@ class RunningScenario:
         return self._cast is not None and self._cast.has_ended
 
     @property
-    def has_page(self) -> bool:
-        """Return True if a page runs beside the scenario."""
-        return (
-            self._page is not None
-            and self._opening is not None
-            and self._opening.done()
-            and not self._page_is_lost
-        )
+    def address(self) -> str:
+        """Return the URL of what runs beside the scenario, or `""`."""
+        there = (each for each in self._companions if each.has_begun and not each.is_lost)
+        return next((each.beside.address for each in there if each.beside.address), "")
 
     async def begin(self) -> None:
-        """Start the plan's services. The page, which loads slowly, starts in the background.
+        """Start the plan's services, and beside them what it waits for, or else starts in the background.
 
         Raises:
             Exception: The error that ended a service at startup.
         """
-        if self.plan.recorder is not None:
-            self._recorder = self._cast_of([self.plan.recorder], on_end=self._check_recorder)
-            await self._recorder.begin()
-            await _until_present(self.bus, self.plan.recorder.instance)
+        for each in self._companions:
+            if each.beside.WAIT_S:
+                await each.begin(self._cast_of([each.beside.launch()], on_end=each.check))
+                await _until_present(self.bus, each.beside)
         await self._set(self.plan)
-        if self.plan.page is not None:
-            self._opening = asyncio.create_task(self._open(self.plan.page), name="opening the page")
+        self._opening = [
+            asyncio.create_task(self._open(each), name=f"opening the {each.beside.WHAT}")
+            for each in self._companions
+            if not each.beside.WAIT_S
+        ]
 
     async def switch_to(self, plan: Plan) -> None:
         """Run `plan` in place of the current plan. If it cannot start, restart the current plan.
@@ -145,16 +168,18 @@ class RunningScenario:
         Raises:
             Exception: The error that ended a service before.
         """
-        if self._opening is not None:
-            self._opening.cancel()
-            await asyncio.wait({self._opening})
+        for task in self._opening:
+            task.cancel()
+        if self._opening:
+            await asyncio.wait(self._opening)
         self.monitor.detach()  # what was last said of people who now leave is for the summary
         if not self.has_ended:  # else it failed and stays in the deployment as missing
             self._notice.retract()
-        casts = [cast for cast in (self._cast, self._page) if cast is not None]
-        await asyncio.gather(*(cast.end() for cast in casts))
-        if self._recorder is not None:
-            await self._recorder.end()
+        first = [each.group for each in self._companions if not each.beside.WAIT_S]
+        await asyncio.gather(*(group.end() for group in (self._cast, *first) if group is not None))
+        for each in self._companions:
+            if each.beside.WAIT_S and each.group is not None:
+                await each.group.end()
         if self._cast is not None:
             self._cast.check()
 
@@ -165,7 +190,7 @@ class RunningScenario:
             self.clock,
             person=plan.person,
             tell=self._news,
-            robots=RobotsScore(spots_of(plan.launches)),
+            watchers=[watcher(plan.launches) for watcher in present(WATCHERS)],
         )
         self.monitor.attach(self.bus)
         for launch in plan.launches:
@@ -194,54 +219,36 @@ class RunningScenario:
         link = self._link if self.plan.processes else None
         return ServiceGroup(launches, self.bus, self.clock, processes=link, on_end=on_end)
 
-    async def _open(self, page: Page) -> None:
+    async def _open(self, each: _Companion) -> None:
         try:
-            launch = await asyncio.to_thread(page.launch)
-            self._page = self._cast_of([launch], on_end=self._check_page)
-            await self._page.begin()
+            launch = await asyncio.to_thread(each.beside.launch)
+            await each.begin(self._cast_of([launch], on_end=each.check))
         except Exception as error:  # noqa: BLE001 - whatever it was, the scenario goes on
-            self._give_up_page(error)
+            each.give_up(error)
             return
+        each.has_begun = True
         if self._cast is not None:  # else another scenario is about to start, and publishes both
             self._post()
-        self._on_page(page)
-
-    def _check_page(self) -> None:
-        try:
-            if self._page is not None:
-                self._page.check()
-        except Exception as error:  # noqa: BLE001 - as above
-            self._give_up_page(error)
-
-    def _check_recorder(self) -> None:
-        try:
-            if self._recorder is not None:
-                self._recorder.check()
-        except Exception as error:  # noqa: BLE001 - as above
-            log.error("the recorder has ended (%s); the run continues without it", _sentence(error))  # noqa: TRY400
-
-    def _give_up_page(self, error: Exception) -> None:
-        if not self._page_is_lost:
-            log.error("the page has ended (%s); the run continues without it", _sentence(error))
-        self._page_is_lost = True
+        self._on_beside(each.beside)
 
     def _post(self) -> None:
         """Publish the deployment."""
-        self._notice.post(self.plan, [*_lines(self._cast), *_lines(self._page), *_lines(self._recorder)])
+        groups = (self._cast, *(each.group for each in self._companions))
+        self._notice.post(self.plan, [line for group in groups for line in _lines(group)])
 
 
-async def _until_present(bus: Bus, instance: str) -> None:
-    """Wait for a service, also as a process, but no longer than `RECORDER_PATIENCE_S`."""
+async def _until_present(bus: Bus, beside: Beside) -> None:
+    """Wait for a service, also as a process, but no longer than its `WAIT_S`."""
     there = asyncio.Event()
 
     def look(name: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
-        if present and name == instance:
+        if present and name == beside.instance:
             there.set()
 
     watching = bus.watch(SERVICE_ALIVE, look)
     try:
         with contextlib.suppress(TimeoutError):
-            async with asyncio.timeout(RECORDER_PATIENCE_S):
+            async with asyncio.timeout(beside.WAIT_S):
                 await there.wait()
     finally:
         watching.close()

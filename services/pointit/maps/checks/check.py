@@ -58,34 +58,6 @@ def check_map(
     return sorted(found, key=lambda each: each.severity)
 
 
-def contents(file: MapFile, clouds: Mapping[str, NDArray[np.float64]]) -> str:
-    """Return a summary of a map, `8 belts, 8 links, 4 bays, 22 strips with 1228 pixels, 3 lamps`."""
-    counts = (
-        (len(file.belts), "belt", ""),
-        (len(file.links), "link", ""),
-        (len(file.bays), "bay", ""),
-        (len(file.strips), "strip", _with(sum(strip.pixels for strip in file.strips.values()), "pixel")),
-        (len(file.leds), "lamp", ""),
-        (len(file.boxes), "box", ""),
-        (len(file.planes), "plane", ""),
-        (len(file.cylinders), "cylinder", ""),
-        (len(file.spheres), "sphere", ""),
-        (len(clouds), "cloud", _with(sum(len(points) for points in clouds.values()), "point")),
-        (len(file.fences), "fence", ""),
-        (len(file.frames), "frame", ""),
-    )
-    plural = {"box": "boxes"}
-    return ", ".join(
-        f"{count} {word if count == 1 else plural.get(word, word + 's')}{more}"
-        for count, word, more in counts
-        if count
-    )
-
-
-def _with(count: int, what: str) -> str:
-    return f" with {count} {what}{'s' if count > 1 else ''}"
-
-
 def _check_lamps(lamps: Mapping[str, Vec3], person_m: Point | None) -> Iterator[Finding]:
     for name, (_, _, z) in lamps.items():
         if z < FLOOR_M:

@@ -1,1 +1,1 @@
-"""Connection to MQTT brokers, and messages of devices there that several processes read."""
+"""Connection to MQTT brokers."""

@@ -22,7 +22,7 @@ from pointit.runtime.service.instance_takeover import TakeoverMonitor
 from pointit.runtime.service.people_share import check_people
 from pointit.runtime.service.plugin_guard import PluginGuard, describe, first_cause
 from pointit.runtime.service.stall_watch import watch_for_stalls
-from pointit.schemas import Configuration, Health
+from pointit.schemas import Configuration, Environment, Health
 from pointit.schemas.system import check_user, instance_of
 from pointit.schemas.topics import CONFIGURATION, HEALTH, SERVICE_ALIVE, USER_ALIVE
 
@@ -95,6 +95,14 @@ class Service(ABC, Generic[C]):
 
         Raises:
             ConfigError: Names the parameter and the address and the remedy.
+        """
+
+    @classmethod
+    def validate_map(cls, config: C, room: Environment) -> None:
+        """Check that the map of a run has what `config` needs. Called before a bus is opened.
+
+        Raises:
+            ConfigError: Names what is missing and the remedy.
         """
 
     @classmethod

@@ -93,6 +93,25 @@ class ConveyorSim(Service[ConveyorSimConfig]):
         """
         check_schedule(config)
 
+    @classmethod
+    def validate_map(cls, config: ConveyorSimConfig, room: Environment) -> None:
+        """Check that the map has the lanes and bays. A map with fewer than two bays sorts nothing.
+
+        Raises:
+            ConfigError: If one is missing.
+        """
+        try:
+            Plant(room, config, seed=0, start_ns=0)
+        except UnusableMapError as error:
+            raise ConfigError(f"{error}, or choose another map: pui.map") from error
+        there = [bay.id for bay in room.bays]
+        for name, bay in (("bay_selected", config.bay_selected), ("bay_rest", config.bay_rest)):
+            if len(there) > 1 and bay not in there:
+                raise ConfigError(
+                    f"{name}: map {room.name!r} has no bay {bay!r}, there are {', '.join(there)}; "
+                    f"set conveyor-sim.{name}"
+                )
+
     async def run(self) -> None:
         """Step and report once there are lanes; save the state at the end."""
         await self._has_plant.wait()

@@ -22,6 +22,9 @@ from pointit.services.led_driver.segment import Segment
 NONE = "none"
 """Kind of an output that is configured, but not used."""
 
+FRAME_RATE = "frame rate"
+"""First words of the name of the metric of an output's frames per second, before its address."""
+
 
 class OutputConfig(Config):
     """Parameters of every kind of controller."""

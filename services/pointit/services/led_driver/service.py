@@ -49,8 +49,8 @@ from pointit.schemas.topics import (
 from pointit.services.led_driver.config import LedDriverConfig
 from pointit.services.led_driver.guarded_output import GuardedOutput, cursor_followers
 from pointit.services.led_driver.light_state import LightState
-from pointit.services.led_driver.output.pacing import FrameLimiter
 from pointit.services.led_driver.outputs import make_outputs
+from pointit.services.led_driver.pacing import FrameLimiter
 from pointit.services.led_driver.picture.lamp_queue import LampService
 from pointit.services.led_driver.picture.lamps import DARK
 

@@ -7,7 +7,7 @@ from typing import ClassVar
 
 from pointit.runtime.bus.contract import Publisher
 from pointit.runtime.clock import sleep
-from pointit.runtime.errors import RefusedError
+from pointit.runtime.errors import ConfigError, RefusedError
 from pointit.runtime.health.timeliness import MAX_AHEAD_NS
 from pointit.runtime.service.service import Context, Scope, Service
 from pointit.schemas import (
@@ -58,6 +58,7 @@ from pointit.services.localizer.memory.memory_file import MemoryFile
 from pointit.services.localizer.memory.person_memory import PersonMemory, Remember
 from pointit.services.localizer.outputs import Output, WithdrawPose
 from pointit.services.localizer.pose_manager import PoseManager, Response
+from pointit.services.localizer.procedures.static_targets import MIN_LAMPS
 
 STEP_HZ = 20.0
 """Rate of steps while a procedure runs."""
@@ -72,6 +73,20 @@ class Localizer(Service[LocalizerConfig]):
     NAME: ClassVar[str] = "localizer"
     SCOPE: ClassVar[Scope] = "user"
     CONFIG = LocalizerConfig
+
+    @classmethod
+    def validate_map(cls, config: LocalizerConfig, room: Environment) -> None:
+        """Check that there are enough lamps to point at.
+
+        Raises:
+            ConfigError: If people are localized by lamps and there are fewer.
+        """
+        if config.method == "static_targets" and len(room.lamps) < MIN_LAMPS:
+            raise ConfigError(
+                f"map {room.name!r} has {len(room.lamps) or 'no'} "
+                f"lamp{'' if len(room.lamps) == 1 else 's'} and pointing at lamps needs {MIN_LAMPS}; "
+                "leave --localize out, or add lamps to the map"
+            )
 
     def __init__(self, config: LocalizerConfig, context: Context) -> None:
         super().__init__(config, context)

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pointit.runtime.mqtt.agv_messages import (
+from pointit.services.robot.drivers.vda5050.agv_messages import (
     Connection,
     HeaderCheck,
     LastPose,

@@ -6,7 +6,8 @@ from collections.abc import Collection, Mapping, Sequence
 
 from pointit.bridges.web.wire import FindingLine, PersonLine, ServiceLine, Status
 from pointit.diagnosis.diagnose import diagnose
-from pointit.diagnosis.observation import SILENT_S, Finding, Observation, Report, expected_services
+from pointit.diagnosis.observation import Finding, Observation, Report, expected_services
+from pointit.runtime.link.outage import SILENT_S
 from pointit.schemas import Deployment, Health
 
 KEPT_S = 10.0

@@ -9,7 +9,8 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from pointit.runtime.host.name_lookup import look_up
-from pointit.services.led_driver.output.output_health import FRAME_RATE, OutputHealth
+from pointit.services.led_driver.output.output_health import OutputHealth
+from pointit.services.led_driver.outputs import FRAME_RATE
 
 KEEP_ALIVE_S = 1.0
 """Period at which an unchanged payload is resent, s. Receivers forget one after 2.5 s (WLED, E1.31)."""

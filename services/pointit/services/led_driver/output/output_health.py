@@ -5,9 +5,6 @@ import asyncio
 from pointit.runtime.health.surroundings import HealthSink
 from pointit.services.led_driver.output.power import Load
 
-FRAME_RATE = "frame rate"
-"""First words of the name of the metric of an output's frames per second."""
-
 LIMIT_SHOWN_S = 2.0
 """Time for which dimming is reported, s. Health is read once a second."""
 

@@ -11,8 +11,9 @@ import serial
 
 from pointit.runtime.health.surroundings import HealthSink
 from pointit.runtime.host.serial_port import PortSettings, SerialThread
-from pointit.services.led_driver.output.output_health import FRAME_RATE, OutputHealth
+from pointit.services.led_driver.output.output_health import OutputHealth
 from pointit.services.led_driver.output.serial_port.serial_config import SerialOutputConfig, wire_time_s
+from pointit.services.led_driver.outputs import FRAME_RATE
 
 KEEP_ALIVE_S = 1.0
 """Period at which an unchanged frame is resent, s. A board that was plugged in or lost a frame recovers."""

@@ -5,7 +5,8 @@ from collections.abc import Callable
 
 from pointit.geometry.vector import wrap
 from pointit.runtime.health.surroundings import Surroundings
-from pointit.runtime.mqtt.agv_messages import (
+from pointit.schemas import NS_PER_S
+from pointit.services.robot.drivers.vda5050.agv_messages import (
     Connection,
     HeaderCheck,
     LastPose,
@@ -14,7 +15,6 @@ from pointit.runtime.mqtt.agv_messages import (
     parse,
     velocity_on_map,
 )
-from pointit.schemas import NS_PER_S
 from pointit.services.robot.drivers.vda5050.agv_orders import AgvOrders, Outcome, has_other_master
 from pointit.services.robot.drivers.vda5050.master_messages import InstantAction, MessageEncoder, Order
 from pointit.services.robot.drivers.vda5050.route import Point

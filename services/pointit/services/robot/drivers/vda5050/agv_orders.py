@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from pointit.runtime.mqtt.agv_messages import State, blocked_by
+from pointit.services.robot.drivers.vda5050.agv_messages import State, blocked_by
 from pointit.services.robot.drivers.vda5050.master_messages import InstantAction, Node, Order, node_id
 from pointit.services.robot.drivers.vda5050.route import Point, Route
 

@@ -2,7 +2,6 @@
 
 import contextlib
 import logging
-import math
 import socket
 import sys
 from collections.abc import Callable, Generator, Iterable, Mapping
@@ -12,16 +11,14 @@ from typing import Any, TextIO
 
 from pointit.bridges.web.config import WebConfig
 from pointit.bridges.web.server.link_file import keep_link, without_token
-from pointit.diagnosis.observation import SILENT_S
+from pointit.launch.page.page_tokens import Tokens
 from pointit.launch.plan.extras import has_extra, load
 from pointit.launch.plan.launches import PAGE
-from pointit.launch.plan.page_tokens import Tokens
 from pointit.launch.plan.settings import Settings, layers_of, service_of
 from pointit.runtime.errors import ConfigError, ListenError
 from pointit.runtime.host.extras import remedy
 from pointit.runtime.link.addresses import own_address
 from pointit.runtime.service.service import AnyService, Launch
-from pointit.schemas import Health
 from pointit.services import registry
 
 log = logging.getLogger(__name__)
@@ -36,9 +33,6 @@ PORTS_TO_TRY = 10
 """Consecutive ports to try, from the default one, if none was requested."""
 
 EVERYWHERE = frozenset({"", "0.0.0.0", "::"})  # noqa: S104 - told apart, not listened at
-
-VIEWERS = "viewers"
-"""Metric in a page's Health: number of open pages."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -214,23 +208,3 @@ def where(url: str, path: Path | None, stream: TextIO | None = None) -> str:
 def page_unavailable_error(why: str) -> ConfigError:
     """Return the error for an option that needs an unavailable page."""
     return ConfigError(f"{why}: {REMEDY}")
-
-
-class Onlookers:
-    """Tracks until when viewers count as present: a page that is reloaded is not gone at once."""
-
-    def __init__(self) -> None:
-        self.until_s = -math.inf
-        """Viewers count as present until then, on the clock of `on_health`."""
-
-    def on_health(self, health: Health, now_s: float) -> bool:
-        """Update from a service's Health. Return True if it changes whether viewers are present."""
-        is_open = any(figure.name == VIEWERS and figure.value > 0 for figure in health.figures)
-        if is_open and health.service == PAGE:
-            self.until_s = max(self.until_s, now_s + SILENT_S)
-            return True
-        return False
-
-    def are_there(self, now_s: float) -> bool:
-        """Return True if viewers are present at `now_s`."""
-        return now_s < self.until_s

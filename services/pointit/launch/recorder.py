@@ -3,7 +3,9 @@
 import os
 from collections.abc import Sequence
 from pathlib import Path
+from typing import ClassVar
 
+from pointit.launch.plan.beside import Beside
 from pointit.launch.plan.extras import load
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.service.service import AnyService, Launch
@@ -26,6 +28,30 @@ def recorded(launch: Launch) -> str:
         return f"recorded in {path}: {size / 1e6:.2f} MB{cut}"
     except OSError as error:
         return f"the recording {path} is not there: {error.strerror}"
+
+
+class RunRecorder(Beside):
+    """The recorder beside a run, from before its first service to after its last one."""
+
+    WHAT: ClassVar[str] = "recorder"
+    WAIT_S: ClassVar[float] = 10.0
+
+    def __init__(self, launch: Launch) -> None:
+        """Create it."""
+        self._launch = launch
+
+    @property
+    def instance(self) -> str:
+        """Return its instance name."""
+        return self._launch.instance
+
+    def launch(self) -> Launch:
+        """Return its launch."""
+        return self._launch
+
+    def afterword(self) -> str:
+        """Return a sentence on its file."""
+        return recorded(self._launch)
 
 
 def recorder_launch(

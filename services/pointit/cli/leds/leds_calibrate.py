@@ -10,7 +10,7 @@ import click
 from pointit.cli.common.keyboard import has_keyboard, key_bytes
 from pointit.cli.common.option_types import Finite
 from pointit.cli.common.output import say
-from pointit.cli.run.leds_setup import PrintedHealth, read_setup, setup_options
+from pointit.cli.leds.leds_setup import PrintedHealth, read_setup, setup_options
 from pointit.geometry.vector import Vec3
 from pointit.runtime.errors import ConfigError, PointItError
 from pointit.runtime.health.surroundings import HealthSink

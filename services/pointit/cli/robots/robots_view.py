@@ -1,10 +1,16 @@
 """Robots in the terminal view: who steers each, what it does, where it is sent, and why it stands."""
 
+from collections.abc import Mapping
+from typing import Any
+
 from rich.console import RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from pointit.cli.display.display_part import DisplayPart
 from pointit.cli.display.people_view import ROOMY_WIDTH, color_of
+from pointit.launch.robots.robot_score import score_lines
+from pointit.launch.robots.robot_watcher import RobotWatcher
 from pointit.launch.run.monitor import Monitor
 from pointit.schemas import RobotState
 
@@ -48,6 +54,15 @@ def _robots(monitor: Monitor) -> list[tuple[str, RobotState]]:
     """Return the robots; in the view of one person, theirs and those that nobody steers."""
     return [
         (name, state)
-        for name, state in sorted(monitor.robot_monitor.states.items())
+        for watcher in monitor.watchers
+        if isinstance(watcher, RobotWatcher)
+        for name, state in sorted(watcher.monitor.states.items())
         if not monitor.person or state.user in ("", monitor.person)
     ]
+
+
+def _summary(summary: Mapping[str, Any]) -> list[str]:
+    return score_lines(summary.get("robots", {}))
+
+
+ROBOTS_DISPLAY = DisplayPart(rows=robot_lines, lines=reason_lines, summary=_summary)

@@ -131,7 +131,7 @@ class RobotsScore:
         return is_between and self._areas[fence.id].contains((x, y))
 
 
-def robot_lines(robots: dict[str, dict[str, Any]]) -> list[str]:
+def score_lines(robots: dict[str, dict[str, Any]]) -> list[str]:
     """Return one sentence for each robot that landed, had a goal or crossed a fence."""
     lines: list[str] = []
     for name, score in robots.items():

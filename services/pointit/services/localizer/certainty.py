@@ -22,9 +22,6 @@ SURE_DEG = _LOCALIZER.enough.yaw_deg
 ANCHOR_AGE, POSITION_SIGMA, YAW_SIGMA = "anchor age", "position σ", "yaw σ"  # noqa: RUF001 - the localizer's own
 """Names of the localizer's metrics."""
 
-FRAME_RATE = "frame rate"
-"""First words of the name of led-driver's metric of a port's frames per second, before the port."""
-
 
 def position_sigma_m(pose: UserPose) -> float:
     """Return the standard deviation of the position along the worse direction. 0: assumed exact."""

@@ -11,7 +11,8 @@ import click
 
 from pointit.cli.common.interruption import interruptible
 from pointit.cli.common.keyboard import has_keyboard, keys
-from pointit.cli.run.leds_setup import PrintedHealth, read_setup, setup_options
+from pointit.cli.leds.leds_setup import PrintedHealth, read_setup, setup_options
+from pointit.cli.leds.strip_test import Step, steps_of
 from pointit.runtime.clock import WallClock
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.health.surroundings import Surroundings
@@ -19,7 +20,6 @@ from pointit.runtime.service.logs import setup_logging
 from pointit.schemas import Environment, Strip, StripFrame, StripsFrame
 from pointit.services.led_driver.guarded_output import GuardedOutput
 from pointit.services.led_driver.outputs import make_outputs
-from pointit.services.led_driver.picture.strip_test import Step, steps_of
 
 CONNECT_S = 1.0
 """Time for outputs to connect before the first step, s."""

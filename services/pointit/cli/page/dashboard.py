@@ -8,9 +8,9 @@ from typing import Any
 import click
 
 from pointit.cli.common.site_link import site_options
-from pointit.cli.run import browser
-from pointit.cli.run.run_options import NEW_LINK
-from pointit.launch.plan.page import (
+from pointit.cli.page import browser
+from pointit.cli.page.run_page import NEW_LINK
+from pointit.launch.page.page import (
     EVERYWHERE,
     PORT,
     Page,
@@ -20,7 +20,7 @@ from pointit.launch.plan.page import (
     page_unavailable_error,
     where,
 )
-from pointit.launch.plan.page_tokens import kept_tokens
+from pointit.launch.page.page_tokens import kept_tokens
 from pointit.launch.plan.settings import Settings
 from pointit.launch.run.run_bus import CLOCK_PATIENCE_S
 from pointit.launch.run.running_scenario import PRESENCE_PATIENCE_S

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from pointit.cli.run import browser
-from pointit.launch.plan.page import (
+from pointit.cli.page import browser
+from pointit.launch.page.page import (
     PORT,
     Page,
     is_available,

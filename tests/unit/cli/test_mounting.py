@@ -8,10 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from pointit.geometry import rotation, vector
-from pointit.geometry.rotation import Quaternion
-from pointit.services.imu_bridge.arm_frame import from_roll_pitch_yaw
-from pointit.services.imu_bridge.mounting import (
+from pointit.cli.people.mounting import (
     Hold,
     Mounting,
     MountingError,
@@ -20,6 +17,9 @@ from pointit.services.imu_bridge.mounting import (
     mean_pose,
     solve_mounting,
 )
+from pointit.geometry import rotation, vector
+from pointit.geometry.rotation import Quaternion
+from pointit.services.imu_bridge.arm_frame import from_roll_pitch_yaw
 
 angles = st.floats(-3.1, 3.1)
 slight = st.floats(-0.1, 0.1)

@@ -1,0 +1,44 @@
+"""The recorder of `pointit run`: its options."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import click
+
+from pointit.cli.common.run_part import Added, RunPart
+from pointit.cli.recordings.options import recorder_options
+from pointit.launch.plan.launches import Choices
+from pointit.launch.plan.scenario import Scenario
+from pointit.launch.recorder import RunRecorder, recorder_launch
+from pointit.runtime.errors import ConfigError
+
+
+def _options(function: Any) -> Any:
+    return click.option(
+        "--record",
+        type=click.Path(path_type=Path),
+        metavar="FILE",
+        help="record everything that travels in this file, as `pointit record` does",
+    )(recorder_options(function))
+
+
+def _add(_scenario: Scenario, choices: Choices, options: Mapping[str, Any]) -> Added:
+    """Return the recorder of a run, if it has one.
+
+    Raises:
+        ConfigError: If the file is there already, or an option is for a recording that is not made.
+    """
+    file: Path | None = options["record"]
+    without, pseudonyms = options["without"], options["pseudonyms"]
+    if file is None:
+        if without or pseudonyms:
+            raise ConfigError("--without and --pseudonyms are for a recording: add --record FILE")
+        return Added()
+    launch = recorder_launch(file, without=without, pseudonyms=pseudonyms, seed=choices.seed)
+    return Added(beside=[RunRecorder(launch)])
+
+
+RECORDER_PART = RunPart(
+    heading="Recording", names=("record", "without", "pseudonyms"), options=_options, add=_add
+)

@@ -1,0 +1,1 @@
+"""Robots: listed and stopped, and drawn in the view of a run."""

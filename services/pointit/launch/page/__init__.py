@@ -1,0 +1,1 @@
+"""The page of a run: its service, free ports, URLs and tokens."""

@@ -1,0 +1,16 @@
+"""The parts of a run that optional rooms bring: all there are, each with the rooms that it needs."""
+
+from collections.abc import Sequence
+
+from pointit.launch.plan.watcher import MakeWatcher
+from pointit.runtime.host.optional_rooms import Part
+
+
+def _robots() -> MakeWatcher:
+    from pointit.launch.robots.robot_watcher import RobotWatcher  # noqa: PLC0415 - only if the room is there
+
+    return RobotWatcher.of
+
+
+WATCHERS: Sequence[Part[MakeWatcher]] = ((("pointit.launch.robots", "pointit.services.user_sim"), _robots),)
+"""Makers of what observes and scores a run."""

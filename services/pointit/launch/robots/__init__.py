@@ -1,0 +1,1 @@
+"""Robots in a run: who steers each, where they landed and arrived."""

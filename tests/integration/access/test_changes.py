@@ -208,7 +208,7 @@ def test_the_router_tells_who_is_refused_what(tmp_path: Path) -> None:
         anna.answered(SET_BRIGHTNESS.at())
 
         def knock() -> None:
-            """Come with foreign credentials, and without: on a busy machine both end before the router looks."""
+            """Come with foreign credentials, and with none: a busy router may look when both have gone."""
             connection_refusal(read_credentials(foreign, now()), endpoint_of(folder))
             with pytest.raises(zenoh.ZError):
                 open_with(Link(connect=(f"tcp/127.0.0.1:{folder.state().port}",)), {})

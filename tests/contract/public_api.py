@@ -25,6 +25,7 @@ from pointit.api.sync_site import SyncFeed, SyncSite, SyncTracker
 from pointit.api.tracker import Tracker
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.clock import WallClock
+from pointit.runtime.config.installed import InstalledGroup
 
 LISTING = Path(__file__).with_name("public_api.txt")
 CHANGELOG = Path(__file__).parents[2] / "CHANGELOG.md"
@@ -108,7 +109,8 @@ def for_authors(value: Any, path: str) -> Iterator[str]:
         return
     yield from members(value, path)
     is_written = not (dataclasses.is_dataclass(value) or getattr(value, "_is_protocol", False))
-    if "__init__" in vars(value) and is_written:
+    maker = next(base for base in value.__mro__ if "__init__" in vars(base))
+    if (maker is value or maker is InstalledGroup) and is_written:  # whose heirs alone have a public name
         yield f"{path}.__init__{signature(value.__init__)}"
     (node,) = ast.parse(textwrap.dedent(inspect.getsource(value))).body
     assert isinstance(node, ast.ClassDef)

@@ -9,13 +9,13 @@ from pointit.runtime.errors import ConfigError
 OURS = ("pointit", "pointit-lab")
 """This project's packages, whose names no other can take."""
 
-T = TypeVar("T")
+P = TypeVar("P")
 
 
-class InstalledGroup(Generic[T]):
+class InstalledGroup(Generic[P]):
     """The installed objects of one kind, by name."""
 
-    def __init__(self, group: str, kind: type[T], noun: str, *, has_ours: bool = True) -> None:
+    def __init__(self, group: str, kind: type[P], noun: str, *, has_ours: bool = True) -> None:
         """Look for entry points of `group`, each a `kind`. Errors call one a `noun`.
 
         `has_ours`: this project has some, so that none at all is a fault of the installation.
@@ -61,7 +61,7 @@ class InstalledGroup(Generic[T]):
         """Return the names of all installed ones, without importing any."""
         return tuple(self._entries)
 
-    def get(self, name: str) -> T:
+    def get(self, name: str) -> P:
         """Import and return the object `name`.
 
         Raises:

@@ -30,6 +30,7 @@ ROOMS = {
     "sim": (400, 702, 260, "recordings, simulated arms"),
     "recording": (740, 702, 260, "files of messages (MCAP)"),
     "maps": (1080, 702, 260, "map files and checks"),
+    "vda5050": (1420, 702, 260, "messages of AGVs"),
     "runtime": (640, 800, 260, "bus, clock, configuration, health"),
     "schemas": (640, 898, 260, "messages, codec, topic table"),
     "geometry": (1080, 898, 260, "pure mathematics"),

@@ -26,7 +26,7 @@ SIMULATION = ("pointit.services.conveyor_sim", "pointit.services.user_sim", "poi
 
 SCENARIOS = ("scenario_1", "scenario_2", "scenario_3", "scenario_4")
 
-DURATION_S = 6
+DURATION_S = 10
 """Time in which a run has its first cursor also on a busy machine; without one it fails."""
 
 FROM_PYTHON = """
@@ -111,7 +111,7 @@ def bare(tmp_path_factory: pytest.TempPathFactory) -> Build:
 
 
 def test_scenarios_run_to_their_end(simulating: Build, bare: Build) -> None:
-    with ThreadPoolExecutor() as pool:
+    with ThreadPoolExecutor(2) as pool:
         with_device = pool.submit(bare.run, "scenario_2", "--imu", "simulated")
         for name, line in zip(SCENARIOS, pool.map(simulating.run, SCENARIOS), strict=True):
             assert line.startswith(f"{name} ran {DURATION_S} s with ")

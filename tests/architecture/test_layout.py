@@ -129,7 +129,6 @@ HARMLESS = (
     "pointit.runtime.host.extras",
     "pointit.runtime.host.store",
     "pointit.runtime.link",
-    "pointit.services.robot.drivers.vda5050.agv_messages",
     "pointit.runtime.mqtt.broker_config",
 )
 """Parts of the runtime that cores may import: they know no bus, no clock and no loop."""

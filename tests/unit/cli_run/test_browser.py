@@ -47,3 +47,18 @@ async def test_run_that_ends_before_the_browser_is_ready_leaves_no_copy_and_open
     assert not left_in(tmp_path)
     assert not opened
     await bus.close()
+
+
+@pytest.mark.parametrize(
+    ("environment", "platform", "desktop"),
+    [
+        ({}, "linux", False),
+        ({"DISPLAY": ""}, "linux", False),
+        ({"DISPLAY": ":0"}, "linux", True),
+        ({"WAYLAND_DISPLAY": "wayland-0"}, "linux", True),
+        ({}, "darwin", True),
+        ({}, "win32", True),
+    ],
+)
+def test_a_browser_needs_a_desktop(environment: dict[str, str], platform: str, *, desktop: bool) -> None:
+    assert browser.has_desktop(environment, platform) is desktop

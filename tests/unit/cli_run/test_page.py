@@ -304,21 +304,6 @@ def test_a_wrong_port_is_a_mistake(monkeypatch: pytest.MonkeyPatch) -> None:
     assert isinstance(invoke(monkeypatch, "run", "--web-port", "70000"), click.BadParameter)
 
 
-@pytest.mark.parametrize(
-    ("environment", "platform", "desktop"),
-    [
-        ({}, "linux", False),
-        ({"DISPLAY": ""}, "linux", False),
-        ({"DISPLAY": ":0"}, "linux", True),
-        ({"WAYLAND_DISPLAY": "wayland-0"}, "linux", True),
-        ({}, "darwin", True),
-        ({}, "win32", True),
-    ],
-)
-def test_a_browser_needs_a_desktop(environment: dict[str, str], platform: str, *, desktop: bool) -> None:
-    assert browser.has_desktop(environment, platform) is desktop
-
-
 def leads_to(uri: str, link: str) -> Path:
     """Fail unless `uri` is a file of its owner alone that leads to `link`; return its folder."""
     file = Path(unquote(urlsplit(uri).path))

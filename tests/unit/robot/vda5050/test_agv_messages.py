@@ -7,7 +7,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pointit.services.robot.drivers.vda5050.agv_messages import (
+from pointit.services.robot.drivers.vda5050.master_messages import (
+    InstantAction,
+    MessageEncoder,
+    Node,
+    Order,
+    Version,
+    iso_time,
+)
+from pointit.vda5050.agv_messages import (
     Connection,
     HeaderCheck,
     LastPose,
@@ -16,14 +24,6 @@ from pointit.services.robot.drivers.vda5050.agv_messages import (
     blocked_by,
     parse,
     velocity_on_map,
-)
-from pointit.services.robot.drivers.vda5050.master_messages import (
-    InstantAction,
-    MessageEncoder,
-    Node,
-    Order,
-    Version,
-    iso_time,
 )
 
 HEADER = """"headerId": 15, "timestamp": "2017-04-15T11:40:03.12Z", "version": "2.0.0",

@@ -6,15 +6,6 @@ from collections.abc import Callable
 from pointit.geometry.vector import wrap
 from pointit.runtime.health.surroundings import Surroundings
 from pointit.schemas import NS_PER_S
-from pointit.services.robot.drivers.vda5050.agv_messages import (
-    Connection,
-    HeaderCheck,
-    LastPose,
-    State,
-    Visualization,
-    parse,
-    velocity_on_map,
-)
 from pointit.services.robot.drivers.vda5050.agv_orders import AgvOrders, Outcome, has_other_master
 from pointit.services.robot.drivers.vda5050.master_messages import InstantAction, MessageEncoder, Order
 from pointit.services.robot.drivers.vda5050.route import Point
@@ -30,6 +21,15 @@ from pointit.services.robot.robot_driver import (
     RobotReport,
     RobotSpec,
     TakeOff,
+)
+from pointit.vda5050.agv_messages import (
+    Connection,
+    HeaderCheck,
+    LastPose,
+    State,
+    Visualization,
+    parse,
+    velocity_on_map,
 )
 
 REPEAT_S = 0.08

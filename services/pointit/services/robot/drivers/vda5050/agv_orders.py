@@ -6,9 +6,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from pointit.services.robot.drivers.vda5050.agv_messages import State, blocked_by
 from pointit.services.robot.drivers.vda5050.master_messages import InstantAction, Node, Order, node_id
 from pointit.services.robot.drivers.vda5050.route import Point, Route
+from pointit.vda5050.agv_messages import State, blocked_by
 
 PREFIX = "pointit-"
 """Beginning of the ids of our orders. One that nobody steers is cancelled, also that of an earlier run."""

@@ -8,7 +8,7 @@ from pointit.runtime.config.device_plugin import FoundDevice
 from pointit.runtime.mqtt.broker import connected, require_client
 from pointit.runtime.mqtt.broker_config import PORT
 from pointit.runtime.mqtt.broker_search import find_on_brokers
-from pointit.services.robot.drivers.vda5050.agv_messages import Connection, State, parse
+from pointit.vda5050.agv_messages import Connection, State, parse
 
 MAX_AGVS = 500
 """Limit of AGVs on one broker."""

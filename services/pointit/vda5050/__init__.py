@@ -1,0 +1,1 @@
+"""VDA 5050: what automated guided vehicles tell a broker."""

@@ -13,16 +13,8 @@ from hypothesis import strategies as st
 from pointit.runtime import clock as clock_module
 from pointit.runtime.bus.local_broker import LocalBroker
 from pointit.runtime.bus.memory_bus import MemoryBus
-from pointit.runtime.clock import (
-    MAX_SLEW_S,
-    SimulatedClock,
-    SiteClock,
-    SteadyClock,
-    WallClock,
-    publish_time,
-    sleep,
-    ticks,
-)
+from pointit.runtime.bus.site_clock import SiteClock, publish_time
+from pointit.runtime.clock import MAX_SLEW_S, SimulatedClock, SteadyClock, WallClock, sleep, ticks
 from pointit.schemas import NS_PER_S, ClockTick
 from pointit.schemas.topics import CLOCK
 from tests.support.bench import ManualClock, until

@@ -10,8 +10,8 @@ import pytest
 
 from pointit.runtime.bus.local_broker import LocalBroker
 from pointit.runtime.bus.memory_bus import MemoryBus
+from pointit.runtime.bus.service_bus import ServiceBus
 from pointit.runtime.config.config import Config
-from pointit.runtime.health.service_bus import ServiceBus
 from pointit.runtime.service.service import Context
 from pointit.schemas.system import SHARDED
 from pointit.schemas.topics import USER_ALIVE

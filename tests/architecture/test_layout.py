@@ -125,7 +125,7 @@ DEVICES = {
 HARMLESS = (
     "pointit.runtime.config",
     "pointit.runtime.errors",
-    "pointit.runtime.health.timeliness",
+    "pointit.runtime.bus.timeliness",
     "pointit.runtime.host.extras",
     "pointit.runtime.host.store",
     "pointit.runtime.link",

@@ -8,8 +8,8 @@ import pytest
 import pytest_asyncio
 
 from pointit.runtime.bus.contract import Bus, Publisher
+from pointit.runtime.bus.service_bus import ServiceBus
 from pointit.runtime.errors import ConfigError, NoAnswerError, RefusedError
-from pointit.runtime.health.service_bus import ServiceBus
 from pointit.runtime.service import people_share
 from pointit.runtime.service.instance_takeover import LISTEN_S
 from pointit.runtime.service.people_share import PeopleShare

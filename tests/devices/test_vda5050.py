@@ -18,8 +18,8 @@ from pointit.bridges.agv_tracker.service import AgvTracker
 from pointit.geometry.vector import Vec3
 from pointit.runtime.clock import WallClock
 from pointit.runtime.errors import RefusedError
-from pointit.runtime.health.surroundings import Surroundings
 from pointit.runtime.service.service import Launch, run_service
+from pointit.runtime.service.surroundings import Surroundings
 from pointit.schemas import RobotState, Steering, StopRobot
 from pointit.schemas.environment import Frame
 from pointit.schemas.topics import MAP, OBJECTS, STOP_ROBOT

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from pointit.runtime.health.surroundings import NullHealth, Surroundings
+from pointit.runtime.service.surroundings import NullHealth, Surroundings
 from pointit.schemas import (
     NS_PER_S,
     Cursor,

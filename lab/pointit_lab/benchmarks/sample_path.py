@@ -22,7 +22,7 @@ from zenoh.handlers import Callback
 
 from pointit.geometry import rotation
 from pointit.runtime.link.link import Link
-from pointit.runtime.transport import declarations
+from pointit.runtime.zenoh import declarations
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas import ImuSample, StripsFrame
 from pointit.schemas.topics import IMU, STRIPS_FRAME

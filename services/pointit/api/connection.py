@@ -11,7 +11,7 @@ from pointit.api.loop_thread import LoopThread
 from pointit.api.requests import listed
 from pointit.api.site import Site
 from pointit.api.sync_site import SyncSite
-from pointit.runtime.clock import SiteClock
+from pointit.runtime.bus.site_clock import SiteClock
 from pointit.runtime.errors import AccessDeniedError, ConfigError, WrongSiteError
 from pointit.runtime.link.credentials import VARIABLE, Credentials, read_credentials
 from pointit.runtime.link.link import DEFAULT_ENDPOINT, DEFAULT_SITE, Link

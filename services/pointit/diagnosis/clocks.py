@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 
 from pointit.diagnosis.observation import Finding, Observation
-from pointit.runtime.health.timeliness import REMEDY, ClockSkewMonitor
+from pointit.runtime.bus.timeliness import REMEDY, ClockSkewMonitor
 
 
 def find_clock_skew(seen: Observation) -> Iterator[Finding]:

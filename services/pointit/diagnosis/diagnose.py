@@ -7,7 +7,7 @@ from pointit.diagnosis.observation import Finding, Observation, Report
 from pointit.diagnosis.outage import fold_outage
 from pointit.diagnosis.staleness import stale_inputs
 from pointit.diagnosis.writers import start_command
-from pointit.runtime.health.timeliness import LONGEST_HOST
+from pointit.runtime.bus.timeliness import LONGEST_HOST
 from pointit.schemas import Health
 from pointit.schemas.system import split_instance
 from pointit.schemas.text import one_line

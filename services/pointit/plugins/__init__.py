@@ -49,12 +49,11 @@ from pointit.geometry import rotation
 from pointit.geometry.rotation import Quaternion
 from pointit.runtime.clock import Clock, sleep, ticks
 from pointit.runtime.config.config import Config
-from pointit.runtime.config.device_plugin import DevicePlugin, Discover, FoundDevice
-from pointit.runtime.config.plugins import Plugin, PluginGroup
+from pointit.runtime.config.plugins import DevicePlugin, Discover, FoundDevice, Plugin, PluginGroup
 from pointit.runtime.errors import ConfigError, RefusedError
-from pointit.runtime.health.surroundings import HealthSink, Surroundings
 from pointit.runtime.host.state_file import StateFile
 from pointit.runtime.service.service import Context, Service
+from pointit.runtime.service.surroundings import HealthSink, Surroundings
 from pointit.schemas import (
     NS_PER_S,
     Cursor,

@@ -10,8 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, cast
 
-from pointit.runtime.config.device_plugin import DevicePlugin, FoundDevice
-from pointit.runtime.config.plugins import PluginGroup
+from pointit.runtime.config.plugins import DevicePlugin, FoundDevice, PluginGroup
 from pointit.runtime.errors import ConfigError
 
 PATIENCE_S = 2.0

@@ -12,7 +12,7 @@ from pointit.replay.playing import Buses, Listener, Plan, Source, play
 from pointit.replay.replayed_services import parameters_of
 from pointit.replay.scratch import scratch_folder
 from pointit.runtime.bus.contract import Bus, list_present
-from pointit.runtime.clock import publish_time
+from pointit.runtime.bus.site_clock import publish_time
 from pointit.runtime.service.instance_takeover import LISTEN_S
 from pointit.schemas import Configuration
 from pointit.schemas.system import split_instance

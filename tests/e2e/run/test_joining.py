@@ -2,7 +2,7 @@
 
 import json
 
-from pointit.runtime.clock import SiteClock
+from pointit.runtime.bus.site_clock import SiteClock
 from pointit.schemas.topics import SERVICE_ALIVE
 from tests.support.bench import until
 from tests.support.commands import Commands, onlooker

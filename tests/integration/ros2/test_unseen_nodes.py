@@ -18,7 +18,7 @@ from pointit.bridges.ros2.routing.site import Site
 from pointit.bridges.ros2.types.types import Types
 from pointit.runtime.bus.local_broker import LocalBroker
 from pointit.runtime.bus.memory_bus import MemoryBus
-from pointit.runtime.health.service_bus import ServiceBus
+from pointit.runtime.bus.service_bus import ServiceBus
 from pointit.schemas import PointingRay
 from pointit.schemas.topics import RAY
 from tests.integration.ros2.nodes import DOMAIN, POSE, Node, arrives, cdr_of, graphs

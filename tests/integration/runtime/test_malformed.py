@@ -12,9 +12,9 @@ import pytest
 import zenoh
 from zenoh.handlers import Callback
 
+from pointit.runtime.bus.service_bus import ServiceBus
 from pointit.runtime.clock import WallClock
 from pointit.runtime.errors import NoAnswerError, RefusedError, RequestError
-from pointit.runtime.health.service_bus import ServiceBus
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas import Done, ImuSample, Message, SetBrightness, SetPose, UserProfile, encode
 from pointit.schemas.topics import CLAIM, IMU, PROFILE, SET_BRIGHTNESS, SET_POSE, TOPICS, USER_ALIVE, Topic

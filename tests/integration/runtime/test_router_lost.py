@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import pytest
 import pytest_asyncio
 
+from pointit.runtime.bus.service_bus import ServiceBus
 from pointit.runtime.clock import WallClock
 from pointit.runtime.errors import NoAnswerError
-from pointit.runtime.health.service_bus import ServiceBus
 from pointit.runtime.link.link import Link
 from pointit.runtime.zenoh.publishers import EVENT_CACHE
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus

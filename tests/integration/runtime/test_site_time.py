@@ -4,7 +4,8 @@ import asyncio
 
 import pytest
 
-from pointit.runtime.clock import SimulatedClock, publish_time
+from pointit.runtime.bus.site_clock import publish_time
+from pointit.runtime.clock import SimulatedClock
 from pointit.runtime.link.link import Link
 from pointit.runtime.service import process as process_module
 from pointit.runtime.service.service import Launch

@@ -13,10 +13,10 @@ import pytest
 import zenoh
 from zenoh.handlers import Callback
 
-from pointit.runtime.bus.bounded_queue import MAX_WAITING
-from pointit.runtime.bus.name_limiter import MAX_NAMES, MAX_USERS
 from pointit.runtime.zenoh import wire_format
+from pointit.runtime.zenoh.queries import MAX_WAITING
 from pointit.runtime.zenoh.retained_states import BUSY
+from pointit.runtime.zenoh.subscribers import MAX_NAMES, MAX_USERS
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas import Cursor, Environment, Lamp, LampColor, SetBrightness, UserProfile, encode
 from pointit.schemas.topics import BUTTON, CURSOR, IMU, LAMP_COLOR, MAP, PROFILE, SET_BRIGHTNESS

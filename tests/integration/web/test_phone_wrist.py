@@ -21,8 +21,8 @@ from pointit.bridges.web.wire import UNPAIRED
 from pointit.bridges.web.wrists import wrist_control
 from pointit.geometry import rotation, vector
 from pointit.geometry.rotation import Quaternion
+from pointit.runtime.bus.service_bus import ServiceBus
 from pointit.runtime.clock import WallClock
-from pointit.runtime.health.service_bus import ServiceBus
 from pointit.runtime.service.service import Context
 from pointit.schemas import (
     Belt,

@@ -3,7 +3,7 @@
 import pytest
 
 from pointit.api.press import press
-from pointit.runtime.clock import SiteClock
+from pointit.runtime.bus.site_clock import SiteClock
 from pointit.runtime.errors import NoAnswerError
 from pointit.schemas import ButtonEvent, Feedback, Interaction, UserPose
 from pointit.schemas.topics import BUTTON, FEEDBACK, INTERACTION, POSE, SERVICE_ALIVE

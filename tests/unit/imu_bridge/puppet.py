@@ -6,7 +6,7 @@ from contextlib import asynccontextmanager
 from unittest import mock
 
 from pointit.runtime.config.config import Config
-from pointit.runtime.health.surroundings import HealthSink, NullHealth, Surroundings
+from pointit.runtime.service.surroundings import HealthSink, NullHealth, Surroundings
 from pointit.runtime.virtual_time import VirtualClock, run_virtually
 from pointit.schemas import Feedback
 from pointit.services.imu_bridge.config import ImuBridgeConfig

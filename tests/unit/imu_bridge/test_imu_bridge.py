@@ -13,9 +13,9 @@ import serial
 from pointit.geometry import rotation, vector
 from pointit.runtime.bus.local_broker import LocalBroker
 from pointit.runtime.bus.memory_bus import MemoryBus
+from pointit.runtime.bus.service_bus import ServiceBus
 from pointit.runtime.clock import WallClock
 from pointit.runtime.errors import ConfigError, RefusedError
-from pointit.runtime.health.service_bus import ServiceBus
 from pointit.runtime.service.service import Context
 from pointit.runtime.virtual_time import VirtualClock
 from pointit.schemas import Health, ImuSample, SetYawOrigin

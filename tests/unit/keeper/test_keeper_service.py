@@ -11,7 +11,7 @@ import pytest_asyncio
 
 from pointit.runtime.bus.local_broker import LocalBroker
 from pointit.runtime.bus.memory_bus import MemoryBus
-from pointit.runtime.health.timeliness import ClockSkewMonitor
+from pointit.runtime.bus.timeliness import ClockSkewMonitor
 from pointit.runtime.service.service import Launch, run_service
 from pointit.schemas import Health, Message, Selection, UserProfile
 from pointit.schemas.topics import HEALTH, PROFILE, SELECTION, SERVICE_ALIVE, USER_ALIVE, topic_of

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from pointit.runtime.health.surroundings import NullHealth
+from pointit.runtime.service.surroundings import NullHealth
 from pointit.schemas import Strip, StripFrame, StripsFrame
 from pointit.services.led_driver.output.serial_port import adalight_protocol
 from pointit.services.led_driver.output.serial_port.adalight import (

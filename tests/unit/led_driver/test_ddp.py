@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pointit.errors import ConfigError
-from pointit.runtime.health.surroundings import Surroundings
+from pointit.runtime.service.surroundings import Surroundings
 from pointit.services.led_driver.output.ddp import DDP, DdpConfig
 from pointit.services.led_driver.output.ddp_protocol import encode_frame
 from pointit.services.led_driver.output.wled_search import described

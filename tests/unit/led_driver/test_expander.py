@@ -14,9 +14,9 @@ import pytest
 
 from pointit.runtime.bus.local_broker import LocalBroker
 from pointit.runtime.bus.memory_bus import MemoryBus
+from pointit.runtime.bus.service_bus import ServiceBus
 from pointit.runtime.clock import WallClock
 from pointit.runtime.errors import ConfigError
-from pointit.runtime.health.service_bus import ServiceBus
 from pointit.runtime.host.serial_port import PortSettings
 from pointit.runtime.service.service import Context
 from pointit.schemas import Environment, Strip

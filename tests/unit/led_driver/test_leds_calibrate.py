@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from pointit.cli.leds import leds_calibrate
 from pointit.cli.leds.leds_calibrate import pointed, report
 from pointit.runtime.errors import PointItError
-from pointit.runtime.health.surroundings import NullHealth
+from pointit.runtime.service.surroundings import NullHealth
 from pointit.services.led_driver.output.spotlight.config import SpotlightConfig
 from pointit.services.led_driver.output.spotlight.head import HOME, Angles, Mounting
 from pointit.services.led_driver.output.spotlight.manual_aim import ManualAim

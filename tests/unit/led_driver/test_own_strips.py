@@ -5,9 +5,9 @@ from collections.abc import Callable, Sequence
 
 import pytest
 
-from pointit.runtime.health.surroundings import NullHealth
 from pointit.runtime.service import plugin_guard
 from pointit.runtime.service.plugin_guard import PluginGuard
+from pointit.runtime.service.surroundings import NullHealth
 from pointit.schemas import StripFrame, StripsFrame
 from pointit.schemas.topics import CURSOR
 from pointit.services.led_driver.guarded_output import GuardedOutput

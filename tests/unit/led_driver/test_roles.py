@@ -5,8 +5,8 @@ from collections.abc import Sequence
 
 import pytest
 
-from pointit.runtime.health.surroundings import NullHealth
 from pointit.runtime.service import plugin_guard
+from pointit.runtime.service.surroundings import NullHealth
 from pointit.schemas import Cursor, Environment, Lamp, SetLamp, UserProfile
 from pointit.schemas.base import Rgb
 from pointit.schemas.topics import CURSOR, MAP, PROFILE, SET_LAMP

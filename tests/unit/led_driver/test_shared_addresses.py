@@ -7,7 +7,7 @@ import pytest
 
 from pointit.errors import ConfigError
 from pointit.runtime.clock import WallClock
-from pointit.runtime.health.surroundings import NullHealth, Surroundings
+from pointit.runtime.service.surroundings import NullHealth, Surroundings
 from pointit.services.led_driver.config import LedDriverConfig
 from pointit.services.led_driver.outputs import make_outputs
 

@@ -14,7 +14,7 @@ from pydantic import ValidationError
 
 from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
-from pointit.runtime.health.surroundings import NullHealth
+from pointit.runtime.service.surroundings import NullHealth
 from pointit.schemas import Cursor
 from pointit.services.led_driver.output.spotlight.beam import DARK, Beam, BeamState
 from pointit.services.led_driver.output.spotlight.config import SpotlightConfig

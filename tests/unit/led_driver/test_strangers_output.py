@@ -9,8 +9,8 @@ from typing import Any
 
 import pytest
 
-from pointit.runtime.health.surroundings import NullHealth
 from pointit.runtime.service import plugin_guard
+from pointit.runtime.service.surroundings import NullHealth
 from pointit.schemas.topics import CURSOR, HEALTH, MAP, STRIPS_FRAME
 from pointit.services.led_driver.config import LedDriverConfig
 from pointit.services.led_driver.guarded_output import GuardedOutput

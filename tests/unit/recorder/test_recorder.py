@@ -19,10 +19,10 @@ from pointit.recording.reader import Recording
 from pointit.recording.writer import RecordingWriter
 from pointit.runtime.bus.local_broker import LocalBroker
 from pointit.runtime.bus.memory_bus import MemoryBus
+from pointit.runtime.bus.service_bus import ServiceBus
 from pointit.runtime.clock import WallClock
-from pointit.runtime.config.published import published_parameters
+from pointit.runtime.config.config import published_parameters
 from pointit.runtime.errors import ConfigError, RefusedError
-from pointit.runtime.health.service_bus import ServiceBus
 from pointit.runtime.service.service import Launch, run_service
 from pointit.schemas import (
     Configuration,

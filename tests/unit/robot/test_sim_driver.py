@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from pointit.runtime.health.surroundings import NullHealth, Surroundings
+from pointit.runtime.service.surroundings import NullHealth, Surroundings
 from pointit.runtime.virtual_time import START_NS, VirtualClock, run_virtually
 from pointit.schemas import RobotKind
 from pointit.services.robot.drivers.sim.ordered_robot import SimConfig

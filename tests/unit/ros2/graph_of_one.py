@@ -14,7 +14,7 @@ from pointit.bridges.ros2.routing.site import Site
 from pointit.bridges.ros2.types.types import Types
 from pointit.runtime.bus.local_broker import LocalBroker
 from pointit.runtime.bus.memory_bus import MemoryBus
-from pointit.runtime.health.service_bus import ServiceBus
+from pointit.runtime.bus.service_bus import ServiceBus
 from tests.support.bench import ManualClock
 
 

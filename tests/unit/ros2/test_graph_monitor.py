@@ -7,7 +7,7 @@ from pointit.bridges.ros2.graph.backend_warnings import BackendWarnings
 from pointit.bridges.ros2.graph.graph_monitor import GraphMonitor
 from pointit.runtime.bus.local_broker import LocalBroker
 from pointit.runtime.bus.memory_bus import MemoryBus
-from pointit.runtime.health.service_bus import ServiceBus
+from pointit.runtime.bus.service_bus import ServiceBus
 from tests.support.bench import ManualClock
 
 

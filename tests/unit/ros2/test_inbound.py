@@ -15,7 +15,7 @@ from pointit.bridges.ros2.routing.route_types import (
 )
 from pointit.bridges.ros2.routing.scene import Scene
 from pointit.geometry import rotation
-from pointit.runtime.health.timeliness import MAX_AHEAD_NS
+from pointit.runtime.bus.timeliness import MAX_AHEAD_NS
 from pointit.schemas import (
     NS_PER_S,
     AddPackage,

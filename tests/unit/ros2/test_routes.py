@@ -11,7 +11,7 @@ from pointit.bridges.ros2.routing.frames import Frames, RosNames
 from pointit.bridges.ros2.routing.route_types import ServiceRoute
 from pointit.bridges.ros2.routing.routes import Routes, routes
 from pointit.bridges.ros2.routing.scene import Scene
-from pointit.runtime.clock import SILENT_NS
+from pointit.runtime.bus.site_clock import SILENT_NS
 from pointit.runtime.errors import ConfigError
 from pointit.schemas import NS_PER_S
 from pointit.schemas.topics import Request, Topic

@@ -8,12 +8,11 @@ from typing import Any, ClassVar
 import pytest
 import pytest_asyncio
 
+from pointit.runtime.bus.instrumented import ServedPublisher
 from pointit.runtime.bus.local_broker import LocalBroker
 from pointit.runtime.bus.memory_bus import MemoryBus
-from pointit.runtime.config.config import Config
-from pointit.runtime.config.published import published_parameters
+from pointit.runtime.config.config import Config, published_parameters
 from pointit.runtime.errors import RefusedError
-from pointit.runtime.health.served import ServedPublisher
 from pointit.runtime.service.service import Context, Launch, Scope, Service, run_service
 from pointit.schemas import Configuration, Done, ServedRequest, SetBrightness, encode
 from pointit.schemas.topics import CONFIGURATION, SERVED, SET_BRIGHTNESS

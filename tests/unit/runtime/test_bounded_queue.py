@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from pointit.runtime.bus.bounded_queue import MAX_WAITING, SHOWN_S, SLICE_S, BoundedWorkQueue, OverflowCounter
+from pointit.runtime.zenoh.queries import MAX_WAITING, SHOWN_S, SLICE_S, BoundedWorkQueue, OverflowCounter
 from tests.support.bench import until
 
 

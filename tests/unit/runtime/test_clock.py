@@ -10,19 +10,11 @@ import pytest_asyncio
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pointit.runtime import clock as clock_module
+from pointit.runtime.bus import site_clock
 from pointit.runtime.bus.local_broker import LocalBroker
 from pointit.runtime.bus.memory_bus import MemoryBus
-from pointit.runtime.clock import (
-    MAX_SLEW_S,
-    SimulatedClock,
-    SiteClock,
-    SteadyClock,
-    WallClock,
-    publish_time,
-    sleep,
-    ticks,
-)
+from pointit.runtime.bus.site_clock import SiteClock, publish_time
+from pointit.runtime.clock import MAX_SLEW_S, SimulatedClock, SteadyClock, WallClock, sleep, ticks
 from pointit.schemas import NS_PER_S, ClockTick
 from pointit.schemas.topics import CLOCK
 from tests.support.bench import ManualClock, until
@@ -198,7 +190,7 @@ async def test_a_run_that_is_over_leaves_wall_time(wall: Wall, bus: MemoryBus) -
 async def test_time_is_published_at_once_and_periodically(
     monkeypatch: pytest.MonkeyPatch, bus: MemoryBus
 ) -> None:
-    monkeypatch.setattr(clock_module, "TICK_PERIOD_S", 0.01)
+    monkeypatch.setattr(site_clock, "TICK_PERIOD_S", 0.01)
     told: list[int] = []
     bus.subscribe(CLOCK, lambda tick, _name: told.append(tick.sim_ns))
     keeping = asyncio.create_task(publish_time(SimulatedClock(2.0), bus))

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pointit.runtime.health.timeliness import APART_S, WINDOW_S, ClockSkew, ClockSkewMonitor
+from pointit.runtime.bus.timeliness import APART_S, WINDOW_S, ClockSkew, ClockSkewMonitor
 
 START_NS = 1_700_000_000 * 10**9
 

@@ -15,9 +15,9 @@ from hypothesis import strategies as st
 from pointit.runtime.bus.contract import EVENT_CAPACITY
 from pointit.runtime.bus.local_broker import LocalBroker
 from pointit.runtime.bus.memory_bus import MemoryBus
-from pointit.runtime.health.metrics import SAMPLES, DurationWindow
-from pointit.runtime.health.service_bus import ServiceBus
-from pointit.runtime.health.surroundings import PluginHealth
+from pointit.runtime.bus.metrics import SAMPLES, DurationWindow
+from pointit.runtime.bus.service_bus import ServiceBus
+from pointit.runtime.service.surroundings import PluginHealth
 from pointit.schemas import NS_PER_S, ButtonEvent, ClearSelection, Done, Health, ImuSample, KeyHealth
 from pointit.schemas.system import DURATION_BOUNDS_S
 from pointit.schemas.topics import BUTTON, CLEAR_SELECTION, HEALTH, IMU, SERVICE_ALIVE, USER_ALIVE
@@ -39,7 +39,7 @@ def now_s(monkeypatch: pytest.MonkeyPatch) -> list[float]:
     """Return the monotonic time, s, as one item to be moved by hand."""
     now = [50.0]
     for module in ("service_bus", "instrumented"):
-        monkeypatch.setattr(f"pointit.runtime.health.{module}.steady_time", lambda: lambda: now[0])
+        monkeypatch.setattr(f"pointit.runtime.bus.{module}.steady_time", lambda: lambda: now[0])
     return now
 
 

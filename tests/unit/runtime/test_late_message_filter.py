@@ -2,7 +2,7 @@
 
 import pytest
 
-from pointit.runtime.health.timeliness import FORGOTTEN_S, LATE_S, STEADY_S, LateMessageFilter
+from pointit.runtime.bus.timeliness import FORGOTTEN_S, LATE_S, STEADY_S, LateMessageFilter
 
 PERIOD_S = 0.02
 

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pointit.runtime.bus.mailbox import Dispatcher
-from pointit.runtime.transport.liveliness import MAX_TOKEN_CHARACTERS, LivelinessSubscriber
+from pointit.runtime.zenoh.liveliness import MAX_TOKEN_CHARACTERS, LivelinessSubscriber
 
 LONG = "x" * (MAX_TOKEN_CHARACTERS + 1)
 

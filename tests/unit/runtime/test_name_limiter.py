@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pointit.runtime.bus.name_limiter import (
+from pointit.runtime.zenoh.subscribers import (
     MAX_NAMES,
     MAX_USERS,
     SILENT_S,

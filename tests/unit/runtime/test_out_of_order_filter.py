@@ -2,7 +2,7 @@
 
 import pytest
 
-from pointit.runtime.health.timeliness import SILENT_S, OutOfOrderFilter
+from pointit.runtime.bus.timeliness import SILENT_S, OutOfOrderFilter
 from pointit.schemas import NS_PER_S
 
 S = NS_PER_S

@@ -14,9 +14,9 @@ from pathlib import Path
 import pytest
 
 from pointit.runtime.errors import ConfigError
-from pointit.runtime.health.service_bus import WarningSink
 from pointit.runtime.service import plugin_guard, stall_watch
 from pointit.runtime.service.plugin_guard import PluginGuard
+from pointit.runtime.service.surroundings import WarningSink
 from pointit.services.imu_bridge.sources import SOURCES
 from tests.support import strangers
 from tests.support.bench import until

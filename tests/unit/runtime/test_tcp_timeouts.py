@@ -13,8 +13,7 @@ import pytest
 from pointit.runtime.host import tcp_timeouts
 from pointit.runtime.host.tcp_timeouts import LINGER, disable_linger, set_user_timeout, tcp_sockets
 from pointit.runtime.link.link import LEASE_MS, Link, ports_of
-from pointit.runtime.transport.session import close_session
-from pointit.runtime.zenoh.session import open_session
+from pointit.runtime.zenoh.session import close_session, open_session
 from tests.support.buses import free_port
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="only Linux has the option")

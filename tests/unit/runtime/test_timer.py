@@ -2,7 +2,7 @@
 
 import asyncio
 
-from pointit.runtime.timer import Timer
+from pointit.runtime.clock import Timer
 from pointit.runtime.virtual_time import run_virtually
 
 

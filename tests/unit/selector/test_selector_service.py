@@ -2,9 +2,9 @@
 
 import pytest
 
+from pointit.runtime.bus.service_bus import ServiceBus
 from pointit.runtime.config.config import Layers
 from pointit.runtime.errors import ConfigError, RefusedError
-from pointit.runtime.health.service_bus import ServiceBus
 from pointit.runtime.service.service import Context
 from pointit.schemas import (
     ButtonEvent,

@@ -6,7 +6,7 @@ import itertools
 import pytest
 
 from pointit.geometry.rotation import IDENTITY
-from pointit.runtime.health.service_bus import ServiceBus
+from pointit.runtime.bus.service_bus import ServiceBus
 from pointit.runtime.host.state_file import StateFile
 from pointit.runtime.service.service import Context
 from pointit.schemas import ButtonEvent, Health, ImuSample, Interaction, Localization, UserPose

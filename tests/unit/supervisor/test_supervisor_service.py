@@ -5,9 +5,9 @@ import asyncio
 import pytest
 
 from pointit.geometry.rotation import IDENTITY
+from pointit.runtime.bus.service_bus import ServiceBus
 from pointit.runtime.config.config import Layers
 from pointit.runtime.errors import ConfigError, RefusedError
-from pointit.runtime.health.service_bus import ServiceBus
 from pointit.runtime.service.service import Context
 from pointit.runtime.virtual_time import VirtualClock
 from pointit.schemas import (

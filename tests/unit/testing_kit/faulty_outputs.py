@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from pointit.plugins import Config, Strip, StripsFrame, Surroundings
-from pointit.runtime.health.surroundings import NullHealth
+from pointit.runtime.service.surroundings import NullHealth
 from pointit.testing.templates.led_output import Output, OutputParameters
 from pointit.testing.templates.led_output.fake import DEVICE
 from tests.unit.testing_kit.faults import CaughtBy, seed_in_run

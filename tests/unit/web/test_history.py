@@ -8,8 +8,8 @@ import pytest
 
 from pointit.bridges.web.model.history import AHEAD_NS, BACK_NS, Past
 from pointit.bridges.web.pages.latest_values import HISTORY, LatestValueCache
+from pointit.runtime.bus.service_bus import ServiceBus
 from pointit.runtime.errors import RefusedError
-from pointit.runtime.health.service_bus import ServiceBus
 from pointit.schemas import Feedback, ReadHistory, ReadHistoryReply, SelectionEvent, encode
 from pointit.schemas.topics import FEEDBACK, READ_HISTORY, SELECTION_EVENTS
 from tests.support.bench import START_NS, Bench, ManualClock, memory_bench

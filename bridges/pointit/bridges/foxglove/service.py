@@ -17,9 +17,9 @@ from pointit.bridges.foxglove.event_log import EventLog, Line
 from pointit.bridges.foxglove.scene import PARTS, Scene
 from pointit.bridges.foxglove.server import LOG, Server, picture_topic
 from pointit.runtime.bus.contract import Subscription
+from pointit.runtime.clock import Timer
 from pointit.runtime.link.addresses import own_address
 from pointit.runtime.service.service import Context, Scope, Service
-from pointit.runtime.timer import Timer
 from pointit.schemas import Environment, Message
 from pointit.schemas.catalogue.json_channel import JsonChannel, channel_name
 from pointit.schemas.topics import HEALTH, SERVICE_ALIVE, USER_ALIVE, Delivery, Topic

@@ -25,8 +25,8 @@ from pointit.cli.inspect.sample_path import (
 )
 from pointit.diagnosis.writers import present_writers, silence_reason
 from pointit.runtime.bus.contract import AnyTopic, Bus, Sent, Tap, Undecoded
+from pointit.runtime.bus.timeliness import ClockSkewMonitor
 from pointit.runtime.errors import AccessDeniedError, NoMessageError
-from pointit.runtime.health.timeliness import ClockSkewMonitor
 from pointit.runtime.service.shutdown import run_until_shutdown
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas import NS_PER_S, ClockTick, DecodeError, Health, Message, StripsFrame

@@ -13,9 +13,9 @@ from pointit.cli.common.output import say
 from pointit.cli.leds.leds_setup import PrintedHealth, read_setup, setup_options
 from pointit.geometry.vector import Vec3
 from pointit.runtime.errors import ConfigError, PointItError
-from pointit.runtime.health.surroundings import HealthSink
 from pointit.runtime.service.logs import setup_logging
 from pointit.runtime.service.shutdown import run_until_shutdown
+from pointit.runtime.service.surroundings import HealthSink
 from pointit.services.led_driver.output.spotlight.beam import BeamState
 from pointit.services.led_driver.output.spotlight.config import SpotlightConfig
 from pointit.services.led_driver.output.spotlight.head import Angles

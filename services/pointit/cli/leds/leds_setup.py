@@ -14,7 +14,7 @@ from pointit.launch.plan.scenario_catalog import scenario_launches
 from pointit.launch.run.surroundings import USUAL
 from pointit.maps.file import load_map
 from pointit.runtime.errors import ConfigError
-from pointit.runtime.health.surroundings import NullHealth
+from pointit.runtime.service.surroundings import NullHealth
 from pointit.schemas import Environment
 from pointit.services.led_driver.config import LedDriverConfig
 from pointit.services.led_driver.outputs import NONE

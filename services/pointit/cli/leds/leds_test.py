@@ -15,8 +15,8 @@ from pointit.cli.leds.leds_setup import PrintedHealth, read_setup, setup_options
 from pointit.cli.leds.strip_test import Step, steps_of
 from pointit.runtime.clock import WallClock
 from pointit.runtime.errors import ConfigError
-from pointit.runtime.health.surroundings import Surroundings
 from pointit.runtime.service.logs import setup_logging
+from pointit.runtime.service.surroundings import Surroundings
 from pointit.schemas import Environment, Strip, StripFrame, StripsFrame
 from pointit.services.led_driver.guarded_output import GuardedOutput
 from pointit.services.led_driver.outputs import make_outputs

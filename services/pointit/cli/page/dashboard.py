@@ -25,7 +25,7 @@ from pointit.launch.plan.settings import Settings
 from pointit.launch.run.run_bus import CLOCK_PATIENCE_S
 from pointit.launch.run.running_scenario import PRESENCE_PATIENCE_S
 from pointit.runtime.bus.contract import list_present
-from pointit.runtime.clock import SiteClock
+from pointit.runtime.bus.site_clock import SiteClock
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.link.link import Link
 from pointit.runtime.link.options import link_of

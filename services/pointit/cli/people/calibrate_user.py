@@ -27,7 +27,7 @@ from pointit.cli.people.pose import found
 from pointit.cli.people.stored_calibration import erase_local, query_site, read_local
 from pointit.diagnosis.writers import silence_reason
 from pointit.runtime.bus.contract import AnyTopic, Bus, list_present
-from pointit.runtime.clock import SiteClock
+from pointit.runtime.bus.site_clock import SiteClock
 from pointit.runtime.config.similar_names import nearest
 from pointit.runtime.errors import NoAnswerError, PointItError, RefusedError
 from pointit.runtime.host.state_file import StateFile

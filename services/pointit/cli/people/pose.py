@@ -15,7 +15,7 @@ from pointit.cli.people import pose_text
 from pointit.cli.people.anchoring import LISTEN_S
 from pointit.cli.people.pose_messages import localizing, missing_reason, out_of_map_warning, people
 from pointit.runtime.bus.contract import Bus, list_present
-from pointit.runtime.clock import SiteClock
+from pointit.runtime.bus.site_clock import SiteClock
 from pointit.runtime.errors import NoAnswerError
 from pointit.runtime.service.shutdown import run_until_shutdown
 from pointit.schemas import Localization, SetHeading, SetPose, UserPose

@@ -12,7 +12,7 @@ from pointit.cli.common.option_types import Finite
 from pointit.cli.common.site_link import join_site, site_options
 from pointit.cli.recordings.options import recorder_options
 from pointit.launch.recorder import recorder_launch
-from pointit.runtime.clock import SiteClock
+from pointit.runtime.bus.site_clock import SiteClock
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.link.options import given_credentials
 from pointit.runtime.service.logs import setup_logging

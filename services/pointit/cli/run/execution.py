@@ -21,7 +21,8 @@ from pointit.launch.run.onlookers import Onlookers
 from pointit.launch.run.run_bus import adapt_to_site, clock_of, open_bus
 from pointit.launch.run.running_scenario import RunningScenario
 from pointit.launch.run.scenario_requests import ScenarioRequests
-from pointit.runtime.clock import Clock, SimulatedClock, WallClock, publish_time
+from pointit.runtime.bus.site_clock import publish_time
+from pointit.runtime.clock import Clock, SimulatedClock, WallClock
 from pointit.runtime.host.optional_rooms import present
 from pointit.runtime.service.console import PlainConsole
 from pointit.runtime.service.logs import setup_logging

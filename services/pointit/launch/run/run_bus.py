@@ -8,7 +8,8 @@ from pointit.launch.plan.plan import Plan
 from pointit.launch.run.running_scenario import PRESENCE_PATIENCE_S
 from pointit.launch.run.surroundings import check_names
 from pointit.runtime.bus.contract import list_present
-from pointit.runtime.clock import Clock, SimulatedClock, SiteClock, WallClock
+from pointit.runtime.bus.site_clock import SiteClock
+from pointit.runtime.clock import Clock, SimulatedClock, WallClock
 from pointit.runtime.errors import ListenError
 from pointit.runtime.link.link import Link
 from pointit.runtime.service.instance_takeover import claim_names

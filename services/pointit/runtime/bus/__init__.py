@@ -1,1 +1,1 @@
-"""The contract of the typed bus, and the bus within one process."""
+"""The typed bus: its contract, the bus within one process, and a service's view of it, which measures."""

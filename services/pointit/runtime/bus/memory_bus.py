@@ -23,11 +23,13 @@ from pointit.runtime.bus.endpoints import (
     MailboxSubscription,
     MemoryPublisher,
     PresenceWatcher,
+    RequestHandler,
     RetainedStateServer,
+    no_answer,
+    shutting_down,
 )
 from pointit.runtime.bus.local_broker import Participant
 from pointit.runtime.bus.mailbox import Mailbox, TapMailbox
-from pointit.runtime.bus.request_handler import RequestHandler, no_answer, shutting_down
 from pointit.runtime.errors import BusClosedError, RefusedError
 from pointit.schemas import Message, Query, Reply
 from pointit.schemas.topics import ANY, Presence, Request, Topic

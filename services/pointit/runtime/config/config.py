@@ -4,9 +4,11 @@ Later sources win: defaults, files in order, `POINTIT_<SERVICE>__<FIELD>` variab
 """
 
 import datetime as dt
+import json
+import re
 import typing
 from collections.abc import Mapping, Sequence
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 import yaml
 from pydantic import BaseModel, ConfigDict, ValidationError
@@ -15,6 +17,11 @@ from pointit.runtime.config.validation_message import describe_validation_error
 from pointit.runtime.errors import ConfigError
 
 C = TypeVar("C", bound="Config")
+
+_SECRET = re.compile(r"token|passw(or)?d|passphrase|secret|credential|key$", re.IGNORECASE)
+"""Part of the name of a field that is left out, at any depth."""
+
+_USER_INFO = re.compile(r"(?<=://)[^/\s]*@")
 
 
 class Config(BaseModel):
@@ -106,3 +113,22 @@ class Layers:
             if source is not None:
                 return source
         return "configuration"
+
+
+def published_parameters(config: Config) -> str:
+    """Return the parameters of `config` as JSON for everybody on the site.
+
+    Fields of `Config.SECRETS` are left out, and so are those at any depth whose name says that they are
+    secret: `api_token`, `password`, `client_secret`, `key`. User and password in an address become `***`.
+    """
+    values = json.loads(config.model_dump_json(exclude=set(config.SECRETS), fallback=str))
+    return json.dumps(_without_secrets(values))
+
+
+def _without_secrets(value: object) -> Any:
+    if isinstance(value, dict):
+        fields = cast("dict[str, object]", value).items()
+        return {name: _without_secrets(each) for name, each in fields if not _SECRET.search(name)}
+    if isinstance(value, list):
+        return [_without_secrets(each) for each in cast("list[object]", value)]
+    return _USER_INFO.sub("***@", value) if isinstance(value, str) else value

@@ -4,8 +4,8 @@ A plug-in is imported when it is used. All of a kind are imported where the para
 as in the help of a service.
 """
 
-from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from collections.abc import Awaitable, Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
 from pydantic import ValidationError
@@ -46,6 +46,34 @@ class Plugin:
         """Return the text behind the name on the command line, such as `:PORT` or `[:PORT]`, or `""`."""
         text = f":{self.example or self.argument.upper()}" if self.argument else ""
         return f"[{text}]" if text and self.argument_optional else text
+
+
+@dataclass(frozen=True)
+class FoundDevice:
+    """A device that a search has found."""
+
+    address: str
+    """Text behind `--imu NAME:` or `--leds NAME:` that chooses it, or `""` if the name alone does."""
+    label: str
+    """Description for people, such as model, name, battery and signal."""
+    details: Mapping[str, str | float] = field(default_factory=dict[str, str | float])
+    """Values for programs by name, with the unit in the name, such as `rssi_dbm`."""
+
+
+Discover = Callable[[float], Awaitable[Sequence[FoundDevice]]]
+"""Search for devices for a number of seconds.
+
+It returns all that it found, none if nothing is there, and ends when it is cancelled. It must not block the
+event loop. It raises ConfigError, with what to do, if it cannot search: an extra or an adapter is missing.
+"""
+
+
+@dataclass(frozen=True, kw_only=True)
+class DevicePlugin(Plugin):
+    """A kind of device."""
+
+    discover: Discover | None = None
+    """Finds devices of this kind that are within reach. None if there is no way to find them."""
 
 
 P = TypeVar("P", bound=Plugin)

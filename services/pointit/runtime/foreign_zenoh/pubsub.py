@@ -14,7 +14,7 @@ from zenoh import ext
 
 from pointit.runtime.bus.mailbox import Dispatcher
 from pointit.runtime.errors import BusClosedError
-from pointit.runtime.transport.declarations import (
+from pointit.runtime.zenoh.declarations import (
     Declaration,
     declare_caching_subscriber,
     declare_publisher,

@@ -15,8 +15,8 @@ from zenoh.handlers import Callback
 from pointit.runtime.bus.mailbox import Dispatcher
 from pointit.runtime.foreign_zenoh.pubsub import bytes_of, is_oversized
 from pointit.runtime.host.threads import in_daemon_thread
-from pointit.runtime.transport.declarations import Declaration, declare_queryable
-from pointit.runtime.transport.queries import refuse
+from pointit.runtime.zenoh.declarations import Declaration
+from pointit.runtime.zenoh.queries import declare_queryable, refuse
 
 MAX_OPEN = 64
 """Limit of queries that a queryable has accepted and not answered. Further ones are refused."""

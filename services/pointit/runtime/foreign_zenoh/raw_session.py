@@ -22,10 +22,11 @@ from pointit.runtime.foreign_zenoh.pubsub import (
 )
 from pointit.runtime.foreign_zenoh.queries import IncomingQuery, RawQuerier, RawQueryable
 from pointit.runtime.foreign_zenoh.session_config import RawLink, plain_configuration
-from pointit.runtime.transport.connections import Connections
-from pointit.runtime.transport.declarations import Declaration
-from pointit.runtime.transport.liveliness import LivelinessSubscriber
-from pointit.runtime.transport.session import close_session, is_in_use, open_session
+from pointit.runtime.zenoh.connections import Connections
+from pointit.runtime.zenoh.declarations import Declaration
+from pointit.runtime.zenoh.liveliness import LivelinessSubscriber
+from pointit.runtime.zenoh.session import close_session, is_in_use
+from pointit.runtime.zenoh.session import open_first as open_session
 
 log = logging.getLogger(__name__)
 

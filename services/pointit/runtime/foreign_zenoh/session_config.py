@@ -7,7 +7,7 @@ import zenoh
 
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.link.link import ENDPOINT
-from pointit.runtime.transport.session import config_of
+from pointit.runtime.zenoh.session import config_of
 
 Mode = Literal["peer", "client", "router"]
 

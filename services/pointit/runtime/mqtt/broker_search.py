@@ -3,7 +3,7 @@
 import asyncio
 from collections.abc import Awaitable, Callable, Sequence
 
-from pointit.runtime.config.device_plugin import FoundDevice
+from pointit.runtime.config.plugins import FoundDevice
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.service_browser import browse
 from pointit.runtime.mqtt.broker_config import PORT

@@ -23,8 +23,7 @@ from pointit.runtime.errors import ConfigError, ListenError
 from pointit.runtime.host.tcp_timeouts import cut, disable_linger, set_user_timeout, unread
 from pointit.runtime.link.link import LEASE_MS, Link, ports_of
 from pointit.runtime.router.router_health import RouterHealthPublisher
-from pointit.runtime.transport.session import CLOSE_PATIENCE_S, close_session, open_cancellable
-from pointit.runtime.zenoh.session import open_session
+from pointit.runtime.zenoh.session import CLOSE_PATIENCE_S, close_session, open_cancellable, open_session
 from pointit.schemas.table_types import NAME
 
 log = logging.getLogger(__name__)

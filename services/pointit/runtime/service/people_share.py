@@ -11,9 +11,9 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from typing import Any, Generic, TypeVar
 
 from pointit.runtime.bus.contract import Closable, Handler, Server, list_present
+from pointit.runtime.bus.instrumented import MeteredSubscription
+from pointit.runtime.bus.service_bus import ServiceBus
 from pointit.runtime.errors import ConfigError
-from pointit.runtime.health.instrumented import MeteredSubscription
-from pointit.runtime.health.service_bus import ServiceBus
 from pointit.runtime.service.instance_takeover import LISTEN_S, SILENT_S
 from pointit.schemas import KeyNameError, Message, Query, Reply
 from pointit.schemas.system import check_user, instance_of, split_instance

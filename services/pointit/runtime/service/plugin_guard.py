@@ -8,8 +8,8 @@ from typing import Any, TypeVar, cast
 
 from pointit.runtime.config.plugins import PluginGroup
 from pointit.runtime.errors import ConfigError, PointItError
-from pointit.runtime.health.service_bus import WarningSink
 from pointit.runtime.service.stall_watch import watch_for_stalls
+from pointit.runtime.service.surroundings import WarningSink
 
 T = TypeVar("T")
 

@@ -10,7 +10,8 @@ from typing import Any, Literal, NoReturn
 
 import click
 
-from pointit.runtime.clock import Clock, SiteClock, WallClock
+from pointit.runtime.bus.site_clock import SiteClock
+from pointit.runtime.clock import Clock, WallClock
 from pointit.runtime.config.config import Config, Layers
 from pointit.runtime.config.environment import check_spelling, environment_prefix
 from pointit.runtime.config.parameters import iter_parameters

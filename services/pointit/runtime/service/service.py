@@ -10,18 +10,17 @@ from typing import Any, ClassVar, Generic, Literal, TypeVar
 from urllib.parse import quote
 
 from pointit.runtime.bus.contract import Bus, Publisher
+from pointit.runtime.bus.service_bus import ServiceBus
 from pointit.runtime.clock import MAX_SLEW_S, Clock, SteadyClock
-from pointit.runtime.config.config import Config
-from pointit.runtime.config.published import published_parameters
+from pointit.runtime.config.config import Config, published_parameters
 from pointit.runtime.errors import BusClosedError, ConfigError
-from pointit.runtime.health.service_bus import ServiceBus
-from pointit.runtime.health.surroundings import NullHealth, PluginHealth, Surroundings
 from pointit.runtime.host.release import pointit_version
 from pointit.runtime.host.state_file import plugin_folder
 from pointit.runtime.service.instance_takeover import TakeoverMonitor
 from pointit.runtime.service.people_share import check_people
 from pointit.runtime.service.plugin_guard import PluginGuard, describe, first_cause
 from pointit.runtime.service.stall_watch import watch_for_stalls
+from pointit.runtime.service.surroundings import NullHealth, PluginHealth, Surroundings
 from pointit.schemas import Configuration, Environment, Health
 from pointit.schemas.system import check_user, instance_of
 from pointit.schemas.topics import CONFIGURATION, HEALTH, SERVICE_ALIVE, USER_ALIVE

@@ -11,7 +11,7 @@ from collections.abc import Container
 from pathlib import Path
 from types import FrameType
 
-from pointit.runtime.health.service_bus import WarningSink
+from pointit.runtime.service.surroundings import WarningSink
 
 log = logging.getLogger(__name__)
 

@@ -1,1 +1,1 @@
-"""The typed bus over Zenoh. Only this package and `foreign_zenoh` import `zenoh`."""
+"""Sessions of Zenoh, and the typed bus on them. Only this room, `router` and `foreign_zenoh` import it."""

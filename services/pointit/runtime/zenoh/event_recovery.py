@@ -17,7 +17,7 @@ import zenoh
 
 from pointit.runtime.bus.contract import EVENT_CAPACITY
 from pointit.runtime.bus.local_broker import Participant
-from pointit.runtime.transport.queries import query_samples
+from pointit.runtime.zenoh.queries import query_samples
 
 WAITS_S = (0.0, 0.1, 0.2, 0.4, 0.8, 1.6, 2.0, 2.0, 2.0, 2.0, 2.0)
 """Before each question; what has not come after the last one counts as lost."""

@@ -12,7 +12,7 @@ from zenoh.handlers import RingChannel
 from pointit.runtime.bus.contract import UNDECLARE_S, AnyTopic
 from pointit.runtime.bus.endpoints import MemoryPublisher
 from pointit.runtime.bus.local_broker import Participant
-from pointit.runtime.transport.declarations import declare_publisher
+from pointit.runtime.zenoh.declarations import declare_publisher
 from pointit.runtime.zenoh.wire_format import PRIORITY, encoding_of
 from pointit.schemas import Message, encode
 from pointit.schemas.topics import Delivery, Topic

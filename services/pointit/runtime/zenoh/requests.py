@@ -9,11 +9,9 @@ from typing import TypeVar
 
 import zenoh
 
-from pointit.runtime.bus.bounded_queue import MAX_WAITING, OverflowCounter
-from pointit.runtime.bus.request_handler import RequestHandler, no_answer, shutting_down
+from pointit.runtime.bus.endpoints import RequestHandler, no_answer, shutting_down
 from pointit.runtime.errors import RefusedError, RequestError
-from pointit.runtime.transport.declarations import QueuedQueryable
-from pointit.runtime.transport.queries import query_replies, refuse
+from pointit.runtime.zenoh.queries import MAX_WAITING, OverflowCounter, QueuedQueryable, query_replies, refuse
 from pointit.runtime.zenoh.wire_format import check_size, decoded, encoding_of, name_from_key
 from pointit.schemas import DecodeError, Query, Reply, SchemaError, encode
 from pointit.schemas.text import one_line

@@ -12,14 +12,13 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import zenoh
 
-from pointit.runtime.bus.bounded_queue import OverflowCounter
 from pointit.runtime.bus.contract import AnyTopic, Recall
 from pointit.runtime.bus.local_broker import Participant
 from pointit.runtime.bus.mailbox import Mailbox
-from pointit.runtime.bus.name_limiter import max_names_for
-from pointit.runtime.transport.declarations import Declared, QueuedQueryable
-from pointit.runtime.transport.liveliness import LivelinessSubscriber
-from pointit.runtime.transport.queries import query_samples
+from pointit.runtime.zenoh.declarations import Declared
+from pointit.runtime.zenoh.liveliness import LivelinessSubscriber
+from pointit.runtime.zenoh.queries import OverflowCounter, QueuedQueryable, query_samples
+from pointit.runtime.zenoh.subscribers import max_names_for
 from pointit.runtime.zenoh.wire_format import decoded, encoding_of, name_from_key
 from pointit.schemas import SchemaError, encode
 from pointit.schemas.topics import ANY, KEEPER_ALIVE

@@ -5,9 +5,8 @@
 import zenoh
 
 from pointit.runtime.link.link import Link
-from pointit.runtime.transport.queries import query_replies
-from pointit.runtime.transport.session import close_session, open_cancellable
-from pointit.runtime.zenoh.session import configuration
+from pointit.runtime.zenoh.queries import query_replies
+from pointit.runtime.zenoh.session import close_session, configuration, open_cancellable
 from pointit.schemas.errors import KeyNameError
 from pointit.schemas.topics import ANY, SERVICE_ALIVE, check_name
 

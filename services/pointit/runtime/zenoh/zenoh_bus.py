@@ -14,7 +14,6 @@ from typing import TypeVar
 
 import zenoh
 
-from pointit.runtime.bus.bounded_queue import OverflowCounter
 from pointit.runtime.bus.contract import (
     REQUEST_TIMEOUT_S,
     AnyTopic,
@@ -28,20 +27,18 @@ from pointit.runtime.bus.contract import (
 from pointit.runtime.bus.endpoints import Declaration, MemoryPublisher
 from pointit.runtime.bus.mailbox import Mailbox, TapMailbox
 from pointit.runtime.bus.memory_bus import MemoryBus
-from pointit.runtime.bus.name_limiter import Places
 from pointit.runtime.errors import AccessDeniedError, NoAnswerError
 from pointit.runtime.link.link import Link
-from pointit.runtime.transport.declarations import Declared
-from pointit.runtime.transport.queries import query_replies
-from pointit.runtime.transport.session import close_session
-from pointit.runtime.zenoh.connection_monitor import LinkWatch
+from pointit.runtime.zenoh.connections import LinkWatch
+from pointit.runtime.zenoh.declarations import Declared
 from pointit.runtime.zenoh.liveliness import ZenohWatcher
 from pointit.runtime.zenoh.permission_probe import PermissionProbe
 from pointit.runtime.zenoh.publishers import ZenohPublisher
+from pointit.runtime.zenoh.queries import OverflowCounter, query_replies
 from pointit.runtime.zenoh.requests import answer_others, send_query
 from pointit.runtime.zenoh.retained_states import RetainedStateFetcher, recall_for_others
-from pointit.runtime.zenoh.session import open_session
-from pointit.runtime.zenoh.subscribers import EncodedMessage, SharedSubscriber, ZenohSubscription
+from pointit.runtime.zenoh.session import close_session, open_session
+from pointit.runtime.zenoh.subscribers import EncodedMessage, Places, SharedSubscriber, ZenohSubscription
 from pointit.schemas import Environment, Message, Query, Reply
 from pointit.schemas.table_types import NAME
 from pointit.schemas.topics import ACCOUNTS, ANY, LAMP_COLOR, MAP, Delivery, Presence, Request, Topic

@@ -9,7 +9,7 @@ from typing import Literal, NamedTuple
 
 from pointit.geometry import rotation
 from pointit.geometry.rotation import Quaternion
-from pointit.runtime.health.timeliness import MAX_AHEAD_NS
+from pointit.runtime.bus.timeliness import MAX_AHEAD_NS
 from pointit.schemas import NS_PER_S, WRIST_PATIENCE_S, WristSample
 from pointit.services.imu_bridge.arm_frame import ArmFrame
 

@@ -7,13 +7,13 @@ import math
 from dataclasses import replace
 from typing import ClassVar
 
+from pointit.runtime.bus.metrics import steady_time
+from pointit.runtime.clock import Timer
 from pointit.runtime.errors import ConfigError, RefusedError
-from pointit.runtime.health.metrics import steady_time
-from pointit.runtime.health.surroundings import NullHealth, warning_topics
 from pointit.runtime.host.state_file import StateFile
 from pointit.runtime.service.plugin_guard import PluginGuard, guard_of
 from pointit.runtime.service.service import Context, Scope, Service
-from pointit.runtime.timer import Timer
+from pointit.runtime.service.surroundings import NullHealth, warning_topics
 from pointit.schemas import (
     WRIST_PATIENCE_S,
     ButtonEvent,

@@ -6,9 +6,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from pointit.runtime.config.config import Config
-from pointit.runtime.config.device_plugin import DevicePlugin
-from pointit.runtime.config.plugins import PluginGroup
-from pointit.runtime.health.surroundings import Surroundings
+from pointit.runtime.config.plugins import DevicePlugin, PluginGroup
+from pointit.runtime.service.surroundings import Surroundings
 from pointit.services.imu_bridge.reading import Deliver, Source
 
 

@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import ClassVar
 
 from pointit.runtime.bus.contract import AnyTopic
+from pointit.runtime.bus.timeliness import REMEDY, ClockSkewMonitor
 from pointit.runtime.clock import WallClock, sleep
 from pointit.runtime.errors import ConfigError
-from pointit.runtime.health.timeliness import REMEDY, ClockSkewMonitor
 from pointit.runtime.host.state_file import site_folder
 from pointit.runtime.service.service import Context, Scope, Service
 from pointit.schemas import NS_PER_S, Health, Message

@@ -9,12 +9,10 @@ from typing import Any, cast
 from pydantic import Field, field_validator
 
 from pointit.runtime.config.config import Config
-from pointit.runtime.config.device_plugin import DevicePlugin
-from pointit.runtime.config.plugins import PluginGroup
+from pointit.runtime.config.plugins import DevicePlugin, PluginGroup
 from pointit.runtime.errors import ConfigError
-from pointit.runtime.health.service_bus import WarningSink
-from pointit.runtime.health.surroundings import Surroundings
 from pointit.runtime.service.plugin_guard import guard_of
+from pointit.runtime.service.surroundings import Surroundings, WarningSink
 from pointit.services.led_driver.guarded_output import GuardedOutput
 from pointit.services.led_driver.roles import AnyOutput
 from pointit.services.led_driver.segment import Segment

@@ -6,9 +6,9 @@ from collections.abc import Iterable
 from typing import ClassVar
 
 from pointit.runtime.bus.contract import Publisher
+from pointit.runtime.bus.timeliness import MAX_AHEAD_NS
 from pointit.runtime.clock import sleep
 from pointit.runtime.errors import ConfigError, RefusedError
-from pointit.runtime.health.timeliness import MAX_AHEAD_NS
 from pointit.runtime.service.service import Context, Scope, Service
 from pointit.schemas import (
     NS_PER_S,

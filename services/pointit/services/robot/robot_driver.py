@@ -5,9 +5,8 @@ from dataclasses import dataclass
 from typing import Any, Literal, Protocol
 
 from pointit.geometry.vector import Vec3
-from pointit.runtime.config.device_plugin import DevicePlugin
-from pointit.runtime.config.plugins import PluginGroup
-from pointit.runtime.health.surroundings import Surroundings
+from pointit.runtime.config.plugins import DevicePlugin, PluginGroup
+from pointit.runtime.service.surroundings import Surroundings
 from pointit.schemas import RobotKind
 
 

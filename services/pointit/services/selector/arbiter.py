@@ -3,7 +3,7 @@
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
 
-from pointit.runtime.health.timeliness import MAX_AHEAD_NS
+from pointit.runtime.bus.timeliness import MAX_AHEAD_NS
 from pointit.schemas import NS_PER_S, Claim, ConveyorState, Selection, SelectionEvent
 from pointit.services.selector.claim_budget import ClaimBudget
 from pointit.services.selector.config import SelectorConfig

@@ -8,7 +8,7 @@ from pydantic import Field
 
 from pointit.runtime.config.config import Config
 from pointit.runtime.config.plugins import Plugin, PluginGroup
-from pointit.runtime.health.surroundings import Surroundings
+from pointit.runtime.service.surroundings import Surroundings
 from pointit.schemas import Cursor
 from pointit.services.selector.objects.view import View
 

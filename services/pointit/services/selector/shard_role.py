@@ -3,9 +3,9 @@
 import logging
 
 from pointit.runtime.bus.contract import Publisher
+from pointit.runtime.bus.service_bus import ServiceBus
 from pointit.runtime.clock import Clock
 from pointit.runtime.errors import ConfigError
-from pointit.runtime.health.service_bus import ServiceBus
 from pointit.schemas import Claim, Selection, SelectionEvent
 from pointit.schemas.topics import CLAIM, SELECTION, SELECTION_EVENTS, SERVICE_ALIVE
 from pointit.services.selector.config import SelectorConfig

@@ -3,9 +3,9 @@
 import logging
 from collections.abc import Callable, Sequence
 
+from pointit.runtime.bus.service_bus import ServiceBus
 from pointit.runtime.clock import Clock
 from pointit.runtime.errors import ConfigError, RefusedError
-from pointit.runtime.health.service_bus import ServiceBus
 from pointit.runtime.host.state_file import site_folder
 from pointit.schemas import (
     Claim,

@@ -1,6 +1,6 @@
 """Restores the pose after a restart of the localizer, since a retained pose is lost with its publisher."""
 
-from pointit.runtime.health.timeliness import MAX_AHEAD_NS
+from pointit.runtime.bus.timeliness import MAX_AHEAD_NS
 from pointit.schemas import Localization, SetPose, UserPose
 
 OWN_NS = 1_000_000_000

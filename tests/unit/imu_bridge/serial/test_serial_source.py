@@ -18,7 +18,7 @@ from serial.tools import list_ports
 
 from pointit.geometry import rotation
 from pointit.runtime.clock import WallClock
-from pointit.runtime.config.device_plugin import FoundDevice
+from pointit.runtime.config.plugins import FoundDevice
 from pointit.runtime.host.serial_port import PortSettings, is_open_elsewhere, open_port
 from pointit.schemas import Feedback
 from pointit.services.imu_bridge.reading import Disconnected, Item, Reading, Reconnected

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from typing import Any
 
-from pointit.runtime.health.surroundings import Surroundings
+from pointit.runtime.service.surroundings import Surroundings
 from pointit.services.robot.drivers.vda5050.agv import Agv
 from pointit.services.robot.drivers.vda5050.vda5050_config import Vda5050Config
 from pointit.services.robot.robot_driver import (

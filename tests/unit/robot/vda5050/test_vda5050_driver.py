@@ -8,7 +8,7 @@ from typing import Any
 import aiomqtt
 import pytest
 
-from pointit.runtime.health.surroundings import Surroundings
+from pointit.runtime.service.surroundings import Surroundings
 from pointit.services.robot.drivers.vda5050 import driver as vda5050
 from pointit.services.robot.drivers.vda5050.agv import Agv
 from pointit.services.robot.drivers.vda5050.driver import Vda5050Driver

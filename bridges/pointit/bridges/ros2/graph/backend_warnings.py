@@ -4,7 +4,7 @@ import asyncio
 import logging
 from collections.abc import Mapping
 
-from pointit.runtime.health.service_bus import WarningSink
+from pointit.runtime.service.surroundings import WarningSink
 
 log = logging.getLogger(__name__)
 

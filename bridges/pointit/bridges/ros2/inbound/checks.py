@@ -7,7 +7,7 @@ from pointit.bridges.ros2.routing.route_types import ConversionContext
 from pointit.geometry import rotation, vector
 from pointit.geometry.rotation import Quaternion
 from pointit.geometry.vector import Vec3
-from pointit.runtime.health.timeliness import MAX_AHEAD_NS
+from pointit.runtime.bus.timeliness import MAX_AHEAD_NS
 from pointit.schemas import FARTHEST, NS_PER_S
 from pointit.schemas.base import UNIT_TOLERANCE
 

@@ -19,7 +19,7 @@ LOG_HZ = 2.0
 """Rate at which one service's reports, one a second, are read: no service can flood ROS's log."""
 CLOCK_HZ = 50.0
 CLOCK_S = 10.0
-"""Silence after which a clock has ended, for the site itself too (`runtime.clock.SILENT_NS`), s."""
+"""Silence after which a clock has ended, for the site itself too (`runtime.bus.site_clock.SILENT_NS`), s."""
 
 # A reliable publisher reaches both kinds of subscribers, also over DDS.
 _NEWEST = Qos(depth=1)

@@ -21,9 +21,9 @@ from pointit.bridges.ros2.over_rclpy.seat import DdsContext, NullEndpoint
 from pointit.bridges.ros2.over_rclpy.services import DdsClient, DdsServiceServer
 from pointit.bridges.ros2.over_rclpy.topics import DdsReader, DdsWriter
 from pointit.bridges.ros2.routing.calls import Calls
-from pointit.runtime.health.service_bus import WarningSink
+from pointit.runtime.clock import Timer
 from pointit.runtime.host.threads import in_daemon_thread
-from pointit.runtime.timer import Timer
+from pointit.runtime.service.surroundings import WarningSink
 
 log = logging.getLogger(__name__)
 

@@ -14,7 +14,7 @@ from pointit.bridges.ros2.over_zenoh.topics import TopicReader, TopicWriter
 from pointit.bridges.ros2.routing.calls import Calls
 from pointit.runtime.errors import BusClosedError
 from pointit.runtime.foreign_zenoh.raw_session import RawSession
-from pointit.runtime.health.service_bus import WarningSink
+from pointit.runtime.service.surroundings import WarningSink
 
 UNSEEN_S = 1.0
 """Interval of checking which topics exchange messages; nodes without a token are reported the second time."""

@@ -7,7 +7,7 @@ from pointit.bridges.ros2.graph.backend_warnings import BackendWarnings
 from pointit.bridges.ros2.routing.rate_limit import RateLimiter
 from pointit.bridges.ros2.routing.route_types import InboundRoute
 from pointit.bridges.ros2.routing.site import Site
-from pointit.runtime.timer import Timer
+from pointit.runtime.clock import Timer
 
 BURST_S = 0.03
 """Burst of a route with a limit of bytes, in seconds of its rate."""

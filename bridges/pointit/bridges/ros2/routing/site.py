@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 from pointit.bridges.ros2.graph.backend import Backend
 from pointit.bridges.ros2.routing.scene import Scene
+from pointit.runtime.bus.service_bus import ServiceBus
 from pointit.runtime.clock import Clock
-from pointit.runtime.health.service_bus import ServiceBus
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -17,7 +17,7 @@ from pointit.bridges.ros2.tracking.transforms import (
     yaw,
 )
 from pointit.geometry import rotation, vector
-from pointit.runtime.health.timeliness import MAX_AHEAD_NS
+from pointit.runtime.bus.timeliness import MAX_AHEAD_NS
 from pointit.schemas import FARTHEST, NS_PER_S, TrackedObject, TrackedObjects
 from pointit.schemas.topics import OBJECTS
 

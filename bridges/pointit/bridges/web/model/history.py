@@ -5,9 +5,9 @@ import logging
 from collections import deque
 
 from pointit.bridges.web.pages.latest_values import HISTORY, MAX_EVENTS, LatestValueCache
+from pointit.runtime.bus.service_bus import ServiceBus
 from pointit.runtime.clock import Clock
 from pointit.runtime.errors import NoAnswerError, PointItError
-from pointit.runtime.health.service_bus import ServiceBus
 from pointit.schemas import NS_PER_S, ReadHistory, SchemaError, SelectionEvent, encode
 from pointit.schemas.topics import READ_HISTORY, SELECTION_EVENTS
 

@@ -3,9 +3,9 @@
 from typing import Literal
 
 from pointit.runtime.bus.contract import Publisher
+from pointit.runtime.bus.service_bus import ServiceBus
 from pointit.runtime.clock import Clock
 from pointit.runtime.errors import RefusedError
-from pointit.runtime.health.service_bus import ServiceBus
 from pointit.schemas import ButtonEvent, WristSample
 from pointit.schemas.topics import BUTTON, WRIST
 

@@ -12,8 +12,8 @@ from pointit.bridges.web.pages.latest_values import LatestValueCache
 from pointit.bridges.web.pages.page_requests import greeting
 from pointit.bridges.web.pages.session import Host, Session
 from pointit.bridges.web.wire import IN_FLIGHT, Ack, Role, Status
-from pointit.runtime.health.service_bus import ServiceBus
-from pointit.runtime.timer import Timer
+from pointit.runtime.bus.service_bus import ServiceBus
+from pointit.runtime.clock import Timer
 
 GATHER_S = 0.004
 """Time (s) to gather related messages, so that a movement of the hand is one batch, not four."""

@@ -12,8 +12,8 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 from pointit.bridges.web.pages.latest_values import PageFeed
 from pointit.bridges.web.pages.rate_limit import TokenBucket
 from pointit.bridges.web.wire import OWN_FAULT, Ack, AimAt, Answer, Ask, Play, Received, Role, Turn
+from pointit.runtime.clock import Timer
 from pointit.runtime.errors import PointItError
-from pointit.runtime.timer import Timer
 from pointit.schemas import SchemaError, summarize_validation_error
 
 log = logging.getLogger(__name__)

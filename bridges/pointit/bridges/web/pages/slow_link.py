@@ -6,7 +6,7 @@ clocks of their machines.
 
 from collections.abc import Iterator
 
-from pointit.runtime.health.timeliness import ClockSkewMonitor
+from pointit.runtime.bus.timeliness import ClockSkewMonitor
 from pointit.schemas import Health
 
 WINDOW_S = 3.0

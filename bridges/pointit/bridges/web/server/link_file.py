@@ -11,8 +11,8 @@ from html import escape
 from pathlib import Path
 from urllib.parse import urlsplit
 
+from pointit.runtime.bus.service_bus import ServiceBus
 from pointit.runtime.errors import ConfigError
-from pointit.runtime.health.service_bus import ServiceBus
 from pointit.runtime.host.atomic_file import write_atomically
 from pointit.runtime.host.state_file import site_folder
 

@@ -16,7 +16,7 @@ from pointit.bridges.web.wire import MAX_TOLD, OWN_FAULT, Answer, Ask, Turn, Wir
 from pointit.bridges.web.wrists.pairing import Phone
 from pointit.bridges.web.wrists.wrist_control import WristControl
 from pointit.runtime.errors import PointItError
-from pointit.runtime.health.service_bus import WarningSink
+from pointit.runtime.service.surroundings import WarningSink
 from pointit.schemas import SchemaError, WristSample, summarize_validation_error
 
 log = logging.getLogger(__name__)

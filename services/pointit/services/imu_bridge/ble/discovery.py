@@ -3,7 +3,7 @@
 import asyncio
 from collections.abc import Sequence
 
-from pointit.runtime.config.device_plugin import Discover, FoundDevice
+from pointit.runtime.config.plugins import Discover, FoundDevice
 from pointit.runtime.errors import ConfigError
 from pointit.services.imu_bridge.ble.radio import Advertisement, describe_error, require_bleak, scanning
 from pointit.services.imu_bridge.ble.wrist import Kind

@@ -7,7 +7,7 @@ import logging
 from collections.abc import Generator, Sequence
 
 from pointit.runtime.clock import Clock
-from pointit.runtime.health.service_bus import WarningSink
+from pointit.runtime.service.surroundings import WarningSink
 from pointit.schemas import Feedback
 from pointit.services.imu_bridge.ble.button import ButtonChange, Gesture
 from pointit.services.imu_bridge.ble.radio import (

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Sequence
 
 from pydantic import Field
 
-from pointit.runtime.health.surroundings import Surroundings
+from pointit.runtime.service.surroundings import Surroundings
 from pointit.schemas import Feedback
 from pointit.services.imu_bridge.ble import metamotion_protocol as protocol
 from pointit.services.imu_bridge.ble.button import ButtonChange

@@ -11,7 +11,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from pointit.runtime.health.surroundings import Surroundings
+from pointit.runtime.service.surroundings import Surroundings
 from pointit.services.imu_bridge.ble import witmotion_protocol as protocol
 from pointit.services.imu_bridge.ble.discovery import discover_ble
 from pointit.services.imu_bridge.ble.link import BleSource

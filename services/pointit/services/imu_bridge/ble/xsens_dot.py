@@ -7,7 +7,7 @@ button and its rates other than 60 Hz are not supported: their bytes could not b
 
 from collections.abc import Iterable
 
-from pointit.runtime.health.surroundings import Surroundings
+from pointit.runtime.service.surroundings import Surroundings
 from pointit.services.imu_bridge.ble import xsens_dot_protocol as protocol
 from pointit.services.imu_bridge.ble.discovery import discover_ble
 from pointit.services.imu_bridge.ble.link import BleSource

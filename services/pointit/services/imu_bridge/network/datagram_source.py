@@ -9,7 +9,7 @@ from pydantic import Field, field_validator
 
 from pointit.runtime.clock import Clock
 from pointit.runtime.config.config import Config
-from pointit.runtime.health.surroundings import HealthSink
+from pointit.runtime.service.surroundings import HealthSink
 from pointit.services.imu_bridge.network.contents import DatagramError
 from pointit.services.imu_bridge.network.port_source import PortSource
 from pointit.services.imu_bridge.network.sender_choice import MOST_OTHERS, RESTARTED_S, SenderChoice

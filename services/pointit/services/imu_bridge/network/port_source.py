@@ -3,9 +3,8 @@
 import asyncio
 from abc import ABC, abstractmethod
 
-from pointit.runtime.clock import Clock
-from pointit.runtime.health.surroundings import HealthSink
-from pointit.runtime.timer import Timer
+from pointit.runtime.clock import Clock, Timer
+from pointit.runtime.service.surroundings import HealthSink
 from pointit.services.imu_bridge.network.udp_server import (
     ANY_HOST,
     LOOPBACK,

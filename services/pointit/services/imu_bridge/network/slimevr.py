@@ -8,7 +8,7 @@ from pydantic import Field, field_validator
 
 from pointit.runtime.clock import Clock
 from pointit.runtime.config.config import Config
-from pointit.runtime.health.surroundings import HealthSink
+from pointit.runtime.service.surroundings import HealthSink
 from pointit.schemas import Feedback
 from pointit.services.imu_bridge.network import slimevr_protocol as protocol
 from pointit.services.imu_bridge.network.port_source import PortSource

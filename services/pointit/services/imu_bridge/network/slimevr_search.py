@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from pointit.runtime.config.device_plugin import FoundDevice
+from pointit.runtime.config.plugins import FoundDevice
 from pointit.services.imu_bridge.network import slimevr_protocol as protocol
 from pointit.services.imu_bridge.network.slimevr_trackers import Tracker
 from pointit.services.imu_bridge.network.udp_server import ANY_HOST, Address, overhear

@@ -7,8 +7,7 @@ import sys
 from collections.abc import Callable, Container
 
 from pointit.runtime.errors import ConfigError
-from pointit.runtime.health.service_bus import WarningSink
-from pointit.runtime.health.surroundings import NullHealth
+from pointit.runtime.service.surroundings import NullHealth, WarningSink
 
 Address = tuple[str, int]
 

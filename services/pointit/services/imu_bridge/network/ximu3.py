@@ -8,8 +8,8 @@ from collections.abc import Sequence
 from pydantic import Field
 
 from pointit.runtime.clock import Clock
-from pointit.runtime.config.device_plugin import FoundDevice
-from pointit.runtime.health.surroundings import HealthSink
+from pointit.runtime.config.plugins import FoundDevice
+from pointit.runtime.service.surroundings import HealthSink
 from pointit.schemas import Feedback
 from pointit.services.imu_bridge.network.contents import DatagramError
 from pointit.services.imu_bridge.network.datagram_source import DatagramConfig, DatagramSource, Decoder

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import serial
 
-from pointit.runtime.config.device_plugin import FoundDevice
+from pointit.runtime.config.plugins import FoundDevice
 from pointit.runtime.host.serial_port import (
     PortSettings,
     SerialPort,

@@ -11,8 +11,8 @@ import time
 import serial
 
 from pointit.runtime.clock import Clock
-from pointit.runtime.health.surroundings import HealthSink
 from pointit.runtime.host.serial_port import PortSettings, SerialThread, serial_ports
+from pointit.runtime.service.surroundings import HealthSink
 from pointit.schemas import Feedback
 from pointit.services.imu_bridge.reading import Deliver, Disconnected, Item, Reconnected
 from pointit.services.imu_bridge.serial.config import SerialConfig

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from pydantic import Field
 
 from pointit.runtime.errors import ConfigError
-from pointit.runtime.health.surroundings import Surroundings
+from pointit.runtime.service.surroundings import Surroundings
 from pointit.services.led_driver.output import ddp_protocol
 from pointit.services.led_driver.output.datagram_sender import Datagram, Destination
 from pointit.services.led_driver.output.network_output import NetworkOutput, Wire

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from pointit.runtime.health.surroundings import HealthSink
+from pointit.runtime.service.surroundings import HealthSink
 from pointit.schemas import Strip, StripsFrame
 from pointit.services.led_driver.output.datagram_sender import Datagram, DatagramSender, Destination
 from pointit.services.led_driver.output.output_health import OutputHealth

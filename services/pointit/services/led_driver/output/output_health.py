@@ -2,7 +2,7 @@
 
 import asyncio
 
-from pointit.runtime.health.surroundings import HealthSink
+from pointit.runtime.service.surroundings import HealthSink
 from pointit.services.led_driver.output.power import Load
 
 LIMIT_SHOWN_S = 2.0

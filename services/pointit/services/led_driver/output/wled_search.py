@@ -6,7 +6,7 @@ import json
 from collections.abc import Sequence
 from typing import Any, cast
 
-from pointit.runtime.config.device_plugin import FoundDevice
+from pointit.runtime.config.plugins import FoundDevice
 from pointit.runtime.host.name_lookup import look_up
 from pointit.runtime.host.service_browser import NetworkService, browse
 

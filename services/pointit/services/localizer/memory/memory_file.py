@@ -3,8 +3,8 @@
 import asyncio
 from collections.abc import Sequence
 
+from pointit.runtime.bus.service_bus import ServiceBus
 from pointit.runtime.errors import ConfigError
-from pointit.runtime.health.service_bus import ServiceBus
 from pointit.runtime.host.state_file import StateFile, state_directory
 from pointit.schemas import LearntPointing, SchemaModel
 from pointit.schemas.base import Many

@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable
 
 from pointit.geometry.floor_sigma import position_sigma_m
-from pointit.runtime.health.timeliness import MAX_AHEAD_NS
+from pointit.runtime.bus.timeliness import MAX_AHEAD_NS
 from pointit.schemas import NS_PER_S, UserPose
 from pointit.services.localizer.drift.filter import DriftPose
 

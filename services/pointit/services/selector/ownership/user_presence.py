@@ -1,6 +1,6 @@
 """Presence of people: announced, or recently active."""
 
-from pointit.runtime.health.timeliness import MAX_AHEAD_NS
+from pointit.runtime.bus.timeliness import MAX_AHEAD_NS
 from pointit.schemas import NS_PER_S
 
 

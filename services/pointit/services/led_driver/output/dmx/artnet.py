@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from pydantic import Field
 
-from pointit.runtime.health.surroundings import Surroundings
+from pointit.runtime.service.surroundings import Surroundings
 from pointit.services.led_driver.output.datagram_sender import Datagram, Destination
 from pointit.services.led_driver.output.dmx.artnet_discovery import find_nodes
 from pointit.services.led_driver.output.dmx.artnet_protocol import (

@@ -6,7 +6,7 @@ import ipaddress
 import socket
 from collections.abc import Sequence
 
-from pointit.runtime.config.device_plugin import FoundDevice
+from pointit.runtime.config.plugins import FoundDevice
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.host import extras
 from pointit.services.led_driver.output.dmx.artnet_protocol import PORT, Node, poll_packet, read_reply

@@ -8,7 +8,6 @@ from contextlib import AbstractAsyncContextManager
 from typing import TYPE_CHECKING
 
 from pointit.runtime.errors import ConfigError
-from pointit.runtime.health.surroundings import Surroundings
 from pointit.runtime.mqtt.broker import (
     client_options,
     connected,
@@ -17,6 +16,7 @@ from pointit.runtime.mqtt.broker import (
     uncancelled,
 )
 from pointit.runtime.service.shutdown import first_cause
+from pointit.runtime.service.surroundings import Surroundings
 from pointit.schemas import Lamp
 from pointit.schemas.base import Rgb
 from pointit.services.led_driver.output.mqtt import light_protocol

@@ -3,7 +3,7 @@
 import asyncio
 from collections.abc import Sequence
 
-from pointit.runtime.config.device_plugin import FoundDevice
+from pointit.runtime.config.plugins import FoundDevice
 from pointit.runtime.mqtt.broker import connected, require_client
 from pointit.runtime.mqtt.broker_config import PORT
 from pointit.runtime.mqtt.broker_search import find_on_brokers

@@ -7,7 +7,7 @@ from typing import ClassVar
 
 from pydantic import Field
 
-from pointit.runtime.health.surroundings import HealthSink
+from pointit.runtime.service.surroundings import HealthSink
 from pointit.schemas import Strip, StripsFrame
 from pointit.services.led_driver.output.pixel_map import map_pixels
 from pointit.services.led_driver.output.power import Power

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
-from pointit.runtime.health.surroundings import HealthSink
+from pointit.runtime.service.surroundings import HealthSink
 from pointit.schemas import Strip, StripsFrame
 from pointit.services.led_driver.output.power import Power
 from pointit.services.led_driver.output.serial_port import upxl_protocol

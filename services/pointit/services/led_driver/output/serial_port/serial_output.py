@@ -9,8 +9,8 @@ from typing import ClassVar, Self
 
 import serial
 
-from pointit.runtime.health.surroundings import HealthSink
 from pointit.runtime.host.serial_port import PortSettings, SerialThread
+from pointit.runtime.service.surroundings import HealthSink
 from pointit.services.led_driver.output.output_health import OutputHealth
 from pointit.services.led_driver.output.serial_port.serial_config import SerialOutputConfig, wire_time_s
 from pointit.services.led_driver.outputs import FRAME_RATE

@@ -3,7 +3,7 @@
 import asyncio
 import math
 
-from pointit.runtime.health.surroundings import HealthSink
+from pointit.runtime.service.surroundings import HealthSink
 from pointit.schemas import Cursor, Environment
 from pointit.schemas.base import Rgb
 from pointit.services.led_driver.output.datagram_sender import Datagram, DatagramSender, Destination

@@ -1,7 +1,7 @@
 """The driver of simulated robots: they move by the clock, in any speed of it."""
 
 from pointit.runtime.clock import ticks
-from pointit.runtime.health.surroundings import Surroundings
+from pointit.runtime.service.surroundings import Surroundings
 from pointit.schemas import NS_PER_S
 from pointit.services.robot.drivers.sim.motion_limits import STEP_S
 from pointit.services.robot.drivers.sim.ordered_robot import OrderedRobot, SimConfig

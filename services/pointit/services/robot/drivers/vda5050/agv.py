@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable
 
 from pointit.geometry.vector import wrap
-from pointit.runtime.health.surroundings import Surroundings
+from pointit.runtime.service.surroundings import Surroundings
 from pointit.schemas import NS_PER_S
 from pointit.services.robot.drivers.vda5050.agv_orders import AgvOrders, Outcome, has_other_master
 from pointit.services.robot.drivers.vda5050.master_messages import InstantAction, MessageEncoder, Order

@@ -5,7 +5,6 @@ import contextlib
 from typing import TYPE_CHECKING
 
 from pointit.runtime.errors import ConfigError
-from pointit.runtime.health.surroundings import Surroundings
 from pointit.runtime.mqtt.broker import (
     client_options,
     connected,
@@ -14,6 +13,7 @@ from pointit.runtime.mqtt.broker import (
     uncancelled,
 )
 from pointit.runtime.service.shutdown import first_cause
+from pointit.runtime.service.surroundings import Surroundings
 from pointit.services.robot.drivers.vda5050.agv import Agv, MqttPublication
 from pointit.services.robot.drivers.vda5050.search import find_agvs
 from pointit.services.robot.drivers.vda5050.vda5050_config import Vda5050Config

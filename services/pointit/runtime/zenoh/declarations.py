@@ -1,17 +1,13 @@
 # pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false, reportUnknownLambdaType=false
 # (the stubs of zenoh leave return types out)
-"""Declarations of a session, for what other sessions send and ask. Callbacks run on Zenoh's threads."""
+"""Declarations of a session, for what other sessions send. Callbacks run on Zenoh's threads."""
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable
 from typing import Any, Protocol
 
 import zenoh
 from zenoh import ext
 from zenoh.handlers import Callback
-
-from pointit.runtime.bus.bounded_queue import BoundedWorkQueue, OverflowCounter
-from pointit.runtime.transport.queries import refuse
-from pointit.schemas import SchemaError
 
 
 class Declared(Protocol):
@@ -121,67 +117,3 @@ def declare_caching_subscriber(
         subscriber_detection=is_announced,
         allowed_origin=zenoh.Locality.REMOTE,
     )
-
-
-def declare_queryable(session: zenoh.Session, key: str, on_query: Callable[[zenoh.Query], None]) -> Declared:
-    """Call `on_query` for each query of `key`; it or a later caller must answer or drop the query."""
-    return session.declare_queryable(
-        key, Callback(on_query, indirect=False), complete=True, allowed_origin=zenoh.Locality.REMOTE
-    )
-
-
-class QueuedQueryable:
-    """Hands queries of a key from Zenoh's threads to the loop, a limited number of them."""
-
-    def __init__(
-        self,
-        session: zenoh.Session,
-        key: str,
-        work: Callable[[zenoh.Query], Iterable[object]],
-        overflows: OverflowCounter,
-        *,
-        about: str,
-        busy: str,
-        check: Callable[[zenoh.Query], None] = lambda _: None,
-    ) -> None:
-        """Declare; must be called in the loop.
-
-        Args:
-            session: answers.
-            key: what is asked for.
-            work: runs in the loop; handles a query in small steps, or drops it.
-            overflows: counts queries that found no room.
-            about: `key` for people.
-            busy: the refusal of queries that found no room.
-            check: raises `SchemaError` to refuse a query at once, on Zenoh's threads.
-        """
-        self._work = work
-        self._busy = busy
-        self._check = check
-        self._closed = False
-        self._queue = BoundedWorkQueue(about, self._steps, overflows)
-        self._declared = declare_queryable(session, key, self._on_query)
-
-    def undeclare(self) -> None:
-        """Answer no more: queries that wait are dropped."""
-        self._closed = True
-        self._declared.undeclare()
-
-    def _on_query(self, query: zenoh.Query) -> None:  # on Zenoh's threads
-        try:
-            self._check(query)
-            if not self._queue.offer(query):
-                refuse(query, self._busy)
-        except SchemaError as error:  # nothing of it waits for the loop
-            refuse(query, str(error))
-        except RuntimeError:  # the loop is gone
-            query.drop()
-
-    def _steps(self, query: zenoh.Query) -> Iterator[None]:
-        if self._closed:
-            query.drop()
-            return
-        for _ in self._work(query):
-            yield
-            if self._closed:
-                return

@@ -8,11 +8,23 @@ from pydantic import BaseModel
 
 from pointit.geometry import rotation
 from pointit.geometry.rotation import Quaternion
+from pointit.runtime.bus.service_bus import ServiceBus
 from pointit.runtime.clock import Clock, WallClock
-from pointit.runtime.health.service_bus import ServiceBus, WarningSink
 from pointit.runtime.host.state_file import StateFile, state_directory
 
 T = TypeVar("T", bound=BaseModel)
+
+
+class WarningSink(Protocol):
+    """Shows and clears warnings of a part of a service, such as `ServiceBus`."""
+
+    def warn(self, topic: str, sentence: str) -> None:
+        """Show `sentence` (what is wrong, what to do) until `clear(topic)`. `""` clears it, too."""
+        ...
+
+    def clear(self, topic: str) -> None:
+        """Take the warning back."""
+        ...
 
 
 class HealthSink(WarningSink, Protocol):

@@ -10,7 +10,7 @@ import time
 import weakref
 from collections import Counter
 from collections.abc import Callable, Sequence
-from typing import Any, Protocol, TypeVar
+from typing import Any, TypeVar
 
 from pointit.runtime.bus.contract import (
     REQUEST_TIMEOUT_S,
@@ -25,15 +25,15 @@ from pointit.runtime.bus.contract import (
     Tap,
     Undecoded,
 )
-from pointit.runtime.clock import Clock
-from pointit.runtime.health.instrumented import (
+from pointit.runtime.bus.instrumented import (
     Declared,
     InstrumentedPublisher,
     MeteredSubscription,
+    ServedPublisher,
     instrument_handler,
 )
-from pointit.runtime.health.metrics import DurationWindow, ReaderCounts, TopicMeter, steady_time
-from pointit.runtime.health.served import ServedPublisher
+from pointit.runtime.bus.metrics import DurationWindow, ReaderCounts, TopicMeter, steady_time
+from pointit.runtime.clock import Clock
 from pointit.schemas import Figure, Health, KeyHealth, Message, Query, Reply
 from pointit.schemas.topics import ANY, SERVED, Presence, Request, Topic
 
@@ -45,18 +45,6 @@ log = logging.getLogger(__name__)
 
 LOG_PERIOD_S = 1.0
 """At most one log line about timers that fail in this time."""
-
-
-class WarningSink(Protocol):
-    """Shows and clears warnings of a part of a service, such as `ServiceBus`."""
-
-    def warn(self, topic: str, sentence: str) -> None:
-        """Show `sentence` (what is wrong, what to do) until `clear(topic)`. `""` clears it, too."""
-        ...
-
-    def clear(self, topic: str) -> None:
-        """Take the warning back."""
-        ...
 
 
 class ServiceBus:

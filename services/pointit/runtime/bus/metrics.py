@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 
 from pointit.runtime.bus.contract import AnyTopic, SubscriptionStats
-from pointit.runtime.health.timeliness import LateMessageFilter, OutOfOrderFilter
+from pointit.runtime.bus.timeliness import LateMessageFilter, OutOfOrderFilter
 from pointit.runtime.virtual_time import is_virtual
 from pointit.schemas import Quantiles
 from pointit.schemas.system import DURATION_BOUNDS_S

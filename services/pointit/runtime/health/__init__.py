@@ -1,1 +1,0 @@
-"""Traffic, durations and timeliness, measured where a service meets the bus."""

@@ -1,0 +1,251 @@
+# pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false, reportUnknownLambdaType=false
+# (the stubs of zenoh leave return types out)
+"""Queries to other sessions, and bounded queues of theirs.
+
+Nothing waits on Zenoh's threads or in the loop, which handles each queue for a slice of time per turn.
+"""
+
+import asyncio
+import collections
+import contextlib
+import logging
+import math
+import threading
+import time
+from collections.abc import Callable, Iterable, Iterator
+from typing import Any, Generic, TypeVar
+
+import zenoh
+from zenoh.handlers import Callback
+
+from pointit.runtime.zenoh.declarations import Declared
+from pointit.schemas import SchemaError
+
+log = logging.getLogger(__name__)
+
+T = TypeVar("T")
+
+MAX_WAITING = 512
+"""Length of one queue, twice what one request answers at a time. Further items are rejected."""
+SLICE_S = 0.001
+"""So long a line works in one turn of the loop before everybody else gets theirs."""
+SHOWN_S = 5.0
+"""So long it is said that somebody was turned away, after the last of them."""
+LOG_PERIOD_S = 1.0
+
+
+async def query_replies(
+    session: zenoh.Session | zenoh.Liveliness, selector: str, **asked: Any
+) -> list[zenoh.Reply]:
+    """Return all that others answer, as it comes; a task that is cancelled waits for nothing more.
+
+    Args:
+        session: asks; its `liveliness()` for tokens.
+        selector: what for.
+        asked: what else its `get` takes.
+    """
+    loop = asyncio.get_running_loop()
+    done = asyncio.Event()
+    replies: list[zenoh.Reply] = []
+
+    def finish() -> None:  # on Zenoh's thread
+        with contextlib.suppress(RuntimeError):  # the loop is gone
+            loop.call_soon_threadsafe(done.set)
+
+    token = zenoh.CancellationToken()
+    session.get(selector, Callback(replies.append, finish, indirect=False), cancellation_token=token, **asked)
+    try:
+        await done.wait()
+    except asyncio.CancelledError:
+        loop.run_in_executor(None, token.cancel)
+        raise
+    return replies
+
+
+async def query_samples(
+    session: zenoh.Session, selector: str, *, timeout_s: float, under_any_key: bool = False
+) -> list[zenoh.Sample]:
+    """Return all samples with which others answer, in order of arrival, and nothing if Zenoh cannot ask.
+
+    Args:
+        session: asks.
+        selector: what for.
+        timeout_s: who answers later is not waited for.
+        under_any_key: answers may be about other keys than the one that is asked for.
+    """
+    try:
+        replies = await query_replies(
+            session,
+            selector,
+            target=zenoh.QueryTarget.ALL,
+            consolidation=zenoh.ConsolidationMode.NONE,
+            timeout=timeout_s,
+            allowed_destination=zenoh.Locality.REMOTE,
+            accept_replies=zenoh.ReplyKeyExpr.ANY if under_any_key else None,
+        )
+    except zenoh.ZError as error:  # who asks in the background asks again: it must not end
+        log.warning("%s cannot be asked for: %s", selector, error)
+        return []
+    return [each.ok for each in replies if each.ok is not None and each.ok.kind == zenoh.SampleKind.PUT]
+
+
+def refuse(query: zenoh.Query, reason: str) -> None:
+    """Answer `query` with an error: without an answer the caller would wait for its time-out."""
+    with query, contextlib.suppress(zenoh.ZError):  # the caller is gone, or our session is
+        query.reply_err(reason.encode())
+
+
+class OverflowCounter:
+    """Counts rejections by full queues, for all queues of a process and from any thread."""
+
+    def __init__(self) -> None:
+        """Begin with none."""
+        self._lock = threading.Lock()
+        self._count = 0
+        self._key = ""
+        self._last_s = self._logged_s = -math.inf
+
+    def add(self, key: str, now_s: float) -> None:
+        """Count one who asked for `key` at `now_s`, monotonic."""
+        with self._lock:
+            self._count += 1
+            self._key, self._last_s = key, now_s
+            if now_s - self._logged_s < LOG_PERIOD_S:
+                return
+            self._logged_s = now_s
+        log.warning("%s", self.problem(now_s))
+
+    def problem(self, now_s: float) -> str:
+        """Return a message for `SHOWN_S` after a rejection, else `""`."""
+        with self._lock:
+            if now_s - self._last_s > SHOWN_S:
+                return ""
+            many = f"{self._count} questions were turned away, the last"
+            return (
+                f"{many if self._count > 1 else '1 question was turned away,'} for {self._key}, as more than "
+                f"{MAX_WAITING} waited: find out who on this site asks so much, and end that"
+            )
+
+
+class BoundedWorkQueue(Generic[T]):
+    """Takes items on any thread and works on them in the loop that it was made in, one after another."""
+
+    def __init__(self, key: str, work: Callable[[T], Iterable[object]], turned_away: OverflowCounter) -> None:
+        """Begin empty.
+
+        Args:
+            key: what the items ask for, for people.
+            work: handles an item in small steps, one each time the iterator goes on; runs in the loop.
+            turned_away: counts what found no room.
+        """
+        self._key = key
+        self._work = work
+        self._turned_away = turned_away
+        self._loop = asyncio.get_running_loop()
+        self._lock = threading.Lock()
+        self._waiting: collections.deque[T] = collections.deque()
+        self._steps: Iterator[object] | None = None
+        """Remaining steps of the item in progress."""
+        self._is_awake = False
+
+    def offer(self, item: T) -> bool:
+        """Take `item`, or return that there is no room for it; from any thread.
+
+        Raises:
+            RuntimeError: the loop is gone.
+        """
+        with self._lock:
+            has_room = len(self._waiting) < MAX_WAITING
+            if has_room:
+                if not self._is_awake:
+                    self._loop.call_soon_threadsafe(self._turn)
+                    self._is_awake = True
+                self._waiting.append(item)
+        if not has_room:
+            self._turned_away.add(self._key, time.monotonic())
+        return has_room
+
+    def _turn(self) -> None:
+        until_s = time.monotonic() + SLICE_S
+        while True:
+            if self._steps is None:
+                with self._lock:
+                    if not self._waiting:
+                        self._is_awake = False
+                        return
+                    item = self._waiting.popleft()
+                self._steps = iter(self._work(item))
+            try:
+                next(self._steps)
+            except StopIteration:
+                self._steps = None
+            except Exception:
+                self._steps = None
+                log.exception("a question for %s could not be answered", self._key)
+            if time.monotonic() >= until_s:
+                break
+        self._loop.call_soon(self._turn)
+
+
+def declare_queryable(session: zenoh.Session, key: str, on_query: Callable[[zenoh.Query], None]) -> Declared:
+    """Call `on_query` for each query of `key`; it or a later caller must answer or drop the query."""
+    return session.declare_queryable(
+        key, Callback(on_query, indirect=False), complete=True, allowed_origin=zenoh.Locality.REMOTE
+    )
+
+
+class QueuedQueryable:
+    """Hands queries of a key from Zenoh's threads to the loop, a limited number of them."""
+
+    def __init__(
+        self,
+        session: zenoh.Session,
+        key: str,
+        work: Callable[[zenoh.Query], Iterable[object]],
+        overflows: OverflowCounter,
+        *,
+        about: str,
+        busy: str,
+        check: Callable[[zenoh.Query], None] = lambda _: None,
+    ) -> None:
+        """Declare; must be called in the loop.
+
+        Args:
+            session: answers.
+            key: what is asked for.
+            work: runs in the loop; handles a query in small steps, or drops it.
+            overflows: counts queries that found no room.
+            about: `key` for people.
+            busy: the refusal of queries that found no room.
+            check: raises `SchemaError` to refuse a query at once, on Zenoh's threads.
+        """
+        self._work = work
+        self._busy = busy
+        self._check = check
+        self._closed = False
+        self._queue = BoundedWorkQueue(about, self._steps, overflows)
+        self._declared = declare_queryable(session, key, self._on_query)
+
+    def undeclare(self) -> None:
+        """Answer no more: queries that wait are dropped."""
+        self._closed = True
+        self._declared.undeclare()
+
+    def _on_query(self, query: zenoh.Query) -> None:  # on Zenoh's threads
+        try:
+            self._check(query)
+            if not self._queue.offer(query):
+                refuse(query, self._busy)
+        except SchemaError as error:  # nothing of it waits for the loop
+            refuse(query, str(error))
+        except RuntimeError:  # the loop is gone
+            query.drop()
+
+    def _steps(self, query: zenoh.Query) -> Iterator[None]:
+        if self._closed:
+            query.drop()
+            return
+        for _ in self._work(query):
+            yield
+            if self._closed:
+                return

@@ -18,7 +18,7 @@ from pointit.cli.inspect.window import window_options
 from pointit.runtime.service.shutdown import EXIT_FAILED, run_until_shutdown
 from pointit.schemas import NS_PER_S, TrackedObjects, encode
 from pointit.schemas.topics import OBJECTS
-from pointit.services.pui.twin_objects import TwinFinder
+from pointit.services.pui.tracked_objects import TwinFinder
 
 MOST = 4096
 """Largest number of messages of a window whose age counts; of more, the latest."""

@@ -12,7 +12,7 @@ from pointit.geometry.polyline import Polyline
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, Cursor, Environment, TrackedObject, TrackedObjects
 from pointit.schemas.pointing import LINES
-from pointit.services.selector.objects.lines import LineTable
+from pointit.services.selector.objects.object_positions import LineTable
 from pointit.services.selector.objects.view import OnLine, View, VisibleObject
 
 Array = NDArray[np.float64]

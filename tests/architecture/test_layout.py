@@ -26,7 +26,7 @@ OUTSIDERS = {"cli", "external", "every service"}
 DEVICES = {
     "imu-bridge": {
         "ble/discovery.py",
-        "ble/link.py",
+        "ble/ble_source.py",
         "ble/metamotion.py",
         "ble/radio.py",
         "ble/timed_button.py",
@@ -84,11 +84,10 @@ DEVICES = {
         "wrists/phone.py",
         "wrists/phone_connection.py",
         "server/listener.py",
-        "pages/session.py",
+        "pages/page_session.py",
         "playback/file_past.py",
         "playback/past_page.py",
         "playback/server.py",
-        "playback/visits.py",
         "wrists/wrist_motion.py",
         "wrists/found_wrists.py",
     },

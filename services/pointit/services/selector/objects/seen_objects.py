@@ -34,7 +34,7 @@ OPAQUE = frozenset({"box", "cylinder", "sphere"})
 XYZ = np.ones(3)
 
 
-class Scene:
+class SeenObjects:
     """The map's lines and every tracker's objects, viewed from any eyes at any time."""
 
     def __init__(

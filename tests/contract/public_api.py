@@ -20,8 +20,7 @@ from pointit.api.latest import Latest, Newest
 from pointit.api.loop_thread import LoopThread
 from pointit.api.run import Run
 from pointit.api.site import Site
-from pointit.api.sync_latest import SyncLatest, SyncNewest
-from pointit.api.sync_site import SyncFeed, SyncSite, SyncTracker
+from pointit.api.sync_site import SyncFeed, SyncLatest, SyncNewest, SyncSite, SyncTracker
 from pointit.api.tracker import Tracker
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.clock import WallClock

@@ -8,8 +8,7 @@ import pytest
 from pydantic import Field, create_model
 
 from pointit.schemas import Message, SchemaError, SchemaModel, decode
-from pointit.schemas.catalogue.catalogue import check_committed, generate, updated_files
-from pointit.schemas.catalogue.compatibility import breaking_changes
+from pointit.schemas.catalogue.catalogue import breaking_changes, check_committed, generate, updated_files
 
 
 class Wheel(SchemaModel):

@@ -12,7 +12,7 @@ from pointit.geometry import rotation
 from pointit.geometry.rotation import Quaternion
 from pointit.plugins import ImuSource, Surroundings
 from pointit.runtime.virtual_time import VirtualClock
-from pointit.services.imu_bridge.ble.link import BleSource
+from pointit.services.imu_bridge.ble.ble_source import BleSource
 from pointit.services.imu_bridge.reading import Item
 from pointit.testing.devices.wrists.wrist import SimulatedWrist
 from tests.devices.bumble_radio import air

@@ -12,8 +12,8 @@ from bleak.exc import BleakError
 from pointit.plugins import Quaternion
 from pointit.runtime.virtual_time import run_virtually
 from pointit.schemas import Feedback
+from pointit.services.imu_bridge.ble.ble_source import SHORT_S
 from pointit.services.imu_bridge.ble.discovery import discover_ble
-from pointit.services.imu_bridge.ble.link import SHORT_S
 from pointit.services.imu_bridge.ble.metamotion import METAMOTION, MetaMotion
 from pointit.services.imu_bridge.reading import (
     Battery,
@@ -148,7 +148,7 @@ def test_cue_drives_motor_and_led_at_once_and_a_newer_one_replaces_its_rest() ->
 def test_cue_that_fails_is_logged_and_the_next_one_is_played(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    caplog.set_level(logging.DEBUG, "pointit.services.imu_bridge.ble.link")
+    caplog.set_level(logging.DEBUG, "pointit.services.imu_bridge.ble.ble_source")
 
     async def fail(*_: object) -> None:
         raise BleakError("out of reach")

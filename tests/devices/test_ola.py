@@ -17,8 +17,8 @@ from pointit.geometry.vector import Vec3
 from pointit.plugins import GROUPS, Surroundings
 from pointit.schemas import Cursor, Strip, StripFrame, StripsFrame
 from pointit.schemas.base import Rgb
-from pointit.services.led_driver.output.dmx import artnet_discovery
-from pointit.services.led_driver.output.dmx.artnet_discovery import find_nodes
+from pointit.services.led_driver.output.dmx import artnet
+from pointit.services.led_driver.output.dmx.artnet import find_nodes
 from pointit.services.led_driver.output.network_output import NetworkOutput
 from pointit.services.led_driver.output.spotlight.config import SpotlightConfig
 from pointit.services.led_driver.output.spotlight.head import Angles
@@ -158,7 +158,7 @@ def angles_of(slots: bytes, config: SpotlightConfig) -> Angles:
 
 
 async def test_search_finds_a_node_with_its_outputs(ola: Ola, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(artnet_discovery, "broadcast_addresses", lambda: [ola.broadcast])
+    monkeypatch.setattr(artnet, "broadcast_addresses", lambda: [ola.broadcast])
     (found,) = await find_nodes(2.0)
     assert found.address == ola.address
     assert found.label == "OLA in a test, universes 0, 1, 2"

@@ -13,9 +13,8 @@ import pytest
 
 from pointit.geometry.rotation import Quaternion
 from pointit.plugins import Battery, Disconnected, Press, Reading, Reconnected, Signal
-from pointit.services.imu_bridge.network.slimevr import SLIMEVR
+from pointit.services.imu_bridge.network.slimevr import SLIMEVR, discover
 from pointit.services.imu_bridge.network.slimevr_protocol import PORT
-from pointit.services.imu_bridge.network.slimevr_search import discover
 from pointit.services.imu_bridge.network.udp_server import ANY_HOST
 from tests.devices.red_segments import first_selected
 from tests.support.bench import until

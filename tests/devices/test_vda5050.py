@@ -24,8 +24,7 @@ from pointit.schemas import RobotState, Steering, StopRobot
 from pointit.schemas.environment import Frame
 from pointit.schemas.topics import MAP, OBJECTS, STOP_ROBOT
 from pointit.services.robot.config import RobotConfig
-from pointit.services.robot.drivers.vda5050.driver import VDA5050
-from pointit.services.robot.drivers.vda5050.search import find_agvs_on
+from pointit.services.robot.drivers.vda5050.driver import VDA5050, find_agvs_on
 from pointit.services.robot.robot_driver import (
     Follow,
     FollowPath,

@@ -11,7 +11,7 @@ from http.server import BaseHTTPRequestHandler, HTTPServer
 import pytest
 from zeroconf.asyncio import AsyncServiceInfo, AsyncZeroconf
 
-from pointit.services.led_driver.output.wled_search import SERVICE, find_wled
+from pointit.services.led_driver.output.ddp import SERVICE, find_wled
 
 INFO = {"leds": {"count": 120}, "ver": "0.15.1", "name": "Kitchen"}
 

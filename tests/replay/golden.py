@@ -7,11 +7,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, cast
 
-from pointit.cli.recordings.report_text import lines_of
+from pointit.cli.recordings.replay import lines_of
 from pointit.recording.entries import Entry
 from pointit.recording.reader import Recording
-from pointit.replay.comparison.comparison import TOLERANCE, TOLERANCES, Comparison
-from pointit.replay.comparison.report import Report
+from pointit.replay.comparison.comparison import TOLERANCE, TOLERANCES, Comparison, Report
 from pointit.replay.comparison.samples import Sample, sample_of
 from pointit.replay.playing import plan_replay, replay
 from pointit.schemas.topics import STRIPS_FRAME, topic_of

@@ -4,24 +4,31 @@ import asyncio
 import time
 from collections.abc import AsyncGenerator, Sequence
 from contextlib import asynccontextmanager
+from typing import Any
 
 from pointit.launch.plan.launches import Choices
-from pointit.launch.run.subprocesses import Processes
+from pointit.launch.run.service_group import Processes
 from pointit.runtime.link.link import Link
 from pointit.runtime.service.service import Launch
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
-from pointit.schemas import StripsFrame, UserPose
-from pointit.schemas.topics import IMU, POSE, STRIPS_FRAME
+from pointit.schemas import Cursor, StripsFrame, UserPose
+from pointit.schemas.topics import CURSOR, IMU, POSE, STRIPS_FRAME
+from pointit_lab.benchmarks.statistics import Figures
 from pointit_lab.loadtest.layout import load_launches
 from pointit_lab.loadtest.rig import running
 from pointit_lab.loadtest.wrist import Wrist, drive_wrists
 
 HOPS = 4
 """Messages from wrist to reader: imu, ray, cursor, frame."""
+
 SETTLE_S = 1.0
+
 UNLIMITED = "led-driver.max_rate_hz=1000"
 """Raises the limit of the frame rate, which would determine the result."""
+
 USER = "load0"
+
+RATE_HZ = 100.0
 
 
 def chain() -> list[Launch]:
@@ -83,3 +90,32 @@ async def _drive(bus: ZenohBus, rate_hz: float, duration_s: float) -> list[float
     if not times_s:
         raise RuntimeError("no frame followed any sample")
     return times_s
+
+
+async def carried(users: int, duration_s: float) -> dict[str, Any]:
+    """Return CPU share, delivered cursors and their age for `users` people in scenario_3."""
+    site, people = load_launches(users)
+    ages_s: list[float] = []
+
+    def on_cursor(cursor: Cursor, _user: str) -> None:
+        ages_s.append((time.time_ns() - cursor.stamp_ns) / 1e9)
+
+    async with running_bus([*site, *(launch for person in people.values() for launch in person)]) as bus:
+        bus.subscribe(CURSOR, on_cursor)
+        wrists = [Wrist(bus.publisher(IMU, user), index) for index, user in enumerate(people)]
+        await asyncio.sleep(1.0)
+        await drive_wrists(wrists, RATE_HZ, 1.0)
+        ages_s.clear()
+        sent = -sum(wrist.sent for wrist in wrists)
+        cpu_s, wall_s = time.process_time(), time.monotonic()
+        await drive_wrists(wrists, RATE_HZ, duration_s)
+        cpu_s, wall_s = time.process_time() - cpu_s, time.monotonic() - wall_s
+        sent += sum(wrist.sent for wrist in wrists)
+    return {
+        "users": users,
+        "cpu_share_of_a_core": round(cpu_s / wall_s, 3),
+        "cpu_us_per_sample": round(cpu_s / sent * 1e6, 1),
+        "users_per_core": round(sent / cpu_s / RATE_HZ, 1),
+        "delivered": round(len(ages_s) / (users * RATE_HZ * duration_s), 4),
+        "age_of_cursors": Figures.of(ages_s).as_dict() if ages_s else None,
+    }

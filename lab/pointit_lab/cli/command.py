@@ -5,11 +5,9 @@ from pathlib import Path
 
 import click
 
-from pointit.cli.common.interruption import interruptible
-from pointit.cli.common.progress import progress
+from pointit.cli.common.progress import interruptible, progress
 from pointit.runtime.errors import ConfigError
-from pointit_lab.cli.file import check_writable, write_json
-from pointit_lab.cli.options import DATA, JOBS, JSON
+from pointit_lab.cli.options import DATA, JOBS, JSON, check_writable, write_json
 from pointit_lab.cli.table import evaluation_console, print_rows
 from pointit_lab.evaluation.datasets.proximity_feedback import NAME as FEEDBACK
 from pointit_lab.evaluation.pointing.drift import CHAINED, CHAINS_REMARK
@@ -112,7 +110,7 @@ def localization(
             raise ConfigError("--set: recordings have none; leave it out with --recording")
         evaluate_sessions(recordings, subjects, json_file, brief=brief, baselines=baselines, jobs=jobs)
         return
-    from pointit_lab.cli.over_people_table import print_over_people  # noqa: PLC0415 - as above
+    from pointit_lab.cli.table import print_over_people  # noqa: PLC0415 - as above
     from pointit_lab.evaluation.datasets import SETS, read_trials  # noqa: PLC0415 - SciPy is wanted only here
     from pointit_lab.evaluation.localization.localization import BASELINE_TRIALS, localization_rows  # noqa: PLC0415 - as above
     from pointit_lab.evaluation.localization.over_people import over_people  # noqa: PLC0415 - as above

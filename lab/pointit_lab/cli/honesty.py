@@ -4,11 +4,9 @@ from pathlib import Path
 
 import click
 
-from pointit.cli.common.interruption import interruptible
-from pointit.cli.common.progress import progress
+from pointit.cli.common.progress import interruptible, progress
 from pointit_lab.cli.command import check_sets
-from pointit_lab.cli.file import check_writable, write_json
-from pointit_lab.cli.options import DATA, JOBS, JSON
+from pointit_lab.cli.options import DATA, JOBS, JSON, check_writable, write_json
 from pointit_lab.evaluation.recordings.data_folder import recordings_folder
 
 

@@ -1,4 +1,4 @@
-"""Options that the evaluations share."""
+"""Options that the evaluations share, and their result files, checked before the work."""
 
 import os
 from collections.abc import Callable, Sequence
@@ -7,6 +7,8 @@ from typing import Any
 
 import click
 
+from pointit.cli.common.output import to_json
+from pointit.runtime.errors import ConfigError
 from pointit_lab.evaluation.recordings.data_folder import VARIABLE
 
 MAX_JOBS = 8
@@ -47,3 +49,41 @@ JSON = click.option(
 
 DATA: dict[str, Any] = {"type": click.Path(path_type=Path), "envvar": VARIABLE, "show_envvar": True}
 """Arguments of the option for the folder of recordings, without its help."""
+
+
+def check_writable(file: Path | None, option: str = "--json") -> None:
+    """Check before minutes of work that `file` can be written.
+
+    Args:
+        file: None: not requested. `-`: standard output.
+        option: name of the option, for the message.
+
+    Raises:
+        ConfigError: If it is a folder, or its folder is missing or not writable.
+    """
+    if file is None or str(file) == "-":
+        return
+    if file.is_dir():
+        raise ConfigError(f"{option} {file}: is a folder; give a file")
+    there = file if file.exists() else file.parent
+    if not os.access(there, os.W_OK):
+        raise ConfigError(f"{option} {file}: cannot be written; give a file in a folder of yours")
+
+
+def write_json(document: dict[str, Any], file: Path | None) -> bool:
+    """Write `document` to `file`, if given. Return True if that is standard output.
+
+    Raises:
+        ConfigError: If the file cannot be written.
+    """
+    if file is None:
+        return False
+    text = to_json(document, indent=2)
+    if str(file) == "-":
+        click.echo(text)
+        return True
+    try:
+        file.write_text(text + "\n", encoding="utf-8")
+    except OSError as error:
+        raise ConfigError(f"{file}: cannot be written ({error.strerror or error})") from error
+    return False

@@ -5,12 +5,10 @@ from pathlib import Path
 
 import click
 
-from pointit.cli.common.interruption import interruptible
-from pointit.cli.common.progress import progress
+from pointit.cli.common.progress import interruptible, progress
 from pointit.runtime.errors import ConfigError
-from pointit_lab.cli.file import check_writable, write_json
-from pointit_lab.cli.over_people_table import print_over_people
-from pointit_lab.cli.table import evaluation_console, print_rows
+from pointit_lab.cli.options import check_writable, write_json
+from pointit_lab.cli.table import evaluation_console, print_over_people, print_rows
 from pointit_lab.evaluation.localization.localization import OURS, localization_rows
 from pointit_lab.evaluation.localization.over_people import MIN_PEOPLE, OverPeople, over_people
 from pointit_lab.evaluation.localization.recorded import read_sessions

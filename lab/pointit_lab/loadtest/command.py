@@ -15,8 +15,8 @@ from pointit.runtime.host.state_file import VARIABLE
 from pointit.runtime.link.credentials import VARIABLE as CREDENTIALS
 from pointit.runtime.link.options import given_credentials
 from pointit.runtime.service.shutdown import EXIT_FAILED, run_until_shutdown
-from pointit_lab.loadtest.figures import CapacitySearch, LoadResult
 from pointit_lab.loadtest.layout import Layout, Load
+from pointit_lab.loadtest.load_result import CapacitySearch, LoadResult
 from pointit_lab.loadtest.measuring import measure
 from pointit_lab.loadtest.network.routers import Program
 from pointit_lab.loadtest.slopes import PartSlopes, slopes

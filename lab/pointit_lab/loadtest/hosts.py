@@ -10,7 +10,7 @@ from typing import Any
 
 from pointit.access.site_folder import SiteFolder
 from pointit.runtime.errors import ConfigError
-from pointit_lab.loadtest.figures import LinkUsage, LoadResult, Usage
+from pointit_lab.loadtest.load_result import LinkUsage, LoadResult, Usage
 from pointit_lab.loadtest.network.counters import Contents, Counters
 from pointit_lab.loadtest.network.namespaces import Network, Traffic
 from pointit_lab.loadtest.network.routers import (

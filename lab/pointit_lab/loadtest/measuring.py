@@ -16,9 +16,9 @@ from pointit.runtime.link.link import Link
 from pointit.runtime.service.instance_takeover import claim_names
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas.topics import USER_ALIVE
-from pointit_lab.loadtest.figures import LoadResult
 from pointit_lab.loadtest.hosts import start_hosts_test
 from pointit_lab.loadtest.layout import Load, groups, host_groups
+from pointit_lab.loadtest.load_result import LoadResult
 from pointit_lab.loadtest.network.namespaces import PORT, free_port, network
 from pointit_lab.loadtest.network.routers import plain_configuration, router_process, secured_configuration
 from pointit_lab.loadtest.network.tree import tree

@@ -11,7 +11,7 @@ from pointit.runtime.clock import WallClock
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.service.service import Launch, run_services
 from pointit.schemas.topics import IMU
-from pointit_lab.loadtest.figures import LoadResult, Usage
+from pointit_lab.loadtest.load_result import LoadResult, Usage
 from pointit_lab.loadtest.sight import DRAIN_S, Sight
 from pointit_lab.loadtest.usage import read_usage
 from pointit_lab.loadtest.workers import READY_S, Group, Worker

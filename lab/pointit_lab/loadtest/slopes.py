@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from pointit_lab.loadtest.figures import MIN_SENT, LoadResult, Usage
+from pointit_lab.loadtest.load_result import MIN_SENT, LoadResult, Usage
 
 CONFIDENCE = 0.95
 FIXED, PER_PERSON, PER_HOST = "fixed", "per_person", "per_host"

@@ -5,6 +5,7 @@ import collections
 import contextlib
 import itertools
 import logging
+import weakref
 from collections.abc import AsyncIterator, Callable
 from typing import Any, Generic, TypeVar
 
@@ -15,10 +16,12 @@ from pointit.schemas.topics import Delivery
 log = logging.getLogger(__name__)
 
 T = TypeVar("T")
+
 U = TypeVar("U")
 
 UNREADABLE_TIMEOUT_S = 1.0
 """Time without a readable message after which unreadable ones count as those of another version."""
+
 MAX_STRAYS = 3
 """So many unreadable ones do not yet."""
 
@@ -174,3 +177,25 @@ class Feed(AsyncIterator[T], Generic[T]):
             raise StopAsyncIteration
         self._left -= 1
         return self._pick(await self._buffer.take())
+
+
+class PresentNames:
+    """The names that are present, and those who follow them."""
+
+    def __init__(self) -> None:
+        self.names = frozenset[str]()
+        self._gone = set[str]()
+        self.buffers = weakref.WeakSet[ReceiveBuffer[frozenset[str]]]()
+
+    def on_change(self, name: str, is_there: bool) -> None:  # noqa: FBT001 - the bus's signature
+        """Keep that `name` has come or gone, and say who is present now."""
+        (self._gone.discard if is_there else self._gone.add)(name)
+        names = self.names | {name} if is_there else self.names - {name}
+        if names != self.names:
+            self.names = names
+            for buffer in self.buffers:
+                buffer.put(names, "")
+
+    def merge(self, listed: set[str]) -> None:
+        """Add who was listed while changes already came, except those who left meanwhile."""
+        self.names |= listed - self._gone

@@ -9,11 +9,10 @@ from operator import itemgetter
 from typing import Any, Literal, Self, TypeVar
 
 from pointit.api import requests
-from pointit.api.feed import Feed, ReceiveBuffer
+from pointit.api.feed import Feed, PresentNames, ReceiveBuffer
 from pointit.api.lamp import Lamp
 from pointit.api.latest import Latest
 from pointit.api.loop_thread import closed_error
-from pointit.api.presence import PresentNames
 from pointit.api.press import press
 from pointit.api.tracker import Tracker
 from pointit.runtime.bus.contract import REQUEST_TIMEOUT_S, Closable, Subscription

@@ -1,6 +1,4 @@
 """A site as scripts and notebooks see it: plain iterators, and calls that wait."""
-# pyright: reportPrivateUsage=false
-# (functions below are the methods of `SyncSite`)
 
 import asyncio
 import atexit
@@ -8,22 +6,23 @@ import functools
 import inspect
 import types
 import typing
-from collections.abc import Callable, Coroutine, Iterable, Iterator
+from collections.abc import Callable, Coroutine, Iterable, Iterator, Mapping
 from contextlib import AbstractAsyncContextManager
 from types import TracebackType
-from typing import Any, Concatenate, Generic, ParamSpec, Self, TypeVar
+from typing import Any, Concatenate, Generic, ParamSpec, Self, TypeVar, overload
 
 from pointit.api import requests
 from pointit.api.feed import Feed
 from pointit.api.lamp import Lamp
+from pointit.api.latest import PATIENCE_S, Latest, Newest
 from pointit.api.loop_thread import LoopThread
 from pointit.api.site import Site
-from pointit.api.sync_latest import SyncLatest
 from pointit.api.tracker import Tracker
 from pointit.schemas import (
     AddPackageReply,
     Done,
     LampColor,
+    Message,
     ReadHistoryReply,
     ReadMemoryReply,
     SetMethodReply,
@@ -34,7 +33,10 @@ from pointit.schemas import (
 from pointit.schemas.topics import LAMP_COLOR, check_name
 
 P = ParamSpec("P")
+
 T = TypeVar("T")
+
+M = TypeVar("M", bound=Message)
 
 
 class SyncFeed(Iterator[T], Generic[T]):
@@ -216,3 +218,61 @@ class SyncSite:
         """Return the lamp `name` of the map."""
         check_name(name, "lamp")
         return Lamp(name, self.leds, lambda lamp: self.messages(LAMP_COLOR, lamp))
+
+
+class SyncNewest(Mapping[str, M], Generic[M]):
+    """The newest message of each person, tracker, service or lamp; kept up to date from the first use on.
+
+    `[name]` and `value` wait up to 2 s for the first message. `get`, `in` and iteration do not wait.
+    """
+
+    def __init__(self, newest: Newest[M], thread: LoopThread) -> None:
+        self._newest = newest
+        self._thread = thread
+
+    def __getitem__(self, name: str) -> M:
+        """Return the newest message of `name`, as soon as there is one; see `wait`."""
+        return self.wait(name)
+
+    def __iter__(self) -> Iterator[str]:
+        return self._thread.call(lambda: iter(self._newest))
+
+    def __len__(self) -> int:
+        return self._thread.call(lambda: len(self._newest))
+
+    def __contains__(self, name: object) -> bool:
+        return self._thread.call(lambda: name in self._newest)
+
+    @overload
+    def get(self, key: str, default: None = None, /) -> M | None: ...
+    @overload
+    def get(self, key: str, default: M | T, /) -> M | T: ...
+    def get(self, key: str, default: Any = None, /) -> Any:
+        """Return the newest message of `key`, or `default` if nothing has come yet."""
+        return self._thread.call(lambda: self._newest.get(key, default))
+
+    @property
+    def value(self) -> M:
+        """The newest message of a topic with one writer, as soon as there is one; see `wait`."""
+        return self.wait()
+
+    def wait(self, name: str = "", *, patience_s: float = PATIENCE_S) -> M:
+        """Return the newest message of `name`, as soon as there is one. Raises what `Newest.wait` raises."""
+        return self._thread.run(self._newest.wait(name, patience_s=patience_s))
+
+
+class SyncLatest:
+    """The newest messages of a site; see `Latest`."""
+
+    def __init__(self, latest: Latest, thread: LoopThread) -> None:
+        self.cursor = SyncNewest(latest.cursor, thread)
+        self.ray = SyncNewest(latest.ray, thread)
+        self.hover = SyncNewest(latest.hover, thread)
+        self.pose = SyncNewest(latest.pose, thread)
+        self.interaction = SyncNewest(latest.interaction, thread)
+        self.objects = SyncNewest(latest.objects, thread)
+        self.health = SyncNewest(latest.health, thread)
+        self.lamp = SyncNewest(latest.lamp, thread)
+        self.selection = SyncNewest(latest.selection, thread)
+        self.map = SyncNewest(latest.map, thread)
+        self.conveyor = SyncNewest(latest.conveyor, thread)

@@ -7,7 +7,7 @@ from typing import Any
 
 from pointit.bridges.ros2.inbound import checks
 from pointit.bridges.ros2.outbound.person import STATES
-from pointit.bridges.ros2.routing.scene import KINDS, lane_name
+from pointit.bridges.ros2.routing.conversion_state import KINDS, lane_name
 from pointit.geometry import rotation, vector
 from pointit.geometry.polyline import Polyline
 from pointit.geometry.vector import Vec3

@@ -4,14 +4,18 @@ Vectors have a column for each component: `position_m` is `position_x_m`, `posit
 Lists of any length stay one cell, as JSON.
 """
 
+import csv
 import json
 import re
 import types
-from collections.abc import Callable, Iterator
-from typing import Annotated, Any, NamedTuple, Union, get_args, get_origin
+from collections.abc import Callable, Collection, Iterator, Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from typing import IO, Annotated, Any, NamedTuple, Self, Union, get_args, get_origin
 
 from pydantic import TypeAdapter
 
+from pointit.runtime.errors import ConfigError
 from pointit.schemas.base import SchemaModel
 
 Cell = str | int | float | None
@@ -31,10 +35,14 @@ UNITS = {
 
 AXES = {"xyz": ("x", "y", "z"), "xyzw": ("x", "y", "z", "w"), "uv": ("u", "v")}
 """Components by how names of fields end."""
+
 COLORS = ("r", "g", "b")
+
 PAIRS = {"turn_rad": ("right", "up")}
 """Components of fields of two values by their names."""
+
 _STATE = ("x", "y", "yaw")
+
 COVARIANCE = tuple(
     (f"{a}_{b}", *(("m2", "m²"), ("m_rad", "m·rad"), ("rad2", "rad²"))[(a, b).count("yaw")])
     for a in _STATE
@@ -46,6 +54,12 @@ UNSAFE = ("=", "+", "-", "@", "\t", "\r")
 """Beginnings of a text that spreadsheets take for a formula; an apostrophe is put before it."""
 
 _LIST = TypeAdapter(Any)
+
+PART = ".part"
+"""Suffix of files that are being written. They get their names when all are complete."""
+
+DICTIONARY = "columns.csv"
+"""Table that describes the columns of all others."""
 
 
 class Column(NamedTuple):
@@ -152,3 +166,76 @@ def _cell(value: Any) -> Cell:
 
 def _json(values: Any) -> str:
     return json.dumps(_LIST.dump_python(values, mode="json"), ensure_ascii=False, separators=(",", ":"))
+
+
+class Tables:
+    """A folder of CSV files, opened with their first row, complete or absent.
+
+    As a context manager it completes them; after an exception it removes what it has written.
+    """
+
+    def __init__(self, folder: Path, names: Collection[str], *, overwrite: bool) -> None:
+        """Create `folder` if it does not exist.
+
+        Args:
+            folder: gets the tables.
+            names: all files that there may be. Those of an earlier export are removed in the end.
+            overwrite: whether there may be any.
+
+        Raises:
+            ConfigError: If it cannot be created, or has such files and they may not be overwritten.
+        """
+        self._folder = folder
+        self._names = {DICTIONARY, *names}
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            found = sorted(name for name in self._names if (folder / name).exists())
+        except OSError as error:
+            raise ConfigError(f"{folder}: cannot be used as a folder ({error.strerror or error})") from error
+        if found and not overwrite:
+            more = f" and {len(found) - 1} more" if len(found) > 1 else ""
+            raise ConfigError(
+                f"{folder}: has {found[0]}{more}; give another folder, or --overwrite to replace tables"
+            )
+        self._open = ExitStack()
+        self._files: dict[str, IO[str]] = {}
+        self._writers: dict[str, Any] = {}
+        self.rows: dict[str, int] = {}
+        """Number of rows by name of the file."""
+        self._add(DICTIONARY, ("file", "column", "unit", "description"))
+
+    def create(self, name: str, columns: Sequence[Column]) -> None:
+        """Begin the table `name` and describe its `columns`."""
+        self._add(name, [column.name for column in columns])
+        for column in columns:
+            self.write(DICTIONARY, (name, column.name, column.unit, column.about))
+
+    def write(self, name: str, cells: Sequence[Cell]) -> None:
+        """Add a row to a table that was begun."""
+        self._writers[name].writerow(cells)
+        self.rows[name] += 1
+
+    def __enter__(self) -> Self:
+        """Return itself."""
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        """Close all files; give them their names, or remove them after an exception."""
+        parts = {name: self._folder / f"{name}{PART}" for name in self._files}
+        try:
+            self._open.close()  # which writes the rest, and may find the disk full
+            if kind is None:
+                for name, part in parts.items():
+                    part.replace(self._folder / name)
+                for name in self._names - set(self._files):
+                    (self._folder / name).unlink(missing_ok=True)
+        finally:
+            for part in parts.values():
+                part.unlink(missing_ok=True)
+
+    def _add(self, name: str, titles: Sequence[str]) -> None:
+        file = (self._folder / f"{name}{PART}").open("w", encoding="utf-8", newline="")
+        self._files[name] = self._open.enter_context(file)
+        self._writers[name] = csv.writer(file, lineterminator="\n")
+        self._writers[name].writerow(titles)
+        self.rows[name] = 0

@@ -7,8 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from pointit.conversion.acts import Act, ActDetector, SelectionRow
-from pointit.conversion.columns import Column, columns_of, text
-from pointit.conversion.tables import Tables
+from pointit.conversion.columns import Column, Tables, columns_of, text
 from pointit.recording.entries import Entry, Exchange
 from pointit.runtime.errors import ConfigError
 from pointit.schemas import (

@@ -2,12 +2,11 @@
 
 from collections.abc import Callable, Iterator, Sequence
 
-from pointit.diagnosis.clocks import find_clock_skew
 from pointit.diagnosis.observation import Finding, Observation, Report
 from pointit.diagnosis.outage import fold_outage
 from pointit.diagnosis.staleness import stale_inputs
 from pointit.diagnosis.writers import start_command
-from pointit.runtime.bus.timeliness import LONGEST_HOST
+from pointit.runtime.bus.timeliness import LONGEST_HOST, REMEDY, ClockSkewMonitor
 from pointit.schemas import Health
 from pointit.schemas.system import split_instance
 from pointit.schemas.text import one_line
@@ -262,3 +261,25 @@ def _restart(instance: str, options: str) -> str:
 
 def _is_router(instance: str) -> bool:
     return instance.partition(".")[0].partition("-")[0] == "router"
+
+
+def find_clock_skew(seen: Observation) -> Iterator[Finding]:
+    """Find machines with clock skew relative to ours, unless a keeper has reported it."""
+    watch = ClockSkewMonitor(seen.host, window_s=seen.now_s - seen.began_s + 1.0)
+    for reports in seen.reports.values():
+        for report in reports:
+            if report.arrived_ns is not None and report.health.host:
+                watch.on_report(
+                    report.health.host, report.health.stamp_ns, report.arrived_ns, report.received_s
+                )
+    keeper = seen.newest("keeper")
+    said = " ".join(keeper.warnings) if keeper is not None else ""
+    for skew in watch.skews(seen.now_s):
+        if f"the clock of machine {skew.host} " not in said:
+            yield Finding(
+                severity="error" if skew.exceeds_limit else "warning",
+                code="clock",
+                service="",
+                sentence=skew.sentence(seen.host),
+                remedy=REMEDY,
+            )

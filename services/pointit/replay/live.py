@@ -9,8 +9,7 @@ from typing import cast
 from pointit.replay.clock import RecordingClock
 from pointit.replay.levels import OBSERVERS, ReplayError
 from pointit.replay.playing import Buses, Listener, Plan, Source, play
-from pointit.replay.replayed_services import parameters_of
-from pointit.replay.scratch import scratch_folder
+from pointit.replay.replayed_services import parameters_of, scratch_folder
 from pointit.runtime.bus.contract import Bus, list_present
 from pointit.runtime.bus.site_clock import publish_time
 from pointit.runtime.service.instance_takeover import LISTEN_S

@@ -11,11 +11,9 @@ from pointit.recording.entries import AnyRow, Entry
 from pointit.replay.beginning import GATHERING_NS, Beginning, read_beginning
 from pointit.replay.clock import RecordingClock
 from pointit.replay.collector import Collector
-from pointit.replay.edge import Edge
+from pointit.replay.edge import Edge, RecordedRequests
 from pointit.replay.levels import Level, ReplayError, Split, is_about_site
-from pointit.replay.replayed_services import ReplayedServices
-from pointit.replay.requests import RecordedRequests
-from pointit.replay.scratch import scratch_folder
+from pointit.replay.replayed_services import ReplayedServices, scratch_folder
 from pointit.replay.skipped import Skipped
 from pointit.runtime.bus.contract import Bus
 from pointit.runtime.bus.local_broker import LocalBroker

@@ -1,7 +1,12 @@
-"""Services of a recording that run again, each with its recorded configuration."""
+"""Services of a recording that run again, each with its recorded configuration, in a folder of their own."""
 
 import asyncio
 import json
+import tempfile
+from collections.abc import AsyncGenerator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import asynccontextmanager
+from pathlib import Path
 from typing import Any, cast
 
 from pointit.replay.levels import ReplayError
@@ -97,3 +102,16 @@ def parameters_of(configuration: Configuration) -> dict[str, Any]:
     if not isinstance(parameters, dict):
         raise ValueError("its parameters are no mapping")  # noqa: TRY004 - of a file, like what JSON raises
     return cast("dict[str, Any]", parameters)
+
+
+@asynccontextmanager
+async def scratch_folder() -> AsyncGenerator[Path]:
+    """Yield an empty folder, which is removed once no thread of a service writes there any more."""
+    loop, threads = asyncio.get_running_loop(), ThreadPoolExecutor()
+    with tempfile.TemporaryDirectory(prefix="pointit-replay-") as folder:
+        loop.set_default_executor(threads)
+        try:
+            yield Path(folder)
+        finally:
+            loop.set_default_executor(ThreadPoolExecutor())
+            threads.shutdown()

@@ -9,7 +9,7 @@ import pytest
 from playwright.async_api import Browser
 
 from pointit.bridges.web.wire import IN_FLIGHT
-from pointit.launch.run.latency import Latency
+from pointit.launch.run.score import Latency
 from pointit.schemas.topics import CURSOR, STRIPS_FRAME
 from tests.e2e.web.site import SitePage
 from tests.e2e.web.window import Window

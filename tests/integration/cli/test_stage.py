@@ -271,7 +271,7 @@ async def test_a_site_without_people_of_its_own_takes_no_wish() -> None:
 
 
 async def test_a_run_goes_on_while_somebody_looks_on(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("pointit.launch.run.onlookers.SILENT_S", 3.0)
+    monkeypatch.setattr("pointit.launch.run.run_site.VIEWER_SILENT_S", 3.0)
     monkeypatch.setattr(
         "pointit.runtime.service.service.HEALTH_PERIOD_S", 0.2
     )  # a late report is no silence yet

@@ -11,9 +11,9 @@ import zenoh
 from zenoh.handlers import Callback
 
 from pointit.bridges.ros2.graph.backend import SENSOR
+from pointit.bridges.ros2.routing.conversion_state import ConversionState
 from pointit.bridges.ros2.routing.outbox import Outbox
 from pointit.bridges.ros2.routing.routes import routes
-from pointit.bridges.ros2.routing.scene import Scene
 from pointit.bridges.ros2.routing.site import Site
 from pointit.bridges.ros2.types.types import Types
 from pointit.runtime.bus.local_broker import LocalBroker
@@ -33,7 +33,7 @@ async def outbox_of(node: Node) -> AsyncGenerator[Outbox]:
     bus = MemoryBus(LocalBroker())
     clock = ManualClock()
     service_bus = ServiceBus(bus, clock, "ros2", "ros2")
-    site = Site(bus=service_bus, clock=clock, backend=node.backend, scene=Scene(Types("jazzy")))
+    site = Site(bus=service_bus, clock=clock, backend=node.backend, scene=ConversionState(Types("jazzy")))
     outbox = Outbox(routes().outward, site, unread=False)
     node.backend.watch(outbox.look)
     yield outbox

@@ -15,9 +15,9 @@ import pytest
 from starlette.types import Receive, Scope, Send
 
 from pointit.bridges.web.server import listener as serving
+from pointit.bridges.web.server.bundle import PIECE, Pieces
 from pointit.bridges.web.server.certificate import obtain
 from pointit.bridges.web.server.listener import Listener, bind
-from pointit.bridges.web.server.responses import PIECE, Pieces
 from tests.support.bench import until
 
 LONG = bytes(20 * 1024 * 1024)

@@ -16,7 +16,7 @@ from websockets.exceptions import ConnectionClosed
 from websockets.typing import Origin
 
 from pointit.bridges.web import service
-from pointit.bridges.web.pages.session import ASKS_BURST, MAX_MALFORMED
+from pointit.bridges.web.pages.page_session import ASKS_BURST, MAX_MALFORMED
 from pointit.bridges.web.server import listener
 from pointit.bridges.web.wire import IN_FLIGHT
 from pointit.schemas import Cursor, StripsFrame

@@ -8,7 +8,7 @@ import pytest
 
 from pointit.services.localizer.estimation.estimator import Pointings, Refusal, SolverSettings, solve
 from pointit_lab.evaluation.datasets import read_trials
-from pointit_lab.evaluation.honesty.lamps import chosen
+from pointit_lab.evaluation.honesty.honesty import chosen
 from pointit_lab.evaluation.honesty.simulated_people import followers, rooms
 from pointit_lab.evaluation.localization.cramer_rao import median_bounds_m, median_distance
 from pointit_lab.evaluation.localization.localization import ANY, localization_rows

@@ -10,21 +10,20 @@ import pytest
 from pointit.geometry import vector
 from pointit.services.localizer.drift.model import DriftSettings
 from pointit_lab.evaluation.datasets.proximity_feedback import PHASES, FloorTrial, read_floor_trials
-from pointit_lab.evaluation.pointing.drift import LEFT_OUT, drift_rows, recorded_rows
+from pointit_lab.evaluation.pointing.drift import LEFT_OUT, candidates, drift_rows, left_out, recorded_rows
 from pointit_lab.evaluation.pointing.drift_courses import chained, courses, hold_sigma_rad
 from pointit_lab.evaluation.pointing.drift_innovation import innovation_rows
-from pointit_lab.evaluation.pointing.drift_left_out import candidates, left_out
 from pointit_lab.evaluation.pointing.drift_simulated import (
     ANCHORS_S,
     BESIDE_RAD,
     TURNED,
     WRONG_ANCHOR,
+    DriftPersonModel,
     bound_rad,
     outcome,
     simulated_rows,
 )
 from pointit_lab.evaluation.pointing.drift_solvers import Trial, YawEstimate, filtered, predictable
-from pointit_lab.evaluation.pointing.drifting_person import DriftPersonModel
 from pointit_lab.evaluation.recordings.row import ALL, Row
 from tests.support.data import data_file
 

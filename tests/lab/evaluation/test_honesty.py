@@ -14,7 +14,14 @@ from pointit.runtime.errors import ConfigError
 from pointit.services.localizer.estimation.estimator import Pointings, Refusal, Solution
 from pointit.services.pointing.arm_ray import ArmRay
 from pointit_lab.cli.honesty import honesty
-from pointit_lab.evaluation.honesty.honesty import WINDOWS_S, honesty_rows, sources_of, trials_of, verdict
+from pointit_lab.evaluation.honesty.honesty import (
+    WINDOWS_S,
+    chosen,
+    honesty_rows,
+    sources_of,
+    trials_of,
+    verdict,
+)
 from pointit_lab.evaluation.honesty.injections import (
     BESIDE_M,
     INJECTIONS,
@@ -29,13 +36,12 @@ from pointit_lab.evaluation.honesty.injections import (
     shoulder_still,
     with_arms,
 )
-from pointit_lab.evaluation.honesty.lamps import chosen
 from pointit_lab.evaluation.honesty.row import EVERY, Judged, rows_of
 from pointit_lab.evaluation.honesty.simulated_people import followers, rooms
 from pointit_lab.evaluation.honesty.sources import QUICK, people
 from pointit_lab.evaluation.honesty.targets import TARGETS
-from pointit_lab.evaluation.localization import taken
 from pointit_lab.evaluation.localization.arm_rays import STATURE_M, along, scaled_body
+from pointit_lab.evaluation.localization.localization import judged
 from pointit_lab.evaluation.localization.trial import Array, FollowRecording, Trial
 
 
@@ -258,7 +264,7 @@ def test_a_row_counts_who_is_confidently_wrong() -> None:
 
 def test_a_refused_trial_is_not_taken(following: Trial) -> None:
     turned = backwards(following, rng())
-    assert isinstance(taken.judged(turned.pointings), Refusal)
+    assert isinstance(judged(turned.pointings), Refusal)
     assert not verdict(turned, "mounted backwards").taken
 
 

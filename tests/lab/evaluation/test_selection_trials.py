@@ -13,9 +13,8 @@ from pointit.services.user_sim.sight.eyes import Eyes, SeenCursor, Span
 from pointit.services.user_sim.sight.pixels import Kind
 from pointit_lab.evaluation.selection.condition import CONVEYOR, LAB, VR, Condition, conditions
 from pointit_lab.evaluation.selection.score import Score
-from pointit_lab.evaluation.selection.selection import selection_rows
+from pointit_lab.evaluation.selection.selection import Trial, TrialRecorder, run, selection_rows
 from pointit_lab.evaluation.selection.stage import stage_of
-from pointit_lab.evaluation.selection.trial import Trial, TrialRecorder, run
 from pointit_lab.evaluation.selection.world import START_NS, USUAL
 
 

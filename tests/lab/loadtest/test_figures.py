@@ -4,8 +4,8 @@ from typing import Any
 
 import pytest
 
-from pointit_lab.loadtest.figures import CapacitySearch, LoadResult, Usage, quantile_ms
 from pointit_lab.loadtest.layout import Load, groups
+from pointit_lab.loadtest.load_result import CapacitySearch, LoadResult, Usage, quantile_ms
 from pointit_lab.loadtest.usage import read_usage
 
 

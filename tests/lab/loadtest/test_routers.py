@@ -13,8 +13,7 @@ from pointit.runtime.router.router import parse_config
 from pointit.runtime.zenoh.wire_format import encoding_of
 from pointit.schemas import Cursor, PointingRay
 from pointit_lab.loadtest.measuring import secured_site
-from pointit_lab.loadtest.network.counters import Contents, Counters
-from pointit_lab.loadtest.network.link_contents import KIND, OUTGOING, count
+from pointit_lab.loadtest.network.counters import KIND, OUTGOING, Contents, Counters, count
 from pointit_lab.loadtest.network.namespaces import Network, Traffic
 from pointit_lab.loadtest.network.routers import plain_configuration, router_process, secured_configuration
 from pointit_lab.loadtest.network.tree import tree

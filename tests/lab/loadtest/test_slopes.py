@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pointit_lab.loadtest.figures import LinkUsage, LoadResult, Usage
+from pointit_lab.loadtest.load_result import LinkUsage, LoadResult, Usage
 from pointit_lab.loadtest.slopes import PER_PERSON, PartSlopes, Slope, fit, slopes
 
 STEPS = [(hosts, users) for hosts in (1, 2, 4) for users in (4, 8, 16)]

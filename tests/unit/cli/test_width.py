@@ -6,8 +6,7 @@ import click
 import pytest
 from click.testing import CliRunner
 
-from pointit.cli.common.site_link import default_address_note
-from pointit.cli.common.waiting import notify_if_slow
+from pointit.cli.common.site_link import default_address_note, notify_if_slow
 from pointit.cli.main import PATHS, command, wrap_message
 from pointit.runtime.errors import NoAnswerError
 
@@ -82,7 +81,7 @@ async def test_a_long_wait_is_told_of_and_a_short_one_is_not(
     with notify_if_slow("waiting for the map …"):
         await asyncio.sleep(0)
     assert capsys.readouterr().err == ""
-    monkeypatch.setattr("pointit.cli.common.waiting.SILENT_S", 0.01)
+    monkeypatch.setattr("pointit.cli.common.site_link.SILENT_S", 0.01)
     with notify_if_slow("waiting for the map …"):
         await asyncio.sleep(0.1)
     assert capsys.readouterr().err == "waiting for the map …\n"

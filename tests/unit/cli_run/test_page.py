@@ -24,9 +24,8 @@ from pointit.cli.page.run_page import RunPage
 from pointit.launch.page import page
 from pointit.launch.page.page import PORT, PORTS_TO_TRY, Page, is_asked_of_page, kept_link, page_of, where
 from pointit.launch.plan.launches import Choices
-from pointit.launch.plan.person import Pose
 from pointit.launch.plan.plan import Plan
-from pointit.launch.plan.scenario import read_scenario
+from pointit.launch.plan.scenario import Pose, read_scenario
 from pointit.launch.plan.scenario_catalog import PLACES, places
 from pointit.launch.plan.settings import Settings
 from pointit.launch.run.service_group import redact_secrets

@@ -6,10 +6,9 @@ import click
 import pytest
 from click.testing import CliRunner
 
-from pointit.cli.run.person_options import PERSON_OPTIONS, pose
+from pointit.cli.run.run_options import PERSON_OPTIONS, pose
 from pointit.launch.plan.launches import Choices, user_launches
-from pointit.launch.plan.person import Pose
-from pointit.launch.plan.scenario import read_scenario
+from pointit.launch.plan.scenario import Pose, read_scenario
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.service.service import Launch
 

@@ -5,8 +5,7 @@ from typing import Any
 import pytest
 
 from pointit.cli.robots.robots_view import ROBOTS_DISPLAY
-from pointit.launch.robots.robot_monitor import RobotMonitor
-from pointit.launch.robots.robot_watcher import RobotWatcher
+from pointit.launch.robots.robot_watcher import RobotMonitor, RobotWatcher
 from pointit.launch.run.monitor import Monitor
 from pointit.runtime.bus.local_broker import LocalBroker
 from pointit.runtime.bus.memory_bus import MemoryBus

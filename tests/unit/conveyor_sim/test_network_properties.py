@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from pointit.maps.file import load_map
 from pointit.schemas import BeltLink, Environment, TrackedObject
 from pointit.services.conveyor_sim.feeding.infeed import NoRoomError
-from pointit.services.conveyor_sim.network.rings import Rings
 from pointit.services.conveyor_sim.plant import Plant
+from pointit.services.conveyor_sim.traffic.right_of_way import Rings
 from tests.unit.conveyor_sim.rooms import (
     ROOMS,
     S,

@@ -10,7 +10,7 @@ from pointit.geometry.polyline import Polyline
 from pointit.schemas import BeltLink
 from pointit.services.conveyor_sim.network.network import Network
 from pointit.services.conveyor_sim.network.piece import NONE
-from pointit.services.conveyor_sim.network.rings import Rings
+from pointit.services.conveyor_sim.traffic.right_of_way import Rings
 
 BELTS = 5
 LONG_M = 4.0

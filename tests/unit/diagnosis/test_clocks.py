@@ -4,8 +4,7 @@ from collections.abc import Sequence
 
 import pytest
 
-from pointit.diagnosis.clocks import find_clock_skew
-from pointit.diagnosis.diagnose import diagnose, is_healthy
+from pointit.diagnosis.diagnose import diagnose, find_clock_skew, is_healthy
 from pointit.diagnosis.observation import Observation, Report
 from pointit.schemas import NS_PER_S, Health
 

@@ -14,7 +14,7 @@ from pointit.schemas import NS_PER_S, ImuSample, WristSample
 from pointit.services.imu_bridge.arm_frame import MOUNTINGS
 from pointit.services.imu_bridge.page_wrist import PageOrientation, PageWrist
 from pointit.services.localizer.tracking.yaw_origin import YawOrigin
-from pointit.services.pointing.freshness import Freshness
+from pointit.services.pointing.pointer import Freshness
 
 START_NS = 1_700_000_000 * NS_PER_S
 Device = Literal["arm", "phone"]

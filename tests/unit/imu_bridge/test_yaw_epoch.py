@@ -9,12 +9,12 @@ from pointit.geometry import rotation
 from pointit.runtime.clock import WallClock
 from pointit.schemas import NS_PER_S, SetMounting, SetYawOrigin
 from pointit.schemas.topics import IMU, SET_MOUNTING, SET_YAW_ORIGIN
+from pointit.services.imu_bridge.arm_frame import WRAP_NS, YawEpoch
 from pointit.services.imu_bridge.config import ImuBridgeConfig
-from pointit.services.imu_bridge.serial import restart
+from pointit.services.imu_bridge.serial import detection
 from pointit.services.imu_bridge.serial.config import SerialConfig
 from pointit.services.imu_bridge.service import ImuBridge
 from pointit.services.imu_bridge.simulated import SimulatedConfig
-from pointit.services.imu_bridge.yaw_epoch import WRAP_NS, YawEpoch
 from tests.support.bench import memory_bench, until
 from tests.support.pty_device import pty_device
 from tests.unit.imu_bridge.test_imu_bridge import send_until
@@ -89,7 +89,7 @@ async def test_a_serial_device_that_comes_back_or_is_restarted_raises_it(
             assert samples[0].yaw_epoch == 0
             device.send(b"2000000,1,0,0,0\n")
             await until(lambda: samples[-1].yaw_epoch == 1, what="a restart")
-            monkeypatch.setattr(restart, "SILENT_S", 0.3)
+            monkeypatch.setattr(detection, "SILENT_S", 0.3)
             await send_until(
                 device, b"0.8,0,0,0.6\n", lambda: samples[-1].device_time_ns is None, what="a turn"
             )

@@ -1,6 +1,6 @@
 """Time for which a page counts as having viewers."""
 
-from pointit.launch.run.onlookers import Onlookers
+from pointit.launch.run.run_site import Onlookers
 from pointit.runtime.link.outage import SILENT_S
 from pointit.schemas import Figure, Health
 

@@ -6,9 +6,8 @@ from typing import Any
 import pytest
 
 from pointit.launch.plan.launches import Choices
-from pointit.launch.plan.person import Pose
 from pointit.launch.plan.plan import Plan
-from pointit.launch.plan.scenario import read_scenario, scenario_names
+from pointit.launch.plan.scenario import Pose, read_scenario, scenario_names
 from pointit.launch.plan.scenario_catalog import ScenarioCatalog, scenario_launches
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.link.link import Link

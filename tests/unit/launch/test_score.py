@@ -8,8 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pointit.cli.display.summary import summary_lines
-from pointit.launch.run.latency import RECENT, Latency
-from pointit.launch.run.score import MAX_OBJECTS, MAX_TRACKERS, Score
+from pointit.launch.run.score import MAX_OBJECTS, MAX_TRACKERS, RECENT, Latency, Score
 from pointit.schemas import (
     Cursor,
     SelectedObject,

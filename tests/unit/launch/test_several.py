@@ -9,7 +9,7 @@ from pointit.diagnosis.writers import present_writers, start_command
 from pointit.launch.plan.launches import Choices, shard_launches, site_launches
 from pointit.launch.plan.scenario import Scenario
 from pointit.launch.plan.settings import check_settings
-from pointit.launch.run.subprocesses import Processes
+from pointit.launch.run.service_group import Processes
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.service.service import Launch, check_launches
 from pointit.schemas import KeyNameError

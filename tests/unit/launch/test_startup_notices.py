@@ -5,8 +5,7 @@ import time
 import pytest
 
 from pointit.launch.plan.launches import Choices, user_launches
-from pointit.launch.plan.person import Pose
-from pointit.launch.plan.scenario import read_scenario
+from pointit.launch.plan.scenario import Pose, read_scenario
 from pointit.launch.plan.startup_notices import assumed_places, kept_mountings, kept_offsets
 from pointit.runtime.host.state_file import StateFile
 from pointit.schemas import PointingOffset

@@ -15,7 +15,7 @@ import pytest
 import yaml
 
 from pointit.cli.display.summary import check_writable
-from pointit.launch.run.subprocesses import Processes, last_log_error
+from pointit.launch.run.service_group import Processes, last_log_error
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.service.service import Launch
 from pointit.services.pointing.service import Pointing

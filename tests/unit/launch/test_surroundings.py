@@ -5,7 +5,8 @@ import asyncio
 import pytest
 
 from pointit.launch.plan.launches import CURSOR_COLORS
-from pointit.launch.run.surroundings import LISTEN_S, USUAL, check_names, free_place, surroundings
+from pointit.launch.plan.scenario import USUAL
+from pointit.launch.run.run_site import LISTEN_S, check_names, free_place, surroundings
 from pointit.runtime.bus.local_broker import LocalBroker
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.errors import ConfigError
@@ -46,7 +47,7 @@ async def test_who_joins_has_the_first_colour_that_nobody_has() -> None:
 
 
 async def test_a_person_may_not_be_called_like_a_shard_of_others(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("pointit.launch.run.surroundings.SILENT_S", 0.01)
+    monkeypatch.setattr("pointit.launch.run.run_site.SILENT_S", 0.01)
     bus = MemoryBus(LocalBroker())
     for instance in ("pui", "pui.hall", "pui.anna", "robot.quad", "pointing.carl"):
         bus.announce(SERVICE_ALIVE, instance)

@@ -5,7 +5,7 @@ import sys
 import pytest
 
 from pointit.runtime.errors import ConfigError
-from pointit.services.led_driver.output.dmx.artnet_discovery import broadcast_addresses
+from pointit.services.led_driver.output.dmx.artnet import broadcast_addresses
 
 
 def test_no_loopback_is_asked() -> None:

@@ -9,9 +9,8 @@ from hypothesis import strategies as st
 
 from pointit.errors import ConfigError
 from pointit.runtime.service.surroundings import Surroundings
-from pointit.services.led_driver.output.ddp import DDP, DdpConfig
+from pointit.services.led_driver.output.ddp import DDP, DdpConfig, described
 from pointit.services.led_driver.output.ddp_protocol import encode_frame
-from pointit.services.led_driver.output.wled_search import described
 
 
 def test_frame_of_a_thousand_pixels_matches_the_golden_bytes() -> None:

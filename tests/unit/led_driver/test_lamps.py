@@ -13,8 +13,7 @@ from pointit.geometry.colormap import colormap
 from pointit.schemas import NS_PER_S, Cursor, Environment, Feedback, Lamp, LampMiss, Localization
 from pointit.services.led_driver.config import LampsConfig, LedDriverConfig, StateLampConfig
 from pointit.services.led_driver.light_state import LightState
-from pointit.services.led_driver.picture.flash_guard import FlashGuard
-from pointit.services.led_driver.picture.lamps import DARK, TARGET
+from pointit.services.led_driver.picture.lamps import DARK, TARGET, FlashGuard
 from tests.unit.led_driver.stage import NOW_NS, Color
 
 VIRIDIS = colormap("viridis")

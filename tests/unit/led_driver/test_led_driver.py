@@ -35,7 +35,7 @@ from pointit.schemas.topics import (
 )
 from pointit.services.led_driver.picture.layout import Layout
 from pointit.services.led_driver.picture.render import Renderer
-from pointit.services.led_driver.picture.scene import Scene
+from pointit.services.led_driver.picture.strip_content import StripContent
 from pointit.services.led_driver.service import LedDriver
 from tests.support.bench import ManualClock, memory_bench, until
 from tests.unit.led_driver.driving import FAST, MAP_MESSAGE, cursor, next_frame, package, pixels, started
@@ -60,7 +60,7 @@ async def test_a_cursor_is_drawn_at_once_with_its_own_stamp() -> None:
 
 def test_a_cursor_that_is_nowhere_asks_for_no_frame_once_it_has_gone_dark() -> None:
     """Else who rests takes the place in time of who points: their light came a period late."""
-    scene = Scene(FAST)
+    scene = StripContent(FAST)
     nowhere = Cursor(stamp_ns=1)
     on_strip = Cursor(stamp_ns=2, surface="strip", surface_id="a", point_m=(0.0, 0.0, 0.0))
     assert not scene.set_cursor("anna", nowhere, 1)
@@ -299,7 +299,7 @@ async def test_numbers_nobody_can_calculate_with_blind_nobody(value: float) -> N
 
 def test_a_clock_that_is_ahead_does_not_move_objects_backwards() -> None:
     clock = ManualClock()
-    scene = Scene(FAST)
+    scene = StripContent(FAST)
     scene.set_layout(Layout(MAP_MESSAGE.strips))
     scene.set_objects("conveyor", package(clock, speed_mps=1.0), clock.now_ns())
     assert scene.segments(clock.now_ns() - 500_000_000).at_m[0] == 0.5

@@ -15,8 +15,7 @@ from pointit.cli.leds.leds_calibrate import pointed, report
 from pointit.runtime.errors import PointItError
 from pointit.runtime.service.surroundings import NullHealth
 from pointit.services.led_driver.output.spotlight.config import SpotlightConfig
-from pointit.services.led_driver.output.spotlight.head import HOME, Angles, Mounting
-from pointit.services.led_driver.output.spotlight.manual_aim import ManualAim
+from pointit.services.led_driver.output.spotlight.head import HOME, Angles, ManualAim, Mounting
 from pointit.services.led_driver.output.spotlight.pose_fit import FittedPose, fit_pose
 from pointit.testing import UdpDevice
 from pointit.testing.shipped.led import e131_frames

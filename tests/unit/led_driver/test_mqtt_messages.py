@@ -9,12 +9,13 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from pointit.schemas.base import Rgb
-from pointit.services.led_driver.output.mqtt.announced_lights import (
+from pointit.services.led_driver.output.mqtt.light_protocol import (
     TOPICS,
     AnnouncedLight,
     announced_lights,
+    availability,
+    command,
 )
-from pointit.services.led_driver.output.mqtt.light_protocol import availability, command
 from pointit.services.led_driver.output.mqtt.mqtt_config import MqttConfig
 
 ZIGBEE = """[

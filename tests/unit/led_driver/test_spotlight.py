@@ -16,11 +16,16 @@ from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
 from pointit.runtime.service.surroundings import NullHealth
 from pointit.schemas import Cursor
-from pointit.services.led_driver.output.spotlight.beam import DARK, Beam, BeamState
+from pointit.services.led_driver.output.spotlight.beam import (
+    DARK,
+    Aim,
+    Beam,
+    BeamOwnership,
+    BeamState,
+    Fixture,
+)
 from pointit.services.led_driver.output.spotlight.config import SpotlightConfig
-from pointit.services.led_driver.output.spotlight.fixture import Fixture
 from pointit.services.led_driver.output.spotlight.head import HOME, Angles, Limits, Mounting, moved
-from pointit.services.led_driver.output.spotlight.ownership import Aim, BeamOwnership
 from pointit.services.led_driver.output.spotlight.spotlight import Spotlight
 from pointit.testing import UdpDevice
 from pointit.testing.shipped.led import e131_frames

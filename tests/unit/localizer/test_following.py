@@ -10,7 +10,7 @@ from pointit.services.localizer.estimation.estimator import Pointings, Refusal, 
 from pointit.services.localizer.outputs import Output
 from pointit.services.localizer.procedures.moving_target import MovingTarget
 from pointit.services.localizer.verification.following import followed
-from pointit.services.localizer.verification.spikes import without_spikes
+from pointit.services.localizer.verification.holds import without_spikes
 from pointit_lab.evaluation.datasets import read_trials
 from pointit_lab.evaluation.localization.trial import Trial
 from tests.support.data import data_file

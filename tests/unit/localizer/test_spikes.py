@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pointit.services.localizer.verification.spikes import NEIGHBOURS, without_spikes
+from pointit.services.localizer.verification.holds import NEIGHBOURS, without_spikes
 from tests.unit.localizer.person import Person, pointings
 
 SPIKE = np.array([-1.0, 0.2, 0.1]) / np.linalg.norm([-1.0, 0.2, 0.1])

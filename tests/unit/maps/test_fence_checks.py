@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from pointit.maps.checks.fences import check_fences
+from pointit.maps.checks.check import check_fences
 from pointit.maps.file import read_map_file
 
 FINDINGS: dict[str, tuple[str, list[tuple[str, str, str]]]] = {

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from pointit.geometry import vector
 from pointit.schemas import PointingOffset
-from pointit.services.pointing.correction import FADE_RAD, MAX_CORRECTION_RAD, apply
+from pointit.services.pointing.arm_ray import FADE_RAD, MAX_CORRECTION_RAD, apply
 
 angles = st.floats(-10.0, 10.0)
 elevations = st.floats(-math.pi / 2, math.pi / 2)

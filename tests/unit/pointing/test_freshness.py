@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 
 from pointit.geometry import rotation
 from pointit.schemas import ImuSample
-from pointit.services.pointing.freshness import Freshness
+from pointit.services.pointing.pointer import Freshness
 
 S = 1_000_000_000
 NOW_NS = 1_700_000_000 * S

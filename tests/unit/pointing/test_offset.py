@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from pointit.geometry import vector
 from pointit.schemas import Anchor
-from pointit.services.pointing.correction import apply
+from pointit.services.pointing.arm_ray import apply
 from pointit.services.pointing.offset import OffsetFit, Sighting, fit, sighting
 
 DEG = math.radians(1.0)

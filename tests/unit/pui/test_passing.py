@@ -29,7 +29,7 @@ from pointit.services.pui.cursor import PersonCursor
 from pointit.services.pui.passing import AGAIN_NS, PATIENCE_NS, Passing, words
 from pointit.services.pui.shapes import Surface
 from pointit.services.pui.surfaces import Surfaces
-from pointit.services.pui.tracked import Tracked
+from pointit.services.pui.tracked_objects import Tracked
 from tests.unit.pui.room import EYES, room
 
 STEP_NS = NS_PER_S // 50

@@ -23,8 +23,7 @@ from pointit.schemas import (
     Strip,
     UserPose,
 )
-from pointit.services.pui.cursor import PersonCursor
-from pointit.services.pui.nearby_lamps import NearbyLamps
+from pointit.services.pui.cursor import NearbyLamps, PersonCursor
 from pointit.services.pui.shapes import ALL_KINDS
 from pointit.services.pui.surfaces import OPAQUE, Surfaces
 

@@ -2,7 +2,7 @@
 
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, TrackedObject, TrackedObjects
-from pointit.services.pui.twin_objects import Twin, TwinFinder
+from pointit.services.pui.tracked_objects import Twin, TwinFinder
 
 BEGIN_NS = 1000 * NS_PER_S
 

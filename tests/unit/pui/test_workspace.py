@@ -20,9 +20,8 @@ from pointit.schemas import (
 )
 from pointit.services.pui.cursor import PersonCursor
 from pointit.services.pui.surfaces import Surfaces
-from pointit.services.pui.tracked import Tracked
-from pointit.services.pui.workspace import Workspace, WorkspaceError, WorkspaceKind
-from pointit.services.pui.workspace_start import WorkspaceStart
+from pointit.services.pui.tracked_objects import Tracked
+from pointit.services.pui.workspace import Workspace, WorkspaceError, WorkspaceKind, WorkspaceStart
 
 LAB = load_map("lab", 0)
 SURFACES = Surfaces(LAB)

@@ -4,9 +4,8 @@ from typing import Any
 
 import pytest
 
-from pointit.cli.recordings.report_text import first_lines
-from pointit.replay.comparison.comparison import Comparison
-from pointit.replay.comparison.report import Report, TopicReport
+from pointit.cli.recordings.replay import first_lines
+from pointit.replay.comparison.comparison import Comparison, Report, TopicReport
 from pointit.replay.comparison.samples import Leaf, Sample, differences
 
 MS = 1_000_000

@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pointit.geometry.vector import Vec3
-from pointit.services.robot import figure
-from pointit.services.robot.figure import AssumedPerson, best_figure, figures, position_sigmas_m
+from pointit.services.robot import followed_figure
+from pointit.services.robot.followed_figure import AssumedPerson, best_figure, figures, position_sigmas_m
 
 START: Vec3 = (2.5, 0.5, 1.2)
 PERSON = AssumedPerson((0.0, 0.0, 0.0), 1.5)
@@ -62,7 +62,7 @@ def test_an_unknown_latency_costs_little_on_the_best_figure_and_much_on_a_circle
     )
     sigmas_m: list[tuple[float, float]] = []
     for late_s in (0.001, 0.5):
-        monkeypatch.setattr(figure, "PRIOR", np.append(figure.PRIOR[:4], late_s**-2))
+        monkeypatch.setattr(followed_figure, "PRIOR", np.append(followed_figure.PRIOR[:4], late_s**-2))
         sigmas_m.append((sigma_m(best), sigma_m(circle)))
     (best_m, circle_m), (best_late_m, circle_late_m) = sigmas_m
     assert best_late_m < 2.0 * best_m

@@ -8,10 +8,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pointit.geometry import vector
-from pointit.services.robot.drivers.sim.hover_wander import WANDER_LIMIT, WANDER_SD_M
 from pointit.services.robot.drivers.sim.motion_limits import STEP_S, MotionLimits
-from pointit.services.robot.drivers.sim.quadrotor import SimulatedQuadrotor
-from pointit.services.robot.drivers.sim.smooth_motion import SmoothMotion
+from pointit.services.robot.drivers.sim.quadrotor import (
+    WANDER_LIMIT,
+    WANDER_SD_M,
+    SimulatedQuadrotor,
+    SmoothMotion,
+)
 from pointit.services.robot.robot_driver import Command, Follow, FollowPath, Land, Stop, TakeOff
 from tests.unit.robot.robot_course import (
     commands,

@@ -4,8 +4,8 @@ import pytest
 
 from pointit.schemas import NS_PER_S
 from pointit.services.robot.config import RobotConfig
+from pointit.services.robot.current_order import StandstillMonitor
 from pointit.services.robot.robot_driver import RobotReport
-from pointit.services.robot.standstill import StandstillMonitor
 
 
 @pytest.mark.parametrize(("speed_mps", "is_told"), [(0.0, False), (0.09, False), (0.12, True)])

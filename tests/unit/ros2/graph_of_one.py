@@ -6,10 +6,10 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from pointit.bridges.ros2.graph.backend import Endpoint, EndpointKind, Graph, Qos, RosType, Server
+from pointit.bridges.ros2.routing.conversion_state import ConversionState
 from pointit.bridges.ros2.routing.inbox import Inbox
 from pointit.bridges.ros2.routing.outbox import Outbox
 from pointit.bridges.ros2.routing.routes import Routes, routes
-from pointit.bridges.ros2.routing.scene import Scene
 from pointit.bridges.ros2.routing.site import Site
 from pointit.bridges.ros2.types.types import Types
 from pointit.runtime.bus.local_broker import LocalBroker
@@ -111,7 +111,7 @@ class Bench:
     """Endpoints on our side."""
     clock: ManualClock
     types: Types
-    scene: Scene
+    scene: ConversionState
     outbox: Outbox
     inbox: Inbox
 
@@ -139,7 +139,7 @@ async def bench(types: Types, table: Routes | None = None, *, unread: bool = Fal
     exchange, clock = LocalBroker(), ManualClock()
     inner, other = MemoryBus(exchange), MemoryBus(exchange)
     bus = ServiceBus(inner, clock, "ros2", "ros2")
-    backend, scene = FakeBackend(), Scene(types)
+    backend, scene = FakeBackend(), ConversionState(types)
     site = Site(bus=bus, clock=clock, backend=backend, scene=scene)
     table = table or routes()
     outbox = Outbox(table.outward, site, unread=unread)

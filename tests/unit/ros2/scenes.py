@@ -4,9 +4,9 @@ import functools
 import math
 from typing import Any
 
+from pointit.bridges.ros2.routing.conversion_state import ConversionState
 from pointit.bridges.ros2.routing.route_types import InboundRoute, OutboundRoute, ServiceRoute
 from pointit.bridges.ros2.routing.routes import Routes, routes
-from pointit.bridges.ros2.routing.scene import Scene
 from pointit.bridges.ros2.types.types import Types
 from pointit.schemas import (
     NS_PER_S,
@@ -59,8 +59,8 @@ def jazzy() -> Types:
     return Types("jazzy")
 
 
-def furnished() -> Scene:
-    scene = Scene(jazzy())
+def furnished() -> ConversionState:
+    scene = ConversionState(jazzy())
     scene.take("", ROOM, NOW_NS)
     return scene
 
@@ -78,7 +78,12 @@ def server(name: str) -> ServiceRoute:
 
 
 def sent(
-    row: OutboundRoute, message: Message, scene: Scene, name: str = "user1", *, again_ns: int | None = None
+    row: OutboundRoute,
+    message: Message,
+    scene: ConversionState,
+    name: str = "user1",
+    *,
+    again_ns: int | None = None,
 ) -> list[Any]:
     """ROS values of a message that comes now."""
     scene.take(name, message, max(scene.now_ns, NOW_NS))

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from pointit.bridges.ros2.graph.backend import LATCHED
 from pointit.bridges.ros2.outbound.humans import BODY, JOINTS, MAX_KNOWN, NEAR_M, confidence, shoulder
+from pointit.bridges.ros2.routing.conversion_state import ConversionState
 from pointit.bridges.ros2.routing.routes import Routes, routes
-from pointit.bridges.ros2.routing.scene import Scene
 from pointit.bridges.ros2.types.definitions import Definitions
 from pointit.bridges.ros2.types.foreign import ROS4HRI_MESSAGES
 from pointit.bridges.ros2.types.types import Types
@@ -56,14 +56,14 @@ def spread(sigma_m: float, *, across_m: float | None = None, turned_rad: float =
     return PLACE.model_copy(update={"covariance": (xx, xy, 0.0, xy, yy, 0.0, 0.0, 0.0, 0.0)})
 
 
-def here(*people: str) -> Scene:
+def here(*people: str) -> ConversionState:
     scene = furnished()
     for person in people:
         scene.person(person).is_here = True
     return scene
 
 
-def frame(table: Routes, name: str, scene: Scene, place: UserPose = PLACE) -> Any:
+def frame(table: Routes, name: str, scene: ConversionState, place: UserPose = PLACE) -> Any:
     (message,) = sent(out(table, name), place, scene, "anna")
     (transform,) = message.transforms
     return transform

@@ -7,13 +7,13 @@ import pytest
 
 from pointit.bridges.ros2.inbound.checks import LATE_NS
 from pointit.bridges.ros2.inbound.person import HEARD_NS, MAX_TRANSFORMS, SOONEST_NS
+from pointit.bridges.ros2.routing.conversion_state import ConversionState
 from pointit.bridges.ros2.routing.route_types import (
     BusOutput,
     ConversionContext,
     ConversionWarning,
     InboundRoute,
 )
-from pointit.bridges.ros2.routing.scene import Scene
 from pointit.geometry import rotation
 from pointit.runtime.bus.timeliness import MAX_AHEAD_NS
 from pointit.schemas import (
@@ -81,7 +81,12 @@ def tf(*frames: Any) -> Any:
 
 
 def taken(
-    row: InboundRoute, value: Any, scene: Scene | None = None, *, now_ns: int = NOW_NS, wall_ns: int = NOW_NS
+    row: InboundRoute,
+    value: Any,
+    scene: ConversionState | None = None,
+    *,
+    now_ns: int = NOW_NS,
+    wall_ns: int = NOW_NS,
 ) -> list[BusOutput | ConversionWarning]:
     """Messages from a value after its way through CDR."""
     read = jazzy().decode(row.type, jazzy().encode(row.type, value))

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from pointit.bridges.ros2.routing.conversion_state import Guest
 from pointit.bridges.ros2.routing.route_types import BusOutput, ConversionContext, ConversionWarning
 from pointit.bridges.ros2.routing.routes import routes
-from pointit.bridges.ros2.routing.scene import Guest
 from pointit.schemas import AddPackageReply, Message, decode, encode
 from pointit.schemas.topics import Topic
 from tests.unit.ros2.scenes import NOW_NS, furnished, into, jazzy, server

@@ -9,13 +9,13 @@ from hypothesis import strategies as st
 
 from pointit.bridges.ros2.inbound.checks import LATE_NS
 from pointit.bridges.ros2.outbound.person import pointing_ray, subscription
+from pointit.bridges.ros2.routing.conversion_state import ConversionState, Guest
 from pointit.bridges.ros2.routing.route_types import (
     BusOutput,
     ConversionContext,
     ConversionWarning,
     InboundRoute,
 )
-from pointit.bridges.ros2.routing.scene import Guest, Scene
 from pointit.geometry import rotation, vector
 from pointit.schemas import NS_PER_S, Interaction, PointingRay, UserPose, UserProfile
 from pointit.schemas.topics import INTERACTION, POSE, PROFILE, RAY
@@ -30,7 +30,7 @@ make = jazzy().make
 ANGLES = st.floats(-1.5, 1.5)
 
 
-def with_guests(*names: str, is_here: bool = True) -> Scene:
+def with_guests(*names: str, is_here: bool = True) -> ConversionState:
     scene = furnished()
     for name in names:
         scene.guests[name] = Guest(is_here=is_here)
@@ -56,7 +56,7 @@ def wish(
     )
 
 
-def foreign(row: InboundRoute, value: Any, scene: Scene) -> list[BusOutput | ConversionWarning]:
+def foreign(row: InboundRoute, value: Any, scene: ConversionState) -> list[BusOutput | ConversionWarning]:
     """Messages from a value that our own codec would not send."""
     return list(row.convert(value, "user1", scene, now_ns=NOW_NS, wall_ns=NOW_NS))
 
@@ -238,5 +238,5 @@ def test_a_static_frame_of_a_guest_is_their_pose_as_they_have_no_localizer() -> 
     assert scene.person("user1").tf_until_ns > NOW_NS + 3600 * NS_PER_S
 
 
-def static(row: InboundRoute, scene: Scene) -> list[BusOutput | ConversionWarning]:
+def static(row: InboundRoute, scene: ConversionState) -> list[BusOutput | ConversionWarning]:
     return taken(row, tf(frame_of(HERS)), scene)

@@ -4,6 +4,7 @@ from typing import Any
 
 import pytest
 
+from pointit.bridges.ros2.routing.conversion_state import ConversionState
 from pointit.bridges.ros2.routing.route_types import (
     BusOutput,
     ConversionContext,
@@ -11,7 +12,6 @@ from pointit.bridges.ros2.routing.route_types import (
     ServiceRoute,
 )
 from pointit.bridges.ros2.routing.routes import routes
-from pointit.bridges.ros2.routing.scene import Scene
 from pointit.bridges.ros2.routing.uids import MAX_NUMBER
 from pointit.schemas import (
     AddPackage,
@@ -35,11 +35,11 @@ def response(row: ServiceRoute, value: Any) -> Any:
     return jazzy().decode(kind, jazzy().encode(kind, value))
 
 
-def about(scene: Scene) -> ConversionContext:
+def about(scene: ConversionState) -> ConversionContext:
     return ConversionContext(scene, "user1", NOW_NS, "world")
 
 
-def listed(scene: Scene) -> list[int]:
+def listed(scene: ConversionState) -> list[int]:
     (value,) = out(routes(), "packages").convert(objects(), "conveyor", scene)
     return [item.uid for item in value.packages]
 

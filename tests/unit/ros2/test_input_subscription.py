@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from pointit.bridges.ros2.inbound.person import people_in
-from pointit.bridges.ros2.routing.scene import Scene
+from pointit.bridges.ros2.routing.conversion_state import ConversionState
 from pointit.bridges.ros2.types.types import Types
 from pointit.schemas.topics import POSE, WRIST
 from tests.support.bench import until
@@ -127,7 +127,7 @@ async def test_whose_name_only_ends_as_anothers_displaces_nothing_of_theirs() ->
 
 
 def test_people_are_found_in_either_order_of_bytes() -> None:
-    scene = Scene(jazzy())
+    scene = ConversionState(jazzy())
     for user in ("anna", "joanna", "ann"):
         scene.person(user)
     frame = b"joanna/human_footprint"

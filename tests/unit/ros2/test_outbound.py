@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 from pointit.bridges.ros2.graph.backend import Qos
 from pointit.bridges.ros2.outbound.drawing import DELETE_ALL
 from pointit.bridges.ros2.outbound.values import LAST_S, MAX_TEXT
+from pointit.bridges.ros2.routing.conversion_state import TRACKED_NS
 from pointit.bridges.ros2.routing.route_types import OutboundRoute
 from pointit.bridges.ros2.routing.routes import Routes, routes
-from pointit.bridges.ros2.routing.scene import TRACKED_NS
 from pointit.geometry import rotation, vector
 from pointit.runtime.clock import WallClock
 from pointit.schemas import (

@@ -3,7 +3,7 @@
 import pytest
 
 from pointit.bridges.ros2.outbound.drawing import ADD
-from pointit.bridges.ros2.outbound.robots import HALTED
+from pointit.bridges.ros2.outbound.markers import HALTED
 from pointit.bridges.ros2.routing.routes import routes
 from pointit.schemas import RobotPlan, RobotState, Steering, TrackedObject, UserProfile
 from pointit.schemas.environment import Fence

@@ -7,10 +7,10 @@ from typing import Any
 import pytest
 
 from pointit.bridges.ros2.outbound.table import CLOCK_S
+from pointit.bridges.ros2.routing.conversion_state import ConversionState
 from pointit.bridges.ros2.routing.frames import Frames, RosNames
 from pointit.bridges.ros2.routing.route_types import ServiceRoute
 from pointit.bridges.ros2.routing.routes import Routes, routes
-from pointit.bridges.ros2.routing.scene import Scene
 from pointit.runtime.bus.site_clock import SILENT_NS
 from pointit.runtime.errors import ConfigError
 from pointit.schemas import NS_PER_S
@@ -26,7 +26,7 @@ def table() -> Routes:
 def test_names_are_apart_and_resolve(table: Routes) -> None:
     names = [row.name for row in table.all]
     assert len(set(names)) == len(names)
-    scene = Scene(jazzy())
+    scene = ConversionState(jazzy())
     for row in table.all:
         found = row.ros_name(scene, "3d-printer.1")
         assert re.fullmatch(r"(/[A-Za-z_][A-Za-z0-9_]*)+", found), found
@@ -74,7 +74,7 @@ def test_a_file_changes_routes(tmp_path: Path) -> None:
     )
     table = routes(path)
     rows = {row.name: row for row in table.all}
-    scene = Scene(jazzy(), world=table.file.world, person=table.file.person, kinds=table.file.kinds)
+    scene = ConversionState(jazzy(), world=table.file.world, person=table.file.person, kinds=table.file.kinds)
     ray = next(row for row in table.outward if row.name == "pointing_ray")
     assert (ray.ros, ray.rate_hz) == ("/{user}/ray", 5)
     assert scene.frames.resolve(ray.frame, "anna") == "odom"

@@ -4,7 +4,7 @@ from typing import Any, cast
 
 import pytest
 
-from pointit.services.selector.methods.guarded_method import GuardedMethod
+from pointit.services.selector.methods.pointer import GuardedMethod
 from pointit.services.selector.selection_methods import PointingSample, SelectionProgress
 from tests.unit.selector.room import pointing
 

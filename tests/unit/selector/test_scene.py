@@ -9,27 +9,27 @@ from hypothesis import strategies as st
 from pointit.geometry import vector
 from pointit.geometry.polyline import Polyline
 from pointit.schemas import Belt, Cursor, Environment, TrackedObject, TrackedObjects
-from pointit.services.selector.objects.scene import Scene
+from pointit.services.selector.objects.seen_objects import SeenObjects
 from pointit.services.selector.objects.view import View
 from tests.unit.selector.room import EYES, MAP, at, package, packages, pointing
 
 SNAP = math.radians(1.5)
 
 
-def scene(*objects: TrackedObject, time_s: float = 0.0, lag_s: float = 0.0) -> Scene:
-    made = Scene(display_lag_s=lag_s, aim="ray")
+def scene(*objects: TrackedObject, time_s: float = 0.0, lag_s: float = 0.0) -> SeenObjects:
+    made = SeenObjects(display_lag_s=lag_s, aim="ray")
     made.on_map(MAP)
     made.update("conveyor", packages(time_s, *objects))
     return made
 
 
-def look(looked: Scene, cursor: Cursor) -> View:
+def look(looked: SeenObjects, cursor: Cursor) -> View:
     view = looked.view_from(cursor)
     assert view is not None
     return view
 
 
-def picked(looked: Scene, cursor: Cursor, kept: str | None = None) -> str | None:
+def picked(looked: SeenObjects, cursor: Cursor, kept: str | None = None) -> str | None:
     return look(looked, cursor).pick(kept, SNAP, 0.3)
 
 
@@ -55,7 +55,7 @@ def test_an_object_is_picked_within_half_its_width_and_the_snap(
 
 def test_along_the_line_of_sight_an_object_is_narrow() -> None:
     belt = Belt(id="g", line_m=((0.0, 0.0, 0.9), (10.0, 0.0, 0.9)))
-    looked = Scene(aim="ray")
+    looked = SeenObjects(aim="ray")
     looked.on_map(Environment(stamp_ns=0, name="room", belts=(belt,)))
     looked.update("conveyor", packages(0, package("a", 5.0, length_m=1.0)))
     behind = pointing(0, 5.0, eyes=(0.0, 0.0, 1.6), raised_rad=math.radians(3.0))
@@ -98,7 +98,7 @@ def test_objects_are_where_they_were_shown_at_the_time_of_the_ray(
 def test_on_a_curve_objects_follow_it(position_m: float, speed_mps: float, age_s: float) -> None:
     arc = tuple((math.cos(a / 20), math.sin(a / 20), 0.9) for a in range(60))
     line = Polyline(arc)
-    looked = Scene()
+    looked = SeenObjects()
     looked.on_map(Environment(stamp_ns=0, name="arc", belts=(Belt(id="g", line_m=arc),)))
     carried = vector.add(line.point_at(position_m), (0.0, 0.0, 0.2))  # its centre is above the belt
     tracked = package("a", position_m, speed_mps=speed_mps).model_copy(update={"position_m": carried})
@@ -120,7 +120,7 @@ def test_on_a_curve_objects_follow_it(position_m: float, speed_mps: float, age_s
 
 
 def test_a_line_that_the_map_does_not_have_is_straight() -> None:
-    looked = Scene()
+    looked = SeenObjects()
     looked.update("conveyor", packages(0, package("a", 5.0, speed_mps=1.0)))
     assert picked(looked, pointing(0.5, 5.5)) == "a"
 
@@ -151,7 +151,7 @@ def test_a_solid_in_front_hides_what_is_behind_it(solid: str, expected: str | No
 
 def test_there_is_no_view_without_a_ray_or_without_objects() -> None:
     assert scene(package("a", 5.0)).view_from(Cursor(stamp_ns=at(0))) is None
-    assert Scene().view_from(pointing(0, 5.0)) is None
+    assert SeenObjects().view_from(pointing(0, 5.0)) is None
 
 
 @given(st.floats(-1.0, 1.0), st.floats(0.05, 0.6))
@@ -208,7 +208,7 @@ def test_free_objects_move_with_their_velocity() -> None:
     robot = TrackedObject(
         id="robot", kind="robot", position_m=(5.0, 0.0, 1.5), velocity_mps=(0.0, 0.0, 1.0), length_m=0.2
     )
-    looked = Scene()
+    looked = SeenObjects()
     looked.on_map(MAP)
     looked.update("robot", TrackedObjects(stamp_ns=at(0), objects=(robot,)))
     direction = vector.normalized(vector.subtract((5.0, 0.0, 2.0), EYES))
@@ -221,7 +221,7 @@ def test_who_sees_the_cursor_on_an_object_is_on_it_however_far_the_ray_passes_th
     raised_deg: float, beside_m: float
 ) -> None:
     """Nothing shows an error across a line: simulated people miss a strip by 4.8 degrees in the median."""
-    looked = Scene()
+    looked = SeenObjects()
     looked.on_map(MAP)
     looked.update("conveyor", packages(0, package("a", 5.0), package("b", 5.6)))
     cursor = pointing(0, 5.0 + beside_m, raised_rad=math.radians(raised_deg))

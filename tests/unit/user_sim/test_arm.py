@@ -9,8 +9,7 @@ from hypothesis import strategies as st
 
 from pointit.geometry import rotation, vector
 from pointit.schemas import NS_PER_S
-from pointit.services.user_sim.body.arm import Arm, minimum_jerk_to_rest
-from pointit.services.user_sim.body.postural_noise import PosturalNoise
+from pointit.services.user_sim.body.arm import Arm, PosturalNoise, minimum_jerk_to_rest
 from pointit.services.user_sim.config import ArmConfig
 from pointit.sim.aim import Aim
 

@@ -1,6 +1,6 @@
 """Latency of pages."""
 
-from pointit.bridges.web.pages.lag import LATENCIES_S, Latencies
+from pointit.bridges.web.pages.open_pages import LATENCIES_S, Latencies
 
 
 def test_the_quantile_is_one_of_the_values_and_forgets() -> None:

@@ -12,13 +12,13 @@ from pointit.bridges.ros2.config import Ros2Config
 from pointit.bridges.ros2.graph.addresses import check_apart
 from pointit.bridges.ros2.graph.backend import Backend, Graph
 from pointit.bridges.ros2.graph.backends import check_endpoint, opened
+from pointit.bridges.ros2.routing.conversion_state import HEARD, ConversionState
 from pointit.bridges.ros2.routing.guests import Guests
 from pointit.bridges.ros2.routing.inbox import Inbox
 from pointit.bridges.ros2.routing.outbox import Outbox
 from pointit.bridges.ros2.routing.presence_cache import PresenceCache
 from pointit.bridges.ros2.routing.route_types import InboundRoute, OutboundRoute, ServiceRoute
 from pointit.bridges.ros2.routing.routes import Routes, routes
-from pointit.bridges.ros2.routing.scene import HEARD, Scene
 from pointit.bridges.ros2.routing.site import Site
 from pointit.bridges.ros2.tracking.routes import tracker_routes
 from pointit.bridges.ros2.types.types import Types
@@ -50,7 +50,7 @@ class Ros2(Service[Ros2Config]):
         types = Types(config.backend.distro)
         self._leave_out(_unusable(self._table, types))
         file = self._table.file
-        self._scene = Scene(types, world=file.world, person=file.person, kinds=file.kinds)
+        self._scene = ConversionState(types, world=file.world, person=file.person, kinds=file.kinds)
         self._people, self._services = PresenceCache("user"), PresenceCache("service")
 
     def _leave_out(self, unusable: Mapping[str, str]) -> None:

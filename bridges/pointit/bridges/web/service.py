@@ -17,11 +17,11 @@ from pointit.bridges.web.model.people import People
 from pointit.bridges.web.model.site_model import SiteModel
 from pointit.bridges.web.pages.latest_values import MAX_KEYS
 from pointit.bridges.web.pages.open_pages import Pages
+from pointit.bridges.web.pages.page_session import PageSession
 from pointit.bridges.web.pages.request_dispatcher import RequestDispatcher
-from pointit.bridges.web.pages.session import Session
 from pointit.bridges.web.pages.slow_link import SlowLink
+from pointit.bridges.web.playback.past_page import Visits
 from pointit.bridges.web.playback.recent import Recent
-from pointit.bridges.web.playback.visits import Visits
 from pointit.bridges.web.server import exposure_check
 from pointit.bridges.web.server.access import Access, new_token
 from pointit.bridges.web.server.app import PAST, application
@@ -172,11 +172,11 @@ class Web(Service[WebConfig]):
         """Return the site's time, ns, and its speed."""
         return self.clock.now_ns(), self.clock.speed
 
-    async def answer(self, ask: Ask, session: Session) -> Answer:
+    async def answer(self, ask: Ask, session: PageSession) -> Answer:
         """Handle a page's request."""
         return await self._answers.answer(session.page, session.role, ask)
 
-    def aim(self, aim: AimAt, session: Session) -> None:
+    def aim(self, aim: AimAt, session: PageSession) -> None:
         """Point where a page's mouse does."""
         if session.role == "operator":
             self._wrists.aim(session.page, aim)

@@ -13,10 +13,13 @@ from pointit.services.localizer.estimation.estimator import (
     SolverSettings,
     solve,
 )
+from pointit.services.localizer.estimation.mounting import mounting_fault
+from pointit.services.localizer.estimation.sample_blocks import blocks
+from pointit.services.localizer.verification.following import followed
+from pointit.services.localizer.verification.holds import held
 from pointit_lab.evaluation.localization.baselines import BaselineEstimate, mean_angle_4dof, mean_angle_z0
 from pointit_lab.evaluation.localization.cramer_rao import median_bounds_m
 from pointit_lab.evaluation.localization.scoring import Key, Outcome, rows_of, until_taken_rows
-from pointit_lab.evaluation.localization.taken import LIMITS, judged
 from pointit_lab.evaluation.localization.trial import Trial
 from pointit_lab.evaluation.recordings.parallel import map_parallel
 from pointit_lab.evaluation.recordings.row import Row, arranged
@@ -31,6 +34,9 @@ be too optimistic."""
 
 ANY = replace(STATED, max_residual_rad=math.inf, max_act_residual_rad=math.inf, bias_sigma_limit=math.inf)
 """Accepts the best fit, as the baselines do."""
+
+LIMITS = SolverSettings()
+"""The localizer's own priors and limits, as configured by default."""
 
 
 def ours(pointings: Pointings) -> Solution | Refusal:
@@ -50,7 +56,6 @@ CHUNK = 12
 
 FARTHEST_M = 1e6
 """Limit to which the errors of a diverged solver are clipped, for sums and JSON."""
-
 
 BASELINE_TRIALS = 400
 """Maximum of trials of a set and condition for the slow baselines; of more, every second, third, …."""
@@ -172,3 +177,14 @@ def outcome(trial: Trial, bound_m: float, name: str, solver: Solver) -> Outcome:
 def _off_m(found: Solution | BaselineEstimate, trial: Trial) -> float:
     off_m = math.hypot(found.x_m - trial.x_m, found.y_m - trial.y_m)
     return min(off_m, FARTHEST_M) if math.isfinite(off_m) else FARTHEST_M
+
+
+def judged(pointings: Pointings, trust: SolverSettings = LIMITS) -> Solution | Refusal:
+    """Return the pose that the localizer takes from `pointings`, or its refusal."""
+    if not len(pointings):
+        return solve(pointings, trust)
+    if blocks(pointings).is_still:
+        return held(pointings, trust)
+    found = followed(pointings, trust)
+    wrong = mounting_fault(pointings, found, trust, 0.0)
+    return Refusal(wrong, found.residual_rad) if wrong else found

@@ -15,18 +15,19 @@ Simulated: seeded people with a drifting IMU, whose true yaw is known.
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from itertools import product
 from pathlib import Path
 
 import numpy as np
 
+from pointit.services.localizer.drift.model import DriftSettings
 from pointit_lab.evaluation.datasets import proximity_feedback
 from pointit_lab.evaluation.datasets.proximity_feedback import FloorTrial, read_floor_trials
 from pointit_lab.evaluation.pointing.drift_courses import chained, courses, hold_sigma_rad
 from pointit_lab.evaluation.pointing.drift_innovation import innovation_rows
-from pointit_lab.evaluation.pointing.drift_left_out import left_out
 from pointit_lab.evaluation.pointing.drift_simulated import normal_row, simulated_rows
-from pointit_lab.evaluation.pointing.drift_solvers import SOLVERS, Trial, YawEstimate, predictable
+from pointit_lab.evaluation.pointing.drift_solvers import SOLVERS, Trial, YawEstimate, filtered, predictable
 from pointit_lab.evaluation.recordings.row import ALL, Row, Spread
 
 PEOPLE = 300
@@ -49,6 +50,13 @@ CHAINS_REMARK = (
     f"`{CHAINED}` of {proximity_feedback.NAME}: the runs of each of four people chained in every order, n "
     "counts chains; the last anchor is mostly 45 s before the hold that is told."
 )
+
+ANCHOR_SIGMA_DEG = (2.0, 2.5, 3.0, 3.5)
+
+RATE_WALK_DEGPS = (0.005, 0.01, 0.02)
+
+OUTLIER_SHARE = (0.005, 0.02)
+"""Values that are tried; the rest of the settings is kept."""
 
 
 def drift_rows(data: Path, tick: Callable[[str], None]) -> list[Row]:
@@ -127,3 +135,56 @@ def _solver_rows(
             )
         )
     return rows
+
+
+def candidates() -> Iterator[DriftSettings]:
+    """Yield the settings that are tried."""
+    for anchor_deg, walk_degps, outlier in product(ANCHOR_SIGMA_DEG, RATE_WALK_DEGPS, OUTLIER_SHARE):
+        yield DriftSettings(
+            anchor_sigma_rad=math.radians(anchor_deg),
+            rate_walk_radps=math.radians(walk_degps),
+            outlier_share=outlier,
+        )
+
+
+def left_out(
+    trials: Mapping[str, Sequence[Trial]],
+) -> dict[str, list[tuple[Trial, YawEstimate]]]:
+    """Return each trial's prediction with the settings that others chose, by condition.
+
+    The settings are those of the least error: absolute, averaged over conditions of each person, then over
+    people.
+
+    Args:
+        trials: by condition.
+    """
+    told = [
+        {
+            name: [(one, filtered(one.course, one.anchors, one.told, settings)) for one in some]
+            for name, some in trials.items()
+        }
+        for settings in candidates()
+    ]
+    people = {one.course.subject for some in trials.values() for one in some}
+    best = {
+        person: min(told, key=lambda each: np.mean([_error_rad(each, other) for other in people - {person}]))
+        for person in people
+        if len(people) > 1
+    }
+    return {
+        name: [
+            best[one.course.subject][name][index]
+            for index, one in enumerate(some)
+            if one.course.subject in best
+        ]
+        for name, some in trials.items()
+    }
+
+
+def _error_rad(told: Mapping[str, Sequence[tuple[Trial, YawEstimate]]], person: str) -> float:
+    """Return the person's mean absolute error, averaged over conditions."""
+    errors = [
+        [abs(one.error_rad(guess)) for one, guess in some if one.course.subject == person]
+        for some in told.values()
+    ]
+    return float(np.mean([np.mean(some) for some in errors if some]))

@@ -25,7 +25,7 @@ from pointit.services.pointing.config import PointingConfig
 from pointit.services.pointing.pointer import Pointer
 from pointit.services.pui.cursor import PersonCursor
 from pointit.services.pui.surfaces import Surfaces
-from pointit.services.pui.workspace_start import WorkspaceStart
+from pointit.services.pui.workspace import WorkspaceStart
 from pointit.services.robot.config import RobotConfig
 from pointit.services.robot.drivers.sim.motion_limits import STEP_S
 from pointit.services.robot.drivers.sim.ordered_robot import OrderedRobot, SimConfig

@@ -9,35 +9,56 @@ import numpy as np
 
 from pointit.geometry.polyline import Polyline
 from pointit.maps.file import load_map
-from pointit.schemas import BeltLink, Environment
+from pointit.schemas import BeltLink, Environment, UserProfile
+from pointit.schemas.base import Rgb, Vec3
 from pointit.services.conveyor_sim.config import ConveyorSimConfig, NamedFeederConfig
 from pointit.services.conveyor_sim.plant import Plant
 from pointit.services.pui.surfaces import Surfaces
+from pointit.services.user_sim.config import AimConfig, MindConfig, UserSimConfig
 from pointit_lab.evaluation.selection.carousel import OTHER, TARGET, Carousel
 from pointit_lab.evaluation.selection.condition import LAB, RING_M, VR, Condition
-from pointit_lab.evaluation.selection.people import person
 from pointit_lab.evaluation.selection.world import START_NS, ObjectMotion, TrialPerson
 
 LAB_LENGTH_M = 0.5
 """Length of a package."""
+
 LAB_LEAST_M = 0.9
 """Minimum distance of packages, centre to centre."""
+
 LAB_LIMIT_S = 60.0
 
 VR_BELTS = ("a", "b", "c", "d")
+
 VR_LENGTH_M = 1.2
+
 VR_INTERVALS_S = (3.0, 5.0)
 """Time between packages on a belt."""
 
 LENGTH_M = 0.4
 """Length of a package on the conveyor."""
+
 ENTRY = "part_e"
+
 RIGHT_BAY = "1"
+
 PLACES_M = ((-1.3, -1.9, 0.0), (1.8, -1.9, 0.0), (-3.0, -1.9, 0.0), (0.0, -2.3, 0.0))
 """Positions of people at the conveyor, in order; as in scenario 4."""
 
 REST_S = 10.0
 """Time to wait after the last package should have left."""
+
+COLORS: tuple[Rgb, ...] = ((255, 255, 255), (0, 158, 115), (204, 121, 167), (86, 180, 233))
+"""Cursor colours by person index."""
+
+PATTERNS: tuple[Literal["solid", "dashed", "striped", "dotted"], ...] = (
+    "solid",
+    "dashed",
+    "striped",
+    "dotted",
+)
+
+YAW_DEG = 20.0
+"""Azimuth of their bands' yaw origin."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -171,3 +192,43 @@ def _plant(
 
 def _longest_m(environment: Environment) -> float:
     return max(Polyline(belt.line_m).length_m for belt in environment.belts)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PersonModel:
+    """Parameters in which a simulated person differs from the default."""
+
+    skill: float
+    search_per_item_s: float
+    decide_per_bit_s: float
+    lapse_share: float
+
+
+PRACTISED = PersonModel(skill=0.7, search_per_item_s=0.005, decide_per_bit_s=0.05, lapse_share=0.04)
+"""Practised people, as in the paper's group: fitted to the medians and wrong toggles of `belts_lab`.
+Targets pop out by colour (Wolfe: 5 ms an item), choosing among two or three of them is habit (Hick's slope
+flattens with practice); the rate of lapses is 0.04 (1 - skill), 1.2 % of choices."""
+
+
+def person(index: int, position_m: Vec3, target_kind: str, model: PersonModel = PRACTISED) -> TrialPerson:
+    """Return a person at `position_m` who selects packages of `target_kind`."""
+    return TrialPerson(
+        name=f"person-{index + 1}",
+        config=UserSimConfig(
+            position_m=position_m,
+            yaw_deg=YAW_DEG,
+            target_kinds=(target_kind,),
+            think_s=0.0,
+            aim=AimConfig(skill=model.skill),
+            mind=MindConfig(
+                search_per_item_s=model.search_per_item_s,
+                decide_per_bit_s=model.decide_per_bit_s,
+                lapse_share=model.lapse_share,
+            ),
+        ),
+        profile=UserProfile(
+            stamp_ns=0,
+            cursor_color=COLORS[index % len(COLORS)],
+            pattern=PATTERNS[index % len(PATTERNS)],
+        ),
+    )

@@ -2,13 +2,29 @@
 
 import asyncio
 import json
+import re
+import socket
 import sys
+import time
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 from pointit.runtime.errors import ConfigError
-from pointit_lab.loadtest.network import link_contents
 from pointit_lab.loadtest.network.namespaces import UPLINK, Network
+
+KIND = re.compile(rb"application/msgpack;([A-Z]\w+)\.v\d+")
+
+OUTGOING = 4
+"""`PACKET_OUTGOING`, packet(7)."""
+
+ALL = 3
+"""`ETH_P_ALL`."""
+
+MAX_PACKET = 65_536
+
+BUFFER = 8 * 1024 * 1024
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,7 +54,7 @@ class Counters:
         made = cls({index: machines[index].name for index in sorted(network.traffic())})
         for index in made._links:
             made._running[index] = await asyncio.create_subprocess_exec(
-                *network.arguments(index, sys.executable, "-m", link_contents.__name__, UPLINK),
+                *network.arguments(index, sys.executable, "-m", __name__, UPLINK),
                 stdin=asyncio.subprocess.PIPE,
                 stdout=asyncio.subprocess.PIPE,
                 process_group=0,
@@ -69,3 +85,34 @@ class Counters:
                 f"with exit code {await counter.wait()}: see its output above"
             )
         return line
+
+
+def count(wire: socket.socket, duration_s: float) -> dict[str, Any]:
+    """Return the time and the number of messages of each kind that left and entered by `wire`."""
+    up, down = Counter[str](), Counter[str]()
+    began_s = time.monotonic()
+    while (left_s := began_s + duration_s - time.monotonic()) > 0:
+        wire.settimeout(left_s)
+        try:
+            packet, (_, _, direction, *_) = wire.recvfrom(MAX_PACKET)
+        except TimeoutError:
+            break
+        kinds: list[bytes] = KIND.findall(packet)
+        counted = up if direction == OUTGOING else down
+        counted.update(kind.decode("ascii") for kind in kinds)
+    counts = {kind: [up[kind], down[kind]] for kind in sorted({*up, *down})}
+    return {"lasted_s": time.monotonic() - began_s, "counts": counts}
+
+
+def _main(device: str) -> None:
+    with socket.socket(socket.AF_PACKET, socket.SOCK_RAW) as wire:  # receives nothing until it is bound
+        wire.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER)
+        sys.stdout.write("\n")
+        sys.stdout.flush()
+        if line := sys.stdin.readline():
+            wire.bind((device, ALL))
+            sys.stdout.write(json.dumps(count(wire, float(line))) + "\n")
+
+
+if __name__ == "__main__":
+    _main(sys.argv[1])

@@ -1,9 +1,10 @@
-"""Progress of long work: a bar or a spinner on a terminal, else a line every few seconds."""
+"""Long work: a bar or a spinner on a terminal, else a line every few seconds; and its interruption."""
 
+import signal
 import time
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
-from typing import Protocol
+from typing import Any, Protocol
 
 import click
 from rich.console import Console
@@ -69,3 +70,24 @@ class LineProgress:
         self._wrote_s = now_s
         count = "" if done is None or self._total is None else f": {done} of {self._total}"
         self._write(f"{what}{count}, for {now_s - self._began_s:.0f} s")
+
+
+def _interrupt(_number: int, _frame: object) -> None:
+    signal.raise_signal(signal.SIGINT)
+
+
+@contextmanager
+def interruptible() -> Generator[None]:
+    """Make Ctrl-C and SIGTERM raise `KeyboardInterrupt` inside, so that everything there is cleaned up.
+
+    While `asyncio` runs a task inside, they cancel it first.
+    """
+    before: dict[int, Any] = {
+        signal.SIGINT: signal.signal(signal.SIGINT, signal.default_int_handler),
+        signal.SIGTERM: signal.signal(signal.SIGTERM, _interrupt),
+    }
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

@@ -1,20 +1,24 @@
 """Commands that observe a site join it as clients with a short timeout."""
 
 import asyncio
+import contextlib
 import socket
-from collections.abc import AsyncGenerator, Sequence
+from collections.abc import AsyncGenerator, Callable, Generator, Sequence
 from contextlib import asynccontextmanager
+from typing import Generic, TypeVar
 
 import click
 from click.core import ParameterSource
 
-from pointit.cli.common.waiting import notify_if_slow
+from pointit.runtime.bus.contract import Bus
 from pointit.runtime.errors import ConnectError, PointItError
 from pointit.runtime.host.threads import in_daemon_thread
 from pointit.runtime.link.link import ENDPOINT, Link
 from pointit.runtime.link.options import link_of, link_options
 from pointit.runtime.service.logs import setup_logging
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
+from pointit.schemas import Message
+from pointit.schemas.topics import Topic
 
 CONNECT_PATIENCE_S = 5.0
 """Timeout of finding a site, s: a router on a busy machine may take seconds to answer."""
@@ -24,6 +28,14 @@ REFUSED_PATIENCE_S = 2.0
 
 PROBE_S = 1.0
 """Timeout of finding out whether somebody listens, s."""
+
+PATIENCE_S = 2.0
+"""Timeout of a site's first message, s."""
+
+SILENT_S = 1.0
+"""Wait after which a notice is printed, s."""
+
+M = TypeVar("M", bound=Message)
 
 
 def site_options() -> list[click.Parameter]:
@@ -95,3 +107,43 @@ def default_address_note(site: str, connect: Sequence[str]) -> str:
 def quiet() -> None:
     """Log only warnings and errors, so that the command's output stays readable."""
     setup_logging("warning")
+
+
+@contextlib.contextmanager
+def notify_if_slow(text: str) -> Generator[None]:
+    """Print `text` to standard error if the block takes longer than `SILENT_S`."""
+
+    def tell() -> None:
+        click.echo(text, err=True)
+
+    handle = asyncio.get_running_loop().call_later(SILENT_S, tell)
+    try:
+        yield
+    finally:
+        handle.cancel()
+
+
+def _any(_message: Message) -> bool:
+    return True
+
+
+class LatestMessage(Generic[M]):
+    """Holds the latest message of one key."""
+
+    def __init__(self, bus: Bus, topic: Topic[M], name: str = "") -> None:
+        self.value: M | None = None
+        self._changed = asyncio.Event()
+        bus.subscribe(topic, self._on_message, name)
+
+    async def wait(self, patience_s: float, fits: Callable[[M], bool] = _any) -> M | None:
+        """Return the newest message as soon as it `fits`, or None if none does within `patience_s`."""
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(patience_s):
+                while self.value is None or not fits(self.value):
+                    self._changed.clear()
+                    await self._changed.wait()
+        return self.value if self.value is not None and fits(self.value) else None
+
+    def _on_message(self, message: M, _name: str) -> None:
+        self.value = message
+        self._changed.set()

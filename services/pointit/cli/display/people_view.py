@@ -8,7 +8,7 @@ from rich.text import Text
 
 from pointit.launch.run.monitor import Monitor
 from pointit.schemas import NS_PER_S, Localization, UserPose
-from pointit.services.imu_bridge.page_health import LOW_BATTERY
+from pointit.services.imu_bridge.page_wrist import LOW_BATTERY
 from pointit.services.imu_bridge.wrist.monitor import BATTERY, GAPS, RATE, SIGNAL
 from pointit.services.localizer.certainty import UNSURE_DEG, UNSURE_M, figure, position_sigma_m, yaw_sigma_deg
 

@@ -14,8 +14,15 @@ from rich.text import Text
 
 from pointit.cli.common.option_types import Finite
 from pointit.cli.common.output import INTERRUPTED, Row, Section, console, json_option, print_json, print_table
-from pointit.cli.common.site_link import address, join_site, listens, quiet, site_options
-from pointit.cli.common.waiting import PATIENCE_S, notify_if_slow
+from pointit.cli.common.site_link import (
+    PATIENCE_S,
+    address,
+    join_site,
+    listens,
+    notify_if_slow,
+    quiet,
+    site_options,
+)
 from pointit.cli.site.identities_table import expiring, section, visible_rows
 from pointit.diagnosis.diagnose import diagnose, is_healthy
 from pointit.diagnosis.finding_filter import filter_findings, is_about

@@ -2,21 +2,42 @@
 
 import asyncio
 import math
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from typing import Any
 
 import click
 
 from pointit.cli.common.lazy import UnknownNameError
+from pointit.cli.common.option_types import Finite
 from pointit.cli.common.output import Section, console, json_option, print_table, to_json, write_line
 from pointit.cli.common.site_link import join_site, quiet, site_options
 from pointit.cli.common.topic_names import EVERYTHING, Wanted, resolve_all
-from pointit.cli.inspect.window import window_options
 from pointit.runtime.bus.contract import AnyTopic, Subscription
 from pointit.runtime.service.shutdown import EXIT_FAILED, run_until_shutdown
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas import Message, encode
 from pointit.schemas.topics import ANY, IMU
+
+Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
+
+
+def window_options(default_s: float, note: str = "") -> Decorator:
+    """Return the options `--window` (`window_s`) and `--watch`; `note` ends the help of the first."""
+
+    def add(function: Callable[..., Any]) -> Callable[..., Any]:
+        watch = click.option("--watch", is_flag=True, help="repeat until Ctrl-C, once a window")
+        window = click.option(
+            "--window",
+            "window_s",
+            type=Finite(min=0.1),
+            default=default_s,
+            show_default=True,
+            help=f"measuring time, s{note}",
+        )
+        return window(watch(function))
+
+    return add
 
 
 @dataclass(frozen=True, kw_only=True)

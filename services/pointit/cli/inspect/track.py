@@ -13,12 +13,11 @@ import numpy as np
 
 from pointit.cli.common.output import Section, console, json_option, print_table, say, to_json, write_line
 from pointit.cli.common.site_link import join_site, quiet, site_options
-from pointit.cli.inspect.hz import RateMeter
-from pointit.cli.inspect.window import window_options
+from pointit.cli.inspect.hz import RateMeter, window_options
 from pointit.runtime.service.shutdown import EXIT_FAILED, run_until_shutdown
 from pointit.schemas import NS_PER_S, TrackedObjects, encode
 from pointit.schemas.topics import OBJECTS
-from pointit.services.pui.twin_objects import TwinFinder
+from pointit.services.pui.tracked_objects import TwinFinder
 
 MOST = 4096
 """Largest number of messages of a window whose age counts; of more, the latest."""

@@ -18,8 +18,7 @@ from pointit.runtime.service.shutdown import run_until_shutdown
 from pointit.runtime.service.surroundings import HealthSink
 from pointit.services.led_driver.output.spotlight.beam import BeamState
 from pointit.services.led_driver.output.spotlight.config import SpotlightConfig
-from pointit.services.led_driver.output.spotlight.head import Angles
-from pointit.services.led_driver.output.spotlight.manual_aim import ManualAim
+from pointit.services.led_driver.output.spotlight.head import Angles, ManualAim
 from pointit.services.led_driver.output.spotlight.pose_fit import (
     MIN_PLACES,
     WRONG_RAD,

@@ -9,9 +9,8 @@ import click
 from pointit.cli.common.completed_names import scenarios
 from pointit.cli.common.output import say
 from pointit.launch.plan.launches import Choices
-from pointit.launch.plan.scenario import read_scenario
+from pointit.launch.plan.scenario import USUAL, read_scenario
 from pointit.launch.plan.scenario_catalog import scenario_launches
-from pointit.launch.run.surroundings import USUAL
 from pointit.maps.file import load_map
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.service.surroundings import NullHealth

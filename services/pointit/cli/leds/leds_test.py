@@ -9,8 +9,8 @@ from pathlib import Path
 
 import click
 
-from pointit.cli.common.interruption import interruptible
 from pointit.cli.common.keyboard import has_keyboard, keys
+from pointit.cli.common.progress import interruptible
 from pointit.cli.leds.leds_setup import PrintedHealth, read_setup, setup_options
 from pointit.cli.leds.strip_test import Step, steps_of
 from pointit.runtime.clock import WallClock

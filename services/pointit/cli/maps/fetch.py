@@ -12,8 +12,7 @@ from pointit.bridges.ros2.config import NAME, BackendConfig
 from pointit.cli.common.lazy import UnknownNameError
 from pointit.cli.common.option_types import Finite
 from pointit.cli.common.output import INTERRUPTED
-from pointit.cli.common.site_link import quiet
-from pointit.cli.common.waiting import notify_if_slow
+from pointit.cli.common.site_link import notify_if_slow, quiet
 from pointit.cli.maps.check import examined, print_findings
 from pointit.launch.plan.extras import has_extra
 from pointit.maps.file import parse_map_file

@@ -22,7 +22,7 @@ from pointit.launch.page.page import (
 )
 from pointit.launch.page.page_tokens import kept_tokens
 from pointit.launch.plan.settings import Settings
-from pointit.launch.run.run_bus import CLOCK_PATIENCE_S
+from pointit.launch.run.run_site import CLOCK_PATIENCE_S
 from pointit.launch.run.running_scenario import PRESENCE_PATIENCE_S
 from pointit.runtime.bus.contract import list_present
 from pointit.runtime.bus.site_clock import SiteClock

@@ -8,8 +8,7 @@ import click
 from pointit.cli.common.keyboard import changing_line
 from pointit.cli.common.option_types import Finite
 from pointit.cli.common.output import INTERRUPTED, json_option, print_json, say
-from pointit.cli.common.site_link import default_address_note, join_site, quiet, site_options
-from pointit.cli.common.waiting import LatestMessage
+from pointit.cli.common.site_link import LatestMessage, default_address_note, join_site, quiet, site_options
 from pointit.cli.people import pose_text
 from pointit.cli.people.anchoring import LATE_S, Anchoring
 from pointit.runtime.service.shutdown import EXIT_FAILED, run_until_shutdown

@@ -4,8 +4,8 @@ import asyncio
 import contextlib
 from collections.abc import Callable, Sequence
 
-from pointit.cli.common.waiting import PATIENCE_S, notify_if_slow
-from pointit.cli.people.pose_messages import missing_reason
+from pointit.cli.common.site_link import PATIENCE_S, notify_if_slow
+from pointit.cli.people.pose_text import missing_reason
 from pointit.runtime.bus.contract import Bus, list_present
 from pointit.runtime.errors import NoAnswerError, RefusedError, RequestError
 from pointit.schemas import Anchor, CancelLocalization, Localization, PointAnchor

@@ -12,8 +12,14 @@ from pointit.cli.common.keyboard import changing_line, wait_for_enter
 from pointit.cli.common.lazy import UnknownNameError
 from pointit.cli.common.option_types import Finite
 from pointit.cli.common.output import INTERRUPTED, json_option, print_json, say
-from pointit.cli.common.site_link import default_address_note, join_site, quiet, site_options
-from pointit.cli.common.waiting import PATIENCE_S, notify_if_slow
+from pointit.cli.common.site_link import (
+    PATIENCE_S,
+    default_address_note,
+    join_site,
+    notify_if_slow,
+    quiet,
+    site_options,
+)
 from pointit.cli.people.anchoring import LISTEN_S
 from pointit.cli.people.mounting import (
     APART_RAD,

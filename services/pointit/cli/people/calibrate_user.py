@@ -11,8 +11,15 @@ import click
 from pointit.cli.common.keyboard import ChangingLine, changing_line
 from pointit.cli.common.lazy import UnknownNameError
 from pointit.cli.common.output import INTERRUPTED, Section, console, json_option, print_json, print_table, say
-from pointit.cli.common.site_link import default_address_note, join_site, quiet, site_options
-from pointit.cli.common.waiting import PATIENCE_S, LatestMessage, notify_if_slow
+from pointit.cli.common.site_link import (
+    PATIENCE_S,
+    LatestMessage,
+    default_address_note,
+    join_site,
+    notify_if_slow,
+    quiet,
+    site_options,
+)
 from pointit.cli.people.anchor import timeout_option
 from pointit.cli.people.anchoring import LISTEN_S, Anchoring, AnchorNotStartedError
 from pointit.cli.people.offset_report import (

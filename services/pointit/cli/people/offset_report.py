@@ -11,7 +11,7 @@ from rich.text import Text
 
 from pointit.geometry import vector
 from pointit.schemas import NS_PER_S, Anchor, PointingOffset
-from pointit.services.pointing import correction
+from pointit.services.pointing.arm_ray import apply
 from pointit.services.pointing.offset import OffsetFit, Sighting, fit, sighting
 
 STEADY_RAD = math.radians(3.0)
@@ -100,7 +100,7 @@ def _row(anchor: Anchor, seen: Sighting, fitted: OffsetFit, *, is_used: bool) ->
     by_azimuth = by_elevation = 0.0
     if fitted.offset is not None:
         world = seen.azimuth_rad + fitted.heading_rad
-        by_azimuth, by_elevation = correction.apply(fitted.offset, world, seen.elevation_rad)
+        by_azimuth, by_elevation = apply(fitted.offset, world, seen.elevation_rad)
     return AnchorResidual(
         lamp=anchor.target_id,
         azimuth_before_rad=azimuth,

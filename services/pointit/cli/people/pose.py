@@ -9,11 +9,18 @@ from pointit.cli.common.keyboard import check_keyboard, wait_for_enter
 from pointit.cli.common.lazy import UnknownNameError
 from pointit.cli.common.option_types import Finite
 from pointit.cli.common.output import INTERRUPTED, json_option, print_json, say
-from pointit.cli.common.site_link import default_address_note, join_site, quiet, site_options
-from pointit.cli.common.waiting import PATIENCE_S, LatestMessage, notify_if_slow
+from pointit.cli.common.site_link import (
+    PATIENCE_S,
+    LatestMessage,
+    default_address_note,
+    join_site,
+    notify_if_slow,
+    quiet,
+    site_options,
+)
 from pointit.cli.people import pose_text
 from pointit.cli.people.anchoring import LISTEN_S
-from pointit.cli.people.pose_messages import localizing, missing_reason, out_of_map_warning, people
+from pointit.cli.people.pose_text import localizing, missing_reason, out_of_map_warning, people
 from pointit.runtime.bus.contract import Bus, list_present
 from pointit.runtime.bus.site_clock import SiteClock
 from pointit.runtime.errors import NoAnswerError

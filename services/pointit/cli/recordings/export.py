@@ -4,8 +4,7 @@ from pathlib import Path
 
 import click
 
-from pointit.cli.common.interruption import interruptible
-from pointit.cli.common.progress import progress
+from pointit.cli.common.progress import interruptible, progress
 
 
 @click.command("export")

@@ -6,8 +6,7 @@ from pathlib import Path
 import click
 
 from pointit.cli.common.completed_names import maps
-from pointit.cli.common.interruption import interruptible
-from pointit.cli.common.progress import progress
+from pointit.cli.common.progress import interruptible, progress
 from pointit.runtime.errors import ConfigError
 
 SITE = "imported"

@@ -10,7 +10,7 @@ import click
 
 from pointit.cli.common.option_types import Finite
 from pointit.cli.common.site_link import join_site, site_options
-from pointit.cli.recordings.options import recorder_options
+from pointit.cli.recordings.run_recorder import recorder_options
 from pointit.launch.recorder import recorder_launch
 from pointit.runtime.bus.site_clock import SiteClock
 from pointit.runtime.errors import ConfigError

@@ -7,7 +7,6 @@ from typing import Any
 import click
 
 from pointit.cli.common.run_part import Added, RunPart
-from pointit.cli.recordings.options import recorder_options
 from pointit.launch.plan.launches import Choices
 from pointit.launch.plan.scenario import Scenario
 from pointit.launch.recorder import RunRecorder, recorder_launch
@@ -42,3 +41,20 @@ def _add(_scenario: Scenario, choices: Choices, options: Mapping[str, Any]) -> A
 RECORDER_PART = RunPart(
     heading="Recording", names=("record", "without", "pseudonyms"), options=_options, add=_add
 )
+
+
+def recorder_options(function: Any) -> Any:
+    """Add the options that say what is left out of a recording."""
+    for option in (
+        click.option(
+            "--pseudonyms", is_flag=True, help="in the recording, call people person-1, person-2 and so on"
+        ),
+        click.option(
+            "--without",
+            multiple=True,
+            metavar="TOPIC",
+            help="leave topics out of the recording, by a part of their key, such as imu. Repeatable",
+        ),
+    ):
+        function = option(function)
+    return function

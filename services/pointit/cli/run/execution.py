@@ -17,10 +17,8 @@ from pointit.cli.parts import DISPLAY_PARTS
 from pointit.launch.plan.beside import Beside
 from pointit.launch.plan.plan import Plan
 from pointit.launch.plan.startup_notices import kept_mountings, kept_offsets
-from pointit.launch.run.onlookers import Onlookers
-from pointit.launch.run.run_bus import adapt_to_site, clock_of, open_bus
+from pointit.launch.run.run_site import Onlookers, ScenarioRequests, adapt_to_site, clock_of, open_bus
 from pointit.launch.run.running_scenario import RunningScenario
-from pointit.launch.run.scenario_requests import ScenarioRequests
 from pointit.runtime.bus.site_clock import publish_time
 from pointit.runtime.clock import Clock, SimulatedClock, WallClock
 from pointit.runtime.host.optional_rooms import present

@@ -23,11 +23,10 @@ from pointit.cli.run.run_options import (
 )
 from pointit.launch.plan.launches import Choices
 from pointit.launch.plan.plan import Plan
-from pointit.launch.plan.scenario import read_scenario, scenario_names
+from pointit.launch.plan.scenario import USUAL, read_scenario, scenario_names
 from pointit.launch.plan.scenario_catalog import ScenarioCatalog, scenario_launches
 from pointit.launch.plan.settings import check_settings
 from pointit.launch.plan.startup_notices import assumed_places
-from pointit.launch.run.surroundings import USUAL
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.link.link import DEFAULT_ENDPOINT
 from pointit.runtime.link.options import given_credentials, link_options

@@ -1,6 +1,8 @@
 """Options shared by commands that start services, and their conversion."""
 
+import math
 import os
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -8,12 +10,13 @@ import click
 
 from pointit.cli.common.option_types import Finite
 from pointit.cli.parts import RUN_PARTS
-from pointit.cli.run.person_options import PERSON_OPTIONS
 from pointit.launch.plan.launches import LAMPS, LOCALIZATIONS, Choices, robot_of
+from pointit.launch.plan.scenario import Pose
 from pointit.runtime.config.environment import check_environment
 from pointit.runtime.host.optional_rooms import present
 from pointit.runtime.link.link import DEFAULT_ENDPOINT, Link
 from pointit.runtime.link.options import given_credentials, link_of
+from pointit.schemas import FARTHEST
 from pointit.services import registry
 
 BESIDE_ROS = "tcp/127.0.0.1:7448"
@@ -44,7 +47,6 @@ PANELS = {
 
 PERSON_PANELS = {heading: PANELS[heading] for heading in ("People", "Devices", "Network")}
 """The same for `person add`."""
-
 
 LOCALIZE = "--localize"
 
@@ -174,3 +176,59 @@ def joining(options: dict[str, Any]) -> Link:
         else:
             connect = credentials.link.endpoints
     return link_of(options["site"], () if listen else connect, listen)
+
+
+def pose(text: str) -> Pose:
+    """Return the pose in `X,Y` or `X,Y,YAW`: metres and degrees.
+
+    Raises:
+        click.BadParameter: If it is not a pose.
+    """
+    try:
+        numbers = [float(part) for part in text.split(",")]
+    except ValueError:
+        numbers = []
+    if len(numbers) not in {2, 3} or not all(math.isfinite(number) for number in numbers):
+        raise click.BadParameter(f"{text!r}: give X,Y or X,Y,YAW in metres and degrees, such as 2.0,0.5,20")
+    x_m, y_m, *rest = numbers
+    yaw_deg = rest[0] if rest else None
+    if max(abs(x_m), abs(y_m)) > FARTHEST or abs(yaw_deg or 0.0) > 360.0:
+        raise click.BadParameter(f"{text!r}: X and Y are metres to {FARTHEST:,.0f}, YAW degrees to 360")
+    return Pose(x_m=x_m, y_m=y_m, yaw_deg=yaw_deg)
+
+
+def _poses(_context: click.Context, _parameter: click.Parameter, texts: tuple[str, ...]) -> tuple[Pose, ...]:
+    return tuple(pose(text) for text in texts)
+
+
+PERSON_OPTIONS: tuple[Callable[[Any], Any], ...] = (
+    click.option(
+        "--targets",
+        type=click.IntRange(2, 64),
+        metavar="N",
+        help="with --localize: number of lamps to point at. With two, as in the paper, poses are uncertain "
+        "but still accepted  [default: until the pose is certain enough]",
+    ),
+    click.option(
+        "--pose",
+        "poses",
+        multiple=True,
+        callback=_poses,
+        metavar="X,Y[,YAW]",
+        help="position of a person, m, and the azimuth of their IMU's yaw 0, deg; "
+        "once for each person  [default: the scenario's places]",
+    ),
+    click.option(
+        "--hand",
+        type=click.Choice(["left", "right"]),
+        help="hand with which people point, in their profile and as simulated",
+    ),
+    click.option(
+        "--stature",
+        "stature_m",
+        type=Finite(0.5, 2.5),
+        metavar="M",
+        help="stature of people, m: scales the body measures of profile and simulation",
+    ),
+)
+"""Options of `run` and `user` about people."""

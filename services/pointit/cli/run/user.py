@@ -1,6 +1,7 @@
 """`pointit person add`: one person's services, on a running site."""
 
 import dataclasses
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -8,20 +9,21 @@ import click
 
 from pointit.cli.common.completed_names import scenarios
 from pointit.cli.common.panels import PanelCommand
+from pointit.cli.common.site_link import join_site
 from pointit.cli.parts import PERSON_CHECKS
 from pointit.cli.run.execution import execute
 from pointit.cli.run.run_options import OPTIONAL, PERSON_PANELS, choices_of, joining, shared_options
-from pointit.cli.run.site_inspection import inspect_site
 from pointit.launch.plan.launches import added_services, shard_launches, user_launches
 from pointit.launch.plan.plan import Plan
-from pointit.launch.plan.scenario import Scenario, read_scenario
+from pointit.launch.plan.scenario import USUAL, Scenario, read_scenario
 from pointit.launch.plan.settings import check_settings
 from pointit.launch.plan.startup_notices import assumed_places
-from pointit.launch.run.surroundings import USUAL
-from pointit.runtime.errors import ConfigError
+from pointit.launch.run.run_site import Found, surroundings
+from pointit.runtime.errors import ConfigError, ConnectError
 from pointit.runtime.host.optional_rooms import present
 from pointit.runtime.link.options import link_options
 from pointit.runtime.service.process import log_option
+from pointit.runtime.service.shutdown import run_until_shutdown
 from pointit.schemas.system import check_user
 
 
@@ -95,3 +97,22 @@ def command(name: str, scenario: str | None, place: int | None, *, here: bool, *
 
 
 command.params += [*link_options(), log_option()]
+
+
+def inspect_site(site: str, connect: Sequence[str]) -> Found | None:
+    """Return the scenario on a site and a free place, or None if interrupted.
+
+    Without a reply it is the default scenario's first place: its run may start later.
+    """
+    found: list[Found] = []
+
+    async def look() -> int:
+        try:
+            async with join_site(site, connect) as bus:
+                found.append(await surroundings(bus))
+        except ConnectError:
+            found.append((USUAL, 1))
+        return 0
+
+    run_until_shutdown(look())
+    return found[0] if found else None

@@ -14,7 +14,7 @@ from pointit.access.site_state import SiteState
 from pointit.cli.common.option_types import Finite
 from pointit.cli.common.output import json_option, print_json, show
 from pointit.cli.site import identities_table
-from pointit.launch.run.surroundings import check_names
+from pointit.launch.run.run_site import check_names
 from pointit.runtime.errors import ConfigError, ConnectError
 from pointit.runtime.link.credentials import read_credentials
 from pointit.runtime.link.link import Link

@@ -7,8 +7,7 @@ from typing import Any, Literal
 
 from pointit.geometry.floor_sigma import ROBOT_PLACE_SIGMA_M
 from pointit.launch.plan.extras import load
-from pointit.launch.plan.person import REALISTIC, Pose, body_of
-from pointit.launch.plan.scenario import Place, Scenario
+from pointit.launch.plan.scenario import REALISTIC, Place, Pose, Scenario, body_of
 from pointit.launch.plan.seeds import seed_of
 from pointit.launch.plan.settings import Settings, layers_of
 from pointit.runtime.config.plugins import PluginGroup

@@ -1,5 +1,6 @@
-"""Scenarios: which services run, how they are configured, where people stand; one YAML file each."""
+"""Scenarios: which services run, how they are configured, where people stand and how tall they are."""
 
+from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
 from typing import Any, Self
@@ -13,10 +14,22 @@ from pointit.runtime.config.yaml_file import read_yaml
 from pointit.runtime.errors import ConfigError
 from pointit.schemas import KeyNameError
 from pointit.schemas.topics import check_name
+from pointit.services.supervisor.body import measures
 
 SHIPPED = resources.files("pointit.launch") / "scenarios"
+
 LONGEST_NAME = 60
 """Characters of a scenario's name: 64 fit into the key of its run, with `schemas.system.RUN` before it."""
+
+USUAL = "scenario_4"
+"""Default scenario, also the source of a person's parameters if the site runs no shipped one."""
+
+REALISTIC: dict[str, Any] = {
+    "wristband": {"yaw_rate_bias_sd_degps": 0.25, "dropout_share": 0.01},
+    "anchor_when_off_deg": 10.0,
+}
+"""Simulated person who is localized by pointing: a band with realistic drift (pointing.md §7), and they point
+at a lamp again when the cursor has drifted away."""
 
 
 class Place(Config):
@@ -95,3 +108,18 @@ def read_scenario(name: str) -> Scenario:
         raise ConfigError(f"no scenario {name!r}; {did_you_mean(name, known) or all_names}")
     with resources.as_file(SHIPPED / f"{name}.yaml") as path:
         return Scenario.read(path, path.name)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pose:
+    """A place on the floor of {W}, and the azimuth there of the IMU's yaw 0."""
+
+    x_m: float
+    y_m: float
+    yaw_deg: float | None = None
+    """None if not given."""
+
+
+def body_of(stature_m: float) -> dict[str, float]:
+    """Return the body measures, as parameters, of a person `stature_m` tall."""
+    return {name: round(value, 4) for name, value in measures(stature_m, {}).model_dump().items()}

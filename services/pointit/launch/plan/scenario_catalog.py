@@ -1,4 +1,4 @@
-"""The scenarios that a run can switch to, each with the command line's choices."""
+"""The scenarios that a run can switch to, each with the command line's choices, and checks of their maps."""
 
 import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
@@ -6,16 +6,21 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from pointit.launch.plan.launches import PAGE, Choices, place_of, robots_of, site_launches, user_launches
-from pointit.launch.plan.map_fit import check_map_fits
 from pointit.launch.plan.plan import Plan
 from pointit.launch.plan.scenario import Scenario, read_scenario, scenario_names
 from pointit.launch.plan.settings import service_of
 from pointit.launch.plan.startup_notices import assumed_places
+from pointit.maps.environment import environment
+from pointit.maps.file import map_path, read_map_file
+from pointit.maps.lanes import broken_references
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.service.service import Launch, check_launches
-from pointit.schemas import RunScenario
+from pointit.schemas import Environment, RunScenario
 from pointit.schemas.system import split_instance
+from pointit.services.pui.config import PuiConfig
 
 PLACES = 8
 """Number of people whose assumed places are given to a page, present or not."""
@@ -147,3 +152,36 @@ def _services(scenario: Scenario) -> set[str]:
 
 def _room(scenario: Scenario) -> str:
     return str(scenario.site.get("pui", {}).get("map", ""))
+
+
+def check_map_fits(launches: Sequence[Launch]) -> None:
+    """Check that the map of `launches` has the belts, strips and lamps that they need.
+
+    Without a pui, or if its map names missing belts, there is nothing to check: pui reports that itself.
+
+    Raises:
+        ConfigError: If it lacks some; names the map, what it has and the option to set.
+    """
+    configs = [launch.config for launch in launches]
+    maps = (config.map_to_read for config in configs if isinstance(config, PuiConfig))
+    room = next((_map_without_points(name) for name in maps if name), None)
+    if room is None:
+        return
+    for launch in launches:
+        try:
+            launch.service.validate_map(launch.config, room)
+        except ConfigError as error:
+            raise ConfigError(f"{launch.instance}: {error}") from error
+
+
+def _map_without_points(name_or_path: str) -> Environment | None:
+    """Return the map without the points of its clouds, which are slow to read and not needed here."""
+    try:
+        with map_path(name_or_path) as path:
+            file = read_map_file(path)
+    except ConfigError as error:
+        raise ConfigError(f"pui: {error}") from error
+    if any(broken_references(file)):
+        return None
+    clouds = {name: np.zeros((1, 3)) for name in file.clouds}
+    return environment(file, clouds, name=path.stem, stamp_ns=0)

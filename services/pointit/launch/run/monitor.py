@@ -7,8 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 from pointit.launch.plan.watcher import Watcher
-from pointit.launch.run.latency import Latency
-from pointit.launch.run.score import Score
+from pointit.launch.run.score import Latency, Score
 from pointit.runtime.bus.contract import Bus, Closable
 from pointit.runtime.clock import Clock
 from pointit.schemas import (

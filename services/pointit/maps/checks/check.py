@@ -5,25 +5,37 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from pointit.geometry.polygon import Polygon
 from pointit.geometry.vector import Vec3
 from pointit.maps.checks.belts import check_belts
-from pointit.maps.checks.fences import check_fences
 from pointit.maps.checks.finding import Finding, error, warning
 from pointit.maps.checks.strips import check_lines, check_strips
 from pointit.maps.lanes import broken_references, lanes_of
-from pointit.maps.model import MapFile
+from pointit.maps.model import FenceEntry, MapFile
 
 FLOOR_M = 0.0
+
 HIGHEST_LAMP_M = 5.0
+
 SAME_PLACE_M = 0.01
+
 ONE_BEARING_M = 0.2
 """Width of a column of lamps that has the same bearing from everywhere, m."""
+
 LEAST_SPREAD_DEG = 5.0
+
 THINNEST_M = 0.001
+
 WIDEST_M = 1000.0
 """Extent of a room above which its unit is probably millimetres, m."""
 
 Point = tuple[float, float]
+
+ROBOT_M = 0.5
+"""Width below which a volume to stay in has hardly room for a robot."""
+
+GRID = 48
+"""Places along x and y at which a common area is looked for."""
 
 
 def check_map(
@@ -147,3 +159,62 @@ def _check_extent(file: MapFile) -> Iterator[Finding]:
     extent = float(np.ptp(np.array(places), axis=0).max()) if places else 0.0
     if extent > WIDEST_M:
         yield warning("map", f"is {extent:.0f} m wide; give positions in metres, if these are millimetres")
+
+
+def check_fences(fences: Mapping[str, FenceEntry]) -> Iterator[Finding]:
+    """Yield volumes that hold no robot, alone or together."""
+    inside = {name: each for name, each in fences.items() if each.kind == "keep_in"}
+    for name, each in inside.items():
+        xs, ys = zip(*each.outline, strict=True)
+        least = min(max(xs) - min(xs), max(ys) - min(ys))
+        if least < ROBOT_M:
+            yield warning(
+                f"fences.{name}", f"is {least:g} m wide, and robots stay inside; give its corners in metres"
+            )
+        if each.high is not None and each.high <= 0.0:
+            yield error(f"fences.{name}", f"ends at {each.high:g} m, not above the floor; raise high")
+    if inside and len(fences) > 1 and not _have_room(fences):
+        yield error(
+            "fences." + ", ".join(inside),
+            "leave no place for a robot: it stays inside every keep_in and outside every keep_out; "
+            "correct one",
+        )
+
+
+def _have_room(fences: Mapping[str, FenceEntry]) -> bool:
+    """Return True if a point is found inside every `keep_in` and outside every `keep_out`."""
+    inside = [each for each in fences.values() if each.kind == "keep_in"]
+    low_z = max(_or(each.low, -np.inf) for each in inside)
+    high_z = min(_or(each.high, np.inf) for each in inside)
+    low = np.max([np.min(each.outline, axis=0) for each in inside], axis=0)
+    high = np.min([np.max(each.outline, axis=0) for each in inside], axis=0)
+    if low_z >= high_z or np.any(low >= high):
+        return False
+    outlines = {name: Polygon(each.outline) for name, each in fences.items()}
+    steps = (np.arange(GRID) + 0.5) / GRID
+    for x in low[0] + steps * (high[0] - low[0]):
+        for y in low[1] + steps * (high[1] - low[1]):
+            place = (float(x), float(y))
+            closed: list[tuple[float, float]] = []
+            for name, each in fences.items():
+                if outlines[name].contains(place) == (each.kind == "keep_out"):
+                    if each.kind == "keep_in":
+                        break
+                    closed.append((_or(each.low, -np.inf), _or(each.high, np.inf)))
+            else:
+                if _has_gap(low_z, high_z, closed):
+                    return True
+    return False
+
+
+def _or(height: float | None, otherwise: float) -> float:
+    return otherwise if height is None else height
+
+
+def _has_gap(low: float, high: float, closed: list[tuple[float, float]]) -> bool:
+    """Return True if the intervals of heights `closed` leave some of that from `low` to `high`."""
+    for start, end in sorted(closed):
+        if start > low:
+            return True
+        low = max(low, end)
+    return low < high

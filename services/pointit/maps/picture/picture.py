@@ -9,24 +9,31 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.patches import Patch, Polygon
 from matplotlib.ticker import MultipleLocator
 from numpy.typing import NDArray
 
 from pointit.geometry.polyline import Polyline
 from pointit.maps.picture.belts import draw_bays, draw_belts, draw_links, draw_strips
-from pointit.maps.picture.fences import draw_fences
-from pointit.maps.picture.palette import CLOUD, INK, LAMP, ON_TOP, SOLID, Axes
+from pointit.maps.picture.palette import CLOUD, INK, KEEP_IN, KEEP_OUT, LAMP, ON_TOP, SOLID, Axes
 from pointit.maps.picture.solids import draw_solids
 from pointit.schemas import Environment
+from pointit.schemas.environment import Fence
 
 MAX_CLOUD_POINTS = 20_000
+
 MARGIN_M = 0.6
+
 MARGIN_SHARE = 0.06
 """Margin for text beside things, as a share of the longer side."""
+
 LEAST_ASPECT = 0.65
 """Minimum width by height, as a narrow map has space for text beside it."""
+
 WIDEST_IN, TALLEST_IN = 10.5, 8.5
+
 DPI = 150
+
 _STYLE: dict[str, Any] = {
     "font.family": "sans-serif",
     "font.size": 8.5,
@@ -37,6 +44,13 @@ _STYLE: dict[str, Any] = {
     "xtick.color": INK,
     "ytick.color": INK,
 }
+
+_LOOKS: dict[str, dict[str, Any]] = {
+    "keep_in": {"facecolor": "none", "edgecolor": KEEP_IN, "linewidth": 1.6, "linestyle": (0, (6, 2))},
+    "keep_out": {"facecolor": KEEP_OUT + "22", "edgecolor": KEEP_OUT, "linewidth": 1.2, "hatch": "///"},
+}
+
+_TEXTS = {"keep_in": "robots stay inside", "keep_out": "robots stay outside"}
 
 
 def draw_map(
@@ -184,3 +198,20 @@ def _draw_person(axes: Axes, person_m: Sequence[float]) -> list[Any]:
     style: dict[str, Any] = {"marker": "P", "ms": 9, "color": INK, "mec": "white", "mew": 1.0}
     axes.plot(x, y, zorder=10, **style)
     return [Line2D([], [], ls="", **style, label=f"person at {x:g}, {y:g}")]
+
+
+def draw_fences(axes: Axes, room: Environment) -> list[Any]:
+    """Draw the fences of `room`. Return their entries of the legend."""
+    for fence in room.fences:
+        axes.add_patch(Polygon(fence.outline_m, **_LOOKS[fence.kind], zorder=1.9))
+        x, y = np.mean(fence.outline_m, axis=0) if fence.kind == "keep_out" else fence.outline_m[0]
+        color = _LOOKS[fence.kind]["edgecolor"]
+        axes.text(x, y, f"{fence.id}{_heights(fence)}", color=color, fontsize=7.5, ha="center", **ON_TOP)
+    kinds = [kind for kind in _LOOKS if any(fence.kind == kind for fence in room.fences)]
+    return [Patch(**_LOOKS[kind], label=_TEXTS[kind]) for kind in kinds]
+
+
+def _heights(fence: Fence) -> str:
+    low = "" if fence.low_m is None else f"from {fence.low_m:g} m"
+    high = "" if fence.high_m is None else f"to {fence.high_m:g} m"
+    return "\n" + f"{low} {high}".strip() if low or high else ""

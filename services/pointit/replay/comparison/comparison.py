@@ -4,11 +4,12 @@ import collections
 import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Any, Literal
 
-from pointit.replay.comparison.report import Divergence, FieldReport, Report, TopicReport
+from pydantic import Field
+
 from pointit.replay.comparison.samples import Leaf, Sample, differences
-from pointit.schemas import NS_PER_S
+from pointit.schemas import NS_PER_S, SchemaModel
 from pointit.schemas.topics import POSE, RAY, topic_of
 
 TOLERANCES: Mapping[str, float] = {POSE.key: 1e-6, RAY.key: 1e-9}
@@ -27,6 +28,60 @@ NEAR_NS = NS_PER_S // 2
 """Largest difference of the times of two messages with different stamps that are a pair, ns."""
 
 Side = Literal["recorded", "replayed"]
+
+
+class FieldReport(SchemaModel):
+    """Differences in one field of a topic's messages."""
+
+    field: str
+    differ: int = Field(description="messages in which it differs by more than the tolerance")
+    largest: float | None = Field(description="largest difference, s for times; None if it is no number")
+
+
+class Divergence(SchemaModel):
+    """The first message of a topic that differs."""
+
+    time_ns: int = Field(description="time in the recording, Unix ns")
+    key: str
+    fields: tuple[str, ...] = Field(description="those that differ; empty if one of the two is missing")
+    recorded: dict[str, Any] | None = Field(description="None if only the replay has it")
+    replayed: dict[str, Any] | None = Field(description="None if only the recording has it")
+
+
+class TopicReport(SchemaModel):
+    """Differences in one key."""
+
+    key: str
+    recorded: int = Field(description="messages in the recording")
+    replayed: int = Field(description="messages of the replay")
+    differ: int = Field(description="pairs of messages that differ by more than the tolerances")
+    only_recorded: int
+    only_replayed: int
+    shift_s: float = Field(description="largest difference of the times of two paired messages")
+    fields: tuple[FieldReport, ...] = Field(description="the most frequent first")
+    first: Divergence | None
+
+    @property
+    def is_same(self) -> bool:
+        """Return True if no message differs or is missing."""
+        return not (self.differ or self.only_recorded or self.only_replayed)
+
+
+class Report(SchemaModel):
+    """All recomputed topics of a recording, in the order of their keys."""
+
+    topics: tuple[TopicReport, ...]
+
+    @property
+    def is_same(self) -> bool:
+        """Return True if no topic differs."""
+        return all(topic.is_same for topic in self.topics)
+
+    @property
+    def first(self) -> Divergence | None:
+        """Return the earliest divergence, or None."""
+        found = [topic.first for topic in self.topics if topic.first is not None]
+        return min(found, key=lambda each: each.time_ns, default=None)
 
 
 @dataclass

@@ -10,8 +10,8 @@ from pointit.services.conveyor_sim.dispatch import Dispatch
 from pointit.services.conveyor_sim.feeding.feeders import Feeders
 from pointit.services.conveyor_sim.feeding.infeed import Infeed
 from pointit.services.conveyor_sim.from_map import UnusableMapError, network_of
-from pointit.services.conveyor_sim.ground_truth import ground_truth_objects
 from pointit.services.conveyor_sim.network.routes import Routes
+from pointit.services.conveyor_sim.tracking import ground_truth_objects
 from pointit.services.conveyor_sim.traffic.package import Package
 from pointit.services.conveyor_sim.traffic.traffic import Traffic
 

@@ -1,1 +1,1 @@
-"""Places pointed at in two steps become goals for a robot."""
+"""Steering of robots by pointing: choosing one, and places to send it to, confirmed in two steps."""

@@ -1,4 +1,4 @@
-"""Reads the pointing of a person, poses, robots and the map; writes steering, goals and cues."""
+"""Steering of robots by pointing: a person's cursor, poses, robots and map in; steering, goals, cues out."""
 
 import asyncio
 from collections.abc import Sequence

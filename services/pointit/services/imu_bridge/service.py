@@ -26,15 +26,13 @@ from pointit.schemas import (
     WristSample,
 )
 from pointit.schemas.topics import BUTTON, FEEDBACK, IMU, SERVICE_ALIVE, SET_MOUNTING, SET_YAW_ORIGIN, WRIST
-from pointit.services.imu_bridge.arm_frame import ArmFrame
+from pointit.services.imu_bridge.arm_frame import ArmFrame, YawEpoch
 from pointit.services.imu_bridge.config import ImuBridgeConfig
-from pointit.services.imu_bridge.page_health import DEVICE_NAMES, figures, warnings
-from pointit.services.imu_bridge.page_wrist import PageWrist
+from pointit.services.imu_bridge.page_wrist import DEVICE_NAMES, PageWrist, figures, warnings
 from pointit.services.imu_bridge.reading import CueSource, Item, Press, Source
 from pointit.services.imu_bridge.sources import SOURCES
 from pointit.services.imu_bridge.stored_mounting import PURPOSE, MountingSelection, StoredMountings
 from pointit.services.imu_bridge.wrist.device_wrist import DeviceWrist, SensorSample
-from pointit.services.imu_bridge.yaw_epoch import YawEpoch
 
 log = logging.getLogger(__name__)
 

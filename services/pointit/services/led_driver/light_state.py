@@ -22,7 +22,7 @@ from pointit.services.led_driver.picture.lamp_queue import LampService
 from pointit.services.led_driver.picture.lamps import Lamps
 from pointit.services.led_driver.picture.layout import Layout
 from pointit.services.led_driver.picture.render import Bytes, Renderer
-from pointit.services.led_driver.picture.scene import Scene
+from pointit.services.led_driver.picture.strip_content import StripContent
 
 
 class LightState:
@@ -31,7 +31,7 @@ class LightState:
     def __init__(self, config: LedDriverConfig) -> None:
         """Create without a map."""
         self._config = config
-        self._scene = Scene(config)
+        self._scene = StripContent(config)
         self._lamps = Lamps(config)
         self._renderer: Renderer | None = None
         self._strips: dict[str, StripFrame] = {}

@@ -24,8 +24,7 @@ from pointit.services.localizer.estimation.rays import Mean
 from pointit.services.localizer.memory.person_memory import PersonMemory
 from pointit.services.localizer.outputs import AnchorOutcome, Output
 from pointit.services.localizer.procedures import lamps as lamp_choice
-from pointit.services.localizer.procedures.anchoring import Anchoring
-from pointit.services.localizer.procedures.known_robots import STANDS_MPS, KnownRobots
+from pointit.services.localizer.procedures.anchoring import STANDS_MPS, Anchoring, KnownRobots
 from pointit.services.localizer.procedures.lamp_procedure import LampProcedure
 from pointit.services.localizer.procedures.moving_target import MovingTarget
 from pointit.services.localizer.procedures.next_target import ObservationModel, best_for_yaw

@@ -1,4 +1,4 @@
-"""The pointing ray of an arm in {H}: eye-finger, shoulder-arm or forearm (paper, §II-A; pointing.md §1).
+"""The pointing ray of an arm in {H}, and its correction: eye-finger, shoulder-arm or forearm (pointing.md).
 
 The body faces where the arm points: the shoulder is beside the neck, at a right angle to the arm's azimuth.
 {H} itself has no relation to the body, because its yaw is where the IMU happened to start. A body that turns
@@ -11,11 +11,13 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from pointit.geometry import vector
 from pointit.geometry.rotation import Quaternion
 from pointit.geometry.vector import Vec3
-from pointit.schemas import BodyMeasures, UserProfile
+from pointit.schemas import BodyMeasures, PointingOffset, UserProfile
 
 Array = NDArray[np.float64]
+
 RayModel = Literal["eye_finger", "shoulder_arm", "forearm"]
 
 UPPER_ARM_SHARE = 0.56
@@ -27,6 +29,14 @@ MIN_REACH_M = 1e-6
 
 VERTICAL = 1e-6
 """Cosine of the elevation below which an arm has no azimuth: the shoulder is then assumed at the neck."""
+
+MAX_CORRECTION_RAD = math.radians(30.0)
+"""Largest correction."""
+
+FADE_RAD = math.radians(10.0)
+"""Distance from straight up or down within which a correction fades, since azimuths are undefined there."""
+
+_LEVEL_AT_FADE = math.sin(FADE_RAD)
 
 
 class ArmRay:
@@ -102,3 +112,39 @@ class ArmRay:
         length = np.linalg.norm(reach, axis=1)
         length[length < MIN_REACH_M] = np.nan
         return eyes, reach / length[:, None]
+
+
+def apply(
+    offset: PointingOffset, azimuth_world_rad: float | None, elevation_rad: float
+) -> tuple[float, float]:
+    """Return the corrections of the ray's azimuth and elevation, rad.
+
+    Args:
+        offset: the person's.
+        azimuth_world_rad: of the raw ray in {W}. None while the pose is unknown: then only the elevation is
+            corrected, as at the middle azimuth of the anchors.
+        elevation_rad: of the raw ray.
+    """
+    if offset.rung == "pitch":
+        azimuth, elevation = 0.0, offset.elevation[0]
+    else:
+        a = 0.0 if azimuth_world_rad is None else vector.wrap(azimuth_world_rad - offset.reference_rad)
+        a = _clamped(a, offset.azimuth_range_rad)
+        e = _clamped(elevation_rad, offset.elevation_range_rad)
+        elevation = _value(offset.elevation, a, e)
+        azimuth = 0.0 if azimuth_world_rad is None else _value(offset.azimuth, a, e)
+    fade = min(1.0, math.cos(elevation_rad) / _LEVEL_AT_FADE)
+    azimuth = fade * min(max(azimuth, -MAX_CORRECTION_RAD), MAX_CORRECTION_RAD)
+    elevation = fade * min(max(elevation, -MAX_CORRECTION_RAD), MAX_CORRECTION_RAD)
+    lowest, highest = -math.pi / 2.0 - elevation_rad, math.pi / 2.0 - elevation_rad
+    return azimuth, min(max(elevation, lowest), highest)
+
+
+def _clamped(angle_rad: float, bounds: tuple[float, float]) -> float:
+    """Return `angle_rad` clamped to the range of the anchors."""
+    return min(max(angle_rad, bounds[0]), bounds[1])
+
+
+def _value(terms: tuple[float, float, float, float, float, float], a: float, e: float) -> float:
+    c, by_a, by_e, by_aa, by_ae, by_ee = terms
+    return c + a * (by_a + a * by_aa + e * by_ae) + e * (by_e + e * by_ee)

@@ -1,21 +1,30 @@
 """One person's cursor: pose, pointing state, and intersection of the ray with the room (paper, §II-D)."""
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 from pointit.geometry import vector
 from pointit.geometry.closest import Hit
 from pointit.geometry.vector import Vec3
-from pointit.schemas import NS_PER_S, Cursor, Feedback, Interaction, PointingRay, SetWorkspace, UserPose
+from pointit.schemas import (
+    NS_PER_S,
+    Cursor,
+    Feedback,
+    Interaction,
+    Lamp,
+    LampMiss,
+    PointingRay,
+    SetWorkspace,
+    UserPose,
+)
 from pointit.schemas.base import FARTHEST
 from pointit.schemas.pointing import Solid, SurfaceKind
-from pointit.services.pui.nearby_lamps import NearbyLamps
 from pointit.services.pui.passing import Passing
 from pointit.services.pui.shapes import PLACES
 from pointit.services.pui.surfaces import Surfaces
-from pointit.services.pui.tracked import Tracked
-from pointit.services.pui.workspace import Workspace, WorkspaceError
-from pointit.services.pui.workspace_start import WorkspaceStart
+from pointit.services.pui.tracked_objects import Tracked
+from pointit.services.pui.workspace import Workspace, WorkspaceError, WorkspaceStart
 
 STEEPEST_RAD = math.pi / 2.0
 
@@ -29,6 +38,25 @@ WORKSPACE_ID = "workspace/"
 """First part of the `surface_id` of cursors on a workspace, before its kind. No id in a map has a slash."""
 
 NO_WORKSPACE = WorkspaceStart()
+
+
+class NearbyLamps:
+    """Lamps within an angle of the ray."""
+
+    def __init__(self, lamps: Sequence[Lamp], within_rad: float) -> None:
+        """Set the lamps, and the maximum angle."""
+        self._lamps = [(lamp.id, lamp.position_m) for lamp in lamps]
+        self._within_rad = within_rad
+
+    def near(self, origin_m: Vec3, direction: Vec3) -> tuple[LampMiss, ...]:
+        """Return the lamps near the ray, the nearest first."""
+        misses = [
+            (vector.angle_between(direction, vector.subtract(place, origin_m)), name)
+            for name, place in self._lamps
+        ]
+        return tuple(
+            LampMiss(id=name, miss_rad=miss) for miss, name in sorted(misses) if miss <= self._within_rad
+        )
 
 
 class _Cast(NamedTuple):

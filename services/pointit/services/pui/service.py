@@ -39,14 +39,11 @@ from pointit.schemas.topics import (
     USER_ALIVE,
 )
 from pointit.services.pui.config import PuiConfig
-from pointit.services.pui.cursor import PersonCursor
-from pointit.services.pui.nearby_lamps import NearbyLamps
+from pointit.services.pui.cursor import NearbyLamps, PersonCursor
 from pointit.services.pui.shapes import Clouds, group_by_priority
 from pointit.services.pui.surfaces import Surfaces
-from pointit.services.pui.tracked import Tracked
-from pointit.services.pui.twin_objects import TwinFinder
-from pointit.services.pui.workspace import WorkspaceError
-from pointit.services.pui.workspace_start import WorkspaceStart
+from pointit.services.pui.tracked_objects import Tracked, TwinFinder
+from pointit.services.pui.workspace import WorkspaceError, WorkspaceStart
 
 WIDEST_RAD = 1.569
 """Limit of the tolerance in a reply. The configured one can be up to 90 degrees."""

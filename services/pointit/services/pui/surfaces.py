@@ -1,4 +1,4 @@
-"""Pointable surfaces of a map, and hit tests of rays."""
+"""Pointable surfaces of a map, hit tests of rays, and occlusion by opaque things."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -7,6 +7,7 @@ from typing import Any, Literal, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from pointit.geometry import vector
 from pointit.geometry.closest import Hit, Measure
 from pointit.geometry.cloud_tree import CloudTree
 from pointit.geometry.plane import GRAZING_RAD
@@ -14,9 +15,9 @@ from pointit.geometry.point_tree import REACH_M, STEP_M, PointTree
 from pointit.geometry.polyline import Polyline
 from pointit.geometry.ray_cast import RayCaster
 from pointit.geometry.solid_cast import SAME, SolidCaster
+from pointit.geometry.solids import Solid
 from pointit.geometry.vector import Vec3
 from pointit.schemas import Environment
-from pointit.services.pui.occlusion import Occluders
 from pointit.services.pui.shapes import Clouds, Kind, Shape, SolidKind, Surface, group_by_priority, solids_of
 
 PAPER_TOLERANCE_M = 0.7
@@ -25,6 +26,9 @@ WIDENING_RAD = (math.radians(45.0), math.inf)
 """Cone angles of the search for the nearest of many things: those outside the first are skipped at once."""
 
 OPAQUE: tuple[SolidKind, ...] = ("box", "cylinder", "sphere")
+
+SLACK_M = 0.05
+"""Depth in an opaque thing at which mounted things are still visible, the accuracy of maps."""
 
 
 class Caster(Protocol):
@@ -207,3 +211,31 @@ class _CloudCaster:
         if hit is None:
             return None
         return hit._replace(target=int(np.searchsorted(self._ends, hit.target, side="right")))
+
+
+class Occluders:
+    """Opaque things of a room.
+
+    They hide only if the ray itself meets one of them. Then a point further along the ray is hidden if the
+    straight line to it from the eyes goes through one: what stands out beside it is visible. A thing that
+    contains the eyes, by a coarse map or pose, hides nothing.
+    """
+
+    def __init__(self, solids: Sequence[Solid]) -> None:
+        """Set the things, possibly none."""
+        self._caster = SolidCaster(solids) if solids else None
+
+    def first(self, origin_m: Vec3, direction: Vec3) -> float:
+        """Return the distance along the ray to the first one, m, or infinity."""
+        return math.inf if self._caster is None else self._caster.first_hit_m(origin_m, direction)
+
+    def reach(self, first_m: float) -> float:
+        """Return the distance along the ray up to which points are not hidden, m."""
+        return first_m + SLACK_M
+
+    def hides(self, hit: Hit, origin_m: Vec3, direction: Vec3, first_m: float) -> bool:
+        """Return True if the point of `hit` is hidden to a ray that meets an opaque thing at `first_m`."""
+        reach = vector.subtract(hit.point_m, origin_m)
+        if self._caster is None or vector.dot(direction, reach) <= self.reach(first_m):
+            return False
+        return self._caster.first_hit_m(origin_m, reach) < hit.range_m - SLACK_M

@@ -1,6 +1,7 @@
 """A surface around a person on which their cursor moves, to steer robots (pointing.md §5)."""
 
 import math
+from dataclasses import dataclass
 from typing import Literal
 
 from pointit.geometry import vector
@@ -21,10 +22,13 @@ SOLIDS: dict[WorkspaceKind, Solid] = {
 
 NEAREST_M = 0.1
 """Minimum distance of a surface from the eyes, or from the person's axis."""
+
 FARTHEST_M = 200.0
 """Maximum distance of a surface. A degree is metres there."""
+
 SAME_M = 1e-6
 """Tolerance per metre of range by which the cursor may move when a workspace is created through it."""
+
 STEEPEST_RAD = math.pi / 2.0
 
 
@@ -148,3 +152,32 @@ class Workspace:
         x, y = own[0] + ahead * d[0], own[1] + ahead * d[1]
         cosine = (d[0] * x + d[1] * y) / self._radius_m
         return ahead if ahead > 0.0 and cosine > math.sin(self._grazing_rad) else None
+
+
+@dataclass(frozen=True, kw_only=True)
+class WorkspaceStart:
+    """Kind and position of the workspace relative to a person who starts to point."""
+
+    kind: WorkspaceKind | None = None
+    """Kind of the workspace. None: the map."""
+    height_m: float = 0.0
+    """Height of the horizontal plane above the person's feet."""
+    distance_m: float = 2.0
+    """Distance of the others from the person."""
+    grazing_rad: float = GRAZING_RAD
+    """Minimum angle between ray and workspace, also for later requests."""
+
+    def create(self, eyes_m: Vec3, direction: Vec3, feet_m: Vec3) -> Workspace | None:
+        """Return it for a ray from the eyes in {W}. None if it is the map or would pass through the eyes."""
+        if self.kind is None:
+            return None
+        ahead = vector.direction(vector.azimuth(direction), 0.0)
+        through = vector.add(eyes_m, vector.scale(ahead, self.distance_m))
+        if self.kind == "horizontal":
+            through = (through[0], through[1], feet_m[2] + self.height_m)
+        elif self.kind == "cylinder":
+            through = vector.add(feet_m, vector.scale(ahead, self.distance_m))
+        try:
+            return Workspace(self.kind, through, feet_m=feet_m, eyes_m=eyes_m, grazing_rad=self.grazing_rad)
+        except WorkspaceError:
+            return None

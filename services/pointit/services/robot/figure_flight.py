@@ -7,7 +7,7 @@ from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, Localization, UserPose
 from pointit.services.robot.config import RobotConfig
 from pointit.services.robot.current_order import CurrentOrder
-from pointit.services.robot.figure import AssumedPerson, best_figure, figures
+from pointit.services.robot.followed_figure import AssumedPerson, best_figure, figures
 from pointit.services.robot.robot_driver import Command, FollowPath, Land, RobotReport, Stop, TakeOff
 
 AROUND_M = 2.5

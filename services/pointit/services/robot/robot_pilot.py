@@ -6,10 +6,10 @@ from dataclasses import replace
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, Cursor, Environment, Goal, Localization, RobotPhase, Steering, UserPose
 from pointit.services.robot.config import RobotConfig
-from pointit.services.robot.current_order import CurrentOrder
+from pointit.services.robot.current_order import CurrentOrder, ProgressMonitor, StandstillMonitor
+from pointit.services.robot.driver_frame import report_fault
 from pointit.services.robot.figure_flight import FigureFlight
 from pointit.services.robot.ownership import Ownership
-from pointit.services.robot.report_check import report_fault
 from pointit.services.robot.robot_driver import (
     Command,
     Follow,
@@ -23,7 +23,6 @@ from pointit.services.robot.robot_driver import (
     TakeOff,
 )
 from pointit.services.robot.robot_safety import RobotSafety, StopReason
-from pointit.services.robot.standstill import ProgressMonitor, StandstillMonitor
 from pointit.services.robot.steering.errand import Errand
 from pointit.services.robot.steering.table import HOLDS, Stage, hold_of, stage_of, verdict_of
 

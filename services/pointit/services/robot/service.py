@@ -39,8 +39,7 @@ from pointit.schemas.topics import (
     USER_ALIVE,
 )
 from pointit.services.robot.config import RobotConfig
-from pointit.services.robot.driver_frame import in_frame, in_world
-from pointit.services.robot.report_check import report_fault
+from pointit.services.robot.driver_frame import in_frame, in_world, report_fault
 from pointit.services.robot.robot_driver import (
     ROBOTS,
     Command,

@@ -9,7 +9,7 @@ from pointit.schemas import ButtonEvent, Claim, Cursor, Environment, Hover, Trac
 from pointit.services.selector.config import SelectorConfig
 from pointit.services.selector.methods.method import MakeMethod, is_by_angle
 from pointit.services.selector.methods.pointer import PersonPointer, PointerResult
-from pointit.services.selector.objects.scene import Scene
+from pointit.services.selector.objects.seen_objects import SeenObjects
 from pointit.services.selector.objects.view import View
 from pointit.services.selector.outputs import CHANGES, Action, Output
 from pointit.services.selector.ownership.ownership import Ownership
@@ -46,7 +46,7 @@ class HoverEngine:
         self._is_by_metres = not is_by_angle(config)
         self._aim_rad = math.radians(config.gauge.aim_sigma_deg)
         self._snap_rad = math.radians(config.gauge.snap_deg)
-        self._scene = Scene(
+        self._scene = SeenObjects(
             stale_after_s=config.objects_stale_after_s,
             display_lag_s=config.display_lag_s,
             reach_rad=math.radians(

@@ -2,10 +2,13 @@
 
 from collections import Counter
 from collections.abc import Callable, Iterable
+from typing import Literal
 
-from pointit.schemas import ReservedObject, SelectedObject, Selection
-from pointit.services.selector.cues import Kind, make_cue
+from pointit.schemas import Feedback, ReservedObject, SelectedObject, Selection
+from pointit.schemas.cues import SIGNS
 from pointit.services.selector.outputs import Output, Record, event_of
+
+Kind = Literal["selected", "deselected", "refused"]
 
 
 class SelectionPublisher:
@@ -69,3 +72,17 @@ class SelectionPublisher:
     def _count(self, kind: str, user: str = "") -> int:
         self._sent[kind, user] += 1
         return self._sent[kind, user]
+
+
+def make_cue(kind: Kind, text: str, stamp_ns: int, seq: int) -> Feedback:
+    """Return the multimodal cue of `kind`, as defined in `SIGNS`."""
+    sign = SIGNS[kind]
+    return Feedback(
+        stamp_ns=stamp_ns,
+        seq=seq,
+        cue=kind,
+        text=text,
+        chime=sign.chime,
+        haptic_ms=sign.haptic_ms,
+        color=sign.color,
+    )

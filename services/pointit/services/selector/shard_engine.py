@@ -15,11 +15,11 @@ from pointit.schemas import (
 )
 from pointit.services.selector.arbiter import MAX_CLAIM_AGE_NS
 from pointit.services.selector.config import SelectorConfig
-from pointit.services.selector.cues import make_cue
 from pointit.services.selector.hover_engine import HoverEngine
 from pointit.services.selector.methods.method import MakeMethod, make_method
 from pointit.services.selector.outputs import DEEDS, Output
 from pointit.services.selector.ownership.ownership import Ownership
+from pointit.services.selector.selection_publisher import make_cue
 
 REPEAT_NS = NS_PER_S
 """Claims without a decision are sent again after this, ns of the wall. The arbiter ignores old ones."""

@@ -1,1 +1,1 @@
-"""The life cycle of one person's interaction."""
+"""The state machine of one person's interaction: idle, localizing, pointing. It supervises no processes."""

@@ -1,4 +1,4 @@
-"""Subscribes to a person's button, wrist and localization; publishes interaction, profile and cues."""
+"""The interaction of one person: button, wrist and localization in; its state, profile and cues out."""
 
 import asyncio
 import logging
@@ -50,7 +50,7 @@ log = logging.getLogger(__name__)
 
 
 class Supervisor(Service[SupervisorConfig]):
-    """Controls one person's way from the button to pointing and back."""
+    """The state machine of one person's interaction, from the button to pointing and back."""
 
     NAME: ClassVar[str] = "supervisor"
     SCOPE: ClassVar[Scope] = "user"

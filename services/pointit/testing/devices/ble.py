@@ -5,8 +5,7 @@ from typing import Any
 
 from pointit.services.imu_bridge.ble.radio import VIRTUAL_RADIOS, Radio
 from pointit.testing.devices.device import FakeDevice
-from pointit.testing.devices.wrists.peripheral import Peripheral
-from pointit.testing.devices.wrists.wrist import SimulatedWrist
+from pointit.testing.devices.wrists.wrist import Peripheral, SimulatedWrist
 
 _numbers = itertools.count(1)
 

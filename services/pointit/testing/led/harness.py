@@ -1,4 +1,4 @@
-"""Harness of an LED output, given by its author, and one run of the output."""
+"""Harness of an LED output, given by its author, and one run of the output, also to single lamps."""
 
 import asyncio
 from collections.abc import Callable, Sequence
@@ -6,18 +6,18 @@ from dataclasses import dataclass
 from typing import Any
 
 from pointit.plugins import LampOutput, LedOutput, Output
-from pointit.schemas import Strip, StripFrame, StripsFrame
+from pointit.schemas import Lamp, Strip, StripFrame, StripsFrame
 from pointit.testing.check import CheckFailedError, Suite, called
-from pointit.testing.led.lamps import LampsAsStrips
 from pointit.testing.trial import DeviceHarness, Trial
 
 STRIPS = (
     Strip(id="a", line_m=((0.0, 0.0, 0.0), (1.0, 0.0, 0.0)), pixels=10),
     Strip(id="b", line_m=((0.0, 1.0, 0.0), (1.0, 1.0, 0.0)), pixels=7),
 )
-PIXELS = sum(strip.pixels for strip in STRIPS)
-DARK = bytes(3 * PIXELS)
 
+PIXELS = sum(strip.pixels for strip in STRIPS)
+
+DARK = bytes(3 * PIXELS)
 
 LED_SUITE: "Suite[LedHarness]" = Suite()
 
@@ -107,3 +107,40 @@ class LedTrial(Trial):
     def shown(self) -> list[bytes]:
         """Return the frames that the device has received since it was connected."""
         return list(self.harness.decode(bytes(self.device.received)))
+
+
+def lamp_id(strip_id: str, pixel: int) -> str:
+    """Return the id of the lamp that stands for a pixel."""
+    return f"{strip_id}_{pixel}"
+
+
+class LampsAsStrips:
+    """An output to strips, each pixel of which is a lamp of an output to lamps."""
+
+    light_s = 0.0
+    """Not measured."""
+
+    def __init__(self, lamps: LampOutput) -> None:
+        self._lamps = lamps
+
+    def set_strips(self, strips: Sequence[Strip]) -> None:
+        """Set a lamp for each pixel."""
+        self._lamps.set_lamps(
+            [
+                Lamp(id=lamp_id(strip.id, pixel), position_m=strip.line_m[0])
+                for strip in strips
+                for pixel in range(strip.pixels)
+            ]
+        )
+
+    def show(self, frame: StripsFrame, age_s: float = 0.0) -> None:
+        """Show the pixels of `frame` on their lamps."""
+        del age_s
+        for strip in frame.strips:
+            for pixel in range(len(strip.rgb) // 3):
+                red, green, blue = strip.rgb[3 * pixel : 3 * pixel + 3]
+                self._lamps.show_lamp(lamp_id(strip.id, pixel), (red, green, blue))
+
+    async def run(self) -> None:
+        """Run the output to lamps."""
+        await self._lamps.run()

@@ -15,8 +15,7 @@ from pointit.testing.devices.mqtt_broker import MqttBrokerDevice, published
 from pointit.testing.devices.pty import PtyDevice
 from pointit.testing.devices.udp import UdpDevice
 from pointit.testing.led import LedHarness
-from pointit.testing.led.harness import DARK, PIXELS, STRIPS
-from pointit.testing.led.lamps import lamp_id
+from pointit.testing.led.harness import DARK, PIXELS, STRIPS, lamp_id
 
 CRC_BYTES = 4
 DDP_HEADER_BYTES = 10

@@ -13,7 +13,7 @@ from pointit.services.robot.robot_driver import (
     RobotReport,
     RobotSpec,
 )
-from pointit.testing.devices.virtual_agv import VirtualAgv
+from pointit.testing.devices.agv_broker import VirtualAgv
 from pointit.testing.trial import TrialHealth
 from tests.support.bench import ManualClock
 

@@ -14,9 +14,9 @@ from pointit.bridges.ros2.config import Ros2Config
 from pointit.bridges.ros2.routing.route_types import BusOutput, ConversionWarning, InboundRoute
 from pointit.bridges.ros2.routing.routes import RoutesFile, routes
 from pointit.bridges.ros2.tracking.config import TrackerConfig
-from pointit.bridges.ros2.tracking.motion import Motion
 from pointit.bridges.ros2.tracking.routes import tracker_routes
 from pointit.bridges.ros2.tracking.sightings import sigma
+from pointit.bridges.ros2.tracking.trackers import Motion
 from pointit.bridges.ros2.types.definitions import Definitions
 from pointit.geometry import rotation
 from pointit.runtime.config.config import Layers

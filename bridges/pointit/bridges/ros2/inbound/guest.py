@@ -8,8 +8,8 @@ import math
 from typing import Any, NamedTuple
 
 from pointit.bridges.ros2.inbound import checks
+from pointit.bridges.ros2.routing.conversion_state import ConversionState
 from pointit.bridges.ros2.routing.route_types import BusOutput, ConversionContext, ConversionWarning, Taken
-from pointit.bridges.ros2.routing.scene import Scene
 from pointit.geometry import rotation, vector
 from pointit.schemas import Interaction, PointingRay, UserProfile
 from pointit.schemas.base import Rgb
@@ -111,7 +111,7 @@ class Subscriptions:
         return BusOutput(PROFILE, user, profile)
 
 
-def interaction(scene: Scene, user: str, stamp_ns: int, reason: str) -> BusOutput:
+def interaction(scene: ConversionState, user: str, stamp_ns: int, reason: str) -> BusOutput:
     """Return the state of the interaction of the guest `user`, as far as known."""
     guest = scene.guests[user]
     guest.steps += 1

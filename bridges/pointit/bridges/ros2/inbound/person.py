@@ -11,8 +11,8 @@ from typing import Any
 
 from pointit.bridges.ros2.inbound import checks
 from pointit.bridges.ros2.message_format import holds_text
+from pointit.bridges.ros2.routing.conversion_state import ConversionState
 from pointit.bridges.ros2.routing.route_types import BusOutput, ConversionContext, ConversionWarning, Taken
-from pointit.bridges.ros2.routing.scene import Scene
 from pointit.geometry.rotation import Quaternion
 from pointit.schemas import NS_PER_S, ButtonEvent, SetPose, UserPose, WristSample
 from pointit.schemas.topics import BUTTON, POSE, SET_POSE, WRIST
@@ -153,7 +153,7 @@ class Poses:
         return (said, ConversionWarning(problem)) if problem else (said,)
 
 
-def people_in(cdr: bytes, scene: Scene) -> tuple[str, ...]:
+def people_in(cdr: bytes, scene: ConversionState) -> tuple[str, ...]:
     """Return the known people whose frames are named in `cdr`; decoding takes 200 times as long."""
     return tuple(user for user in scene.people if holds_text(cdr, scene.frames.person(user)))
 

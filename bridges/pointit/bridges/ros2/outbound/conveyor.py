@@ -5,8 +5,8 @@ from typing import Any
 import numpy as np
 
 from pointit.bridges.ros2.outbound import values
+from pointit.bridges.ros2.routing.conversion_state import ConversionState, lane_name
 from pointit.bridges.ros2.routing.route_types import ConversionContext, Converted
-from pointit.bridges.ros2.routing.scene import Scene, lane_name
 from pointit.schemas import ConveyorState, Message, Selection, TrackedObject
 from pointit.schemas.pointing import SurfaceKind
 
@@ -58,7 +58,7 @@ def step_number(state: ConveyorState, about: ConversionContext) -> Converted:
     return (about.scene.types.make("std_msgs/msg/Int32", data=number),)
 
 
-def _package(scene: Scene, item: TrackedObject, place: Any) -> Any:
+def _package(scene: ConversionState, item: TrackedObject, place: Any) -> Any:
     return scene.types.make(
         "conveyor_msgs/msg/Package",
         uid=scene.uids.number(item.id),
@@ -68,7 +68,7 @@ def _package(scene: Scene, item: TrackedObject, place: Any) -> Any:
     )
 
 
-def _pointer(scene: Scene, user: str) -> Any:
+def _pointer(scene: ConversionState, user: str) -> Any:
     types = scene.types
     person = scene.people[user]
     profile = person.profile
@@ -91,7 +91,7 @@ def _pointer(scene: Scene, user: str) -> Any:
     )
 
 
-def _along(scene: Scene, surface: SurfaceKind, surface_id: str, position_m: float) -> Any | None:
+def _along(scene: ConversionState, surface: SurfaceKind, surface_id: str, position_m: float) -> Any | None:
     """Return the position as a share of the line's length, or None if the line is not on the map."""
     line = scene.lines.get((surface, surface_id))
     if line is None:

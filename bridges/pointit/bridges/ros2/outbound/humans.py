@@ -10,8 +10,8 @@ from typing import Any
 
 from pointit.bridges.ros2.outbound import values
 from pointit.bridges.ros2.outbound.person import transforms
+from pointit.bridges.ros2.routing.conversion_state import ConversionState
 from pointit.bridges.ros2.routing.route_types import ConversionContext, Converted
-from pointit.bridges.ros2.routing.scene import Scene
 from pointit.geometry import rotation, vector
 from pointit.geometry.vector import Vec3
 from pointit.schemas import ImuSample, Message, UserPose
@@ -146,7 +146,7 @@ def shoulder(arm: Vec3, *, is_left: bool) -> tuple[float, float]:
     return math.atan2(x, outward), math.atan2(math.hypot(x, y), -z)
 
 
-def _here(scene: Scene) -> list[str]:
+def _here(scene: ConversionState) -> list[str]:
     """Return the IDs of all who are here and have a position, in order."""
     there = (user for user, person in scene.people.items() if person.is_here and person.pose is not None)
     return sorted(map(scene.names.of, there))

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from pointit.bridges.ros2.outbound.drawing import MarkerBuilder
+from pointit.bridges.ros2.routing.conversion_state import ConversionState
 from pointit.bridges.ros2.routing.route_types import ConversionContext, Converted
-from pointit.bridges.ros2.routing.scene import Scene
 from pointit.geometry import rotation, vector
 from pointit.geometry.plane import plane_axes
 from pointit.geometry.polyline import Polyline
@@ -46,7 +46,7 @@ def map_markers(room: Environment, about: ConversionContext) -> Converted:
     return (pen.array(made),)
 
 
-def _room(pen: MarkerBuilder, scene: Scene, room: Environment) -> Iterator[Any]:
+def _room(pen: MarkerBuilder, scene: ConversionState, room: Environment) -> Iterator[Any]:
     widths_m = {belt.id: belt.width_m for belt in room.belts}
     for number, ((kind, name), line) in enumerate(scene.lines.items()):
         if kind == "belt":

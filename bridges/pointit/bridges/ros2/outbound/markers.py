@@ -6,40 +6,58 @@ from typing import Any
 import numpy as np
 
 from pointit.bridges.ros2.outbound.drawing import MarkerBuilder, Shape
-from pointit.bridges.ros2.outbound.robots import robots
+from pointit.bridges.ros2.routing.conversion_state import ConversionState, Person
 from pointit.bridges.ros2.routing.route_types import ConversionContext, Converted
-from pointit.bridges.ros2.routing.scene import Person, Scene
 from pointit.geometry import rotation, vector
 from pointit.geometry.vector import Vec3
-from pointit.schemas import Message, TrackedObject, UserPose
+from pointit.schemas import Message, RobotState, TrackedObject, UserPose
 from pointit.schemas.base import Rgb
 from pointit.schemas.environment import KIND_COLORS, OTHER_COLOR
 
 LIFETIME_S = 2.0
 """Lifetime of a marker, s, for viewers that missed its deletion."""
+
 MAX_OBJECTS = 500
 """Maximum number of drawn objects; a label gives the number of others."""
+
 MAX_PEOPLE = 64
 
 FREE_RAY_M = 4.0
 """Drawn length of a ray that meets nothing."""
+
 RAY_M: Vec3 = (0.012, 0.03, 0.06)
 """Width of the ray's shaft and head, length of the head."""
+
 CURSOR_M = 0.08
+
 NAME_M = 1.95
 """Height of a person's name above their feet."""
 
 SIGMAS = 2.0
 """Size of the position's ellipse, in standard deviations."""
+
 SMALLEST_M = 5e-3
 """An ellipse with a shorter major half-axis is not drawn: the position is known."""
 
 USUAL_M = 0.12
 """Length of an object without one."""
+
 SEGMENT_M = (0.07, 0.06)
 """Width and height of a segment of a strip."""
+
 GROWN_M = 0.05
 """Growth of the box that shows an object's owner."""
+
+HALTED: Rgb = (230, 60, 50)
+"""Colour of a robot that a stop condition holds, or that is lost."""
+
+HIGH_M = {"quadrotor": 0.08, "ground": 0.25}
+"""Drawn height of a robot by its kind."""
+
+FRONT_M: Vec3 = (0.02, 0.05, 0.06)
+"""Width of the shaft and head of the arrow to its front, length of the head."""
+
+PLAN_M, SPOT_M, LABEL_M = 0.03, 0.1, 0.3
 
 
 class Markers:
@@ -72,7 +90,7 @@ def ellipse(pose: UserPose) -> tuple[float, float, float] | None:
     return long_m, max(short_m, SMALLEST_M), float(np.arctan2(axes[1, 1], axes[0, 1]))
 
 
-def _person(pen: MarkerBuilder, scene: Scene, user: str) -> Iterator[Any]:
+def _person(pen: MarkerBuilder, scene: ConversionState, user: str) -> Iterator[Any]:
     person = scene.people[user]
     rgb = person.profile.cursor_color
     if person.pose is not None:
@@ -93,7 +111,9 @@ def _person(pen: MarkerBuilder, scene: Scene, user: str) -> Iterator[Any]:
     yield from _pointing(pen, scene, user, person, rgb)
 
 
-def _pointing(pen: MarkerBuilder, scene: Scene, user: str, person: Person, rgb: Rgb) -> Iterator[Any]:
+def _pointing(
+    pen: MarkerBuilder, scene: ConversionState, user: str, person: Person, rgb: Rgb
+) -> Iterator[Any]:
     cursor = scene.pointing(user)
     if cursor is None:
         return
@@ -112,7 +132,7 @@ def _pointing(pen: MarkerBuilder, scene: Scene, user: str, person: Person, rgb: 
             yield pen.label(f"{hover.progress:.0%} {hover.action}", f"{user}/progress", 0, above_m)
 
 
-def _objects(pen: MarkerBuilder, scene: Scene) -> Iterator[Any]:
+def _objects(pen: MarkerBuilder, scene: ConversionState) -> Iterator[Any]:
     selection = scene.selection
     owners = {} if selection is None else {item.id: item.user for item in selection.objects}
     left_out = 0
@@ -126,7 +146,9 @@ def _objects(pen: MarkerBuilder, scene: Scene) -> Iterator[Any]:
         yield pen.label(f"{left_out} more objects are not drawn", "more_objects", 0, (0.0, 0.0, 2.5), 0.3)
 
 
-def _object(pen: MarkerBuilder, scene: Scene, item: TrackedObject, owner: str | None) -> Iterator[Any]:
+def _object(
+    pen: MarkerBuilder, scene: ConversionState, item: TrackedObject, owner: str | None
+) -> Iterator[Any]:
     number = scene.uids.number(item.id)
     rgb = KIND_COLORS.get(item.kind, OTHER_COLOR)
     length_m = item.length_m or USUAL_M
@@ -148,4 +170,50 @@ def _object(pen: MarkerBuilder, scene: Scene, item: TrackedObject, owner: str | 
         whose = scene.people[owner].profile.cursor_color if owner in scene.people else OTHER_COLOR
         yield pen.shape(
             shape, "selected", number, size_m=around_m, rgb=whose, at_m=at_m, turned=turned, alpha=0.35
+        )
+
+
+def robots(pen: MarkerBuilder, scene: ConversionState) -> Iterator[Any]:
+    """Yield the markers of all robots, and of the way-points that people have set."""
+    for name, state in sorted(scene.robots.items()):
+        yield from _robot(pen, scene, name, state)
+    for user, person in sorted(scene.people.items()):
+        waypoints_m = () if person.steering is None else person.steering.waypoints_m
+        size_m = (SPOT_M, SPOT_M, SPOT_M)
+        for number, place_m in enumerate(waypoints_m):
+            rgb = person.profile.cursor_color
+            yield pen.shape("sphere", f"{user}/waypoints", number, size_m=size_m, rgb=rgb, at_m=place_m)
+
+
+def _robot(pen: MarkerBuilder, scene: ConversionState, name: str, state: RobotState) -> Iterator[Any]:
+    owner = scene.people.get(state.user)
+    rgb = OTHER_COLOR if owner is None else owner.profile.cursor_color
+    is_halted = state.phase in {"stopped", "lost"}
+    group, at_m, wide_m = f"robot {name}", state.position_m, 2.0 * state.radius_m
+    size_m = (wide_m, wide_m, HIGH_M[state.kind])
+    body = HALTED if is_halted else rgb
+    yield pen.shape("cylinder", group, 0, size_m=size_m, rgb=body, at_m=at_m)
+    ahead = vector.scale(vector.direction(state.yaw_rad, 0.0), max(1.5 * state.radius_m, 0.1))
+    ends_m = (at_m, vector.add(at_m, ahead))
+    yield pen.shape("arrow", f"{group}/front", 0, size_m=FRONT_M, rgb=body, places_m=ends_m)
+    words = f"{name}: {state.phase}" + (f", {state.user}" if state.user else "")
+    yield pen.label(words, f"{group}/name", 0, vector.add(at_m, (0.0, 0.0, LABEL_M)))
+    if state.position_sigma_m:
+        spread_m = 2.0 * SIGMAS * state.position_sigma_m
+        yield pen.shape(
+            *("cylinder", f"{group}/place", 0),
+            size_m=(spread_m, spread_m, 0.01),
+            rgb=rgb,
+            at_m=at_m,
+            turned=rotation.IDENTITY,
+            alpha=0.3,
+        )
+    plan = scene.plan(name)
+    if plan is not None and plan.line_m:
+        line_m = (at_m, *plan.line_m)
+        yield pen.shape("line", f"{group}/plan", 0, size_m=(PLAN_M, 0.0, 0.0), rgb=rgb, places_m=line_m)
+    if state.target_m is not None:
+        spot_m = (SPOT_M, SPOT_M, SPOT_M)
+        yield pen.shape(
+            "sphere", f"{group}/target", 0, size_m=spot_m, rgb=rgb, at_m=state.target_m, alpha=0.6
         )

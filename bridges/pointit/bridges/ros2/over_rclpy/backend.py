@@ -10,18 +10,21 @@ import logging
 import os
 import threading
 from collections.abc import Callable
+from dataclasses import dataclass
 
 from pointit.bridges.ros2.config import BackendConfig
 from pointit.bridges.ros2.graph.backend import Closable, Graph, Qos, RosType, Server, Writer
 from pointit.bridges.ros2.graph.backend_warnings import BackendWarnings
 from pointit.bridges.ros2.graph.graph_monitor import GraphMonitor
+from pointit.bridges.ros2.over_rclpy.api import Executor, Node, RosContext
 from pointit.bridges.ros2.over_rclpy.graph import GraphReader
-from pointit.bridges.ros2.over_rclpy.join import RclpyNode, join
+from pointit.bridges.ros2.over_rclpy.library import Rclpy, loaded
 from pointit.bridges.ros2.over_rclpy.seat import DdsContext, NullEndpoint
 from pointit.bridges.ros2.over_rclpy.services import DdsClient, DdsServiceServer
 from pointit.bridges.ros2.over_rclpy.topics import DdsReader, DdsWriter
 from pointit.bridges.ros2.routing.calls import Calls
 from pointit.runtime.clock import Timer
+from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.threads import in_daemon_thread
 from pointit.runtime.service.surroundings import WarningSink
 
@@ -29,8 +32,10 @@ log = logging.getLogger(__name__)
 
 LOOK_S = 1.0
 """Interval of reading the graph, s."""
+
 SETTLE_S = 0.05
 """Time (s) to gather declarations of ours before the graph is read because of them."""
+
 PAUSE_S = 0.05
 """Pause (s) after an error that stopped the executor, such as an unreadable request."""
 
@@ -39,6 +44,53 @@ NEEDS = (
     "neither ROS_LOCALHOST_ONLY=1 nor ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST here or there"
 )
 """Conditions for other nodes to be seen."""
+
+
+@dataclass(frozen=True)
+class RclpyNode:
+    """rclpy's objects of one node."""
+
+    rclpy: Rclpy
+    context: RosContext
+    node: Node
+    executor: Executor
+
+    def leave(self) -> None:
+        """Leave the graph; the node must not be spinning any more."""
+        self.node.destroy_node()
+        self.context.try_shutdown()
+
+
+def join(config: BackendConfig) -> RclpyNode:
+    """Return our node; blocks for a moment.
+
+    Raises:
+        ConfigError: If rclpy is not there, or cannot join.
+    """
+    rclpy = loaded()
+    namespace, _, name = config.node.rpartition("/")
+    try:
+        context = rclpy.new_context()
+        # no arguments: the command line is not ROS's; no log files beside those of PointIt
+        context.init([], initialize_logging=False, domain_id=config.domain_id)
+        node = rclpy.new_node(
+            name,
+            namespace=namespace or "/",
+            context=context,
+            use_global_arguments=False,
+            enable_rosout=False,
+            start_parameter_services=False,
+        )
+        executor = rclpy.new_executor(context=context)
+        executor.add_node(node)
+    except Exception as error:  # any error of rcl, of a middleware or of their shared libraries
+        why = str(error).partition("\n")[0][:300] or type(error).__name__
+        raise ConfigError(
+            f"backend.kind dds: rclpy cannot join the ROS graph as {config.node}, domain {config.domain_id} "
+            f"({why}); check that RMW_IMPLEMENTATION={os.environ.get('RMW_IMPLEMENTATION', '')} names an "
+            "installed middleware and that `ros2 node list` works in this terminal"
+        ) from error
+    return RclpyNode(rclpy, context, node, executor)
 
 
 async def opened_rclpy(config: BackendConfig, warnings: WarningSink) -> "RclpyBackend":

@@ -5,9 +5,8 @@ from typing import Any
 
 from pointit.bridges.ros2.graph.backend import SENSOR, Backend, Closable, Qos
 from pointit.bridges.ros2.tracking.config import TF, PoseSource
-from pointit.bridges.ros2.tracking.motion import Motion
 from pointit.bridges.ros2.tracking.sightings import READERS, Sighting
-from pointit.bridges.ros2.tracking.trackers import captured, frame_pose
+from pointit.bridges.ros2.tracking.trackers import Motion, captured, frame_pose
 from pointit.bridges.ros2.tracking.transforms import AT_ORIGIN, TransformBuffer, compose, yaw
 from pointit.bridges.ros2.types.types import Types
 from pointit.geometry import rotation, vector

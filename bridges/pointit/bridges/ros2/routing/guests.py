@@ -6,10 +6,10 @@ from collections.abc import Iterable
 
 from pointit.bridges.ros2.graph.backend import Graph
 from pointit.bridges.ros2.inbound.guest import interaction
+from pointit.bridges.ros2.routing.conversion_state import Guest
 from pointit.bridges.ros2.routing.inbox import Inbox
 from pointit.bridges.ros2.routing.outbox import Outbox
 from pointit.bridges.ros2.routing.route_types import InboundRoute
-from pointit.bridges.ros2.routing.scene import Guest
 from pointit.bridges.ros2.routing.site import Site
 from pointit.runtime.bus.contract import Closable
 from pointit.schemas.topics import INTERACTION, POSE, RAY, USER_ALIVE

@@ -6,6 +6,7 @@ from collections.abc import Callable, Coroutine, Iterable
 from typing import Any
 
 from pointit.bridges.ros2.graph.backend import Closable, Graph
+from pointit.bridges.ros2.routing.conversion_state import ConversionState
 from pointit.bridges.ros2.routing.input_subscription import InputSubscription
 from pointit.bridges.ros2.routing.rate_limit import reclaim_delay_s
 from pointit.bridges.ros2.routing.route_types import (
@@ -16,7 +17,6 @@ from pointit.bridges.ros2.routing.route_types import (
     ServiceRoute,
     Taken,
 )
-from pointit.bridges.ros2.routing.scene import Scene
 from pointit.bridges.ros2.routing.site import Site
 from pointit.runtime.bus.contract import Publisher
 from pointit.runtime.clock import WallClock
@@ -256,6 +256,6 @@ class Inbox:
         self._site.bus.warn(about, "; ".join(each.sentence for each in warned[:3]))
 
 
-def _about(route: InboundRoute | ServiceRoute, scene: Scene, name: str) -> str:
+def _about(route: InboundRoute | ServiceRoute, scene: ConversionState, name: str) -> str:
     """Return the subject of a warning."""
     return f"from {route.ros_name(scene, name)}{route.reader}"

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from pointit.bridges.ros2.graph.backend import Qos
+from pointit.bridges.ros2.routing.conversion_state import ConversionState
 from pointit.bridges.ros2.routing.frames import WORLD
-from pointit.bridges.ros2.routing.scene import Scene
 from pointit.bridges.ros2.types.types import Types
 from pointit.schemas import Message, Query, Reply
 from pointit.schemas.topics import Request, Topic
@@ -19,7 +19,7 @@ MAX_BYTES = 16 * 1024
 class ConversionContext(NamedTuple):
     """Context of a conversion."""
 
-    scene: Scene
+    scene: ConversionState
     name: str
     """Name for the placeholder: a user or lamp; `""` if there is none."""
     stamp_ns: int
@@ -72,7 +72,7 @@ class _Route:
     reader: str = ""
     """Appended to the subject of warnings, where several routes read one topic."""
 
-    def ros_name(self, scene: Scene, name: str) -> str:
+    def ros_name(self, scene: ConversionState, name: str) -> str:
         """Return the name in ROS for `name`, which is a user, a lamp, or empty."""
         head, opening, rest = self.ros.partition("{")
         return head + scene.names.of(name) + rest.partition("}")[2] if opening else head
@@ -108,7 +108,9 @@ class OutboundRoute(_Route):
     apart_s: float = 0.0
     """Delay between the values of one message: a button is down for this time."""
 
-    def convert(self, message: Message, name: str, scene: Scene, *, again_ns: int | None = None) -> Converted:
+    def convert(
+        self, message: Message, name: str, scene: ConversionState, *, again_ns: int | None = None
+    ) -> Converted:
         """Return the ROS values of `message`; `again_ns`: it is repeated at this time."""
         is_again = again_ns is not None
         stamp_ns = message.stamp_ns if again_ns is None else again_ns
@@ -127,7 +129,7 @@ class InboundRoute(_Route):
     """Maximum rate; earlier messages are delayed, and the newest wins."""
     bytes_hz: float | None = None
     """Maximum rate of bytes read; of messages above it the newest waits."""
-    people: Callable[[bytes, Scene], tuple[str, ...]] | None = None
+    people: Callable[[bytes, ConversionState], tuple[str, ...]] | None = None
     """People whom a message is about, from its bytes. The newest per person waits, others are not read."""
     max_bytes: int = MAX_BYTES
     """Longer messages are dropped unread."""
@@ -138,7 +140,7 @@ class InboundRoute(_Route):
     of_guests: bool = False
     """For guests only, present or not: it makes them present."""
 
-    def convert(self, value: Any, name: str, scene: Scene, *, now_ns: int, wall_ns: int) -> Taken:
+    def convert(self, value: Any, name: str, scene: ConversionState, *, now_ns: int, wall_ns: int) -> Taken:
         """Return messages, queries and warnings; never raises."""
         return self.by(
             value, ConversionContext(scene, name, now_ns, scene.frames.resolve(self.frame, name), wall_ns)

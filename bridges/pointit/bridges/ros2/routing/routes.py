@@ -23,8 +23,8 @@ from pydantic import Field, ValidationError, field_validator
 from pointit.bridges.ros2.inbound.table import inward, served
 from pointit.bridges.ros2.outbound.humans_table import of_ros4hri
 from pointit.bridges.ros2.outbound.table import outward
+from pointit.bridges.ros2.routing.conversion_state import KINDS
 from pointit.bridges.ros2.routing.route_types import InboundRoute, OutboundRoute, ServiceRoute
-from pointit.bridges.ros2.routing.scene import KINDS
 from pointit.runtime.config.config import Config
 from pointit.runtime.config.validation_message import describe_validation_error, unknown_parameter_message
 from pointit.runtime.config.yaml_file import read_yaml

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from pointit.bridges.ros2.graph.backend import Backend
-from pointit.bridges.ros2.routing.scene import Scene
+from pointit.bridges.ros2.routing.conversion_state import ConversionState
 from pointit.runtime.bus.service_bus import ServiceBus
 from pointit.runtime.clock import Clock
 
@@ -15,4 +15,4 @@ class Site:
     bus: ServiceBus
     clock: Clock
     backend: Backend
-    scene: Scene
+    scene: ConversionState

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from pointit.bridges.ros2.inbound import checks
-from pointit.bridges.ros2.routing.scene import Scene
+from pointit.bridges.ros2.routing.conversion_state import ConversionState
 from pointit.bridges.ros2.tracking.transforms import Pose
 from pointit.geometry.rotation import IDENTITY
 from pointit.geometry.vector import Vec3
@@ -71,7 +71,7 @@ def detections(value: Any) -> Seen:
     return value.header.stamp, list(_detections(value))
 
 
-def packages(value: Any, scene: Scene) -> Seen:
+def packages(value: Any, scene: ConversionState) -> Seen:
     """Return the objects of a conveyor_msgs/PackageList, which are on belts and strips of the map."""
     return value.header.stamp, [_package(each, scene) for each in value.packages[:MAX_OBJECTS]]
 
@@ -118,7 +118,7 @@ def _posed(frame: str, pose: Any, covariance: Any, what: str) -> Sighting | str:
     return Sighting(frame, Pose(position_m, turned), sigma_m=sigma_m)
 
 
-def _package(value: Any, scene: Scene) -> Sighting | str:
+def _package(value: Any, scene: ConversionState) -> Sighting | str:
     uid, name, share = int(value.uid), value.position.name, float(value.position.position)
     what = f"package {uid}"
     strip = name.removeprefix("strip_")

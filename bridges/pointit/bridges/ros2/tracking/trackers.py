@@ -1,13 +1,13 @@
 """Trackers: what ROS nodes tell about positions, as objects of the site in {W}; pure."""
 
 import itertools
-from collections.abc import Mapping
-from typing import Any
+import math
+from collections.abc import Container, Mapping
+from typing import Any, NamedTuple
 
+from pointit.bridges.ros2.routing.conversion_state import ConversionState
 from pointit.bridges.ros2.routing.route_types import BusOutput, ConversionContext, ConversionWarning, Taken
-from pointit.bridges.ros2.routing.scene import Scene
 from pointit.bridges.ros2.tracking.config import TF, TrackerConfig
-from pointit.bridges.ros2.tracking.motion import Motion
 from pointit.bridges.ros2.tracking.sightings import PACKAGES, READERS, Sighting, packages
 from pointit.bridges.ros2.tracking.transforms import (
     AT_ORIGIN,
@@ -17,12 +17,21 @@ from pointit.bridges.ros2.tracking.transforms import (
     yaw,
 )
 from pointit.geometry import rotation, vector
+from pointit.geometry.vector import Vec3
 from pointit.runtime.bus.timeliness import MAX_AHEAD_NS
 from pointit.schemas import FARTHEST, NS_PER_S, TrackedObject, TrackedObjects
 from pointit.schemas.topics import OBJECTS
 
 ROBOT = "robot"
 """Kind of objects without one."""
+
+SMOOTHING_S = 0.2
+"""Time constant of the velocity."""
+
+LONGEST_S = 0.5
+"""Positions further apart tell no velocity."""
+
+STILL: Vec3 = (0.0, 0.0, 0.0)
 
 
 class Tracker:
@@ -133,12 +142,12 @@ class TfInput:
         """Convert a tf2_msgs/TFMessage of /tf_static."""
         return tuple(map(ConversionWarning, self._buffer.take(value, is_static=True)))
 
-    def frames_in(self, cdr: bytes, _scene: Scene) -> tuple[str, ...]:
+    def frames_in(self, cdr: bytes, _scene: ConversionState) -> tuple[str, ...]:
         """Return the frames in `cdr` that matter."""
         return self._buffer.wanted_in(cdr)
 
 
-def roots(scene: Scene) -> dict[str, Pose]:
+def roots(scene: ConversionState) -> dict[str, Pose]:
     """Return the frames in ROS whose pose in {W} is known without transforms: {W}, and those of the map."""
     frames = () if scene.room is None else scene.room.frames
     known = {frame.id: Pose(frame.position_m, frame.orientation_xyzw) for frame in frames}
@@ -179,3 +188,35 @@ def captured(stamp: Any, now_ns: int, what: str, stale_s: float) -> int | str:
         f"{stale_s if age_ns > 0 else MAX_AHEAD_NS / NS_PER_S:g} s: synchronize the clocks, or let "
         "both follow /clock"
     )
+
+
+class _Last(NamedTuple):
+    stamp_ns: int
+    position_m: Vec3
+    velocity_mps: Vec3
+
+
+class Motion:
+    """Smoothed differences of the positions of each object."""
+
+    def __init__(self) -> None:
+        self._last: dict[str, _Last] = {}
+
+    def velocity_mps(self, name: str, position_m: Vec3, stamp_ns: int) -> Vec3:
+        """Return the velocity of an object that is at `position_m` now; 0 if it was not seen just before."""
+        last = self._last.get(name)
+        passed_s = 0.0 if last is None else (stamp_ns - last.stamp_ns) / NS_PER_S
+        velocity_mps = STILL
+        if last is not None and 0.0 < passed_s <= LONGEST_S:
+            newest_mps = vector.scale(vector.subtract(position_m, last.position_m), 1.0 / passed_s)
+            share = 1.0 - math.exp(-passed_s / SMOOTHING_S)
+            difference = vector.subtract(newest_mps, last.velocity_mps)
+            velocity_mps = vector.add(last.velocity_mps, vector.scale(difference, share))
+            if not all(abs(each) <= FARTHEST for each in velocity_mps):
+                velocity_mps = STILL  # it was carried, or another took its name
+        self._last[name] = _Last(stamp_ns, position_m, velocity_mps)
+        return velocity_mps
+
+    def keep(self, names: Container[str]) -> None:
+        """Forget all other objects."""
+        self._last = {name: last for name, last in self._last.items() if name in names}

@@ -7,8 +7,7 @@ from typing import Any
 from prometheus_client.metrics_core import CounterMetricFamily, GaugeMetricFamily, InfoMetricFamily, Metric
 from prometheus_client.registry import Collector
 
-from pointit.bridges.web.metrics.durations import Durations
-from pointit.bridges.web.metrics.totals import MAX_INSTANCES, OTHER, Totals
+from pointit.bridges.web.metrics.totals import MAX_INSTANCES, OTHER, Durations, Totals
 from pointit.diagnosis.observation import expected_services
 from pointit.geometry.floor_sigma import position_sigma_m
 from pointit.schemas import (

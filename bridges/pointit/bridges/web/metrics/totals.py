@@ -1,10 +1,14 @@
-"""Totals that only grow, from counters that start again with each restart of a service; pure."""
+"""Totals that only grow and histograms of durations, from counters that start again with a service; pure."""
 
 from collections import Counter, OrderedDict, defaultdict
 from collections.abc import Iterable, Iterator
+from itertools import accumulate
 from typing import NamedTuple
 
-from pointit.schemas import Health, KeyHealth
+from prometheus_client.metrics_core import HistogramMetricFamily
+
+from pointit.schemas import Health, KeyHealth, Quantiles
+from pointit.schemas.system import DURATION_BOUNDS_S
 from pointit.schemas.topics import TOPICS
 
 MAX_INSTANCES = 4096
@@ -17,6 +21,8 @@ OTHER = "other"
 """Label for keys that are no row of the topic table, and unknown services; bounds the number of series."""
 
 KNOWN_KEYS = frozenset(topic.key for topic in TOPICS)
+
+BUCKETS = (*map(str, DURATION_BOUNDS_S), "+Inf")
 
 
 class Labels(NamedTuple):
@@ -90,3 +96,28 @@ def _counts(service: str, health: Health, keys: Iterable[KeyHealth]) -> Iterator
     for figure in health.figures:
         if figure.name == "refused":
             yield Labels("refused", service), max(0.0, figure.value)
+
+
+class Durations:
+    """Counts durations, by service."""
+
+    def __init__(self) -> None:
+        """Begin with none."""
+        self._counts: dict[str, list[int]] = {}
+        self._sums_s: defaultdict[str, float] = defaultdict(float)
+
+    def add(self, service: str, reported: Quantiles | None) -> None:
+        """Count the durations of one report. None, or one that has no counts, adds nothing."""
+        if reported is None or len(reported.counts) != len(BUCKETS):
+            return
+        counts = self._counts.get(service, [0] * len(BUCKETS))
+        self._counts[service] = [sum(pair) for pair in zip(counts, reported.counts, strict=True)]
+        self._sums_s[service] += max(0.0, reported.sum_s)  # a clock that was set back must not lower the sum
+
+    def family(self, name: str, about: str) -> HistogramMetricFamily:
+        """Return the histogram under `name`, with its help."""
+        family = HistogramMetricFamily(name, about, labels=("service",))
+        for service, counts in self._counts.items():
+            buckets = list(zip(BUCKETS, map(float, accumulate(counts)), strict=True))
+            family.add_metric((service,), buckets, self._sums_s[service])
+        return family

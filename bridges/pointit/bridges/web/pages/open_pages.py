@@ -2,15 +2,16 @@
 
 import asyncio
 import contextlib
+import math
+from collections import deque
 from collections.abc import Callable, Generator
 
 from starlette.responses import PlainTextResponse
 from starlette.websockets import WebSocket
 
-from pointit.bridges.web.pages.lag import Latencies
 from pointit.bridges.web.pages.latest_values import LatestValueCache
 from pointit.bridges.web.pages.page_requests import greeting
-from pointit.bridges.web.pages.session import Host, Session
+from pointit.bridges.web.pages.page_session import Host, PageSession
 from pointit.bridges.web.wire import IN_FLIGHT, Ack, Role, Status
 from pointit.runtime.bus.service_bus import ServiceBus
 from pointit.runtime.clock import Timer
@@ -23,6 +24,11 @@ STATUS_S = 0.05
 
 SLOW_MS = 500.0
 """Pages whose latency exceeds this cause a warning."""
+
+LATENCIES_S = 5.0
+"""Window of the quantile."""
+
+MAX_LATENCIES = 4096
 
 
 class Pages:
@@ -54,7 +60,7 @@ class Pages:
         self._rate_hz = rate_hz
         self._most = most
         self._version = version
-        self._sessions: set[Session] = set()
+        self._sessions: set[PageSession] = set()
         self._count = 0
         self._elsewhere = 0
         """Number of pages that look at the past."""
@@ -77,7 +83,7 @@ class Pages:
             await self.refuse(socket)
             return
         self._count += 1
-        session = Session(f"page{self._count}", role, socket, self._hub.open(self._rate_hz), host)
+        session = PageSession(f"page{self._count}", role, socket, self._hub.open(self._rate_hz), host)
         self._sessions.add(session)
         self._count_viewers()
         try:
@@ -174,3 +180,22 @@ class Pages:
         self._flush_timer.cancel()
         for session in self._sessions:
             session.wake()
+
+
+class Latencies:
+    """Latencies that pages report, from the capture at a wrist to the frame that shows it."""
+
+    def __init__(self) -> None:
+        """Begin without latencies."""
+        self._heard: deque[tuple[float, float]] = deque(maxlen=MAX_LATENCIES)
+
+    def add(self, latency_ms: float, now_s: float) -> None:
+        """Add one."""
+        self._heard.append((now_s, latency_ms))
+
+    def p95_ms(self, now_s: float) -> float | None:
+        """Return the 95th percentile (nearest rank) of the window, or None without reports."""
+        while self._heard and now_s - self._heard[0][0] > LATENCIES_S:
+            self._heard.popleft()
+        values = sorted(latency_ms for _, latency_ms in self._heard)
+        return values[math.ceil(0.95 * len(values)) - 1] if values else None

@@ -5,12 +5,16 @@ import contextlib
 
 from starlette.websockets import WebSocket
 
-from pointit.bridges.web.pages.session import Session
+from pointit.bridges.web.pages.open_pages import Pages
+from pointit.bridges.web.pages.page_session import PageSession
 from pointit.bridges.web.playback.past import Past
 from pointit.bridges.web.playback.playback import Playback
+from pointit.bridges.web.playback.recent import Recent
 from pointit.bridges.web.wire import Ack, AimAt, Answer, Ask, Hello, Play, Playing
+from pointit.runtime.clock import Clock
 from pointit.runtime.errors import RefusedError
 from pointit.schemas import NS_PER_S
+from pointit.schemas.topics import Presence
 
 RATE_HZ = 60.0
 """Maximum rate of batches, and of seeks, which cost some ms of a core, Hz."""
@@ -19,6 +23,9 @@ STATUS_S = 1.0
 """Interval of the status and, while a file is read, of the timeline, s."""
 
 CANNOT_BE_CHANGED = "what has happened cannot be changed: this page shows the past"
+
+JUST_S = 15.0
+"""Distance of the first position from the end, s."""
 
 
 class PastPage:
@@ -37,7 +44,7 @@ class PastPage:
         self._now_s = asyncio.get_running_loop().time
         self._playback = Playback(past, self._now_s())
         feed = self._playback.model.hub.open(RATE_HZ)
-        self._session = Session("past", "viewer", socket, feed, self)
+        self._session = PageSession("past", "viewer", socket, feed, self)
         self._hello = Hello(version=version, site=past.site, role="viewer", requests=(), deeds=())
         self._wanted = Play(is_playing=True, at_s=start_s)
         """Control not yet applied. Of several seeks, only the newest is."""
@@ -59,7 +66,7 @@ class PastPage:
         playback = self._playback
         return playback.at_ns(self._now_s()), playback.speed if playback.is_playing else 0.0
 
-    async def answer(self, ask: Ask, session: Session) -> Answer:  # noqa: ARG002 - the host's interface
+    async def answer(self, ask: Ask, session: PageSession) -> Answer:  # noqa: ARG002 - the host's interface
         """Refuse it.
 
         Raises:
@@ -67,7 +74,7 @@ class PastPage:
         """
         raise RefusedError(CANNOT_BE_CHANGED)
 
-    def aim(self, aim: AimAt, session: Session) -> None:
+    def aim(self, aim: AimAt, session: PageSession) -> None:
         """Ignore it: no arm can be moved."""
 
     def play(self, play: Play) -> None:
@@ -129,3 +136,28 @@ class PastPage:
 
     def _tell_status(self) -> None:
         self._session.tell_status(self._playback.status().model_dump_json())
+
+
+class Visits:
+    """Opens pages with a playback of `recent`."""
+
+    def __init__(self, recent: Recent, pages: Pages, clock: Clock, version: str) -> None:
+        """Store the parts; `version` is PointIt's."""
+        self._recent = recent
+        self._pages = pages
+        self._clock = clock
+        self._version = version
+
+    def remember(self, row: Presence, name: str, present: bool) -> None:  # noqa: FBT001 - as on the bus
+        """Keep a change of presence."""
+        self._recent.add(self._clock.now_ns(), row, name, present, b"1" if present else b"")
+
+    async def open(self, socket: WebSocket) -> None:
+        """Serve a page until it leaves, unless there are too many pages."""
+        if self._pages.is_full:
+            await self._pages.refuse(socket)
+            return
+        past = self._recent.past(self._clock.now_ns())
+        start_s = max(past.timeline().length_s - JUST_S, 0.0)
+        with self._pages.elsewhere():
+            await PastPage(socket, past, version=self._version, start_s=start_s).run()

@@ -12,9 +12,8 @@ from pointit.bridges.web.playback.past_page import PastPage
 from pointit.bridges.web.server import exposure_check
 from pointit.bridges.web.server.access import Access
 from pointit.bridges.web.server.app import application
-from pointit.bridges.web.server.bundle import Bundle
+from pointit.bridges.web.server.bundle import Bundle, refusal
 from pointit.bridges.web.server.listener import Listener, bind
-from pointit.bridges.web.server.responses import refusal
 from pointit.bridges.web.wire import Role
 from pointit.runtime.host.release import pointit_version
 

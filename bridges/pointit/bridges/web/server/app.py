@@ -13,8 +13,7 @@ from starlette.websockets import WebSocket
 
 from pointit.bridges.web.server import access
 from pointit.bridges.web.server.access import Access, RequestInfo
-from pointit.bridges.web.server.bundle import Bundle
-from pointit.bridges.web.server.responses import file_response, refusal
+from pointit.bridges.web.server.bundle import Bundle, file_response, refusal
 from pointit.bridges.web.server.security_middleware import SecurityMiddleware, asked_of
 from pointit.bridges.web.wire import Role
 

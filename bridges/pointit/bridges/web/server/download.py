@@ -8,7 +8,7 @@ from starlette.requests import Request
 from starlette.responses import Response
 
 from pointit.bridges.web.playback.recent import Recent, RecentPast
-from pointit.bridges.web.server.responses import Pieces
+from pointit.bridges.web.server.bundle import Pieces
 from pointit.recording.head import make_head
 from pointit.recording.writer import RecordingWriter
 from pointit.runtime.clock import Clock

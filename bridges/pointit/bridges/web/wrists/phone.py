@@ -21,8 +21,7 @@ from starlette.routing import BaseRoute, Route, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from pointit.bridges.web.pages.page_requests import greeting
-from pointit.bridges.web.server.bundle import Bundle
-from pointit.bridges.web.server.responses import file_response, refusal
+from pointit.bridges.web.server.bundle import Bundle, file_response, refusal
 from pointit.bridges.web.wire import REPLACED, UNPAIRED, Cue
 from pointit.bridges.web.wrists.pairing import Pairing, Phone
 from pointit.bridges.web.wrists.phone_connection import PhoneConnection, PhoneHost

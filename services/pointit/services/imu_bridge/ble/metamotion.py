@@ -12,9 +12,9 @@ from pydantic import Field
 from pointit.runtime.service.surroundings import Surroundings
 from pointit.schemas import Feedback
 from pointit.services.imu_bridge.ble import metamotion_protocol as protocol
+from pointit.services.imu_bridge.ble.ble_source import BleSource
 from pointit.services.imu_bridge.ble.button import ButtonChange
 from pointit.services.imu_bridge.ble.discovery import discover_ble
-from pointit.services.imu_bridge.ble.link import BleSource
 from pointit.services.imu_bridge.ble.radio import require_bleak
 from pointit.services.imu_bridge.ble.wrist import BleConfig, Connection, Kind, LinkError, Wrist, WristItem
 from pointit.services.imu_bridge.reading import Battery, Item, Reading

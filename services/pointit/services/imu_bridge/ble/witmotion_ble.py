@@ -13,8 +13,8 @@ from pydantic import Field
 
 from pointit.runtime.service.surroundings import Surroundings
 from pointit.services.imu_bridge.ble import witmotion_protocol as protocol
+from pointit.services.imu_bridge.ble.ble_source import BleSource
 from pointit.services.imu_bridge.ble.discovery import discover_ble
-from pointit.services.imu_bridge.ble.link import BleSource
 from pointit.services.imu_bridge.ble.radio import require_bleak
 from pointit.services.imu_bridge.ble.wrist import BleConfig, Connection, Kind, Wrist, WristItem
 from pointit.services.imu_bridge.reading import Battery, Item, RawReading

@@ -1,20 +1,21 @@
-"""SlimeVR trackers: ESP32 boards, owoTrack on phones and watches, Joy-Con, and all that speaks as they do."""
+"""SlimeVR trackers: ESP32 boards, owoTrack, Joy-Con, and all that speaks as they do; and their search."""
 
 import asyncio
 import ipaddress
 import re
+from collections.abc import Sequence
 
 from pydantic import Field, field_validator
 
 from pointit.runtime.clock import Clock
 from pointit.runtime.config.config import Config
+from pointit.runtime.config.plugins import FoundDevice
 from pointit.runtime.service.surroundings import HealthSink
 from pointit.schemas import Feedback
 from pointit.services.imu_bridge.network import slimevr_protocol as protocol
 from pointit.services.imu_bridge.network.port_source import PortSource
-from pointit.services.imu_bridge.network.slimevr_search import TAKEN, discover
 from pointit.services.imu_bridge.network.slimevr_trackers import Tracker, Trackers
-from pointit.services.imu_bridge.network.udp_server import Address
+from pointit.services.imu_bridge.network.udp_server import ANY_HOST, Address, overhear
 from pointit.services.imu_bridge.reading import (
     Battery,
     Disconnected,
@@ -26,11 +27,44 @@ from pointit.services.imu_bridge.reading import (
 )
 from pointit.services.imu_bridge.sources import ImuSource
 
+TAKEN = (
+    "end the program that has it, such as a SlimeVR server, or set slimevr.port here and in the tracker's app"
+)
+
+MOST_FOUND = 64
+
 BAD_S = 10.0
 """Time for which packets that cannot be read are told, s."""
+
 STEP_S = 0.4
 """Period of heartbeats, s. Trackers drop a server that is silent for 3 s; it also sends pings."""
+
 _MAC = re.compile(r"[0-9A-F]{2}(:[0-9A-F]{2}){5}\Z")
+
+
+async def discover(seconds: float) -> Sequence[FoundDevice]:
+    """Return the trackers that call, without an answer to any. Those connected to a server do not call.
+
+    Raises:
+        ConfigError: If the port is taken by a program that does not share it.
+    """
+    found: dict[str, FoundDevice] = {}
+
+    def on_datagram(data: bytes, address: Address) -> None:
+        datagram = protocol.decode(data) if len(found) < MOST_FOUND else None
+        for packet in datagram.packets if datagram is not None else ():
+            if isinstance(packet, protocol.Handshake):
+                tracker = Tracker(address, packet, 0.0, 0.0, 0.0)
+                details: dict[str, str | float] = {
+                    "ip": address[0],
+                    "firmware": packet.firmware,
+                    "board": float(packet.board),
+                }
+                label = f"{tracker.label()}; set imu-bridge.slimevr.host={ANY_HOST}"
+                found[tracker.identity] = FoundDevice(tracker.identity, label, details)
+
+    await overhear(protocol.PORT, seconds, on_datagram, remedy=TAKEN)
+    return [found[identity] for identity in sorted(found)]
 
 
 class SlimevrConfig(Config):

@@ -14,6 +14,8 @@ from dataclasses import dataclass
 from typing import Literal, cast
 
 from pointit.geometry.rotation import Quaternion, normalized
+from pointit.services.imu_bridge.reading import Item, Press, Reading
+from pointit.services.imu_bridge.serial.framer import Framer
 
 LONGEST_LINE = 256
 """Longest line, bytes; longer ones are discarded on arrival."""
@@ -25,9 +27,13 @@ MAX_TIME_US = 2**53
 """Largest time in µs that is exact as a float; 285 years."""
 
 _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?\Z")
+
 _NAMED = re.compile(r"\s*([A-Za-z][\w \-]*?)\s*:(.*)", re.DOTALL)
+
 _BUTTON = re.compile(r"(?:button|b)(?:[:,;\s]+(press|double|hold))?\Z", re.IGNORECASE)
+
 _SEPARATOR = re.compile(r"[,;\s]+")
+
 _OTHER_NAMES = frozenset(
     {
         "orientation",
@@ -46,8 +52,10 @@ _OTHER_NAMES = frozenset(
 """Names of lines with other numbers that may look like a quaternion."""
 
 Gesture = Literal["press", "double", "hold"]
+
 Order = Literal["wxyz", "xyzw"]
 """Order of a quaternion's numbers in a line."""
+
 Fifth = Literal["auto", "time", "accuracy"]
 """Meaning of a fifth number in a line."""
 
@@ -172,3 +180,44 @@ def _number(word: str) -> float:
     if not math.isfinite(value):
         raise LineError(f"has {word[:20]!r}, which is not finite")
     return value
+
+
+class TextFramer(Framer):
+    """Reads quaternions and gestures."""
+
+    UNIT = "lines"
+    HINT = "a quaternion looks like `1.0,0.0,0.0,0.0`; check baud and order"
+
+    def __init__(self, order: Order = "wxyz", fifth: Fifth = "auto") -> None:
+        super().__init__()
+        self._parser = LineParser(order, fifth)
+        self._splitter = LineSplitter()
+
+    def feed(self, data: bytes, stamp_ns: int) -> list[Item]:
+        """Return the items in the lines that `data` completes."""
+        items: list[Item] = []
+        overlong = self._splitter.overlong
+        for line in self._splitter.feed(data):
+            try:
+                item = self._item(line, stamp_ns)
+            except LineError as error:
+                self._count(1, f"{line[:40]!r} {error}")
+            else:
+                if item is not None:
+                    items.append(item)
+        if self._splitter.overlong > overlong:
+            self._count(self._splitter.overlong - overlong, "a line without an end")
+        self.good += len(items)
+        return items
+
+    def _item(self, line: bytes, stamp_ns: int) -> Item | None:
+        parsed = self._parser.parse(line)
+        if isinstance(parsed, ButtonLine):
+            return Press(stamp_ns, parsed.gesture)
+        if parsed is None:
+            return None
+        return Reading(stamp_ns, parsed.orientation_xyzw, parsed.device_time_ns)
+
+    def _count(self, count: int, reason: str) -> None:
+        self.bad += count
+        self.reason = reason

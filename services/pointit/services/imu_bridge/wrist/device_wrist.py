@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 from pointit.geometry.rotation import Quaternion
 from pointit.runtime.errors import ConfigError
+from pointit.services.imu_bridge.arm_frame import YawEpoch
 from pointit.services.imu_bridge.reading import (
     Battery,
     Disconnected,
@@ -20,7 +21,6 @@ from pointit.services.imu_bridge.reading import (
 from pointit.services.imu_bridge.wrist.device_clock import DeviceClock
 from pointit.services.imu_bridge.wrist.fusion import Fusion
 from pointit.services.imu_bridge.wrist.monitor import Figure, WarningText, WristMonitor
-from pointit.services.imu_bridge.yaw_epoch import YawEpoch
 
 SHOWN_S = 10.0
 """Time for which a jump of a clock is reported, s."""

@@ -4,7 +4,7 @@ import math
 from collections import deque
 from collections.abc import Iterator
 
-from pointit.services.imu_bridge.page_health import LOW_BATTERY
+from pointit.services.imu_bridge.page_wrist import LOW_BATTERY
 
 RATE_S = 5.0
 """Time over which the rate is averaged, s."""

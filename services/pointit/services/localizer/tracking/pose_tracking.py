@@ -21,8 +21,7 @@ from pointit.services.localizer.estimation.rays import Mean
 from pointit.services.localizer.outputs import AnchorOutcome, anchor_message, covariance_of, followed
 from pointit.services.localizer.tracking.bias import Bias
 from pointit.services.localizer.tracking.fixes import DOUBT, is_exact, to_fix
-from pointit.services.localizer.tracking.health_metrics import figures
-from pointit.services.localizer.tracking.pose_publish_timer import PosePublishTimer
+from pointit.services.localizer.tracking.pose_publication import PosePublishTimer, figures
 
 NO_POSE = "no pose is known yet; localize first, or set one"
 

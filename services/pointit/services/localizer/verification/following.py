@@ -15,7 +15,7 @@ import numpy as np
 from pointit.services.localizer.estimation.sample_blocks import Pointings
 from pointit.services.localizer.estimation.solution import Refusal, Solution, SolverSettings
 from pointit.services.localizer.memory.recall import solve
-from pointit.services.localizer.verification.spikes import without_spikes
+from pointit.services.localizer.verification.holds import without_spikes
 
 CLOSE = 1.1
 """Largest rms of few rays, in sigmas of a ray."""

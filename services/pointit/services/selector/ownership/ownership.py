@@ -1,12 +1,13 @@
 """Owners and reservations of objects, and the effect of staying on one: decided here, or followed."""
 
-from pointit.schemas import Selection
+from collections.abc import Iterable
+
+from pointit.runtime.bus.timeliness import MAX_AHEAD_NS
+from pointit.schemas import NS_PER_S, ReservedObject, Selection
 from pointit.services.selector.config import SelectorConfig
 from pointit.services.selector.objects.object_positions import ObjectPositions
 from pointit.services.selector.outputs import Action, Owned
 from pointit.services.selector.ownership.ledger import Ledger
-from pointit.services.selector.ownership.reservations import Reservations
-from pointit.services.selector.ownership.user_presence import UserPresence
 
 
 class Ownership:
@@ -56,3 +57,101 @@ class Ownership:
             {one.id: Owned(one.user, one.kind, one.since_ns, one.confidence) for one in selection.objects}
         )
         self.reservations.restore(selection.reserved)
+
+
+class UserPresence:
+    """Detects when a person has gone: neither announced nor active for some time."""
+
+    def __init__(self, ownerless_after_s: float) -> None:
+        self._after_ns = int(ownerless_after_s * NS_PER_S)
+        self._present: set[str] = set()
+        self._heard_ns: dict[str, int] = {}
+
+    def on_activity(self, user: str, stamp_ns: int) -> None:
+        """Record that `user` was active."""
+        self._heard_ns[user] = stamp_ns
+
+    def set_present(self, user: str, now_ns: int, *, present: bool) -> None:
+        """Record that `user` is announced, or no longer."""
+        (self._present.add if present else self._present.discard)(user)
+        self._heard_ns[user] = now_ns
+
+    def there(self, now_ns: int) -> list[str]:
+        """Return the people who are not gone, by name."""
+        return sorted(user for user in {*self._present, *self._heard_ns} if not self.is_gone(user, now_ns))
+
+    def is_gone(self, user: str, now_ns: int) -> bool:
+        """Return True if `user` has been away for so long that anyone may change what is theirs."""
+        if user in self._present:
+            return False
+        heard_ns = self._heard_ns.setdefault(user, now_ns)
+        if heard_ns > now_ns + MAX_AHEAD_NS:
+            self._heard_ns[user] = heard_ns = now_ns
+        return now_ns - heard_ns >= self._after_ns
+
+
+class Reservations:
+    """The first person to point steadily at each object. Others see the object as taken."""
+
+    def __init__(self, reserve_s: float) -> None:
+        self._for_ns = int(reserve_s * NS_PER_S)
+        self._held: dict[str, tuple[str, int]] = {}
+        """By object: user, and end of the reservation, ns."""
+
+    def holder(self, object_id: str) -> str:
+        """Return the user who has reserved `object_id`, or `""`."""
+        held = self._held.get(object_id)
+        return "" if held is None else held[0]
+
+    def reserve(self, object_id: str, user: str, now_ns: int) -> bool:
+        """Reserve `object_id` for `user`, or extend it. Return True if it was free before.
+
+        A reservation of another user stays.
+        """
+        held = self._held.get(object_id)
+        if held is not None and held[0] != user:
+            return False
+        self._held[object_id] = (user, now_ns + self._for_ns)
+        return held is None
+
+    def keep_last(self, user: str, count: int) -> bool:
+        """Free `user`'s reservations but the last `count`. Return True if there were any."""
+        own = [object_id for object_id, (holder, _) in self._held.items() if holder == user]
+        for object_id in own[:-count]:
+            del self._held[object_id]
+        return len(own) > count
+
+    def extend(self, user: str, object_id: str, now_ns: int) -> bool:
+        """Extend `user`'s reservation of `object_id`. Return False if they have none."""
+        return self.holder(object_id) == user and not self.reserve(object_id, user, now_ns)
+
+    def restore(self, reserved: Iterable[ReservedObject]) -> None:
+        """Replace all reservations by `reserved`."""
+        self._held = {one.id: (one.user, one.until_ns) for one in reserved}
+
+    def free(self, object_id: str) -> bool:
+        """Free `object_id`. Return True if it was reserved."""
+        return self._held.pop(object_id, None) is not None
+
+    def expire(self, now_ns: int) -> bool:
+        """Free expired reservations. Return True if there were any.
+
+        A reservation that ends later than possible was made by another machine's clock.
+        """
+        if not self._held:
+            return False
+        over = [
+            object_id
+            for object_id, (_, until_ns) in self._held.items()
+            if until_ns < now_ns or until_ns > now_ns + self._for_ns + NS_PER_S
+        ]
+        for object_id in over:
+            del self._held[object_id]
+        return bool(over)
+
+    def objects(self) -> tuple[ReservedObject, ...]:
+        """Return all reservations."""
+        return tuple(
+            ReservedObject(id=object_id, user=user, until_ns=until_ns)
+            for object_id, (user, until_ns) in self._held.items()
+        )

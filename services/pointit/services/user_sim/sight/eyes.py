@@ -16,8 +16,12 @@ from numpy.typing import NDArray
 
 from pointit.geometry.vector import Vec3
 from pointit.schemas import Environment, StripsFrame, UserProfile
-from pointit.services.user_sim.sight.colors import DARKEST, OwnColor
-from pointit.services.user_sim.sight.observed_appearance import ObservedAppearance, UsualLooks
+from pointit.services.user_sim.sight.observed_appearance import (
+    DARKEST,
+    ObservedAppearance,
+    OwnColor,
+    UsualLooks,
+)
 from pointit.services.user_sim.sight.pixels import Key, Kind, Pixels, ShownLine
 
 LEVEL_SHARE = 0.8

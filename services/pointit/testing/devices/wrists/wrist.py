@@ -1,11 +1,13 @@
-"""The device's side of a wrist by Bluetooth Low Energy, whatever carries its bytes."""
+"""A simulated wrist by Bluetooth Low Energy: the device's side, whatever carries its bytes."""
 
 from collections.abc import Iterable, Mapping
-from typing import ClassVar, Literal
+from dataclasses import dataclass, field
+from typing import ClassVar, Literal, Protocol
 
 from pointit.plugins import Quaternion
 
 Property = Literal["read", "write", "write-without-response", "notify"]
+
 Sent = Iterable[tuple[str, bytes]]
 """Notifications: characteristic and bytes."""
 
@@ -35,3 +37,36 @@ class SimulatedWrist:
     def frame(self, orientation_xyzw: Quaternion) -> bytes:
         """Return the notification of one reading."""
         raise NotImplementedError
+
+
+class Listener(Protocol):
+    """A scan of the program."""
+
+    def hear(self) -> None:
+        """Hear the wrist, if it advertises."""
+        ...
+
+
+class Link(Protocol):
+    """The program's end of a connection."""
+
+    def notify(self, characteristic: str, data: bytes) -> None:
+        """Pass on a notification."""
+        ...
+
+    def lose(self) -> None:
+        """Lose the connection."""
+        ...
+
+
+@dataclass
+class Peripheral:
+    """A wrist with an address."""
+
+    wrist: SimulatedWrist
+    address: str
+    is_there: bool = False
+    listeners: set[Listener] = field(default_factory=set[Listener])
+    link: Link | None = None
+    received: bytearray = field(default_factory=bytearray)
+    """Bytes from the program since it last connected."""

@@ -1,12 +1,33 @@
-"""Messages of smart lights over MQTT: JSON as Zigbee2MQTT and the JSON schema of Home Assistant have it."""
+"""Messages of smart lights over MQTT, and their announcements, by Zigbee2MQTT and Home Assistant. Pure."""
 
 import json
-from typing import Any, cast
+from collections.abc import Iterator, Mapping
+from typing import Any, NamedTuple, cast
 
 from pointit.schemas.base import Rgb
 
 FULL = 254
 """Full brightness of Zigbee; Home Assistant's scale ends at 255, which Zigbee2MQTT does not take."""
+
+TOPICS = ("zigbee2mqtt/bridge/devices", "homeassistant/light/#", "homeassistant/device/#")
+"""Topics of the announcements, which brokers retain."""
+
+ABBREVIATIONS = {
+    "availability": "avty",
+    "availability_topic": "avty_t",
+    "command_topic": "cmd_t",
+    "components": "cmps",
+    "device": "dev",
+    "platform": "p",
+    "supported_color_modes": "sup_clrm",
+    "topic": "t",
+}
+"""Short names of keys in Home Assistant's discovery."""
+
+COLOR_MODES = {"hs", "rgb", "rgbw", "rgbww", "xy"}
+
+LONGEST_TEXT = 200
+"""Names and topics that are longer are left out."""
 
 
 def command(color: Rgb) -> bytes:
@@ -47,3 +68,86 @@ def parsed(payload: object) -> object:
         return json.loads(text)
     except (ValueError, RecursionError):
         return text
+
+
+class AnnouncedLight(NamedTuple):
+    """A light that takes commands in JSON."""
+
+    name: str
+    topic: str
+    """Topic of its commands."""
+    availability: str
+    """Topic that tells if it is online, or `""`."""
+    has_color: bool
+
+
+def announced_lights(topic: str, payload: object) -> list[AnnouncedLight]:
+    """Return the lights that a message announces, whatever it holds."""
+    value = parsed(payload)
+    if topic == TOPICS[0]:
+        return list(_zigbee_lights(topic.partition("/")[0], value))
+    if not topic.endswith("/config") or not isinstance(value, dict):
+        return []
+    config = cast("dict[str, Any]", value)
+    if topic.startswith("homeassistant/light/"):
+        return list(_light(config, config))
+    components = _mapping(_get(config, "components"))
+    return [
+        light
+        for component in components.values()
+        if _get(_mapping(component), "platform") == "light"
+        for light in _light(_mapping(component), config)
+    ]
+
+
+def _zigbee_lights(base: str, devices: object) -> Iterator[AnnouncedLight]:
+    for device in _items(devices):
+        name = _text(_mapping(device).get("friendly_name"))
+        exposes = _items(_mapping(_mapping(device).get("definition")).get("exposes"))
+        lights = [_mapping(each) for each in exposes if _mapping(each).get("type") == "light"]
+        if not name or not lights:
+            continue
+        features = {
+            _text(_mapping(feature).get("name"))
+            for light in lights
+            for feature in _items(light.get("features"))
+        }
+        color = bool(features & {"color_xy", "color_hs"})
+        yield AnnouncedLight(name, f"{base}/{name}/set", f"{base}/{name}/availability", color)
+
+
+def _light(config: Mapping[str, Any], shared: Mapping[str, Any]) -> Iterator[AnnouncedLight]:
+    """Yield the light of `config`, if it takes JSON. `shared`: what it has in common with its device."""
+    topic = _topic(config, _get(config, "command_topic"))
+    if config.get("schema") != "json" or not topic:
+        return
+    device = _mapping(_get(shared, "device"))
+    name = _text(config.get("name")) or _text(device.get("name")) or topic
+    listed = [_get(_mapping(each), "topic") for each in _items(_get(config, "availability"))]
+    availability = _topic(config, _get(config, "availability_topic") or (listed[-1] if listed else ""))
+    modes = {_text(mode) for mode in _items(_get(config, "supported_color_modes"))}
+    yield AnnouncedLight(name, topic, availability, bool(modes & COLOR_MODES))
+
+
+def _get(config: Mapping[str, Any], key: str) -> object:
+    return config.get(key, config.get(ABBREVIATIONS[key]))
+
+
+def _topic(config: Mapping[str, Any], value: object) -> str:
+    """Return a topic, with `~` at its start or end as the base topic of `config`."""
+    topic, base = _text(value), _text(config.get("~"))
+    if base and topic.startswith("~"):
+        return base + topic[1:]
+    return topic[:-1] + base if base and topic.endswith("~") else topic
+
+
+def _text(value: object) -> str:
+    return value if isinstance(value, str) and len(value) <= LONGEST_TEXT else ""
+
+
+def _mapping(value: object) -> dict[str, Any]:
+    return cast("dict[str, Any]", value) if isinstance(value, dict) else {}
+
+
+def _items(value: object) -> list[object]:
+    return cast("list[object]", value) if isinstance(value, list) else []

@@ -7,7 +7,7 @@ from pointit.runtime.config.plugins import FoundDevice
 from pointit.runtime.mqtt.broker import connected, require_client
 from pointit.runtime.mqtt.broker_config import PORT
 from pointit.runtime.mqtt.broker_search import find_on_brokers
-from pointit.services.led_driver.output.mqtt.announced_lights import TOPICS, AnnouncedLight, announced_lights
+from pointit.services.led_driver.output.mqtt.light_protocol import TOPICS, AnnouncedLight, announced_lights
 
 MAX_LAMPS = 500
 """Limit of lamps on one broker."""

@@ -1,4 +1,4 @@
-"""Geometry of a moving head: angles of pan and tilt at which its beam meets a point, and their motion. Pure.
+"""Geometry of a moving head: angles at which its beam meets a point, their motion, turning by keys. Pure.
 
 The fixture's frame {F} has its origin where both axes cross, and z along the pan axis from the base to the
 head. At pan 0 and tilt 0, the middles of both ranges, the beam leaves along z. Tilt turns it about y, and pan
@@ -6,6 +6,7 @@ then about z.
 """
 
 import math
+import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 
@@ -18,6 +19,16 @@ POLE_RAD = 1e-6
 
 NEAREST_M = 1e-3
 """Distance from the fixture below which a point has no direction."""
+
+LARGEST_STEP_RAD, SMALLEST_STEP_RAD = math.radians(16.0), math.radians(0.0625)
+
+FIRST_STEP_RAD = math.radians(4.0)
+
+KEY = re.compile(rb"\x1b[\[O]([ABCD])|([-+=]|[ \r\n])")
+"""An arrow as terminals send it, or another key in use."""
+
+ARROWS = {b"A": (0, 1), b"B": (0, -1), b"C": (1, 0), b"D": (-1, 0)}
+"""Steps of pan and tilt by up, down, right, left."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,3 +142,35 @@ def moved(start: Angles, end: Angles, limits: Limits, elapsed_s: float) -> Angle
         start.pan_rad + share * (end.pan_rad - start.pan_rad),
         start.tilt_rad + share * (end.tilt_rad - start.tilt_rad),
     )
+
+
+class ManualAim:
+    """The angles, from home on, within the limits of the head."""
+
+    def __init__(self, limits: Limits) -> None:
+        """Begin at home."""
+        self._limits = limits
+        self.step_rad = FIRST_STEP_RAD
+        """Angle of one step."""
+        self.angles = HOME
+
+    def press(self, data: bytes) -> int:
+        """Turn by arrows, change the step by + and -. Return how often Enter or Space is in `data`."""
+        entered = 0
+        for arrow, key in KEY.findall(data):
+            if arrow:
+                self._turn(*ARROWS[arrow])
+            elif key == b"-":
+                self.step_rad = max(self.step_rad / 2.0, SMALLEST_STEP_RAD)
+            elif key in b"+=":
+                self.step_rad = min(self.step_rad * 2.0, LARGEST_STEP_RAD)
+            else:
+                entered += 1
+        return entered
+
+    def _turn(self, pan: int, tilt: int) -> None:
+        turned = Angles(
+            self.angles.pan_rad + pan * self.step_rad, self.angles.tilt_rad + tilt * self.step_rad
+        )
+        if self._limits.allow(turned):
+            self.angles = turned

@@ -12,11 +12,9 @@ from pointit.services.led_driver.output.dmx.artnet import ArtnetStream
 from pointit.services.led_driver.output.dmx.e131 import E131Stream
 from pointit.services.led_driver.output.dmx.stream import RATE_HZ, DmxStream
 from pointit.services.led_driver.output.output_health import OutputHealth
-from pointit.services.led_driver.output.spotlight.beam import DARK, Beam, BeamState
+from pointit.services.led_driver.output.spotlight.beam import DARK, Beam, BeamOwnership, BeamState, Fixture
 from pointit.services.led_driver.output.spotlight.config import SpotlightConfig
-from pointit.services.led_driver.output.spotlight.fixture import Fixture
 from pointit.services.led_driver.output.spotlight.head import Angles
-from pointit.services.led_driver.output.spotlight.ownership import BeamOwnership
 from pointit.services.led_driver.outputs import LedOutput
 
 

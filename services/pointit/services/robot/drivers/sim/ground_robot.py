@@ -4,9 +4,9 @@ import math
 
 from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
-from pointit.services.robot.drivers.sim.followed_path import FollowedPath
 from pointit.services.robot.drivers.sim.motion_limits import (
     STEP_S,
+    FollowedPath,
     MotionLimits,
     braking_speed,
     ordered_speed,

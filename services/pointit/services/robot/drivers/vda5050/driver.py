@@ -1,9 +1,11 @@
-"""Driver of an AGV by VDA 5050: the connection to its broker."""
+"""Driver of AGVs by VDA 5050: the connection to a broker, and the search for AGVs that report on one."""
 
 import asyncio
 import contextlib
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from pointit.runtime.config.plugins import FoundDevice
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.mqtt.broker import (
     client_options,
@@ -12,26 +14,83 @@ from pointit.runtime.mqtt.broker import (
     require_client,
     uncancelled,
 )
+from pointit.runtime.mqtt.broker_config import PORT
+from pointit.runtime.mqtt.broker_search import find_on_brokers
 from pointit.runtime.service.shutdown import first_cause
 from pointit.runtime.service.surroundings import Surroundings
 from pointit.services.robot.drivers.vda5050.agv import Agv, MqttPublication
-from pointit.services.robot.drivers.vda5050.search import find_agvs
 from pointit.services.robot.drivers.vda5050.vda5050_config import Vda5050Config
 from pointit.services.robot.robot_driver import Command, Report, RobotPlugin, RobotSpec
+from pointit.vda5050.agv_messages import Connection, State, parse
 
 if TYPE_CHECKING:
     import aiomqtt
 
+MAX_AGVS = 500
+"""Limit of AGVs on one broker."""
+
+REPORT_TOPICS = ("+/+/+/+/connection", "+/+/+/+/state")
+
+LEVELS = 5
+
 TOPICS = (("connection", 1), ("state", 0), ("visualization", 0))
 """Topics of an AGV, with their quality of service by the standard."""
+
 TICK_S = 0.05
 """Longest wait between two looks at what is to be sent or reported, s."""
+
 RETRY_S = 1.0
 """Wait after an error, s."""
+
 ACK_S = 5.0
 """Time for a broker to acknowledge a message, after which the connection counts as lost, s."""
+
 END_S = 0.4
 """Maximum time to stop the AGV at the end, s."""
+
+
+async def find_agvs(seconds: float) -> Sequence[FoundDevice]:
+    """Return the AGVs on the broker of this machine and on brokers that announce themselves (`_mqtt._tcp`).
+
+    Raises:
+        ConfigError: If the extra `mqtt` is not installed.
+    """
+    require_client("AGVs by VDA 5050")
+    return await find_on_brokers(find_agvs_on, seconds)
+
+
+async def find_agvs_on(host: str, port: int, seconds: float) -> list[FoundDevice]:
+    """Return the AGVs that report on one broker within `seconds`; nothing if there is no broker."""
+    from aiomqtt import MqttError  # noqa: PLC0415 - an extra
+
+    address = host if port == PORT else f"{host}:{port}"
+    found: dict[tuple[str, ...], FoundDevice] = {}
+    # the end of the search, a TimeoutError, is an OSError
+    with contextlib.suppress(MqttError, OSError):
+        async with asyncio.timeout(seconds), connected({"hostname": host, "port": port}) as client:
+            await client.subscribe([(topic, 1) for topic in REPORT_TOPICS])
+            async for message in client.messages:
+                levels = str(message.topic).split("/")
+                if len(found) < MAX_AGVS and (agv := _found(address, levels, message.payload)):
+                    found[tuple(levels[: LEVELS - 1])] = agv
+    return list(found.values())
+
+
+def _found(address: str, levels: Sequence[str], payload: object) -> FoundDevice | None:
+    """Return the AGV that has sent `payload` to a topic, or None if it is no message of an AGV."""
+    interface, major, manufacturer, serial_number, name = levels
+    message = parse(Connection if name == "connection" else State, payload)
+    if message is None or not major.startswith("v"):
+        return None
+    state = message.connection_state if isinstance(message, Connection) else "ONLINE"
+    details = {
+        "broker": address,
+        "interface": interface,
+        "manufacturer": manufacturer,
+        "serial_number": serial_number,
+    }
+    label = f"{manufacturer} {serial_number}: AGV of VDA 5050 {major.removeprefix('v')}, {state}"
+    return FoundDevice(address, label, details)
 
 
 def check(config: Vda5050Config) -> None:

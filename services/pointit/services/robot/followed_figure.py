@@ -62,7 +62,7 @@ class AssumedPerson:
 
 
 @dataclass(frozen=True)
-class Figure:
+class FollowedFigure:
     """A closed course from the robot's place, which takes the time given."""
 
     name: str
@@ -73,7 +73,7 @@ class Figure:
 
 def figures(
     start_m: Vec3, people: Sequence[AssumedPerson], *, length_m: float, is_flying: bool
-) -> list[Figure]:
+) -> list[FollowedFigure]:
     """Return the figures through `start_m` that keep away from `people`, the most informative first.
 
     Args:
@@ -91,13 +91,15 @@ def figures(
         kept &= courses[:, :, 2].min(axis=1) >= min(LOWEST_M, start_m[2])
     sigmas = position_sigmas_m(courses[kept], places).mean(axis=1)
     found = [
-        Figure(named[index][0], tuple(_vec3(point) for point in courses[index]), float(sigma_m))
+        FollowedFigure(named[index][0], tuple(_vec3(point) for point in courses[index]), float(sigma_m))
         for index, sigma_m in zip(np.flatnonzero(kept).tolist(), sigmas, strict=True)
     ]
     return sorted(found, key=lambda each: each.sigma_m)
 
 
-def best_figure(ranked: Sequence[Figure], is_permitted: Callable[[Sequence[Vec3]], bool]) -> Figure | None:
+def best_figure(
+    ranked: Sequence[FollowedFigure], is_permitted: Callable[[Sequence[Vec3]], bool]
+) -> FollowedFigure | None:
     """Return the first of `ranked` whose way is permitted, or None."""
     return next((figure for figure in ranked if is_permitted(figure.points_m)), None)
 

@@ -130,7 +130,7 @@ class Guest:
     """Number of published states of the interaction."""
 
 
-class Scene:
+class ConversionState:
     """The newest of everything; messages are stored here before they are converted."""
 
     def __init__(

@@ -49,7 +49,7 @@ class _Placed:
     ids: dict[str, list[int]]
 
 
-class Scene:
+class StripContent:
     """Stores received messages and drops expired ones. Ages count from arrival."""
 
     def __init__(self, config: LedDriverConfig) -> None:

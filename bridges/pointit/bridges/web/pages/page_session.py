@@ -46,7 +46,7 @@ class Host(Protocol):
         """Return the site's time, ns, and its speed."""
         ...
 
-    async def answer(self, ask: Ask, session: "Session") -> Answer:
+    async def answer(self, ask: Ask, session: "PageSession") -> Answer:
         """Handle a request.
 
         Raises:
@@ -54,7 +54,7 @@ class Host(Protocol):
         """
         ...
 
-    def aim(self, aim: AimAt, session: "Session") -> None:
+    def aim(self, aim: AimAt, session: "PageSession") -> None:
         """Point where the page's mouse does."""
         ...
 
@@ -79,7 +79,7 @@ class Counts:
     bytes: int = 0
 
 
-class Session:
+class PageSession:
     """One page, from its websocket's opening to its end."""
 
     def __init__(self, page: str, role: Role, socket: WebSocket, feed: PageFeed, host: Host) -> None:

@@ -12,7 +12,7 @@ from pointit.geometry.polyline import Polyline
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, Cursor, Environment, TrackedObject, TrackedObjects
 from pointit.schemas.pointing import LINES
-from pointit.services.selector.objects.lines import LineTable
+from pointit.services.selector.objects.object_positions import LineTable
 from pointit.services.selector.objects.view import OnLine, View, VisibleObject
 
 Array = NDArray[np.float64]
@@ -34,7 +34,7 @@ OPAQUE = frozenset({"box", "cylinder", "sphere"})
 XYZ = np.ones(3)
 
 
-class Scene:
+class SeenObjects:
     """The map's lines and every tracker's objects, viewed from any eyes at any time."""
 
     def __init__(

@@ -1,7 +1,7 @@
-"""Times and stamps at which a drifting pose is published again."""
+"""Publication of a tracked pose: when a drifting one is published again, and its health metrics."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 from pointit.geometry.floor_sigma import position_sigma_m
 from pointit.runtime.bus.timeliness import MAX_AHEAD_NS
@@ -15,8 +15,16 @@ LONGEST_S = 2.0
 """Longest time between poses."""
 
 NOTICEABLE_RAD = math.radians(0.1)
+
 NOTICEABLE_SHARE = 0.05
 """Smallest changes of the yaw, and of a sigma as a share of it, that are published."""
+
+FIGURES = (
+    ("drift", "°/min"),
+    ("anchor age", "s"),
+    ("position σ", "m"),  # noqa: RUF001 - sigma is meant
+    ("yaw σ", "°"),  # noqa: RUF001 - sigma is meant
+)
 
 
 class PosePublishTimer:
@@ -69,3 +77,22 @@ def _has_changed(last: UserPose, now: DriftPose) -> bool:
         or abs(now.yaw_sigma_rad - yaw_sigma) > NOTICEABLE_SHARE * yaw_sigma
         or abs(now.position_sigma_m - position_sigma) > NOTICEABLE_SHARE * position_sigma
     )
+
+
+def figures(pose: DriftPose | None, now_ns: int) -> Iterator[tuple[str, float | None, str]]:
+    """Yield name, value and unit of each metric.
+
+    Args:
+        pose: current estimate. None if there is none; then all values are None.
+        now_ns: the time.
+    """
+    values: tuple[float | None, ...] = (None,) * len(FIGURES)
+    if pose is not None:
+        values = (
+            math.degrees(pose.yaw_rate_radps) * 60.0,
+            max(0, now_ns - pose.anchored_ns) / NS_PER_S if pose.anchored_ns else None,
+            pose.position_sigma_m,
+            math.degrees(pose.yaw_sigma_rad),
+        )
+    for (name, unit), value in zip(FIGURES, values, strict=True):
+        yield name, value, unit

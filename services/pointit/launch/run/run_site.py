@@ -1,0 +1,209 @@
+"""The site of a run: its bus and clock, what is there already, who looks on, and requests for a scenario."""
+
+import asyncio
+import dataclasses
+import logging
+import math
+from collections import deque
+from collections.abc import Callable, Collection
+
+from pointit.launch.plan.launches import CURSOR_COLORS, PAGE
+from pointit.launch.plan.plan import Plan
+from pointit.launch.plan.scenario import USUAL, scenario_names
+from pointit.launch.run.running_scenario import PRESENCE_PATIENCE_S, RunningScenario
+from pointit.runtime.bus.contract import Bus, list_present
+from pointit.runtime.bus.site_clock import SiteClock
+from pointit.runtime.clock import Clock, SimulatedClock, WallClock
+from pointit.runtime.errors import ConfigError, ListenError, PointItError, RefusedError
+from pointit.runtime.link.link import Link
+from pointit.runtime.link.outage import SILENT_S as VIEWER_SILENT_S
+from pointit.runtime.service.instance_takeover import SILENT_S, claim_names
+from pointit.runtime.zenoh.zenoh_bus import ZenohBus
+from pointit.schemas import Deployment, Done, Health, RunScenario, SchemaError, UserProfile
+from pointit.schemas.base import Rgb
+from pointit.schemas.system import SHARDED, instance_of
+from pointit.schemas.topics import DEPLOYMENT, PROFILE, SERVICE_ALIVE, SHARD_ALIVE, USER_ALIVE
+
+log = logging.getLogger(__name__)
+
+PORTS_TO_TRY = 10
+"""Consecutive ports from the default one that `run` tries."""
+
+CLOCK_PATIENCE_S = 0.5
+"""Timeout for the clock of a joined site; a site without `run` has none."""
+
+LISTEN_S = 0.3
+"""Time to listen; retained state arrives at once."""
+
+Found = tuple[str, int]
+"""A scenario, and a place of it, from 1 on."""
+
+VIEWERS = "viewers"
+"""Metric in a page's Health: number of open pages."""
+
+
+async def open_bus(plan: Plan) -> ZenohBus:
+    """Open the bus. If the default address is in use, use the next port and log it."""
+    link = plan.link
+    for number in range(PORTS_TO_TRY):
+        try:
+            bus = await ZenohBus.open(link, patience_s=plan.duration_s)
+        except ListenError:
+            if not plan.may_move or number == PORTS_TO_TRY - 1:
+                raise
+            address, _, port = link.listen[0].rpartition(":")
+            link = Link(site=link.site, listen=(f"{address}:{int(port) + 1}",))
+        else:
+            if number:
+                log.warning(
+                    "%s is in use; listening at %s: give other commands --connect %s",
+                    plan.link.listen[0],
+                    link.listen[0],
+                    link.listen[0],
+                )
+            return bus
+    raise AssertionError("unreachable: the last try raises")
+
+
+async def clock_of(plan: Plan, bus: ZenohBus) -> Clock:
+    """Return the clock of this run: its own, or that of the site it joins."""
+    if plan.speed != 1.0:
+        return SimulatedClock(plan.speed)
+    if bus.link.connect:
+        clock = SiteClock(bus)
+        await clock.wait_for_tick(CLOCK_PATIENCE_S)
+        return clock
+    return WallClock()
+
+
+async def adapt_to_site(plan: Plan, bus: ZenohBus) -> Plan:
+    """Return the plan adapted to the services on the site: without what one is enough of, if there is one.
+
+    Raises:
+        ConfigError: If another process runs services under the same people's names, or a shard has one.
+    """
+    if not bus.link.connect:
+        return plan
+    there, _, _ = await asyncio.gather(
+        list_present(bus, SERVICE_ALIVE, PRESENCE_PATIENCE_S),
+        claim_names(bus, USER_ALIVE, plan.users),
+        check_names(bus, plan.users),
+    )
+    doubled = [each for each in plan.beside if each.ONE_IS_ENOUGH and each.instance in there]
+    for each in doubled:
+        log.warning("site %s has a %s already; this run opens none of its own", bus.site, each.WHAT)
+    return dataclasses.replace(plan, beside=[each for each in plan.beside if each not in doubled])
+
+
+async def surroundings(bus: Bus) -> Found:
+    """Return the scenario of a joined site, and a free place."""
+    running: dict[str, str] = {}
+    colors: dict[str, Rgb] = {}
+
+    def on_deployment(deployment: Deployment, name: str) -> None:
+        running[name] = deployment.believed(name).scenario
+
+    def on_profile(profile: UserProfile, user: str) -> None:
+        colors[user] = profile.cursor_color
+
+    listening = (bus.subscribe(DEPLOYMENT, on_deployment), bus.subscribe(PROFILE, on_profile))
+    try:
+        await asyncio.sleep(LISTEN_S)
+    finally:
+        for subscription in listening:
+            subscription.close()
+    shipped = sorted(set(running.values()) & set(scenario_names()))
+    return (shipped[0] if len(shipped) == 1 else USUAL), free_place(colors.values())
+
+
+async def check_names(bus: Bus, people: Collection[str]) -> None:
+    """Check that no shard of others is called like one of `people`, who could take its place.
+
+    It takes `LISTEN_S`, and `SILENT_S` more if one is: it may be dead, or about to serve such a person.
+
+    Raises:
+        ConfigError: If there is such a shard.
+    """
+    taken = {instance_of(service, person): person for service in sorted(SHARDED) for person in people}
+    for wait_s in (LISTEN_S, SILENT_S):
+        there, serving = await asyncio.gather(
+            list_present(bus, SERVICE_ALIVE, wait_s), list_present(bus, SHARD_ALIVE, wait_s)
+        )
+        taken = {shard: person for shard, person in taken.items() if shard in there - serving}
+        if not taken:
+            return
+    for shard, person in taken.items():
+        raise ConfigError(
+            f"{person}: {shard} on site {bus.site} is a shard that serves nobody of this name; choose another"
+        )
+
+
+def free_place(colors: Collection[Rgb]) -> int:
+    """Return the first place, from 1, whose cursor colour is unused, or the one after the last."""
+    free = (place for place, color in enumerate(CURSOR_COLORS, 1) if color not in colors)
+    return next(free, len(colors) + 1)
+
+
+class ScenarioRequests:
+    """Pending requests. Use in the event loop only."""
+
+    def __init__(self, on_wish: Callable[[], None]) -> None:
+        """Create an empty queue; `on_wish` is called when a request arrives."""
+        self._on_wish = on_wish
+        self._waiting: deque[tuple[RunScenario, asyncio.Future[Done]]] = deque()
+
+    def __bool__(self) -> bool:
+        """Return True if a request is pending."""
+        return bool(self._waiting)
+
+    async def serve(self, query: RunScenario, _name: str) -> Done:
+        """Reply when the request is fulfilled or has failed."""
+        answer: asyncio.Future[Done] = asyncio.get_running_loop().create_future()
+        self._waiting.append((query, answer))
+        self._on_wish()
+        return await answer
+
+    async def apply_next(self, stage: RunningScenario) -> None:
+        """Switch `stage` to the scenario of the oldest request."""
+        query, answer = self._waiting.popleft()
+        try:
+            await stage.switch_to(await _plan(query, stage.plan))
+        except (PointItError, SchemaError) as error:
+            if not answer.done():
+                answer.set_exception(RefusedError(str(error)))
+        else:
+            if not answer.done():
+                answer.set_result(Done())
+
+
+async def _plan(query: RunScenario, now: Plan) -> Plan:
+    """Return the plan of the request, made and checked in a thread because maps are slow to read.
+
+    Raises:
+        ConfigError: If there is none.
+    """
+    if now.another is None:
+        raise ConfigError(
+            f"{now.name} runs without people of its own (--site-only): it cannot change the scenario"
+        )
+    return await asyncio.to_thread(now.another, query, now)
+
+
+class Onlookers:
+    """Tracks until when viewers count as present: a page that is reloaded is not gone at once."""
+
+    def __init__(self) -> None:
+        self.until_s = -math.inf
+        """Viewers count as present until then, on the clock of `on_health`."""
+
+    def on_health(self, health: Health, now_s: float) -> bool:
+        """Update from a service's Health. Return True if it changes whether viewers are present."""
+        is_open = any(figure.name == VIEWERS and figure.value > 0 for figure in health.figures)
+        if is_open and health.service == PAGE:
+            self.until_s = max(self.until_s, now_s + VIEWER_SILENT_S)
+            return True
+        return False
+
+    def are_there(self, now_s: float) -> bool:
+        """Return True if viewers are present at `now_s`."""
+        return now_s < self.until_s

@@ -135,6 +135,12 @@ def test_who_has_pointed_at_a_lamp_while_they_steer_goes_on_steering() -> None:
     assert carol.wait(0.1).goal.closed_loop
 
 
+def test_who_is_given_another_robot_lets_it_go() -> None:
+    carol = Carol(GroundRobotUser).wait(3.0).hear("selected", "quad is yours: it takes off").wait(0.1)
+    assert (carol.goal.gesture, carol.goal.presses) == ("hold", 2)
+    assert carol.wait(8.0).goal.presses == 3
+
+
 @pytest.mark.parametrize("waits", [False, True])
 def test_after_a_turn_she_leaves_the_robot_to_others_the_longer_if_there_are_any(waits: bool) -> None:  # noqa: FBT001
     carol = Carol(GroundRobotUser).wait(3.0)

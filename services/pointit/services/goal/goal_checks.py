@@ -8,8 +8,6 @@ from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, Cursor, Environment, Interaction, UserPose
 from pointit.services.goal.config import GoalConfig
 
-UNSURE = "your direction has become uncertain: press twice, then point at a lamp once"
-
 
 class GoalChecker:
     """Checks places by the level surfaces, people's positions and the person's interaction."""
@@ -40,7 +38,8 @@ class GoalChecker:
     def on_interaction(self, interaction: Interaction) -> None:
         """Update the interaction state of the person."""
         self._interaction = interaction
-        self.unsure_reason = UNSURE if interaction.is_unsure else ""
+        advice = "your direction has become uncertain: press twice, then point at a lamp once"
+        self.unsure_reason = advice if interaction.is_unsure else ""
 
     def place(self, cursor: Cursor) -> Vec3 | None:
         """Return the point of `cursor` if a goal can be there, else None; a plane must be seen from above."""

@@ -269,11 +269,9 @@ class RobotSteering:
 
     def _go(self, now_ns: int) -> list[Output]:
         cursor, place_m = self._cursor, self._waypoints[-1]
-        reason = "point while you press" if cursor is None else ""
-        if cursor is not None:
-            reason = self._checker.rejection_reason(place_m, cursor, now_ns)
+        reason = cursor and self._checker.rejection_reason(place_m, cursor, now_ns)
         if cursor is None or reason:
-            return [self._cues.make("refused", reason, now_ns, place_m)]
+            return [self._cues.make("refused", reason or "point while you press", now_ns, place_m)]
         via_m, self._waypoints = tuple(self._waypoints[:-1]), []
         self._goals += 1
         goal = Goal(

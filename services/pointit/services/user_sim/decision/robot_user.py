@@ -122,20 +122,25 @@ class _RobotUser(ABC):
             self._press("asked", now_ns, "double")
         elif cue.cue == "deselected":
             self._enter("choose", now_ns)
+        elif self._stage == "asked" and "is yours" in cue.text and self._robot not in cue.text:
+            self._press("asked", now_ns, "hold")  # it is another robot: let it go
         elif self._stage == "asked" and cue.cue == "selected":
             self._enter("sent" if "goes there" in cue.text else "steer", now_ns)
         elif self._stage == "asked" and cue.cue == "refused":
-            if "press again" in cue.text:
-                self._press("asked", now_ns)
-            elif "way-point" in cue.text:  # it is theirs still
-                self._enter("steer", now_ns)
-            elif "no robot" in cue.text:
-                self._aim_again(now_ns)
-            elif "longer" not in cue.text:
-                self._pause_until_ns[self._robot] = now_ns + round(self._usually(PAUSE_S) * NS_PER_S)
-                self._enter("choose", now_ns)
+            self._on_refusal(cue.text, now_ns)
         elif self._stage in ("steer", "sent"):
             self._on_result(cue, now_ns)
+
+    def _on_refusal(self, text: str, now_ns: int) -> None:
+        if "press again" in text:
+            self._press("asked", now_ns)
+        elif "way-point" in text:  # it is theirs still
+            self._enter("steer", now_ns)
+        elif "no robot" in text:
+            self._aim_again(now_ns)
+        elif "longer" not in text:
+            self._pause_until_ns[self._robot] = now_ns + round(self._usually(PAUSE_S) * NS_PER_S)
+            self._enter("choose", now_ns)
 
     def _needs_lamp(self, text: str, now_ns: int) -> bool:
         """Return True if pointing at a lamp once helps, and was not done just before."""

@@ -13,7 +13,7 @@ from pointit.geometry.vector import Vec3
 from pointit.services.localizer.estimation.angular_residuals import PARAMETERS, Array, Rays, residuals
 from pointit.services.localizer.procedures.next_target import (
     ObservationModel,
-    best_for_places,
+    best_for_yaw,
     fisher_information,
     log_det_information,
     next_target,
@@ -159,32 +159,24 @@ def test_lamps_anywhere_give_an_answer() -> None:
 def test_the_yaw_is_told_best_by_a_far_and_level_lamp() -> None:
     lamps: list[Vec3] = [(0.1, 0.0, 0.0), (1.0, 0.0, 1.6), (6.0, 0.0, 1.6), (1.0, 1.0, 5.0)]
     vague = np.diag([0.04, 0.04, 0.3])
-    assert best_for_places(lamps, (0.0, 0.0), vague, ObservationModel()) == 2
+    assert best_for_yaw(lamps, (0.0, 0.0), vague, ObservationModel()) == 2
     assert (
-        best_for_places(lamps[:2], (0.0, 0.0), np.diag([0.0, 0.0, 0.3]), ObservationModel()) == 1
+        best_for_yaw(lamps[:2], (0.0, 0.0), np.diag([0.0, 0.0, 0.3]), ObservationModel()) == 1
     )  # not at the feet
-    assert best_for_places(lamps[:1], (0.0, 0.0), vague, ObservationModel()) == 0
+    assert best_for_yaw(lamps[:1], (0.0, 0.0), vague, ObservationModel()) == 0
     across = np.diag([0.0, 0.25, 0.3])  # uncertain sideways for the lamps ahead
     beside: list[Vec3] = [(4.0, 0.0, 1.6), (0.0, 4.0, 1.6)]
-    assert best_for_places(beside, (0.0, 0.0), across, ObservationModel()) == 1
-
-
-def test_an_uncertain_position_is_worth_a_lamp_that_tells_it() -> None:
-    """Arena: people whom a robot has localized know their yaw to 12 deg and their place to 0.45 m."""
-    behind, far = (2.2, -1.4, 0.15), (3.0, 5.0, 1.5)
-    sure, vague = (np.diag([sigma_m**2, sigma_m**2, 0.04]) for sigma_m in (0.1, 0.45))
-    assert best_for_places([behind, far], (3.0, 0.0), sure, ObservationModel()) == 1
-    assert best_for_places([behind, far], (3.0, 0.0), vague, ObservationModel()) == 0
+    assert best_for_yaw(beside, (0.0, 0.0), across, ObservationModel()) == 1
 
 
 def test_after_one_lamp_another_direction_tells_more() -> None:
     """The first anchor leaves a correlated position and yaw."""
     lamps: list[Vec3] = [(4.0, 0.0, 1.6), (0.0, 3.5, 1.6)]
     known = np.diag([0.09, 0.09, 0.3])
-    first = best_for_places(lamps, (0.0, 0.0), known, ObservationModel())
+    first = best_for_yaw(lamps, (0.0, 0.0), known, ObservationModel())
     told: Array = fisher_information(
         np.array([lamps[first]]), np.array([[0.0, 0.0, EYES_M]]), ObservationModel()
     )[0, 0]
     left = np.linalg.inv(np.linalg.inv(known) + told[:3, :3]).astype(np.float64)
     assert first == 0
-    assert best_for_places(lamps, (0.0, 0.0), left, ObservationModel()) == 1
+    assert best_for_yaw(lamps, (0.0, 0.0), left, ObservationModel()) == 1

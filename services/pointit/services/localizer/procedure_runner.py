@@ -28,7 +28,7 @@ from pointit.services.localizer.procedures.anchoring import Anchoring
 from pointit.services.localizer.procedures.known_robots import STANDS_MPS, KnownRobots
 from pointit.services.localizer.procedures.lamp_procedure import LampProcedure
 from pointit.services.localizer.procedures.moving_target import MovingTarget
-from pointit.services.localizer.procedures.next_target import ObservationModel, best_for_places
+from pointit.services.localizer.procedures.next_target import ObservationModel, best_for_yaw
 from pointit.services.localizer.procedures.procedure import Procedure
 from pointit.services.localizer.procedures.queued_pointing import Make, QueuedPointing, queue_timeout_message
 from pointit.services.localizer.procedures.static_targets import StaticTargets
@@ -277,7 +277,7 @@ class ProcedureRunner:
         return self._tracking.anchor(robot, mean, problem or self._robots.moved(robot, now_ns), now_ns)
 
     def _most_informative(self, lamps: Sequence[Lamp], eyes_m: float, now_ns: int) -> Lamp:
-        """Return the lamp that is most informative about the places at which the person points."""
+        """Return the lamp that is most informative about the yaw."""
         place, covariance = self._tracking.uncertainty(now_ns)
         drift = self._config.drift.settings()
         acuity = ObservationModel(
@@ -286,7 +286,7 @@ class ProcedureRunner:
             eyes_m=eyes_m,
         )
         places = [lamp.position_m for lamp in lamps]
-        return lamps[best_for_places(places, place, covariance, acuity, floor_m=self._config.floor_m)]
+        return lamps[best_for_yaw(places, place, covariance, acuity, floor_m=self._config.floor_m)]
 
     def _process_outputs(self, outputs: Sequence[Output], now_ns: int) -> list[Output]:
         """Return a procedure's outputs, its pose as tracked; drop a procedure that has ended."""

@@ -143,7 +143,7 @@ def _room(lamps: Array) -> Array:
     return free if len(free) else places
 
 
-def best_for_places(
+def best_for_yaw(
     lamps_m: Sequence[Vec3],
     place_m: tuple[float, float],
     covariance: Array,
@@ -151,9 +151,10 @@ def best_for_places(
     *,
     floor_m: float = 0.0,
 ) -> int:
-    """Return the index of the lamp after which places as far as the lamps are most certain, by a known pose.
+    """Return the index of the lamp that makes the yaw of a known pose most certain.
 
-    If the position is sure, that is mostly a far lamp at eye height, which tells the yaw.
+    Mostly that is a far one at eye height, since an uncertain position turns it less. After that one, a lamp
+    in another direction separates position and yaw.
 
     Args:
         lamps_m: positions of the lamps, {W}, at least one.
@@ -167,5 +168,6 @@ def best_for_places(
     gained: Array = fisher_information(lamps, eyes, acuity)[0][:, :3, :3]
     left = np.linalg.solve(np.eye(3) + covariance @ gained, np.broadcast_to(covariance, gained.shape))
     near: Array = np.linalg.norm(lamps[:, :2] - eyes[0, :2], axis=1)
-    spread = left[:, 0, 0] + left[:, 1, 1] + np.mean(near**2) * left[:, 2, 2]
-    return int(np.argmin(np.where(near >= NEAREST_M, spread, np.inf))) if near.max() >= NEAREST_M else 0
+    return (
+        int(np.argmin(np.where(near >= NEAREST_M, left[:, 2, 2], np.inf))) if near.max() >= NEAREST_M else 0
+    )

@@ -27,7 +27,6 @@ from pointit_lab.benchmarks import (
     ros2,
     sample_path,
     startup,
-    users,
 )
 from pointit_lab.benchmarks.statistics import Figures, machine
 
@@ -118,7 +117,7 @@ def main(
         console.print(latency_table(result["latency"]))
     if "users" in wanted:
         console.print("users: 100 Hz each, one process …")
-        result["users"] = [asyncio.run(users.carried(count, duration)) for count in (1, 10, 20, 40, 60)]
+        result["users"] = [asyncio.run(our_chain.carried(count, duration)) for count in (1, 10, 20, 40, 60)]
         console.print(users_table(result["users"]))
     if "calls" in wanted:
         console.print("calls: IMU sample to LED frame, over TCP …")

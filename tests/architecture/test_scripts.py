@@ -197,8 +197,8 @@ def test_all_scripts_are_executable_and_parse() -> None:
     scripts = [*(ROOT / "scripts").iterdir(), *(ROOT / ".ci").iterdir()]
     for script in (each for each in scripts if each.is_file()):
         text = script.read_text(encoding="utf-8")
-        if "python" in text.partition("\n")[0]:
+        if script.suffix == ".py" or "python" in text.partition("\n")[0]:
             compile(text, script, "exec")
         else:
             assert subprocess.run(["bash", "-n", script], check=False).returncode == 0  # noqa: S607 - any bash
-        assert script.suffix == ".sh" or os.access(script, os.X_OK), f"{script} is not executable"
+        assert script.suffix in (".py", ".sh") or os.access(script, os.X_OK), f"{script} is not executable"

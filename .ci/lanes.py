@@ -33,7 +33,15 @@ class Room:
 PRODUCT = "services/pointit/"
 BRIDGES = "bridges/pointit/bridges/"
 ROOMS = {
-    "lab": Room(("lab",), ("tests/lab",)),
+    "lab": Room(
+        ("lab",),
+        ("tests/lab",),
+        (
+            *("tests/wheel", "tests/unit/geometry/test_one_euro_figures.py"),
+            "tests/unit/goal/test_robot_identification.py",
+            "tests/unit/localizer",
+        ),
+    ),
     "foxglove": Room(
         (f"{BRIDGES}foxglove",),
         ("tests/unit/foxglove", "tests/integration/foxglove"),
@@ -79,7 +87,7 @@ OF_DOCUMENTS = (
     *("tests/docs", "tests/architecture", "tests/contract"),
     *("tests/unit/maps/test_map_check.py", "tests/unit/robot/test_robot_stops.py"),
     *("tests/unit/ros2/test_documented.py", "tests/unit/ros2/test_map_parameters.py"),
-    *("tests/unit/supervisor/test_transitions.py", "tests/unit/evaluation/test_honesty_gate.py"),
+    *("tests/unit/supervisor/test_transitions.py", "tests/lab/evaluation/test_honesty_gate.py"),
 )
 """What reads the pages."""
 

@@ -79,17 +79,20 @@ pip_install() {
 # requirements/ci.txt names, by hash.
 install() {
     if [ -z "${LOCKED:-}" ]; then
-        pip_install -e "$ROOT${1:+[$1]}"
+        case ",${1:-}," in
+            *,lab,* | *,test,* | *,dev,*) pip_install -e "$ROOT${1:+[$1]}" -e "$ROOT/lab" ;;
+            *) pip_install -e "$ROOT${1:+[$1]}" ;;
+        esac
     else
         pip_install --require-hashes -r "$ROOT/requirements/ci.txt" &&
-            pip_install --no-deps --no-build-isolation -e "$ROOT"
+            pip_install --no-deps --no-build-isolation -e "$ROOT" -e "$ROOT/lab"
     fi
 }
 
 # ensure_venv [EXTRAS]: .venv is there, with PointIt and what it needs for them; `dev` has all of them.
 ensure_venv() {
     local extra=${1:-} stamp wanted
-    wanted="$ROOT $(cksum <"$ROOT/pyproject.toml")${LOCKED:+ $(cksum <"$ROOT/requirements/ci.txt")}"
+    wanted="$ROOT $(cat "$ROOT/pyproject.toml" "$ROOT/lab/pyproject.toml" | cksum)${LOCKED:+ $(cksum <"$ROOT/requirements/ci.txt")}"
     for stamp in "$VENV/.installed${extra:+-$extra}" "$VENV/.installed-dev"; do
         if [ -x "$PYTHON" ] && [ -f "$stamp" ] && [ "$(cat "$stamp")" = "$wanted" ]; then return; fi
     done

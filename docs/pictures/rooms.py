@@ -20,7 +20,6 @@ ROOMS = {
     "api": (1400, 114, 430, "a site from Python: import pointit"),
     "launch": (1400, 212, 430, "a scenario becomes running services"),
     "conversion": (860, 310, 270, "export and import of recordings"),
-    "evaluation": (220, 408, 340, "estimates beside baselines"),
     "replay": (570, 408, 310, "a recording in virtual time"),
     "testing": (1060, 408, 310, "checks of plug-ins"),
     "bridges": (1430, 408, 360, "web page, ROS 2, Foxglove"),

@@ -61,6 +61,8 @@ class Machine:
         self.bin.mkdir()
         shutil.copytree(ROOT / "scripts", self.root / "scripts")
         shutil.copy(ROOT / "pyproject.toml", self.root)
+        (self.root / "lab").mkdir()
+        shutil.copy(ROOT / "lab/pyproject.toml", self.root / "lab")
         for tool in TOOLS:
             found = shutil.which(tool)
             assert found is not None

@@ -21,16 +21,21 @@ ROOMS = tuple(
 )
 
 
+LAB = ROOT / "lab/pointit_lab"
+BENCHMARKS = LAB / "benchmarks"
+
+
 @cache
 def shipped() -> tuple[Path, ...]:
-    """Every module that is installed."""
-    return tuple(path for namespace in NAMESPACES for path in sorted(namespace.rglob("*.py")))
+    """Every module that is installed, but for the benchmarks, which measure bare Zenoh beside ours."""
+    every = (path for folder in (*NAMESPACES, LAB) for path in sorted(folder.rglob("*.py")))
+    return tuple(path for path in every if BENCHMARKS not in path.parents)
 
 
 @cache
 def all_modules() -> tuple[Path, ...]:
     """Every module of the repository."""
-    others = [path for folder in ("tests", "benchmarks") for path in sorted((ROOT / folder).rglob("*.py"))]
+    others = [path for folder in (BENCHMARKS, ROOT / "tests") for path in sorted(folder.rglob("*.py"))]
     return (*shipped(), *others)
 
 

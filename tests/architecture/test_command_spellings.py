@@ -6,20 +6,24 @@ import pytest
 
 from pointit.cli.main import PATHS
 from pointit.services.registry import PROCESSES
+from pointit_lab.cli.evaluate import evaluate
 from tests.architecture.sources import ROOT
 
 SERVICES = {*(row.name for row in PROCESSES), "counter"}
 """Ours, and the one of another package in a how-to and a test."""
-KNOWN = {*PATHS, *(("service", "run", name) for name in SERVICES)}
+LAB = {("load",), ("evaluate",), *(("evaluate", entry.name) for entry in evaluate.entries)}
+WAVE = ("wave",)
+"""The command of another package in a how-to."""
+KNOWN = {WAVE, *PATHS, *LAB, *(("service", "run", name) for name in SERVICES)}
 GROUPS = {path[:-1] for path in KNOWN}
 SUFFIXES = {"", ".json", ".md", ".py", ".sh", ".toml", ".ts", ".yaml", ".yml"}
 FOLDERS = (
     ".github",
-    "benchmarks",
     "bridges",
     "deploy",
     "docs",
     "examples",
+    "lab",
     "schemas",
     "scripts",
     "services",

@@ -22,7 +22,7 @@ TOP = (
     "services/",
     "bridges/",
     "tests/",
-    "benchmarks/",
+    "lab/",
     "docs/",
     "examples/",
     "scripts/",

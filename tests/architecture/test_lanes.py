@@ -29,7 +29,7 @@ def lanes() -> ModuleType:
     ("changed", "why", "runs", "leaves"),
     [
         (["lab/pointit_lab/x.py"], "lab", "tests/lab", "tests/unit/web"),
-        (["tests/lab/test_x.py", "CHANGELOG.md"], "lab", "tests/docs", "tests/unit/web"),
+        (["tests/lab/cli/test_x.py", "CHANGELOG.md"], "lab", "tests/docs", "tests/unit/web"),
         (["bridges/pointit/bridges/web/page.py"], "page", "tests/e2e/web", "tests/unit/ros2"),
         (["services/pointit/services/robot/a.py", "services/pointit/services/goal/b.py"], "robots",
          "tests/unit/goal", "tests/lab"),
@@ -115,7 +115,7 @@ def test_what_has_changed_is_compared_with_what_has_landed(
     lanes: ModuleType, monkeypatch: pytest.MonkeyPatch, clone: Path
 ) -> None:
     assert run(lanes, monkeypatch, clone) == ("everything",)
-    commit(clone, "lab/a.py", "tests/lab/test_a.py")
+    commit(clone, "lab/a.py", "tests/lab/cli/test_a.py")
     assert run(lanes, monkeypatch, clone) == ("lab", "tests/lab")
     commit(clone, "lab/b.py")
     assert run(lanes, monkeypatch, clone, "HEAD^") == ("lab", "tests/lab")

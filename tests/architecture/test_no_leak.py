@@ -6,13 +6,13 @@ import sys
 from pointit.services.registry import PROCESSES
 from tests.architecture.sources import ROOT, shipped
 
-HARMLESS = ("access", "diagnosis", "evaluation", "geometry", "plugins", "schemas", "sim")
+HARMLESS = ("access", "diagnosis", "geometry", "plugins", "schemas", "sim")
 """Rooms with modules that are all loaded."""
 
 
 def modules() -> list[str]:
     """Modules of the harmless rooms and of every service, except those that start a process."""
-    rooms = [f"pointit.{room}" for room in HARMLESS]
+    rooms = ["pointit_lab.evaluation", *(f"pointit.{room}" for room in HARMLESS)]
     rooms += [row.package for row in PROCESSES if row.room == "services"]
     names: list[str] = []
     for path in shipped():
@@ -26,7 +26,7 @@ def modules() -> list[str]:
 def test_what_decides_loads_no_zenoh() -> None:
     names = ["pointit.runtime.service.service", *modules()]
     assert {
-        "pointit.evaluation.localization.localization",
+        "pointit_lab.evaluation.localization.localization",
         "pointit.services.selector.selection_engine",
     } <= set(names)
     script = (

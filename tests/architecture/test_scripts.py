@@ -71,20 +71,20 @@ def test_tests_need_more_than_the_demo_and_those_that_are_named_need_all(machine
     machine.run("demo")
     install = f"python -m pip install --quiet --disable-pip-version-check -e {machine.root}"
     machine.run("test")
-    assert machine.calls[1] == f"{install}[test]"
+    assert machine.calls[1] == f"{install}[test] -e {machine.root}/lab"
     workers = int(machine.calls[-1].split()[5])
     assert workers > 1
     options = f"-n {workers} --dist loadfile --no-loadscope-reorder"
     chosen = "-m not slow and not long tests/integration tests/unit"
     assert machine.calls[-1] == f"python -m pytest -q {options} {chosen}"
     assert machine.run("test", "-q", "tests/unit").returncode == 0
-    assert machine.calls[1:] == [f"{install}[dev]", "python -m pytest -q tests/unit"]
+    assert machine.calls[1:] == [f"{install}[dev] -e {machine.root}/lab", "python -m pytest -q tests/unit"]
     machine.run("test")
     assert len(machine.calls) == 1
     with (machine.root / "pyproject.toml").open("a") as file:
         file.write("# changed\n")
     assert machine.run("test", "-q").returncode == 0
-    assert machine.calls[1] == f"{install}[dev]"
+    assert machine.calls[1] == f"{install}[dev] -e {machine.root}/lab"
     machine.run("demo")
     assert machine.calls == ["pointit run scenario_4"]
 
@@ -126,15 +126,17 @@ def test_an_extra_goes_into_the_venv_with_uv_and_without(machine: Machine, *, uv
     assert machine.calls[-1] == f"{pip} -e {machine.root}[ros2,plot]"
     machine.run("setup", "ros2", "plot")
     assert machine.calls == []
+    assert machine.run("setup", "web", "lab").returncode == 0
+    assert machine.calls[-1] == f"{pip} -e {machine.root}[web,lab] -e {machine.root}/lab"
     assert machine.run("setup", "dev").returncode == 0
-    assert machine.calls[-1] == f"{pip} -e {machine.root}[dev]"
+    assert machine.calls[-1] == f"{pip} -e {machine.root}[dev] -e {machine.root}/lab"
 
 
 def test_an_extra_that_does_not_exist_is_refused(machine: Machine) -> None:
     machine.add("python3", PYTHON)
     done = machine.run("setup", "web", "ros")
     assert done.returncode == 1
-    extras = "plot web record site ble fusion mqtt discovery docs foxglove ros2 test dev"
+    extras = "lab plot web record site ble fusion mqtt discovery docs foxglove ros2 test dev"
     assert done.stderr == f"setup: there is no extra 'ros'; there are: {extras}\n"
     assert machine.calls == []
 

@@ -65,11 +65,11 @@ def run(*command: str | Path, cwd: Path) -> str:
 
 @pytest.fixture(scope="module")
 def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Build the source archive, and the wheel from it."""
+    """Build the source archives, and from them the wheels; that of the laboratory lies beside ours."""
     folder = tmp_path_factory.mktemp("dist")
     run(ROOT / "scripts" / "wheel", folder, cwd=folder)
-    assert len([*folder.glob("*.tar.gz")]) == 1
-    (built,) = folder.glob("*.whl")
+    assert len([*folder.glob("*.tar.gz")]) == 2
+    (built,) = folder.glob("pointit-*.whl")
     return built
 
 
@@ -122,6 +122,35 @@ async def test_commands_find_what_they_read(plain: Path, commands: Commands) -> 
     assert "ImuSample.v1" in await says("schema", "ImuSample.v1")
     refused = await says("map", "plot", "conveyor", "-o", "conveyor.svg", code=2)
     assert "pictures need matplotlib, which is not installed; run `pip install 'pointit[plot]'`" in refused
+
+
+async def test_laboratory_adds_its_commands_when_it_is_installed_beside(
+    wheel: Path, plain: Path, commands: Commands
+) -> None:
+    (laboratory,) = wheel.parent.glob("pointit_lab-*.whl")
+    tracked = run("git", "ls-files", "-co", "--exclude-standard", "lab/pointit_lab", cwd=ROOT).splitlines()
+    with zipfile.ZipFile(laboratory) as archive:
+        there = {f"lab/{name}" for name in archive.namelist() if ".dist-info/" not in name}
+    assert there == set(tracked)
+    ended = await commands.run([str(plain), "--help"]).end()
+    assert "evaluate" not in ended.out
+    refused = await commands.run([str(plain), "evaluate", "selection"]).end()
+    remedy = "pip install 'pointit[lab]'"
+    assert (refused.code, refused.out) == (2, "")
+    assert refused.err == (
+        f"Error: `pointit evaluate` is a command of pointit-lab, which is not installed; run `{remedy}`\n"
+    )
+    python = plain.with_name("python")
+    run(UV, "pip", "install", "--quiet", "--python", python, *LOCK, laboratory, cwd=plain.parent)
+    try:
+        ended = await commands.run([str(plain), "--help"]).end()
+        assert "evaluate" in ended.out
+        one = ("--bench", "belts_lab", "--method", "gauge", "--trials", "1")
+        ended = await commands.run([str(plain), "evaluate", "selection", *one]).end()
+        assert ended.code == 0, ended.err
+        assert "gauge" in ended.out
+    finally:
+        run(UV, "pip", "uninstall", "--quiet", "--python", python, "pointit-lab", cwd=plain.parent)
 
 
 async def test_uvx_runs_the_wheel_and_serves_the_page(wheel: Path, commands: Commands) -> None:

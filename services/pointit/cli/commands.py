@@ -1,5 +1,6 @@
 """The tree of commands as data: names, a line each, and the location of those that run."""
 
+from pointit.cli.common.installed_commands import LAB, of_package
 from pointit.cli.common.lazy import Entry, command, noun
 
 TOPIC = """See the messages of a running site, their rates, and what each topic carries.
@@ -71,14 +72,6 @@ Example:
 SITE_USER = """Add, remove and list the people of a site; the router follows within a second.
 
 Example: pointit site user add carla --folder lab
-"""
-
-EVALUATE = """Measure the accuracy of the estimates on recordings of people, compared with known baselines.
-
-The recordings are not part of PointIt; give their folder by --data or POINTIT_DATA. `selection` and
-`robots` need none: they simulate people.
-
-Example: pointit evaluate localization --data recordings --only-ours
 """
 
 LEDS = """Test LED strips and how they are connected, and find where a moving head hangs.
@@ -332,43 +325,8 @@ COMMANDS: dict[str, tuple[Entry, ...]] = {
         _ROUTER,
     ),
     "Measure": (
-        noun(
-            "evaluate",
-            "measure the accuracy of the estimates on recordings of people",
-            EVALUATE,
-            (
-                command(
-                    "localization",
-                    "poses of people: errors, stated sigma, time; baselines",
-                    "pointit.cli.evaluate.command:localization",
-                ),
-                command(
-                    "pointing",
-                    "systematic errors and IMU drift after their correction",
-                    "pointit.cli.evaluate.command:pointing",
-                ),
-                command(
-                    "honesty",
-                    "whether stated uncertainties hold, with faults injected",
-                    "pointit.cli.evaluate.honesty:honesty",
-                ),
-                command(
-                    "selection",
-                    "simulated people select: time, wrong, missed, by method",
-                    "pointit.cli.evaluate.selection:selection",
-                ),
-                command(
-                    "robots",
-                    "simulated people steer robots: landing error, time, identification",
-                    "pointit.cli.evaluate.robots:robots",
-                ),
-            ),
-        ),
-        command(
-            "load",
-            "measure the number of people this machine, or a site, carries",
-            "pointit.cli.loadtest.command:command",
-        ),
+        of_package(LAB, "evaluate", "measure the accuracy of the estimates on recordings of people"),
+        of_package(LAB, "load", "measure the number of people this machine, or a site, carries"),
     ),
     "Your shell": (
         command("completion", "install completion with the Tab key", "pointit.cli.shell.completion:command"),

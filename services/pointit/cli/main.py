@@ -1,17 +1,19 @@
 """`pointit`: the group of all commands, old spellings, and errors as wide as the terminal."""
 
 import difflib
+import functools
 import os
 import shutil
 import sys
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, NoReturn
 
 import click
 
 from pointit.cli.commands import COMMANDS, OLD_SPELLINGS
-from pointit.cli.common.lazy import COMPLETE, LazyGroup, print_help_without_action, walk
+from pointit.cli.common.installed_commands import Installed
+from pointit.cli.common.lazy import COMPLETE, Entry, LazyGroup, print_help_without_action, walk
 
 EXAMPLES = (
     ("pointit run", "a person in a room with a conveyor, in your browser; then point yourself"),
@@ -26,6 +28,19 @@ ERROR = "Error: "
 
 class RootGroup(LazyGroup):
     """The top-level help: commands by heading, three examples, first steps. Understands old spellings."""
+
+    @functools.cached_property
+    def _installed(self) -> Installed:
+        return Installed(super().parts, OLD_SPELLINGS)
+
+    @property
+    def parts(self) -> Mapping[str, Sequence[Entry]]:
+        """Return the commands of this and of other installed packages, by heading."""
+        return self._installed.parts
+
+    def entry(self, name: str) -> Entry | None:
+        """Return the command of that name, or None; looks at other packages for those that are not ours."""
+        return super().entry(name) or next((entry for entry in self.entries if entry.name == name), None)
 
     def resolve_command(
         self, ctx: click.Context, args: list[str]
@@ -45,7 +60,8 @@ class RootGroup(LazyGroup):
 
     def advice(self, typed: str) -> str:
         """Return a clause with the similar names, those of actions among them: `map plot` for `plott`."""
-        words = {path[-1]: " ".join(path) for path in reversed(PATHS)}
+        words = {entry.name: entry.name for entry in self.entries}
+        words |= {path[-1]: " ".join(path) for path in reversed(PATHS)}
         near = difflib.get_close_matches(typed, words, n=3, cutoff=0.6)
         return f"did you mean {' or '.join(words[each] for each in near)}?" if near else super().advice(typed)
 
@@ -68,16 +84,19 @@ class RootGroup(LazyGroup):
             raise
 
     def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write the examples."""
+        """Write the examples, and which commands of other packages are not there."""
         del ctx
         with formatter.section("Examples"):
             formatter.write_dl(list(EXAMPLES))
         formatter.write_paragraph()
         formatter.write_text("More on a command: pointit COMMAND --help")
+        for sentence in self._installed.refused:
+            formatter.write_paragraph()
+            formatter.write_text(sentence)
 
 
-PATHS = [path for path, _ in walk(entry for part in COMMANDS.values() for entry in part)]
-"""Words of every command and group that the help shows, a group before its commands."""
+PATHS = [path for path, _ in walk(entry for part in COMMANDS.values() for entry in part if not entry.package)]
+"""Words of every command and group of this package, a group before its commands."""
 
 
 GROUPS = {path[:-1] for path in PATHS}

@@ -16,7 +16,7 @@ from pointit.runtime.errors import ConfigError
 from pointit.schemas import NS_PER_S, ImuSample, PointingRay, TrackedObjects
 from pointit.schemas.topics import CONFIGURATION, IMU, LOCALIZATION, OBJECTS, PROFILE, RAY
 from tests.support.data import data_file
-from tests.unit.evaluation.recorded import Stand, write_motion, write_track
+from tests.support.published_recordings import Stand, write_motion, write_track
 
 
 def invoke(*arguments: str) -> str:

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pointit.evaluation.datasets.proximity_feedback import read_floor_trials
 from pointit.geometry.one_euro import OneEuro
+from pointit_lab.evaluation.datasets.proximity_feedback import read_floor_trials
 from tests.support.data import data_file
 
 Array = NDArray[np.float64]

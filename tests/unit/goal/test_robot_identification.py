@@ -8,14 +8,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pointit.evaluation.robots.choice import choices
-from pointit.evaluation.robots.identification import BEGIN_NS, rates, simulated_results
-from pointit.evaluation.robots.simulated_follower import RATE_HZ, SimulatedFollower
 from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, PointingRay, UserPose
 from pointit.services.goal.aim_evidence import IdentificationSettings
 from pointit.services.goal.robot_identification import Identification, RobotIdentifier
+from pointit_lab.evaluation.robots.choice import choices
+from pointit_lab.evaluation.robots.identification import BEGIN_NS, rates, simulated_results
+from pointit_lab.evaluation.robots.simulated_follower import RATE_HZ, SimulatedFollower
 
 LEFT: Vec3 = (2.0, 1.5, 1.0)
 RIGHT: Vec3 = (2.0, -1.5, 0.2)

@@ -5,14 +5,14 @@ import math
 import numpy as np
 import pytest
 
-from pointit.evaluation.datasets import read_trials
-from pointit.evaluation.localization.trial import Trial
 from pointit.schemas import NS_PER_S, PointingRay
 from pointit.services.localizer.estimation.estimator import Pointings, Refusal, Solution, SolverSettings
 from pointit.services.localizer.outputs import Output
 from pointit.services.localizer.procedures.moving_target import MovingTarget
 from pointit.services.localizer.verification.following import followed
 from pointit.services.localizer.verification.spikes import without_spikes
+from pointit_lab.evaluation.datasets import read_trials
+from pointit_lab.evaluation.localization.trial import Trial
 from tests.support.data import data_file
 from tests.unit.localizer.lab import config
 from tests.unit.localizer.test_moving_target import START_NS, poses, robots

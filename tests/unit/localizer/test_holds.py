@@ -5,7 +5,6 @@ import math
 import numpy as np
 import pytest
 
-from pointit.evaluation.localization.arm_rays import along, eye_finger_rays
 from pointit.geometry import rotation, vector
 from pointit.geometry.rotation import Quaternion
 from pointit.geometry.vector import Vec3
@@ -13,6 +12,7 @@ from pointit.schemas import NS_PER_S, BodyMeasures, Lamp, PointingRay, UserPose
 from pointit.services.localizer.estimation.estimator import Pointings, Refusal, Solution, SolverSettings
 from pointit.services.localizer.procedures.static_targets import StaticTargets
 from pointit.services.localizer.verification.holds import held, odd_hold
+from pointit_lab.evaluation.localization.arm_rays import along, eye_finger_rays
 from tests.unit.localizer.lab import config
 from tests.unit.localizer.person import EYES_M, Person
 from tests.unit.localizer.test_static_targets import START_NS, TICK_NS, told

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pointit.evaluation.datasets import read_trials
 from pointit.schemas import NS_PER_S
 from pointit.services.localizer.estimation.estimator import (
     Pointings,
@@ -18,6 +17,7 @@ from pointit.services.localizer.estimation.estimator import (
     solve,
 )
 from pointit.services.localizer.procedures.moving_target import MovingTarget
+from pointit_lab.evaluation.datasets import read_trials
 from tests.support.data import data_file
 from tests.unit.localizer.lab import config
 from tests.unit.localizer.person import EYES_M, Person, pointings, yaw_difference

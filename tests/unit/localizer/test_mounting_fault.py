@@ -6,9 +6,6 @@ from collections.abc import Iterable
 import numpy as np
 import pytest
 
-from pointit.evaluation.datasets import motion_relloc, read_trials
-from pointit.evaluation.localization.arm_rays import eye_finger_rays, eye_height_m
-from pointit.evaluation.recordings.data_folder import file_of, read_index
 from pointit.geometry import rotation
 from pointit.geometry.rotation import Quaternion
 from pointit.schemas import NS_PER_S, BodyMeasures, PointingRay
@@ -23,6 +20,9 @@ from pointit.services.localizer.estimation.estimator import (
 from pointit.services.localizer.estimation.mounting import mounting_fault, mounting_slope
 from pointit.services.localizer.procedures.moving_target import MovingTarget
 from pointit.sim.recordings import OPERATOR, read_imu_csv
+from pointit_lab.evaluation.datasets import motion_relloc, read_trials
+from pointit_lab.evaluation.localization.arm_rays import eye_finger_rays, eye_height_m
+from pointit_lab.evaluation.recordings.data_folder import file_of, read_index
 from tests.support.data import data_file
 from tests.unit.localizer.lab import config
 from tests.unit.localizer.test_moving_target import START_NS, poses, robots, told

@@ -6,8 +6,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pointit.evaluation.datasets import motion_relloc
-from pointit.evaluation.localization.trial import FollowRecording, Reading
 from pointit.services.localizer.estimation.angular_residuals import Array
 from pointit.services.localizer.estimation.estimator import (
     Pointings,
@@ -17,6 +15,8 @@ from pointit.services.localizer.estimation.estimator import (
     solve,
 )
 from pointit.services.localizer.procedures.target_disambiguation import TargetDisambiguator, rank_by_posterior
+from pointit_lab.evaluation.datasets import motion_relloc
+from pointit_lab.evaluation.localization.trial import FollowRecording, Reading
 from tests.support.data import data_file
 
 TRUST = SolverSettings()

@@ -1,8 +1,10 @@
 """Groups of commands that import a command when it is called, and suggest names for a typo."""
 
+import contextlib
 import importlib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -33,6 +35,8 @@ class Entry:
     load: Callable[[], click.Command]
     actions: tuple["Entry", ...] = ()
     """The commands of a noun. Empty for a command, or a group whose names are known once it is loaded."""
+    package: str = ""
+    """Distribution that brings it, which may not be installed, or `""` for this one."""
 
 
 class LazyGroup(click.Group):
@@ -55,20 +59,35 @@ class LazyGroup(click.Group):
         self._kind = kind
 
     @property
+    def parts(self) -> Mapping[str, Sequence[Entry]]:
+        """Return the commands that are shown, by heading."""
+        return self._parts
+
+    @property
     def entries(self) -> Sequence[Entry]:
-        """Return the commands in the order of the table."""
-        return tuple(self._entries.values())
+        """Return the commands that are shown, in the order of the table."""
+        return [entry for part in self.parts.values() for entry in part]
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Return the names in the order of the table."""
         del ctx
-        return list(self._entries)
+        return [entry.name for entry in self.entries]
+
+    def entry(self, name: str) -> Entry | None:
+        """Return the command of that name, or None."""
+        return self._entries.get(name)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         """Return the command, or None if there is no such name. For completion, it only has its options."""
-        entry = self._entries.get(cmd_name) or self._entries.get(cmd_name.replace("_", "-"))
+        entry = self.entry(cmd_name) or self.entry(cmd_name.replace("_", "-"))
         if entry is None or entry.actions or not ctx.resilient_parsing:
             return None if entry is None else entry.load()
+        if entry.package:
+            from pointit.runtime.errors import ConfigError  # noqa: PLC0415 - takes longer than the help
+
+            with contextlib.suppress(ConfigError):  # reported when it is called
+                return entry.load()
+            return None
         from pointit.cli.common.remembered_options import remembered  # noqa: PLC0415 - only in a completion
 
         return remembered((*ctx.command_path.split()[1:], entry.name), entry.load)
@@ -90,13 +109,13 @@ class LazyGroup(click.Group):
 
     def advice(self, typed: str) -> str:
         """Return a clause with the names that are similar to `typed`, or with all."""
-        return nearest(typed, self._entries)
+        return nearest(typed, [entry.name for entry in self.entries])
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write one line a command, without loading any; the parts are aligned with each other."""
         del ctx
-        width = max(map(len, self._entries), default=0)
-        for heading, part in self._parts.items():
+        width = max((len(entry.name) for entry in self.entries), default=0)
+        for heading, part in self.parts.items():
             with formatter.section(heading):
                 formatter.write_dl([(entry.name.ljust(width), entry.about) for entry in part])
 
@@ -126,19 +145,20 @@ def command(name: str, about: str, target: str) -> Entry:
 
 def noun(name: str, about: str, text: str, actions: tuple[Entry, ...]) -> Entry:
     """Return a group of actions on a thing, with its help `text`, which it prints if no action is given."""
+    return Entry(name=name, about=about, load=partial(group, name, text, actions), actions=actions)
 
-    def load() -> click.Command:
-        return LazyGroup(
-            name=name,
-            entries=actions,
-            kind="action",
-            help=text,
-            callback=print_help_without_action,
-            invoke_without_command=True,
-            subcommand_metavar="ACTION ...",
-        )
 
-    return Entry(name=name, about=about, load=load, actions=actions)
+def group(name: str, text: str, actions: tuple[Entry, ...]) -> LazyGroup:
+    """Return the group that a noun loads."""
+    return LazyGroup(
+        name=name,
+        entries=actions,
+        kind="action",
+        help=text,
+        callback=print_help_without_action,
+        invoke_without_command=True,
+        subcommand_metavar="ACTION ...",
+    )
 
 
 @click.pass_context

@@ -6,14 +6,13 @@ as in the help of a service.
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
-from functools import cached_property
-from importlib.metadata import EntryPoint, entry_points
-from typing import Any, Generic, TypeVar
+from typing import Any, TypeVar
 
 from pydantic import ValidationError
 from pydantic_core import InitErrorDetails, PydanticCustomError
 
 from pointit.runtime.config.config import Config
+from pointit.runtime.config.installed import OURS, InstalledGroup
 from pointit.runtime.config.validation_message import (
     DESCRIBED,
     first_mistake,
@@ -49,99 +48,11 @@ class Plugin:
         return f"[{text}]" if text and self.argument_optional else text
 
 
-OURS = "pointit"
-"""This project's package, whose names no other can take."""
-
 P = TypeVar("P", bound=Plugin)
 
 
-class PluginGroup(Generic[P]):
+class PluginGroup(InstalledGroup[P]):
     """The installed plug-ins of one kind."""
-
-    def __init__(self, group: str, kind: type[P], noun: str, *, has_ours: bool = True) -> None:
-        """Look for entry points of `group`, each a `kind`. Errors call one a `noun`.
-
-        `has_ours`: this project has some, so that none at all is a fault of the installation.
-        """
-        self._has_ours = has_ours
-        self.group = group
-        self.kind = group.rpartition(".")[2]
-        """Last part of the group's name, such as `imu_sources`."""
-        self.noun = noun
-        self._type = kind
-
-    @cached_property
-    def _entries(self) -> dict[str, tuple[EntryPoint, ...]]:
-        return self.find()
-
-    def find(self) -> dict[str, tuple[EntryPoint, ...]]:
-        """Return the entry points of all installed packages, by name: several if packages share it.
-
-        A name that this project uses is its own.
-
-        Raises:
-            ConfigError: If there is none where there must be.
-        """
-        found: dict[str, tuple[EntryPoint, ...]] = {}
-        entries = entry_points(group=self.group)
-        for entry in sorted(
-            entries, key=lambda entry: (entry.name, _package(entry) != OURS, _package(entry))
-        ):
-            others = found.get(entry.name, ())
-            if entry.value not in [other.value for other in others] and not (
-                others and _package(others[0]) == OURS
-            ):
-                found[entry.name] = (*others, entry)
-        if not found and self._has_ours:
-            raise ConfigError(
-                f"no {self.noun} is installed, not even those of pointit: install it again (in a checkout: "
-                "scripts/setup)"
-            )
-        return found
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Return the names of all installed ones, without importing any."""
-        return tuple(self._entries)
-
-    def get(self, name: str) -> P:
-        """Import and return the plug-in `name`.
-
-        Raises:
-            ConfigError: If none is installed under that name, or several, or it cannot be imported.
-        """
-        entry, *others = self._entries.get(name, (None,))
-        if entry is None:
-            known = ", ".join(self.names) or "none"
-            raise ConfigError(f"no {self.noun} {name!r} is installed; there are {known}")
-        if others:
-            raise ConfigError(
-                f"{self.noun} {name!r} is in two packages: uninstall {_package(entry)} or "
-                f"{_package(others[0])}"
-            )
-        try:
-            plugin = entry.load()
-        except (Exception, SystemExit) as error:  # code of others, which may raise anything when imported
-            package = _package(entry)
-            extras = ",".join(entry.extras)
-            remedy = f"install {package}[{extras}]" if extras else f"update or uninstall {package}"
-            reason = f"{type(error).__name__}: {error}"
-            raise ConfigError(f"{self.label(name)} cannot be imported ({reason}); {remedy}") from error
-        if not isinstance(plugin, self._type):
-            raise ConfigError(f"{self.noun} {name!r}: {entry.value} is no {self._type.__name__}")
-        return plugin
-
-    def label(self, name: str) -> str:
-        """Return the name of a plug-in in messages, with its package, without importing it."""
-        return f"{self.noun} {name!r} of {self.package(name)}"
-
-    def module(self, name: str) -> str:
-        """Return the module of the plug-in `name`, without importing it."""
-        return self._entries[name][0].module
-
-    def package(self, name: str) -> str:
-        """Return the package that brings the plug-in `name`, without importing it."""
-        return _package(self._entries[name][0])
 
     def choose(self, text: str) -> tuple[str, dict[str, Any]]:
         """Return the name and the parameters that `NAME` or `NAME:VALUE` chooses.
@@ -181,10 +92,6 @@ class PluginGroup(Generic[P]):
         except ValidationError as error:
             below, text = first_mistake(error, kind)
             raise _described((*loc, *below), text, values) from error
-
-
-def _package(entry: EntryPoint) -> str:
-    return entry.dist.name if entry.dist else entry.value
 
 
 def _described(loc: tuple[int | str, ...], text: str, value: object) -> ValidationError:
@@ -229,7 +136,7 @@ class PluginConfig(Config, extra="allow"):
     def _is_shadowed(cls, name: str) -> bool:
         """Return True if `name`, of another package's plug-in, is that of a parameter of the service."""
         plugins = cls.plugins()
-        return name in cls.model_fields and name in plugins.names and plugins.package(name) != OURS
+        return name in cls.model_fields and name in plugins.names and plugins.package(name) not in OURS
 
     def section(self, name: str) -> Config:
         """Return the parameters of the plug-in `name`: those configured, else its defaults.

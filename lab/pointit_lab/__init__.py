@@ -1,0 +1,1 @@
+"""The laboratory: measures PointIt, which never imports it."""

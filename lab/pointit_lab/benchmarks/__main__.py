@@ -1,0 +1,287 @@
+"""Runs the benchmarks: tables for people, JSON for programs."""
+
+import asyncio
+import json
+import os
+import socket
+import sys
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import click
+from rich.console import Console
+from rich.table import Table
+
+from pointit.runtime.host.state_file import VARIABLE
+from pointit.runtime.service.shutdown import SWITCH_INTERVAL_S
+from pointit_lab.benchmarks import (
+    against,
+    bare_chain,
+    cores,
+    light,
+    our_chain,
+    page,
+    recorder,
+    ros2,
+    sample_path,
+    startup,
+    users,
+)
+from pointit_lab.benchmarks.statistics import Figures, machine
+
+RATE_HZ = 100.0
+PARTS = ("latency", "users", "calls", "startup", "cores", "lights", "page", "ros2", "recorder")
+COMPARISON_ROUNDS = 3
+ROUNDS = 3
+"""Alternations of baseline and ours, so that both have the same machine load."""
+
+
+def latency(rate_hz: float, duration_s: float) -> dict[str, Any]:
+    """Measure wrist to light beside bare Zenoh, in one process and in separate ones."""
+    samples: dict[str, list[float]] = {name: [] for name in ("direct", "default", "ours", "bare", "separate")}
+    hops = our_chain.HOPS
+    for _ in range(ROUNDS):
+        samples["direct"] += asyncio.run(bare_chain.one_process(hops, rate_hz, duration_s, "direct"))
+        samples["default"] += asyncio.run(bare_chain.one_process(hops, rate_hz, duration_s, "default"))
+        samples["ours"] += asyncio.run(our_chain.one_process(rate_hz, duration_s))
+    for _ in range(ROUNDS):
+        samples["bare"] += asyncio.run(bare_chain.processes(hops, rate_hz, duration_s, free_endpoint()))
+        samples["separate"] += asyncio.run(our_chain.processes(rate_hz, duration_s, free_endpoint()))
+    figures = {name: Figures.of(values) for name, values in samples.items()}
+    return {
+        "rate_hz": rate_hz,
+        "hops": hops,
+        "one_process": {
+            "bare_zenoh_direct": figures["direct"].as_dict(),
+            "bare_zenoh_default": figures["default"].as_dict(),
+            "ours": figures["ours"].as_dict(),
+            "ratio_to_direct": figures["ours"].ratio_to(figures["direct"]),
+            "ratio_to_default": figures["ours"].ratio_to(figures["default"]),
+        },
+        "separate_processes": {
+            "bare_zenoh_direct": figures["bare"].as_dict(),
+            "ours": figures["separate"].as_dict(),
+            "ratio_to_direct": figures["separate"].ratio_to(figures["bare"]),
+        },
+    }
+
+
+def free_endpoint() -> str:
+    """Return a free address of this machine."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+
+
+@click.command()
+@click.option("--duration", default=5.0, show_default=True, help="seconds for each measurement")
+@click.option(
+    "--rate", default=RATE_HZ, show_default=True, help="samples per second of one wrist, for latency"
+)
+@click.option("--json", "path", type=click.Path(path_type=Path), help="write everything to this file")
+@click.option("--only", type=click.Choice(PARTS), multiple=True, help="just these parts")
+@click.option(
+    "--against", "commit", metavar="COMMIT", help="compare latency and CPU time with those of COMMIT instead"
+)
+@click.option(
+    "--rounds",
+    type=click.IntRange(1),
+    default=COMPARISON_ROUNDS,
+    show_default=True,
+    help="how often --against measures both trees",
+)
+def main(
+    *, duration: float, rate: float, path: Path | None, only: tuple[str, ...], commit: str, rounds: int
+) -> None:
+    """Measure speed as ratios to bare Zenoh in the same run; takes about four minutes.
+
+    With --against COMMIT, the latency and users parts run for this tree and for COMMIT in turns, COMMIT in a
+    temporary git worktree with this interpreter and its packages. The result is the ratio of the two and
+    its spread over the rounds; a round takes four minutes at --duration 4.
+    """
+    sys.setswitchinterval(SWITCH_INTERVAL_S)
+    # services must not store their state among that of this machine's user
+    os.environ[VARIABLE] = click.get_current_context().with_resource(tempfile.TemporaryDirectory())
+    wanted = only or PARTS
+    console = Console()
+    if commit:
+        comparison = against.compare(commit, duration, rounds)
+        console.print(against.table(comparison))
+        _write(path, comparison)
+        return
+    result: dict[str, Any] = {"before": machine()}
+    if "latency" in wanted:
+        console.print("latency: IMU sample to LED frame …")
+        result["latency"] = latency(rate, duration)
+        console.print(latency_table(result["latency"]))
+    if "users" in wanted:
+        console.print("users: 100 Hz each, one process …")
+        result["users"] = [asyncio.run(users.carried(count, duration)) for count in (1, 10, 20, 40, 60)]
+        console.print(users_table(result["users"]))
+    if "calls" in wanted:
+        console.print("calls: IMU sample to LED frame, over TCP …")
+        result["calls"] = asyncio.run(sample_path.measure(free_endpoint()))
+        console.print(
+            "{calls} Python calls in {files} files, of them {own_calls} in {own_files} of PointIt, "
+            "{cpu_us} µs of CPU".format(**result["calls"])
+        )
+    if "startup" in wanted:
+        console.print("start-up …")
+        result["startup"] = startup.start()
+        result["starts_cpu_ms"] = startup.commands()
+        console.print(_startup_lines(result["startup"], result["starts_cpu_ms"]))
+    if "cores" in wanted:
+        result["cores"] = cores.run()
+        for row in result["cores"]:
+            core, room, us, times = row["core"], row["map"], row["us"], row.get("times_ours", 1.0)
+            ratio = f", {times} x ours" if times != 1.0 else ""
+            console.print(f"{core:<50} {room:<6} {us:>8} µs{ratio}")
+    if "lights" in wanted:
+        result["lights"] = light.large_site_rows()
+        for row in result["lights"]:
+            console.print(
+                "{pixels} pixels, {outputs:>2} outputs by {kind:<4}, {changes:<10} changed: frame "
+                "{frame_ms:.2f} ms of CPU, of which drawing {drawing_ms:.2f} ms".format(**row)
+            )
+    _measure_bridges(wanted, duration, result, console)
+    result["after"] = machine()
+    console.print(
+        f"machine: {result['before']['cores']} cores, load {result['before']['load_average']} before"
+    )
+    _write(path, result)
+
+
+def _measure_bridges(
+    wanted: Sequence[str], duration: float, result: dict[str, Any], console: Console
+) -> None:
+    """Measure what runs beside the services: page, ROS bridge, recorder."""
+    if "page" in wanted:
+        console.print("page: browsers and bare clients of a run …")
+        result["page"] = asyncio.run(page.measure(max(duration, page.MIN_S)))
+        console.print(page_table(result["page"]))
+    if "ros2" in wanted:
+        console.print("ROS 2: the bridge as a process, a node beside it …")
+        result["ros2"] = asyncio.run(ros2.measure(duration))
+        console.print(ros2_table(result["ros2"]))
+    if "recorder" in wanted:
+        console.print("recorder: of a run with four people …")
+        result["recorder"] = asyncio.run(recorder.measure(duration))
+        console.print(
+            "{messages_per_s:.0f} messages/s: {recorder_process:.1%} of a core as a process, "
+            "which costs the run {cost_to_recorded_run:+.1%}; {cost_in_one_process:+.1%} in the run's own "
+            "process, which takes {run:.1%} without".format(**result["recorder"])
+        )
+
+
+def _write(path: Path | None, result: dict[str, Any]) -> None:
+    if path is not None:
+        path.write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
+
+
+def latency_table(latency_result: dict[str, Any]) -> Table:
+    """Return the latency figures as a table."""
+    table = Table(
+        title=f"IMU sample to LED frame, {latency_result['hops']} hops at {latency_result['rate_hz']:.0f} Hz"
+    )
+    for column in ("layout", "chain", "p50 ms", "p99 ms", "max ms", "n"):
+        table.add_column(column, justify="left" if column in ("layout", "chain") else "right")
+    for layout in ("one_process", "separate_processes"):
+        for name, figures in latency_result[layout].items():
+            if name.startswith("ratio"):
+                table.add_row(layout, name, f"{figures['p50']:.2f} x", f"{figures['p99']:.2f} x", "", "")
+            else:
+                table.add_row(
+                    layout,
+                    name,
+                    f"{figures['p50_ms']:.3f}",
+                    f"{figures['p99_ms']:.3f}",
+                    f"{figures['max_ms']:.2f}",
+                    str(figures["count"]),
+                )
+    return table
+
+
+def users_table(rows: list[dict[str, Any]]) -> Table:
+    """Return the figures per number of people as a table."""
+    table = Table(title="People at 100 Hz in one process")
+    for column in ("people", "CPU of a core", "µs per sample", "people per core", "delivered", "p99 age ms"):
+        table.add_column(column, justify="right")
+    for row in rows:
+        age = row["age_of_cursors"]
+        table.add_row(
+            str(row["users"]),
+            f"{row['cpu_share_of_a_core']:.0%}",
+            f"{row['cpu_us_per_sample']:.0f}",
+            f"{row['users_per_core']:.0f}",
+            f"{row['delivered']:.1%}",
+            f"{age['p99_ms']:.2f}" if age else "-",
+        )
+    return table
+
+
+def page_table(page_result: dict[str, Any]) -> Table:
+    """Return CPU cost and latency of the page as a table."""
+    table = Table(title=f"Page of {page_result['scenario']}, {page_result['duration_s']:.0f} s each")
+    for column in ("who looks on", "run's CPU", "the page's", "to page p50 / p95 / p99 ms", "light p99 ms"):
+        table.add_column(column, justify="left" if column == "who looks on" else "right")
+    rows = [
+        ("no page", page_result["without_page"]),
+        ("nobody", page_result["nobody_looks_on"]),
+        *((f"{row['clients']} bare clients", row) for row in page_result["clients"]),
+        ("nobody", page_result["nobody_looks_on_again"]),
+        *((f"browser, {row['view']}, {row['fps']} frames/s", row) for row in page_result.get("browser", [])),
+    ]
+    for name, row in rows:
+        age = row.get("capture_to_client_ms") or row.get("capture_to_frame_ms")
+        light_ms = row["wrist_to_light_ms"]["p99"]
+        table.add_row(
+            name,
+            f"{row['cpu_share_of_a_core']:.1%}",
+            f"{row['cost_of_page']:.1%}" if "cost_of_page" in row else "",
+            f"{age['p50']:.1f} / {age['p95']:.1f} / {age['p99']:.1f}" if age else "",
+            f"{light_ms:.1f}" if light_ms is not None else "-",
+        )
+    return table
+
+
+def ros2_table(ros2_result: dict[str, Any]) -> Table:
+    """Return the cost of the ROS 2 bridge compared with a bare relay as a table."""
+    trip = ros2_result["round_trip"]
+    bare = ros2_result["bare_round_trip"]
+    load = ros2_result["before"]["load_average"][0]
+    table = Table(
+        title=f"Bridge to ROS 2, load {load}: started in {ros2_result['start_s']} s; round trip p50 "
+        f"{trip['p50_ms']:.2f} ms, p99 {trip['p99_ms']:.2f} ms, {trip['lost']} of {trip['count']} lost; "
+        f"of a bare relay p50 {bare['p50_ms']:.2f} ms, p99 {bare['p99_ms']:.2f} ms"
+    )
+    for column in ("what", "messages/s", "CPU of a core", "µs per message", "lost"):
+        table.add_column(column, justify="left" if column == "what" else "right")
+    rows = [("bare relay of bytes", ros2_result["bare_relay"]), ("nothing", ros2_result["nothing"])]
+    rows += [(way, row) for way in ("out", "in", "both") for row in ros2_result[way]]
+    rows += [("bare relay, in step", ros2_result["bare_relay_in_step"])]
+    rows += [(f"{way}, in step", row) for way in ("out", "in") for row in ros2_result[f"{way}_in_step"]]
+    for name, row in rows:
+        us = row["us_per_message"]
+        table.add_row(
+            name,
+            f"{row['messages_per_second']:.0f}",
+            f"{row['cpu_share_of_a_core']:.1%}",
+            f"{us:.0f}" if us else "-",
+            f"{row['lost']}",
+        )
+    return table
+
+
+def _startup_lines(run: dict[str, Any], starts_cpu_ms: dict[str, float]) -> str:
+    first = (
+        f"command to first light {run['command_to_first_light_s']} s, "
+        f"to first cursor {run['command_to_first_cursor_s']} s, "
+        f"peak memory {run['memory_peak_mb']} MB"
+    )
+    return "\n".join((first, *(f"{name:<20} {ms:>7} ms of CPU" for name, ms in starts_cpu_ms.items())))
+
+
+if __name__ == "__main__":
+    main()

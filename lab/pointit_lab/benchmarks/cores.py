@@ -1,0 +1,193 @@
+"""The pure cores alone, warm: a cursor, a frame, a localization; ours and the paper's in one run."""
+
+import math
+import time
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from pointit.geometry import vector
+from pointit.geometry.polyline import Polyline
+from pointit.geometry.vector import Vec3
+from pointit.maps.file import load_map
+from pointit.schemas import Cloud, Environment, PointingRay, UserPose
+from pointit.services.localizer.estimation.estimator import Pointings, Solution, solve
+from pointit.services.pui.cursor import PersonCursor
+from pointit.services.pui.shapes import Kind
+from pointit.services.pui.surfaces import Surfaces
+from pointit_lab.benchmarks.light import frame_rows
+from pointit_lab.evaluation.localization.baselines import mean_angle_4dof, mean_angle_z0
+
+Array = NDArray[np.float64]
+
+STEP_M = 0.05
+REACH_M = 20.0
+TOLERANCE_M = 0.7
+EYES_M = (0.0, 0.0, 1.64)
+TARGETS_M = ((2.0, -2.0, 0.5), (3.0, 2.0, 1.0), (-2.0, 1.0, 0.2))
+SAMPLES = 300
+POINTS = 1_000_000
+ROUNDS = 5
+
+
+def run() -> list[dict[str, Any]]:
+    """Return the median microseconds of each core on each map."""
+    rows: list[dict[str, Any]] = _clouds()
+    rooms = [load_map("lab", 0), load_map("conveyor", 0)]
+    for room in rooms:
+        rows += _cursors(room)
+        rows += frame_rows(room)
+    return rows + _localizations()
+
+
+def _cursors(room: Environment) -> list[dict[str, Any]]:
+    """Return alternating times of our and the paper's cursor on one map."""
+    kinds: tuple[Kind, ...] = ("strip", "belt", "lamp")
+    points = discretized(room)
+    exact = Surfaces(room, kinds)
+    person = PersonCursor(exact)
+    person.set_pose(UserPose(stamp_ns=0, position_m=(0.0, 0.0, 0.0), yaw_rad=0.0))
+    ways: dict[str, Callable[[Vec3, Vec3], object]] = {
+        "exact": exact.hit_test,
+        "message and all": lambda eyes, direction: person.cursor(
+            PointingRay.model_construct(stamp_ns=0, origin_m=eyes, direction=direction)
+        ),
+        "kd_tree": Surfaces(room, kinds, method="kd_tree").hit_test,
+        "the paper's": PaperCursor(points).meet,
+        "the paper's, told the tolerance": PaperCursor(points, bounded=True).meet,
+    }
+    rays = [(EYES_M, vector.direction(azimuth / 50, -0.2)) for azimuth in range(-157, 157)]
+    return _in_turn(ways, rays, "cursor", room.name)
+
+
+def _clouds() -> list[dict[str, Any]]:
+    """Return alternating times of our and the paper's cursor on a room of a million points."""
+    points = walls(POINTS)
+    cloud = Cloud(id="walls", points=len(points), low_m=(0.0, 0.0, 0.0), high_m=(10.0, 8.0, 3.0))
+    room = Environment(stamp_ns=0, name="a million points", clouds=(cloud,))
+    clouds = {"walls": points}
+    ways: dict[str, Callable[[Vec3, Vec3], object]] = {
+        "exact": Surfaces(room, ("points",), clouds=clouds).hit_test,
+        "exact, metres": Surfaces(room, ("points",), clouds=clouds, tolerance_m=TOLERANCE_M).hit_test,
+        "kd_tree": Surfaces(room, ("points",), clouds=clouds, method="kd_tree").hit_test,
+        "the paper's": PaperCursor(points).meet,
+        "the paper's, told the tolerance": PaperCursor(points, bounded=True).meet,
+    }
+    random = np.random.default_rng(1)
+    rays = [
+        ((4.0, 3.0, 1.64), vector.direction(random.uniform(-3.1, 3.1), random.uniform(-0.8, 0.4)))
+        for _ in range(150)
+    ]
+    return _in_turn(ways, rays, "cursor", room.name)
+
+
+def _in_turn(
+    ways: dict[str, Callable[[Vec3, Vec3], object]], rays: list[tuple[Vec3, Vec3]], core: str, room: str
+) -> list[dict[str, Any]]:
+    """Return for each method, ours first, the median of rounds of the median of all rays."""
+    times_us: dict[str, list[float]] = {name: [] for name in ways}
+    for _ in range(ROUNDS):
+        for name, way in ways.items():
+            times_us[name].append(_median_us([partial(way, *ray) for ray in rays]))
+    medians = {name: sorted(times)[ROUNDS // 2] for name, times in times_us.items()}
+    ours_us = next(iter(medians.values()))
+    return [
+        {"core": f"{core}, {name}", "map": room, "us": round(us, 1), "times_ours": round(us / ours_us, 1)}
+        for name, us in medians.items()
+    ]
+
+
+def _localizations() -> list[dict[str, Any]]:
+    """Return alternating times of ours, from all starts, and of the baselines, from one start."""
+    random = np.random.default_rng(0)
+    targets = np.repeat(np.array(TARGETS_M), SAMPLES // len(TARGETS_M), axis=0)
+    origins = np.tile(np.array(EYES_M), (SAMPLES, 1))
+    rays = targets - origins + random.normal(0.0, 2.0 * math.radians(2.0), (SAMPLES, 3))
+    rays /= np.linalg.norm(rays, axis=1)[:, None]
+    pointings = Pointings(
+        stamps_s=np.arange(SAMPLES) / 50.0, origins_m=origins, directions=rays, targets_m=targets
+    )
+    if not isinstance(solve(pointings), Solution):
+        raise TypeError("a refusal is not a localization")
+    solvers: dict[str, Callable[[Pointings], object]] = {
+        "ours": solve,
+        "mean angle, 4-DoF BFGS": mean_angle_4dof,
+        "mean angle, z = 0 BFGS": mean_angle_z0,
+    }
+    times_us: dict[str, list[float]] = {name: [] for name in solvers}
+    for _ in range(10):
+        for name, solver in solvers.items():
+            times_us[name].append(_median_us([partial(solver, pointings)] * 5))
+    ours_us = sorted(times_us["ours"])[5]
+    return [
+        {
+            "core": f"localization, {SAMPLES} samples, {name}",
+            "map": "-",
+            "us": round(sorted(times)[5], 1),
+            "times_ours": round(sorted(times)[5] / ours_us, 1),
+        }
+        for name, times in times_us.items()
+    ]
+
+
+def _median_us(calls: list[Callable[[], object]]) -> float:
+    calls[0]()
+    times_s: list[float] = []
+    for call in calls:
+        began_s = time.perf_counter()
+        call()
+        times_s.append(time.perf_counter() - began_s)
+    return sorted(times_s)[len(times_s) // 2] * 1e6
+
+
+class PaperCursor:
+    """The paper's cursor (§III-C), a baseline: points in a k-d tree, the ray as points, the nearest one.
+
+    Objects of the room and the ray, to 20 m, are points 5 cm apart. The tree is queried for the neighbour of
+    every point of the ray, and the nearest of all counts if it is within 0.7 m.
+    """
+
+    def __init__(self, points: Array, *, bounded: bool = False) -> None:
+        """Build the tree; `bounded` also passes it the tolerance, which the paper does not mention."""
+        self._points = points
+        self._tree = cKDTree(points)
+        self._steps = np.arange(0.0, REACH_M + STEP_M / 2, STEP_M)[:, None]
+        self._bound_m = TOLERANCE_M if bounded else np.inf
+
+    def meet(self, origin_m: Vec3, direction: Vec3) -> Vec3 | None:
+        """Return the cursor."""
+        on_ray = np.array(origin_m) + self._steps * np.array(direction)
+        distances, found = self._tree.query(on_ray, distance_upper_bound=self._bound_m)
+        best = int(np.argmin(distances))
+        if not np.asarray(distances)[best] <= TOLERANCE_M:
+            return None
+        x, y, z = self._points[int(np.asarray(found)[best])].tolist()
+        return (x, y, z)
+
+
+def discretized(room: Environment) -> Array:
+    """Return the lamps, strips and belts of a map as points."""
+    points: list[Sequence[Vec3] | Array] = [[lamp.position_m for lamp in room.lamps]] if room.lamps else []
+    for line in [strip.line_m for strip in room.strips] + [belt.line_m for belt in room.belts]:
+        path = Polyline(line)
+        points.append(path.points_at(np.arange(0.0, path.length_m, STEP_M)))
+    return np.concatenate([np.asarray(some, dtype=np.float64) for some in points])
+
+
+def walls(count: int, size_m: Vec3 = (10.0, 8.0, 3.0)) -> Array:
+    """Return about `count` points on floor, ceiling and walls of a room, with 5 mm of scanner noise."""
+    random = np.random.default_rng(0)
+    sides: list[Array] = []
+    size = np.array(size_m)
+    areas = [size[(axis + 1) % 3] * size[(axis + 2) % 3] for axis in range(3)]
+    for axis in range(3):
+        for end in (0.0, size_m[axis]):
+            side = random.uniform(0.0, 1.0, (round(count * areas[axis] / sum(areas) / 2.0), 3)) * size
+            side[:, axis] = end
+            sides.append(side)
+    points = np.concatenate(sides)
+    return np.asarray(points + random.normal(0.0, 0.005, points.shape))

@@ -1,0 +1,88 @@
+"""The recorder: CPU time of its process, and what it costs the run that it records."""
+
+import asyncio
+import statistics
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+import psutil
+
+from pointit.recording.reader import Recording
+from pointit.schemas import NS_PER_S
+from pointit_lab.benchmarks.statistics import machine
+from tests.support.buses import free_port
+from tests.support.commands import Command, Commands
+
+SCENARIO = "scenario_4"
+PEOPLE = 4
+WARM_S = 6.0
+ROUNDS = 2
+NO_LIMIT_S = "3600"
+
+
+async def measure(duration_s: float) -> dict[str, Any]:
+    """Return shares of a core: of a run alone, recorded by a process, and recording itself, in turns."""
+    with tempfile.TemporaryDirectory() as folder:
+        commands = Commands(Path(folder))
+        try:
+            rounds = [await _round(commands, f"{folder}/{number}", duration_s) for number in range(ROUNDS)]
+        finally:
+            commands.kill_all()
+    mean = {name: round(statistics.fmean(each[name] for each in rounds), 4) for name in rounds[0]}
+    return {
+        "scenario": SCENARIO,
+        "people": PEOPLE,
+        "duration_s": duration_s,
+        **mean,
+        "cost_to_recorded_run": round(mean["recorded_run"] - mean["run"], 4),
+        "cost_in_one_process": round(mean["run_that_records"] - mean["run"], 4),
+        "load_average": machine()["load_average"][0],
+    }
+
+
+async def _round(commands: Commands, prefix: str, duration_s: float) -> dict[str, float]:
+    endpoint, run = _run(commands)
+    await asyncio.sleep(WARM_S)
+    (alone,) = await _shares(duration_s, run)
+    recorder = commands.start("record", f"{prefix}_by_process.mcap", "--connect", endpoint)
+    await asyncio.sleep(WARM_S)
+    recorded, by_process = await _shares(duration_s, run, recorder)
+    await recorder.stop()
+    await run.stop()
+    path = Path(f"{prefix}_in_process.mcap")
+    _, run = _run(commands, "--record", str(path))
+    await asyncio.sleep(WARM_S)
+    (recording,) = await _shares(duration_s, run)
+    await run.stop()
+    with Recording.open(path) as found:
+        length_s = (found.ended_ns - found.began_ns) / NS_PER_S
+        messages = sum(found.counts.values())
+        size = path.stat().st_size  # noqa: ASYNC240 - nothing else runs here
+    return {
+        "run": alone,
+        "recorded_run": recorded,
+        "recorder_process": by_process,
+        "run_that_records": recording,
+        "messages_per_s": messages / length_s,
+        "kbytes_per_s": size / length_s / 1e3,
+    }
+
+
+def _run(commands: Commands, *more: str) -> tuple[str, Command]:
+    """Return the address of a run, and the run."""
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    options = ("--users", str(PEOPLE), "--no-web", "--no-view", "--duration", NO_LIMIT_S)
+    return endpoint, commands.start("run", SCENARIO, *options, "--listen", endpoint, *more)
+
+
+async def _shares(duration_s: float, *commands: Command) -> list[float]:
+    """Return the share of a core that each command takes during `duration_s`."""
+    processes = [psutil.Process(command.process.pid) for command in commands]
+    before_s, began_s = [sum(each.cpu_times()[:2]) for each in processes], time.monotonic()
+    await asyncio.sleep(duration_s)
+    wall_s = time.monotonic() - began_s
+    return [
+        (sum(each.cpu_times()[:2]) - cpu_s) / wall_s for each, cpu_s in zip(processes, before_s, strict=True)
+    ]

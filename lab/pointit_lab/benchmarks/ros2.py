@@ -1,0 +1,211 @@
+"""The ROS 2 bridge in a process of its own: cost compared with a bare relay, round trips, start time."""
+
+import asyncio
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import AsyncGenerator, Callable
+from contextlib import asynccontextmanager
+from pathlib import Path
+from typing import Any
+
+import psutil
+
+from pointit.bridges.ros2.config import BackendConfig
+from pointit.bridges.ros2.graph.backend import Backend, Graph, Qos
+from pointit.bridges.ros2.graph.backends import opened
+from pointit.bridges.ros2.types.types import Types
+from pointit.geometry import rotation
+from pointit.runtime.link.link import Link
+from pointit.runtime.zenoh.zenoh_bus import ZenohBus
+from pointit.schemas import PointingRay, WristSample
+from pointit.schemas.topics import RAY, USER_ALIVE, WRIST
+from pointit_lab.benchmarks import bare_relay
+from pointit_lab.benchmarks.relays import RoundTrips, relay_cost
+from pointit_lab.benchmarks.statistics import machine
+from tests.support.buses import free_port
+
+USERS = 10
+HZ = 50.0
+"""Rate of each topic and person: 500 messages per second in total."""
+ROUND_HZ = 100.0
+ROUNDS = 3
+MIN_S = 5.0
+PATIENCE_S = 60.0
+SETTLE_S = 1.0
+RAY_TYPE, ROTATION_TYPE = "geometry_msgs/msg/PoseStamped", "geometry_msgs/msg/QuaternionStamped"
+ROUTES = "routes: {pointing_ray: {rate_hz: 1000}, rotation_in: {rate_hz: 1000}}\n"
+"""Raises the rate limits, which would determine the result."""
+
+
+class StderrWarnings:
+    """Prints warnings of the peer's node."""
+
+    def warn(self, topic: str, sentence: str) -> None:
+        """Print `sentence`."""
+        print(f"{topic}: {sentence}", file=sys.stderr)
+
+    def clear(self, topic: str) -> None:
+        """Do nothing."""
+
+
+class Ends:
+    """Both ends of the bridge: our bus, and a ROS node that is the router there."""
+
+    def __init__(self, bus: ZenohBus, peer: Backend, process: psutil.Process, started_s: float) -> None:
+        self.bus = bus
+        self.peer = peer
+        self.process = process
+        self.started_s = started_s
+        self.types = Types("jazzy")
+        self.users = [f"user{index}" for index in range(USERS)]
+        self.rays: list[int] = []
+        """Stamps of the rays that arrived in ROS, ns."""
+        self.samples: list[WristSample] = []
+        """Samples that arrived on our bus."""
+        self.on_ray: Callable[[int], None] = self.rays.append
+        self.echoes = False
+        self._presences = [bus.announce(USER_ALIVE, user) for user in self.users]
+        self._ours = {user: bus.publisher(RAY, user) for user in self.users}
+        kind = self.types.kind(ROTATION_TYPE)
+        self._theirs = {
+            user: peer.advertise(f"/{user}/metawear_ros/rotation", kind, Qos()) for user in self.users
+        }
+        for user in self.users:
+            qos = Qos(depth=100)
+            peer.subscribe(f"/{user}/pointing_ray", self.types.kind(RAY_TYPE), qos, self._hear)
+        self.reader = bus.subscribe(WRIST, self._take)
+
+    def _hear(self, cdr: bytes) -> None:
+        stamp = self.types.decode(RAY_TYPE, cdr).header.stamp
+        self.on_ray(stamp.sec * 1_000_000_000 + stamp.nanosec)
+
+    def _take(self, sample: WristSample, user: str) -> None:
+        self.samples.append(sample)
+        if self.echoes:
+            self.put_ray(user, sample.stamp_ns)
+
+    def put_ray(self, user: str, stamp_ns: int) -> None:
+        """Publish a ray on our bus."""
+        ray = PointingRay(stamp_ns=stamp_ns, origin_m=(0.0, 0.0, 1.64), direction=(1.0, 0.0, 0.0))
+        self._ours[user].put(ray)
+
+    def put_rotation(self, user: str, stamp_ns: int) -> None:
+        """Publish the orientation of an arm in ROS."""
+        make = self.types.make
+        sec, nanosec = divmod(stamp_ns, 1_000_000_000)
+        stamp = make("builtin_interfaces/msg/Time", sec=sec, nanosec=nanosec)
+        x, y, z, w = rotation.from_azimuth_elevation(0.3, -0.2)
+        value = make(
+            ROTATION_TYPE,
+            header=make("std_msgs/msg/Header", stamp=stamp, frame_id="arm"),
+            quaternion=make("geometry_msgs/msg/Quaternion", x=x, y=y, z=z, w=w),
+        )
+        self._theirs[user].put(self.types.encode(ROTATION_TYPE, value))
+
+    async def ready(self) -> None:
+        """Wait until messages of every person arrive both ways."""
+        async with asyncio.timeout(PATIENCE_S):
+            while len(self.rays) < USERS or len(self.samples) < USERS:
+                for user in self.users:
+                    self.put_ray(user, time.time_ns())
+                    self.put_rotation(user, time.time_ns())
+                await asyncio.sleep(0.1)
+        await asyncio.sleep(SETTLE_S)
+
+
+async def measure(duration_s: float) -> dict[str, Any]:
+    """Return cost, delivery, round trips and start of the bridge."""
+    bare = await bare_relay.cost(USERS * HZ, duration_s)
+    bare_in_step = await bare_relay.cost(USERS * HZ, duration_s, at_once=USERS)
+    rounds = int(max(duration_s, MIN_S) * ROUND_HZ)
+    bare_trip = await bare_relay.round_trip(ROUND_HZ, rounds)
+    async with bridged() as ends:
+        await ends.ready()
+        return {
+            "users": USERS,
+            "messages_per_second": USERS * HZ,
+            "before": machine(),
+            "start_s": round(ends.started_s, 3),
+            "bare_relay": bare,
+            "bare_relay_in_step": bare_in_step,
+            "nothing": await _cost(ends, duration_s, []),
+            "out": [await _cost(ends, duration_s, [ends.put_ray]) for _ in range(ROUNDS)],
+            "in": [await _cost(ends, duration_s, [ends.put_rotation]) for _ in range(ROUNDS)],
+            "both": [await _cost(ends, duration_s, [ends.put_ray, ends.put_rotation]) for _ in range(ROUNDS)],
+            "out_in_step": [await _cost(ends, duration_s, [ends.put_ray], USERS) for _ in range(ROUNDS)],
+            "in_in_step": [await _cost(ends, duration_s, [ends.put_rotation], USERS) for _ in range(ROUNDS)],
+            "bare_round_trip": bare_trip,
+            "round_trip": await _round_trip(ends, rounds),
+            "memory_mb": round(ends.process.memory_info().rss / 1e6, 1),
+            "after": machine(),
+        }
+
+
+@asynccontextmanager
+async def bridged() -> AsyncGenerator[Ends]:
+    """Yield both ends of a bridge that has started."""
+    ours, ros = (f"tcp/127.0.0.1:{free_port()}" for _ in range(2))
+    bus = await ZenohBus.open(Link(listen=(ours,)))
+    config = BackendConfig(mode="router", endpoint=ros, node="/robot", domain_id=7)
+    peer = await opened(config, StderrWarnings())
+    with tempfile.TemporaryDirectory() as folder:
+        routes = Path(folder) / "routes.yaml"
+        routes.write_text(ROUTES)
+        found = asyncio.Event()
+
+        def look(graph: Graph) -> None:
+            if any(each.name == "/packages" and each.node == "/pointit" for each in graph.endpoints):
+                found.set()
+
+        peer.watch(look)
+        began_s = time.perf_counter()
+        settings = {"mode": "peer", "endpoint": ros, "domain-id": "7"}
+        child = await asyncio.create_subprocess_exec(
+            *(sys.executable, "-m", "pointit.bridges.ros2", "--connect", ours, "--routes", f"{routes}"),
+            *(part for name, value in settings.items() for part in (f"--backend.{name}", value)),
+            stderr=subprocess.DEVNULL,
+        )
+        try:
+            async with asyncio.timeout(PATIENCE_S):
+                await found.wait()
+            yield Ends(bus, peer, psutil.Process(child.pid), time.perf_counter() - began_s)
+        finally:
+            child.terminate()
+            await child.wait()
+            await peer.close()
+            await bus.close()
+
+
+async def _cost(
+    ends: Ends, duration_s: float, puts: list[Callable[[str, int], None]], at_once: int = 1
+) -> dict[str, Any]:
+    """Return the CPU share of the bridge while each of `puts` publishes `HZ` messages of each person.
+
+    Messages of `at_once` persons come in bursts, as from one process that samples several.
+    """
+    ends.rays.clear()
+    ends.samples.clear()
+    superseded = ends.reader.traffic.dropped
+
+    def put_all(turn: int) -> None:
+        for put in puts:
+            put(ends.users[turn % USERS], time.time_ns())
+
+    messages, figures = await relay_cost(
+        ends.process, put_all, HZ * USERS, duration_s, at_once=at_once, per_turn=len(puts)
+    )
+    superseded = ends.reader.traffic.dropped - superseded
+    return {
+        **figures,
+        "superseded": superseded,  # by the same person's next one while this process was stopped
+        "lost": messages - len(ends.rays) - len(ends.samples) - superseded,
+    }
+
+
+async def _round_trip(ends: Ends, count: int) -> dict[str, Any]:
+    """Return round-trip times of ROS, bridge, our bus, bridge, ROS, one message after the other."""
+    trips = RoundTrips()
+    ends.on_ray, ends.echoes = trips.on_return, True
+    return await trips.measure(lambda: ends.put_rotation(ends.users[0], time.time_ns()), ROUND_HZ, count)

@@ -1,0 +1,1 @@
+"""`pointit evaluate`: its commands, tables and progress."""

@@ -1,0 +1,208 @@
+"""`pointit evaluate`: accuracy of the estimates, measured on recordings of people."""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import click
+
+from pointit.cli.common.interruption import interruptible
+from pointit.cli.common.progress import progress
+from pointit.runtime.errors import ConfigError
+from pointit_lab.cli.file import check_writable, write_json
+from pointit_lab.cli.options import DATA, JOBS, JSON
+from pointit_lab.cli.table import evaluation_console, print_rows
+from pointit_lab.evaluation.datasets.proximity_feedback import NAME as FEEDBACK
+from pointit_lab.evaluation.pointing.drift import CHAINED, CHAINS_REMARK
+from pointit_lab.evaluation.recordings.data_folder import recordings_folder
+from pointit_lab.evaluation.recordings.row import ALL, Row, arranged, document
+
+OURS = "pointit"
+
+BASELINES_REMARK = "Baselines solve at most {trials} trials of a set and condition, evenly taken."
+ACTS_REMARK = (
+    "In vr_arm_pointing each trial has a random map origin and yaw origin; the true yaw is, as in the other "
+    "sets, the arm's mean one."
+)
+UNCORRECTED_REMARK = "`none`, `raw`: not corrected."
+BOUND_REMARK = "`bound`: as well as these recordings allow."
+
+
+def _localization_remarks(rows: Sequence[Row], baseline_trials: int) -> list[str]:
+    """Return remarks on `rows` beside the notes on their columns."""
+    remarks: list[str] = []
+    if any(row.solver != OURS for row in rows):
+        remarks.append(BASELINES_REMARK.format(trials=baseline_trials))
+    if any(row.set == "vr_arm_pointing" for row in rows):
+        remarks.append(ACTS_REMARK)
+    return remarks
+
+
+def _pointing_remarks(rows: Sequence[Row]) -> list[str]:
+    solvers = {row.solver for row in rows}
+    remarks = [UNCORRECTED_REMARK] if solvers & {"none", "raw"} else []
+    if any((row.set, row.condition) == (FEEDBACK, CHAINED) for row in rows):
+        remarks.append(CHAINS_REMARK)
+    return [*remarks, BOUND_REMARK] if "bound" in solvers else remarks
+
+
+def _options(command: Callable[..., None]) -> Callable[..., None]:
+    for option in reversed(
+        (
+            click.option(
+                "--data", help="folder with the recordings, or the one that has it as `recordings`", **DATA
+            ),
+            click.option(
+                "--set", "sets", multiple=True, metavar="NAME", help="only this set; may be repeated"
+            ),
+            click.option(
+                "--subject", "subjects", multiple=True, metavar="S", help="only this person; may be repeated"
+            ),
+            JSON,
+            click.option("--brief", is_flag=True, help="a table without the rows of single people"),
+        )
+    ):
+        command = option(command)
+    return command
+
+
+@click.command("localization")
+@_options
+@click.option(
+    "--baselines/--no-baselines",
+    " /--only-ours",
+    default=True,
+    show_default=True,
+    help="also run the baselines on the same trials, which needs most of the time",
+)
+@click.option(
+    "--recording",
+    "recordings",
+    type=click.Path(path_type=Path),
+    multiple=True,
+    metavar="FILE",
+    help="score this recorded session instead of the sets; may be repeated",
+)
+@JOBS
+def localization(
+    *,
+    recordings: tuple[Path, ...],
+    data: Path | None,
+    sets: tuple[str, ...],
+    subjects: tuple[str, ...],
+    json_file: Path | None,
+    brief: bool,
+    baselines: bool,
+    jobs: int,
+) -> None:
+    """Evaluate poses of people: errors, stated sigma and time of our solver and of two baselines.
+
+    People follow a moving robot with the finger for 1 to 20 s (motion_relloc, proximity_waypoints), or point
+    once at each of 2 to 6 targets (vr_arm_pointing; each act is given to all solvers as a hold of equal rays,
+    2 s long); synth_two_led is simulated. With the baselines this needs minutes.
+
+    With --recording, localizations of your own sessions are solved again and compared with a tracker's
+    positions of the people, beside the poses found `live` and the pointing at `anchors`.
+
+    Example: pointit evaluate localization --only-ours --set vr_arm_pointing --json rows.json
+    """
+    if recordings:
+        from pointit_lab.cli.sessions import evaluate_sessions  # noqa: PLC0415 - SciPy is wanted only here
+
+        if sets:
+            raise ConfigError("--set: recordings have none; leave it out with --recording")
+        evaluate_sessions(recordings, subjects, json_file, brief=brief, baselines=baselines, jobs=jobs)
+        return
+    from pointit_lab.cli.over_people_table import print_over_people  # noqa: PLC0415 - as above
+    from pointit_lab.evaluation.datasets import SETS, read_trials  # noqa: PLC0415 - SciPy is wanted only here
+    from pointit_lab.evaluation.localization.localization import BASELINE_TRIALS, localization_rows  # noqa: PLC0415 - as above
+    from pointit_lab.evaluation.localization.over_people import over_people  # noqa: PLC0415 - as above
+    from pointit_lab.evaluation.localization.priors import prior_rows  # noqa: PLC0415 - as above
+
+    check_sets(sets, list(SETS))
+    check_writable(json_file)
+    with interruptible():
+        reading = read_trials(recordings_folder(data), sets, subjects)
+        for note in reading.notes:
+            click.echo(f"note: {note}", err=True)
+        total = len(reading.trials)
+        with progress(total) as tell_progress:
+            rows = localization_rows(
+                reading.trials,
+                baselines=baselines,
+                jobs=jobs,
+                tick=lambda done, _: tell_progress("localizations", done),
+            )
+            priors = prior_rows(
+                reading.trials, baselines=baselines, tick=lambda done: tell_progress("priors", done)
+            )
+        rows = arranged([*rows, *priors.rows])
+        over = {name: over_people([row for row in rows if row.set == name], OURS) for name in sets_of(rows)}
+        written = {name: [each.as_json() for each in of_set] for name, of_set in over.items() if of_set}
+        if write_json({**document(rows), "over_people": written}, json_file):
+            return
+        remarks = [*_localization_remarks(rows, BASELINE_TRIALS), *priors.remarks]
+        screen = evaluation_console()
+        print_rows(screen, shown(rows, brief=brief), remarks)
+        for name, of_set in over.items():
+            if of_set:
+                print_over_people(screen, f"{name}, over people", of_set, OURS)
+
+
+@click.command("pointing")
+@_options
+def pointing(
+    *,
+    data: Path | None,
+    sets: tuple[str, ...],
+    subjects: tuple[str, ...],
+    json_file: Path | None,
+    brief: bool,
+) -> None:
+    """Evaluate the remaining systematic error of people and drift of their IMU after correction.
+
+    Systematic error: people point without a cursor; some pointings serve as anchors, the rest is measured
+    (vr_eyefinger, proximity_feedback). Drift: yaw error after some time, with anchors in between
+    (proximity_feedback; simulated_drift, whose true yaw is known).
+
+    Example: pointit evaluate pointing --data recordings --json rows.json
+    """
+    from pointit_lab.evaluation.pointing.pointing import RECORDED, SETS, pointing_rows  # noqa: PLC0415 - as above
+
+    check_sets(sets, SETS)
+    check_writable(json_file)
+    with interruptible():
+        recordings = recordings_folder(data)
+        for name in sets or RECORDED:
+            if name in RECORDED and not (recordings / name).is_dir():
+                click.echo(f"note: {recordings / name} is skipped: there is no such folder", err=True)
+        with progress() as tell_progress:
+            rows = pointing_rows(recordings, sets, subjects, tick=tell_progress)
+        tell(rows, json_file, _pointing_remarks(rows), brief=brief)
+
+
+def check_sets(sets: Sequence[str], known: Sequence[str], option: str = "--set") -> None:
+    """Check that all `sets`, or other names given by `option`, are `known`.
+
+    Raises:
+        ConfigError: If one is not; lists the known ones.
+    """
+    for name in sets:
+        if name not in known:
+            what = option.removeprefix("--")
+            raise ConfigError(f"{option} {name}: there is no such {what}; there are {', '.join(known)}")
+
+
+def tell(rows: Sequence[Row], json_file: Path | None, remarks: Sequence[str], *, brief: bool) -> None:
+    """Print `rows` as tables, and write them to `json_file` if given."""
+    if not write_json(document(rows), json_file):
+        print_rows(evaluation_console(), shown(rows, brief=brief), remarks)
+
+
+def shown(rows: Sequence[Row], *, brief: bool) -> list[Row]:
+    """Return `rows`, without those of single people if `brief`."""
+    return [row for row in rows if row.subject == ALL or not brief]
+
+
+def sets_of(rows: Sequence[Row]) -> list[str]:
+    """Return the names of the sets of `rows`, in order."""
+    return list(dict.fromkeys(row.set for row in rows))

@@ -1,0 +1,43 @@
+"""`pointit evaluate`: the group of its commands, each imported when it is called."""
+
+from pointit.cli.common.lazy import command, group
+
+EVALUATE = """Measure the accuracy of the estimates on recordings of people, compared with known baselines.
+
+The recordings are not part of PointIt; give their folder by --data or POINTIT_DATA. `selection` and
+`robots` need none: they simulate people.
+
+Example: pointit evaluate localization --data recordings --only-ours
+"""
+
+evaluate = group(
+    "evaluate",
+    EVALUATE,
+    (
+        command(
+            "localization",
+            "poses of people: errors, stated sigma, time; baselines",
+            "pointit_lab.cli.command:localization",
+        ),
+        command(
+            "pointing",
+            "systematic errors and IMU drift after their correction",
+            "pointit_lab.cli.command:pointing",
+        ),
+        command(
+            "honesty",
+            "whether stated uncertainties hold, with faults injected",
+            "pointit_lab.cli.honesty:honesty",
+        ),
+        command(
+            "selection",
+            "simulated people select: time, wrong, missed, by method",
+            "pointit_lab.cli.selection:selection",
+        ),
+        command(
+            "robots",
+            "simulated people steer robots: landing error, time, identification",
+            "pointit_lab.cli.robots:robots",
+        ),
+    ),
+)

@@ -1,0 +1,181 @@
+"""`proximity_feedback`: people point at three positions on the floor, without and with a light spot there."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import Literal, cast, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pointit.runtime.errors import ConfigError
+from pointit_lab.evaluation.datasets.plausible import FARTHEST_M, LONGEST_S, check_floor
+from pointit_lab.evaluation.recordings.table_file import Table, check_text, read_table, truncate
+
+Array = NDArray[np.float64]
+
+NAME = "proximity_feedback"
+PREFIX = "user_"
+SAMPLE_HZ = 50.0
+
+Phase = Literal["open_loop_reach", "open_loop_hold", "feedback_reach", "feedback_hold"]
+"""Phases in this order; the spot is visible only in the last two."""
+
+PHASES: tuple[Phase, ...] = get_args(Phase)
+
+
+NEAREST_M = 0.1
+"""Minimum distance of a target, since one at the feet has no direction."""
+
+_SAME = ("target_x", "target_y", "trial_len_samples")
+"""Columns that are constant within a trial."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Stretch:
+    """One phase of a trial."""
+
+    times_s: Array
+    """n, from the start of the person's first trial."""
+    points_m: Array
+    """n x 2: intersection of the ray with the floor in {H}, the feet at 0."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class FloorTrial:
+    """A person points at one position on the floor; their feet are at 0, they face along x."""
+
+    subject: str
+    number: int
+    target_id: str
+    target_m: tuple[float, float]
+    start_s: float
+    """Time from the start of the person's first trial, including rests."""
+    phases: dict[Phase, Stretch]
+    """Recorded phases."""
+
+
+def read_floor_trials(folder: Path) -> list[FloorTrial]:
+    """Return the trials of all people in `folder`, in order.
+
+    Raises:
+        ConfigError: If a file is damaged, or there is none.
+    """
+    paths = sorted(folder.glob(f"{PREFIX}*.csv"))
+    if not paths:
+        raise ConfigError(f"{folder}: has no files {PREFIX}*.csv")
+    trials: list[FloorTrial] = []
+    for path in paths:
+        trials += _trials(path)
+    return trials
+
+
+def _trials(path: Path) -> Iterator[FloorTrial]:
+    subject = check_text(f"{path}, name of the 'subject'", path.stem.removeprefix(PREFIX))
+    table = read_table(
+        path,
+        numbers=("trial", *_SAME, "t", "x", "y"),
+        texts=("target_id", "phase"),
+    )
+    points_m = table.vectors("x", "y")
+    check_floor(path, points_m, "columns 'x', 'y'")
+    numbers = table.numbers["trial"]
+    edges = [0, *(np.flatnonzero(np.diff(numbers)) + 1).tolist(), len(table)]
+    seen: set[int] = set()
+    start_s = 0.0
+    for first, end in pairwise(edges):
+        number = int(numbers[first])
+        if number != numbers[first] or number in seen:
+            raise table.refuse(
+                first,
+                f"column 'trial': {numbers[first]:g} is not an integer, or its rows are not contiguous; "
+                "number the trials, and keep the rows of each together",
+            )
+        seen.add(number)
+        length_s = _length_s(table, first, end)
+        phases, recorded_s = _phases(table, points_m, range(first, end), start_s)
+        if recorded_s > length_s + 1.0:
+            raise table.refuse(
+                first,
+                f"column 'trial_len_samples': {length_s * SAMPLE_HZ:g} samples last {length_s:g} s, but the "
+                f"phases of the trial last {recorded_s:g} s by column 't'; is it in seconds?",
+            )
+        yield FloorTrial(
+            subject=subject,
+            number=number,
+            target_id=table.texts["target_id"][first],
+            target_m=(float(table.numbers["target_x"][first]), float(table.numbers["target_y"][first])),
+            start_s=start_s,
+            phases=phases,
+        )
+        start_s += length_s
+
+
+def _length_s(table: Table, first: int, end: int) -> float:
+    """Return the duration of the trial in rows `first` to `end`, s, after checking that all rows agree."""
+    for name, values in (*((name, table.numbers[name]) for name in _SAME), ("target_id", None)):
+        row = np.array(table.texts[name][first:end]) if values is None else values[first:end]
+        others = np.flatnonzero(row != row[0])
+        if len(others):
+            raise table.refuse(
+                first + int(others[0]),
+                f"column {name!r}: {row[others[0]]} was expected to be {row[0]}, as in the other rows of the "
+                "trial",
+            )
+    target_m = np.hypot(table.numbers["target_x"][first], table.numbers["target_y"][first])
+    if not NEAREST_M <= target_m <= FARTHEST_M:
+        raise table.refuse(
+            first,
+            f"columns 'target_x', 'target_y': the target is {target_m:g} m from the feet, and {NEAREST_M:g} "
+            f"to {FARTHEST_M:g} m were expected; is it in metres?",
+        )
+    samples = float(table.numbers["trial_len_samples"][first])
+    if not 0.0 < samples <= LONGEST_S * SAMPLE_HZ:
+        raise table.refuse(
+            first,
+            f"column 'trial_len_samples': must be above 0 and at most {LONGEST_S * SAMPLE_HZ:g}, a day, got "
+            f"{samples:g}",
+        )
+    return samples / SAMPLE_HZ
+
+
+def _phases(
+    table: Table, points_m: Array, trial: range, start_s: float
+) -> tuple[dict[Phase, Stretch], float]:
+    """Return the phases of a `trial` in order, and their total duration."""
+    first = trial.start
+    names = table.texts["phase"][first : trial.stop]
+    last = 0
+    for i, name in enumerate(names):
+        if name not in PHASES:
+            raise table.refuse(
+                first + i,
+                f"column 'phase': one of {', '.join(PHASES)} was expected, got {truncate(name)}",
+            )
+        rank = PHASES.index(name)
+        if rank < last:
+            raise table.refuse(
+                first + i,
+                f"column 'phase': {name} comes after {PHASES[last]}; keep the order {', '.join(PHASES)}",
+            )
+        last = rank
+    out: dict[Phase, Stretch] = {}
+    begins_s = start_s
+    for phase in dict.fromkeys(names):
+        rows = first + np.flatnonzero(np.array(names) == phase)
+        times = table.numbers["t"][rows]
+        back = np.flatnonzero(np.diff(times) <= 0.0)
+        if len(back):
+            raise table.refuse(
+                int(rows[back[0] + 1]),
+                f"column 't' must increase within {phase} of trial {table.numbers['trial'][first]:.0f}, got "
+                f"{times[back[0] + 1]:g} after {times[back[0]]:g}",
+            )
+        if times[0] < 0.0:
+            raise table.refuse(
+                int(rows[0]), f"column 't': seconds since {phase} began were expected, got {times[0]:g}"
+            )
+        out[cast("Phase", phase)] = Stretch(times_s=begins_s + times, points_m=points_m[rows])
+        begins_s += float(times[-1]) + 1.0 / SAMPLE_HZ
+    return out, begins_s - start_s

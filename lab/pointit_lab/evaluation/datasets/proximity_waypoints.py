@@ -1,0 +1,89 @@
+"""`proximity_waypoints`: people follow a drone; their rays are recorded as points on the floor."""
+
+from pathlib import Path
+
+import numpy as np
+
+from pointit.runtime.errors import ConfigError
+from pointit.services.localizer.estimation.estimator import Pointings
+from pointit_lab.evaluation.datasets.plausible import check_floor, check_reach, check_times
+from pointit_lab.evaluation.localization.trial import FollowRecording, Reading
+from pointit_lab.evaluation.recordings.data_folder import (
+    EYE_HEIGHTS_M,
+    Entry,
+    eye_height_of,
+    file_of,
+    read_index,
+    text_of,
+    yaw_of,
+)
+from pointit_lab.evaluation.recordings.table_file import read_table
+
+NAME = "proximity_waypoints"
+PREFIX = "track_"
+"""Prefix of files in which a person steadily follows the drone; in the others they fly it."""
+
+MARKER_OVER_EYES_M = 0.115
+"""Height of the head's marker over the eyes."""
+
+
+def read(folder: Path, reading: Reading) -> None:
+    """Add the windows of all files of `folder` whose names start with `PREFIX`.
+
+    Raises:
+        ConfigError: If the index or a file is damaged.
+    """
+    for entry in read_index(folder):
+        name = text_of(folder, entry, "file")
+        if name.startswith(PREFIX):
+            path = file_of(folder, entry)
+            if path is None:
+                reading.skip(folder / name, "the index lists it, but it is missing")
+            else:
+                _add(folder, path, entry, reading)
+
+
+def _add(folder: Path, path: Path, entry: Entry, reading: Reading) -> None:
+    pierced = ("px", "py")
+    table = read_table(
+        path,
+        numbers=("t", *pierced, "robot_x", "robot_y", "robot_z", "head_x", "head_y", "head_z"),
+        gaps=pierced,
+    )
+    check_times(path, table.numbers["t"])
+    robots_m = table.vectors("robot_x", "robot_y", "robot_z")
+    heads_m = table.vectors("head_x", "head_y", "head_z")
+    check_reach(path, robots_m, heads_m, "robot ('robot_x', …) and head ('head_x', …)", table.lines)
+    floor_m = table.vectors(*pierced)
+    fresh = np.append(True, np.any(np.diff(floor_m, axis=0) != 0.0, axis=1))
+    fresh &= np.all(np.isfinite(floor_m), axis=1)  # the ray may miss the floor
+    if np.count_nonzero(fresh) < 2:
+        reading.skip(path, "no ray in it meets the floor")
+        return
+    check_floor(path, floor_m[fresh], "columns 'px', 'py'")
+    t_s = table.numbers["t"][fresh]
+    heads_m = heads_m[fresh]
+    eyes_m = eye_height_of(folder, entry)
+    if eyes_m is None:
+        eyes_m = float(np.mean(heads_m[:, 2])) - MARKER_OVER_EYES_M
+        if not EYE_HEIGHTS_M[0] <= eyes_m <= EYE_HEIGHTS_M[1]:
+            raise ConfigError(
+                f"{path}, column 'head_z': the eyes, {MARKER_OVER_EYES_M:g} m below the head's marker, would "
+                f"be {eyes_m:g} m high, and {EYE_HEIGHTS_M[0]:g} to {EYE_HEIGHTS_M[1]:g} m were expected; is "
+                "it in metres over the floor?"
+            )
+    rays = np.column_stack([floor_m[fresh], np.full(len(t_s), -eyes_m)])
+    following = FollowRecording(
+        set=NAME,
+        subject=text_of(folder, entry, "subject"),
+        pointings=Pointings(
+            t_s - t_s[0],
+            np.tile([0.0, 0.0, eyes_m], (len(t_s), 1)),
+            rays / np.linalg.norm(rays, axis=1)[:, None],
+            robots_m[fresh],
+        ),
+        heads_m=heads_m,
+        eye_height_m=eyes_m,
+        yaw_rad=yaw_of(folder, entry),
+    )
+    reading.follow(path, following)

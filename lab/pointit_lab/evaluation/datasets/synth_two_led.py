@@ -1,0 +1,144 @@
+"""`synth_two_led`: simulated people point at two lamps, three seconds at each."""
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pointit.runtime.errors import ConfigError
+from pointit.services.localizer.estimation.estimator import Pointings
+from pointit_lab.evaluation.datasets.array_file import Kind, read_arrays
+from pointit_lab.evaluation.datasets.plausible import check_reach, check_times
+from pointit_lab.evaluation.localization.trial import Array, Reading, Trial
+from pointit_lab.evaluation.recordings.data_folder import EYE_HEIGHTS_M, MAX_YAW_DEG
+from pointit_lab.evaluation.recordings.table_file import FARTHEST, check_text, is_file
+
+NAME = "synth_two_led"
+FILE = "trials.npz"
+SUBJECT = "simulated"
+
+MAX_TRIALS = 100_000
+"""Limit of trials; more need hours."""
+
+PAUSE_S = 2.0
+"""Pause inserted between the lamps if the file has none: while the arm moves, it does not point."""
+
+_NUMBERS = (
+    "ray_az_rad", "ray_el_rad", "led_xyz", "led_of_sample", "t_s", "eye_height_m",
+    "truth_user_xy", "truth_yaw_rad", "scenario",
+)  # fmt: skip
+
+
+def read(folder: Path, reading: Reading) -> None:
+    """Add all trials; the condition is the name of the scenario.
+
+    Raises:
+        ConfigError: If the file is damaged.
+    """
+    path = folder / FILE
+    if not is_file(path):
+        reading.skip(path, "it is missing")
+        return
+    data, names = _load(path)
+    azimuths, elevations = data["ray_az_rad"], data["ray_el_rad"]
+    level = np.cos(elevations)
+    directions = np.stack([level * np.cos(azimuths), level * np.sin(azimuths), np.sin(elevations)], axis=2)
+    lamps = data["led_of_sample"].astype(np.int64)
+    eyes_m = float(data["eye_height_m"])
+    origins_m = np.tile([0.0, 0.0, eyes_m], (len(lamps), 1))
+    stamps_s = _with_pauses(data["t_s"], lamps)
+    for i in range(len(azimuths)):
+        reading.trials.append(
+            Trial(
+                set=NAME,
+                subject=SUBJECT,
+                condition=str(names[int(data["scenario"][i])]),
+                pointings=Pointings(stamps_s, origins_m, directions[i], data["led_xyz"][lamps]),
+                eye_height_m=eyes_m,
+                x_m=float(data["truth_user_xy"][i, 0]),
+                y_m=float(data["truth_user_xy"][i, 1]),
+                # the file has azimuth in {H} = azimuth in {W} + yaw, the opposite sign of ours
+                yaw_rad=-float(data["truth_yaw_rad"][i]),
+            )
+        )
+
+
+def _with_pauses(times_s: Array, lamps: NDArray[np.int64]) -> Array:
+    """Return `times_s`, shifted by `PAUSE_S` after each change of the lamp."""
+    return times_s + PAUSE_S * np.append(0, np.cumsum(np.diff(lamps) != 0))
+
+
+def _load(path: Path) -> tuple[dict[str, Array], list[str]]:
+    kinds: dict[str, Kind] = dict.fromkeys(_NUMBERS, "number")
+    arrays = read_arrays(path, {**kinds, "scenario_names": "text"})
+    texts = arrays.pop("scenario_names")
+    if texts.ndim != 1 or not len(texts):
+        raise ConfigError(
+            f"{path}, array 'scenario_names': a row of names was expected, got the shape {texts.shape}"
+        )
+    names = [check_text(f"{path}, array 'scenario_names'", str(name)) for name in texts.tolist()]
+    if len(set(names)) < len(names):
+        raise ConfigError(f"{path}, array 'scenario_names': contains a name twice; give each its own")
+    _check_shapes(path, arrays)
+    with np.errstate(over="ignore"):  # of long doubles: infinity exceeds every bound
+        data = {name: values.astype(np.float64) for name, values in arrays.items()}
+    _check_values(path, data, names)
+    return data, names
+
+
+def _check_shapes(path: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
+    shape = arrays["ray_az_rad"].shape
+    if len(shape) != 2 or not 0 < shape[0] <= MAX_TRIALS or shape[1] < 2:
+        raise ConfigError(
+            f"{path}, array 'ray_az_rad': 1 to {MAX_TRIALS} trials of at least 2 samples each were expected, "
+            f"got the shape {shape}"
+        )
+    n, samples = shape
+    lamps = arrays["led_xyz"].shape[0] if arrays["led_xyz"].ndim == 2 else 2
+    wanted: dict[str, tuple[int, ...]] = {
+        "ray_az_rad": (n, samples),
+        "ray_el_rad": (n, samples),
+        "led_xyz": (lamps, 3),
+        "led_of_sample": (samples,),
+        "t_s": (samples,),
+        "eye_height_m": (),
+        "truth_user_xy": (n, 2),
+        "truth_yaw_rad": (n,),
+        "scenario": (n,),
+    }
+    for name, values in arrays.items():
+        if values.shape != wanted[name]:
+            raise ConfigError(
+                f"{path}, array {name!r}: the shape {wanted[name]} was expected beside {n} trials of "
+                f"{samples} samples, got {values.shape}"
+            )
+
+
+def _check_values(path: Path, data: Mapping[str, Array], names: Sequence[str]) -> None:
+    turns_rad = math.radians(MAX_YAW_DEG)
+    bounds: dict[str, tuple[float, float, str]] = {
+        "ray_az_rad": (-turns_rad, turns_rad, "radians"),
+        "ray_el_rad": (-math.pi / 2.0 - 1e-6, math.pi / 2.0 + 1e-6, "radians"),
+        "truth_yaw_rad": (-turns_rad, turns_rad, "radians"),
+        "eye_height_m": (*EYE_HEIGHTS_M, "metres"),
+        "led_xyz": (-FARTHEST, FARTHEST, "metres"),
+        "truth_user_xy": (-FARTHEST, FARTHEST, "metres"),
+        "led_of_sample": (0, len(data["led_xyz"]) - 1, "that count the lamps"),
+        "scenario": (0, len(names) - 1, "that count 'scenario_names'"),
+    }
+    for name, (least, most, unit) in bounds.items():
+        values = data[name].reshape(-1)
+        counts = unit.startswith("that")
+        wrong = (values < least) | (values > most) | (counts & (values != np.floor(values)))
+        if np.any(wrong):
+            raise ConfigError(
+                f"{path}, array {name!r}: numbers from {least:.4g} to {most:.4g} {unit} were expected, "
+                f"got {values[wrong][0]:g}"
+            )
+    check_times(path, data["t_s"], "array 't_s'")
+    for lamp in data["led_xyz"][np.unique(data["led_of_sample"]).astype(np.int64)]:
+        people_m = np.column_stack([data["truth_user_xy"], np.zeros(len(data["truth_user_xy"]))])
+        check_reach(path, lamp, people_m, "a lamp of 'led_xyz' and a person of 'truth_user_xy'")

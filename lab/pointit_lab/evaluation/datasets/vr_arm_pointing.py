@@ -1,0 +1,188 @@
+"""`vr_arm_pointing`: people in virtual reality point at static targets, seeing a hand but no cursor.
+
+The recorded rays are in the room's axes, whose origin is the person's position. Each trial has a random yaw
+origin and map origin, as in reality; otherwise a solver that starts at zero would start at the truth.
+"""
+
+import math
+import zlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from pointit.runtime.errors import ConfigError
+from pointit.services.localizer.estimation.estimator import Pointings
+from pointit_lab.evaluation.datasets.plausible import check_reach
+from pointit_lab.evaluation.localization.arm_rays import along, eye_finger_rays, eye_height_m, scaled_body
+from pointit_lab.evaluation.localization.trial import Array, Reading, Trial
+from pointit_lab.evaluation.recordings.table_file import Table, is_file, read_table
+
+NAME = "vr_arm_pointing"
+FILE = "endpoints.csv"
+
+TARGETS = (2, 3, 4, 6)
+"""Numbers of different targets in a trial."""
+
+ALL_TARGETS = 27
+"""Number of targets in the room."""
+
+SUBSETS = 100
+"""Trials of each subject and number of targets: random targets, a random act of each."""
+
+HOLD_S = 2.0
+HOLD_RAYS = 40
+"""Rays of a hold. An act, recorded only at its end, is given as a hold of equal rays as long as at a lamp."""
+
+ROOM_M = 3.0
+"""Maximum distance of a random map origin from the recorded one, along each axis."""
+
+PAUSE_S = 2.0
+"""Pause between two holds."""
+
+STATURES_M = (0.5, 2.5)
+
+FOREARMS_M = (0.01, 1.0)
+
+MAX_SUBJECTS = 100
+"""Limit of subjects, which bounds the memory of an evaluation."""
+
+_ACTED = ("hmd_x", "hmd_y", "forearm_x", "forearm_y", "forearm_z", "hand_x", "hand_y", "hand_z")
+_TARGET = ("target_x", "target_y", "target_z")
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Acts:
+    """All acts of one subject."""
+
+    subject: str
+    eye_height_m: float
+    origins_m: Array
+    directions: Array
+    targets_m: Array
+    heads_m: Array
+    """n x 2."""
+    kinds: NDArray[np.int64]
+    """n: index of the target."""
+    lean_rad: float
+    """Mean angle of the rays to the left of the targets, since forearms are not parallel to them."""
+
+
+def read(folder: Path, reading: Reading, counts: Sequence[int] = TARGETS, subsets: int = SUBSETS) -> None:
+    """Add random subsets of the targets of each subject, the same ones in each run.
+
+    Args:
+        folder: of the set.
+        reading: gets the trials.
+        counts: numbers of different targets in a trial.
+        subsets: trials of each subject and number of targets.
+
+    Raises:
+        ConfigError: If the file is damaged.
+    """
+    path = folder / FILE
+    if not is_file(path):
+        reading.skip(path, "it is missing")
+        return
+    table = read_table(path, numbers=("stature", *_TARGET, *_ACTED), texts=("subject",))
+    groups = table.rows_by("subject")
+    if len(groups) > MAX_SUBJECTS:
+        raise ConfigError(
+            f"{path}, column 'subject': has {len(groups)} subjects, limit {MAX_SUBJECTS}; is "
+            "it the subject? then split the file"
+        )
+    for (subject,), rows in groups.items():
+        acts = _acts(table.only(rows), subject)
+        for count in counts:
+            _add(acts, count, subsets, reading)
+
+
+def _acts(table: Table, subject: str) -> _Acts:
+    """Return the acts of `subject`; `table` has only their rows."""
+    statures_m = table.numbers["stature"]
+    strange = np.flatnonzero((statures_m < STATURES_M[0]) | (statures_m > STATURES_M[1]))
+    if len(strange):
+        raise table.refuse(
+            int(strange[0]),
+            f"column 'stature': metres were expected, got {statures_m[strange[0]]:g}; give "
+            f"{STATURES_M[0]:g} to {STATURES_M[1]:g}",
+        )
+    body = scaled_body(float(np.median(statures_m)))
+    forearms = table.vectors("hand_x", "hand_y", "hand_z") - table.vectors(
+        "forearm_x", "forearm_y", "forearm_z"
+    )
+    lengths_m = np.linalg.norm(forearms, axis=1)
+    strange = np.flatnonzero((lengths_m < FOREARMS_M[0]) | (lengths_m > FOREARMS_M[1]))
+    if len(strange):
+        raise table.refuse(
+            int(strange[0]),
+            f"columns 'hand_…', 'forearm_…': they are {lengths_m[strange[0]]:g} m apart, and "
+            f"{FOREARMS_M[0]:g} to {FOREARMS_M[1]:g} m were expected; are they in metres?",
+        )
+    origins_m, directions = eye_finger_rays((along(row) for row in forearms.tolist()), body)
+    targets_m = table.vectors(*_TARGET)
+    heads_m = table.vectors("hmd_x", "hmd_y")
+    check_reach(
+        table.path,
+        targets_m,
+        np.column_stack([heads_m, np.zeros(len(table))]),
+        "target ('target_x', …) and head ('hmd_x', …)",
+        table.lines,
+    )
+    ways = targets_m[:, :2] - heads_m
+    turns = np.arctan2(directions[:, 1], directions[:, 0]) - np.arctan2(ways[:, 1], ways[:, 0])
+    return _Acts(
+        subject=subject,
+        eye_height_m=eye_height_m(body),
+        origins_m=origins_m,
+        directions=directions,
+        targets_m=targets_m,
+        heads_m=heads_m,
+        kinds=np.unique(targets_m, axis=0, return_inverse=True)[1].reshape(-1),
+        lean_rad=float(np.angle(np.exp(1j * turns).mean())),
+    )
+
+
+def _add(acts: _Acts, count: int, subsets: int, reading: Reading) -> None:
+    kinds = int(acts.kinds.max()) + 1
+    if kinds < count:
+        reading.notes.append(
+            f"{NAME}, subject {acts.subject}: has {kinds} targets, so there are no trials of {count}"
+        )
+        return
+    random = np.random.default_rng([zlib.crc32(acts.subject.encode()), count])
+    for _ in range(subsets):
+        wanted = random.choice(kinds, size=count, replace=False)
+        chosen = [int(random.choice(np.flatnonzero(acts.kinds == kind))) for kind in wanted]
+        head = acts.heads_m[chosen].mean(axis=0)
+        yaw_rad = float(random.uniform(-math.pi, math.pi))
+        origin_m = random.uniform(-ROOM_M, ROOM_M, 2)
+        reading.trials.append(
+            Trial(
+                set=NAME,
+                subject=acts.subject,
+                condition=f"{count} targets",
+                pointings=_holds(acts, chosen, yaw_rad, origin_m),
+                eye_height_m=acts.eye_height_m,
+                x_m=float(head[0] - origin_m[0]),
+                y_m=float(head[1] - origin_m[1]),
+                yaw_rad=math.remainder(yaw_rad - acts.lean_rad, math.tau),
+            )
+        )
+
+
+def _holds(acts: _Acts, chosen: Sequence[int], yaw_rad: float, origin_m: Array) -> Pointings:
+    """Return each act as a hold, with the IMU's yaw origin at `yaw_rad` and the map's at `origin_m`."""
+    within_s = np.arange(HOLD_RAYS) * (HOLD_S / HOLD_RAYS)
+    starts_s = np.arange(len(chosen)) * (HOLD_S + PAUSE_S)
+    which = np.repeat(chosen, HOLD_RAYS)
+    turn = Rotation.from_rotvec([0.0, 0.0, -yaw_rad])
+    return Pointings(
+        (starts_s[:, None] + within_s).reshape(-1),
+        turn.apply(acts.origins_m[which]),
+        turn.apply(acts.directions[which]),
+        acts.targets_m[which] - np.append(origin_m, 0.0),
+    )

@@ -1,0 +1,149 @@
+"""The table of honesty: stated uncertainties of taken poses, by set and condition (issue: accuracy II)."""
+
+import math
+import zlib
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pointit.services.localizer.estimation.estimator import Refusal
+from pointit_lab.evaluation.honesty import simulated_people
+from pointit_lab.evaluation.honesty.injections import INJECTIONS, Injection
+from pointit_lab.evaluation.honesty.lamps import COUNTS, chosen
+from pointit_lab.evaluation.honesty.row import MEDIAN_SQUARE, WITHIN_SQUARE, HonestyRow, Judged, rows_of
+from pointit_lab.evaluation.localization.taken import judged
+from pointit_lab.evaluation.localization.trial import FollowRecording, Trial
+from pointit_lab.evaluation.recordings.parallel import map_parallel
+
+WINDOWS_S = (2.0, 3.0, 5.0, 10.0)
+"""Durations of following."""
+
+CHUNK = 8
+"""Sources in one piece of work."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Source:
+    """One person, and what is done with them."""
+
+    injection: Injection
+    number: int
+    """Index of the recording, or of the pass through a room, in its set."""
+    followed: FollowRecording | None = None
+    room: Trial | None = None
+    most: int | None = None
+    """Largest number of windows of each duration, evenly taken. None if all are."""
+
+
+def sources_of(
+    followed: Sequence[FollowRecording],
+    rooms: Sequence[Trial],
+    injections: Iterable[Injection] = INJECTIONS,
+    most: int | None = None,
+) -> list[Source]:
+    """Return the work: each person under each condition that fits, set by set.
+
+    Args:
+        followed: people who follow a robot.
+        rooms: people who have pointed at each lamp of a room.
+        injections: conditions.
+        most: largest number of windows of each recording and duration, one of simulated people. None if all.
+    """
+    conditions = list(injections)
+    found: list[Source] = []
+    for name in dict.fromkeys([*(each.set for each in followed), *(each.set for each in rooms)]):
+        windows = 1 if name == simulated_people.SET else most  # another person tells more than another window
+        for injection in conditions:
+            if injection.follows:
+                found += [
+                    Source(injection=injection, number=number, followed=each, most=windows)
+                    for number, each in enumerate(each for each in followed if each.set == name)
+                ]
+            if injection.points:
+                found += [
+                    Source(injection=injection, number=number, room=each)
+                    for number, each in enumerate(each for each in rooms if each.set == name)
+                ]
+    return found
+
+
+def honesty_rows(
+    sources: Sequence[Source], *, jobs: int, tick: Callable[[int, int], None]
+) -> list[HonestyRow]:
+    """Return the table of `sources`.
+
+    Args:
+        sources: see `sources_of`.
+        jobs: number of processes.
+        tick: called with the number of finished sources and of all.
+
+    Raises:
+        PointItError: If a process ended unexpectedly.
+    """
+    pieces = [sources[start : start + CHUNK] for start in range(0, len(sources), CHUNK)]
+    results: dict[int, list[Judged]] = {}
+    done = 0
+    tick(done, len(sources))
+    work = map_parallel(verdicts, pieces, jobs) if jobs > 1 else enumerate(map(verdicts, pieces))
+    for number, found in work:
+        results[number] = found
+        done += len(pieces[number])
+        tick(done, len(sources))
+    return rows_of(each for _, piece in sorted(results.items()) for each in piece)
+
+
+def verdicts(sources: Sequence[Source]) -> list[Judged]:
+    """Return the verdicts on all trials of `sources`. Runs in other processes."""
+    return [verdict(trial, source.injection.name) for source in sources for trial in trials_of(source)]
+
+
+def trials_of(source: Source) -> Iterator[Trial]:
+    """Yield the trials of `source` under its condition, the same ones in each run."""
+    injection = source.injection
+    for number, trial in enumerate(_plain(source)):
+        seed = zlib.crc32(f"{trial.set} {trial.subject} {injection.name}".encode())
+        rng = np.random.default_rng([seed, source.number, number])
+        yield trial if injection.change is None else injection.change(trial, rng)
+
+
+def _plain(source: Source) -> Iterator[Trial]:
+    injection = source.injection
+    if source.followed is not None:
+        recording = source.followed
+        recording = recording.shifted(injection.shift_s) if injection.shift_s else recording
+        for window_s in WINDOWS_S:
+            trials = list(recording.trials((window_s,)))
+            step = 1 if source.most is None else max(1, math.ceil(len(trials) / source.most))
+            yield from trials[::step]
+    if source.room is not None:
+        rng = np.random.default_rng([zlib.crc32(source.room.subject.encode()), source.number])
+        for count in COUNTS:
+            yield chosen(
+                source.room, count, rng, wrong_lamp=injection.wrong_lamp, one_wall=injection.one_wall
+            )
+
+
+def verdict(trial: Trial, condition: str) -> Judged:
+    """Return the verdict on the pose of `trial`: if the localizer takes it, and if its uncertainty holds."""
+    found = judged(trial.pointings)
+    one = Judged(
+        set=trial.set, condition=condition, duration=trial.condition, subject=trial.subject, taken=False
+    )
+    if isinstance(found, Refusal):
+        return one
+    off = np.array([found.x_m - trial.x_m, found.y_m - trial.y_m])
+    error_m = float(np.hypot(*off))
+    in_yaw = None
+    if trial.yaw_rad is not None:
+        turned_rad = abs(math.remainder(found.yaw_rad - trial.yaw_rad, math.tau))
+        in_yaw = turned_rad <= 2.0 * found.yaw_sigma_rad
+    square = float(off @ np.linalg.solve(found.covariance[:2, :2], off))
+    return replace(
+        one,
+        taken=True,
+        error_m=error_m,
+        square=square / MEDIAN_SQUARE,
+        in_place=square <= WITHIN_SQUARE,
+        in_yaw=in_yaw,
+    )

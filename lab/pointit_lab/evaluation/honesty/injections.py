@@ -1,0 +1,198 @@
+"""Faults injected into trials: each breaks one assumption of the solver, and changes nothing else.
+
+A fault that turns all rays equally turns the true yaw, too, which is that of pointing.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from pointit.geometry import vector
+from pointit.geometry.vector import Vec3
+from pointit.schemas import BodyMeasures
+from pointit.sim.aim import Stance
+from pointit_lab.evaluation.localization.arm_rays import STATURE_M, eye_height_m, scaled_body
+from pointit_lab.evaluation.localization.trial import Array, Trial
+
+Change = Callable[[Trial, np.random.Generator], Trial]
+
+BESIDE_M = 0.2
+"""Distance of the shoulder from the assumed one."""
+
+TALLER_M = 0.2
+"""Difference of the true height of the eyes from the stated one."""
+
+DRIFT_RADPS = math.radians(1.0)
+"""Drift of the IMU's yaw: 60 degrees a minute."""
+
+ROLL_RAD = math.radians(10.0)
+ROLLING_RAD = math.radians(5.0)
+"""Standard deviations of the roll of an arm: of people, and of one arm from second to second."""
+
+KNOT_S = 1.0
+"""Interval at which the roll of an arm changes."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Injection:
+    """A fault, and the trials into which it fits."""
+
+    name: str
+    change: Change | None = None
+    shift_s: float = 0.0
+    """Time by which reports of the robot are late."""
+    follows: bool = True
+    """True if it fits people who follow a robot."""
+    points: bool = True
+    """True if it fits people who point at lamps."""
+    wrong_lamp: bool = False
+    """True if one of the lamps was not the one pointed at."""
+    one_wall: bool = False
+    """True if all lamps are on one wall."""
+
+
+def arm_directions(trial: Trial, beside_m: Array | None = None) -> Array:
+    """Return the straight arms (n x 3, unit, {H}) whose fingers are on the rays of `trial`.
+
+    Args:
+        trial: rays from the eyes.
+        beside_m: offset of the shoulder from its place below the eyes, 3, {H}.
+    """
+    body = _body(trial)
+    arm_m = body.shoulder_to_wrist_m + body.wrist_to_finger_m
+    shoulder_m = np.array([0.0, 0.0, -body.neck_to_eyes_m])
+    shoulder_m += 0.0 if beside_m is None else beside_m
+    rays = trial.pointings.directions
+    half = rays @ shoulder_m
+    square = half**2 - shoulder_m @ shoulder_m + arm_m**2
+    finger_m = (half + np.sqrt(np.maximum(square, 0.0)))[:, None] * rays
+    arms = finger_m - shoulder_m
+    return np.asarray(arms / np.linalg.norm(arms, axis=1)[:, None], dtype=np.float64)
+
+
+def _body(trial: Trial) -> BodyMeasures:
+    return scaled_body(STATURE_M * trial.eye_height_m / eye_height_m(BodyMeasures()))
+
+
+def with_arms(trial: Trial, arms: Array) -> Trial:
+    """Return `trial` with the rays that the localizer's model makes of `arms` (n x 3, unit, {H})."""
+    body = _body(trial)
+    reach = (body.shoulder_to_wrist_m + body.wrist_to_finger_m) * arms
+    reach[:, 2] -= body.neck_to_eyes_m
+    return _turned(trial, reach / np.linalg.norm(reach, axis=1)[:, None])
+
+
+def _turned(trial: Trial, directions: Array) -> Trial:
+    """Return `trial` with `directions`; what they are turned by on average turns the true yaw back."""
+    before = trial.pointings.directions
+    turns = np.arctan2(directions[:, 1], directions[:, 0]) - np.arctan2(before[:, 1], before[:, 0])
+    yaw_rad = trial.yaw_rad
+    if yaw_rad is not None:
+        yaw_rad = math.remainder(yaw_rad - float(np.angle(np.exp(1j * turns).mean())), math.tau)
+    return replace(trial, pointings=replace(trial.pointings, directions=directions), yaw_rad=yaw_rad)
+
+
+def shoulder(trial: Trial, rng: np.random.Generator, *, to_right_m: float) -> Trial:
+    """Move the shoulder `to_right_m` beside the assumed one; the body turns with the arm."""
+    del rng
+    return _beside(trial, to_right_m)
+
+
+def shoulder_unknown(trial: Trial, rng: np.random.Generator) -> Trial:
+    """Move the shoulder up to `BESIDE_M` to either side."""
+    return _beside(trial, float(rng.uniform(-BESIDE_M, BESIDE_M)))
+
+
+def _beside(trial: Trial, to_right_m: float) -> Trial:
+    hand = "right" if to_right_m > 0.0 else "left"
+    body = _body(trial).model_copy(update={"neck_to_shoulder_m": abs(to_right_m)})
+    stance = Stance(body, hand)
+    rays: list[Vec3] = [(x, y, z) for x, y, z in trial.pointings.directions.tolist()]
+    aims = (stance.aim_at(vector.add(stance.eyes_m, ray)) for ray in rays)
+    return with_arms(trial, np.array([vector.direction(*each) for each in aims], dtype=np.float64))
+
+
+def shoulder_still(trial: Trial, rng: np.random.Generator) -> Trial:
+    """Move the shoulder to the right of a body that does not turn, and faces the middle of all rays."""
+    del rng
+    facing = trial.pointings.directions.mean(axis=0)
+    right = np.array([facing[1], -facing[0], 0.0]) / max(math.hypot(facing[0], facing[1]), 1e-6)
+    return with_arms(trial, arm_directions(trial, BESIDE_M * right))
+
+
+def height(trial: Trial, rng: np.random.Generator, *, taller_m: float) -> Trial:
+    """State the person `taller_m` taller than they are."""
+    del rng
+    origins_m = trial.pointings.origins_m + np.array([0.0, 0.0, taller_m])
+    return replace(trial, pointings=replace(trial.pointings, origins_m=origins_m))
+
+
+def garbage(trial: Trial, rng: np.random.Generator, *, share: float) -> Trial:
+    """Turn a `share` of the rays to any directions."""
+    count = len(trial.pointings)
+    anywhere = rng.normal(size=(count, 3))
+    anywhere /= np.linalg.norm(anywhere, axis=1)[:, None]
+    is_garbage = (rng.random(count) < share)[:, None]
+    directions = np.where(is_garbage, anywhere, trial.pointings.directions)
+    return replace(trial, pointings=replace(trial.pointings, directions=directions))
+
+
+def drift(trial: Trial, rng: np.random.Generator) -> Trial:
+    """Turn the rays at `DRIFT_RADPS` to either side; the true yaw is that of the middle."""
+    stamps_s = trial.pointings.stamps_s
+    turn = np.exp(1j * float(rng.choice([-1.0, 1.0])) * DRIFT_RADPS * (stamps_s - stamps_s.mean()))
+    rays = trial.pointings.directions
+    level = (rays[:, 0] + 1j * rays[:, 1]) * turn
+    directions = np.stack([level.real, level.imag, rays[:, 2]], axis=1)
+    return replace(trial, pointings=replace(trial.pointings, directions=directions))
+
+
+def across(trial: Trial, rng: np.random.Generator) -> Trial:
+    """Mount the sensor across the arm: its pitch is the arm's roll."""
+    arms = arm_directions(trial)
+    level = np.maximum(np.hypot(arms[:, 0], arms[:, 1]), 1e-6)
+    left = np.stack([-arms[:, 1] / level, arms[:, 0] / level, np.zeros(len(arms))], axis=1)
+    roll_rad = _roll_rad(trial.pointings.stamps_s, rng)[:, None]
+    sideways = np.cos(roll_rad) * left + np.sin(roll_rad) * np.cross(arms, left)
+    return with_arms(trial, float(rng.choice([-1.0, 1.0])) * sideways)
+
+
+def backwards(trial: Trial, rng: np.random.Generator) -> Trial:
+    """Mount the sensor with its axis towards the elbow."""
+    del rng
+    return with_arms(trial, -arm_directions(trial))
+
+
+def _roll_rad(stamps_s: Array, rng: np.random.Generator) -> Array:
+    """Return the roll of an arm (n) that a person keeps about, but not quite."""
+    knots_s = np.arange(stamps_s[0], stamps_s[-1] + 2.0 * KNOT_S, KNOT_S)
+    wander = np.interp(stamps_s, knots_s, rng.normal(0.0, ROLLING_RAD, len(knots_s)))
+    return np.asarray(float(rng.normal(0.0, ROLL_RAD)) + wander, dtype=np.float64)
+
+
+NONE = "as they are"
+
+INJECTIONS = (
+    Injection(name=NONE),
+    Injection(name="time +0.2 s", shift_s=0.2, points=False),
+    Injection(name="time -0.2 s", shift_s=-0.2, points=False),
+    Injection(name="time +0.5 s", shift_s=0.5, points=False),
+    Injection(name="time -0.5 s", shift_s=-0.5, points=False),
+    Injection(name="shoulder right", change=partial(shoulder, to_right_m=BESIDE_M)),
+    Injection(name="shoulder left", change=partial(shoulder, to_right_m=-BESIDE_M)),
+    Injection(name="shoulder unknown", change=shoulder_unknown),
+    Injection(name="shoulder right, body still", change=shoulder_still, points=False),
+    Injection(name="height +0.2 m", change=partial(height, taller_m=TALLER_M)),
+    Injection(name="height -0.2 m", change=partial(height, taller_m=-TALLER_M)),
+    Injection(name="wrong lamp", follows=False, wrong_lamp=True),
+    Injection(name="garbage 5 %", change=partial(garbage, share=0.05)),
+    Injection(name="garbage 15 %", change=partial(garbage, share=0.15)),
+    Injection(name="drift 60°/min", change=drift),
+    Injection(name="lamps on one wall", follows=False, one_wall=True),
+    Injection(name="mounted across", change=across),
+    Injection(name="mounted backwards", change=backwards),
+)
+"""All faults, in the order of the table."""

@@ -1,0 +1,120 @@
+"""Rows of the table of honesty, and what they should be."""
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from scipy import stats
+
+from pointit_lab.evaluation.recordings.row import Spread
+from pointit_lab.evaluation.robots.identification import share
+from pointit_lab.evaluation.selection.difference import Interval
+
+EVERY = "all"
+"""Duration of the row over all durations, or numbers of lamps."""
+
+WRONG_M = 0.5
+"""Error above which a pose beyond 2 sigma is confidently wrong."""
+
+MEDIAN_SQUARE = float(stats.chi2.median(2))
+"""Median squared Mahalanobis distance of a place from the stated normal distribution."""
+
+WITHIN_SQUARE = float(stats.chi2.ppf(stats.chi2.cdf(2.0**2, 1), 2))
+"""Its bound of 2 sigma: 95.45 % are within, as of one normal variable (6.18, in two dimensions)."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Judged:
+    """Verdict on one trial."""
+
+    set: str
+    condition: str
+    """Name of the injection."""
+    duration: str
+    """`2 s`, `3 lamps`."""
+    subject: str
+    taken: bool
+    error_m: float = 0.0
+    square: float = 0.0
+    """Squared Mahalanobis distance of the true place, over its nominal median."""
+    in_place: bool = True
+    """True if the place is within 2 sigma: in the ellipse of `WITHIN_SQUARE`."""
+    in_yaw: bool | None = None
+    """True if the yaw is within 2 sigma. None if the true one is unknown."""
+
+    @property
+    def is_wrong(self) -> bool:
+        """Return True if the pose is confidently wrong."""
+        return self.taken and not self.in_place and self.error_m > WRONG_M
+
+
+@dataclass(frozen=True, kw_only=True)
+class HonestyRow:
+    """One line: a set under one condition. Figures of taken poses are None if none was taken."""
+
+    set: str
+    condition: str
+    duration: str
+    n: int
+    taken: float
+    """Share of trials whose pose the localizer takes."""
+    error_m: Spread | None
+    within_2_sigma: float | None
+    yaw_within_2_sigma: float | None
+    square: float | None
+    """Median squared Mahalanobis distance of the place, over its nominal median."""
+    wrong: Interval | None
+    """Share of the taken poses beyond 2 sigma and `WRONG_M`, with a 95 % interval (Wilson) as if trials were
+    independent: windows of a recording overlap, and people have several."""
+    without_one: tuple[float, float] | None = None
+    """Least and greatest share within 2 sigma if any one person is left out."""
+    wrong_without_one: tuple[float, float] | None = None
+    """The same of `wrong`."""
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the row for a JSON file."""
+        return asdict(self)
+
+
+def rows_of(verdicts: Iterable[Judged]) -> list[HonestyRow]:
+    """Return a row for each set, condition and duration, each after the row over all durations."""
+    groups: dict[tuple[str, str, str], list[Judged]] = {}
+    for each in verdicts:
+        for duration in (EVERY, each.duration):
+            groups.setdefault((each.set, each.condition, duration), []).append(each)
+    rows = [_row(*names, group) for names, group in groups.items()]
+    ranks = {key: rank for rank, key in enumerate(dict.fromkeys((row.set, row.condition) for row in rows))}
+    return sorted(rows, key=lambda row: ranks[row.set, row.condition])
+
+
+def _row(name: str, condition: str, duration: str, group: Sequence[Judged]) -> HonestyRow:
+    taken = [each for each in group if each.taken]
+    yaws = [each.in_yaw for each in taken if each.in_yaw is not None]
+    return HonestyRow(
+        set=name,
+        condition=condition,
+        duration=duration,
+        n=len(group),
+        taken=len(taken) / len(group),
+        error_m=Spread.of(each.error_m for each in taken),
+        within_2_sigma=_mean([each.in_place for each in taken]),
+        yaw_within_2_sigma=_mean(yaws),
+        square=float(np.median([each.square for each in taken])) if taken else None,
+        wrong=share(sum(each.is_wrong for each in taken), len(taken)) if taken else None,
+        without_one=_without_one(taken, lambda each: each.in_place),
+        wrong_without_one=_without_one(taken, lambda each: each.is_wrong),
+    )
+
+
+def _mean(hits: Sequence[bool]) -> float | None:
+    return float(np.mean(hits)) if hits else None
+
+
+def _without_one(taken: Sequence[Judged], hits: Callable[[Judged], bool]) -> tuple[float, float] | None:
+    """Return the range of the share of `hits` without one person; None of fewer than three people."""
+    people = {each.subject for each in taken}
+    if len(people) < 3:
+        return None
+    shares = [np.mean([hits(each) for each in taken if each.subject != one]) for one in people]
+    return float(min(shares)), float(max(shares))

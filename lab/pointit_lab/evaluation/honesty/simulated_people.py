@@ -1,0 +1,185 @@
+"""Simulated people, one a seed, who follow a robot or point at lamps (pointing.md §7).
+
+Each has their own bias, slopes, scatter, lag and body, drawn from the ranges of recorded people. Arms are
+neither late nor early on average, as in recordings and unlike those of `SimulatedFollower.drawn`.
+"""
+
+import math
+from collections.abc import Iterable
+from dataclasses import replace
+
+import numpy as np
+
+from pointit.geometry import vector
+from pointit.services.localizer.estimation.estimator import Pointings
+from pointit_lab.evaluation.localization.trial import Array, FollowRecording, Trial
+from pointit_lab.evaluation.robots.simulated_follower import RATE_HZ, REACH_S, Course, SimulatedFollower
+
+SET = "simulated"
+LAMPS_SET = "simulated lamps"
+
+FOLLOWED_S = 11.0
+"""Duration of following: the longest window of 10 s, and a late report of 0.5 s on either side."""
+
+ELEVATION_SLOPES = (-0.33, 0.10)
+AZIMUTH_SLOPES = (0.2, 0.3)
+EXAGGERATING = 1.0 / 3.0
+"""Range of slopes; share of the people who exaggerate sideways."""
+
+LAG_SIGMA_S = 0.05
+"""Standard deviation of the lag of an arm: that of the latencies of six recordings of following."""
+
+TURNS_RAD = math.radians(45.0)
+"""Azimuth from the middle of the lamps at which a person begins to turn the body, which ends exaggeration."""
+
+BODY_SIGMA_M = 0.05
+HEIGHT_SIGMA_M = 0.03
+"""Standard deviations of the eyes' place over the feet, per axis, and of their height from the stated one."""
+
+SPEED_MPS = 0.8
+COURSE_M = (0.6, 1.0)
+"""Range of the radius of a course."""
+AWAY_M = (2.0, 3.5)
+"""Range of the distance of a course's middle."""
+RISE_M = 0.4
+"""Vertical amplitude of a quadrotor."""
+FLIES_M = 1.2
+
+ACT_RAD = (math.radians(3.0), math.radians(6.0))
+ACT_UP_RAD = (math.radians(1.0), math.radians(2.5))
+"""Ranges of the standard deviation of one pointing at a lamp, sideways and upwards."""
+
+HOLD_S, PAUSE_S = 2.0, 2.0
+HOLD_RAYS = 40
+HOLD_WANDER_RAD = math.radians(0.3)
+
+WALL_M = 3.0
+"""Distance of the wall in front, and of those to the left and to the right, from the middle of the room."""
+FRONT_LAMPS, SIDE_LAMPS = 7, 4
+
+
+def followers(seeds: Iterable[int]) -> list[FollowRecording]:
+    """Return people who follow a robot on a circle or a figure of eight, on the ground or in the air."""
+    return [_follower(seed) for seed in seeds]
+
+
+def rooms(seeds: Iterable[int]) -> list[Trial]:
+    """Return people who have pointed once at each lamp of a room, in random order."""
+    return [_room(seed) for seed in seeds]
+
+
+def _person(rng: np.random.Generator) -> SimulatedFollower:
+    exaggerates = float(rng.random()) < EXAGGERATING
+    return replace(
+        SimulatedFollower.drawn(rng),
+        lag_s=float(rng.normal(0.0, LAG_SIGMA_S)),
+        elevation_slope=float(rng.uniform(*ELEVATION_SLOPES)),
+        azimuth_slope=float(rng.uniform(*AZIMUTH_SLOPES)) if exaggerates else 0.0,
+    )
+
+
+def _body(person: SimulatedFollower, rng: np.random.Generator) -> SimulatedFollower:
+    """Return the eyes of `person`, where they really are."""
+    x_m, y_m = rng.normal(0.0, BODY_SIGMA_M, 2)
+    return replace(
+        person,
+        x_m=person.x_m + float(x_m),
+        y_m=person.y_m + float(y_m),
+        eyes_m=person.eyes_m + float(rng.normal(0.0, HEIGHT_SIGMA_M)),
+    )
+
+
+def _follower(seed: int) -> FollowRecording:
+    rng = np.random.default_rng([seed, 1])
+    person = _person(rng)
+    times_s = np.arange(0.0, REACH_S + FOLLOWED_S + 0.5 / RATE_HZ, 1.0 / RATE_HZ)
+    course = _course(person, rng)
+    directions = _body(person, rng).directions(course, times_s, rng)
+    counts = times_s >= REACH_S
+    times_s, directions = times_s[counts], directions[counts]
+    return FollowRecording(
+        set=SET,
+        subject=f"seed {seed}",
+        pointings=Pointings(
+            times_s - times_s[0], _origins(person, len(times_s)), directions, course(times_s)
+        ),
+        heads_m=np.tile([person.x_m, person.y_m, person.eyes_m], (len(times_s), 1)),
+        eye_height_m=person.eyes_m,
+        yaw_rad=_yaw_rad(person),
+        name=f"seed {seed}",
+    )
+
+
+def _yaw_rad(person: SimulatedFollower) -> float:
+    """Return the yaw of pointing, which includes the constant error of the azimuth."""
+    return math.remainder(person.yaw_rad - person.aim_rad, math.tau)
+
+
+def _origins(person: SimulatedFollower, count: int) -> Array:
+    return np.tile([0.0, 0.0, person.eyes_m], (count, 1))
+
+
+def _course(person: SimulatedFollower, rng: np.random.Generator) -> Course:
+    """Return a circle or a figure of eight at `SPEED_MPS` on average."""
+    way, phase = rng.uniform(-math.pi, math.pi, 2)
+    radius_m, away_m = float(rng.uniform(*COURSE_M)), float(rng.uniform(*AWAY_M))
+    is_eight, is_flying = rng.random(2) < 0.5
+    middle = (person.x_m + away_m * math.cos(way), person.y_m + away_m * math.sin(way))
+    rate_radps = SPEED_MPS / radius_m / (1.5 if is_eight else 1.0)
+
+    def at(times_s: Array) -> Array:
+        turned = phase + rate_radps * times_s
+        across = np.sin(2.0 * turned) if is_eight else np.cos(turned)
+        x_m, y_m = middle[0] + radius_m * np.sin(turned), middle[1] + radius_m * across
+        z_m = FLIES_M + RISE_M * np.sin(1.3 * turned) if is_flying else np.zeros_like(turned)
+        return np.stack([x_m, y_m, z_m], axis=1)
+
+    return at
+
+
+def _room(seed: int) -> Trial:
+    rng = np.random.default_rng([seed, 2])
+    person = _person(rng)
+    eyes = _body(person, rng)
+    lamps_m = rng.permutation(_lamps(rng))
+    count = len(lamps_m)
+    away = lamps_m - (eyes.x_m, eyes.y_m, eyes.eyes_m)
+    azimuths = np.arctan2(away[:, 1], away[:, 0])  # the room is in front: no wrapping
+    elevations = np.arctan2(away[:, 2], np.hypot(away[:, 0], away[:, 1]))
+    azimuths += person.azimuth_slope * np.clip(azimuths - azimuths.mean(), -TURNS_RAD, TURNS_RAD)
+    azimuths += person.aim_rad - person.yaw_rad + rng.normal(0.0, rng.uniform(*ACT_RAD), count)
+    elevations += person.elevation_slope * elevations + person.bias_rad
+    elevations += rng.normal(0.0, rng.uniform(*ACT_UP_RAD), count)
+    wander = rng.normal(0.0, HOLD_WANDER_RAD, (2, count * HOLD_RAYS))
+    rays = vector_rows(
+        np.repeat(azimuths, HOLD_RAYS) + wander[0], np.repeat(elevations, HOLD_RAYS) + wander[1]
+    )
+    within_s = np.arange(HOLD_RAYS) * (HOLD_S / HOLD_RAYS)
+    stamps_s = (np.arange(count) * (HOLD_S + PAUSE_S))[:, None] + within_s
+    return Trial(
+        set=LAMPS_SET,
+        subject=f"seed {seed}",
+        condition=f"{count} targets",
+        pointings=Pointings(
+            stamps_s.reshape(-1), _origins(person, len(rays)), rays, np.repeat(lamps_m, HOLD_RAYS, axis=0)
+        ),
+        eye_height_m=person.eyes_m,
+        x_m=person.x_m,
+        y_m=person.y_m,
+        yaw_rad=_yaw_rad(person),
+    )
+
+
+def vector_rows(azimuths: Array, elevations: Array) -> Array:
+    """Return unit vectors (n x 3) of azimuths and elevations (n each, rad)."""
+    angles = zip(azimuths.tolist(), elevations.tolist(), strict=True)
+    return np.array([vector.direction(*each) for each in angles], dtype=np.float64)
+
+
+def _lamps(rng: np.random.Generator) -> Array:
+    """Return the lamps (n x 3) on three walls, those in front at the same x."""
+    heights_m = rng.uniform(0.0, 2.2, FRONT_LAMPS + 2 * SIDE_LAMPS)
+    front = np.stack([np.full(FRONT_LAMPS, WALL_M), rng.uniform(-2.0, 2.0, FRONT_LAMPS)], axis=1)
+    along_m = rng.uniform(0.0, 2.5, 2 * SIDE_LAMPS)
+    side = np.stack([along_m, np.repeat([WALL_M, -WALL_M], SIDE_LAMPS)], axis=1)
+    return np.column_stack([np.concatenate([front, side]), heights_m])

@@ -1,0 +1,133 @@
+"""Targets of the rows of honesty, and limits that they must not fall behind."""
+
+import csv
+import math
+from collections.abc import Collection, Iterable, Sequence
+from dataclasses import dataclass, fields
+from importlib import resources
+
+from pointit_lab.evaluation.honesty.row import EVERY, HonestyRow
+
+LIMITS_FILE = "limits.csv"
+"""Limits of rows over all durations, so that a change that makes one worse is noticed."""
+
+FEWEST = 5
+"""Taken poses below which no share is compared: one pose would decide."""
+
+KNOWN_MISS = 0.10
+"""Share of confidently wrong poses above which a limit is a known miss. To take less is better then."""
+
+TAKEN_SLACK = 0.06
+"""Difference of the share of taken poses from its limit. The limits of other shares permit one pose more."""
+
+SQUARE_SLACK = 1.3
+"""Factor between the squared error of a row and its limit."""
+
+STEP = 0.01
+"""Step of limits."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Limits:
+    """Range of each figure of a row."""
+
+    taken_least: float = 0.0
+    within_least: float = 0.90
+    within_most: float = 0.98
+    """Share of true errors within 2 sigma, of place and yaw."""
+    yaw_least: float = 0.90
+    yaw_most: float = 0.98
+    square_least: float = 0.6
+    square_most: float = 1.6
+    wrong_most: float = 0.01
+
+    def broken_by(self, row: HonestyRow) -> list[str]:
+        """Return the figures of `row` out of range, in words."""
+        broken: list[str] = []
+        if row.taken < self.taken_least:
+            broken.append(f"taken {100.0 * row.taken:.0f} %")
+        if row.taken * row.n < FEWEST:
+            return broken
+        for name, value, least, most in (
+            ("2 sigma of the place", row.within_2_sigma, self.within_least, self.within_most),
+            ("2 sigma of the yaw", row.yaw_within_2_sigma, self.yaw_least, self.yaw_most),
+            ("confidently wrong", None if row.wrong is None else row.wrong.value, 0.0, self.wrong_most),
+        ):
+            if value is not None and not least <= value <= most:
+                broken.append(f"{name} {100.0 * value:.1f} %")
+        if row.square is not None and not self.square_least <= row.square <= self.square_most:
+            broken.append(f"squared error {row.square:.2f}")
+        return broken
+
+    def tightened(self, other: "Limits") -> "Limits":
+        """Return the range within both."""
+        both = {each.name: (getattr(self, each.name), getattr(other, each.name)) for each in fields(self)}
+        return Limits(**{name: (max if name.endswith("least") else min)(pair) for name, pair in both.items()})
+
+
+TARGETS = Limits()
+"""Targets of every row."""
+
+
+def missed(rows: Iterable[HonestyRow]) -> list[tuple[HonestyRow, list[str]]]:
+    """Return the rows over all durations that miss the targets, each with what it misses."""
+    found = [(row, TARGETS.broken_by(row)) for row in rows if row.duration == EVERY]
+    return [(row, broken) for row, broken in found if broken]
+
+
+def limits_of(row: HonestyRow) -> Limits:
+    """Return limits that `row` keeps with some slack, nowhere within the targets."""
+    count = round(row.taken * row.n)
+    if row.wrong is None or row.square is None or row.within_2_sigma is None or count < FEWEST:
+        return TARGETS
+    one = 1.0 / count
+    place = row.within_2_sigma
+    yaw = place if row.yaw_within_2_sigma is None else row.yaw_within_2_sigma
+    return Limits(
+        taken_least=0.0 if row.wrong.value > KNOWN_MISS else max(_down(row.taken - TAKEN_SLACK), 0.0),
+        within_least=min(max(_down(place - one), 0.0), TARGETS.within_least),
+        within_most=max(min(_up(place + one), 1.0), TARGETS.within_most),
+        yaw_least=min(max(_down(yaw - one), 0.0), TARGETS.yaw_least),
+        yaw_most=max(min(_up(yaw + one), 1.0), TARGETS.yaw_most),
+        square_least=min(_down(row.square / SQUARE_SLACK), TARGETS.square_least),
+        square_most=max(_up(row.square * SQUARE_SLACK), TARGETS.square_most),
+        wrong_most=max(min(_up(row.wrong.value + one), 1.0), TARGETS.wrong_most),
+    )
+
+
+def _down(value: float) -> float:
+    return round(STEP * math.floor(value / STEP), 2)
+
+
+def _up(value: float) -> float:
+    return round(STEP * math.ceil(value / STEP), 2)
+
+
+def regressions(rows: Sequence[HonestyRow], asked: Collection[tuple[str, str]] = ()) -> list[str]:
+    """Return a sentence on each row over all durations that is out of its limits, has none, or is missing.
+
+    Args:
+        rows: judged ones.
+        asked: sets and conditions that should be among them, as far as limits are stated.
+    """
+    limits = stated()
+    judged = {(row.set, row.condition) for row in rows}
+    told = [f"{', '.join(key)}: no trial" for key in limits if key in asked and key not in judged]
+    for row in rows:
+        if row.duration != EVERY:
+            continue
+        own = limits.get((row.set, row.condition))
+        broken = ["no limits are stated"] if own is None else own.broken_by(row)
+        if broken:
+            told.append(f"{row.set}, {row.condition}: {', '.join(broken)}")
+    return told
+
+
+def stated() -> dict[tuple[str, str], Limits]:
+    """Return the limits of `LIMITS_FILE` by set and condition."""
+    text = resources.files(__package__ or "").joinpath(LIMITS_FILE).read_text(encoding="utf-8")
+    names = [each.name for each in fields(Limits)]
+    return {
+        (line["set"], line["condition"]): Limits(**{name: float(line[name]) for name in names})
+        for line in csv.DictReader(text.splitlines())
+    }

@@ -1,0 +1,174 @@
+"""Comparison of solvers on recorded people: pose errors, stated sigma, processor time."""
+
+import math
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+from pointit.services.localizer.estimation.estimator import (
+    Pointings,
+    Refusal,
+    Solution,
+    SolverSettings,
+    solve,
+)
+from pointit_lab.evaluation.localization.baselines import BaselineEstimate, mean_angle_4dof, mean_angle_z0
+from pointit_lab.evaluation.localization.cramer_rao import median_bounds_m
+from pointit_lab.evaluation.localization.scoring import Key, Outcome, rows_of, until_taken_rows
+from pointit_lab.evaluation.localization.taken import LIMITS, judged
+from pointit_lab.evaluation.localization.trial import Trial
+from pointit_lab.evaluation.recordings.parallel import map_parallel
+from pointit_lab.evaluation.recordings.row import Row, arranged
+
+OURS = "pointit"
+
+Solver = Callable[[Pointings], Solution | Refusal | BaselineEstimate]
+
+STATED = SolverSettings(max_position_sigma_m=math.inf, max_yaw_sigma_rad=math.inf)
+"""The localizer's settings, but poses of any stated sigma are accepted: errors of certain poses alone would
+be too optimistic."""
+
+ANY = replace(STATED, max_residual_rad=math.inf, max_act_residual_rad=math.inf, bias_sigma_limit=math.inf)
+"""Accepts the best fit, as the baselines do."""
+
+
+def ours(pointings: Pointings) -> Solution | Refusal:
+    """Return the result of the localizer's solver."""
+    return solve(pointings, STATED)
+
+
+SOLVERS: dict[str, Solver] = {
+    OURS: ours,
+    "mean-angle-4dof": mean_angle_4dof,
+    "mean-angle-z0": mean_angle_z0,
+}
+"""Solvers by name."""
+
+CHUNK = 12
+"""Trials in one piece of work, solved by all solvers in turn, so that disturbances affect all equally."""
+
+FARTHEST_M = 1e6
+"""Limit to which the errors of a diverged solver are clipped, for sums and JSON."""
+
+
+BASELINE_TRIALS = 400
+"""Maximum of trials of a set and condition for the slow baselines; of more, every second, third, …."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Task:
+    """A trial, and its solvers."""
+
+    trial: Trial
+    bound_m: float = math.nan
+    solvers: tuple[str, ...]
+
+
+def localization_rows(
+    trials: Sequence[Trial], *, baselines: bool, jobs: int, tick: Callable[[int, int], None]
+) -> list[Row]:
+    """Return the results of each solver on `trials`.
+
+    Args:
+        trials: as read by `pointit_lab.evaluation.datasets`.
+        baselines: also run the baselines.
+        jobs: number of processes.
+        tick: called with the number of finished trials and of all.
+
+    Raises:
+        PointItError: If a process ended unexpectedly.
+    """
+    tasks = list(_tasks(trials, baselines=baselines))
+    pieces = [tasks[start : start + CHUNK] for start in range(0, len(tasks), CHUNK)]
+    results: dict[int, list[Outcome]] = {}
+    done = 0
+    tick(done, len(tasks))
+    one = enumerate(map(solved, pieces)) if len(pieces) < 2 else None  # not worth the start of a process
+    for number, outcomes in one or map_parallel(solved, pieces, jobs):
+        results[number] = outcomes
+        done += len(pieces[number])
+        tick(done, len(tasks))
+    outcomes = [outcome for _, of_piece in sorted(results.items()) for outcome in of_piece]
+    return arranged([*rows_of(outcomes), *until_taken_rows(outcomes)])
+
+
+def solved(tasks: Sequence[Task]) -> list[Outcome]:
+    """Return the outcome of each solver on each trial. Runs in other processes."""
+    return [outcome(task.trial, task.bound_m, name, SOLVERS[name]) for task in tasks for name in task.solvers]
+
+
+def _tasks(trials: Sequence[Trial], *, baselines: bool) -> Iterator[Task]:
+    sizes = Counter((trial.set, trial.condition) for trial in trials)
+    seen: Counter[tuple[str, str]] = Counter()
+    for trial, bound_m in zip(trials, _bounds(trials), strict=True):
+        group = (trial.set, trial.condition)
+        with_others = baselines and seen[group] % math.ceil(sizes[group] / BASELINE_TRIALS) == 0
+        seen[group] += 1
+        yield Task(trial=trial, bound_m=bound_m, solvers=tuple(SOLVERS) if with_others else (OURS,))
+
+
+def _bounds(trials: Sequence[Trial]) -> list[float]:
+    """Return the bound of each trial, from the errors of its person in their other trials, too."""
+    sets: dict[str, list[int]] = {}
+    for number, trial in enumerate(trials):
+        sets.setdefault(trial.set, []).append(number)
+    found = [math.nan] * len(trials)
+    for numbers in sets.values():
+        for number, bound_m in zip(numbers, median_bounds_m([trials[i] for i in numbers]), strict=True):
+            found[number] = bound_m
+    return found
+
+
+def outcome(trial: Trial, bound_m: float, name: str, solver: Solver) -> Outcome:
+    """Return the outcome of `solver`, called `name`, on `trial`."""
+    began_ns = time.process_time_ns()
+    found = solver(trial.pointings)
+    solve_ms = (time.process_time_ns() - began_ns) / 1e6
+    key = Key.of(trial)
+    taken_m = None
+    if solver is ours:
+        verdict = judged(trial.pointings)
+        taken_m = _off_m(verdict, trial) if isinstance(verdict, Solution) else math.inf
+    if isinstance(found, Refusal):
+        best = solve(trial.pointings, ANY)
+        return Outcome(
+            key=key,
+            solver=name,
+            solve_ms=solve_ms,
+            refused=found.reason,
+            taken_m=taken_m,
+            recording=trial.recording,
+            start_s=trial.start_s,
+            position_m=_off_m(best, trial) if isinstance(best, Solution) else math.nan,
+            bound_m=bound_m,
+        )
+    yaw_deg = math.nan
+    if trial.yaw_rad is not None and math.isfinite(found.yaw_rad):
+        yaw_deg = math.degrees(math.remainder(found.yaw_rad - trial.yaw_rad, math.tau))
+    sigma_m, yaw_sigma_deg, is_sure = math.nan, math.nan, True
+    if isinstance(found, Solution):
+        is_sure = (
+            found.position_sigma_m <= LIMITS.max_position_sigma_m
+            and found.yaw_sigma_rad <= LIMITS.max_yaw_sigma_rad
+        )
+        sigma_m, yaw_sigma_deg = found.position_sigma_m, math.degrees(found.yaw_sigma_rad)
+    return Outcome(
+        key=key,
+        solver=name,
+        solve_ms=solve_ms,
+        position_m=_off_m(found, trial),
+        yaw_deg=yaw_deg,
+        position_sigma_m=sigma_m,
+        yaw_sigma_deg=yaw_sigma_deg,
+        is_sure=is_sure,
+        taken_m=taken_m,
+        recording=trial.recording,
+        start_s=trial.start_s,
+        bound_m=bound_m,
+    )
+
+
+def _off_m(found: Solution | BaselineEstimate, trial: Trial) -> float:
+    off_m = math.hypot(found.x_m - trial.x_m, found.y_m - trial.y_m)
+    return min(off_m, FARTHEST_M) if math.isfinite(off_m) else FARTHEST_M

@@ -1,0 +1,228 @@
+"""Localizations in recorded sessions, scored where the truth is in them.
+
+The truth is a tracker's: the person as an object whose id is their name, or their pose (`external`). Without
+one, pointing at lamps afterwards (anchors) shows how far rays were off.
+"""
+
+import math
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pointit.geometry.vector import Vec3
+from pointit.recording.reader import Recording
+from pointit.runtime.errors import ConfigError
+from pointit.schemas import (
+    Anchor,
+    Environment,
+    ImuSample,
+    Localization,
+    PointingRay,
+    TrackedObjects,
+    UserPose,
+    UserProfile,
+)
+from pointit.schemas.topics import ANCHOR, IMU, LOCALIZATION, MAP, OBJECTS, POSE, PROFILE, RAY, Topic
+from pointit.services.localizer.config import LocalizerConfig
+from pointit.services.pointing.arm_ray import ArmRay
+from pointit_lab.evaluation.localization.scoring import Key, Outcome, rows_of
+from pointit_lab.evaluation.localization.session import SET, Course, PersonInSession
+from pointit_lab.evaluation.localization.trial import Trial
+from pointit_lab.evaluation.recordings.row import ALL, Row, Spread
+
+LIVE = "live"
+"""Solver of the rows of poses as they were found in the session."""
+
+ANCHORS = "anchors"
+"""Condition of the rows of pointing at lamps after the localization."""
+
+UNTRUE = (
+    "it has no true position of any person; let a tracker publish each person as an object whose id is their "
+    "name, or let them point at lamps afterwards (`pointit person anchor`)"
+)
+UNUSED = "has no localization of {users}, whose position a tracker knows; record one"
+
+READ: tuple[Topic[Any], ...] = (MAP, PROFILE, LOCALIZATION, OBJECTS, POSE, ANCHOR, RAY, IMU)
+PEOPLE = (RAY, IMU, LOCALIZATION, POSE)
+"""Topics of everybody who can be scored."""
+DEFAULT_ARM = ArmRay()
+"""Arm of a person without a profile."""
+
+
+@dataclass
+class Sessions:
+    """Parts of recorded sessions that can be scored."""
+
+    trials: list[Trial] = field(default_factory=list[Trial])
+    """Localizations, to be solved again."""
+    outcomes: list[Outcome] = field(default_factory=list[Outcome])
+    """Poses that were found in the sessions."""
+    anchors: list[tuple[str, Anchor]] = field(default_factory=list[tuple[str, Anchor]])
+    """Pointings at known places, with the person."""
+    notes: list[str] = field(default_factory=list[str])
+    """Sentences about what is missing."""
+
+    def rows(self) -> list[Row]:
+        """Return the rows of poses and anchors as they were in the sessions."""
+        people = dict.fromkeys(user for user, _ in self.anchors)
+        groups = [(ALL, list(people)), *((user, [user]) for user in people)]
+        return [
+            *rows_of(self.outcomes),
+            *(
+                _anchors(name, [each for user, each in self.anchors if user in members])
+                for name, members in groups
+                if members
+            ),
+        ]
+
+
+def read_sessions(paths: Sequence[Path], tick: Callable[[str], None] = lambda _: None) -> Sessions:
+    """Return the parts of the recordings that can be scored.
+
+    Args:
+        paths: recordings. A name is the same person in all of them.
+        tick: called with a short description of the current step.
+
+    Raises:
+        ConfigError: If one is no recording, or none has anything to score.
+    """
+    found = Sessions()
+    for path in paths:
+        tick(f"reading {path.name}")
+        with Recording.open(path) as recording:
+            if recording.problem:
+                found.notes.append(recording.problem)
+            keys = set(recording.counts)
+            entries = recording.entries(lambda key: any(_fits(row, key) for row in READ))
+            reader = _Reader({row.key: {row.name_in(key) for key in keys} for row in READ})
+            for entry in entries:
+                reader.add(entry.name, entry.body)
+            if why := reader.end(found):
+                found.notes.append(f"{path}: {why}")
+    if not (found.trials or found.outcomes or found.anchors):
+        raise ConfigError("; ".join(found.notes))
+    return found
+
+
+def _fits(row: Topic[Any], key: str) -> bool:
+    return row.key == key or bool(row.name_in(key))
+
+
+class _Reader:
+    """Reads one recording."""
+
+    def __init__(self, names: Mapping[str, set[str]]) -> None:
+        """Expect the people in `names`, by the key of a topic. Who has no rays gets them from their IMU."""
+        users = set[str]().union(*(names[row.key] for row in PEOPLE)) - {""}
+        self._people = {user: PersonInSession(user, LocalizerConfig()) for user in sorted(users)}
+        self._rayed = names[RAY.key]
+        self._arms: dict[str, ArmRay] = {}
+        self._lamps: dict[str, Vec3] = {}
+        self._targets: dict[str, Course] = {}
+        self._anchors: list[tuple[str, Anchor]] = []
+
+    def add(self, name: str, body: object) -> None:
+        """Add a message; `name` is for the placeholder of its key."""
+        match body:
+            case TrackedObjects():
+                self._track(body)
+            case Environment():
+                self._lamps = {lamp.id: lamp.position_m for lamp in body.lamps}
+            case UserProfile():
+                self._arms[name] = ArmRay.from_profile(body)
+            case ImuSample():
+                self._move(name, body)
+            case _:
+                self._hear(name, body)
+
+    def end(self, found: Sessions) -> str:
+        """Add what there is to score to `found`. Return what is missing, or `""`."""
+        for person in self._people.values():
+            trials = list(person.trials(self._targets))
+            found.trials += trials
+            found.outcomes += _live(person, {trial.yaw_rad for trial in trials})
+        found.anchors += self._anchors
+        true = [person for person in self._people.values() if len(person.truth)]
+        if not true and not self._anchors:
+            return UNTRUE
+        idle = [person.user for person in true if not person.was_localized]
+        return UNUSED.format(users=", ".join(idle)) if idle else ""
+
+    def _hear(self, name: str, body: object) -> None:
+        person = self._people.get(name)
+        match body:
+            case Localization() if person:
+                person.on_localization(body, self._lamps)
+                if body.target_id not in self._lamps:
+                    self._targets.setdefault(body.target_id, Course(3))
+            case UserPose() if person:
+                person.on_pose(body)
+            case PointingRay() if person:
+                person.on_ray(body)
+            case Anchor():
+                self._anchors.append((name, body))
+            case _:
+                pass
+
+    def _track(self, message: TrackedObjects) -> None:
+        for item in message.objects:
+            person = self._people.get(item.id)
+            course = person.truth if person else self._targets.get(item.id)
+            if course is not None:
+                course.add(message.stamp_ns, item.position_m)
+
+    def _move(self, name: str, sample: ImuSample) -> None:
+        if name in self._rayed:
+            return
+        ray = self._arms.get(name, DEFAULT_ARM).ray(sample.orientation_xyzw)
+        if ray is not None:
+            origin_m, direction = ray
+            said = PointingRay(stamp_ns=sample.stamp_ns, origin_m=origin_m, direction=direction)
+            self._people[name].on_ray(said)
+
+
+def _live(person: PersonInSession, yaws_rad: Collection[float | None]) -> Iterable[Outcome]:
+    """Yield the outcomes of the poses that were found while a tracker knew the position.
+
+    The true yaw is the tracker's, or that of all the person's trials, `yaws_rad`, if it is the same.
+    """
+    (usual_rad,) = yaws_rad if len(yaws_rad) == 1 else (None,)
+    for pose in person.poses.values():
+        times_ns = np.array([pose.stamp_ns])
+        place, told = person.truth.at(times_ns)[0], person.yaws.at(times_ns)[0]
+        if not np.isfinite(place).all():
+            continue
+        yaw_rad = math.atan2(told[1], told[0]) if np.isfinite(told).all() else usual_rad
+        yaw_deg = math.nan
+        if yaw_rad is not None:
+            yaw_deg = math.degrees(math.remainder(pose.yaw_rad - yaw_rad, math.tau))
+        covariance = np.array(pose.covariance).reshape(3, 3)
+        yield Outcome(
+            key=Key(set=SET, subject=person.user, condition=pose.method.replace("_", " ")),
+            solver=LIVE,
+            position_m=math.hypot(pose.position_m[0] - place[0], pose.position_m[1] - place[1]),
+            yaw_deg=yaw_deg,
+            position_sigma_m=math.sqrt(max(0.0, float(np.linalg.eigvalsh(covariance[:2, :2])[-1]))),
+            yaw_sigma_deg=math.degrees(math.sqrt(max(0.0, float(covariance[2, 2])))),
+        )
+
+
+def _anchors(subject: str, anchors: Sequence[Anchor]) -> Row:
+    """Return the row of the angles between rays and known places, in the pose before each anchor."""
+    upwards = [each.elevation_error_rad for each in anchors]
+    angles = [
+        math.hypot(each.azimuth_error_rad * math.hypot(*each.direction[:2]), each.elevation_error_rad)
+        for each in anchors
+    ]
+    return Row(
+        set=SET,
+        subject=subject,
+        condition=ANCHORS,
+        solver=LIVE,
+        n=len(anchors),
+        pitch_deg=Spread.of(map(math.degrees, upwards)),
+        angle_deg=Spread.of(map(math.degrees, angles)),
+    )

@@ -1,0 +1,185 @@
+"""One person in a recorded session: rays of each localization, what they were pointed at, the truth."""
+
+import math
+from array import array
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pointit.geometry.vector import Vec3
+from pointit.schemas import NS_PER_S, Anchor, Localization, PointingRay, UserPose
+from pointit.services.localizer.config import LocalizerConfig
+from pointit.services.localizer.estimation import rays as ray_math
+from pointit.services.localizer.estimation.estimator import Pointings
+from pointit.services.localizer.procedures.hold import Hold
+from pointit.services.localizer.procedures.static_targets import MIN_LAMPS
+from pointit_lab.evaluation.localization.trial import FollowRecording, Trial
+
+Array = NDArray[np.float64]
+
+SET = "recordings"
+"""Name of the set of all sessions."""
+
+GAP_S = 1.0
+"""A position counts for this long before and after its own time, for the person's as for the robot's."""
+
+MAX_SAMPLES = 2_000_000
+"""Limit of rays or positions of one person, eleven hours at 50 Hz; further ones are ignored."""
+
+
+class Course:
+    """Values over time, in arrays."""
+
+    def __init__(self, width: int) -> None:
+        self._width = width
+        self._times_ns = array("q")
+        self._values = array("d")
+
+    def __len__(self) -> int:
+        return len(self._times_ns)
+
+    def add(self, time_ns: int, values: tuple[float, ...]) -> None:
+        """Add the values of a time that is later than the last; others are ignored."""
+        if len(self) < MAX_SAMPLES and (not self._times_ns or time_ns > self._times_ns[-1]):
+            self._times_ns.append(time_ns)
+            self._values.extend(values)
+
+    @property
+    def times_ns(self) -> NDArray[np.int64]:
+        """Return the times (n)."""
+        return np.array(self._times_ns, dtype=np.int64)
+
+    @property
+    def values(self) -> Array:
+        """Return the values (n x width)."""
+        return np.array(self._values, dtype=np.float64).reshape(-1, self._width)
+
+    def at(self, times_ns: NDArray[np.int64]) -> Array:
+        """Return the interpolated values (k x width) at `times_ns`; NaN where none is within `GAP_S`."""
+        if not len(self):
+            return np.full((len(times_ns), self._width), math.nan)
+        own_ns, values = self.times_ns, self.values
+        found = np.empty((len(times_ns), self._width))
+        for axis in range(self._width):
+            found[:, axis] = np.interp(times_ns - own_ns[0], own_ns - own_ns[0], values[:, axis])
+        after = np.searchsorted(own_ns, times_ns).clip(0, len(own_ns) - 1)
+        apart_ns = np.abs(own_ns[np.stack([after, (after - 1).clip(0)])] - times_ns).min(axis=0)
+        found[apart_ns > GAP_S * NS_PER_S] = math.nan
+        return found
+
+
+class PersonInSession:
+    """Collects what a recording has of one person."""
+
+    def __init__(self, user: str, config: LocalizerConfig) -> None:
+        self.user = user
+        self._config = config
+        self.truth = Course(3)
+        """Position in {W}, m, of a tracker."""
+        self.yaws = Course(2)
+        """Cosine and sine of the yaw of {H}, of a tracker that knows it."""
+        self.poses: dict[int, UserPose] = {}
+        """Poses that the localizer found, by the time of the pointing that determined them."""
+        self.anchors: list[Anchor] = []
+        self.follows: dict[str, Course] = {}
+        """Times, origins and directions of rays at a moving target, by its id."""
+        self._sessions: dict[int, list[tuple[Hold, Vec3]]] = {}
+        """Holds at lamps, by the beginning of the localization."""
+        self._target = ("", -1)
+        self._since_ns = 0
+
+    @property
+    def was_localized(self) -> bool:
+        """Return True if it is recorded what they pointed at to be localized, or a pose that was found."""
+        return bool(self._sessions or self.follows or self.poses)
+
+    def on_pose(self, pose: UserPose) -> None:
+        """Note a true pose, or one of the localizer's."""
+        if pose.method == "external":
+            self.truth.add(pose.stamp_ns, pose.position_m)
+            self.yaws.add(pose.stamp_ns, (math.cos(pose.yaw_rad), math.sin(pose.yaw_rad)))
+        elif pose.method != "fixed":
+            self.poses.setdefault(pose.anchored_ns, pose)
+
+    def on_localization(self, message: Localization, lamps: dict[str, Vec3]) -> None:
+        """Note what the person points at from now on."""
+        is_on = message.phase == "sampling" and message.purpose == "pose"
+        target = (message.target_id, message.target_index) if is_on else ("", -1)
+        self._since_ns = message.since_ns
+        if target == self._target:
+            return
+        self._target = target
+        if target[0] in lamps:
+            holds = self._sessions.setdefault(message.since_ns, [])
+            holds.append((Hold(message.stamp_ns, self._config), lamps[target[0]]))
+        elif target[0]:
+            self.follows.setdefault(target[0], Course(6))
+
+    def on_ray(self, ray: PointingRay) -> None:
+        """Add a ray if the person is being localized."""
+        target = self._target[0]
+        if target in self.follows:
+            self.follows[target].add(ray.stamp_ns, (*ray.origin_m, *ray_math.unfiltered(ray)))
+        elif target:
+            self._sessions[self._since_ns][-1][0].add(ray)
+
+    def trials(self, tracks: dict[str, Course]) -> Iterator[Trial]:
+        """Yield the trials whose truth is known. `tracks`: positions (3) of moving targets."""
+        for target, course in self.follows.items():
+            if target in tracks:
+                yield from self._following(course, tracks[target])
+        for holds in self._sessions.values():
+            if sum(bool(hold.rays) for hold, _ in holds) >= MIN_LAMPS:
+                yield from self._lamps(holds)
+
+    def _following(self, course: Course, track: Course) -> Iterator[Trial]:
+        times_ns, rays = course.times_ns, course.values
+        targets, heads = track.at(times_ns), self.truth.at(times_ns)
+        fresh = np.append(True, np.any(np.diff(rays, axis=0) != 0.0, axis=1))
+        known = fresh & np.isfinite(targets).all(axis=1) & np.isfinite(heads).all(axis=1)
+        if np.count_nonzero(known) < 2:
+            return
+        times_ns, rays, targets, heads = times_ns[known], rays[known], targets[known], heads[known]
+        pointings = Pointings((times_ns - times_ns[0]) / NS_PER_S, rays[:, :3], rays[:, 3:], targets)
+        yield from FollowRecording(
+            set=SET,
+            subject=self.user,
+            pointings=pointings,
+            heads_m=heads,
+            eye_height_m=float(rays[:, 2].mean()),
+            yaw_rad=self._yaw_rad(times_ns, pointings, heads),
+        ).trials()
+
+    def _lamps(self, holds: list[tuple[Hold, Vec3]]) -> Iterator[Trial]:
+        rays = [ray for hold, _ in holds for ray in hold.rays]
+        places = np.array([place for hold, place in holds for _ in hold.rays], dtype=np.float64)
+        times_ns = np.array([ray.stamp_ns for ray in rays], dtype=np.int64)
+        heads = self.truth.at(times_ns)
+        if not np.isfinite(heads).all():
+            return
+        pointings = Pointings(
+            (times_ns - times_ns[0]) / NS_PER_S, ray_math.origins(rays), ray_math.directions(rays), places
+        )
+        yield Trial(
+            set=SET,
+            subject=self.user,
+            condition=f"{len(np.unique(places, axis=0))} lamps",
+            pointings=pointings,
+            eye_height_m=float(pointings.origins_m[:, 2].mean()),
+            x_m=float(heads[:, 0].mean()),
+            y_m=float(heads[:, 1].mean()),
+            yaw_rad=self._yaw_rad(times_ns, pointings, heads),
+        )
+
+    def _yaw_rad(self, times_ns: NDArray[np.int64], pointings: Pointings, heads: Array) -> float:
+        """Return the true yaw of {H}: a tracker's, else that in which rays meet their targets on average."""
+        if len(self.yaws):
+            told = self.yaws.at(times_ns)
+            told = told[np.isfinite(told).all(axis=1)]
+            if len(told):
+                return math.atan2(float(told[:, 1].mean()), float(told[:, 0].mean()))
+        away = pointings.targets_m - heads
+        aims = pointings.directions
+        turned = np.arctan2(away[:, 1], away[:, 0]) - np.arctan2(aims[:, 1], aims[:, 0])
+        return math.atan2(float(np.sin(turned).mean()), float(np.cos(turned).mean()))

@@ -1,0 +1,129 @@
+"""Yaw error of a drifting IMU while the person points at a known position from time to time.
+
+Recorded: `proximity_feedback`. Its people point at three positions in turn, one every 45 s, and their heading
+was measured again before each such run. Only holds without a cursor count, as anchors and as truth: the yaw
+of a hold is the azimuth of its target minus that of the ray, so that the person's own scatter is in every
+error (row `scatter of one hold`). For longer times the runs of one person are chained in every order: the
+next run continues, in time and in yaw, where the last one ended, without the time between them; such
+chains are not independent of each other. `3 min, 1 anchor/min` comes from such chains only, those of four
+people with three runs, in each order, so that its n counts chains and not people; its anchors are the
+holds nearest to 0, 1 and 2 minutes, the last of them mostly 45 s before the predicted hold. The targets
+always came in the same order, so a compressed sense of azimuth would look like drift here; the change of yaw
+within single holds is evidence for drift.
+
+Simulated: seeded people with a drifting IMU, whose true yaw is known.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from pointit_lab.evaluation.datasets import proximity_feedback
+from pointit_lab.evaluation.datasets.proximity_feedback import FloorTrial, read_floor_trials
+from pointit_lab.evaluation.pointing.drift_courses import chained, courses, hold_sigma_rad
+from pointit_lab.evaluation.pointing.drift_innovation import innovation_rows
+from pointit_lab.evaluation.pointing.drift_left_out import left_out
+from pointit_lab.evaluation.pointing.drift_simulated import normal_row, simulated_rows
+from pointit_lab.evaluation.pointing.drift_solvers import SOLVERS, Trial, YawEstimate, predictable
+from pointit_lab.evaluation.recordings.row import ALL, Row, Spread
+
+PEOPLE = 300
+
+CHAINED = "3 min, 1 anchor/min"
+"""Condition with chained runs."""
+
+CONDITIONS = (
+    ("45 s, 1 anchor", (0.0,), 45.0),
+    ("90 s, 1 anchor", (0.0,), 90.0),
+    ("90 s, 2 anchors", (0.0, 45.0), 90.0),
+    (CHAINED, (0.0, 60.0, 120.0), 180.0),
+)
+"""Name, times of the anchors and time of the predicted hold, s."""
+
+LEFT_OUT = "pointit, left out"
+"""`pointit, rests` with the settings that the other people chose."""
+
+CHAINS_REMARK = (
+    f"`{CHAINED}` of {proximity_feedback.NAME}: the runs of each of four people chained in every order, n "
+    "counts chains; the last anchor is mostly 45 s before the hold that is told."
+)
+
+
+def drift_rows(data: Path, tick: Callable[[str], None]) -> list[Row]:
+    """Return yaw errors after some time, of recorded people if there are recordings, and of simulated ones.
+
+    Args:
+        data: folder with one folder per set.
+        tick: called with a short description of the current step.
+
+    Raises:
+        ConfigError: If a recording is damaged.
+    """
+    rows: list[Row] = []
+    folder = data / proximity_feedback.NAME
+    if folder.is_dir():
+        tick("drift: reading recordings")
+        rows += recorded_rows(read_floor_trials(folder), tick)
+    tick(f"drift: {PEOPLE} simulated people")
+    return rows + simulated_rows(PEOPLE)
+
+
+def recorded_rows(trials: Sequence[FloorTrial], tick: Callable[[str], None]) -> list[Row]:
+    """Return the rows of recorded people: within the runs, and with a person's runs chained."""
+    runs = courses(trials)
+    chains = list(chained(runs))
+    sigma_rad = hold_sigma_rad(runs)
+    rows: list[Row] = []
+    predicted = {
+        condition: predictable(chains if condition == CHAINED else runs, anchors_s, told_s)
+        for condition, anchors_s, told_s in CONDITIONS
+    }
+    tick("drift: settings chosen by the others")
+    others = left_out(predicted)
+    for condition, some in predicted.items():
+        tick(f"drift: {condition}")
+        rows += _rows(condition, some, others[condition], sigma_rad)
+    return rows + innovation_rows(trials, runs)
+
+
+def _rows(
+    condition: str,
+    trials: Sequence[Trial],
+    others: Sequence[tuple[Trial, YawEstimate]],
+    sigma_rad: float,
+) -> list[Row]:
+    """Return a row for each person and solver, and for all people together."""
+    rows: list[Row] = []
+    for name, solver in SOLVERS.items():
+        guesses = [(one, solver(one.course, one.anchors, one.told)) for one in trials]
+        rows += _solver_rows(condition, name, guesses, sigma_rad)
+    rows += _solver_rows(condition, LEFT_OUT, others, sigma_rad)
+    if trials:
+        rows.append(
+            normal_row(proximity_feedback.NAME, condition, "scatter of one hold", len(trials), sigma_rad)
+        )
+    return rows
+
+
+def _solver_rows(
+    condition: str, solver: str, guesses: Sequence[tuple[Trial, YawEstimate]], sigma_rad: float
+) -> list[Row]:
+    errors = [(one.course.subject, one.error_rad(guess), guess.sigma_rad) for one, guess in guesses]
+    rows: list[Row] = []
+    for subject in (*dict.fromkeys(one[0] for one in errors), ALL):
+        mine = [one for one in errors if subject in (one[0], ALL)]
+        inside = [abs(e) <= 2.0 * math.hypot(s, sigma_rad) for _, e, s in mine if s is not None]
+        rows.append(
+            Row(
+                set=proximity_feedback.NAME,
+                subject=subject,
+                condition=condition,
+                solver=solver,
+                n=len(mine),
+                yaw_deg=Spread.of(math.degrees(e) for _, e, _ in mine),
+                yaw_within_2_sigma=float(np.mean(inside)) if inside else None,
+            )
+        )
+    return rows

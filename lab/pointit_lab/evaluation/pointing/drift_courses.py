@@ -1,0 +1,149 @@
+"""Recorded runs as sequences of holds with their yaw, and chains of a person's runs."""
+
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import permutations
+
+import numpy as np
+from scipy.stats import linregress
+
+from pointit.geometry import rotation, vector
+from pointit.geometry.vector import Vec3
+from pointit.schemas import NS_PER_S
+from pointit.services.localizer.drift.rest_detection import RestDetector, RestYawRate
+from pointit_lab.evaluation.datasets.proximity_feedback import FloorTrial
+
+EYE_M = 1.64
+"""Assumed height of the eyes: it was not recorded, and azimuths hardly depend on it."""
+
+MAD_TO_SIGMA = 1.4826
+
+MAX_CHAINED = 4
+"""Runs of one person that are chained; four have 24 orders."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Hold:
+    """A person points steadily at a known position without a cursor."""
+
+    at_s: float
+    target_m: Vec3
+    direction_h: Vec3
+    """Mean of the rays, unit."""
+    spread_rad: float
+    samples: int
+    rate_radps: float
+    """Rate of yaw within the hold, by least squares."""
+    rest: RestYawRate | None
+    """Result of `RestDetector`, with the time of the hold."""
+
+    @property
+    def yaw_rad(self) -> float:
+        """Return the yaw of {H}, for a person at 0."""
+        return vector.azimuth(self.target_m) - vector.azimuth(self.direction_h)
+
+    def turned(self, yaw_rad: float, later_s: float) -> "Hold":
+        """Return this hold, later and with an IMU whose yaw origin was turned by `yaw_rad` in {W}."""
+        moved = replace(
+            self, at_s=self.at_s + later_s, direction_h=vector.rotate_z(self.direction_h, -yaw_rad)
+        )
+        if self.rest is None:
+            return moved
+        stamp_ns = self.rest.stamp_ns + round(later_s * NS_PER_S)
+        return replace(moved, rest=replace(self.rest, stamp_ns=stamp_ns))
+
+
+@dataclass(frozen=True, kw_only=True)
+class HoldSequence:
+    """Holds with a common heading reference, set by the first one."""
+
+    subject: str
+    holds: tuple[Hold, ...]
+
+    def nearest(self, at_s: float) -> int:
+        """Return the index of the hold nearest to `at_s` after the first one."""
+        start_s = self.holds[0].at_s
+        return min(range(len(self.holds)), key=lambda i: abs(self.holds[i].at_s - start_s - at_s))
+
+
+def courses(trials: Sequence[FloorTrial]) -> list[HoldSequence]:
+    """Return the runs: the heading was measured again whenever the first target was repeated."""
+    out: list[HoldSequence] = []
+    held: list[Hold] = []
+    seen: set[str] = set()
+    subject = ""
+    for trial in trials:
+        if trial.subject != subject or trial.target_id in seen:
+            if held:
+                out.append(HoldSequence(subject=subject, holds=tuple(held)))
+            held = []
+            seen.clear()
+            subject = trial.subject
+        seen.add(trial.target_id)
+        hold = _hold(trial)
+        if hold is not None:
+            held.append(hold)
+    if held:
+        out.append(HoldSequence(subject=subject, holds=tuple(held)))
+    return out
+
+
+def chained(runs: Iterable[HoldSequence]) -> Iterator[HoldSequence]:
+    """Yield each person's runs joined in every order of the first `MAX_CHAINED`."""
+    people: dict[str, list[HoldSequence]] = {}
+    for run in runs:
+        people.setdefault(run.subject, []).append(run)
+    for mine in people.values():
+        for order in permutations(mine[:MAX_CHAINED]):
+            yield _joined(order)
+
+
+def _joined(runs: Sequence[HoldSequence]) -> HoldSequence:
+    chain = runs[0]
+    for run in runs[1:]:
+        last, first = chain.holds[-1], run.holds[0]
+        turn, later_s = last.yaw_rad - first.yaw_rad, last.at_s - first.at_s
+        chain = replace(chain, holds=chain.holds + tuple(h.turned(turn, later_s) for h in run.holds[1:]))
+    return chain
+
+
+def hold_sigma_rad(runs: Sequence[HoldSequence]) -> float:
+    """Return one sigma of a hold's azimuth, from the deviation of three in a row from a constant rate."""
+    beside: list[float] = []
+    for run in runs:
+        for a, b, c in zip(run.holds, run.holds[1:], run.holds[2:], strict=False):
+            share = (b.at_s - a.at_s) / (c.at_s - a.at_s)
+            step = math.remainder(b.yaw_rad - a.yaw_rad, math.tau)
+            bend = step - share * math.remainder(c.yaw_rad - a.yaw_rad, math.tau)
+            beside.append(bend / math.sqrt(1.0 + share**2 + (1.0 - share) ** 2))
+    return MAD_TO_SIGMA * float(np.median(np.abs(beside))) if beside else 0.0
+
+
+def _hold(trial: FloorTrial) -> Hold | None:
+    """Return the trial's hold without a cursor, or None if it was not recorded."""
+    stretch = trial.phases.get("open_loop_hold")
+    if stretch is None or len(stretch.times_s) < 10:
+        return None
+    level = np.hypot(stretch.points_m[:, 0], stretch.points_m[:, 1])
+    azimuths = np.unwrap(np.arctan2(stretch.points_m[:, 1], stretch.points_m[:, 0]))
+    elevations = np.arctan2(-EYE_M, level)
+    # the middle of the hold, whatever single samples do
+    azimuth, elevation = float(np.median(azimuths)), float(np.median(elevations))
+    rate = float(linregress(stretch.times_s, azimuths).slope)
+    stillness = RestDetector()
+    rests = [
+        stillness.add(rotation.from_azimuth_elevation(float(a), float(e)), round(float(t) * NS_PER_S))
+        for a, e, t in zip(azimuths, elevations, stretch.times_s, strict=True)
+    ]
+    rests.append(stillness.end())
+    about = np.hypot((azimuths - azimuth) * math.cos(elevation), elevations - elevation)
+    return Hold(
+        at_s=float(np.mean(stretch.times_s[[0, -1]])),
+        target_m=(*trial.target_m, 0.0),
+        direction_h=vector.direction(azimuth, elevation),
+        spread_rad=float(np.median(about)),
+        samples=len(azimuths),
+        rate_radps=-rate,
+        rest=next((rest for rest in rests if rest is not None), None),
+    )

@@ -1,0 +1,138 @@
+"""Predictors of a later hold's yaw from earlier anchors: the filter, and simpler baselines."""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from pointit.geometry import vector
+from pointit.schemas import NS_PER_S
+from pointit.services.localizer.drift.filter import DriftFilter, DriftPose, DriftSettings, Fix
+from pointit_lab.evaluation.pointing.drift_courses import EYE_M, HoldSequence
+
+PLACE_SIGMA_M = 0.05
+"""Sigma of the recorded people's position."""
+
+
+@dataclass(frozen=True)
+class YawEstimate:
+    """Prediction of a later hold's yaw."""
+
+    yaw_rad: float
+    sigma_rad: float | None = None
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A later hold's yaw is to be predicted."""
+
+    course: HoldSequence
+    anchors: tuple[int, ...]
+    """Indices of the anchors, including 0."""
+    told: int
+    """Index of the hold to predict."""
+
+    def error_rad(self, guess: YawEstimate) -> float:
+        """Return the error of a prediction."""
+        return math.remainder(guess.yaw_rad - self.course.holds[self.told].yaw_rad, math.tau)
+
+
+def predictable(some: Sequence[HoldSequence], anchors_s: Sequence[float], told_s: float) -> list[Trial]:
+    """Return the trials of sequences that have a hold near `told_s` and the anchors before it.
+
+    Args:
+        some: sequences.
+        anchors_s: times of the anchors after the first hold.
+        told_s: time of the hold to predict.
+    """
+    trials: list[Trial] = []
+    for course in some:
+        told = course.nearest(told_s)
+        anchors = tuple(sorted({course.nearest(at_s) for at_s in anchors_s}))
+        away_s = course.holds[told].at_s - course.holds[0].at_s - told_s
+        if anchors[-1] < told and abs(away_s) <= 0.25 * told_s:
+            trials.append(Trial(course, anchors, told))
+    return trials
+
+
+Solver = Callable[[HoldSequence, Sequence[int], int], YawEstimate]
+"""Arguments: course, indices of the anchors (including 0, none the last), index of the hold to predict."""
+
+
+def _raw(course: HoldSequence, anchors: Sequence[int], told: int) -> YawEstimate:
+    del anchors, told
+    return YawEstimate(course.holds[0].yaw_rad)
+
+
+def _re_anchored(course: HoldSequence, anchors: Sequence[int], told: int) -> YawEstimate:
+    del told
+    return YawEstimate(course.holds[anchors[-1]].yaw_rad)
+
+
+def _rate_of_holds(course: HoldSequence, anchors: Sequence[int], told: int) -> YawEstimate:
+    last = course.holds[anchors[-1]]
+    rate = float(np.mean([hold.rate_radps for hold in course.holds[:told]]))
+    return YawEstimate(last.yaw_rad + rate * (course.holds[told].at_s - last.at_s))
+
+
+def _constant_rate(course: HoldSequence, anchors: Sequence[int], told: int) -> YawEstimate:
+    first, last = course.holds[0], course.holds[anchors[-1]]
+    if first is last:
+        return YawEstimate(last.yaw_rad)
+    rate = math.remainder(last.yaw_rad - first.yaw_rad, math.tau) / (last.at_s - first.at_s)
+    return YawEstimate(last.yaw_rad + rate * (course.holds[told].at_s - last.at_s))
+
+
+def _filter(course: HoldSequence, anchors: Sequence[int], told: int) -> YawEstimate:
+    return filtered(course, anchors, told, DriftSettings(), rests=False)
+
+
+def _filter_and_rests(course: HoldSequence, anchors: Sequence[int], told: int) -> YawEstimate:
+    return filtered(course, anchors, told, DriftSettings())
+
+
+def filtered(
+    course: HoldSequence, anchors: Sequence[int], told: int, settings: DriftSettings, *, rests: bool = True
+) -> YawEstimate:
+    """Return the prediction of `DriftFilter` with these settings, with or without rests."""
+    first = course.holds[0]
+    level = math.cos(vector.elevation(first.direction_h))
+    drift = DriftFilter(
+        Fix(
+            x_m=0.0,
+            y_m=0.0,
+            yaw_rad=first.yaw_rad,
+            covariance=np.diag([PLACE_SIGMA_M, PLACE_SIGMA_M, settings.anchor_sigma_rad / level]) ** 2,
+            stamp_ns=round(first.at_s * NS_PER_S),
+        ),
+        settings,
+    )
+    for number, hold in enumerate(course.holds[:told]):
+        if number in anchors[1:]:
+            drift.update_anchor(
+                round(hold.at_s * NS_PER_S),
+                hold.target_m,
+                (0.0, 0.0, EYE_M),
+                hold.direction_h,
+                spread_rad=hold.spread_rad,
+                samples=hold.samples,
+            )
+        rest = hold.rest
+        if rests and rest is not None:
+            drift.update_rest_rate(
+                rest.stamp_ns, rest.yaw_rate_radps, rest.sigma_radps, is_raised=rest.is_raised
+            )
+    pose: DriftPose = drift.predict(round(course.holds[told].at_s * NS_PER_S))
+    return YawEstimate(pose.yaw_rad, pose.yaw_sigma_rad)
+
+
+SOLVERS: dict[str, Solver] = {
+    "raw": _raw,
+    "re-anchored": _re_anchored,
+    "re-anchored, rate of holds": _rate_of_holds,
+    "re-anchored, constant rate": _constant_rate,
+    "pointit": _filter,
+    "pointit, rests": _filter_and_rests,
+}
+"""Predictors by name; `raw` sets the yaw once at the start."""

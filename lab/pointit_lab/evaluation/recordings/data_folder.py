@@ -1,0 +1,169 @@
+"""The folder of recordings, and its index files."""
+
+import codecs
+import math
+import os
+from collections import Counter
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from pydantic import TypeAdapter, ValidationError
+
+from pointit.runtime.errors import ConfigError
+from pointit.schemas import summarize_validation_error
+from pointit_lab.evaluation.recordings.table_file import check_file, check_text, is_file, shown_path, truncate
+
+VARIABLE = "POINTIT_DATA"
+"""Environment variable with the folder of recordings, if there is no option."""
+
+RECORDINGS = "recordings"
+"""Subfolder of the data's root with one folder per set."""
+
+INDEX = "index.json"
+"""Metadata of the files beside it: a list of objects with `file`, or an object with such `files`."""
+
+MAX_INDEX_BYTES = 10_000_000
+"""Limit of an index, enough for hundreds of thousands of files."""
+
+EYE_HEIGHTS_M = (0.3, 3.0)
+"""Range over the floor, including seated people and children."""
+
+MAX_YAW_DEG = 720.0
+"""Limit of the absolute value: some recordings have unwrapped angles, but at most two turns."""
+
+Entry = Mapping[str, Any]
+
+_ENTRIES = TypeAdapter(list[dict[str, Any]])
+_WRAPPED = TypeAdapter(dict[str, Any])
+
+
+def recordings_folder(data: Path | None) -> Path:
+    """Return the folder with one folder per set.
+
+    Args:
+        data: that folder, or its parent with the subfolder `recordings`. None: `$POINTIT_DATA`.
+
+    Raises:
+        ConfigError: If it is not given, or not a folder.
+    """
+    if data is None:
+        told = os.environ.get(VARIABLE, "")
+        if not told:
+            raise ConfigError(f"there is nothing to evaluate: give --data DIR or set {VARIABLE}")
+        data = Path(told)
+    try:
+        if not data.is_dir():
+            raise ConfigError(f"{data}: not a folder; give --data DIR with the recordings")
+        inner = data / RECORDINGS
+        return inner if inner.is_dir() else data
+    except (OSError, ValueError) as error:
+        what = error.strerror if isinstance(error, OSError) else error
+        raise ConfigError(
+            f"{shown_path(data)}: cannot be accessed ({what}); give --data DIR with the recordings"
+        ) from error
+
+
+def read_index(folder: Path) -> list[Entry]:
+    """Return the entries of the index of `folder`, one per file.
+
+    Raises:
+        ConfigError: If it cannot be read, is not an index, or lists a file twice.
+    """
+    path = folder / INDEX
+    check_file(path, MAX_INDEX_BYTES)
+    try:
+        raw = path.read_bytes().removeprefix(codecs.BOM_UTF8)
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read ({error.strerror or error})") from error
+    try:
+        if raw.lstrip()[:1] == b"{":
+            entries = _ENTRIES.validate_python(_WRAPPED.validate_json(raw).get("files"))
+        else:
+            entries = _ENTRIES.validate_json(raw)
+    except ValidationError as error:
+        raise ConfigError(
+            f"{path}: a list of objects, one a file, was expected; {summarize_validation_error(error)}"
+        ) from error
+    except ValueError as error:  # numbers with thousands of digits
+        raise ConfigError(f"{path}: a value in it cannot be shown ({error}); correct the index") from error
+    names = [name for entry in entries if isinstance(name := entry.get("file"), str)]
+    twice = next((name for name, count in Counter(names).items() if count > 1), None)
+    if twice is not None:
+        raise ConfigError(f"{path}, 'file': {truncate(twice)} is listed twice; list each file once")
+    return list(entries)
+
+
+def text_of(folder: Path, entry: Entry, key: str) -> str:
+    """Return a required text of an `entry`.
+
+    Raises:
+        ConfigError: If it is missing, empty, too long or not printable.
+    """
+    value = entry.get(key)
+    if isinstance(value, int) and not isinstance(value, bool) and abs(value) < 10**15:
+        value = str(value)  # a subject may be a number
+    if not isinstance(value, str):
+        raise ConfigError(f"{_where(folder, entry, key)}: a text was expected, got {truncate(value)}")
+    return check_text(_where(folder, entry, key), value)
+
+
+def file_of(folder: Path, entry: Entry) -> Path | None:
+    """Return the file of an `entry`, or None if it is missing.
+
+    Raises:
+        ConfigError: If the name is not a text, leads out of `folder`, or is not that of a file.
+    """
+    name = text_of(folder, entry, "file")
+    if Path(name).is_absolute() or ".." in Path(name).parts:
+        raise ConfigError(
+            f"{folder / INDEX}, 'file': {truncate(name)} leads out of the folder; name a file in {folder}"
+        )
+    path = folder / name
+    return path if is_file(path) else None
+
+
+def number_of(folder: Path, entry: Entry, key: str, bounds: tuple[float, float], unit: str) -> float | None:
+    """Return a number of an `entry`, or None if it is not given.
+
+    Raises:
+        ConfigError: If it is not a number within the `bounds`, in `unit`.
+    """
+    least, most = bounds
+    value = entry.get(key)
+    if value is None:
+        return None
+    # compared before it is converted: an integer may be beyond any float
+    if isinstance(value, bool) or not isinstance(value, int | float) or not least <= value <= most:
+        raise ConfigError(
+            f"{_where(folder, entry, key)}: a number from {least:g} to {most:g} {unit} was expected, "
+            f"got {truncate(value)}"
+        )
+    return float(value)
+
+
+def yaw_of(folder: Path, entry: Entry) -> float | None:
+    """Return the yaw of {H} in {W}, rad. The index has its negative: azimuth in {H} minus that in {W}.
+
+    Raises:
+        ConfigError: If it is not a number, or more than two turns.
+    """
+    degrees = number_of(
+        folder, entry, "ref_yaw_deg_human_minus_world", (-MAX_YAW_DEG, MAX_YAW_DEG), "degrees"
+    )
+    return None if degrees is None else math.remainder(-math.radians(degrees), math.tau)
+
+
+def eye_height_of(folder: Path, entry: Entry) -> float | None:
+    """Return the height of the eyes over the floor, m, or None if it is not given.
+
+    Raises:
+        ConfigError: If it is not a number, or outside `EYE_HEIGHTS_M`.
+    """
+    return number_of(folder, entry, "eye_height_guess_m", EYE_HEIGHTS_M, "metres")
+
+
+def _where(folder: Path, entry: Entry, key: str) -> str:
+    name = entry.get("file", "an entry")
+    named = name if isinstance(name, str) and name.isprintable() and len(name) <= 60 else truncate(name)
+    return f"{folder / INDEX}, {named}, {key!r}"

@@ -1,0 +1,145 @@
+"""Paired differences between selection methods, with confidence intervals, and the resulting claims."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pointit_lab.evaluation.selection.condition import Condition
+from pointit_lab.evaluation.selection.score import Score
+
+Array = NDArray[np.float64]
+
+FEWEST = 20
+"""Trials, each with its own seed, below which no difference is reported."""
+DOUBT = 0.05
+"""Probability that any of a run's intervals misses the true difference."""
+TAIL = 20
+"""Minimum number of resamples beyond each end of an interval."""
+CHUNK = 2000
+"""Resamples drawn at once."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Interval:
+    """A difference and its confidence interval."""
+
+    value: float
+    low: float
+    high: float
+
+    @property
+    def excludes_zero(self) -> bool:
+        """Return True if the difference is significant."""
+        return self.low > 0.0 or self.high < 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Difference:
+    """Difference of `method` minus `other` in the same trials."""
+
+    bench: str
+    condition: str
+    method: str
+    other: str
+    trials: int
+    errors: Interval
+    """Wrong toggles and missed packages, as a share of the packages that should be selected."""
+    time_s: Interval | None
+    """Mean time, see `SelectionMetrics`, or None if too few trials have one."""
+
+    @property
+    def claims(self) -> list[str]:
+        """Return the significant differences in words."""
+        said: list[str] = []
+        for interval, less, more in (
+            (self.errors, "errs less", "errs more"),
+            (self.time_s, "is faster", "is slower"),
+        ):
+            if interval is not None and interval.excludes_zero:
+                said.append(f"{self.method} {less if interval.value < 0.0 else more}")
+        return said
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the difference for a JSON file."""
+        return {**asdict(self), "claims": self.claims}
+
+
+Groups = Mapping[tuple[Condition, str], Sequence[Score]]
+"""Scores by condition and method, of the same trials in the same order."""
+
+
+def differences_of(groups: Groups) -> list[Difference]:
+    """Return the differences between every two methods in each condition.
+
+    Bootstrap percentile intervals over trials (Efron & Tibshirani 1993, ch. 13), with the same trials for
+    both methods. All intervals of a run hold together with probability 1 - `DOUBT` (Bonferroni). Conditions
+    with fewer than `FEWEST` trials are left out.
+    """
+    by_condition: dict[Condition, dict[str, Sequence[Score]]] = {}
+    for (condition, method), scores in groups.items():
+        if len(scores) >= FEWEST:
+            by_condition.setdefault(condition, {})[method] = scores
+    pairs = [
+        (condition, pair) for condition, of_it in by_condition.items() for pair in combinations(of_it, 2)
+    ]
+    tail = DOUBT / (2.0 * max(1, 2 * len(pairs)))
+    found: list[Difference] = []
+    for condition, (other, method) in pairs:
+        of_it = by_condition[condition]
+        mine, others = _sums(of_it[method]), _sums(of_it[other])
+        errors, time_s = _intervals(mine, others, tail)
+        found.append(
+            Difference(
+                bench=condition.bench,
+                condition=condition.name,
+                method=method,
+                other=other,
+                trials=len(mine),
+                errors=errors,
+                time_s=time_s,
+            )
+        )
+    return found
+
+
+def _sums(scores: Sequence[Score]) -> Array:
+    """Return n x 4: errors, targets, times, number of times of each trial."""
+    return np.array(
+        [
+            (score.wrong + score.missed, score.targets, sum(score.took_s), len(score.took_s))
+            for score in scores
+        ],
+        dtype=np.float64,
+    )
+
+
+def _intervals(mine: Array, others: Array, tail: float) -> tuple[Interval, Interval | None]:
+    count = len(mine)
+    rng = np.random.default_rng(count)
+    chunks = max(2, int(np.ceil(TAIL / tail / CHUNK)))
+    drawn = np.concatenate(
+        [
+            _differences(rng.multinomial(count, np.full(count, 1.0 / count), CHUNK), mine, others)
+            for _ in range(chunks)
+        ]
+    )
+    errors, time_s = _differences(np.ones((1, count)), mine, others)[0].tolist()
+    intervals = [
+        Interval(value=value, low=float(np.quantile(each, tail)), high=float(np.quantile(each, 1.0 - tail)))
+        for value, each in zip((errors, time_s), drawn.T, strict=True)
+    ]
+    has_times = bool(np.isfinite(drawn).all())
+    return intervals[0], intervals[1] if has_times else None
+
+
+def _differences(weights: NDArray[np.integer] | Array, mine: Array, others: Array) -> Array:
+    """Return k x 2, of k resamples: differences of the share of errors and of the mean time."""
+    a, b = weights @ mine, weights @ others
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.stack(
+            [a[:, 0] / a[:, 1] - b[:, 0] / b[:, 1], a[:, 2] / a[:, 3] - b[:, 2] / b[:, 3]], axis=1
+        )

@@ -1,0 +1,80 @@
+"""Plot of the rows: time, wrong and missed by condition, one marker per method, people in black."""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from pointit.runtime.errors import ConfigError
+from pointit.runtime.host.extras import remedy
+from pointit_lab.evaluation.selection.row import SelectionMetrics, SelectionRow
+
+Value = Callable[[SelectionMetrics], float | None]
+
+PANELS: tuple[tuple[str, Value], ...] = (
+    ("time, s", lambda figures: None if figures.time_s is None else figures.time_s.median),
+    ("wrong, %", lambda figures: None if figures.wrong_rate is None else 100.0 * figures.wrong_rate),
+    ("missed, %", lambda figures: None if figures.missed_rate is None else 100.0 * figures.missed_rate),
+)
+
+COLORS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00")
+"""Colours of methods in order (Okabe and Ito)."""
+MARKS = ("o", "s", "^", "D", "v", "P")
+
+INCHES = (4.2, 3.4)
+"""Size of one panel."""
+
+
+def check_plot(path: Path) -> None:
+    """Check before minutes of work that a picture can be drawn.
+
+    Raises:
+        ConfigError: If matplotlib is not installed, or cannot write files with this suffix.
+    """
+    try:
+        from matplotlib.backends.backend_agg import FigureCanvasAgg  # noqa: PLC0415 - an extra, wanted here only
+    except ImportError as error:
+        raise ConfigError(f"--plot {path}: needs matplotlib; run {remedy('plot')}") from error
+    known = FigureCanvasAgg.get_supported_filetypes()
+    if path.suffix.removeprefix(".") not in known:
+        raise ConfigError(f"--plot {path}: the name must end in one of {', '.join(sorted(known))}")
+
+
+def plot(rows: Sequence[SelectionRow], path: Path) -> None:
+    """Write a picture of `rows` to `path`, in the format of its suffix: png, svg, pdf.
+
+    Raises:
+        ConfigError: If the file cannot be written.
+    """
+    from matplotlib.figure import Figure  # noqa: PLC0415 - an extra, wanted here only
+
+    benches = list(dict.fromkeys(row.bench for row in rows))
+    figure = Figure(figsize=(INCHES[0] * len(PANELS), INCHES[1] * len(benches)), layout="constrained")
+    all_axes = figure.subplots(len(benches), len(PANELS), squeeze=False)
+    for bench, axes in zip(benches, all_axes, strict=True):
+        of_it = [row for row in rows if row.bench == bench]
+        names = list(dict.fromkeys(row.condition for row in of_it))
+        for axis, (title, value) in zip(axes, PANELS, strict=True):
+            for index, method in enumerate(dict.fromkeys(row.method for row in of_it)):
+                found = {row.condition: value(row.figures) for row in of_it if row.method == method}
+                axis.plot(
+                    range(len(names)),
+                    [_shown(found.get(name)) for name in names],
+                    color=COLORS[index % len(COLORS)],
+                    marker=MARKS[index % len(MARKS)],
+                    label=method,
+                )
+            people = {row.condition: value(row.human["pointing"]) for row in of_it if "pointing" in row.human}
+            if people:
+                shown = [_shown(people.get(name)) for name in names]
+                axis.plot(range(len(names)), shown, "k*--", label="people")
+            axis.set_title(f"{bench}: {title}")
+            axis.set_xticks(range(len(names)), names, rotation=40, ha="right", fontsize=7)
+            axis.set_ylim(bottom=0.0)
+    all_axes[0][0].legend(fontsize=7)
+    try:
+        figure.savefig(path)  # pyright: ignore[reportUnknownMemberType] - matplotlib's own stub
+    except OSError as error:
+        raise ConfigError(f"--plot {path}: cannot be written ({error.strerror or error})") from error
+
+
+def _shown(value: float | None) -> float:
+    return float("nan") if value is None else value

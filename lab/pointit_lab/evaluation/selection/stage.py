@@ -1,0 +1,173 @@
+"""Setup of a condition: map, moving objects, positions of people."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Literal
+
+import numpy as np
+
+from pointit.geometry.polyline import Polyline
+from pointit.maps.file import load_map
+from pointit.schemas import BeltLink, Environment
+from pointit.services.conveyor_sim.config import ConveyorSimConfig, NamedFeederConfig
+from pointit.services.conveyor_sim.plant import Plant
+from pointit.services.pui.surfaces import Surfaces
+from pointit_lab.evaluation.selection.carousel import OTHER, TARGET, Carousel
+from pointit_lab.evaluation.selection.condition import LAB, RING_M, VR, Condition
+from pointit_lab.evaluation.selection.people import person
+from pointit_lab.evaluation.selection.world import START_NS, ObjectMotion, TrialPerson
+
+LAB_LENGTH_M = 0.5
+"""Length of a package."""
+LAB_LEAST_M = 0.9
+"""Minimum distance of packages, centre to centre."""
+LAB_LIMIT_S = 60.0
+
+VR_BELTS = ("a", "b", "c", "d")
+VR_LENGTH_M = 1.2
+VR_INTERVALS_S = (3.0, 5.0)
+"""Time between packages on a belt."""
+
+LENGTH_M = 0.4
+"""Length of a package on the conveyor."""
+ENTRY = "part_e"
+RIGHT_BAY = "1"
+PLACES_M = ((-1.3, -1.9, 0.0), (1.8, -1.9, 0.0), (-3.0, -1.9, 0.0), (0.0, -2.3, 0.0))
+"""Positions of people at the conveyor, in order; as in scenario 4."""
+
+REST_S = 10.0
+"""Time to wait after the last package should have left."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrialSetup:
+    """A condition, ready for one trial."""
+
+    environment: Environment
+    movers: ObjectMotion
+    people: Sequence[TrialPerson]
+    surfaces: Surfaces
+    packages: int
+    limit_s: float
+    """Time limit; targets not selected by then are missed."""
+    target_kind: str = TARGET
+    right_bay: str = ""
+    """Bay where selected packages must leave, or `""` for any."""
+    ends: frozenset[str] = frozenset({"left"})
+    """Events after which a package is out of reach."""
+
+
+def stage_of(condition: Condition, entropy: Sequence[int]) -> TrialSetup:
+    """Return the setup of `condition` with packages and people drawn from `entropy`."""
+    rng = np.random.default_rng([*entropy, 1])
+    if condition.bench == LAB:
+        return _lab(condition, rng)
+    if condition.bench == VR:
+        return _vr(condition, rng)
+    return _conveyor(condition, rng)
+
+
+def kinds_of(condition: Condition, rng: np.random.Generator) -> list[str]:
+    """Return the kinds of its packages, with targets at random positions."""
+    kinds = [TARGET] * condition.targets + [OTHER] * (condition.packages - condition.targets)
+    return [kinds[index] for index in rng.permutation(len(kinds))]
+
+
+@lru_cache(maxsize=4)
+def room(name: str, kind: Literal["strip", "belt"]) -> tuple[Environment, Surfaces]:
+    """Return the shipped map `name`, and its surfaces of `kind`."""
+    environment = load_map(name, START_NS)
+    return environment, Surfaces(environment, (kind,))
+
+
+def _lab(condition: Condition, rng: np.random.Generator) -> TrialSetup:
+    """Return packages spread over the ring as in the recordings: evenly, with random deviations."""
+    environment, surfaces = room("lab", "strip")
+    ids = [strip.id for strip in environment.strips]
+    ring = tuple(BeltLink(source=a, target=b) for a, b in zip(ids, [*ids[1:], ids[0]], strict=True))
+    environment = environment.model_copy(update={"links": ring})  # people know that packages come back
+    pitch_m = RING_M / condition.packages
+    loose_m = (pitch_m - LAB_LEAST_M) / 2.0
+    positions_m = (np.arange(condition.packages) + 0.5) * pitch_m
+    positions_m = positions_m + rng.uniform(-loose_m, loose_m, condition.packages)
+    return TrialSetup(
+        environment=environment,
+        movers=Carousel(
+            environment,
+            positions_m,
+            kinds_of(condition, rng),
+            length_m=LAB_LENGTH_M,
+            speed_mps=condition.speed_mps,
+            start_ns=START_NS,
+        ),
+        people=[person(0, (2.0, 0.5, 0.0), TARGET)],
+        surfaces=surfaces,
+        packages=condition.packages,
+        limit_s=LAB_LIMIT_S,
+    )
+
+
+def _vr(condition: Condition, rng: np.random.Generator) -> TrialSetup:
+    """Return independently fed belts, with intervals as in the recordings."""
+    environment, surfaces = room("vr_belts", "belt")
+    kinds = kinds_of(condition, rng)
+    each = condition.packages // len(VR_BELTS)
+    feeders = {
+        belt: NamedFeederConfig(
+            belt=belt,
+            sequence=tuple(kinds[number * each : (number + 1) * each]),
+            min_interval_s=VR_INTERVALS_S[0],
+            max_interval_s=VR_INTERVALS_S[1],
+            length_m=VR_LENGTH_M,
+            count=each,
+        )
+        for number, belt in enumerate(VR_BELTS)
+    }
+    return TrialSetup(
+        environment=environment,
+        movers=_plant(environment, condition, feeders, rng),
+        people=[person(0, (0.0, 0.0, 0.0), TARGET)],
+        surfaces=surfaces,
+        packages=condition.packages,
+        limit_s=each * VR_INTERVALS_S[1] + _longest_m(environment) / condition.speed_mps + REST_S,
+    )
+
+
+def _conveyor(condition: Condition, rng: np.random.Generator) -> TrialSetup:
+    """Return the paper's demonstrator, fed at one entry; selected packages leave at bay 1."""
+    environment, surfaces = room("conveyor", "belt")
+    interval_s = condition.spacing_m / condition.speed_mps
+    feeder = NamedFeederConfig(
+        belt=ENTRY,
+        sequence=tuple(kinds_of(condition, rng)),
+        min_interval_s=interval_s,
+        max_interval_s=interval_s,
+        length_m=LENGTH_M,
+        count=condition.packages,
+    )
+    way_m = sum(Polyline(belt.line_m).length_m for belt in environment.belts)
+    return TrialSetup(
+        environment=environment,
+        movers=_plant(environment, condition, {"entry": feeder}, rng),
+        people=[person(index, PLACES_M[index], TARGET) for index in range(condition.users)],
+        surfaces=surfaces,
+        packages=condition.packages,
+        limit_s=condition.packages * interval_s + way_m / condition.speed_mps + REST_S,
+        right_bay=RIGHT_BAY,
+        ends=frozenset({"dispatched"}),
+    )
+
+
+def _plant(
+    environment: Environment,
+    condition: Condition,
+    feeders: dict[str, NamedFeederConfig],
+    rng: np.random.Generator,
+) -> Plant:
+    config = ConveyorSimConfig(speed_mps=condition.speed_mps, feeders=feeders)
+    return Plant(environment, config, seed=int(rng.integers(2**31)), start_ns=START_NS)
+
+
+def _longest_m(environment: Environment) -> float:
+    return max(Polyline(belt.line_m).length_m for belt in environment.belts)

@@ -1,0 +1,265 @@
+"""`pointit load`: the number of people that this machine, or a running site, carries."""
+
+import os
+import tempfile
+from collections.abc import Sequence
+
+import click
+from click.core import ParameterSource
+
+from pointit.cli.common.option_types import Finite
+from pointit.cli.common.output import INTERRUPTED, Section, json_option, print_json, show
+from pointit.cli.common.site_link import quiet, site_options
+from pointit.runtime.errors import ConfigError
+from pointit.runtime.host.state_file import VARIABLE
+from pointit.runtime.link.credentials import VARIABLE as CREDENTIALS
+from pointit.runtime.link.options import given_credentials
+from pointit.runtime.service.shutdown import EXIT_FAILED, run_until_shutdown
+from pointit_lab.loadtest.figures import CapacitySearch, LoadResult
+from pointit_lab.loadtest.layout import Layout, Load
+from pointit_lab.loadtest.measuring import measure
+from pointit_lab.loadtest.network.routers import Program
+from pointit_lab.loadtest.slopes import PartSlopes, slopes
+
+MAX_USERS = 1000
+FIRST = 5
+"""Number of people at the start of a sweep."""
+MAX_HOSTS = 16
+MAX_ROUTERS = 32
+
+
+class Counts(click.ParamType[tuple[int, ...]]):
+    """Whole numbers with commas between them."""
+
+    name = "counts"
+
+    def __init__(self, most: int) -> None:
+        """Allow 1 to `most`."""
+        self._most = most
+
+    def convert(
+        self, value: object, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[int, ...]:
+        """Return the numbers in `value`."""
+        numbers: list[int] = []
+        for each in str(value).split(","):
+            if not each.strip().isdecimal() or not 1 <= int(each) <= self._most:
+                self.fail(f"{each!r} is not a whole number from 1 to {self._most}", param, ctx)
+            numbers.append(int(each))
+        return tuple(numbers)
+
+
+@click.command("load", params=site_options())
+@click.option(
+    "--users",
+    type=Counts(MAX_USERS),
+    default="10",
+    show_default=True,
+    metavar="N[,N]",
+    help="number of people; several are measured in turn",
+)
+@click.option(
+    "--rate",
+    "rate_hz",
+    type=Finite(min=1, max=1000),
+    default=100.0,
+    show_default=True,
+    help="samples per second of each person",
+)
+@click.option(
+    "--duration",
+    "duration_s",
+    type=Finite(min=0.5, max=86_400),
+    default=10.0,
+    show_default=True,
+    help="measuring time, s",
+)
+@click.option(
+    "--layout",
+    type=click.Choice(["one", "users", "services"]),
+    default="one",
+    show_default=True,
+    help="all in one process; people's services sharded over processes; one process per service",
+)
+@click.option(
+    "--shards",
+    type=click.IntRange(1, 256),
+    default=os.cpu_count() or 1,
+    show_default="the cores of this machine",
+    help="number of processes for people with --layout users",
+)
+@click.option(
+    "--router",
+    type=click.Choice(["pointit", "zenohd"]),
+    is_flag=False,
+    flag_value="pointit",
+    default=None,
+    help="connect processes by a router, as on several machines: PointIt's, or zenohd in PATH",
+)
+@click.option(
+    "--secured",
+    is_flag=True,
+    help="use a router with certificates, encryption and access rules, made for this test",
+)
+@click.option(
+    "--hosts",
+    type=Counts(MAX_HOSTS),
+    metavar="N[,N]",
+    help="number of hosts to spread people over, each a network namespace; several are measured in turn",
+)
+@click.option(
+    "--routers",
+    type=click.IntRange(1, MAX_ROUTERS),
+    show_default="one for each host",
+    help="number of routers with --hosts; with more than hosts, the others are above them, as in a building",
+)
+@click.option(
+    "--fan",
+    type=click.IntRange(1, MAX_ROUTERS),
+    default=MAX_ROUTERS,
+    show_default="all join the first",
+    help="number of routers that join the same one; 1: a chain",
+)
+@click.option(
+    "--central",
+    is_flag=True,
+    help="with --hosts: one pui and one selector at the first host, instead of some at each, to compare",
+)
+@click.option(
+    "--sweep", is_flag=True, help="find the largest number of people with p99 of at most 50 ms and no drops"
+)
+@json_option
+def command(
+    *,
+    users: tuple[int, ...],
+    rate_hz: float,
+    duration_s: float,
+    layout: Layout,
+    shards: int,
+    router: Program | None,
+    secured: bool,
+    hosts: tuple[int, ...] | None,
+    routers: int | None,
+    fan: int,
+    central: bool,
+    sweep: bool,
+    as_json: bool,
+    site: str,
+    connect: tuple[str, ...],
+) -> int:
+    """Drive the wrists of N people and measure latency, drops, CPU and memory.
+
+    Each sample passes the real pipeline: pointing makes a ray, pui a cursor, selector a hover, led-driver
+    light. The test starts a site of its own (scenario_3, without simulated people); with --connect or
+    --credentials, people join the site that runs there, whose own processes are not measured. The exit code
+    is 0 if the load was carried: p99 from wrist to light at most 50 ms, no drops; else 1. The load average
+    includes other work on the machine.
+
+    With --hosts, people and all that computes for them are at hosts of their own, each with a router. The
+    shared services are at the first host. What crosses each link is counted. Several measurements give
+    slopes: CPU and memory for each person and each host with 95 % intervals, and the people a core by them.
+
+    Example: pointit load --users 40 --layout users; for the maximum: pointit load --sweep --duration 5;
+    for slopes: sudo pointit load --hosts 1,2 --users 4,8,16 --router zenohd
+    """
+    quiet()
+    context = click.get_current_context()
+    credentials = given_credentials()
+    is_own = credentials is None and context.get_parameter_source("connect") is ParameterSource.DEFAULT
+    if credentials is not None:
+        os.environ[CREDENTIALS] = str(credentials.folder)  # for the processes
+    if secured and not is_own:
+        raise ConfigError(
+            "--secured makes a site of its own; leave it out with --connect or --credentials, where the site "
+            "that runs there is secured or not"
+        )
+    if hosts and (not is_own or layout != "one"):
+        raise ConfigError(
+            "--hosts makes a site and processes of its own; leave out --layout, --connect and --credentials"
+        )
+    if is_own:  # its services must not store their state among that of this machine's user
+        os.environ[VARIABLE] = context.with_resource(tempfile.TemporaryDirectory(prefix="pointit-load-"))
+    loads = [
+        Load(
+            rate_hz=rate_hz,
+            duration_s=duration_s,
+            layout=layout,
+            shards=shards,
+            router=router or ("pointit" if secured or count else None),
+            secured=secured,
+            site=site,
+            connect=() if is_own else connect,
+            hosts=count,
+            routers=routers or count,
+            fan=fan,
+            central=central,
+        )
+        for count in hosts or (0,)
+    ]
+    done: list[LoadResult] = []
+    searches: list[CapacitySearch] = []
+    code = run_until_shutdown(_run(loads, users, done, searches if sweep else None))
+    if not done:
+        return INTERRUPTED
+    found = slopes(done)
+    if as_json:
+        limit = {"limit": searches[-1].carried} if searches else {}
+        print_json(
+            {
+                "measured": [measured.record() for measured in done],
+                "slopes": [part.record() for part in found],
+                **limit,
+            }
+        )
+    else:
+        show(_sections(done, found), as_json=False)
+        for load, search in zip(loads, searches, strict=False):
+            click.echo(f"carried: {search.carried} people at {rate_hz:g} Hz, {load.name}")
+    if code:
+        return code
+    if searches:
+        return 0 if all(search.carried for search in searches) else EXIT_FAILED
+    return EXIT_FAILED if any(measured.failure for measured in done) else 0
+
+
+def _sections(done: Sequence[LoadResult], found: Sequence[PartSlopes]) -> list[Section]:
+    first, last = done[0], done[-1]
+    about = f"{first.rate_hz:g} Hz each for {first.duration_s:g} s, {first.layout}"
+    roomy = frozenset({"cursor_p50_ms", "cursor_p99_ms", "processes", "load", "busiest"})
+    made = [Section(name="load", about=about, rows=tuple(each.row() for each in done), roomy=roomy)]
+    if last.links:
+        rows = tuple(link.row() for link in last.links)
+        about = f"per second, {last.users} people, {last.layout}"
+        made.append(Section(name="links", about=about, rows=rows, roomy=frozenset({"up", "down"})))
+    if found:
+        made.append(
+            Section(name="slopes", about="with 95 % intervals", rows=tuple(part.row() for part in found))
+        )
+    return made
+
+
+async def _run(
+    loads: Sequence[Load], users: Sequence[int], done: list[LoadResult], searches: list[CapacitySearch] | None
+) -> int:
+    for load in loads:
+        search = None
+        if searches is not None:
+            search = CapacitySearch(FIRST, MAX_USERS)
+            searches.append(search)
+        for count in users if search is None else search.counts():
+            _tell(f"{count} people at {load.rate_hz:g} Hz, {load.name}: starting …")
+            measured = await measure(load, count, _tell)
+            done.append(measured)
+            row = measured.row()
+            _tell(
+                f"  p50 {row['light_p50_ms']} ms, p99 {row['light_p99_ms']} ms, "
+                f"drops {row['drops_percent']} %, CPU {row['cpu_percent']} %, {row['memory_mb']} MB, "
+                f"load {row['load']}: {measured.failure or 'carried'}"
+            )
+            if search is not None:
+                search.report(count, carried=not measured.failure)
+    return 0
+
+
+def _tell(text: str) -> None:
+    click.echo(text, err=True)

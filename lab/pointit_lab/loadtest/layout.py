@@ -1,0 +1,131 @@
+"""Services of a load test and their processes: people, the services of each, those of the site."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+from pointit.launch.plan.launches import Choices, site_launches, user_launches
+from pointit.launch.plan.scenario import read_scenario
+from pointit.runtime.service.service import Launch
+from pointit_lab.loadtest.network.routers import Program
+from pointit_lab.loadtest.network.tree import Machine, spread
+from pointit_lab.loadtest.workers import Group
+
+Layout = Literal["one", "users", "services"]
+
+SCENARIO = "scenario_3"
+DEFAULTS = Choices()
+WITHOUT = ("user-sim", "supervisor", "imu-bridge")
+"""Services left out: the load test drives the wrists, and no button is needed."""
+
+SHARDED = ("pui", "selector")
+"""Shared services that may serve the people of a host beside them."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Load:
+    """Parameters of a load test."""
+
+    rate_hz: float
+    duration_s: float
+    layout: Layout
+    shards: int
+    router: Program | None
+    """Router between the processes. None: there is none."""
+    secured: bool
+    """The router requires certificates, and encrypts."""
+    site: str
+    connect: tuple[str, ...]
+    """Addresses of a running site. Empty: start a site of its own."""
+    hosts: int = 0
+    """Number of simulated hosts of people. 0: none is simulated."""
+    routers: int = 0
+    fan: int = 1
+    """Maximum of routers that join the same one."""
+    central: bool = False
+    """One pui and one selector serve all hosts."""
+
+    @property
+    def name(self) -> str:
+        """Return a description of the layout."""
+        words = {
+            "one": "one process",
+            "users": f"users in {self.shards} processes",
+            "services": "a process a service",
+        }
+        secured = "secured " if self.secured else ""
+        program = " (zenohd)" if self.router == "zenohd" else ""
+        if self.hosts:
+            where = f"{self.hosts} hosts" if self.hosts > 1 else "1 host"
+            by = f"{self.routers} {secured}routers" if self.routers > 1 else f"1 {secured}router"
+            return f"{where}, {by}{program}" + (", all cursors from the first" if self.central else "")
+        return words[self.layout] + (f" through a {secured}router{program}" if self.router else "")
+
+
+def load_launches(
+    count: int, scenario_name: str = SCENARIO, choices: Choices = DEFAULTS
+) -> tuple[list[Launch], dict[str, list[Launch]]]:
+    """Return the services of the site, and by name those of `count` people without wrists and buttons."""
+    scenario = read_scenario(scenario_name)
+    people = {
+        name: [
+            launch
+            for launch in user_launches(scenario, choices, name, index)
+            if launch.service.NAME not in WITHOUT
+        ]
+        for index, name in enumerate(f"load{index}" for index in range(count))
+    }
+    return site_launches(scenario, choices), people
+
+
+def groups(load: Load, count: int) -> tuple[Group, list[Group]]:
+    """Return the group of this process and those of others, for `count` people."""
+    site, by_name = load_launches(count)
+    site = [] if load.connect else site
+    names, people = list(by_name), list(by_name.values())
+    if load.layout == "one":
+        own = [launch for person in people for launch in person]
+        return Group(name="all", launches=[*site, *own], wrists=names), []
+    if load.layout == "users":
+        shards = min(load.shards, count)
+        parts = [
+            Group(
+                name=f"users {part + 1}",
+                launches=[launch for person in people[part::shards] for launch in person],
+                wrists=names[part::shards],
+            )
+            for part in range(shards)
+        ]
+        return Group(name="site" if site else "onlooker", launches=site), parts
+    by_service: dict[str, list[Launch]] = {}
+    for launch in (*site, *(launch for person in people for launch in person)):
+        by_service.setdefault(launch.service.NAME, []).append(launch)
+    each = [Group(name=name, launches=launches) for name, launches in by_service.items()]
+    return Group(name="wrists", wrists=names), each
+
+
+def host_groups(load: Load, count: int, machines: Sequence[Machine]) -> dict[int, list[Group]]:
+    """Return the processes of each machine by its index: its people's, and at the first host the site's.
+
+    Unless the load is `central`, cursors and hovers are computed by shards beside the people.
+    """
+    site, by_name = load_launches(count)
+    made: dict[int, list[Group]] = {}
+    for number, (index, names) in enumerate(spread(list(by_name), machines).items(), 1):
+        own = [launch for name in names for launch in by_name[name]]
+        if not load.central:
+            own += [
+                _shard(launch, f"host{number}", names) for launch in site if launch.service.NAME in SHARDED
+            ]
+        watched = names if not load.central else []
+        made[index] = (
+            [Group(name=f"people {number}", launches=own, wrists=names, watched=watched)] if names else []
+        )
+        if number == 1:
+            watched = list(by_name) if load.central else []
+            made[index].insert(0, Group(name="site", launches=site, watched=watched, watches_light=True))
+    return made
+
+
+def _shard(launch: Launch, name: str, people: Sequence[str]) -> Launch:
+    return replace(launch, name=name, config=launch.config.model_copy(update={"people": tuple(people)}))

@@ -1,0 +1,139 @@
+"""One measurement of a load test, from the start of its processes to their end."""
+
+import contextlib
+import datetime as dt
+import os
+import tempfile
+from collections.abc import AsyncGenerator, Callable, Generator, Sequence
+from pathlib import Path
+
+from pointit.access.site_folder import SiteFolder
+from pointit.access.site_state import SiteState
+from pointit.cli.common.site_link import join_site
+from pointit.runtime.link.credentials import VARIABLE as CREDENTIALS
+from pointit.runtime.link.credentials import Credentials, read_credentials
+from pointit.runtime.link.link import Link
+from pointit.runtime.service.instance_takeover import claim_names
+from pointit.runtime.zenoh.zenoh_bus import ZenohBus
+from pointit.schemas.topics import USER_ALIVE
+from pointit_lab.loadtest.figures import LoadResult
+from pointit_lab.loadtest.hosts import start_hosts_test
+from pointit_lab.loadtest.layout import Load, groups, host_groups
+from pointit_lab.loadtest.network.namespaces import PORT, free_port, network
+from pointit_lab.loadtest.network.routers import plain_configuration, router_process, secured_configuration
+from pointit_lab.loadtest.network.tree import tree
+from pointit_lab.loadtest.rig import start_load_test
+
+WARM_UP_S = 1.0
+
+IDENTITY = "load"
+
+Tell = Callable[[str], None]
+
+
+async def measure(load: Load, count: int, tell: Tell) -> LoadResult:
+    """Start `count` people with everything, measure, and end it all. `tell` gets progress."""
+    if load.hosts:
+        return await _measure_hosts(load, count, tell)
+    here, elsewhere = groups(load, count)
+    async with _bus(load) as (bus, endpoint, router):
+        if load.connect:
+            users = [user for group in (here, *elsewhere) for user in group.wrists]
+            await claim_names(bus, USER_ALIVE, users)
+        async with start_load_test(bus, here, elsewhere, endpoint, router) as rig:
+            await rig.measure(load.rate_hz, WARM_UP_S, load.name)
+            tell(f"  measuring for {load.duration_s:g} s …")
+            return await rig.measure(load.rate_hz, load.duration_s, load.name)
+
+
+async def _measure_hosts(load: Load, count: int, tell: Tell) -> LoadResult:
+    machines = tree(load.hosts, load.routers, load.fan)
+    with (
+        tempfile.TemporaryDirectory(prefix="pointit-load-routers-") as folder,
+        network(machines, "tls" if load.secured else "tcp") as made,
+        contextlib.ExitStack() as stack,
+    ):
+        if made.lacking:
+            tell(
+                f"  hosts are processes on loopback, and their links are not measured ({made.lacking}); run "
+                "as root, or by `unshare --map-root-user --net pointit load …`"
+            )
+        site: SiteFolder | None = None
+        if load.secured:
+            site, credentials = secured_site(Path(folder) / "site", load.site, PORT, made.addresses())
+            stack.enter_context(_given(credentials))
+        people = host_groups(load, count, machines)
+        async with start_hosts_test(
+            made,
+            people,
+            site=load.site,
+            program=load.router or "pointit",
+            folder=Path(folder),
+            secured=site,
+        ) as test:
+            await test.until_carried(load.rate_hz, WARM_UP_S)
+            tell(f"  measuring for {load.duration_s:g} s …")
+            return await test.measure(load.rate_hz, load.duration_s, load.name)
+
+
+@contextlib.asynccontextmanager
+async def _bus(load: Load) -> AsyncGenerator[tuple[ZenohBus, str, int | None]]:
+    """Yield this process's bus, the address for others, and the router's process id."""
+    if load.connect:
+        async with join_site(load.site, load.connect) as bus:
+            yield bus, load.connect[0], None
+        return
+    async with contextlib.AsyncExitStack() as stack:
+        port = free_port()
+        endpoint = f"tls/127.0.0.1:{port}" if load.secured else f"tcp/127.0.0.1:{port}"
+        credentials, router = None, None
+        if load.router:
+            folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="pointit-load-router-")))
+            made = plain_configuration(endpoint, ())
+            if load.secured:
+                site, credentials = secured_site(folder / "site", load.site, port, ["127.0.0.1"])
+                made = secured_configuration(site, (), port)
+                stack.enter_context(_given(credentials))
+            router = await stack.enter_async_context(router_process(made, load.router, folder))
+        link = Link(
+            site=load.site,
+            connect=(endpoint,) if load.router else (),
+            listen=(endpoint,) if not load.router and load.layout != "one" else (),
+            credentials=credentials,
+        )
+        bus = await ZenohBus.open(link, patience_s=5.0)
+        stack.push_async_callback(bus.close)
+        yield bus, endpoint, router
+
+
+@contextlib.contextmanager
+def _given(credentials: Credentials) -> Generator[None]:
+    """Give the processes of this test these credentials."""
+    os.environ[CREDENTIALS] = str(credentials.folder)
+    try:
+        yield
+    finally:
+        del os.environ[CREDENTIALS]
+
+
+def secured_site(
+    folder: Path, site: str, port: int, addresses: Sequence[str]
+) -> tuple[SiteFolder, Credentials]:
+    """Create the site in `folder` for routers at `addresses`. Return it, and credentials for all processes.
+
+    Raises:
+        ConfigError: If `cryptography` is missing, or something cannot be written.
+    """
+    now = dt.datetime.now(dt.UTC)
+    made = SiteFolder(folder)
+    state = SiteState(
+        site=site,
+        hosts=tuple(addresses),
+        port=port,
+        days=1.0,
+        password=False,
+        dashboard_rate_hz=0.0,
+        identities={},
+    )
+    made.create(state, {IDENTITY: "supervisor"}, now)
+    return made, read_credentials(made.identity_folder(IDENTITY), now)

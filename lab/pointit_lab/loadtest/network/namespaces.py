@@ -1,0 +1,167 @@
+"""The machines of a load test: network namespaces with a cable for each link, or this machine's loopback.
+
+A namespace lives as long as the processes in it. All of them end with this one, even if it is killed.
+"""
+
+import contextlib
+import socket
+import subprocess
+from collections.abc import Generator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from pointit_lab.loadtest.network.tree import Machine, router_of
+
+PORT = 7447
+UPLINK = "uplink"
+"""Device of a machine towards its router's uplink."""
+STEP_S = 10.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Traffic:
+    """Traffic of a link so far, as its lower end counts it."""
+
+    up_bytes: int
+    up_packets: int
+    down_bytes: int
+    down_packets: int
+
+
+@dataclass
+class Network:
+    """The machines, ready for processes."""
+
+    machines: Sequence[Machine]
+    scheme: str
+    """`tcp` or `tls`."""
+    lacking: str = ""
+    """Reason why all machines are this one, or `""` if each is a namespace."""
+    holders: list["subprocess.Popen[bytes]"] = field(default_factory=list["subprocess.Popen[bytes]"])
+    _ports: dict[int, int] = field(default_factory=dict[int, int])
+
+    def arguments(self, index: int, *command: str) -> list[str]:
+        """Return `command` as it is run at a machine."""
+        if self.lacking:
+            return list(command)
+        return ["nsenter", f"--net=/proc/{self.holders[index].pid}/ns/net", "--", *command]
+
+    def listen(self, index: int) -> str:
+        """Return the address where a machine's router listens."""
+        return (
+            f"{self.scheme}/127.0.0.1:{self._port(index)}"
+            if self.lacking
+            else f"{self.scheme}/0.0.0.0:{PORT}"
+        )
+
+    def endpoint(self, index: int) -> str:
+        """Return the address of the router that a machine's people join."""
+        router = router_of(self.machines, index)
+        return self._near(router) if router == index else self.uplink(index)
+
+    def uplink(self, index: int) -> str:
+        """Return the address of the router above a machine that is not the root."""
+        uplink = self.machines[index].uplink
+        return self._near(uplink) if self.lacking else f"{self.scheme}/{_address(index, 2)}:{PORT}"
+
+    def addresses(self) -> list[str]:
+        """Return all addresses at which a router is reached."""
+        far = [] if self.lacking else [_address(index, 2) for index in range(1, len(self.machines))]
+        return ["127.0.0.1", *far]
+
+    def traffic(self) -> dict[int, Traffic]:
+        """Return the traffic of each link, by its lower machine's index. That of loopback is unknown."""
+        if self.lacking:
+            return {}
+        return {index: self._traffic(index) for index in range(1, len(self.machines))}
+
+    def lay(self) -> None:
+        """Make the namespaces and their cables.
+
+        Raises:
+            OSError: A program is missing, as on other systems than Linux.
+            RuntimeError: The system forbids it.
+        """
+        for _ in self.machines:
+            holder = subprocess.Popen(
+                ["unshare", "--net", "sh", "-c", "echo; exec cat"],  # noqa: S607 - ends with our end of its pipe
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.STDOUT,
+                process_group=0,
+            )
+            self.holders.append(holder)
+            said = b"" if holder.stdout is None else holder.stdout.readline().strip()
+            if said:
+                raise RuntimeError(said.decode(errors="replace"))
+        for index, machine in enumerate(self.machines):
+            self._ip(index, "link", "set", "lo", "up")
+            if not index:
+                continue
+            far = f"down{index}"
+            peer = ("peer", "name", far, "netns", str(self.holders[machine.uplink].pid))
+            self._ip(index, "link", "add", UPLINK, "type", "veth", *peer)
+            for where, device, end in ((index, UPLINK, 1), (machine.uplink, far, 2)):
+                self._ip(where, "address", "add", f"{_address(index, end)}/30", "dev", device)
+                self._ip(where, "link", "set", "dev", device, "up")
+
+    def close(self) -> None:
+        """Remove the namespaces."""
+        for holder in self.holders:
+            holder.kill()
+            holder.communicate()
+        self.holders.clear()
+
+    def _near(self, index: int) -> str:
+        return f"{self.scheme}/127.0.0.1:{self._port(index)}"
+
+    def _port(self, index: int) -> int:
+        if not self.lacking:
+            return PORT
+        if index not in self._ports:
+            self._ports[index] = free_port()
+        return self._ports[index]
+
+    def _ip(self, index: int, *arguments: str) -> None:
+        command = self.arguments(index, "ip", *arguments)
+        done = subprocess.run(  # noqa: S603 - `ip`, with our own names
+            command, capture_output=True, text=True, check=False, timeout=STEP_S
+        )
+        if done.returncode:
+            raise RuntimeError(done.stderr.strip())
+
+    def _traffic(self, index: int) -> Traffic:
+        devices = Path(f"/proc/{self.holders[index].pid}/net/dev").read_text(encoding="ascii")
+        columns = devices.partition(f"{UPLINK}:")[2].split()
+        down_bytes, down_packets, up_bytes, up_packets = (int(columns[each]) for each in (0, 1, 8, 9))
+        return Traffic(
+            up_bytes=up_bytes, up_packets=up_packets, down_bytes=down_bytes, down_packets=down_packets
+        )
+
+
+@contextlib.contextmanager
+def network(machines: Sequence[Machine], scheme: str) -> Generator[Network]:
+    """Yield the machines as namespaces, or where the system permits none, as processes on loopback."""
+    made = Network(machines, scheme)
+    try:
+        made.lay()
+    except (OSError, RuntimeError, subprocess.TimeoutExpired) as error:
+        made.close()
+        made = Network(machines, scheme, lacking=str(error) or "not permitted")
+    try:
+        yield made
+    finally:
+        made.close()
+
+
+def _address(index: int, end: int) -> str:
+    """Return an end of a link, 1 below and 2 above, from the block for tests of networks (RFC 2544)."""
+    return f"198.18.{index // 64}.{4 * (index % 64) + end}"
+
+
+def free_port() -> int:
+    """Return a port of this machine that is free now."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port: int = probe.getsockname()[1]
+    return port

@@ -1,0 +1,131 @@
+"""A site under load: its services in one process or several, wrists, and an observer."""
+
+import asyncio
+import contextlib
+import os
+import time
+from collections.abc import AsyncGenerator, Sequence
+
+from pointit.runtime.bus.contract import Bus
+from pointit.runtime.clock import WallClock
+from pointit.runtime.errors import ConfigError
+from pointit.runtime.service.service import Launch, run_services
+from pointit.schemas.topics import IMU
+from pointit_lab.loadtest.figures import LoadResult, Usage
+from pointit_lab.loadtest.sight import DRAIN_S, Sight
+from pointit_lab.loadtest.usage import read_usage
+from pointit_lab.loadtest.workers import READY_S, Group, Worker
+from pointit_lab.loadtest.wrist import Wrist, drive_wrists
+
+
+class LoadTest:
+    """A site under load, ready to be measured."""
+
+    def __init__(self, bus: Bus, here: Group, workers: Sequence[Worker], router: int | None) -> None:
+        self._bus = bus
+        self._workers = workers
+        self._router = router
+        self._here = here
+        self._users = [
+            user for group in (here, *(worker.group for worker in workers)) for user in group.wrists
+        ]
+        self._sight = Sight(frozenset(self._users))
+        self._wrists = [Wrist(bus.publisher(IMU, user), index) for index, user in enumerate(here.wrists)]
+        self._sight.watch(bus)
+        self._sight.watch_light(bus)
+
+    async def until_ready(self, services: "asyncio.Task[None] | None") -> None:
+        """Wait until all poses are known.
+
+        Raises:
+            ConfigError: If that exceeds `READY_S`.
+        """
+        end_s = time.monotonic() + READY_S
+        while not self._sight.users <= self._sight.poses:
+            if services is not None and services.done():
+                services.result()
+            missing = self._sight.users - self._sight.poses
+            for worker in self._workers:
+                if worker.process.returncode is not None:
+                    await worker.answer()  # raises
+            if time.monotonic() > end_s:
+                raise ConfigError(
+                    f"{len(missing)} of {len(self._users)} people were not ready within {READY_S:g} s; "
+                    "try fewer --users, or another --layout"
+                )
+            await asyncio.sleep(0.05)
+
+    async def measure(self, rate_hz: float, duration_s: float, layout: str) -> LoadResult:
+        """Drive all wrists for `duration_s` and return the result."""
+        self._sight.clear()
+        before, sent = read_usage(), sum(wrist.sent for wrist in self._wrists)
+        router = read_usage(self._router) if self._router else None
+        began_s = time.monotonic()
+        for worker in self._workers:
+            worker.send_line({"rate_hz": rate_hz, "duration_s": duration_s})
+        await drive_wrists(self._wrists, rate_hz, duration_s)
+        answers = [await worker.answer() for worker in self._workers]
+        lasted_s = time.monotonic() - began_s
+        after = read_usage()
+        await asyncio.sleep(DRAIN_S)
+        sent = sum(wrist.sent for wrist in self._wrists) - sent + sum(answer["sent"] for answer in answers)
+        processes: list[Usage] = []
+        if before is not None and after is not None:
+            cpu = (after.cpu_s - before.cpu_s) / lasted_s
+            processes.append(Usage(name=self._here.name, cpu=cpu, memory_mb=after.memory_mb))
+        processes += [
+            Usage(name=worker.group.name, cpu=answer["cpu_s"] / lasted_s, memory_mb=answer["memory_mb"])
+            for worker, answer in zip(self._workers, answers, strict=True)
+        ]
+        if router is not None and (now := read_usage(self._router)) is not None:
+            cpu = (now.cpu_s - router.cpu_s) / lasted_s
+            processes.append(Usage(name="router", cpu=cpu, memory_mb=now.memory_mb))
+        return LoadResult(
+            users=len(self._users),
+            rate_hz=rate_hz,
+            duration_s=duration_s,
+            layout=layout,
+            sent=sent,
+            pointed=len(self._sight.cursor_s),
+            hovered=self._sight.hovers,
+            light_s=self._sight.light_s(),
+            cursor_s=list(self._sight.cursor_s),
+            processes=processes,
+            load_average=round(os.getloadavg()[0], 1) if hasattr(os, "getloadavg") else None,
+        )
+
+
+@contextlib.asynccontextmanager
+async def start_load_test(
+    bus: Bus, here: Group, elsewhere: Sequence[Group], connect: str, router: int | None = None
+) -> AsyncGenerator[LoadTest]:
+    """Yield a site with all services running; processes join it at `connect`.
+
+    Raises:
+        ConfigError: If a process ended, or they were not ready in time.
+    """
+    async with contextlib.AsyncExitStack() as stack:
+        services = await stack.enter_async_context(running(here.launches, bus)) if here.launches else None
+        workers: list[Worker] = []
+        stack.push_async_callback(_end_all, workers)
+        for group in elsewhere:
+            worker = await Worker.start(group, bus.site, connect)
+            workers.append(worker)  # one by one, so that started ones are ended if the next one fails
+        rig = LoadTest(bus, here, workers, router)
+        await rig.until_ready(services)
+        yield rig
+
+
+@contextlib.asynccontextmanager
+async def running(launches: Sequence[Launch], bus: Bus) -> AsyncGenerator[asyncio.Task[None]]:
+    """Run services on `bus`. Yield their task."""
+    services = asyncio.create_task(run_services(launches, bus, WallClock()))
+    try:
+        yield services
+    finally:
+        services.cancel()
+        await asyncio.wait({services})
+
+
+async def _end_all(workers: Sequence[Worker]) -> None:
+    await asyncio.gather(*(worker.end() for worker in workers))

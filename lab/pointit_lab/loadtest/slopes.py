@@ -1,0 +1,159 @@
+"""Slopes of CPU time and memory per person and per host, and what they make of a core; pure.
+
+Measurements of several numbers of people, and of several numbers of hosts, are explained by least squares:
+so much for the site, so much for each person (at the rate of the samples that could be sent), so much for
+each host. The errors are 95 % confidence
+intervals by Student's t with the residuals' standard deviation, so they cover scatter, not a curve.
+"""
+
+import math
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from pointit_lab.loadtest.figures import MIN_SENT, LoadResult, Usage
+
+CONFIDENCE = 0.95
+FIXED, PER_PERSON, PER_HOST = "fixed", "per_person", "per_host"
+CORE = 100.0
+"""A core, in percent of a core."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Slope:
+    """An estimate with the half-width of its confidence interval."""
+
+    value: float
+    error: float | None
+    """None with as many measurements as unknowns: it is not known then."""
+
+    def __str__(self) -> str:
+        """Return it with the digits that its error permits."""
+        if not self.error:
+            return f"{self.value:.3g} ± {'?' if self.error is None else 0}"
+        digits = max(0, 1 - math.floor(math.log10(self.error)))
+        return f"{self.value:.{digits}f} ± {self.error:.{digits}f}"
+
+
+def fit(unknowns: Mapping[str, Sequence[float]], values: Sequence[float]) -> dict[str, Slope]:
+    """Return the coefficients of `unknowns` in a linear model of `values`, by least squares.
+
+    Unknowns that cannot be told from the ones before them are left out: that of hosts if their number never
+    changed. Empty with fewer values than unknowns.
+    """
+    kept: dict[str, Sequence[float]] = {}
+    for name, column in unknowns.items():
+        if np.linalg.matrix_rank(np.column_stack([*kept.values(), column])) > len(kept):
+            kept[name] = column
+    if len(values) < max(2, len(kept)):
+        return {}
+    from scipy.stats import t as student  # noqa: PLC0415 - takes half a second
+
+    design, measured = np.column_stack(list(kept.values())), np.asarray(values)
+    solution = np.linalg.lstsq(design, measured)[0]
+    free = len(values) - len(kept)
+    error: list[float | None] = [None] * len(kept)
+    if free:
+        variance = float(np.sum((measured - design @ solution) ** 2)) / free
+        covariance = variance * np.linalg.inv(design.T @ design)
+        quantile = float(student.ppf((1 + CONFIDENCE) / 2, free))
+        error = [math.sqrt(each) * quantile for each in np.diag(covariance)]
+    return {
+        name: Slope(value=float(value), error=half)
+        for name, value, half in zip(kept, solution, error, strict=True)
+    }
+
+
+@dataclass(frozen=True, kw_only=True)
+class PartSlopes:
+    """Costs of a part of a load test."""
+
+    part: str
+    points: int
+    """Number of measurements."""
+    cpu_percent: Mapping[str, Slope]
+    """Percent of a core, fixed, per person and per host."""
+    memory_mb: Mapping[str, Slope]
+
+    @property
+    def people_a_core(self) -> tuple[float, float | None, float | None] | None:
+        """Return the people whose cost alone, without the fixed part, is a core: value, least, most.
+
+        None if the slope is not above zero. The least and the most are None if the error of the slope is not
+        known, the most also if its interval includes zero.
+        """
+        cpu = self.cpu_percent[PER_PERSON]
+        if cpu.value <= 0:
+            return None
+        if cpu.error is None:
+            return CORE / cpu.value, None, None
+        low = cpu.value - cpu.error
+        return CORE / cpu.value, CORE / (cpu.value + cpu.error), CORE / low if low > 0 else None
+
+    def row(self) -> dict[str, Any]:
+        """Return a row of the table."""
+        carried = self.people_a_core
+        shown = None
+        if carried is not None:
+            value, *ends = carried
+            least, most = ("?" if end is None else f"{end:.0f}" for end in ends)
+            shown = f"{value:.0f} [{least}, {most}]"
+        kinds = {"cpu_percent": self.cpu_percent, "memory_mb": self.memory_mb}
+        columns = {
+            f"{kind}_{name}": str(found[name]) if name in found else None
+            for kind, found in kinds.items()
+            for name in (FIXED, PER_PERSON, PER_HOST)
+        }
+        return {"part": self.part, "points": self.points, **columns, "people_a_core": shown}
+
+    def record(self) -> dict[str, Any]:
+        """Return all values, for programs."""
+        return {**asdict(self), "people_a_core": self.people_a_core}
+
+
+def _people(usages: Sequence[Usage]) -> list[Usage]:
+    return [usage for usage in usages if re.match(r"people|users|all", usage.name)]
+
+
+def _site(usages: Sequence[Usage]) -> list[Usage]:
+    return [usage for usage in usages if usage.name == "site"]
+
+
+def _routers(usages: Sequence[Usage]) -> list[Usage]:
+    return [usage for usage in usages if usage.name.startswith("router")]
+
+
+PARTS: Mapping[str, Callable[[Sequence[Usage]], Sequence[Usage]]] = {
+    "all processes": lambda usages: usages,
+    "people": _people,
+    "site": _site,
+    "all routers": _routers,
+    "root router": lambda usages: _routers(usages)[:1],
+}
+"""Parts of a load test, chosen from its processes. The first router is the root of the tree."""
+
+
+def slopes(results: Sequence[LoadResult]) -> list[PartSlopes]:
+    """Return the costs of each part. Empty if these measurements cannot tell them.
+
+    Those of a machine that was too busy to send all samples are left out: late samples share wake-ups.
+    """
+    results = [result for result in results if result.sent_share >= MIN_SENT]
+    unknowns = {
+        FIXED: [1.0] * len(results),
+        PER_PERSON: [result.sent / (result.rate_hz * result.duration_s) for result in results],
+        PER_HOST: [float(result.hosts) for result in results],
+    }
+    made: list[PartSlopes] = []
+    for name, choose in PARTS.items():
+        parts = [choose(result.processes) for result in results]
+        if not all(parts):
+            continue
+        cpu = fit(unknowns, [sum(usage.cpu for usage in part) * CORE for part in parts])
+        memory = fit(unknowns, [sum(usage.memory_mb for usage in part) for part in parts])
+        if PER_PERSON in cpu:
+            made.append(PartSlopes(part=name, points=len(results), cpu_percent=cpu, memory_mb=memory))
+    return made

@@ -1,0 +1,114 @@
+"""A process of a load test: runs the requested services, and drives wrists on request.
+
+Requests are lines of JSON on standard input, replies lines of JSON. It ends with its input.
+"""
+
+import asyncio
+import json
+import os
+import sys
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import click
+
+from pointit.runtime.clock import WallClock
+from pointit.runtime.config.config import Layers
+from pointit.runtime.link.credentials import VARIABLE, read_credentials
+from pointit.runtime.link.link import Link
+from pointit.runtime.service.logs import setup_logging
+from pointit.runtime.service.process import run_program
+from pointit.runtime.service.service import Launch, run_services
+from pointit.runtime.service.shutdown import run_until_shutdown
+from pointit.runtime.zenoh.zenoh_bus import ZenohBus
+from pointit.schemas.topics import IMU
+from pointit.services import registry
+from pointit_lab.loadtest.sight import DRAIN_S, Sight
+from pointit_lab.loadtest.usage import read_usage
+from pointit_lab.loadtest.wrist import Wrist, drive_wrists
+
+PATIENCE_S = 10.0
+
+
+def _launch(one: Mapping[str, Any]) -> Launch:
+    service = registry.process(one["service"]).load()
+    layers = Layers()
+    layers.add(one["config"], "load test")
+    return Launch(service=service, config=layers.build(service.CONFIG), user=one["user"], name=one["name"])
+
+
+def _say(what: Mapping[str, Any]) -> None:
+    sys.stdout.write(json.dumps(what) + "\n")
+    sys.stdout.flush()
+
+
+async def _work() -> int:
+    reader = asyncio.StreamReader(limit=64 * 1024 * 1024)
+    await asyncio.get_running_loop().connect_read_pipe(
+        lambda: asyncio.StreamReaderProtocol(reader), sys.stdin
+    )
+    task = json.loads(await reader.readline())
+    credentials = os.environ.get(VARIABLE)
+    link = Link(
+        site=task["site"],
+        connect=(task["connect"],),
+        credentials=None if not credentials else read_credentials(Path(credentials), _now()),
+    )
+    bus = await ZenohBus.open(link, patience_s=PATIENCE_S)
+    services = asyncio.create_task(run_services([_launch(one) for one in task["launches"]], bus, WallClock()))
+    services.add_done_callback(lambda _: reader.feed_eof())
+    try:
+        wrists = [Wrist(bus.publisher(IMU, user), index) for index, user in enumerate(task["wrists"])]
+        sight = Sight(frozenset(task["watched"]))
+        sight.watch(bus, alone=True)
+        if task["watches_light"]:
+            sight.watch_light(bus)
+            sight.watch_arrivals(bus)
+        while line := await reader.readline():
+            order = json.loads(line)
+            if not order:  # it asks for the poses
+                await sight.until_poses(services)
+                _say({})
+                continue
+            sight.clear()
+            before, sent = read_usage(), sum(wrist.sent for wrist in wrists)
+            began_s = time.monotonic()
+            await drive_wrists(wrists, order["rate_hz"], order["duration_s"])
+            lasted_s = time.monotonic() - began_s
+            after = read_usage()
+            await asyncio.sleep(DRAIN_S if task["watched"] or task["watches_light"] else 0.0)
+            _say(
+                {
+                    "lasted_s": lasted_s,
+                    "sent": sum(wrist.sent for wrist in wrists) - sent,
+                    "cpu_s": after.cpu_s - before.cpu_s if before and after else 0.0,
+                    "memory_mb": after.memory_mb if after else 0.0,
+                    "sight": sight.dump(),
+                }
+            )
+        if services.done():
+            services.result()
+    finally:
+        services.cancel()
+        await asyncio.wait({services})
+        await bus.close()
+    return 0
+
+
+def _now() -> Any:
+    import datetime as dt  # noqa: PLC0415 - only where there are credentials
+
+    return dt.datetime.now(dt.UTC)
+
+
+@click.command()
+def command() -> int:
+    """Take part in a load test; started by `pointit load`."""
+    setup_logging("warning")
+    return run_until_shutdown(_work())
+
+
+if __name__ == "__main__":
+    run_program(command)

@@ -1,0 +1,106 @@
+"""Commands that other packages add by entry points `pointit.commands`, each a click command.
+
+They are listed from the packages' files, since `importlib.metadata` takes as long as the rest of the help,
+and imported when they are called.
+"""
+
+import contextlib
+import re
+import sys
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import click
+
+from pointit.cli.common.lazy import Entry
+
+GROUP = "pointit.commands"
+LAB = "pointit-lab"
+"""Distribution of the laboratory, `lab/`, which has commands of the table."""
+HEADING = "Of other packages"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Declared:
+    """An entry point of an installed package."""
+
+    name: str
+    package: str
+    summary: str
+    """Line that describes the package."""
+
+
+class Installed:
+    """Commands that are installed: those of the table that are there, and those that other packages add."""
+
+    def __init__(self, table: Mapping[str, Sequence[Entry]], taken: Collection[str]) -> None:
+        """Look for packages with commands. None may have a name of `table` or of `taken`."""
+        found = list(declared())
+        pairs = {(each.name, each.package) for each in found}
+        ours = {entry.name: entry.package for part in table.values() for entry in part}
+        added: dict[str, Entry] = {}
+        self.refused: list[str] = []
+        """A sentence for each command that is not added."""
+        for each in found:
+            if ours.get(each.name) == each.package:
+                continue
+            if each.name in ours or each.name in taken:
+                self.refused.append(
+                    f"{each.package} adds no command {each.name!r}, which is a name of PointIt's own: "
+                    "rename its entry point."
+                )
+            else:
+                added[each.name] = of_package(each.package, each.name, f"{each.summary} ({each.package})")
+        shown = {
+            heading: [entry for entry in part if not entry.package or (entry.name, entry.package) in pairs]
+            for heading, part in table.items()
+        }
+        self.parts = {heading: part for heading, part in shown.items() if part}
+        if added:
+            self.parts[HEADING] = list(added.values())
+
+
+def of_package(package: str, name: str, about: str) -> Entry:
+    """Return the command `name` that the distribution `package` adds; `about` is its line in the help."""
+    return Entry(name=name, about=about, load=partial(load, package, name), package=package)
+
+
+def load(package: str, name: str) -> click.Command:
+    """Import and return a command of `package`.
+
+    Raises:
+        ConfigError: If the package is not installed, or its command cannot be imported.
+    """
+    from pointit.runtime.config.installed import InstalledGroup  # noqa: PLC0415 - takes as long as the help
+    from pointit.runtime.errors import ConfigError  # noqa: PLC0415 - as above
+    from pointit.runtime.host.extras import remedy  # noqa: PLC0415 - as above
+
+    commands = InstalledGroup(GROUP, click.Command, "command", has_ours=False)
+    if package == LAB and (name not in commands.names or commands.package(name) != LAB):
+        raise ConfigError(
+            f"`pointit {name}` is a command of {LAB}, which is not installed; run {remedy('lab')}"
+        )
+    return commands.get(name)
+
+
+def declared() -> Iterator[Declared]:
+    """Yield the commands of all installed packages."""
+    seen = set[str]()
+    for folder in dict.fromkeys(sys.path):
+        for file in sorted(Path(folder).glob("*.dist-info/entry_points.txt")):
+            with contextlib.suppress(OSError, ValueError):  # `load` says more if it is called
+                section = file.read_text(encoding="utf-8").partition(f"[{GROUP}]\n")[2].partition("\n[")[0]
+                if not section or file.parent.name in seen:
+                    continue
+                seen.add(file.parent.name)
+                head = file.with_name("METADATA").read_text(encoding="utf-8").partition("\n\n")[0]
+                package, summary = _field("Name", head), _field("Summary", head)
+                for name in re.findall(r"^([^#=\s][^=]*?)\s*=", section, re.MULTILINE):
+                    yield Declared(name=name, package=package, summary=summary)
+
+
+def _field(name: str, head: str) -> str:
+    found = re.search(rf"^{name}: *(.*)$", head, re.MULTILINE)
+    return found[1] if found else ""

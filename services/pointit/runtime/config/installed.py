@@ -1,0 +1,105 @@
+"""Objects that installed packages add: declared as entry points, found without importing any."""
+
+from functools import cached_property
+from importlib.metadata import EntryPoint, entry_points
+from typing import Generic, TypeVar
+
+from pointit.runtime.errors import ConfigError
+
+OURS = ("pointit", "pointit-lab")
+"""This project's packages, whose names no other can take."""
+
+T = TypeVar("T")
+
+
+class InstalledGroup(Generic[T]):
+    """The installed objects of one kind, by name."""
+
+    def __init__(self, group: str, kind: type[T], noun: str, *, has_ours: bool = True) -> None:
+        """Look for entry points of `group`, each a `kind`. Errors call one a `noun`.
+
+        `has_ours`: this project has some, so that none at all is a fault of the installation.
+        """
+        self._has_ours = has_ours
+        self.group = group
+        self.kind = group.rpartition(".")[2]
+        """Last part of the group's name, such as `imu_sources`."""
+        self.noun = noun
+        self._type = kind
+
+    @cached_property
+    def _entries(self) -> dict[str, tuple[EntryPoint, ...]]:
+        return self.find()
+
+    def find(self) -> dict[str, tuple[EntryPoint, ...]]:
+        """Return the entry points of all installed packages, by name: several if packages share it.
+
+        A name that this project uses is its own.
+
+        Raises:
+            ConfigError: If there is none where there must be.
+        """
+        found: dict[str, tuple[EntryPoint, ...]] = {}
+        entries = entry_points(group=self.group)
+        for entry in sorted(
+            entries, key=lambda entry: (entry.name, _package(entry) not in OURS, _package(entry))
+        ):
+            others = found.get(entry.name, ())
+            if entry.value not in [other.value for other in others] and not (
+                others and _package(others[0]) in OURS
+            ):
+                found[entry.name] = (*others, entry)
+        if not found and self._has_ours:
+            raise ConfigError(
+                f"no {self.noun} is installed, not even those of pointit: install it again (in a checkout: "
+                "scripts/setup)"
+            )
+        return found
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Return the names of all installed ones, without importing any."""
+        return tuple(self._entries)
+
+    def get(self, name: str) -> T:
+        """Import and return the object `name`.
+
+        Raises:
+            ConfigError: If none is installed under that name, or several, or it cannot be imported.
+        """
+        entry, *others = self._entries.get(name, (None,))
+        if entry is None:
+            known = ", ".join(self.names) or "none"
+            raise ConfigError(f"no {self.noun} {name!r} is installed; there are {known}")
+        if others:
+            raise ConfigError(
+                f"{self.noun} {name!r} is in two packages: uninstall {_package(entry)} or "
+                f"{_package(others[0])}"
+            )
+        try:
+            loaded = entry.load()
+        except (Exception, SystemExit) as error:  # code of others, which may raise anything when imported
+            package = _package(entry)
+            extras = ",".join(entry.extras)
+            remedy = f"install {package}[{extras}]" if extras else f"update or uninstall {package}"
+            reason = f"{type(error).__name__}: {error}"
+            raise ConfigError(f"{self.label(name)} cannot be imported ({reason}); {remedy}") from error
+        if not isinstance(loaded, self._type):
+            raise ConfigError(f"{self.noun} {name!r}: {entry.value} is no {self._type.__name__}")
+        return loaded
+
+    def label(self, name: str) -> str:
+        """Return the name of an object in messages, with its package, without importing it."""
+        return f"{self.noun} {name!r} of {self.package(name)}"
+
+    def module(self, name: str) -> str:
+        """Return the module of the object `name`, without importing it."""
+        return self._entries[name][0].module
+
+    def package(self, name: str) -> str:
+        """Return the package that brings the object `name`, without importing it."""
+        return _package(self._entries[name][0])
+
+
+def _package(entry: EntryPoint) -> str:
+    return entry.dist.name if entry.dist else entry.value

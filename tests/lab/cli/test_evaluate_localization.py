@@ -1,0 +1,147 @@
+"""`pointit evaluate`: what people read, what programs read, what is refused, how it ends."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import psutil
+import pytest
+from click.testing import CliRunner
+
+from pointit.cli.main import command
+from pointit.runtime.errors import ConfigError
+from pointit_lab.evaluation.pointing import drift
+from tests.support.pace import slowness
+from tests.support.published_recordings import Stand, write_acts, write_simulated, write_track
+
+COMMAND = ("-m", "pointit.cli", "evaluate", "localization", "--jobs", "2")
+
+
+def invoke(*arguments: str) -> tuple[str, str]:
+    """Run the command. Return its standard output and standard error, or raise its exception."""
+    result = CliRunner().invoke(command, ["evaluate", *arguments], standalone_mode=False)
+    if result.exception is not None:
+        raise result.exception
+    return result.stdout, result.stderr
+
+
+@pytest.fixture
+def data(tmp_path: Path) -> Path:
+    write_simulated(tmp_path / "recordings", [Stand(x=0.1 * i) for i in range(6)])
+    return tmp_path
+
+
+def test_a_table_for_people_and_json_for_programs(data: Path) -> None:
+    file = data / "rows.json"
+    out, err = invoke("localization", "--data", str(data), "--only-ours", "--jobs", "1", "--json", str(file))
+    assert "synth_two_led" in out
+    assert [line.split()[:3] for line in out.splitlines() if line.startswith((" a", " b"))] == [
+        [scenario, subject, "pointit"] for scenario in "ab" for subject in ("all", "simulated")
+    ]
+    assert "motion_relloc is skipped" in err
+    rows = json.loads(file.read_text())["rows"]
+    assert [(row["condition"], row["subject"], row["n"]) for row in rows] == [
+        (scenario, subject, 3) for scenario in "ab" for subject in ("all", "simulated")
+    ]
+
+
+def test_the_brief_table_has_no_single_people(data: Path) -> None:
+    out, _ = invoke("localization", "--data", str(data), "--only-ours", "--jobs", "1", "--brief")
+    assert "simulated" not in out
+    assert sum("pointit" in line and line.startswith((" a", " b")) for line in out.splitlines()) == 2
+
+
+def test_json_may_go_to_standard_output_alone(data: Path) -> None:
+    out, _ = invoke("localization", "--data", str(data), "--no-baselines", "--jobs", "1", "--json", "-")
+    assert len(json.loads(out)["rows"]) == 4
+
+
+def test_sets_and_subjects_may_be_chosen(tmp_path: Path) -> None:
+    write_acts(tmp_path, {"1": (1.6, Stand()), "2": (1.8, Stand())})
+    write_track(tmp_path, Stand(), duration_s=3.0)
+    out, _ = invoke(
+        *("localization", "--data", str(tmp_path), "--set", "vr_arm_pointing", "--subject", "2"),
+        *("--only-ours", "--jobs", "1", "--json", "-"),
+    )
+    rows = json.loads(out)["rows"]
+    assert {(row["set"], row["subject"]) for row in rows} == {
+        ("vr_arm_pointing", "all"),
+        ("vr_arm_pointing", "2"),
+    }
+
+
+def test_mistakes_are_told_before_the_work(data: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("POINTIT_DATA", raising=False)
+    with pytest.raises(ConfigError, match="--data DIR or set POINTIT_DATA"):
+        invoke("localization")
+    with pytest.raises(ConfigError, match="no such set; there are motion_relloc"):
+        invoke("localization", "--data", str(data), "--set", "motion")
+    with pytest.raises(ConfigError, match="is a folder"):
+        invoke("localization", "--data", str(data), "--json", str(data))
+    with pytest.raises(ConfigError, match="cannot be written"):
+        invoke("localization", "--data", str(data), "--json", str(data / "nowhere" / "rows.json"))
+    with pytest.raises(ConfigError, match="no subject 'anna'"):
+        invoke("localization", "--data", str(data), "--subject", "anna")
+
+
+def test_the_variable_says_where_the_data_are(data: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("POINTIT_DATA", str(data))
+    out, _ = invoke("localization", "--only-ours", "--jobs", "1", "--json", "-")
+    assert json.loads(out)["rows"]
+
+
+def test_what_corrections_leave(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(drift, "PEOPLE", 5)
+    with pytest.raises(ConfigError, match="has none of the folders vr_eyefinger, proximity_feedback"):
+        invoke("pointing", "--data", str(tmp_path))
+    with pytest.raises(ConfigError, match="no such set; there are vr_eyefinger"):
+        invoke("pointing", "--data", str(tmp_path), "--set", "motion_relloc")
+    file = tmp_path / "rows.json"
+    out, _ = invoke("pointing", "--data", str(tmp_path), "--set", "simulated_drift", "--json", str(file))
+    assert out.startswith("simulated_drift")
+    rows = json.loads(file.read_text())["rows"]
+    assert {row["set"] for row in rows} == {"simulated_drift"}
+    assert {"raw", "pointit"} <= {row["solver"] for row in rows}
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals of a terminal")
+@pytest.mark.parametrize("number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.long)])
+def test_it_ends_at_once_with_all_its_processes(number: int, tmp_path: Path) -> None:
+    write_acts(tmp_path, {str(i): (1.7, Stand(noise_deg=4.0)) for i in range(6)})
+    running = subprocess.Popen(
+        [sys.executable, *COMMAND, "--data", str(tmp_path)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+    try:
+        workers = await_workers(running.pid)
+        os.killpg(running.pid, number)
+        began = time.monotonic()
+        _, err = running.communicate(timeout=90.0)
+        assert time.monotonic() - began < 5.0 * slowness()
+        assert running.returncode == 130
+        assert "Traceback" not in err
+        gone, alive = psutil.wait_procs(workers, timeout=30.0)
+        assert len(gone) >= 2
+        assert not alive
+    finally:
+        if running.poll() is None:
+            os.killpg(running.pid, signal.SIGKILL)
+            running.communicate()
+
+
+def await_workers(pid: int) -> list[psutil.Process]:
+    """Return the processes that work for `pid`, once two of them have used a second of a core each."""
+    until = time.monotonic() + 60.0 * slowness()
+    while time.monotonic() < until:
+        workers = [child for child in psutil.Process(pid).children() if sum(child.cpu_times()[:2]) > 1.0]
+        if len(workers) >= 2:
+            return workers
+        time.sleep(0.05)
+    raise AssertionError("no processes were started")

@@ -1,0 +1,132 @@
+"""The index beside recordings: what it says is within bounds, and names files of its folder."""
+
+import json
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from pointit.runtime.errors import ConfigError
+from pointit_lab.evaluation.datasets import read_trials
+from pointit_lab.evaluation.recordings.data_folder import read_index, recordings_folder
+from tests.support.published_recordings import Stand, write_motion, write_track
+
+YAW, EYES = "ref_yaw_deg_human_minus_world", "eye_height_guess_m"
+
+
+def write_entry(recordings: Path, key: str, value: str) -> Path:
+    """Write a track whose index says the JSON `value` for `key`; the file still has its name."""
+    path = write_track(recordings, Stand()).parent / "index.json"
+    index = json.loads(path.read_text())
+    index["files"][1][key] = "@"
+    path.write_text(json.dumps(index).replace('"@"', value))
+    return path
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "said"),
+    [
+        (EYES, "1" + "0" * 400, "from 0.3 to 3 metres was expected, got 1000"),
+        (EYES, "1" + "0" * 4250, "from 0.3 to 3 metres was expected, got 1000"),
+        (EYES, "1e300", "from 0.3 to 3 metres"),
+        (EYES, "-1e300", "from 0.3 to 3 metres"),
+        (EYES, "-1.6", "from 0.3 to 3 metres was expected, got -1.6"),
+        (EYES, "1690", "from 0.3 to 3 metres"),
+        (EYES, "NaN", "from 0.3 to 3 metres"),
+        (EYES, "1e999", "from 0.3 to 3 metres"),
+        (EYES, "true", "from 0.3 to 3 metres"),
+        (EYES, '"1.6"', "from 0.3 to 3 metres"),
+        (YAW, "1e308", "from -720 to 720 degrees was expected, got 1e+308"),
+        (YAW, "-721", "from -720 to 720 degrees"),
+        ("subject", "1" + "0" * 4250, "'subject': a text was expected"),
+        ("subject", '"all"', "'all' is reserved for all subjects"),
+        ("subject", '"\\u001b[2J"', "printable"),
+        ("subject", '""', "'subject': a text of 1 to"),
+        ("file", '"track_' + "x" * 5000 + '"', "(5008 characters)"),
+        ("file", '"track_\\u0000"', "printable"),
+        ("file", '"track_/../../secret.csv"', "leads out of the folder"),
+        ("file", "[1]", "'file': a text was expected, got [1]"),
+    ],
+)
+def test_what_cannot_be_is_one_sentence(tmp_path: Path, key: str, value: str, said: str) -> None:
+    path = write_entry(tmp_path, key, value)
+    with pytest.raises(ConfigError) as caught:
+        read_trials(tmp_path)
+    assert str(caught.value).startswith(str(path))
+    assert f"'{key}'" in str(caught.value)
+    assert said in str(caught.value)
+    assert len(str(caught.value)) < 600
+    assert str(caught.value).isprintable()
+
+
+def test_numbers_of_any_length_are_refused(tmp_path: Path) -> None:
+    path = write_entry(tmp_path, EYES, "9" * 6000)
+    with pytest.raises(ConfigError) as caught:
+        read_trials(tmp_path)
+    assert str(caught.value).startswith(str(path))
+
+
+@pytest.mark.parametrize("name", ["/etc/passwd", "../circle.csv", "a/../../b.csv"])
+def test_names_that_lead_out_are_refused(tmp_path: Path, name: str) -> None:
+    folder = write_motion(tmp_path, Stand()).parent
+    entry: dict[str, Any] = {"file": name, "subject": "a", "kind": "pointing_at_moving_drone"}
+    (folder / "index.json").write_text(json.dumps([entry]))
+    with pytest.raises(ConfigError, match="leads out of the folder"):
+        read_trials(tmp_path)
+
+
+@pytest.mark.parametrize("make", [Path.mkdir, os.mkfifo], ids=["folder", "pipe"])
+@pytest.mark.parametrize(
+    ("name", "write"), [("motion_relloc/lost.csv", write_motion), ("proximity_waypoints/track_9.csv", None)]
+)
+def test_what_is_no_file_is_refused(
+    tmp_path: Path, make: Callable[[Path], None], name: str, write: Callable[..., Path] | None
+) -> None:
+    (write or write_track)(tmp_path, Stand())
+    (tmp_path / name).unlink(missing_ok=True)
+    make(tmp_path / name)
+    with pytest.raises(ConfigError, match="a file was expected"):
+        read_trials(tmp_path)
+
+
+def test_a_file_is_listed_once(tmp_path: Path) -> None:
+    path = write_motion(tmp_path, Stand()).parent / "index.json"
+    path.write_text(json.dumps([*json.loads(path.read_text()), {"file": "circle.csv"}]))
+    with pytest.raises(ConfigError, match=r"'circle\.csv' is listed twice"):
+        read_trials(tmp_path)
+
+
+def test_an_index_of_windows_is_read(tmp_path: Path) -> None:
+    (tmp_path / "index.json").write_text('[{"file": "a"}]', encoding="utf-8-sig")
+    assert read_index(tmp_path) == [{"file": "a"}]
+
+
+@pytest.mark.parametrize(
+    "raw", [b"", b"\xff\xfe", b"[" * 100_000, b'{"files": null}', b"[1]", b"{", b'[{"a": "\\ud800"}]']
+)
+def test_what_is_no_index_is_one_sentence(tmp_path: Path, raw: bytes) -> None:
+    (tmp_path / "index.json").write_bytes(raw)
+    with pytest.raises(ConfigError) as caught:
+        read_index(tmp_path)
+    assert str(caught.value).startswith(str(tmp_path / "index.json"))
+    assert len(str(caught.value)) < 600
+
+
+def test_an_index_that_is_no_file_or_too_long_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="there is no such file"):
+        read_index(tmp_path)
+    (tmp_path / "index.json").write_bytes(b" " * 10_000_001)
+    with pytest.raises(ConfigError, match="limit 10 MB"):
+        read_index(tmp_path)
+    (tmp_path / "index.json").unlink()
+    (tmp_path / "index.json").mkdir()
+    with pytest.raises(ConfigError, match="this is a folder"):
+        read_index(tmp_path)
+
+
+def test_a_name_that_is_too_long_is_no_folder() -> None:
+    with pytest.raises(ConfigError, match="cannot be accessed") as caught:
+        recordings_folder(Path("x" * 5000))
+    assert len(str(caught.value)) < 500

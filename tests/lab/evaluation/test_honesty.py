@@ -1,0 +1,304 @@
+"""Faults are what they are said to be, rows say how far stated uncertainties hold, and regressions fail."""
+
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from pointit.geometry.vector import Vec3
+from pointit.runtime.errors import ConfigError
+from pointit.services.localizer.estimation.estimator import Pointings, Refusal, Solution
+from pointit.services.pointing.arm_ray import ArmRay
+from pointit_lab.cli.honesty import honesty
+from pointit_lab.evaluation.honesty.honesty import WINDOWS_S, honesty_rows, sources_of, trials_of, verdict
+from pointit_lab.evaluation.honesty.injections import (
+    BESIDE_M,
+    INJECTIONS,
+    NONE,
+    across,
+    arm_directions,
+    backwards,
+    drift,
+    garbage,
+    height,
+    shoulder,
+    shoulder_still,
+    with_arms,
+)
+from pointit_lab.evaluation.honesty.lamps import chosen
+from pointit_lab.evaluation.honesty.row import EVERY, Judged, rows_of
+from pointit_lab.evaluation.honesty.simulated_people import followers, rooms
+from pointit_lab.evaluation.honesty.sources import QUICK, people
+from pointit_lab.evaluation.honesty.targets import TARGETS
+from pointit_lab.evaluation.localization import taken
+from pointit_lab.evaluation.localization.arm_rays import STATURE_M, along, scaled_body
+from pointit_lab.evaluation.localization.trial import Array, FollowRecording, Trial
+
+
+def rng() -> np.random.Generator:
+    return np.random.default_rng(7)
+
+
+def rows(values: Array) -> list[Vec3]:
+    return [(x, y, z) for x, y, z in values.tolist()]
+
+
+def azimuths(trial: Trial) -> Array:
+    rays = trial.pointings.directions
+    return np.asarray(np.unwrap(np.arctan2(rays[:, 1], rays[:, 0])), dtype=np.float64)
+
+
+def elevations(trial: Trial) -> Array:
+    return np.asarray(np.arcsin(trial.pointings.directions[:, 2]), dtype=np.float64)
+
+
+@pytest.fixture(scope="module")
+def follower() -> FollowRecording:
+    return followers([3])[0]
+
+
+@pytest.fixture(scope="module")
+def following(follower: FollowRecording) -> Trial:
+    return next(follower.trials([10.0]))
+
+
+@pytest.fixture(scope="module")
+def room() -> Trial:
+    return rooms([3])[0]
+
+
+@pytest.mark.parametrize(("to_right_m", "hand"), [(BESIDE_M, "right"), (-BESIDE_M, "left")])
+def test_who_knows_of_the_shoulder_finds_the_rays_again(
+    following: Trial, to_right_m: float, hand: Literal["left", "right"]
+) -> None:
+    """The service `pointing`, told the measure, undoes what is injected."""
+    after = shoulder(following, rng(), to_right_m=to_right_m)
+    turned = float(np.degrees(np.mean(azimuths(after) - azimuths(following))))
+    assert 10.0 < abs(turned) < 25.0
+    assert after.yaw_rad is not None
+    assert following.yaw_rad is not None
+    back = after.yaw_rad + math.radians(turned) - following.yaw_rad
+    assert math.remainder(back, math.tau) == pytest.approx(0.0, abs=1e-2)
+    told = scaled_body(STATURE_M).model_copy(update={"neck_to_shoulder_m": BESIDE_M})
+    arms = np.array([along(arm) for arm in arm_directions(after).tolist()])
+    _, directions = ArmRay(told, hand=hand).rays(arms)
+    assert directions == pytest.approx(following.pointings.directions, abs=1e-6)
+
+
+def test_arms_and_rays_are_each_others_inverse(following: Trial) -> None:
+    same = with_arms(following, arm_directions(following))
+    assert same.pointings.directions == pytest.approx(following.pointings.directions, abs=1e-9)
+    assert same.yaw_rad == pytest.approx(following.yaw_rad)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_still_body_turns_rays_by_different_angles(seed: int) -> None:
+    following = next(followers([seed])[0].trials([10.0]))
+    turning = azimuths(shoulder(following, rng(), to_right_m=BESIDE_M)) - azimuths(following)
+    still = azimuths(shoulder_still(following, rng())) - azimuths(following)
+    assert np.ptp(still) > 1.1 * np.ptp(turning)
+
+
+def test_a_wrong_height_is_in_the_origins_alone(following: Trial) -> None:
+    taller = height(following, rng(), taller_m=0.2)
+    assert taller.pointings.origins_m[:, 2] - following.pointings.origins_m[:, 2] == pytest.approx(0.2)
+    assert taller.pointings.directions is following.pointings.directions
+
+
+@pytest.mark.parametrize("share", [0.05, 0.15])
+def test_a_share_of_the_rays_is_garbage(following: Trial, share: float) -> None:
+    after = garbage(following, rng(), share=share)
+    changed = np.any(after.pointings.directions != following.pointings.directions, axis=1)
+    assert np.mean(changed) == pytest.approx(share, rel=0.35)
+
+
+def test_drift_turns_by_one_degree_a_second_about_the_middle(following: Trial) -> None:
+    turns_rad = (azimuths(drift(following, rng())) - azimuths(following)).tolist()
+    assert math.degrees(abs(turns_rad[-1] - turns_rad[0])) == pytest.approx(10.0, abs=0.1)
+    assert math.remainder(math.fsum(turns_rad) / len(turns_rad), math.tau) == pytest.approx(0.0, abs=1e-6)
+
+
+def test_a_sensor_across_does_not_rise_with_the_arm(following: Trial) -> None:
+    rises = elevations(following)
+    assert np.std(rises) > math.radians(2.0)
+    assert abs(np.polyfit(rises, elevations(across(following, rng())), 1)[0]) < 0.5
+    assert np.polyfit(rises, elevations(backwards(following, rng())), 1)[0] < -0.5
+
+
+def test_late_reports_are_those_of_before(follower: FollowRecording) -> None:
+    late = follower.shifted(0.5)
+    assert len(late.pointings) == pytest.approx(len(follower.pointings) - 25, abs=1)
+    now, then = late.pointings, follower.pointings
+    stamp_s = float(now.stamps_s[100])
+    before, at_once = np.searchsorted(then.stamps_s, [stamp_s - 0.5 - 1e-9, stamp_s - 1e-9]).tolist()
+    assert now.targets_m[100].tolist() == pytest.approx(then.targets_m[before].tolist(), abs=0.02)
+    assert np.linalg.norm(now.targets_m[100] - then.targets_m[at_once]) > 0.1
+
+
+def test_a_gap_is_not_bridged(follower: FollowRecording) -> None:
+    there = follower.pointings
+    gap = (there.stamps_s < 4.0) | (there.stamps_s > 6.0)
+    torn = replace(follower, pointings=there.only(gap), heads_m=follower.heads_m[gap])
+    stamps_s = torn.shifted(0.2).pointings.stamps_s
+    assert not np.any((stamps_s > 6.0) & (stamps_s < 6.2))
+
+
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize(("wrong_lamp", "expected"), [(False, 0), (True, 1)])
+def test_a_wrong_lamp_is_one_that_was_not_pointed_at(
+    room: Trial, seed: int, *, wrong_lamp: bool, expected: int
+) -> None:
+    trial = chosen(room, 3, np.random.default_rng(seed), wrong_lamp=wrong_lamp)
+    lamp_of = dict(zip(rows(room.pointings.directions), rows(room.pointings.targets_m), strict=True))
+    pointed = [lamp_of[ray] for ray in rows(trial.pointings.directions[::40])]
+    lit = rows(trial.pointings.targets_m[::40])
+    assert len(set(lit)) == len(set(pointed)) == len(trial.pointings) // 40 == 3
+    assert len(set(lit) - set(pointed)) == expected
+    assert sum(one != other for one, other in zip(lit, pointed, strict=True)) == expected
+
+
+def test_lamps_on_one_wall_and_holds_one_after_the_other(room: Trial) -> None:
+    trial = chosen(room, 4, rng(), one_wall=True)
+    assert np.ptp(trial.pointings.targets_m[:, 0]) < 1e-6
+    assert np.ptp(trial.pointings.targets_m[:, 1]) > 0.5
+    steps = np.diff(trial.pointings.stamps_s)
+    assert np.all(steps > 0.0)
+    assert np.count_nonzero(steps > 1.0) == 3
+    assert trial.condition == "4 lamps"
+
+
+def test_each_condition_gives_the_same_trials_again(follower: FollowRecording, room: Trial) -> None:
+    for source in sources_of([follower], [room], most=1):
+        first, again = list(trials_of(source)), list(trials_of(source))
+        assert [len(trial.pointings) for trial in first] == [len(trial.pointings) for trial in again]
+        for one, other in zip(first, again, strict=True):
+            assert np.array_equal(one.pointings.directions, other.pointings.directions)
+            assert np.array_equal(one.pointings.targets_m, other.pointings.targets_m)
+
+
+def test_each_pass_of_a_person_has_faults_of_its_own(room: Trial) -> None:
+    injection = next(each for each in INJECTIONS if each.name == "garbage 15 %")
+    passes = [next(iter(trials_of(source))).pointings for source in sources_of([], [room, room], [injection])]
+    changed = [
+        {row for row, ray in enumerate(rows(each.directions)) if ray not in rows(room.pointings.directions)}
+        for each in passes
+    ]
+    assert changed[0]
+    assert changed[0] != changed[1]
+
+
+def test_a_person_is_followed_for_each_window_once(follower: FollowRecording) -> None:
+    (source,) = sources_of([follower], [], [each for each in INJECTIONS if each.name == NONE])
+    assert [trial.condition for trial in trials_of(source)] == [f"{window:g} s" for window in WINDOWS_S]
+
+
+def pose(x_m: float, y_m: float, sigma_m: float, yaw_sigma_rad: float = 0.1) -> Solution:
+    return Solution(
+        x_m=x_m, y_m=y_m, yaw_rad=0.0, bias_rad=0.0, residual_rad=0.0, samples=9,
+        covariance=np.diag([sigma_m**2, sigma_m**2, yaw_sigma_rad**2]),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("narrow", [1.0, 0.7, 0.1])
+def test_an_honest_solver_meets_the_targets(
+    monkeypatch: pytest.MonkeyPatch, following: Trial, narrow: float
+) -> None:
+    """Errors drawn from the stated covariance: nominal square, 2 sigma of both, nobody confidently wrong."""
+    drawn = np.random.default_rng(1)
+    trial = replace(following, x_m=0.0, y_m=0.0, yaw_rad=0.0)
+
+    def found(_: Pointings) -> Solution:
+        yaw_rad = float(drawn.normal(0.0, 0.1))
+        place = drawn.normal(0.0, 0.2, 2) * (1.0, narrow)
+        return replace(
+            pose(float(place[0]), float(place[1]), 0.2),
+            yaw_rad=yaw_rad,
+            covariance=np.diag([0.04, 0.04 * narrow**2, 0.01]),
+        )
+
+    monkeypatch.setattr("pointit_lab.evaluation.honesty.honesty.judged", found)
+    row = rows_of([verdict(trial, NONE) for _ in range(3000)])[0]
+    assert row.square == pytest.approx(1.0, abs=0.1)
+    assert row.within_2_sigma == pytest.approx(0.9545, abs=0.012)
+    assert row.yaw_within_2_sigma == pytest.approx(0.954, abs=0.015)
+    assert TARGETS.broken_by(replace(row, wrong=None)) == []
+
+
+def test_a_row_counts_who_is_confidently_wrong() -> None:
+    def one(error_m: float, *, in_place: bool, is_taken: bool = True, subject: str = "a") -> Judged:
+        return Judged(
+            set="s", condition=NONE, duration="2 s", subject=subject, taken=is_taken,
+            error_m=error_m, square=error_m, in_place=in_place, in_yaw=True,
+        )  # fmt: skip
+
+    rows = rows_of(
+        [
+            one(0.1, in_place=True),
+            one(0.6, in_place=True, subject="b"),
+            one(0.4, in_place=False, subject="c"),
+            one(0.7, in_place=False),
+            one(9.0, in_place=False, is_taken=False),
+        ]
+    )
+    assert [row.duration for row in rows] == [EVERY, "2 s"]
+    row = rows[0]
+    assert (row.n, row.taken, row.within_2_sigma) == (5, 0.8, 0.5)
+    assert row.wrong is not None
+    assert row.wrong.value == pytest.approx(0.25)
+    assert row.wrong.low < 0.25 < row.wrong.high
+    assert row.without_one == pytest.approx((1 / 3, 2 / 3))
+    assert row.wrong_without_one == pytest.approx((0.0, 1 / 3))
+    assert row.error_m is not None
+    assert row.error_m.median == pytest.approx(0.5)
+
+
+def test_a_refused_trial_is_not_taken(following: Trial) -> None:
+    turned = backwards(following, rng())
+    assert isinstance(taken.judged(turned.pointings), Refusal)
+    assert not verdict(turned, "mounted backwards").taken
+
+
+def test_other_processes_find_the_same(follower: FollowRecording, room: Trial) -> None:
+    sources = sources_of([follower], [room], most=1)
+    alone, together = (honesty_rows(sources, jobs=jobs, tick=lambda _done, _of: None) for jobs in (1, 2))
+    assert alone == together
+
+
+def invoke(*arguments: str) -> tuple[str, str]:
+    every = (*arguments, "--quick", "--jobs", "1", "--set", "simulated")
+    result = CliRunner().invoke(honesty, every, standalone_mode=False, env={"COLUMNS": "140"})
+    if result.exception is not None:
+        raise result.exception
+    return result.stdout, result.stderr
+
+
+@pytest.fixture
+def no_recordings(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("POINTIT_DATA", raising=False)
+
+
+@pytest.mark.usefixtures("no_recordings")
+def test_the_table_has_a_row_for_each_condition_and_names_what_is_missed() -> None:
+    out, err = invoke("--condition", NONE, "--condition", "time -0.5 s")
+    assert "simulated people only" in err
+    assert [line for line in out.splitlines() if line.split()[:3] == ["as", "they", "are"]]
+    assert "simulated, time -0.5 s: 2 sigma of the place" in out
+    longer, _ = invoke("--condition", NONE, "--durations")
+    assert {"2 s", "10 s"} <= {" ".join(line.split()[3:5]) for line in longer.splitlines()}
+
+
+@pytest.mark.usefixtures("no_recordings")
+def test_an_unknown_condition_is_refused_with_those_there_are() -> None:
+    with pytest.raises(ConfigError, match=r"--condition rain: there is no such condition; there are as they"):
+        invoke("--condition", "rain")
+
+
+def test_recorded_people_of_a_missing_set_are_noted(tmp_path: Path) -> None:
+    found = people(tmp_path, ["motion_relloc"], QUICK)
+    assert not found.followed
+    assert not found.rooms
+    assert "there is no such folder" in found.notes[0]

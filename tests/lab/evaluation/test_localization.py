@@ -1,0 +1,253 @@
+"""Solvers beside each other: what the rows say, and that other processes do the work."""
+
+import dataclasses
+import json
+import math
+from collections.abc import Sequence
+from pathlib import Path
+
+import pytest
+
+from pointit.cli.common.output import to_json
+from pointit_lab.evaluation.datasets import read_trials
+from pointit_lab.evaluation.localization.localization import BASELINE_TRIALS, OURS, SOLVERS, localization_rows
+from pointit_lab.evaluation.localization.scoring import UNTIL, Key, Outcome, rows_of, until_taken_rows
+from pointit_lab.evaluation.recordings.row import Row, arranged, document
+from tests.support.data import data_file
+from tests.support.published_recordings import Stand, write_acts, write_simulated, write_track
+
+
+def outcome(
+    error_m: float = 0.1,
+    *,
+    sigma_m: float = 0.2,
+    yaw_deg: float = 2.0,
+    subject: str = "a",
+    condition: str = "2 s",
+    solver: str = OURS,
+    refused: str = "",
+    bound_m: float = math.nan,
+) -> Outcome:
+    return Outcome(
+        key=Key(set="s", subject=subject, condition=condition),
+        solver=solver,
+        solve_ms=3.0,
+        refused=refused,
+        position_m=math.nan if refused else error_m,
+        yaw_deg=math.nan if refused else yaw_deg,
+        position_sigma_m=math.nan if refused else sigma_m,
+        yaw_sigma_deg=math.nan if refused else 1.5,
+        bound_m=bound_m,
+    )
+
+
+def silent(done: int, of: int) -> None:
+    """Say nothing."""
+    del done, of
+
+
+def row(rows: Sequence[Row], **wanted: str) -> Row:
+    found = [row for row in rows if all(getattr(row, name) == value for name, value in wanted.items())]
+    assert len(found) == 1, (wanted, found)
+    return found[0]
+
+
+def test_a_row_sums_up_what_was_accepted() -> None:
+    outcomes = [
+        outcome(0.1, bound_m=0.2),
+        outcome(0.3, yaw_deg=-2.0, bound_m=0.3),
+        outcome(0.5, yaw_deg=4.0, bound_m=math.inf),
+        outcome(1.2, sigma_m=0.4),
+        outcome(refused="too few rays"),
+    ]
+    only = row(rows_of(outcomes), subject="a")
+    assert (only.n, only.refused) == (5, 1)
+    assert only.position_m is not None
+    assert only.position_m.median == pytest.approx(0.4)
+    assert only.yaw_deg is not None
+    assert only.yaw_deg.median == pytest.approx(2.0)
+    assert only.share_above_1m == pytest.approx(1 / 4)
+    assert only.misled == pytest.approx(1 / 4)
+    assert only.every_m is not None
+    assert only.every_m.median == pytest.approx(0.4)  # the refused one had no pose at all
+    assert only.within_2_sigma == pytest.approx(2 / 4)
+    assert only.yaw_within_2_sigma == pytest.approx(3 / 4)
+    assert only.bound_m == pytest.approx(0.25)
+    assert only.solve_ms is not None
+    assert only.solve_ms.median == 3.0
+
+
+def test_what_is_refused_counts_among_all() -> None:
+    kept, refused = outcome(0.2), dataclasses.replace(outcome(3.0), refused="the rays miss the targets")
+    only = rows_of([kept, refused])[0]
+    assert (only.n, only.refused) == (2, 1)
+    assert only.position_m is not None
+    assert only.every_m is not None
+    assert only.position_m.median == pytest.approx(0.2)
+    assert only.every_m.median == pytest.approx(1.6)
+
+
+def at(start_s: float, window_s: int, error_m: float, *, taken: bool) -> Outcome:
+    found = outcome(error_m, condition=f"{window_s} s")
+    return dataclasses.replace(found, recording="r", start_s=start_s, taken_m=error_m if taken else math.inf)
+
+
+def test_what_the_localizer_takes_and_after_which_time() -> None:
+    outcomes = [
+        *(at(0.0, window_s, 0.1 * window_s, taken=window_s >= 3) for window_s in (2, 3, 10)),
+        *(at(1.0, window_s, 0.1 * window_s, taken=window_s >= 2) for window_s in (2, 3, 10)),
+        *(at(2.0, window_s, 0.1 * window_s, taken=window_s >= 3) for window_s in (2, 3, 10)),
+        at(3.0, 2, 9.0, taken=True),  # the recording ends too soon
+    ]
+    short = row(rows_of(outcomes), subject="a", condition="2 s")
+    assert short.taken == pytest.approx(2 / 4)
+    until = row(until_taken_rows(outcomes), subject="all", condition=UNTIL)
+    assert (until.n, until.taken, until.until_taken_s) == (3, 1.0, 3.0)
+    assert until.taken_m is not None
+    assert until.taken_m.median == pytest.approx(0.3)
+    assert until.taken_m.rms == pytest.approx(math.sqrt((0.3**2 + 0.2**2 + 0.3**2) / 3))
+
+
+def test_who_is_never_taken_has_no_time() -> None:
+    found = until_taken_rows([at(float(start), 10, 0.1, taken=start == 0) for start in range(3)])
+    until = row(found, subject="all", condition=UNTIL)
+    assert (until.n, until.until_taken_s) == (3, None)
+    assert until.taken == pytest.approx(1 / 3)
+
+
+def test_who_is_unsure_does_not_mislead() -> None:
+    rows = rows_of([outcome(1.5, sigma_m=0.8)])
+    assert (rows[0].misled, rows[0].share_above_1m, rows[0].within_2_sigma) == (0.0, 1.0, 1.0)
+
+
+def test_who_states_no_sigma_is_not_measured_by_it() -> None:
+    rows = rows_of([outcome(1.5, sigma_m=math.nan, solver="mean-angle-z0")])
+    assert rows[0].within_2_sigma is None
+    assert rows[0].yaw_within_2_sigma is None
+    assert rows[0].misled is None
+
+
+def test_all_refused_leaves_no_errors() -> None:
+    only = rows_of([outcome(refused="no")])[0]
+    assert (only.position_m, only.within_2_sigma, only.share_above_1m, only.refused) == (None, None, None, 1)
+
+
+def test_there_is_a_row_over_all_subjects_of_each_condition() -> None:
+    outcomes = [
+        outcome(error, subject=subject, condition=condition)
+        for condition in ("2 s", "10 s")
+        for subject, error in (("a", 0.1), ("b", 0.5), ("b", 0.3))
+    ]
+    rows = rows_of(outcomes)
+    assert [(row.condition, row.subject, row.n) for row in rows] == [
+        (condition, subject, n)
+        for condition in ("2 s", "10 s")
+        for subject, n in (("all", 3), ("a", 1), ("b", 2))
+    ]
+    whole = row(rows, subject="all", condition="2 s").position_m
+    assert whole is not None
+    assert whole.median == pytest.approx(0.3)
+
+
+def test_rows_stand_together_and_those_over_all_first() -> None:
+    def line(name: str, condition: str, subject: str, solver: str) -> Row:
+        return Row(set=name, condition=condition, subject=subject, solver=solver, n=1)
+
+    scattered = [
+        line("b", "9", "y", "p"),
+        line("b", "10", "y", "p"),
+        line("a", "9", "x", "p"),
+        line("b", "9", "y", "q"),
+        line("b", "9", "x", "p"),
+        line("b", "9", "all", "q"),
+    ]
+    assert [(r.set, r.condition, r.subject, r.solver) for r in arranged(scattered)] == [
+        ("b", "9", "all", "q"),
+        ("b", "9", "y", "p"),
+        ("b", "9", "y", "q"),
+        ("b", "9", "x", "p"),
+        ("b", "10", "y", "p"),
+        ("a", "9", "x", "p"),
+    ]
+
+
+@pytest.fixture(scope="module")
+def rows(tmp_path_factory: pytest.TempPathFactory) -> list[Row]:
+    """Results of all solvers for one person with a bias, computed in other processes."""
+    folder = tmp_path_factory.mktemp("recordings")
+    write_track(folder, Stand(bias_deg=-14.0, noise_deg=0.5), duration_s=9.0)
+    ticks: list[tuple[int, int]] = []
+    trials = read_trials(folder).trials
+    found = localization_rows(trials, baselines=True, jobs=2, tick=lambda done, of: ticks.append((done, of)))
+    assert ticks[0] == (0, len(trials))
+    assert ticks[-1] == (len(trials), len(trials))
+    assert ticks == sorted(ticks)
+    return found
+
+
+def test_each_solver_has_its_row(rows: list[Row]) -> None:
+    assert {row.solver for row in rows} == set(SOLVERS) == {"pointit", "mean-angle-4dof", "mean-angle-z0"}
+    assert {row.subject for row in rows} == {"all", "user9"}
+    assert {row.condition for row in rows} == {"1 s", "2 s", "3 s", "5 s", "8 s"}  # too short for `UNTIL`
+    taken = {row.condition: row.taken for row in rows if row.solver == OURS and row.subject == "all"}
+    assert taken["8 s"] == 1.0
+    assert taken["1 s"] == 0.0
+    assert all(row.taken is None for row in rows if row.solver != OURS)
+
+
+def test_a_bias_is_metres_for_the_original_and_none_for_ours(rows: list[Row]) -> None:
+    ours = row(rows, subject="all", condition="8 s", solver=OURS)
+    original = row(rows, subject="all", condition="8 s", solver="mean-angle-z0")
+    assert ours.position_m is not None
+    assert original.position_m is not None
+    assert ours.position_m.median < 0.3 < original.position_m.median
+    assert ours.yaw_deg is not None
+    assert ours.yaw_deg.median < 4.0
+    assert ours.within_2_sigma == 1.0
+    assert ours.bound_m is not None
+    assert 0.0 < ours.bound_m < 0.3
+
+
+def test_the_document_is_json_with_the_agreed_keys(rows: list[Row]) -> None:
+    def refuse(constant: str) -> float:
+        raise AssertionError(f"{constant} is no JSON")
+
+    read = json.loads(to_json(document(rows)), parse_constant=refuse)
+    assert set(read) == {"rows"}
+    assert {
+        "set", "subject", "condition", "solver", "n", "position_m", "yaw_deg", "share_above_1m",
+        "within_2_sigma", "refused", "solve_ms",
+    } <= set(read["rows"][0])  # fmt: skip
+    for one in read["rows"]:
+        assert one["solve_ms"].keys() >= {"median", "p90"}
+        assert one["solve_ms"]["median"] > 0.0
+
+
+def test_baselines_solve_some_of_many_trials_and_ours_all(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("pointit_lab.evaluation.localization.localization.BASELINE_TRIALS", 5)
+    assert BASELINE_TRIALS >= 100
+    write_simulated(tmp_path, [Stand(x=0.1 * i) for i in range(22)])
+    trials = read_trials(tmp_path).trials
+    found = localization_rows(trials, baselines=True, jobs=1, tick=silent)
+    counts = {(row.condition, row.solver): row.n for row in found if row.subject == "all"}
+    assert counts == {(c, s): 11 if s == OURS else 4 for c in ("a", "b") for s in SOLVERS}
+
+
+def test_without_baselines_only_ours_solves(tmp_path: Path) -> None:
+    write_acts(tmp_path, {"1": (1.7, Stand())})
+    trials = [trial for trial in read_trials(tmp_path).trials if trial.condition == "4 targets"][:20]
+    found = localization_rows(trials, baselines=False, jobs=1, tick=silent)
+    assert {row.solver for row in found} == {OURS}
+
+
+def test_published_recordings_are_solved_sensibly() -> None:
+    folder = data_file("recordings/proximity_waypoints")
+    trials = [trial for trial in read_trials(folder.parent, [folder.name]).trials if trial.condition == "8 s"]
+    found = localization_rows(trials, baselines=True, jobs=2, tick=silent)
+    ours = row(found, subject="all", solver=OURS)
+    assert ours.position_m is not None
+    assert ours.position_m.median < 1.0
+    assert ours.refused is not None
+    assert ours.refused < ours.n / 2

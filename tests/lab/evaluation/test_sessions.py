@@ -1,0 +1,237 @@
+"""Localizations in recorded sessions, scored against a tracker, and errors over people."""
+
+import json
+import math
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from pointit.cli.main import command
+from pointit.conversion.import_csv import csv_entries
+from pointit.geometry.vector import Vec3
+from pointit.recording.entries import Entry
+from pointit.runtime.errors import ConfigError
+from pointit.schemas import (
+    Anchor,
+    Environment,
+    Lamp,
+    Localization,
+    PointingRay,
+    TrackedObject,
+    TrackedObjects,
+    UserPose,
+)
+from pointit.schemas.topics import ANCHOR, LOCALIZATION, MAP, OBJECTS, POSE, RAY
+from pointit_lab.evaluation.localization.over_people import over_people
+from pointit_lab.evaluation.localization.recorded import read_sessions
+from pointit_lab.evaluation.recordings.row import ALL, Row, Spread
+from tests.support.published_recordings import Stand, unit, write_motion
+from tests.unit.conversion.session import at, said, write
+
+LAMPS: dict[str, Vec3] = {"one": (3.0, -1.0, 1.0), "two": (3.0, 2.0, 1.0), "three": (0.0, 3.0, 0.5)}
+HOLD_S = 6.0
+
+
+def invoke(*arguments: str) -> tuple[str, str]:
+    """Run the command. Return its standard output and standard error, or raise its exception."""
+    words = ["evaluate", "localization", "--only-ours", "--jobs", "1", *arguments]
+    result = CliRunner().invoke(command, words, standalone_mode=False)
+    if result.exception is not None:
+        raise result.exception
+    return result.stdout, result.stderr
+
+
+def rows_of(*arguments: str) -> list[dict[str, Any]]:
+    out, _ = invoke(*arguments, "--json", "-")
+    rows: list[dict[str, Any]] = json.loads(out)["rows"]
+    return rows
+
+
+def room() -> Entry:
+    lamps = tuple(Lamp(id=name, position_m=place) for name, place in LAMPS.items())
+    return said(0.0, MAP, "", Environment(stamp_ns=at(0.0), name="room", lamps=lamps))
+
+
+def pointing_at_lamps(user: str, stand: Stand, begin_s: float = 1.0) -> Iterator[Entry]:
+    """Yield a localization: the rays at one lamp after the other, at 50 Hz."""
+    for index, (lamp, place) in enumerate(LAMPS.items()):
+        lit_s = begin_s + index * HOLD_S
+        message = Localization(
+            stamp_ns=at(lit_s), phase="sampling", target_id=lamp, target_index=index, since_ns=at(begin_s)
+        )
+        yield said(lit_s, LOCALIZATION, user, message)
+        x, y, z = unit(stand.rays(np.array([place])))[0].tolist()
+        for tick in range(1, round(HOLD_S * 50)):
+            time_s = lit_s + tick / 50
+            ray = PointingRay(stamp_ns=at(time_s), origin_m=(0.0, 0.0, stand.eyes_m), direction=(x, y, z))
+            yield said(time_s, RAY, user, ray)
+    end_s = begin_s + len(LAMPS) * HOLD_S
+    yield said(
+        end_s, LOCALIZATION, user, Localization(stamp_ns=at(end_s), phase="solved", since_ns=at(begin_s))
+    )
+
+
+def seen(user: str, stand: Stand, until_s: float = 30.0) -> Iterator[Entry]:
+    """Yield the reports of a tracker that sees the person's head."""
+    for tick in range(round(until_s * 5)):
+        head = TrackedObject(id=user, kind="person", position_m=(stand.x, stand.y, 1.8))
+        yield said(tick / 5, OBJECTS, "mocap", TrackedObjects(stamp_ns=at(tick / 5), objects=(head,)))
+
+
+def found(user: str, time_s: float, x: float, y: float) -> Entry:
+    """Return a pose as the localizer publishes it."""
+    pose = UserPose(
+        stamp_ns=at(time_s),
+        position_m=(x, y, 0.0),
+        yaw_rad=0.0,
+        method="static_targets",
+        covariance=(0.04, 0.0, 0.0, 0.0, 0.01, 0.0, 0.0, 0.0, 0.01),
+        anchored_ns=at(time_s),
+    )
+    return said(time_s, POSE, user, pose)
+
+
+def session(path: Path, *parts: Iterable[Entry]) -> str:
+    entries = sorted((entry for part in parts for entry in part), key=lambda entry: entry.time_ns)
+    return str(write(path, [room(), *entries]))
+
+
+def test_localizations_by_lamps_are_solved_again_and_compared_with_the_tracker(tmp_path: Path) -> None:
+    anna, ben = Stand(x=0.3, y=0.2), Stand(x=-1.0, y=0.5, yaw_deg=-70.0)
+    path = session(
+        *(tmp_path / "s.mcap", pointing_at_lamps("anna", anna), pointing_at_lamps("ben", ben)),
+        *(seen("anna", anna), seen("ben", ben)),
+    )
+    rows = rows_of("--recording", path)
+    assert [(row["condition"], row["subject"], row["n"], row["refused"]) for row in rows] == [
+        ("3 lamps", "all", 2, 0),
+        ("3 lamps", "anna", 1, 0),
+        ("3 lamps", "ben", 1, 0),
+    ]
+    assert all(row["position_m"]["median"] < 0.02 for row in rows)
+    assert all(row["yaw_deg"]["median"] < 0.5 for row in rows)
+
+
+def test_poses_of_the_session_are_scored_as_they_were_found(tmp_path: Path) -> None:
+    stand = Stand(x=1.0, y=0.0)
+    poses = [found("anna", 19.5, 1.3, 0.4), found("anna", 19.5, 9.0, 9.0), found("anna", 60.0, 9.0, 9.0)]
+    path = session(tmp_path / "s.mcap", seen("anna", stand), poses)
+    (everybody, anna) = rows_of("--recording", path)
+    assert (anna["subject"], anna["condition"], anna["solver"]) == ("anna", "static targets", "live")
+    assert anna["n"] == 1  # of the repeated pose the first; the last was found when no tracker saw her
+    assert anna["position_m"]["median"] == pytest.approx(0.5)
+    assert anna["within_2_sigma"] == 0.0
+    assert everybody["n"] == 1
+
+
+def test_pointing_at_lamps_afterwards_is_scored_without_a_tracker(tmp_path: Path) -> None:
+    anchors = [
+        Anchor(
+            stamp_ns=at(time_s),
+            target_id="one",
+            origin_m=(0.0, 0.0, 1.6),
+            raw_direction=(1.0, 0.0, 0.0),
+            direction=(1.0, 0.0, 0.0),
+            azimuth_error_rad=math.radians(3.0),
+            elevation_error_rad=math.radians(-4.0),
+        )
+        for time_s in (1.0, 2.0)
+    ]
+    path = session(
+        tmp_path / "s.mcap", [said(each.stamp_ns / 1e9 - 1000, ANCHOR, "anna", each) for each in anchors]
+    )
+    rows = rows_of("--recording", path)
+    assert [(row["subject"], row["condition"], row["n"]) for row in rows] == [
+        ("all", "anchors", 2),
+        ("anna", "anchors", 2),
+    ]
+    assert rows[0]["angle_deg"]["median"] == pytest.approx(5.0)
+    assert rows[0]["pitch_deg"]["median"] == pytest.approx(4.0)
+
+
+def test_a_person_who_follows_a_robot_is_scored_by_windows_from_the_arm_alone(tmp_path: Path) -> None:
+    stand = Stand(x=-1.5, y=-1.0, yaw_deg=35.0)
+    motion = write_motion(tmp_path, stand, duration_s=12.0)
+    path = str(write(tmp_path / "s.mcap", csv_entries(motion, user="anna", mounting="minus_x")))
+    rows = {row["condition"]: row for row in rows_of("--recording", path) if row["subject"] == "anna"}
+    assert set(rows) == {"1 s", "2 s", "3 s", "5 s", "8 s", "10 s"}
+    assert rows["8 s"]["position_m"]["median"] < 0.05
+    assert rows["8 s"]["yaw_deg"]["median"] < 1.0
+
+
+def test_a_tracker_that_knows_the_yaw_is_the_truth_of_it(tmp_path: Path) -> None:
+    stand = Stand(x=0.3, y=0.2, yaw_deg=35.0)
+    true = UserPose(
+        stamp_ns=at(0.0), position_m=(0.3, 0.2, 0.0), yaw_rad=math.radians(40.0), method="external"
+    )
+    poses = (
+        said(tick / 5, POSE, "anna", true.model_copy(update={"stamp_ns": at(tick / 5)}))
+        for tick in range(150)
+    )
+    path = session(tmp_path / "s.mcap", pointing_at_lamps("anna", stand), poses)
+    (_, anna) = rows_of("--recording", path)
+    assert anna["position_m"]["median"] < 0.02
+    assert anna["yaw_deg"]["median"] == pytest.approx(5.0, abs=0.5)
+
+
+def test_what_is_missing_is_told_in_one_sentence(tmp_path: Path) -> None:
+    nobody = session(tmp_path / "nobody.mcap", pointing_at_lamps("anna", Stand()))
+    with pytest.raises(
+        ConfigError, match=r"nobody\.mcap: it has no true position of any person; let a tracker"
+    ):
+        invoke("--recording", nobody)
+    stand = Stand(x=0.3, y=0.2)
+    whole = session(tmp_path / "whole.mcap", pointing_at_lamps("anna", stand), seen("anna", stand))
+    _, err = invoke("--recording", whole, "--recording", nobody)
+    assert "note: " in err
+    with pytest.raises(ConfigError, match="--subject carla: nobody of that name"):
+        invoke("--recording", whole, "--subject", "carla")
+    with pytest.raises(ConfigError, match="leave it out with --recording"):
+        invoke("--recording", whole, "--set", "motion_relloc")
+
+
+def test_a_session_without_localization_tells_whose_is_missing(tmp_path: Path) -> None:
+    rays = [entry for entry in pointing_at_lamps("anna", Stand()) if entry.row is RAY]
+    path = Path(session(tmp_path / "idle.mcap", rays, seen("anna", Stand())))
+    with pytest.raises(ConfigError, match="has no localization of anna, whose position a tracker knows"):
+        read_sessions([path])
+
+
+def row(subject: str, solver: str, median_m: float) -> Row:
+    spread = Spread(median=median_m, p90=median_m, rms=median_m)
+    return Row(set="recordings", subject=subject, condition="3 lamps", solver=solver, n=5, position_m=spread)
+
+
+def test_each_person_counts_once_and_methods_are_compared_within_people() -> None:
+    errors = {"anna": 0.1, "ben": 0.2, "carla": 0.4}
+    rows = [row(ALL, "pointit", 9.0), *(row(name, "pointit", each) for name, each in errors.items())]
+    rows += [row(name, "other", 2.0 * each) for name, each in errors.items()]
+    ours, other = over_people(rows, "pointit")
+    assert (ours.people, ours.ratio, ours.without_one) == (3, None, None)
+    assert ours.error.value == pytest.approx(0.2)
+    assert ours.error_without_one == pytest.approx((0.02**0.5, 0.08**0.5))
+    # logarithms are apart by ln 2: s = ln 2, t(0.975, 2) = 4.303
+    reach = math.exp(4.303 * math.log(2.0) / math.sqrt(3.0))
+    assert ours.error.low == pytest.approx(0.2 / reach, rel=1e-3)
+    assert ours.error.high == pytest.approx(0.2 * reach, rel=1e-3)
+    assert other.ratio is not None
+    assert (other.ratio.low, other.ratio.high) == pytest.approx((2.0, 2.0))
+    assert other.without_one == pytest.approx((2.0, 2.0))
+
+
+def test_one_person_who_carries_a_comparison_is_shown_by_leaving_one_out() -> None:
+    errors = {"anna": 0.1, "ben": 0.1, "carla": 0.1, "dora": 0.1}
+    rows = [row(name, "pointit", each) for name, each in errors.items()]
+    rows += [row(name, "other", 1.6 if name == "dora" else each) for name, each in errors.items()]
+    _, other = over_people(rows, "pointit")
+    assert other.ratio is not None
+    assert other.ratio.value == pytest.approx(2.0)
+    assert other.without_one == pytest.approx((1.0, 16.0 ** (1 / 3)))
+
+
+def test_two_people_have_no_interval() -> None:
+    assert over_people([row("anna", "pointit", 0.1), row("ben", "pointit", 0.2)], "pointit") == []

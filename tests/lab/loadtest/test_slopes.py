@@ -1,0 +1,162 @@
+"""Slopes: exact without scatter, honest with it, and silent where nothing can be known."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pointit_lab.loadtest.figures import LinkUsage, LoadResult, Usage
+from pointit_lab.loadtest.slopes import PER_PERSON, PartSlopes, Slope, fit, slopes
+
+STEPS = [(hosts, users) for hosts in (1, 2, 4) for users in (4, 8, 16)]
+
+
+def result(hosts: int, users: int) -> LoadResult:
+    """Return a result with 3 % for the site, 2 % for each host, 0.8 % for each person beside their wrist."""
+    people = [
+        Usage(name=f"people {host + 1}", cpu=0.02 + 0.008 * users / hosts, memory_mb=70 + users / hosts)
+        for host in range(hosts)
+    ]
+    routers = [Usage(name="router host 1", cpu=0.01 + 0.001 * users, memory_mb=20.0)]
+    return LoadResult(
+        users=users,
+        hosts=hosts,
+        rate_hz=100.0,
+        duration_s=1.0,
+        layout="",
+        sent=users * 100,
+        pointed=users * 100,
+        hovered=0,
+        light_s=[0.001],
+        cursor_s=[0.001],
+        processes=[Usage(name="site", cpu=0.03 + 0.005 * users, memory_mb=80.0), *people, *routers],
+        load_average=0.0,
+    )
+
+
+def error_of(slope: Slope) -> float:
+    assert slope.error is not None
+    return slope.error
+
+
+def test_known_coefficients_are_found() -> None:
+    users = [float(users) for _, users in STEPS]
+    hosts = [float(hosts) for hosts, _ in STEPS]
+    values = [5.0 + 0.8 * person + 2.0 * host for person, host in zip(users, hosts, strict=True)]
+    found = fit({"fixed": [1.0] * len(STEPS), "per_person": users, "per_host": hosts}, values)
+    assert {name: round(slope.value, 6) for name, slope in found.items()} == {
+        "fixed": 5.0,
+        "per_person": 0.8,
+        "per_host": 2.0,
+    }
+    assert all(error_of(slope) < 1e-6 for slope in found.values())
+
+
+def test_intervals_hold_the_truth_as_often_as_they_say() -> None:
+    random = np.random.default_rng(1)
+    people = [2.0, 4.0, 8.0, 16.0]
+    inside = 0
+    for _ in range(400):
+        values = [3.0 + 0.8 * person + float(random.normal(0, 0.5)) for person in people]
+        slope = fit({"fixed": [1.0] * 4, "per_person": people}, values)["per_person"]
+        inside += abs(slope.value - 0.8) <= error_of(slope)
+    assert 0.92 < inside / 400 < 0.98
+
+
+def test_what_never_changed_is_left_out() -> None:
+    found = fit({"fixed": [1.0] * 3, "per_person": [1.0, 2.0, 3.0], "per_host": [2.0] * 3}, [1.0, 2.0, 3.0])
+    assert set(found) == {"fixed", "per_person"}
+
+
+@pytest.mark.parametrize("values", [[], [1.0]])
+def test_too_few_measurements_have_no_slope(values: list[float]) -> None:
+    assert fit({"fixed": [1.0] * len(values)}, values) == {}
+
+
+def test_two_measurements_have_a_slope_without_an_error() -> None:
+    found = fit({"fixed": [1.0, 1.0], "per_person": [1.0, 3.0]}, [1.0, 2.0])
+    assert found["per_person"].value == pytest.approx(0.5)
+    assert found["per_person"].error is None
+    assert str(found["per_person"]) == "0.5 ± ?"
+
+
+@pytest.mark.parametrize(
+    ("slope", "people", "shown"),
+    [
+        (Slope(value=0.8, error=0.3), (125.0, 100 / 1.1, 200.0), "125 [91, 200]"),
+        (Slope(value=0.8, error=0.9), (125.0, 100 / 1.7, None), "125 [59, ?]"),
+        (Slope(value=0.5, error=None), (200.0, None, None), "200 [?, ?]"),
+        (Slope(value=-0.1, error=0.9), None, None),
+    ],
+)
+def test_people_a_core_is_the_inverse_with_its_interval(
+    slope: Slope, people: tuple[float, float | None, float | None] | None, shown: str | None
+) -> None:
+    part = PartSlopes(part="site", points=4, cpu_percent={PER_PERSON: slope}, memory_mb={})
+    assert part.people_a_core == (None if people is None else pytest.approx(people))
+    assert part.row()["people_a_core"] == shown
+
+
+@pytest.mark.parametrize(
+    ("value", "error", "shown"),
+    [
+        (49.23, 51.2, "49 ± 51"),
+        (1.8, 0.124, "1.80 ± 0.12"),
+        (-3.0, 3.4, "-3.0 ± 3.4"),
+        (0.5, 0.0, "0.5 ± 0"),
+        (0.5, None, "0.5 ± ?"),
+    ],
+)
+def test_a_slope_has_the_digits_of_its_error(value: float, error: float | None, shown: str) -> None:
+    assert str(Slope(value=value, error=error)) == shown
+
+
+def test_each_part_has_its_slopes() -> None:
+    found = {part.part: part for part in slopes([result(*step) for step in STEPS])}
+    assert list(found) == ["all processes", "people", "site", "all routers", "root router"]
+    people = found["people"]
+    assert people.cpu_percent["per_person"].value == pytest.approx(0.8)
+    assert people.cpu_percent["per_host"].value == pytest.approx(2.0)
+    assert people.memory_mb["per_host"].value == pytest.approx(70.0)
+    assert people.record()["people_a_core"][0] == pytest.approx(125.0)
+    assert found["root router"].cpu_percent["per_person"].value == pytest.approx(0.1)
+    assert found["site"].cpu_percent["per_person"].value == pytest.approx(0.5)
+
+
+def test_a_machine_that_could_not_send_all_samples_does_not_count() -> None:
+    whole = [result(1, users) for users in (4, 8, 16)]
+    late = replace(result(1, 16), users=32)
+    found = slopes([*whole, late])[2]
+    assert found.points == 3
+    assert error_of(found.cpu_percent["per_person"]) < 1e-6
+
+
+def test_a_single_measurement_has_no_rows() -> None:
+    assert slopes([result(1, 4)]) == []
+
+
+def test_a_link_shows_kinds_above_zero() -> None:
+    link = LinkUsage(
+        name="host 2 > host 1",
+        up_bytes_hz=1500.0,
+        up_packets_hz=9.6,
+        down_bytes_hz=0.0,
+        down_packets_hz=0.0,
+        up_hz={"Cursor": 200.4, "Health": 0.2},
+        down_hz={},
+        counted_s=2.0,
+    )
+    assert link.row() == {
+        "link": "host 2 > host 1",
+        "up_kB_per_s": 1.5,
+        "down_kB_per_s": 0.0,
+        "up_packets_per_s": 10,
+        "down_packets_per_s": 0,
+        "up": ["Cursor 200"],
+        "down": [],
+    }
+
+
+def test_cost_of_a_sample_counts_all_processes() -> None:
+    one = result(1, 4)  # (3 + 2) + (2 + 3.2) + (1 + 0.4) % of a core at 400 samples a second
+    assert one.us_per_sample == pytest.approx(290.0)

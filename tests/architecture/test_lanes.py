@@ -151,7 +151,7 @@ def test_every_place_of_a_lane_is_there(lanes: ModuleType) -> None:
 
 
 def test_a_lane_has_every_test_that_imports_its_room(lanes: ModuleType) -> None:
-    """Of tests that name the room in a command, `scripts/test` and whole runs have more."""
+    """Tests that only name the room in a command are among those of whole runs."""
     files = tuple(sorted((ROOT / "tests").rglob("*.py")))
     for name, room in lanes.ROOMS.items():
         paths = [re.sub(r"^lab$", "pointit_lab", each) for each in room.sources]

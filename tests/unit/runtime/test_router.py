@@ -10,6 +10,8 @@ from pointit.runtime.zenoh.router import router
 from pointit.runtime.zenoh.router.router import Router
 from tests.support.bench import until
 
+pytestmark = pytest.mark.wall_time
+
 PATIENCE_S = 20.0
 
 

@@ -17,7 +17,10 @@ from pointit.runtime.transport.session import close_session
 from pointit.runtime.zenoh.session import open_session
 from tests.support.buses import free_port
 
-pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="only Linux has the option")
+pytestmark = [
+    pytest.mark.skipif(sys.platform != "linux", reason="only Linux has the option"),
+    pytest.mark.wall_time,
+]
 
 AFTER_MS = 2345
 

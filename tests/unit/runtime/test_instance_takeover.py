@@ -17,8 +17,6 @@ from pointit.schemas import NS_PER_S, Health
 from pointit.schemas.topics import HEALTH, SERVICE_ALIVE, USER_ALIVE
 from tests.support.bench import until
 
-pytestmark = pytest.mark.wall_time
-
 NOW_NS = 1_700_000_000 * NS_PER_S
 ME = (socket.gethostname(), os.getpid())
 

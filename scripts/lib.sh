@@ -80,7 +80,7 @@ pip_install() {
 install() {
     if [ -z "${LOCKED:-}" ]; then
         case ",${1:-}," in
-            *,lab,* | *,dev,*) pip_install -e "$ROOT${1:+[$1]}" -e "$ROOT/lab" ;;
+            *,lab,* | *,test,* | *,dev,*) pip_install -e "$ROOT${1:+[$1]}" -e "$ROOT/lab" ;;
             *) pip_install -e "$ROOT${1:+[$1]}" ;;
         esac
     else

@@ -50,6 +50,7 @@ def test_ci_installs_what_tests_need_and_says_what_is_missing(machine: Machine, 
         machine.add(tool, "#!/bin/sh\n")
     done = machine.run("../.ci/run")
     assert done.returncode == 0  # without it tests are skipped, for reasons that are not listed
+    assert done.stdout.endswith("\nUNSTABLE: 0\n")
     assert ("apt-get update" in machine.calls) == (not there)
     told = f"*** missing on this machine: chromium {' '.join(needed)} ***"
     assert done.stderr.count(told) == (0 if there else 2)  # before the tests and after them
@@ -65,6 +66,39 @@ def test_ci_installs_what_tests_need_and_says_what_is_missing(machine: Machine, 
     assert not left_out, "every test is run"
     assert all("-p tests.support.strict_skips" in call for call in tests)
     assert all(call.split()[1] == "1" for call in machine.calls if not call.startswith("apt-get"))
+
+
+@pytest.mark.parametrize(
+    ("tests", "runs"),
+    [
+        (
+            ["tests/unit/web", "tests/golden", "tests/e2e/web"],
+            ["tests/e2e/web", "tests/unit/web tests/golden"],
+        ),
+        (["tests/docs", "tests/unit/maps"], ["docs", "tests/unit/maps"]),
+        (["tests/interop/ros2", "tests/lab"], ["containers", "tests/interop/ros2", "tests/lab"]),
+    ],
+    ids=["room", "documents", "containers"],
+)
+def test_ci_runs_the_tests_of_a_lane_and_the_gates_alone(
+    machine: Machine, tests: list[str], runs: list[str]
+) -> None:
+    shutil.copytree(ROOT / ".ci", machine.root / ".ci")
+    told = "\n".join(["page: nothing else has changed", *tests])
+    (machine.root / ".ci" / "lanes.py").write_text(f"print({told!r})\n", encoding="utf-8")
+    for script in ("../.ci/versions", "../.ci/containers", "setup", "check", "docs", "mutants", "test"):
+        path = machine.root / "scripts" / script
+        path.write_text(f'#!/bin/sh\necho "{path.name} $*" >> "$CALLS"\n', encoding="utf-8")
+    (machine.root / ".venv" / "bin").mkdir(parents=True)
+    (machine.root / ".venv" / "bin" / "python").symlink_to(sys.executable)
+    machine.add("id", "#!/bin/sh\necho 1\n")
+    done = machine.run("../.ci/run")
+    assert done.returncode == 0, done.stderr
+    assert "=== page: nothing else has changed ===" in done.stdout
+    ran = [
+        " ".join(word for word in call.split() if word.startswith("tests/")) or call for call in machine.calls
+    ]
+    assert sorted(call.strip() for call in ran) == sorted(["setup dev", "check", *runs])
 
 
 SOME_FAIL = """#!/bin/sh
@@ -111,6 +145,7 @@ def test_ci_runs_the_files_of_a_few_tests_that_failed_once_more(
     assert [call for call in machine.calls if ".py" in call] == [f"test {file}" for file in sorted(files)]
     told = re.findall(r"UNSTABLE: (.*) failed beside others, its file passed alone; mend it", done.stdout)
     assert told == (failed if status == 0 else [])
+    assert done.stdout.endswith(f"\nUNSTABLE: {len(told)}\n")
     assert ("4 tests failed, too many to run again" in done.stdout) == (len(failed) == 4)
 
 

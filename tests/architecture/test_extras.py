@@ -11,7 +11,7 @@ from pointit.runtime.host import extras
 from tests.architecture.sources import ROOT
 
 PAGE = ROOT / "docs" / "reference" / "extras.md"
-FOR_WORK_ON_POINTIT = {"dev", "docs"}
+FOR_WORK_ON_POINTIT = {"dev", "docs", "test"}
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 EXTRAS: dict[str, list[str]] = PROJECT["optional-dependencies"]
 

@@ -66,22 +66,25 @@ def test_the_demo_runs_the_scenario_that_is_named(machine: Machine, arguments: t
     assert machine.calls[-1] == " ".join(("pointit run", *arguments))
 
 
-def test_tests_need_more_than_the_demo_and_the_demo_less(machine: Machine) -> None:
+def test_tests_need_more_than_the_demo_and_those_that_are_named_need_all(machine: Machine) -> None:
     machine.add("python3", PYTHON)
     machine.run("demo")
-    assert machine.run("test", "-q", "tests/unit").returncode == 0
-    projects = f"-e {machine.root}[dev] -e {machine.root}/lab"
-    assert machine.calls[1:] == [
-        f"python -m pip install --quiet --disable-pip-version-check {projects}",
-        "python -m pytest -q tests/unit",
-    ]
-    with (machine.root / "pyproject.toml").open("a") as file:
-        file.write("# changed\n")
+    install = f"python -m pip install --quiet --disable-pip-version-check -e {machine.root}"
     machine.run("test")
+    assert machine.calls[1] == f"{install}[test] -e {machine.root}/lab"
     workers = int(machine.calls[-1].split()[5])
     assert workers > 1
     options = f"-n {workers} --dist loadfile --no-loadscope-reorder"
-    assert machine.calls[-1] == f"python -m pytest -q {options} -m not slow and not long"
+    chosen = "-m not slow and not long tests/integration tests/unit"
+    assert machine.calls[-1] == f"python -m pytest -q {options} {chosen}"
+    assert machine.run("test", "-q", "tests/unit").returncode == 0
+    assert machine.calls[1:] == [f"{install}[dev] -e {machine.root}/lab", "python -m pytest -q tests/unit"]
+    machine.run("test")
+    assert len(machine.calls) == 1
+    with (machine.root / "pyproject.toml").open("a") as file:
+        file.write("# changed\n")
+    assert machine.run("test", "-q").returncode == 0
+    assert machine.calls[1] == f"{install}[dev] -e {machine.root}/lab"
     machine.run("demo")
     assert machine.calls == ["pointit run scenario_4"]
 
@@ -133,7 +136,7 @@ def test_an_extra_that_does_not_exist_is_refused(machine: Machine) -> None:
     machine.add("python3", PYTHON)
     done = machine.run("setup", "web", "ros")
     assert done.returncode == 1
-    extras = "lab plot web record site ble fusion mqtt discovery docs foxglove ros2 dev"
+    extras = "lab plot web record site ble fusion mqtt discovery docs foxglove ros2 test dev"
     assert done.stderr == f"setup: there is no extra 'ros'; there are: {extras}\n"
     assert machine.calls == []
 
@@ -175,7 +178,7 @@ def test_a_venv_whose_python_is_gone_is_made_anew(machine: Machine) -> None:
 
 def test_check_goes_on_after_a_failure_and_names_what_failed(machine: Machine) -> None:
     machine.add("python3", PYTHON)
-    machine.run("test")
+    machine.run("setup", "dev")
     for name, status in {"ruff": 0, "mypy": 1, "pyright": 3}.items():
         tool = machine.root / ".venv" / "bin" / name
         tool.write_text(f'#!/bin/sh\necho "{name} complains"\nexit {status}\n', encoding="utf-8")
@@ -196,8 +199,8 @@ def test_all_scripts_are_executable_and_parse() -> None:
     scripts = [*(ROOT / "scripts").iterdir(), *(ROOT / ".ci").iterdir()]
     for script in (each for each in scripts if each.is_file()):
         text = script.read_text(encoding="utf-8")
-        if "python" in text.partition("\n")[0]:
+        if script.suffix == ".py" or "python" in text.partition("\n")[0]:
             compile(text, script, "exec")
         else:
             assert subprocess.run(["bash", "-n", script], check=False).returncode == 0  # noqa: S607 - any bash
-        assert script.suffix == ".sh" or os.access(script, os.X_OK), f"{script} is not executable"
+        assert script.suffix in (".py", ".sh") or os.access(script, os.X_OK), f"{script} is not executable"

@@ -12,10 +12,10 @@ from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.clock import Clock
 from pointit.runtime.config.config import Config
 from pointit.runtime.service.service import AnyService, Launch, run_service
-from pointit.runtime.virtual_time import run_virtually
+from pointit.runtime.virtual_time import is_virtual, run_virtually
 from pointit.schemas import Message
 from pointit.schemas.topics import ANY, Topic
-from tests.support.pace import Patience
+from tests.support.pace import Patience, VirtualPatience
 
 M = TypeVar("M", bound=Message)
 P = ParamSpec("P")
@@ -68,7 +68,10 @@ async def until(
             another process for seconds, so that less than `PATIENCE_S` counts as `PATIENCE_S`.
         what: description of the condition; a function is called when it has failed.
     """
-    patience, wait_s = Patience(max(patience_s, PATIENCE_S)), SHORTEST_WAIT_S
+    patience_s = max(patience_s, PATIENCE_S)
+    loop = asyncio.get_running_loop()
+    patience = VirtualPatience(patience_s, loop.time) if is_virtual() else Patience(patience_s)
+    wait_s = SHORTEST_WAIT_S
     while not condition():
         if patience.is_over():
             sentence = what if isinstance(what, str) else what()

@@ -4,6 +4,7 @@ import os
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 
 START_S = 0.1
 """Start time of Python on a quiet machine, s."""
@@ -47,3 +48,20 @@ class Patience:
 
     def __str__(self) -> str:
         return f"{self._duration_s} s" + ("" if self._factor is None else f" x {self._factor:.1f} (busy)")
+
+
+class VirtualPatience:
+    """A duration in a loop's virtual time, which no machine makes longer."""
+
+    def __init__(self, duration_s: float, now_s: Callable[[], float]) -> None:
+        """Begin; `now_s` is the time of the loop."""
+        self._duration_s = duration_s
+        self._now_s = now_s
+        self._began_s = now_s()
+
+    def is_over(self) -> bool:
+        """Return True if the duration is over."""
+        return self._now_s() - self._began_s > self._duration_s
+
+    def __str__(self) -> str:
+        return f"{self._duration_s} s"

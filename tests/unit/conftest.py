@@ -1,8 +1,19 @@
-"""Fixture for every unit test: services report Health more often than once per second."""
+"""Fixtures for every unit test: asynchronous ones run in virtual time, and services report Health often."""
+
+import asyncio
+from collections.abc import Callable
 
 import pytest
 
 from pointit.runtime.service import service
+from pointit.runtime.virtual_time import VirtualTimeLoop
+
+
+def pytest_asyncio_loop_factories(item: pytest.Item) -> dict[str, Callable[[], asyncio.AbstractEventLoop]]:
+    """Return the maker of the loop of a test, in virtual time unless the test is marked `wall_time`."""
+    if item.get_closest_marker("wall_time") is not None:
+        return {"loop": asyncio.new_event_loop}
+    return {"loop": VirtualTimeLoop}
 
 
 @pytest.fixture(autouse=True)

@@ -14,6 +14,7 @@ from click.testing import CliRunner
 
 from pointit.cli.main import command
 from pointit.runtime.errors import ConfigError
+from pointit_lab.evaluation.pointing import drift
 from tests.support.pace import slowness
 from tests.support.published_recordings import Stand, write_acts, write_simulated, write_track
 
@@ -93,7 +94,8 @@ def test_the_variable_says_where_the_data_are(data: Path, monkeypatch: pytest.Mo
     assert json.loads(out)["rows"]
 
 
-def test_what_corrections_leave(tmp_path: Path) -> None:
+def test_what_corrections_leave(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(drift, "PEOPLE", 5)
     with pytest.raises(ConfigError, match="has none of the folders vr_eyefinger, proximity_feedback"):
         invoke("pointing", "--data", str(tmp_path))
     with pytest.raises(ConfigError, match="no such set; there are vr_eyefinger"):
@@ -109,7 +111,7 @@ def test_what_corrections_leave(tmp_path: Path) -> None:
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of a terminal")
 @pytest.mark.parametrize("number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.long)])
 def test_it_ends_at_once_with_all_its_processes(number: int, tmp_path: Path) -> None:
-    write_acts(tmp_path, {str(i): (1.7, Stand(noise_deg=4.0)) for i in range(40)})
+    write_acts(tmp_path, {str(i): (1.7, Stand(noise_deg=4.0)) for i in range(6)})
     running = subprocess.Popen(
         [sys.executable, *COMMAND, "--data", str(tmp_path)],
         stdout=subprocess.PIPE,

@@ -10,6 +10,7 @@ import pytest
 from pointit.geometry import vector
 from pointit.services.localizer.drift.model import DriftSettings
 from pointit_lab.evaluation.datasets.proximity_feedback import PHASES, FloorTrial, read_floor_trials
+from pointit_lab.evaluation.pointing import drift
 from pointit_lab.evaluation.pointing.drift import LEFT_OUT, candidates, drift_rows, left_out, recorded_rows
 from pointit_lab.evaluation.pointing.drift_courses import chained, courses, hold_sigma_rad
 from pointit_lab.evaluation.pointing.drift_innovation import innovation_rows
@@ -29,6 +30,23 @@ from tests.support.data import data_file
 
 HEADER = "trial,target_id,target_x,target_y,phase,t,x,y,trial_len_samples\n"
 PLACES = ((2.0, -1.0), (2.0, 0.0), (2.0, 1.0))
+
+
+@pytest.fixture(scope="module")
+def hundred() -> list[Row]:
+    """Return the rows of a hundred simulated people."""
+    return simulated_rows(100)
+
+
+@pytest.fixture(scope="module")
+def recordings() -> Path:
+    return data_file("recordings/proximity_feedback")
+
+
+@pytest.fixture(scope="module")
+def recorded(recordings: Path) -> list[Row]:
+    """Return the rows of recorded people."""
+    return recorded_rows(read_floor_trials(recordings), quiet)
 
 
 def quiet(_: str) -> None:
@@ -126,8 +144,8 @@ def test_the_filter_follows_a_recorded_drift(tmp_path: Path) -> None:
     assert find(rows, "90 s, 2 anchors", "pointit", "03").n == 3
 
 
-def test_simulated_people_are_within_3_degrees_after_three_minutes() -> None:
-    rows = simulated_rows(100)
+def test_simulated_people_are_within_3_degrees_after_three_minutes(hundred: list[Row]) -> None:
+    rows = hundred
     condition = "3 min, 1 anchor/min, after it"
     assert median(find(rows, condition, "raw")) > 17.6
     assert median(find(rows, condition, "pointit")) <= 3.0
@@ -140,9 +158,11 @@ def test_simulated_people_are_within_3_degrees_after_three_minutes() -> None:
         assert within(find(rows, "3 min, 1 anchor/min", one)) >= 0.9
 
 
-def test_one_contradiction_moves_the_pose_in_part_and_the_next_anchor_tells_which_it_was() -> None:
+def test_one_contradiction_moves_the_pose_in_part_and_the_next_anchor_tells_which_it_was(
+    hundred: list[Row],
+) -> None:
     """A turned IMU and a pointing at the wrong lamp look the same until then, so neither may be believed."""
-    rows = simulated_rows(60)
+    rows = hundred
     for condition in (TURNED, WRONG_ANCHOR):
         after = f"{condition}, after it"
         again = find(rows, after, "re-anchored")
@@ -178,18 +198,22 @@ def test_the_same_people_come_each_time() -> None:
     assert simulated_rows(3) == simulated_rows(3)
 
 
-def test_without_recordings_there_are_simulated_people(tmp_path: Path) -> None:
+def test_without_recordings_there_are_simulated_people(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(drift, "PEOPLE", 5)
     ticks: list[str] = []
     rows = drift_rows(tmp_path, ticks.append)
     assert {row.set for row in rows} == {"simulated_drift"}
+    assert {row.n for row in rows} == {5}
     assert ticks
 
 
-def test_recorded_people_are_within_3_degrees_after_three_minutes() -> None:
-    folder = data_file("recordings/proximity_feedback")
-    trials = read_floor_trials(folder)
-    assert all(set(trial.phases) == set(PHASES) for trial in trials)
-    rows = recorded_rows(trials, quiet)
+def test_recorded_people_are_within_3_degrees_after_three_minutes(
+    recordings: Path, recorded: list[Row]
+) -> None:
+    assert all(set(trial.phases) == set(PHASES) for trial in read_floor_trials(recordings))
+    rows = recorded
     assert median(find(rows, "3 min, 1 anchor/min", "raw")) > 17.6
     told = find(rows, "3 min, 1 anchor/min", "pointit")
     assert median(told) <= 2.5
@@ -200,8 +224,8 @@ def test_recorded_people_are_within_3_degrees_after_three_minutes() -> None:
     assert within(soon) >= 0.9
 
 
-def test_with_rests_nobody_is_worse_off_than_by_anchoring_again() -> None:
-    rows = recorded_rows(read_floor_trials(data_file("recordings/proximity_feedback")), quiet)
+def test_with_rests_nobody_is_worse_off_than_by_anchoring_again(recorded: list[Row]) -> None:
+    rows = recorded
     condition = "3 min, 1 anchor/min"
     for solver in ("pointit, rests", LEFT_OUT):
         assert median(find(rows, condition, solver)) <= 2.5
@@ -258,9 +282,8 @@ def _steered(trial: FloorTrial) -> FloorTrial:
     return replace(trial, phases={**trial.phases, "feedback_hold": on_target})
 
 
-def test_directions_of_holds_are_rays() -> None:
-    folder = data_file("recordings/proximity_feedback")
-    for course in courses(read_floor_trials(folder)):
+def test_directions_of_holds_are_rays(recordings: Path) -> None:
+    for course in courses(read_floor_trials(recordings)):
         for hold in course.holds:
             assert vector.norm(hold.direction_h) == pytest.approx(1.0)
             assert hold.direction_h[2] < 0.0

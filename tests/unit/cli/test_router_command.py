@@ -10,6 +10,8 @@ import pytest
 
 from pointit.cli.site import router
 
+pytestmark = pytest.mark.wall_time
+
 PATIENCE_S = 60.0
 
 STARTS_WITH_FEW_FILES = """

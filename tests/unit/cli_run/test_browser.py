@@ -12,6 +12,8 @@ from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.schemas.topics import SERVICE_ALIVE
 from tests.support.bench import until
 
+pytestmark = pytest.mark.wall_time
+
 PATIENCE_S = 20.0
 LINK = "http://127.0.0.1:8090/?token=of-the-operator"
 

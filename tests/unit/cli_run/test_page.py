@@ -40,6 +40,8 @@ from tests.support.buses import free_port
 from tests.unit.cli_run.drawn import monitor_of
 from tests.unit.cli_run.stand_in import StandIn
 
+pytestmark = pytest.mark.wall_time
+
 
 def page_with(*settings: str, **asked: Any) -> Page:
     return page_of(Settings(settings=settings), asked={"port": 0, **asked})

@@ -21,6 +21,8 @@ from pointit.services.conveyor_sim.service import ConveyorSim
 from tests.support.bench import START_NS, Bench, ManualClock, memory_bench, until
 from tests.unit.conveyor_sim.rooms import CHAIN, FORK, S, config
 
+pytestmark = pytest.mark.wall_time
+
 FEEDER = {"interval_s": 0.5, "length_m": 0.2}
 SITE = "memory"
 """Site name of the bench's bus."""

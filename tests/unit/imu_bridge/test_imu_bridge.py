@@ -30,6 +30,8 @@ from tests.support.bench import PATIENCE_S, ManualClock, in_virtual_time, memory
 from tests.support.pace import within
 from tests.support.pty_device import PtyDevice, pty_device
 
+pytestmark = pytest.mark.wall_time
+
 
 def finger(sample: ImuSample) -> vector.Vec3:
     return rotation.rotate(sample.orientation_xyzw, (1.0, 0.0, 0.0))

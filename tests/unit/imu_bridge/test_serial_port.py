@@ -16,6 +16,8 @@ from pointit.runtime.host.serial_port import PortSettings, SerialThread, describ
 from tests.support.bench import until
 from tests.support.pty_device import pty_device
 
+pytestmark = pytest.mark.wall_time
+
 
 @pytest.mark.parametrize(
     ("error", "words"),

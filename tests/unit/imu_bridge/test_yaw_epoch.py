@@ -19,6 +19,8 @@ from tests.support.bench import memory_bench, until
 from tests.support.pty_device import pty_device
 from tests.unit.imu_bridge.test_imu_bridge import send_until
 
+pytestmark = pytest.mark.wall_time
+
 S = NS_PER_S
 
 

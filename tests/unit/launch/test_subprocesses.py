@@ -23,6 +23,8 @@ from pointit.services.selector.service import Selector
 from tests.support.bench import until
 from tests.support.buses import free_port
 
+pytestmark = pytest.mark.wall_time
+
 PATIENCE_S = 20.0
 
 

@@ -37,6 +37,8 @@ from tests.support.pace import within
 from tests.support.pty_device import Listener, PtyDevice, pty_device
 from tests.unit.led_driver.driving import FAST, cursor, next_frame, started
 
+pytestmark = pytest.mark.wall_time
+
 
 @pytest.mark.parametrize(
     "outputs",

@@ -18,6 +18,8 @@ from pointit.services.led_driver.outputs import OutputConfig
 from pointit.testing import UdpDevice
 from tests.support.bench import until
 
+pytestmark = pytest.mark.wall_time
+
 STRIP = Strip(id="a", line_m=((0, 0, 0), (1, 0, 0)), pixels=2)
 
 

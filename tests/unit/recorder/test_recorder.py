@@ -57,6 +57,8 @@ from pointit.services.recorder.config import RecorderConfig
 from pointit.services.recorder.service import Recorder
 from tests.support.bench import until
 
+pytestmark = pytest.mark.wall_time
+
 LEVEL = (0.0, 0.0, 0.0, 1.0)
 
 

@@ -19,6 +19,8 @@ from pointit.services.recorder import sink as sink_module
 from pointit.services.recorder.sink import ENDED, FAULTY, INVALID, TOO_SLOW, Arrival, Sink
 from tests.support.bench import until
 
+pytestmark = pytest.mark.wall_time
+
 START = 1_700_000_000 * NS_PER_S
 
 

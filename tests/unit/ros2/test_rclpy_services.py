@@ -11,6 +11,8 @@ from tests.unit.ros2 import fake_rclpy
 from tests.unit.ros2.fake_rclpy import SetBool, Value, Wire
 from tests.unit.ros2.rclpy_bench import BOOL, QOS, SET, TRUE, node_of_ours, on_a_wire, profile
 
+pytestmark = pytest.mark.wall_time
+
 
 @pytest.fixture
 def wire(monkeypatch: pytest.MonkeyPatch) -> Wire:

@@ -10,6 +10,8 @@ import pytest
 from pointit.runtime.zenoh.queries import MAX_WAITING, SHOWN_S, SLICE_S, BoundedWorkQueue, OverflowCounter
 from tests.support.bench import until
 
+pytestmark = pytest.mark.wall_time
+
 
 async def test_items_beyond_the_limit_are_rejected_and_the_rest_handled_in_order() -> None:
     seen: list[int] = []

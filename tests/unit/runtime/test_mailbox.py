@@ -13,6 +13,8 @@ from pointit.schemas import ButtonEvent, ImuSample, Message
 from pointit.schemas.topics import BUTTON, IMU
 from tests.support.bench import until
 
+pytestmark = pytest.mark.wall_time
+
 THREADS = 4
 
 

@@ -21,6 +21,8 @@ from pointit.services.imu_bridge.sources import SOURCES
 from tests.support import strangers
 from tests.support.bench import until
 
+pytestmark = pytest.mark.wall_time
+
 
 class Sink:
     """Warnings that are shown."""

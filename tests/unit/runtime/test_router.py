@@ -10,6 +10,8 @@ from pointit.runtime.router import router
 from pointit.runtime.router.router import Router
 from tests.support.bench import until
 
+pytestmark = pytest.mark.wall_time
+
 PATIENCE_S = 20.0
 
 

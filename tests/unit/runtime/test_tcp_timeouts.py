@@ -16,7 +16,10 @@ from pointit.runtime.link.link import LEASE_MS, Link, ports_of
 from pointit.runtime.zenoh.session import close_session, open_session
 from tests.support.buses import free_port
 
-pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="only Linux has the option")
+pytestmark = [
+    pytest.mark.skipif(sys.platform != "linux", reason="only Linux has the option"),
+    pytest.mark.wall_time,
+]
 
 AFTER_MS = 2345
 

@@ -11,6 +11,8 @@ import pytest
 from pointit.runtime.host.threads import EXIT_PATIENCE_S, in_daemon_thread
 from tests.support.bench import until
 
+pytestmark = pytest.mark.wall_time
+
 PATIENCE_S = 20.0
 
 

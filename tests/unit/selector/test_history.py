@@ -19,6 +19,8 @@ from tests.support.bench import Bench, ManualClock, memory_bench
 from tests.unit.selector.test_journal import NOW, S, ended, keep, refused, selected
 from tests.unit.selector.test_selector_service import stay
 
+pytestmark = pytest.mark.wall_time
+
 
 async def asked(bench: Bench, last: int = 200, since_ns: int = 0) -> tuple[SelectionEvent, ...]:
     reply = await bench.bus.call(READ_HISTORY, ReadHistory(last=last, since_ns=since_ns))

@@ -17,6 +17,8 @@ from pointit.bridges.web.server.listener import url
 from pointit.runtime.errors import ConfigError, RefusedError
 from pointit.runtime.host.state_file import site_folder
 
+pytestmark = pytest.mark.wall_time
+
 
 async def _word(_request: Request) -> PlainTextResponse:
     return PlainTextResponse("here")

@@ -19,6 +19,8 @@ from pointit.schemas import Feedback, Interaction, Localization
 from tests.support.bench import until
 from tests.unit.web.phone_bench import PhoneBench, phone_bench
 
+pytestmark = pytest.mark.wall_time
+
 TURN = {"kind": "turn", "q": [0.0, 0.0, 0.0, 1.0], "t_ms": 12.5, "session": 3, "battery": 0.5}
 
 

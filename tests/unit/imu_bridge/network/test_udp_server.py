@@ -12,6 +12,8 @@ from tests.support.bench import until
 from tests.support.buses import free_udp_port
 from tests.support.running_source import Health, phone_at
 
+pytestmark = pytest.mark.wall_time
+
 
 @pytest.mark.skipif(not hasattr(socket, "SO_REUSEPORT"), reason="no port can be shared here")
 async def test_datagram_of_another_that_comes_before_a_connection_keeps_its_sender(

@@ -36,6 +36,8 @@ from pointit.testing.devices.serial_formats import (
 from tests.support.bench import until
 from tests.support.pty_device import PtyDevice, pty_device
 
+pytestmark = pytest.mark.wall_time
+
 POSTURE = rotation.from_azimuth_elevation(0.7, -0.3)
 LINE = b"1,0,0,0\n"
 

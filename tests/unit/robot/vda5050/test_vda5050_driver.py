@@ -19,6 +19,8 @@ from pointit.testing.trial import TrialHealth
 from tests.support.bench import ManualClock, until
 from tests.unit.robot.vda5050.agv_bench import SPEC
 
+pytestmark = pytest.mark.wall_time
+
 STATE = "uagv/v2/acme/7/state"
 
 

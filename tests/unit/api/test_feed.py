@@ -17,6 +17,8 @@ from pointit.schemas import Cursor, Done, KeyNameError, SelectionEvent, SetSpeed
 from pointit.schemas.topics import CURSOR, POSE, SELECTION_EVENTS, SET_SPEED, USER_ALIVE, Presence
 from tests.support.bench import until
 
+pytestmark = pytest.mark.wall_time
+
 
 def put_cursor(bus: MemoryBus, user: str, seq: int) -> None:
     bus.publisher(CURSOR, user).put(Cursor(stamp_ns=seq, seq=seq))

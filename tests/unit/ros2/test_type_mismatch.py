@@ -11,6 +11,8 @@ from tests.unit.ros2.rclpy_bench import BOOL, QOS, node_of_ours, on_a_wire, prof
 from tests.unit.ros2.test_graph import BOOL as OTHER_TYPE
 from tests.unit.ros2.test_graph import OTHER, end
 
+pytestmark = pytest.mark.wall_time
+
 
 class Rebuilt(fake_rclpy.Bool):
     HASH = "RIHS01_" + "0" * 64

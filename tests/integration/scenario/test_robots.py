@@ -85,12 +85,13 @@ THREE = [
 ]
 
 
+@pytest.mark.parametrize("scenario", ["scenario_5", "scenario_6"])
 @pytest.mark.parametrize("seeds", THREE)
-def test_three_people_whom_a_quadrotor_localizes_all_land_it(seeds: Iterable[int]) -> None:
+def test_three_people_whom_a_robot_localizes_all_reach_a_goal(seeds: Iterable[int], scenario: str) -> None:
     users = ("anna", "ben", "cleo")
     for seed in seeds:
         flights = play_robots(
-            "scenario_5",
+            scenario,
             400.0,
             seed=seed,
             users=users,

@@ -1,6 +1,6 @@
 """A person who points at robots and places, and robots that answer as told."""
 
-from typing import Any
+from typing import Any, Literal
 
 from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
@@ -82,10 +82,8 @@ class Ben:
         self.outputs += self.steps.on_interaction(began, self.now_ns)
         return self
 
-    def rest(self) -> "Ben":
-        self.outputs += self.steps.on_interaction(
-            Interaction(stamp_ns=self.now_ns, state="idle"), self.now_ns
-        )
+    def rest(self, state: Literal["idle", "localizing"] = "idle") -> "Ben":
+        self.outputs += self.steps.on_interaction(Interaction(stamp_ns=self.now_ns, state=state), self.now_ns)
         return self
 
     def take(self, robot: str) -> "Ben":

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from pointit.geometry.vector import Vec3
 from pointit.schemas import Environment, UserPose
-from tests.unit.goal.floor import START_NS
+from tests.unit.goal.floor import POINTING, START_NS
 from tests.unit.goal.steered import QUAD, ROVER, Ben
 
 THERE: Vec3 = (1.5, 1.5, 0.0)
@@ -192,6 +192,25 @@ def test_ceasing_to_point_lets_the_robot_go() -> None:
     assert ben.text == "rover is let go, as you stopped pointing: it stays where it is"
     ben.point(QUAD).press()
     assert ben.steering.robot == ""
+
+
+def test_a_ground_robot_waits_while_its_person_points_at_a_lamp_and_a_quadrotor_is_let_go() -> None:
+    ben = Ben().take("rover").point(THERE)
+    before = len(ben.cues)
+    ben.rest("localizing").set("rover", phase="stopped", reason="rover waits until ben is localized")
+    assert (ben.steering.robot, ben.steering.waypoints_m) == ("rover", (THERE,))
+    ben.start().report("rover")  # not heard yet of the pointing
+    ben.set("rover", phase="idle", reason="").point(BEYOND)
+    assert [cue.cue for cue in ben.cues[before:]] == ["selected"]
+    assert ben.steering.waypoints_m == (THERE, BEYOND)
+    assert Ben().take("quad").rest("localizing").steering.robot == ""
+
+
+def test_who_waits_for_a_robot_hears_first_that_their_direction_is_uncertain() -> None:
+    ben = Ben().set("rover", user="anna").point(ROVER)
+    ben.steps.on_interaction(POINTING.model_copy(update={"is_unsure": True}), ben.now_ns)
+    ben.press()
+    assert ben.text == "your direction has become uncertain: press twice, then point at a lamp once"
 
 
 def test_a_robot_that_frees_itself_or_falls_silent_is_lost() -> None:

@@ -133,6 +133,17 @@ def test_an_unsure_goal_and_one_of_a_person_who_does_not_hold_on_are_refused() -
     assert "not pointing" in robot.safety.target_problem("ada", [], robot.now_ns, sigma_m=0.1)
 
 
+@pytest.mark.parametrize("kind", ["ground", "quadrotor"])
+def test_a_ground_robot_whose_person_points_at_a_lamp_stands_and_stays_theirs(kind: str) -> None:
+    robot = steered(GROUND.model_copy(update={"kind": kind}))
+    robot.run(0.1)
+    robot.interact("localizing")
+    stop = robot.safety.stop("ada", "goals", robot.now_ns)
+    assert stop is not None
+    assert stop.is_freeing == (kind == "quadrotor")
+    assert robot.safety.take_problem("ada", robot.now_ns) == stop.text
+
+
 def test_nothing_moves_before_the_map_has_come() -> None:
     safety = Safety(GROUND, "quad")
     now_ns = START_NS

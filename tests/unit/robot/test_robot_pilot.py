@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from pointit.schemas import Localization
 from pointit.services.robot.robot_driver import (
     Follow,
     FollowPath,
@@ -20,6 +21,7 @@ from pointit.services.robot.robot_driver import (
     TakeOff,
 )
 from pointit.services.robot.robot_safety import StopReason
+from tests.unit.robot.flight import ROBOT
 from tests.unit.robot.permits import Desk
 
 THERE = (1.0, 0.5, 0.0)
@@ -85,6 +87,19 @@ def test_the_first_who_names_it_gets_it_and_the_next_when_it_is_let_go() -> None
     desk.steer("anna", robot="other")
     assert isinstance(desk.step(), Stop)
     assert desk.pilot.user == "ben"
+
+
+@pytest.mark.parametrize("purpose", ["anchor", "pose"])
+def test_who_is_localized_by_following_their_robot_has_let_go(purpose: Literal["anchor", "pose"]) -> None:
+    desk = desk_of("anna")
+    desk.safety.stop_reason = StopReason("not_pointing", "it waits until anna is localized", is_freeing=False)
+    assert isinstance(desk.step(), Stop)
+    follows = Localization(
+        stamp_ns=0, phase="sampling", target_id=ROBOT, purpose=purpose, since_ns=desk.now_ns
+    )
+    desk.pilot.on_localization("anna", follows)
+    desk.step()
+    assert desk.pilot.user == ("anna" if purpose == "anchor" else "")
 
 
 def test_who_leaves_has_let_go() -> None:

@@ -117,12 +117,43 @@ def test_she_sets_two_way_points_sends_the_robot_and_then_the_next_two() -> None
     assert carol.hear("selected", sign_of="localized").wait(0.5).goal.point_m == SPOTS[2]
 
 
-def test_a_place_without_a_cue_is_pointed_at_anew_and_a_refused_goal_begins_again() -> None:
+def test_a_place_without_a_cue_is_replaced_by_the_next_spot_and_a_refused_goal_begins_again() -> None:
     carol = Carol(GroundRobotUser).wait(3.0).hear("selected").wait(1.0)
-    before = carol.goal.key
-    assert carol.wait(9.0).goal.key != before
+    assert carol.wait(9.0).goal.point_m == SPOTS[1]
     carol.hear("selected").hear("selected").wait(1.5).hear("refused").wait(1.0)
     assert carol.hear("selected").hear("selected").wait(1.5).goal.presses == 3
+
+
+def test_who_has_pointed_at_a_lamp_while_they_steer_goes_on_steering() -> None:
+    carol = Carol(GroundRobotUser)
+    carol.now_ns = 60 * NS_PER_S
+    carol.wait(3.0).hear("selected").wait(2.5)
+    carol.hear("refused", "the place is sure to 0.6 m only: choose one nearer to you, or localize again")
+    assert carol.goal.gesture == "double"
+    carol.now_ns += 5 * NS_PER_S
+    carol.wait(3.0).hear("refused", "rover has no way-point yet: stay at a place for 1 s, then press")
+    assert carol.wait(0.1).goal.closed_loop
+
+
+def test_who_is_given_another_robot_lets_it_go() -> None:
+    carol = Carol(GroundRobotUser).wait(3.0).hear("selected", "quad is yours: it takes off").wait(0.1)
+    assert (carol.goal.gesture, carol.goal.presses) == ("hold", 2)
+    assert carol.wait(8.0).goal.presses == 3
+
+
+@pytest.mark.parametrize("waits", [False, True])
+def test_after_a_turn_she_leaves_the_robot_to_others_the_longer_if_there_are_any(waits: bool) -> None:  # noqa: FBT001
+    carol = Carol(GroundRobotUser).wait(3.0)
+    if waits:
+        carol.hear("refused", "rover is steered by anna").wait(8.0)
+    carol.hear("selected")
+    for _ in range(2):
+        carol.wait(1.0).hear("selected").hear("selected").wait(1.5)
+        carol.hear("selected", sign_of="localized")
+    assert carol.goal.gesture == "hold"
+    assert carol.wait(9.0).goal == REST
+    assert (carol.wait(2.0).goal == REST) == waits
+    assert carol.wait(50.0).goal != REST
 
 
 def test_a_refused_way_point_is_replaced_by_the_next_spot() -> None:

@@ -19,6 +19,8 @@ class GoalChecker:
         self._level: frozenset[str] = frozenset()
         self._poses: dict[str, UserPose] = {}
         self._interaction: Interaction | None = None
+        self.unsure_reason = ""
+        """Advice to a person whose direction is uncertain, or `""`."""
 
     @property
     def is_pointing(self) -> bool:
@@ -36,6 +38,8 @@ class GoalChecker:
     def on_interaction(self, interaction: Interaction) -> None:
         """Update the interaction state of the person."""
         self._interaction = interaction
+        advice = "your direction has become uncertain: press twice, then point at a lamp once"
+        self.unsure_reason = advice if interaction.is_unsure else ""
 
     def place(self, cursor: Cursor) -> Vec3 | None:
         """Return the point of `cursor` if a goal can be there, else None; a plane must be seen from above."""
@@ -76,8 +80,8 @@ class GoalChecker:
             return f"your arm is {-age_s:.1f} s ahead of this machine's clock: synchronize the two clocks"
         if self._user not in self._poses:
             return "your position is unknown: localize first"
-        if self._interaction is not None and self._interaction.is_unsure:
-            return "your direction has become uncertain: press twice, then point at a lamp once"
+        if self.unsure_reason:
+            return self.unsure_reason
         sigma_m = self.sigma_m(place_m, cursor)
         if not sigma_m <= config.max_sigma_m:
             how = f"sure to {sigma_m:.1f} m only" if math.isfinite(sigma_m) else "not known well enough"

@@ -27,7 +27,7 @@ from pointit.services.goal.goal_checks import GoalChecker
 from pointit.services.goal.goal_cues import CueFactory
 from pointit.services.goal.robot_choice import ChosenRobot, RobotChoice
 from pointit.services.goal.stay_detector import StayDetector
-from pointit.services.goal.taken_robot import RobotCue, TakenRobot
+from pointit.services.goal.taken_robot import DECIDED_NS, RobotCue, TakenRobot
 
 Output = Goal | Feedback | Steering
 
@@ -96,12 +96,14 @@ class RobotSteering:
         self._choice.on_ray(ray)
 
     def on_interaction(self, interaction: Interaction, now_ns: int) -> list[Output]:
-        """Update the person's interaction. The end of pointing lets the robot go."""
+        """Update the person's interaction. The end of pointing lets robots go, a lamp only quadrotors."""
         was_pointing = self._checker.is_pointing
         self._checker.on_interaction(interaction)
         if self._checker.is_pointing:
             if not was_pointing:
                 self._pointing_since_ns = interaction.stamp_ns
+            return self._output([], now_ns)
+        if interaction.state == "localizing" and self._mode == "goals":
             return self._output([], now_ns)
         cues: list[Output] = []
         if self._taken is not None and self._taken.is_owner:
@@ -117,7 +119,8 @@ class RobotSteering:
             return []
         self._robots[name] = (state, now_ns)
         self._choice.on_robot(name, state)
-        if self._taken is None or self._taken.name != name:
+        is_new = abs(now_ns - self._pointing_since_ns) <= DECIDED_NS  # its reason is that of before
+        if self._taken is None or self._taken.name != name or is_new or not self._checker.is_pointing:
             return []
         return self._answered(self._taken.on_state(state, self._mode, now_ns), now_ns)
 
@@ -183,7 +186,7 @@ class RobotSteering:
 
     @property
     def _is_owner(self) -> bool:
-        return self._taken is not None and self._taken.is_owner
+        return self._checker.is_pointing and self._taken is not None and self._taken.is_owner
 
     def _chosen(self, choice: ChosenRobot, now_ns: int) -> list[Output]:
         if choice.robot:
@@ -204,8 +207,10 @@ class RobotSteering:
 
     def _take(self, name: str, now_ns: int) -> list[Output]:
         state = self._robots[name][0]
-        if state.user not in ("", self._user):
+        text = self._checker.unsure_reason
+        if not text and state.user not in ("", self._user):
             text = f"{name} is steered by {state.user}: wait until it is free, or point at another robot"
+        if text:
             return [self._cues.make("refused", text, now_ns, state.position_m)]
         self._taken = TakenRobot(name, self._user, now_ns)
         self._mode = "follow" if state.kind == "quadrotor" else "goals"
@@ -264,11 +269,9 @@ class RobotSteering:
 
     def _go(self, now_ns: int) -> list[Output]:
         cursor, place_m = self._cursor, self._waypoints[-1]
-        reason = "point while you press" if cursor is None else ""
-        if cursor is not None:
-            reason = self._checker.rejection_reason(place_m, cursor, now_ns)
+        reason = cursor and self._checker.rejection_reason(place_m, cursor, now_ns)
         if cursor is None or reason:
-            return [self._cues.make("refused", reason, now_ns, place_m)]
+            return [self._cues.make("refused", reason or "point while you press", now_ns, place_m)]
         via_m, self._waypoints = tuple(self._waypoints[:-1]), []
         self._goals += 1
         goal = Goal(

@@ -35,7 +35,7 @@ class FigureFlight:
         """Start without anybody to be localized."""
         self._config = config
         self._name = name
-        self._followers: dict[str, int] = {}
+        self.followers: dict[str, int] = {}
         """People who are localized by this robot, and since when, ns."""
         self._poses: dict[str, UserPose] = {}
         self._is_begun = False
@@ -47,7 +47,7 @@ class FigureFlight:
     def _waiting(self, now_ns: int) -> list[str]:
         """Return the people who are localized by this robot."""
         longest_ns = LONGEST_S * NS_PER_S
-        return [user for user, since_ns in self._followers.items() if abs(now_ns - since_ns) < longest_ns]
+        return [user for user, since_ns in self.followers.items() if abs(now_ns - since_ns) < longest_ns]
 
     def take_problem(self, user: str, now_ns: int) -> str:
         """Return the reason not to let `user` end the figure that others follow, or `""`."""
@@ -64,13 +64,13 @@ class FigureFlight:
     def on_localization(self, user: str, news: Localization) -> None:
         """Update whether `user` is localized by this robot."""
         is_ours = news.phase == "sampling" and news.purpose == "pose" and news.target_id == self._name
-        self._followers.pop(user, None)
+        self.followers.pop(user, None)
         if is_ours and not news.ahead:
-            self._followers[user] = news.since_ns
+            self.followers[user] = news.since_ns
 
     def on_gone(self, user: str) -> None:
         """Note that the localizer of `user` has ended."""
-        self._followers.pop(user, None)
+        self.followers.pop(user, None)
         self._poses.pop(user, None)
 
     def forget(self) -> None:
@@ -146,7 +146,7 @@ class FigureFlight:
         config = self._config
         apart_m = config.keep_out_m + config.figure.person_sigma_m + config.radius_m
         if config.figure.people_m:
-            found = [pose.position_m[:2] for user, pose in self._poses.items() if user not in self._followers]
+            found = [pose.position_m[:2] for user, pose in self._poses.items() if user not in self.followers]
             places = config.figure.people_m
             open_m = [each for each in places if all(math.dist(each[:2], at) > FOUND_M for at in found)]
             return [AssumedPerson(place_m, apart_m) for place_m in open_m or places]

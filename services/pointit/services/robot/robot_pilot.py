@@ -244,7 +244,8 @@ class RobotPilot:
 
     def _change_owner(self, now_ns: int) -> None:
         """Take the robot from who lets go of it, and give it to the first who wants it and may have it."""
-        if self._owners.is_let_go():
+        is_followed = self._kind == "not_pointing" and self.user in self._figure.followers
+        if is_followed or self._owners.is_let_go():
             self._free()
         if self.user:
             return

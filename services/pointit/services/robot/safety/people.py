@@ -78,6 +78,9 @@ class People:
         if gone := self.presence_stop_reason(user):
             return gone
         interaction = self._interactions.get(user)
+        if interaction is not None and interaction.state == "localizing" and self._config.kind == "ground":
+            text = f"{self._robot} waits until {user} is localized"
+            return StopReason("not_pointing", text, is_freeing=False)
         if interaction is None or interaction.state != "pointing":
             text = f"{user} is not pointing: press the button, then take {self._robot} again"
             return StopReason("not_pointing", text, is_freeing=True)

@@ -27,15 +27,15 @@ ENOUGH_S = 25.0
 RESULT_S = 40.0
 """Time without the result of a press after which the person starts again, s."""
 WAYPOINT_S = 8.0
-"""Time at a place without a cue after which the person points at it again, s."""
+"""Time at a place without a cue after which the person points at the next one, s."""
 PATH = 2
 """Number of spots of a path: a way-point and a goal."""
 SETTLED_S = 2.0
 """Time of steering from which an uncertain place is not that of an arm that turns, s."""
 TURN = 2
 """Number of paths or landings after which the person leaves the robot to others."""
-TURN_PAUSE_S = 10.0
-"""Time for which they leave it to others, s."""
+TURN_PAUSE_S, OTHERS_TURN_S = 10.0, 60.0
+"""Time for which they leave it to others, s; the second if they know of others who use it."""
 
 Stage = Literal["choose", "aim", "asked", "steer", "sent"]
 
@@ -56,6 +56,7 @@ class _RobotUser(ABC):
         self._lamp_ns = self._unclear = 0
         """Time of the last request to point at a lamp, and number of robots that were not clear."""
         self._robot = ""
+        self._is_shared = False
         self._arrivals: int = 0
         self._next: int = 0
         """Index of the next spot, which counts on."""
@@ -67,6 +68,7 @@ class _RobotUser(ABC):
             self._enter("choose", now_ns)  # the person did not point meanwhile, so that they have no robot
         self._called_ns = now_ns
         for cue in sight.cues:
+            self._is_shared |= "is steered by" in cue.text
             self._on_cue(cue, now_ns)
         robots = sight.robots(now_ns)
         if self._stage == "choose":
@@ -104,7 +106,7 @@ class _RobotUser(ABC):
         if self._stage == "aim" and self._lasted_s(now_ns) > self._usually(AIM_S):
             self._press("asked", now_ns)
         elif self._stage == "asked" and self._lasted_s(now_ns) > ANSWER_S:
-            self._aim_again(now_ns)
+            self._enter("choose", now_ns)
         return Goal(
             key=f"robot {self._robot} {self._attempts}",
             point_m=robot.position_m,
@@ -120,18 +122,25 @@ class _RobotUser(ABC):
             self._press("asked", now_ns, "double")
         elif cue.cue == "deselected":
             self._enter("choose", now_ns)
+        elif self._stage == "asked" and "is yours" in cue.text and self._robot not in cue.text:
+            self._press("asked", now_ns, "hold")  # it is another robot: let it go
         elif self._stage == "asked" and cue.cue == "selected":
-            self._enter("steer", now_ns)
+            self._enter("sent" if "goes there" in cue.text else "steer", now_ns)
         elif self._stage == "asked" and cue.cue == "refused":
-            if "press again" in cue.text:
-                self._press("asked", now_ns)
-            elif "no robot" in cue.text:
-                self._aim_again(now_ns)
-            elif "longer" not in cue.text:
-                self._pause_until_ns[self._robot] = now_ns + round(self._usually(PAUSE_S) * NS_PER_S)
-                self._enter("choose", now_ns)
+            self._on_refusal(cue.text, now_ns)
         elif self._stage in ("steer", "sent"):
             self._on_result(cue, now_ns)
+
+    def _on_refusal(self, text: str, now_ns: int) -> None:
+        if "press again" in text:
+            self._press("asked", now_ns)
+        elif "way-point" in text:  # it is theirs still
+            self._enter("steer", now_ns)
+        elif "no robot" in text:
+            self._aim_again(now_ns)
+        elif "longer" not in text:
+            self._pause_until_ns[self._robot] = now_ns + round(self._usually(PAUSE_S) * NS_PER_S)
+            self._enter("choose", now_ns)
 
     def _needs_lamp(self, text: str, now_ns: int) -> bool:
         """Return True if pointing at a lamp once helps, and was not done just before."""
@@ -152,7 +161,8 @@ class _RobotUser(ABC):
         self._arrivals += 1
         if self._arrivals % TURN:
             return False
-        self._pause_until_ns[self._robot] = now_ns + round(TURN_PAUSE_S * NS_PER_S)
+        pause_s = OTHERS_TURN_S if self._is_shared else TURN_PAUSE_S
+        self._pause_until_ns[self._robot] = now_ns + round(pause_s * NS_PER_S)
         return True
 
     def _enter(self, stage: Stage, now_ns: int) -> None:
@@ -236,7 +246,7 @@ class GroundRobotUser(_RobotUser):
             if self._lasted_s(now_ns) > self._usually(CONTENT_S):
                 self._press("sent", now_ns)
         elif self._stage == "steer" and self._lasted_s(now_ns) > WAYPOINT_S:
-            self._attempts += 1
+            self._next += 1
             self._since_ns = now_ns
         return Goal(
             key=f"spot {self._next} {self._attempts}",

@@ -53,10 +53,12 @@ ROOMS = {
         ("tests/unit/cli", "tests/unit/cli_run", "tests/unit/conversion", "tests/unit/testing_kit"),
     ),
     "page": Room(
-        (f"{BRIDGES}web",),
+        (f"{BRIDGES}web", f"{PRODUCT}launch/page", f"{PRODUCT}cli/page"),
         ("tests/unit/web", "tests/integration/web", "tests/e2e/web"),
         (
             *("tests/unit/cli_run", "tests/unit/deploy", "tests/unit/recorder", "tests/wheel"),
+            *("tests/integration/cli/test_stage.py", "tests/unit/cli/test_page_of_a_recording.py"),
+            "tests/unit/launch",
             *(
                 "tests/devices/test_mqtt_lamps.py",
                 "tests/devices/test_slimevr.py",
@@ -67,6 +69,7 @@ ROOMS = {
     "robots": Room(
         (
             *(f"{PRODUCT}services/{name}" for name in ("goal", "robot", "robot_replay")),
+            *(f"{PRODUCT}launch/robots", f"{PRODUCT}cli/robots", f"{PRODUCT}vda5050"),
             f"{BRIDGES}agv_tracker",
         ),
         (
@@ -75,9 +78,8 @@ ROOMS = {
             "tests/devices/vda5050_agv",
         ),
         (
-            "tests/unit/testing_kit",
-            "tests/unit/ros2",
-            "tests/integration/ros2",
+            *("tests/unit/cli_run", "tests/unit/launch", "tests/unit/ros2", "tests/unit/testing_kit"),
+            *("tests/integration/ros2", "tests/integration/scenario/steered_robots.py"),
             "tests/e2e/web/test_robots.py",
         ),
     ),

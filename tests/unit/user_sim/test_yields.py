@@ -7,7 +7,7 @@ import pytest
 
 from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
-from pointit.runtime.clock import WallClock
+from pointit.runtime.virtual_time import VirtualClock
 from pointit.schemas import NS_PER_S, WRIST_PATIENCE_S, SelectedObject, Selection, UserProfile, WristSample
 from pointit.schemas.topics import BUTTON, HEALTH, IMU, WRIST
 from pointit.services.user_sim.config import UserSimConfig
@@ -148,7 +148,7 @@ def test_who_was_just_born_presses_once_they_are_let() -> None:
 
 
 async def test_the_service_is_silent_while_a_page_has_the_wrist_and_goes_on_then() -> None:
-    async with memory_bench(WallClock()) as bench:
+    async with memory_bench(VirtualClock()) as bench:
         samples, presses, reports = bench.collect(IMU), bench.collect(BUTTON), bench.collect(HEALTH)
         config = UserSimConfig(rate_hz=100.0, think_s=0.0)
         bench.start(UserSim, config, user="anna")

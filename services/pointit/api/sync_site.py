@@ -1,4 +1,6 @@
 """A site as scripts and notebooks see it: plain iterators, and calls that wait."""
+# pyright: reportPrivateUsage=false
+# (functions below are the methods of `SyncSite`)
 
 import asyncio
 import atexit

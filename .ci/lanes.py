@@ -15,7 +15,10 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 WHOLE_EVERY = 10
 """Commits of the first line."""
-ALWAYS = ("tests/architecture", "tests/contract", "tests/golden", "tests/replay")
+ALWAYS = (
+    *("tests/architecture", "tests/contract", "tests/golden", "tests/mutants", "tests/replay"),
+    "tests/docs/test_inline.py",  # options that pages name
+)
 
 
 @dataclass(frozen=True)
@@ -37,7 +40,7 @@ ROOMS = {
         ("lab",),
         ("tests/lab",),
         (
-            *("tests/wheel", "tests/unit/geometry/test_one_euro_figures.py"),
+            *("tests/docs", "tests/wheel", "tests/unit/geometry/test_one_euro_figures.py"),
             "tests/unit/goal/test_robot_identification.py",
             "tests/unit/localizer",
         ),
@@ -58,6 +61,8 @@ ROOMS = {
         (
             *("tests/unit/cli_run", "tests/unit/deploy", "tests/unit/recorder", "tests/wheel"),
             *("tests/integration/cli/test_stage.py", "tests/unit/cli/test_page_of_a_recording.py"),
+            *("tests/e2e/run/test_metrics.py", "tests/e2e/run/test_terminal.py"),
+            "tests/unit/foxglove/test_page_appearance.py",
             "tests/unit/launch",
             *(
                 "tests/devices/test_mqtt_lamps.py",
@@ -80,6 +85,10 @@ ROOMS = {
         (
             *("tests/unit/cli_run", "tests/unit/launch", "tests/unit/ros2", "tests/unit/testing_kit"),
             *("tests/integration/ros2", "tests/integration/scenario/steered_robots.py"),
+            "tests/integration/scenario/test_send_a_robot.py",
+            "tests/integration/api/test_found_by_following.py",
+            *("tests/lab/evaluation/test_robot_evaluation.py", "tests/lab/evaluation/test_robot_flights.py"),
+            "tests/lab/cli/test_evaluate_robots.py",
             "tests/e2e/web/test_robots.py",
         ),
     ),

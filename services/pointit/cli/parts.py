@@ -55,7 +55,9 @@ RUN_PARTS: Sequence[Part["RunPart"]] = (
 )
 """Panels of options of `run`, in the order of its help."""
 
-DISPLAY_PARTS: Sequence[Part["DisplayPart"]] = ((("pointit.cli.robots", "pointit.launch.robots"), _robots),)
+DISPLAY_PARTS: Sequence[Part["DisplayPart"]] = (
+    (("pointit.cli.robots", "pointit.launch.robots", "pointit.services.user_sim"), _robots),
+)
 """Parts of the view and the summary of a run, in their order."""
 
 PERSON_CHECKS: Sequence[Part[PersonCheck]] = ((("pointit.cli.site", "pointit.access"), _credentials),)

@@ -1,4 +1,4 @@
-"""Yaw error of simulated people after three minutes of drift, with one anchor per minute."""
+"""Yaw error of simulated people after three minutes of drift, with one anchor per minute (pointing.md §7)."""
 
 import math
 from collections.abc import Sequence

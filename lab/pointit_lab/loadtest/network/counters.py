@@ -88,7 +88,10 @@ class Counters:
 
 
 def count(wire: socket.socket, duration_s: float) -> dict[str, Any]:
-    """Return the time and the number of messages of each kind that left and entered by `wire`."""
+    """Return the time and the number of messages of each kind that left and entered by `wire`.
+
+    A message's kind is in clear unless the link is encrypted; a name that a packet's end cuts is missed.
+    """
     up, down = Counter[str](), Counter[str]()
     began_s = time.monotonic()
     while (left_s := began_s + duration_s - time.monotonic()) > 0:

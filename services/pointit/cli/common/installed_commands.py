@@ -92,10 +92,11 @@ def declared() -> Iterator[Declared]:
         for name in _packages(folder or "."):
             with contextlib.suppress(OSError, ValueError):  # `load` says more if it is called
                 text = _content(f"{folder or '.'}/{name}/entry_points.txt")
-                section = text.partition(f"[{GROUP}]\n")[2].partition("\n[")[0]
-                if not section or name in seen:
+                section = "\n".join(["", text.partition(f"[{GROUP}]\n")[2]]).partition("\n[")[0]
+                distribution = name.partition("-")[0].lower()
+                if not section or distribution in seen:
                     continue
-                seen.add(name)
+                seen.add(distribution)
                 head = _content(f"{folder or '.'}/{name}/METADATA").partition("\n\n")[0]
                 package, summary = _field("Name", head), _field("Summary", head)
                 for command in re.findall(r"^([^#=\s][^=]*?)\s*=", section, re.MULTILINE):

@@ -27,7 +27,7 @@ class Watcher(Protocol):
         ...
 
     def summary(self) -> Mapping[str, Any]:
-        """Return its entries in the summary of the run."""
+        """Return its entries in the summary of the run, by names that no other watcher has."""
         ...
 
 

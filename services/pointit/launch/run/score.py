@@ -1,4 +1,7 @@
-"""Score of a run: objects selected, missed or wrong, bays where they left, and latency from hand to light."""
+"""Score of a run: objects selected, missed or wrong, bays where they left, and latency from hand to light.
+
+An object that left at a bay counts for the person it was sent there for, whatever was selected before.
+"""
 
 import math
 from collections import Counter

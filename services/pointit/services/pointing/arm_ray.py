@@ -1,4 +1,6 @@
-"""The pointing ray of an arm in {H}, and its correction: eye-finger, shoulder-arm or forearm (pointing.md).
+"""The pointing ray of an arm in {H}: eye-finger, shoulder-arm or forearm (paper, §II-A; pointing.md §1).
+
+Its correction takes out a person's systematic error (pointing.md §3).
 
 The body faces where the arm points: the shoulder is beside the neck, at a right angle to the arm's azimuth.
 {H} itself has no relation to the body, because its yaw is where the IMU happened to start. A body that turns

@@ -76,7 +76,12 @@ class Pointer:
 
 
 class Freshness:
-    """Compares each sample of one wrist with those before."""
+    """Compares each sample of one wrist with those before: fresh, stale or repeated.
+
+    Devices and bridges repeat samples (a quarter of all samples in recordings of the ROS toolkit are
+    repeats): a repeat has the device time of the sample before. Equal orientations are no evidence, since an
+    arm at rest has them, too.
+    """
 
     def __init__(self, stale_after_s: float) -> None:
         """Accept samples at most `stale_after_s` old or in the future."""

@@ -41,7 +41,7 @@ NO_WORKSPACE = WorkspaceStart()
 
 
 class NearbyLamps:
-    """Lamps within an angle of the ray."""
+    """Lamps within an angle of the ray, for lamps that answer by colour (paper, scenario 1)."""
 
     def __init__(self, lamps: Sequence[Lamp], within_rad: float) -> None:
         """Set the lamps, and the maximum angle."""

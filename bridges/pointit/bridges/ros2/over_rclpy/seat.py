@@ -132,7 +132,12 @@ class NullEndpoint:
 
 
 class LoopbackFilter:
-    """Messages recently sent to one topic."""
+    """Messages recently sent to one topic: rclpy delivers our own like any other.
+
+    Only rclpy from Kilted on names a message's publisher; every one since Iron gives the time of publication.
+    It is taken inside `publish`, by the same clock as ours: a message with the bytes of one of ours,
+    published while we published, is ours.
+    """
 
     def __init__(self) -> None:
         self._sent: collections.deque[_Sent] = collections.deque(maxlen=REMEMBERED)

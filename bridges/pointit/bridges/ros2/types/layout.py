@@ -145,6 +145,9 @@ def numbers(given: Any, dtype: "np.dtype[Any]", where: str) -> "np.ndarray[Any, 
 def checker_for(of: Any, check_of: Callable[[str], Callable[[Any], None]]) -> Fault | None:
     """Return a check of a field described by `of`, or None if the codec's suffices.
 
+    The codec checks ranges of integers, lengths of arrays and that text is text. It does not check finite
+    numbers, dtypes of arrays, NUL in text, booleans, and bounds. A check returns an error message, or `""`.
+
     Args:
         of: as `rihs01` describes fields; not a nested type.
         check_of: returns for a type's name a check that raises ValueError for bad values.

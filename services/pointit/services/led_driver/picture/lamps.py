@@ -181,7 +181,10 @@ class _StateLamp:
 
 
 class FlashGuard:
-    """Colours of one lamp, each held back until it may be shown."""
+    """Colours of one lamp, each held back until it may be shown.
+
+    At most three flashes a second, whatever is commanded, since more can trigger seizures.
+    """
 
     def __init__(self) -> None:
         """Create with a dark lamp."""

@@ -14,10 +14,7 @@ from pointit.services.registry import PROCESSES, Process
 from tests.architecture import keys, sources
 from tests.architecture.sources import ROOT, shown
 
-HOMES = {
-    "services": ROOT / "services/pointit/services",
-    "bridges": ROOT / "bridges/pointit/bridges",
-}
+HOMES = {"services": ROOT / "services/pointit/services", "bridges": ROOT / "bridges/pointit/bridges"}
 """Folders of processes, by room."""
 FOUR_FILES = {"__init__.py", "__main__.py", "config.py", "service.py"}
 OUTSIDERS = {"cli", "external", "every service"}

@@ -53,12 +53,7 @@ def test_the_demo_installs_once_and_runs_scenario_4(machine: Machine) -> None:
 
 @pytest.mark.parametrize(
     "arguments",
-    [
-        ("scenario_2",),
-        ("scenario_2", "--seed", "1"),
-        ("--seed", "1", "scenario_2"),
-        ("my room.yaml",),
-    ],
+    [("scenario_2",), ("scenario_2", "--seed", "1"), ("--seed", "1", "scenario_2"), ("my room.yaml",)],
 )
 def test_the_demo_runs_the_scenario_that_is_named(machine: Machine, arguments: tuple[str, ...]) -> None:
     machine.add("python3", PYTHON)

@@ -9,18 +9,8 @@ import pytest
 from pointit.runtime.bus.contract import Bus, list_present
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.errors import BusClosedError
-from pointit.schemas import (
-    Done,
-    SetBrightness,
-)
-from pointit.schemas.topics import (
-    BUTTON,
-    IMU,
-    PROFILE,
-    SERVICE_ALIVE,
-    SET_BRIGHTNESS,
-    USER_ALIVE,
-)
+from pointit.schemas import Done, SetBrightness
+from pointit.schemas.topics import BUTTON, IMU, PROFILE, SERVICE_ALIVE, SET_BRIGHTNESS, USER_ALIVE
 from tests.support.bench import until
 from tests.support.buses import Site
 from tests.support.sinks import Roll, Sink, imu, press, profile

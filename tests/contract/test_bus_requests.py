@@ -7,18 +7,8 @@ import pytest
 
 from pointit.runtime.bus.contract import MAX_IN_FLIGHT
 from pointit.runtime.errors import NoAnswerError, RefusedError
-from pointit.schemas import (
-    AddPackage,
-    AddPackageReply,
-    Done,
-    SetBrightness,
-    SetPose,
-)
-from pointit.schemas.topics import (
-    ADD_PACKAGE,
-    SET_BRIGHTNESS,
-    SET_POSE,
-)
+from pointit.schemas import AddPackage, AddPackageReply, Done, SetBrightness, SetPose
+from pointit.schemas.topics import ADD_PACKAGE, SET_BRIGHTNESS, SET_POSE
 from tests.support.bench import until
 from tests.support.buses import Site
 

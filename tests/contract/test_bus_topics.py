@@ -9,20 +9,8 @@ import pytest
 
 from pointit.runtime.bus.contract import EVENT_CAPACITY, Tap, Undecoded
 from pointit.runtime.errors import BusClosedError
-from pointit.schemas import (
-    ButtonEvent,
-    KeyNameError,
-    Message,
-    Selection,
-)
-from pointit.schemas.topics import (
-    BUTTON,
-    IMU,
-    PROFILE,
-    SELECTION,
-    USER_ALIVE,
-    Topic,
-)
+from pointit.schemas import ButtonEvent, KeyNameError, Message, Selection
+from pointit.schemas.topics import BUTTON, IMU, PROFILE, SELECTION, USER_ALIVE, Topic
 from tests.support.bench import until
 from tests.support.buses import Site
 from tests.support.sinks import Sink, imu, press, profile, reached

@@ -14,14 +14,7 @@ from pointit.runtime.service import people_share
 from pointit.runtime.service.instance_takeover import LISTEN_S
 from pointit.runtime.service.people_share import PeopleShare
 from pointit.schemas import ClearSelection, Done, ImuSample
-from pointit.schemas.topics import (
-    BUTTON,
-    CLEAR_SELECTION,
-    IMU,
-    PROFILE,
-    SHARD_ALIVE,
-    USER_ALIVE,
-)
+from pointit.schemas.topics import BUTTON, CLEAR_SELECTION, IMU, PROFILE, SHARD_ALIVE, USER_ALIVE
 from tests.support.bench import ManualClock, until
 from tests.support.buses import Site
 from tests.support.sinks import Sink, imu, press, profile

@@ -15,14 +15,7 @@ from pointit.schemas import Feedback
 from pointit.services.imu_bridge.ble.ble_source import SHORT_S
 from pointit.services.imu_bridge.ble.discovery import discover_ble
 from pointit.services.imu_bridge.ble.metamotion import METAMOTION, MetaMotion
-from pointit.services.imu_bridge.reading import (
-    Battery,
-    Disconnected,
-    Press,
-    Reading,
-    Reconnected,
-    Signal,
-)
+from pointit.services.imu_bridge.reading import Battery, Disconnected, Press, Reading, Reconnected, Signal
 from pointit.testing.devices.wrists.metamotion import SimulatedMetaMotion
 from pointit.testing.imu.harness import is_near
 from tests.devices.ble_session import POSTURE, Session, require_selection, worn
@@ -170,8 +163,7 @@ def test_cue_that_fails_is_logged_and_the_next_one_is_played(
 
 @pytest.mark.parametrize("is_restarted", [False, True])
 def test_lost_board_is_told_and_connected_again_and_keeps_its_yaw_unless_it_was_restarted(
-    *,
-    is_restarted: bool,
+    *, is_restarted: bool
 ) -> None:
     async def main() -> None:
         board = SimulatedMetaMotion()

@@ -80,10 +80,7 @@ async def tracker(
 
 async def test_tracker_connects_and_everything_it_sends_arrives(node: tuple[str, str]) -> None:
     port = free_udp_port()
-    async with (
-        running(SLIMEVR, port=port, tracker=MAC) as wrist,
-        tracker(node, port) as emulated,
-    ):
+    async with running(SLIMEVR, port=port, tracker=MAC) as wrist, tracker(node, port) as emulated:
         emulated.turn(POSTURE)
         await until(lambda: len(wrist.of(Reading)) >= 50)
         emulated.tell(battery=[3.875, 75], signal=-60)

@@ -5,14 +5,7 @@ import random
 import pytest
 
 from tests.faults.account import Account
-from tests.faults.attackers import (
-    LARGE,
-    attack,
-    besieged,
-    keys_of,
-    member,
-    request_keys_of,
-)
+from tests.faults.attackers import LARGE, attack, besieged, keys_of, member, request_keys_of
 from tests.faults.site import Site
 from tests.support.bench import until
 

@@ -38,10 +38,7 @@ def plant(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Plant]:
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("who", "how"),
-    [
-        ("operator", "by TLS"),
-        pytest.param("dashboard1", "by QUIC, thinned to 20 Hz", marks=pytest.mark.long),
-    ],
+    [("operator", "by TLS"), pytest.param("dashboard1", "by QUIC, thinned to 20 Hz", marks=pytest.mark.long)],
 )
 async def test_who_looks_on_over_a_narrow_link_harms_nobody(
     plant: Plant, account: Account, who: str, how: str

@@ -13,15 +13,7 @@ from pointit.diagnosis.diagnose import diagnose
 from pointit.diagnosis.observation import Finding, Observation, Report
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas import Cursor, Deployment, Health, ImuSample, Message, Selection, SelectionEvent
-from pointit.schemas.topics import (
-    CURSOR,
-    DEPLOYMENT,
-    HEALTH,
-    IMU,
-    SELECTION,
-    SELECTION_EVENTS,
-    SERVICE_ALIVE,
-)
+from pointit.schemas.topics import CURSOR, DEPLOYMENT, HEALTH, IMU, SELECTION, SELECTION_EVENTS, SERVICE_ALIVE
 from tests.faults.site import FLOWS_S, INSTANCES, NOTICED_S, PEOPLE, START_S, Site
 from tests.integration.access.secured import link_of
 from tests.support.bench import until

@@ -161,9 +161,7 @@ def verdict(mutant: Mutant, folder: str) -> str:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the mutants that `arguments` choose; return 0 if their tests killed all of them."""
     parser = argparse.ArgumentParser(
-        prog="scripts/mutants",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        prog="scripts/mutants", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("part", nargs="*", help="only mutants whose file or test contains this text")
     parser.add_argument("--sample", type=int, metavar="N", help="only N of them, chosen by --seed")

@@ -70,10 +70,7 @@ SESSIONS: dict[str, Session] = {
         scenario="scenario_3", duration_s=20.0, restarts=True, happens=("selection/events=selected",)
     ),
     "bad_link": Session(
-        scenario="scenario_3",
-        duration_s=20.0,
-        link=BadLink,
-        happens=("selection/events=selected",),
+        scenario="scenario_3", duration_s=20.0, link=BadLink, happens=("selection/events=selected",)
     ),
     "offset": GOLDEN["an offset"],
     "taken_back": GOLDEN["taken back"],

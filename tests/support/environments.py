@@ -37,10 +37,7 @@ def python_of(name: str, requirements: Path, what: str, say: Callable[[str], Non
         shutil.rmtree(folder, ignore_errors=True)
         for sentence, command in (
             (f"making {name}", (sys.executable, "-m", "venv", f"{folder}")),
-            (
-                f"fetching {what} into {name} (100 MB, once)",
-                (f"{python}", *PIP, "-r", f"{requirements}"),
-            ),
+            (f"fetching {what} into {name} (100 MB, once)", (f"{python}", *PIP, "-r", f"{requirements}")),
         ):
             say(sentence)
             try:

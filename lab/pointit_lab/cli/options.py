@@ -31,11 +31,7 @@ JOBS = click.option(
 def bench_option(benches: Sequence[str]) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
     """Return the option `--bench` (`benches`), which chooses among all of them."""
     return click.option(
-        "--bench",
-        "benches",
-        multiple=True,
-        type=click.Choice(benches),
-        help="only this one; may be repeated",
+        "--bench", "benches", multiple=True, type=click.Choice(benches), help="only this one; may be repeated"
     )
 
 

@@ -39,13 +39,7 @@ BENCHES = ("landing", "workspace", IDENTIFICATION, CHOICE, FOLLOWING)
 @click.option("--data", help="folder with recordings of people to compare with; optional", **DATA)
 @JSON
 def robots(
-    *,
-    benches: tuple[str, ...],
-    people: int,
-    seed: int,
-    jobs: int,
-    data: Path | None,
-    json_file: Path | None,
+    *, benches: tuple[str, ...], people: int, seed: int, jobs: int, data: Path | None, json_file: Path | None
 ) -> None:
     """Simulate people who take a quadrotor by pointing, steer it and land it, and compare with real people.
 

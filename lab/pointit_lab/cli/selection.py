@@ -89,10 +89,7 @@ def selection(
     from pointit_lab.evaluation.selection.human import humans  # noqa: PLC0415 - as above
     from pointit_lab.evaluation.selection.method import selector_config  # noqa: PLC0415 - as above
     from pointit_lab.evaluation.selection.plot import check_plot, plot  # noqa: PLC0415 - as above
-    from pointit_lab.evaluation.selection.selection import (  # noqa: PLC0415 - SciPy, and all services' cores
-        document,
-        selection_rows,
-    )
+    from pointit_lab.evaluation.selection.selection import document, selection_rows  # noqa: PLC0415 - SciPy, and all services' cores
 
     chosen = tuple(dict.fromkeys(methods)) or METHODS
     for name in chosen:

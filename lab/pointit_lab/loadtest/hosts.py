@@ -159,12 +159,7 @@ class HostsTest:
         )
 
     def _link(
-        self,
-        index: int,
-        before: Traffic,
-        after: Traffic,
-        lasted_s: float,
-        contents: Contents,
+        self, index: int, before: Traffic, after: Traffic, lasted_s: float, contents: Contents
     ) -> LinkUsage:
         machines = self._network.machines
         return LinkUsage(

@@ -64,12 +64,7 @@ async def _measure_hosts(load: Load, count: int, tell: Tell) -> LoadResult:
             stack.enter_context(_given(credentials))
         people = host_groups(load, count, machines)
         async with start_hosts_test(
-            made,
-            people,
-            site=load.site,
-            program=load.router or "pointit",
-            folder=Path(folder),
-            secured=site,
+            made, people, site=load.site, program=load.router or "pointit", folder=Path(folder), secured=site
         ) as test:
             await test.until_carried(load.rate_hz, WARM_UP_S)
             tell(f"  measuring for {load.duration_s:g} s …")

@@ -119,8 +119,7 @@ class SetMounting(Query):
         QuaternionXyzw | None, Field(description="rotates arm vectors into the sensor; None if as configured")
     ] = None
     is_relative: Annotated[
-        bool,
-        Field(description="it counts from the mounting in use, so rotates into the arm frame of today"),
+        bool, Field(description="it counts from the mounting in use, so rotates into the arm frame of today")
     ] = False
 
 

@@ -33,8 +33,7 @@ class RobotState(Message):
     user: Annotated[Id, Field(description="person who steers it, or empty")] = ""
     target_m: Annotated[Vec3 | None, Field(description="where it is sent, or None")] = None
     reason: Annotated[
-        str,
-        Field(description="why it does not move as asked, and the remedy; empty if it does"),
+        str, Field(description="why it does not move as asked, and the remedy; empty if it does")
     ] = ""
     goal_ns: Annotated[Ns, Field(description="stamp of the goal that it carries out; 0: none")] = 0
     battery: Annotated[Fraction | None, Field(description="charge, if known")] = None

@@ -73,8 +73,7 @@ class Claim(Message):
 
     object_id: Id
     wish: Annotated[
-        Literal["reserve", "toggle"],
-        Field(description="keep it for them for a moment, or (de)select it"),
+        Literal["reserve", "toggle"], Field(description="keep it for them for a moment, or (de)select it")
     ]
     action: Annotated[
         Literal["select", "deselect"] | None,

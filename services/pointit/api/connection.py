@@ -69,10 +69,7 @@ def open(  # noqa: A001 - `pointit.open`
 
 @contextlib.asynccontextmanager
 async def _join(
-    address: str | Sequence[str],
-    site: str,
-    credentials: str | Path | None,
-    patience_s: float | None,
+    address: str | Sequence[str], site: str, credentials: str | Path | None, patience_s: float | None
 ) -> AsyncGenerator[Site]:
     if is_virtual():
         raise ConfigError("a site that runs elsewhere cannot be joined in virtual time; start one with `run`")

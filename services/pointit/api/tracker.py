@@ -75,10 +75,7 @@ class Tracker:
             if self._frame and listed:
                 listed = aligned(listed, frame_of(self._room(), self._frame))
             message = TrackedObjects(
-                stamp_ns=stamp_ns,
-                seq=self._seq + 1,
-                objects=listed,
-                latency_sigma_s=self._latency_sigma_s,
+                stamp_ns=stamp_ns, seq=self._seq + 1, objects=listed, latency_sigma_s=self._latency_sigma_s
             )
         except ValidationError as error:
             raise SchemaError(f"{self._key}: {summarize_validation_error(error)}") from error

@@ -10,15 +10,7 @@ from pointit.conversion.acts import Act, ActDetector, SelectionRow
 from pointit.conversion.columns import Column, Tables, columns_of, text
 from pointit.recording.entries import Entry, Exchange
 from pointit.runtime.errors import ConfigError
-from pointit.schemas import (
-    NS_PER_S,
-    Cursor,
-    Hover,
-    Message,
-    SelectionEvent,
-    TrackedObject,
-    TrackedObjects,
-)
+from pointit.schemas import NS_PER_S, Cursor, Hover, Message, SelectionEvent, TrackedObject, TrackedObjects
 from pointit.schemas.topics import (
     ANCHOR,
     BUTTON,

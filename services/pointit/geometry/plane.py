@@ -75,10 +75,7 @@ class PlaneSolid:
         found = nearest_on_edges(self._edges, origin_m, direction, measure)
         if measure == "metres":
             u, v = self.uv_at(origin_m)
-            held = (
-                min(max(u, -self._half[0]), self._half[0]),
-                min(max(v, -self._half[1]), self._half[1]),
-            )
+            held = (min(max(u, -self._half[0]), self._half[0]), min(max(v, -self._half[1]), self._half[1]))
             found = nearer(self._point(*held), found, origin_m, direction)
         return found
 

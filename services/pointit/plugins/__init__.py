@@ -8,7 +8,7 @@ A plug-in is one object and one line in the `pyproject.toml` of its package. The
 The object says what it is, in one line, which parameters it has, and how it is made from their values:
 
     class WavingConfig(Config):
-        rate_hz: float = Field(default=50, gt=0, le=200, description="samples per second")
+        rate_hz: float = Field(50, gt=0, le=200, description="samples per second")
 
     class Waving:
         def __init__(self, config: WavingConfig, surroundings: Surroundings) -> None:

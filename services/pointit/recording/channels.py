@@ -5,14 +5,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from pointit.recording.container import DamagedError, parse
-from pointit.recording.entries import (
-    AnyRow,
-    Entry,
-    PresenceChange,
-    body_kind,
-    find_row,
-    schema_name,
-)
+from pointit.recording.entries import AnyRow, Entry, PresenceChange, body_kind, find_row, schema_name
 from pointit.recording.library import Channel as McapChannel
 from pointit.recording.library import Opcode, Schema
 from pointit.recording.writer import MAX_CHANNELS

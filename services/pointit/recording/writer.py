@@ -3,14 +3,7 @@
 import json
 from typing import IO
 
-from pointit.recording.entries import (
-    AnyRow,
-    Entry,
-    PresenceChange,
-    body_kind,
-    row_kind,
-    schema_name,
-)
+from pointit.recording.entries import AnyRow, Entry, PresenceChange, body_kind, row_kind, schema_name
 from pointit.recording.head import METADATA, Head
 from pointit.recording.library import CompressionType, Writer
 from pointit.schemas import NS_PER_S, Message

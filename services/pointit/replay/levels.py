@@ -31,16 +31,7 @@ Level = Literal["edge", "rays", "cursors"]
 """Inputs taken from the recording: those of devices and other systems, or also rays, or also cursors."""
 
 SERVICES: dict[Level, tuple[str, ...]] = {
-    "edge": (
-        "keeper",
-        "pui",
-        "localizer",
-        "supervisor",
-        "pointing",
-        "goal",
-        "selector",
-        "led-driver",
-    ),
+    "edge": ("keeper", "pui", "localizer", "supervisor", "pointing", "goal", "selector", "led-driver"),
     "rays": ("keeper", "pui", "supervisor", "goal", "selector", "led-driver"),
     "cursors": ("selector", "led-driver"),
 }

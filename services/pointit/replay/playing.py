@@ -235,8 +235,7 @@ class _Player:
         retained = list(self._beginning.states(self._split, recomputed=True))
         topics = list({topic.key: topic for topic, _, _ in retained}.values())
         answers = self._buses.edge.serve_retained(
-            topics,
-            lambda wanted: [(name, message) for topic, name, message in retained if topic is wanted],
+            topics, lambda wanted: [(name, message) for topic, name, message in retained if topic is wanted]
         )
         asyncio.get_running_loop().call_later(GATHERING_NS / NS_PER_S / self._clock.speed, answers.close)
         configurations = [entry for entry in self._beginning.retained.values() if entry.row is CONFIGURATION]

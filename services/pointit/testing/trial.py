@@ -179,10 +179,7 @@ class Trial(ABC):
         raise CheckFailedError(f"`run` raised {type(error).__name__}: {error}") from error
 
     async def until(
-        self,
-        condition: Callable[[], bool],
-        failure: str,
-        act: Callable[[], Awaitable[None]] | None = None,
+        self, condition: Callable[[], bool], failure: str, act: Callable[[], Awaitable[None]] | None = None
     ) -> None:
         """Wait for `condition`, while the plug-in runs.
 

@@ -44,16 +44,10 @@ def one_sentence(ended: Ended, *parts: str, code: int = 2) -> None:
         (("--set", "imu-bridge.rate_hz=1"), ["imu-bridge is not among what this starts"]),
         (("--set", "pui.map={folder}/map.yaml"), ["{folder}/map.yaml: strips: ", "3"]),
         (("--set", "pui.map={folder}/none.yaml"), ["{folder}/none.yaml: cannot be read"]),
-        (
-            ("--imu", "nonsense"),
-            ["--imu 'nonsense': no IMU source 'nonsense' is installed"],
-        ),
+        (("--imu", "nonsense"), ["--imu 'nonsense': no IMU source 'nonsense' is installed"]),
         (("--imu", "replay:{folder}/none.csv"), ["{folder}/none.csv: cannot be read"]),
         (("--imu", "sim", "--imu", "sim"), ["--imu is given for 2 people", "--users"]),
-        (
-            ("--leds", "nonsense"),
-            ["--leds 'nonsense': no LED output 'nonsense' is installed"],
-        ),
+        (("--leds", "nonsense"), ["--leds 'nonsense': no LED output 'nonsense' is installed"]),
         (("--summary", "{folder}/none/s.json"), ["--summary {folder}/none/s.json: there is no directory"]),
         (("--summary", "{folder}"), ["--summary {folder}: is a directory"]),
         (("--connect", "here"), ["'here' is no address", "tcp/127.0.0.1:7447"]),

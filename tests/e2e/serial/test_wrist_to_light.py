@@ -207,10 +207,7 @@ async def whole_chain(folder: Path) -> AsyncGenerator[Bench]:
                 user="anna",
             ),
             Launch(service=Pui, config=PuiConfig(map="lab")),
-            Launch(
-                service=LedDriver,
-                config=LedDriverConfig(outputs=(ExpanderConfig(port=str(leds.path)),)),
-            ),
+            Launch(service=LedDriver, config=LedDriverConfig(outputs=(ExpanderConfig(port=str(leds.path)),))),
         ]
         bus = await ZenohBus.open(Link())
         try:

@@ -24,8 +24,7 @@ class Restarting:
 
     async def start(self, token: str) -> SitePage:
         self.site = await running(
-            self._commands,
-            *("scenario_4", "--web-port", self._port, "--set", f"web.operator_token={token}"),
+            self._commands, *("scenario_4", "--web-port", self._port, "--set", f"web.operator_token={token}")
         )
         return self.site
 

@@ -48,13 +48,7 @@ async def feed(bus: ZenohBus) -> None:
     ],
 )
 async def test_identity_records_what_it_may_read_and_says_what_it_may_not(
-    *,
-    identity: str,
-    movements: set[str],
-    denied: str,
-    site: SiteFolder,
-    commands: Commands,
-    tmp_path: Path,
+    *, identity: str, movements: set[str], denied: str, site: SiteFolder, commands: Commands, tmp_path: Path
 ) -> None:
     credentials = read_credentials(site.identity_folder("supervisor"), now())
     link = Link(site="lab", connect=credentials.link.endpoints, credentials=credentials)

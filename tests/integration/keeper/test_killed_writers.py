@@ -35,12 +35,7 @@ from pointit.services.keeper.record import FILE, read
 from tests.support.bench import until
 from tests.support.buses import free_port
 
-WRITERS = {
-    "pui": MAP,
-    "localizer.anna": POSE,
-    "selector": SELECTION,
-    "supervisor.anna": PROFILE,
-}
+WRITERS = {"pui": MAP, "localizer.anna": POSE, "selector": SELECTION, "supervisor.anna": PROFILE}
 ALL: tuple[Topic[Any], ...] = (MAP, POSE, SELECTION, PROFILE, INTERACTION)
 ABSENT_S = 3.0
 """Time without a message after which nobody has it, s: what is there comes in a tenth of that."""

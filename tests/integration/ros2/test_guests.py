@@ -169,10 +169,7 @@ async def test_services_of_ours_win_and_that_is_said_in_one_sentence(site: Site,
         await until(lambda: ANNA in look.people, NOTICED_S, "her presence")
         hers.wants_cursor(wants=True)
         await state(look, "pointing")
-        ours = [
-            look.bus.announce(SERVICE_ALIVE, f"supervisor.{ANNA}"),
-            look.bus.announce(USER_ALIVE, ANNA),
-        ]
+        ours = [look.bus.announce(SERVICE_ALIVE, f"supervisor.{ANNA}"), look.bus.announce(USER_ALIVE, ANNA)]
 
         def warned() -> int:
             return sum("is named in `people`" in each for each in look.health["ros2"].warnings)

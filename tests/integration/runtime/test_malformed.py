@@ -68,9 +68,7 @@ async def test_garbage_is_dropped_counted_and_said_once_a_second(
     assert not [record for record in caplog.records if record.exc_info]
 
 
-async def test_good_messages_go_on_between_bad_ones(
-    bus_and_stranger: tuple[ZenohBus, zenoh.Session],
-) -> None:
+async def test_good_messages_go_on_between_bad_ones(bus_and_stranger: tuple[ZenohBus, zenoh.Session]) -> None:
     bus, stranger = bus_and_stranger
     seen: list[int] = []
     subscription = bus.subscribe(IMU, lambda message, _name: seen.append(message.seq))

@@ -34,16 +34,7 @@ from pointit.schemas import (
     UserPose,
     WristSample,
 )
-from pointit.schemas.topics import (
-    BUTTON,
-    CURSOR,
-    IMU,
-    INTERACTION,
-    OBJECTS,
-    POSE,
-    SELECTION_EVENTS,
-    WRIST,
-)
+from pointit.schemas.topics import BUTTON, CURSOR, IMU, INTERACTION, OBJECTS, POSE, SELECTION_EVENTS, WRIST
 from pointit.services.imu_bridge.config import ImuBridgeConfig
 from pointit.services.imu_bridge.service import ImuBridge
 from pointit.sim.aim import Stance

@@ -17,15 +17,7 @@ from pointit.runtime.bus.local_broker import LocalBroker
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.service.service import Launch, run_services
 from pointit.runtime.virtual_time import START_NS, VirtualClock, run_virtually
-from pointit.schemas import (
-    NS_PER_S,
-    ButtonEvent,
-    Feedback,
-    ImuSample,
-    Interaction,
-    LampColor,
-    UserPose,
-)
+from pointit.schemas import NS_PER_S, ButtonEvent, Feedback, ImuSample, Interaction, LampColor, UserPose
 from pointit.schemas.topics import BUTTON, FEEDBACK, IMU, INTERACTION, LAMP_COLOR, MAP, POSE, RAY
 from pointit.services.led_driver.config import LedDriverConfig
 from pointit.services.led_driver.service import LedDriver
@@ -77,9 +69,7 @@ class Wearer:
         """Press when it is time, point at what was asked for last, and leave."""
         launches = [
             Launch(
-                service=Localizer,
-                config=LocalizerConfig(method="static_targets", targets=3),
-                user=self.user,
+                service=Localizer, config=LocalizerConfig(method="static_targets", targets=3), user=self.user
             ),
             Launch(service=Supervisor, config=SupervisorConfig(localize=True), user=self.user),
         ]

@@ -159,9 +159,7 @@ async def test_a_server_that_ends_closes_its_pages_at_once() -> None:
             cookie = await server.cookie()
             sockets = [
                 await connect(
-                    f"ws://{server.host}/ws",
-                    origin=Origin(server.url),
-                    additional_headers={"Cookie": cookie},
+                    f"ws://{server.host}/ws", origin=Origin(server.url), additional_headers={"Cookie": cookie}
                 )
                 for _ in range(3)
             ]
@@ -190,9 +188,7 @@ async def test_a_page_finds_the_server_that_has_come_back() -> None:
         async with serving(bench, port=port) as server:
             bench.put(CURSOR, Cursor(stamp_ns=START_NS), "anna")
             async with connect(
-                f"ws://{server.host}/ws",
-                origin=Origin(server.url),
-                additional_headers={"Cookie": cookie},
+                f"ws://{server.host}/ws", origin=Origin(server.url), additional_headers={"Cookie": cookie}
             ) as socket_again:
                 assert json.loads(await socket_again.recv())["kind"] == "hello"
 
@@ -246,17 +242,14 @@ async def test_whatever_pages_say_the_server_lives(caplog: pytest.LogCaptureFixt
 
         async def say(said: list[str | bytes]) -> None:
             async with connect(
-                f"ws://{server.host}/ws",
-                origin=Origin(server.url),
-                additional_headers={"Cookie": cookie},
+                f"ws://{server.host}/ws", origin=Origin(server.url), additional_headers={"Cookie": cookie}
             ) as page:
                 with contextlib.suppress(ConnectionClosed):
                     for each in said:
                         await page.send(each)
 
         @settings(
-            max_examples=40,
-            suppress_health_check=[HealthCheck.too_slow, HealthCheck.function_scoped_fixture],
+            max_examples=40, suppress_health_check=[HealthCheck.too_slow, HealthCheck.function_scoped_fixture]
         )
         @given(st.lists(ANYTHING, max_size=30))
         def fuzz(said: list[str | bytes]) -> None:

@@ -79,11 +79,7 @@ async def test_routes_of_types_that_this_ros_has_work_and_the_others_are_named(
             assert heard[-1] == {"data": expected}
 
         lacking = ("conveyor_msgs", "led_strip_msgs", "tf2_msgs", "install ros-jazzy-hri-msgs")
-        await until(
-            lambda: all(any(each in text for text in warnings()) for each in lacking),
-            10,
-            "warnings",
-        )
+        await until(lambda: all(any(each in text for text in warnings()) for each in lacking), 10, "warnings")
         await theirs.do("listen", topic="/rosout", type="rcl_interfaces/msg/Log", latched=True, depth=1000)
         heard = await theirs.until(
             "heard", lambda lines: any("conveyor_msgs" in line["msg"] for line in lines), topic="/rosout"

@@ -14,13 +14,7 @@ from pointit_lab.evaluation.localization.baselines import mean_angle
 from pointit_lab.evaluation.localization.trial import Trial
 from pointit_lab.evaluation.recordings.data_folder import recordings_folder
 from tests.support.data import data_file
-from tests.support.published_recordings import (
-    Stand,
-    write_acts,
-    write_motion,
-    write_simulated,
-    write_track,
-)
+from tests.support.published_recordings import Stand, write_acts, write_motion, write_simulated, write_track
 
 STAND = Stand()
 

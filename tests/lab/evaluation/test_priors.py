@@ -7,13 +7,7 @@ import numpy as np
 import pytest
 
 from pointit_lab.evaluation.localization.localization import OURS, localization_rows
-from pointit_lab.evaluation.localization.priors import (
-    MEMORY,
-    PEOPLE,
-    known_rows,
-    person_biases,
-    prior_rows,
-)
+from pointit_lab.evaluation.localization.priors import MEMORY, PEOPLE, known_rows, person_biases, prior_rows
 from pointit_lab.evaluation.localization.trial import FollowRecording, Trial
 from pointit_lab.evaluation.recordings.row import Row
 from tests.unit.localizer.person import EYES_M, Person, pointings

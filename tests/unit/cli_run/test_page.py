@@ -218,12 +218,7 @@ def test_a_dashboard_is_not_opened_to_a_network_without_encryption(monkeypatch: 
 
 @pytest.mark.parametrize(
     "arguments",
-    [
-        ("run", "--lan"),
-        ("run", "--web-port", "0"),
-        ("run", "--set", "web.rate_hz=3"),
-        ("dashboard",),
-    ],
+    [("run", "--lan"), ("run", "--web-port", "0"), ("run", "--set", "web.rate_hz=3"), ("dashboard",)],
 )
 def test_who_asks_for_a_page_without_the_extra_is_told_the_remedy(
     monkeypatch: pytest.MonkeyPatch, arguments: tuple[str, ...]

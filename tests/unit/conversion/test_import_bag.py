@@ -188,7 +188,7 @@ def test_a_person_of_a_bag(tmp_path: Path, storage: StoragePlugin) -> None:
         )
     )
     assert found.keys() == {
-        *(f"users/user1/{name}" for name in ("imu", "button", "ray", "pose", "interaction")),
+        *(f"users/user1/{name}" for name in ("imu", "button", "ray", "pose", "interaction"))
     }
     assert found["users/user1/imu"] == [
         ImuSample(stamp_ns=at(0.99), seq=1, orientation_xyzw=(0.0, 0.0, 0.0, 1.0))

@@ -90,8 +90,7 @@ async def test_departure_event_names_the_selecting_user() -> None:
         await until(lambda: bool(lists) and bool(lists[-1].objects))
         first = lists[-1].objects[0].id
         bench.put(
-            SELECTION,
-            Selection(stamp_ns=1, objects=(SelectedObject(id=first, user="anna", since_ns=1),)),
+            SELECTION, Selection(stamp_ns=1, objects=(SelectedObject(id=first, user="anna", since_ns=1),))
         )
         await until(lambda: len(events) == 2)
         assert [(e.event, e.kind, e.user) for e in events] == [("left", "red", "anna"), ("left", "green", "")]
@@ -174,10 +173,7 @@ async def test_selected_packages_go_to_their_bay_and_what_is_too_late_is_refused
         assert [event.seq for event in events] == [1, 2, 3]
         assert [(bay.bay, bay.selected) for bay in states[-1].bays] == [("1", 1), ("3", 0)]
         told = [(gone.object_id, gone.bay, gone.user, gone.stamp_ns) for gone in states[-1].departures]
-        assert told == [
-            (names[0], "3", "", events[1].stamp_ns),
-            (names[1], "1", "anna", events[2].stamp_ns),
-        ]
+        assert told == [(names[0], "3", "", events[1].stamp_ns), (names[1], "1", "anna", events[2].stamp_ns)]
         assert states[-1].refused == 1
 
 

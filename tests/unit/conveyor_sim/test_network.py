@@ -22,9 +22,7 @@ from tests.unit.conveyor_sim.rooms import (
     plant,
     room,
 )
-from tests.unit.conveyor_sim.test_network_properties import (
-    SHIPPED,
-)
+from tests.unit.conveyor_sim.test_network_properties import SHIPPED
 
 
 def every(belt: str, interval_s: float, *, kind: str = "red") -> dict[str, object]:

@@ -12,14 +12,7 @@ from pointit.schemas import BeltLink, Environment, TrackedObject
 from pointit.services.conveyor_sim.feeding.infeed import NoRoomError
 from pointit.services.conveyor_sim.plant import Plant
 from pointit.services.conveyor_sim.traffic.right_of_way import Rings
-from tests.unit.conveyor_sim.rooms import (
-    ROOMS,
-    S,
-    belt,
-    check_apart,
-    plant,
-    room,
-)
+from tests.unit.conveyor_sim.rooms import ROOMS, S, belt, check_apart, plant, room
 
 SHIPPED = load_map("conveyor", 0)
 EVERYWHERE = {**ROOMS, "conveyor": SHIPPED}

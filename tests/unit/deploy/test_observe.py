@@ -85,10 +85,7 @@ def test_promtool_accepts_the_configuration_and_the_rules() -> None:
 ALERTS = {
     "PointItUnreachable": {'up{job="pointit"}': "0x60"},
     "PointItServiceMissing": {'pointit_service_present{service="pui"}': "0x60"},
-    "PointItServiceLeft": {
-        'pointit_service_present{service="pui"}': "1x20 stale",
-        "pointit_people": "1x60",
-    },
+    "PointItServiceLeft": {'pointit_service_present{service="pui"}': "1x20 stale", "pointit_people": "1x60"},
     "PointItServiceSilent": {'pointit_service_reported_timestamp_seconds{service="pui"}': "0x60"},
     "PointItServiceDegraded": {'pointit_service_healthy{service="pui"}': "0x60"},
     "PointItServiceFails": {'pointit_errors_total{service="pui"}': "0+1x60"},

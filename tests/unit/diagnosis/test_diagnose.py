@@ -208,10 +208,7 @@ def test_stale_is_said_of_the_first_cause_only() -> None:
 def test_stale_because_the_writer_is_silent_is_the_writers_finding() -> None:
     reports = {"pui": [Report(received_s=BEGAN_S + 3, health=health("pui", key(RAY, "in", 3.0)))]}
     seen = Observation(
-        began_s=BEGAN_S,
-        now_s=BEGAN_S + 3.4,
-        present=frozenset({"pui", "pointing.anna"}),
-        reports=reports,
+        began_s=BEGAN_S, now_s=BEGAN_S + 3.4, present=frozenset({"pui", "pointing.anna"}), reports=reports
     )
     assert only(seen).code == "silent"
 

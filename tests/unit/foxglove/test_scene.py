@@ -86,10 +86,7 @@ def test_who_has_a_package_is_its_outline_and_its_words() -> None:
     made = scene(
         (objects(PACKAGE), "plant"),
         (UserProfile(stamp_ns=1, cursor_color=ANNA), "anna"),
-        (
-            Selection(stamp_ns=1, objects=(SelectedObject(id="7", user="anna", since_ns=1, kind="red"),)),
-            "",
-        ),
+        (Selection(stamp_ns=1, objects=(SelectedObject(id="7", user="anna", since_ns=1, kind="red"),)), ""),
         (Hover(stamp_ns=1, object_id="7", progress=0.25, action="deselect"), "bert"),
     )
     (entity,) = shown(made, "objects").values()
@@ -208,10 +205,7 @@ def test_pixels_show_the_newest_frame() -> None:
 
 
 def test_bays_tell_what_came_out() -> None:
-    counts = (
-        BayCount(bay="3", kind="red", count=4, selected=3),
-        BayCount(bay="9", kind="red", count=1),
-    )
+    counts = (BayCount(bay="3", kind="red", count=4, selected=3), BayCount(bay="9", kind="red", count=1))
     made = scene((ConveyorState(stamp_ns=1, speed_mps=0.5, bays=counts), ""))
     (entity,) = shown(made, "bays").values()
     assert entity["texts"][0]["text"] == "bay 3\nred: 4 (3 selected)"

@@ -71,10 +71,7 @@ def test_a_star_does_not_cross_itself(shape: Polygon) -> None:
 
 @pytest.mark.parametrize(
     ("outline", "edges"),
-    [
-        ([(0, 0), (2, 2), (2, 0), (0, 2)], (0, 2)),
-        ([(0, 0), (4, 0), (4, 4), (2, 0), (0, 4)], (0, 2)),
-    ],
+    [([(0, 0), (2, 2), (2, 0), (0, 2)], (0, 2)), ([(0, 0), (4, 0), (4, 4), (2, 0), (0, 4)], (0, 2))],
 )
 def test_an_outline_that_crosses_or_touches_itself_is_found(
     outline: list[Vec2], edges: tuple[int, int]

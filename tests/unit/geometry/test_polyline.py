@@ -31,10 +31,7 @@ def test_repeated_vertices_are_dropped() -> None:
     assert line.tangent_at(1.0) == (1.0, 0.0, 0.0)
 
 
-@given(
-    st.lists(places, min_size=2, max_size=6, unique=True),
-    st.lists(places, min_size=1, max_size=5),
-)
+@given(st.lists(places, min_size=2, max_size=6, unique=True), st.lists(places, min_size=1, max_size=5))
 def test_no_sample_of_the_line_is_nearer_than_the_nearest(
     vertices_m: list[tuple[float, float, float]], points_m: list[tuple[float, float, float]]
 ) -> None:
@@ -63,12 +60,7 @@ def test_many_points_at_once_are_taken_in_parts(monkeypatch: pytest.MonkeyPatch)
 def test_what_is_past_an_end_is_beyond_it(first_m: float, second_m: float, past_m: float) -> None:
     line = Polyline(((0.0, 0.0, 0.0), (first_m, 0.0, 0.0), (first_m, second_m, 0.0)))
     points_m = np.array(
-        [
-            (-past_m, 0.0, 0.0),
-            (0.0, 0.1, 0.0),
-            (first_m, second_m, 0.2),
-            (first_m, second_m + past_m, 0.0),
-        ]
+        [(-past_m, 0.0, 0.0), (0.0, 0.1, 0.0), (first_m, second_m, 0.2), (first_m, second_m + past_m, 0.0)]
     )
     positions_m, _ = line.nearest_to(points_m)
     assert line.is_beyond_ends(points_m, positions_m).tolist() == [True, False, False, True]

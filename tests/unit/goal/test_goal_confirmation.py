@@ -245,8 +245,7 @@ doings = st.one_of(
     stays,
     st.tuples(st.just("wait"), st.sampled_from([0.1, 0.5, 9.0])),
     st.tuples(
-        st.just("press"),
-        st.tuples(st.sampled_from(["press", "double", "hold"]), st.sampled_from([0.0, 0.5])),
+        st.just("press"), st.tuples(st.sampled_from(["press", "double", "hold"]), st.sampled_from([0.0, 0.5]))
     ),
     st.tuples(st.just("state"), st.sampled_from(["pointing", "idle", "localizing"])),
     st.tuples(st.just("ben"), st.sampled_from([(2.0, 1.0), (9.0, 9.0)])),

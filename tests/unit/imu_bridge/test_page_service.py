@@ -24,15 +24,7 @@ from pointit.schemas import (
     SetYawOrigin,
     WristSample,
 )
-from pointit.schemas.topics import (
-    BUTTON,
-    HEALTH,
-    IMU,
-    SERVICE_ALIVE,
-    SET_MOUNTING,
-    SET_YAW_ORIGIN,
-    WRIST,
-)
+from pointit.schemas.topics import BUTTON, HEALTH, IMU, SERVICE_ALIVE, SET_MOUNTING, SET_YAW_ORIGIN, WRIST
 from pointit.services.imu_bridge.arm_frame import MOUNTINGS
 from pointit.services.imu_bridge.config import ImuBridgeConfig
 from pointit.services.imu_bridge.serial.config import SerialConfig

@@ -193,8 +193,7 @@ async def test_full_keeper_warns(room: Room) -> None:
 
 
 async def test_skewed_clock_of_a_machine_is_a_warning_until_it_is_right(
-    room: Room,
-    monkeypatch: pytest.MonkeyPatch,
+    room: Room, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     quick = functools.partial(ClockSkewMonitor, window_s=0.3)
     monkeypatch.setattr("pointit.services.keeper.service.ClockSkewMonitor", quick)

@@ -156,11 +156,7 @@ def test_a_clock_that_was_set_back_forgets_no_earlier_and_no_later() -> None:
     ("topic", "fine", "misleading"),
     [
         (POSE, pose(), pose("external")),
-        (
-            LOCALIZATION,
-            Localization(stamp_ns=1, phase="solved"),
-            Localization(stamp_ns=1, phase="sampling"),
-        ),
+        (LOCALIZATION, Localization(stamp_ns=1, phase="solved"), Localization(stamp_ns=1, phase="sampling")),
     ],
 )
 def test_misleading_state_is_not_retained_and_drops_the_one_before(

@@ -240,10 +240,7 @@ def test_key_of_a_row_of_the_tables_is_refused() -> None:
         (made("evil", "user", writes=(MAP,)), "its SCOPE is 'user', so its key map must contain {user}"),
         (made("evil", "user", writes=(LAMP_COLOR,)), "its key leds/{led}/color must contain {user}"),
         (made("evil", "user", writes=(own("evil/a"),)), "its key evil/a must contain {user}"),
-        (
-            made("evil", writes=(IMU,)),
-            "cannot write users/{user}/imu of all people: its SCOPE must be",
-        ),
+        (made("evil", writes=(IMU,)), "cannot write users/{user}/imu of all people: its SCOPE must be"),
         (made("evil", writes=(HEALTH,)), "it cannot write health/{service}"),
         (made("evil", writes=(own("lamp/a", "lamp"),)), "it cannot write lamp/a, whose writers are lamp"),
         (

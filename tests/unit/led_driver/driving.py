@@ -1,17 +1,7 @@
 """Shared parts of the tests of the service: a fast driver, a map of two strips, objects on them."""
 
-from pointit.schemas import (
-    Cursor,
-    Environment,
-    Strip,
-    StripsFrame,
-    TrackedObject,
-    TrackedObjects,
-)
-from pointit.schemas.topics import (
-    MAP,
-    STRIPS_FRAME,
-)
+from pointit.schemas import Cursor, Environment, Strip, StripsFrame, TrackedObject, TrackedObjects
+from pointit.schemas.topics import MAP, STRIPS_FRAME
 from pointit.services.led_driver.config import LedDriverConfig, StyleConfig
 from pointit.services.led_driver.service import LedDriver
 from tests.support.bench import Bench, ManualClock, until

@@ -80,9 +80,7 @@ class Stage:
     def point(self, user: str, position_m: float, line: str = "forth", **more: Any) -> "Stage":
         values: dict[str, Any] = {"surface": "strip", **more}
         self.lights.on_cursor(
-            user,
-            Cursor(stamp_ns=self.now_ns, surface_id=line, position_m=position_m, **values),
-            self.now_ns,
+            user, Cursor(stamp_ns=self.now_ns, surface_id=line, position_m=position_m, **values), self.now_ns
         )
         return self
 

@@ -20,11 +20,7 @@ from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.serial_port import PortSettings
 from pointit.runtime.service.service import Context
 from pointit.schemas import Environment, Strip
-from pointit.schemas.topics import (
-    CURSOR,
-    HEALTH,
-    MAP,
-)
+from pointit.schemas.topics import CURSOR, HEALTH, MAP
 from pointit.services.led_driver.config import LedDriverConfig
 from pointit.services.led_driver.output.serial_port.expander import ExpanderFrame, ExpanderOutput
 from pointit.services.led_driver.output.serial_port.expander_config import ExpanderConfig
@@ -41,11 +37,7 @@ pytestmark = pytest.mark.wall_time
 
 
 @pytest.mark.parametrize(
-    "outputs",
-    [
-        (ExpanderConfig(),),
-        (ExpanderConfig(port="x"), ExpanderConfig(port="x")),
-    ],
+    "outputs", [(ExpanderConfig(),), (ExpanderConfig(port="x"), ExpanderConfig(port="x"))]
 )
 async def test_an_output_without_a_port_of_its_own_is_refused(outputs: tuple[ExpanderConfig, ...]) -> None:
     bus = MemoryBus(LocalBroker())

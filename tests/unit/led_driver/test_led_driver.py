@@ -127,12 +127,7 @@ async def test_objects_move_on_between_messages_and_show_their_state() -> None:
         clock.advance(0.2)
         bench.put(SELECTION, Selection(stamp_ns=1, objects=(SelectedObject(id="p1", user="x", since_ns=1),)))
         frame = await next_frame(frames)
-        assert pixels(frame, "a") == {
-            5: (255, 255, 255),
-            6: (200, 0, 0),
-            7: (200, 0, 0),
-            8: (255, 255, 255),
-        }
+        assert pixels(frame, "a") == {5: (255, 255, 255), 6: (200, 0, 0), 7: (200, 0, 0), 8: (255, 255, 255)}
         assert frame.stamp_ns == clock.now_ns()
         bench.put(PROFILE, UserProfile(stamp_ns=1, cursor_color=(9, 9, 9)), "anna")
         await next_frame(frames)

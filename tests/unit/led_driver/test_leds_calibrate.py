@@ -21,12 +21,7 @@ from pointit.testing import UdpDevice
 from pointit.testing.shipped.led import e131_frames
 from tests.support.bench import until
 
-LAMPS = {
-    "a": (0.0, 0.0, 0.5),
-    "b": (4.0, 0.3, 1.0),
-    "c": (3.5, 3.0, 0.0),
-    "d": (0.4, 3.2, 2.0),
-}
+LAMPS = {"a": (0.0, 0.0, 0.5), "b": (4.0, 0.3, 1.0), "c": (3.5, 3.0, 0.0), "d": (0.4, 3.2, 2.0)}
 TRUTH = Mounting.from_degrees((2.0, 1.5, 3.0), 30.0, 3.0, 176.0)
 STEP_RAD = math.radians(0.25)
 FINER = b"-" * 4

@@ -218,11 +218,7 @@ async def test_segments_that_do_not_fit_the_map_are_named() -> None:
     told = Told()
     config = OutputConfig.model_validate({"segments": [{"strip": "b"}]})
     output = NetworkOutput(
-        config,
-        Destination(host="127.0.0.1", port=1),
-        Wire(encode=plain, max_rate_hz=1.0),
-        told,
-        "127.0.0.1",
+        config, Destination(host="127.0.0.1", port=1), Wire(encode=plain, max_rate_hz=1.0), told, "127.0.0.1"
     )
     output.set_strips([STRIP])
     assert told.warnings == {"segments 127.0.0.1": "127.0.0.1: the map has no strip b: correct `segments`"}

@@ -5,15 +5,7 @@ import math
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from pointit.schemas import (
-    FARTHEST,
-    Environment,
-    Lamp,
-    PointingRay,
-    SetPose,
-    TrackedObject,
-    TrackedObjects,
-)
+from pointit.schemas import FARTHEST, Environment, Lamp, PointingRay, SetPose, TrackedObject, TrackedObjects
 from pointit.services.localizer.config import LocalizerConfig
 from pointit.services.localizer.estimation_config import TrustConfig
 from pointit.services.localizer.pose_manager import PoseManager

@@ -9,11 +9,7 @@ import pytest
 from pointit.schemas import NS_PER_S, Localization, UserPose
 from pointit.services.localizer.config import LocalizerConfig
 from pointit.services.localizer.outputs import Output
-from pointit.services.localizer.procedures.moving_target import (
-    CONTRADICTED,
-    WRIST_SIGMA_S,
-    MovingTarget,
-)
+from pointit.services.localizer.procedures.moving_target import CONTRADICTED, WRIST_SIGMA_S, MovingTarget
 from tests.unit.localizer.lab import config
 from tests.unit.localizer.person import Person
 from tests.unit.localizer.test_moving_target import PERSON, START_NS, error_m, place, poses, robots, told

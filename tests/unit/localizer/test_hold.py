@@ -85,11 +85,7 @@ def test_the_unfiltered_ray_is_the_raw_one_with_the_offset() -> None:
     plain = ray(0.0)
     assert unfiltered(plain) == plain.direction
     corrected = plain.model_copy(
-        update={
-            "raw_direction": raw,
-            "azimuth_correction_rad": 0.05,
-            "elevation_correction_rad": -0.1,
-        }
+        update={"raw_direction": raw, "azimuth_correction_rad": 0.05, "elevation_correction_rad": -0.1}
     )
     assert unfiltered(corrected) == pytest.approx(vector.direction(1.05, -0.3))
     assert unfiltered(plain.model_copy(update={"raw_direction": raw})) == raw

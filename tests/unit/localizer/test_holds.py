@@ -120,9 +120,7 @@ def test_procedure_tells_which_pointing_does_not_count() -> None:
         lit = told(outputs)[-1].target_id
         aim = places["e" if lit == "b" else lit or "a"]
         direction = person.direction(aim)
-        procedure.on_ray(
-            PointingRay(stamp_ns=now_ns, origin_m=(0.0, 0.0, EYES_M), direction=direction),
-        )
+        procedure.on_ray(PointingRay(stamp_ns=now_ns, origin_m=(0.0, 0.0, EYES_M), direction=direction))
         outputs += procedure.step(now_ns)
     (pose,) = (each for each in outputs if isinstance(each, UserPose))
     assert math.hypot(pose.position_m[0] - person.x, pose.position_m[1] - person.y) < 0.1

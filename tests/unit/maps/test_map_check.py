@@ -78,10 +78,7 @@ FINDINGS: dict[str, tuple[str, list[tuple[str, str, str]]]] = {
         f"belts: {{a: {A}, d: {belt((0.5, 2), (0.5, 0.4))}}}",
         [("warning", "belts.d", "ends beside a and no link|- {from: d, to: a, to_position: 0.500}")],
     ),
-    "belts side by side are neighbours": (
-        f"belts: {{a: {A}, b: {belt((0, 0.5), (2, 0.5))}}}",
-        [],
-    ),
+    "belts side by side are neighbours": (f"belts: {{a: {A}, b: {belt((0, 0.5), (2, 0.5))}}}", []),
     "a belt that nothing leads to or from": (
         f"belts: {{a: {A}, b: {B}, far: {belt((0, 5), (2, 5))}}}\nlinks: [{{from: a, to: b}}]",
         [("warning", "belts.far", "nothing leads to it or from it; add it to links, or give it a bay")],
@@ -110,13 +107,7 @@ FINDINGS: dict[str, tuple[str, list[tuple[str, str, str]]]] = {
             f"belts: {{a: {A}, b: {belt((2, 0), (2, 2), (0, 2), (0, 0))}, c: {belt((0, 5), (2, 5))}}}\n"
             "bays: {1: c}\nlinks: [{from: a, to: b}, {from: b, to: a}]"
         ),
-        [
-            (
-                "error",
-                "links",
-                "objects on b, a circulate forever; link one of these to a belt that has a bay",
-            ),
-        ],
+        [("error", "links", "objects on b, a circulate forever; link one of these to a belt that has a bay")],
     ),
     "a circle whose way out lies before where things come in": (
         (
@@ -176,10 +167,7 @@ FINDINGS: dict[str, tuple[str, list[tuple[str, str, str]]]] = {
             )
         ],
     ),
-    "almost too many pixels": (
-        f"strips: {{{TWO}, u: {strip((0, 2), (1, 2), pixels=36)}}}",
-        [],
-    ),
+    "almost too many pixels": (f"strips: {{{TWO}, u: {strip((0, 2), (1, 2), pixels=36)}}}", []),
     "another length": (
         f"strips: {{s: {strip((0, 0), (1, 0), more=', length: 1.5')}}}",
         [
@@ -255,10 +243,7 @@ FINDINGS: dict[str, tuple[str, list[tuple[str, str, str]]]] = {
             "spheres: {a: {center: [0, 0, 0], radius: 1}, b: {center: [0, 0, 0], radius: 1},\n"
             "  c: {center: [0, 0, 0], radius: 2}}"
         ),
-        [
-            ("warning", "strips.t", "is exactly where s is"),
-            ("warning", "spheres.b", "is exactly where a is"),
-        ],
+        [("warning", "strips.t", "is exactly where s is"), ("warning", "spheres.b", "is exactly where a is")],
     ),
     "millimetres": (
         f"strips: {{s: {strip((0, 0), (5000, 0))}}}",

@@ -265,10 +265,7 @@ BROKEN = [
     ("strips: {s: {pixels: 9, direction: 1}}", "strips.s.line: is missing"),
     ("strips: {s: {line: [[0, 0, 0]], pixels: 9, direction: 1}}", "strips.s.line: |at least two points"),
     ("strips: {s: {line: 4, pixels: 9, direction: 1}}", "strips.s.line: |list of points|not 4"),
-    (
-        "strips: {s: {line: [[0, 0, 0], [1, 0]], pixels: 9, direction: 1}}",
-        "strips.s.line: vertex 1: |[1, 0]",
-    ),
+    ("strips: {s: {line: [[0, 0, 0], [1, 0]], pixels: 9, direction: 1}}", "strips.s.line: vertex 1: |[1, 0]"),
     (
         "strips: {s: {line: [[1, 0, 0], [1, 0, 0]], pixels: 9, direction: 1}}",
         "strips.s.line: |two different points",

@@ -6,15 +6,7 @@ from pointit.geometry.vector import Vec3
 from pointit.maps.file import load_map
 from pointit.runtime.errors import NoAnswerError
 from pointit.schemas import Cloud, Cursor, Environment, Health, SetTolerance, SetWorkspace, Sphere
-from pointit.schemas.topics import (
-    CURSOR,
-    HEALTH,
-    MAP,
-    SET_TOLERANCE,
-    SET_WORKSPACE,
-    SHARD_ALIVE,
-    USER_ALIVE,
-)
+from pointit.schemas.topics import CURSOR, HEALTH, MAP, SET_TOLERANCE, SET_WORKSPACE, SHARD_ALIVE, USER_ALIVE
 from pointit.services.pui.config import PuiConfig
 from pointit.services.pui.service import Pui
 from tests.support.bench import Bench, ManualClock, in_virtual_time, memory_bench, until

@@ -13,16 +13,7 @@ from pointit.recording.reader import Recording
 from pointit.recording.writer import RecordingWriter
 from pointit.schemas import NS_PER_S, Cursor, Done, Message, SetSpeed, encode
 from pointit.schemas.catalogue.example import example
-from pointit.schemas.topics import (
-    BUTTON,
-    CURSOR,
-    REQUESTS,
-    SET_SPEED,
-    TOPICS,
-    USER_ALIVE,
-    Request,
-    Topic,
-)
+from pointit.schemas.topics import BUTTON, CURSOR, REQUESTS, SET_SPEED, TOPICS, USER_ALIVE, Request, Topic
 
 START = 1_700_000_000 * NS_PER_S
 

@@ -7,14 +7,7 @@ from typing import Any
 import pytest
 
 from pointit.services.robot.drivers.sim.sim_driver import SIM, SimDriver
-from pointit.services.robot.robot_driver import (
-    ROBOTS,
-    Command,
-    Report,
-    ReportItem,
-    RobotPlugin,
-    RobotReport,
-)
+from pointit.services.robot.robot_driver import ROBOTS, Command, Report, ReportItem, RobotPlugin, RobotReport
 
 
 class FaultyDriver(SimDriver):

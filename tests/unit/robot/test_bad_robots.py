@@ -9,14 +9,7 @@ import pytest
 
 from pointit.schemas import RobotState, Steering
 from pointit.services.robot.config import RobotConfig
-from pointit.services.robot.robot_driver import (
-    Follow,
-    FollowPath,
-    OrderStatus,
-    ReportItem,
-    RobotReport,
-    Stop,
-)
+from pointit.services.robot.robot_driver import Follow, FollowPath, OrderStatus, ReportItem, RobotReport, Stop
 from tests.unit.robot.faulty_driver import FaultyDriver, use_faulty_driver
 from tests.unit.robot.flight import ROBOT, Pilotage, fly
 from tests.unit.robot.test_robot_stops import at_full_speed, moved, speed_mps

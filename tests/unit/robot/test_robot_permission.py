@@ -75,10 +75,7 @@ def test_a_robot_behind_a_fence_can_only_come_back() -> None:
     [
         ([(-2.0, 1.0, 0.0)], ""),
         ([(0.0, 2.0, 0.0), (2.5, 2.0, 0.0)], ""),
-        (
-            [(2.5, 0.0, 0.0)],
-            "the way to the place comes too near to fence keep_out-5: set way-points",
-        ),
+        ([(2.5, 0.0, 0.0)], "the way to the place comes too near to fence keep_out-5: set way-points"),
         ([(1.5, 0.0, 0.0)], "the place is beyond fence keep_out-5: choose one on the robot's side of it"),
         ([(5.0, 0.0, 0.0), (0.0, 0.0, 0.0)], "way-point 1 is beyond fence keep_in-4: choose one"),
         ([(-2.0, -2.0, 0.0)], "the place is 1.3 m too near to bob: choose one farther away"),

@@ -140,11 +140,7 @@ def corner_course(seed: int) -> Course:
 def check_course(course: Course) -> float:
     """Steer the robot through all that happens, check its place every 10 ms, and return its way, m."""
     steered = Steered(
-        course.config,
-        course.fences,
-        course.people_m,
-        person_sigma_m=course.person_sigma_m,
-        tick=course.tick,
+        course.config, course.fences, course.people_m, person_sigma_m=course.person_sigma_m, tick=course.tick
     )
     event: Event = "point"
     places_m: list[Vec3] = []

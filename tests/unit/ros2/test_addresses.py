@@ -18,8 +18,7 @@ def launch(**backend: object) -> Launch:
 
 
 @pytest.mark.parametrize(
-    "own",
-    [ROS, "tls/localhost:7447", "tcp/[::]:7447", "tcp/0.0.0.0:7447", "tls/127.0.0.1:7447#root=/a.pem"],
+    "own", [ROS, "tls/localhost:7447", "tcp/[::]:7447", "tcp/0.0.0.0:7447", "tls/127.0.0.1:7447#root=/a.pem"]
 )
 def test_one_port_is_not_both(own: str) -> None:
     with pytest.raises(ConfigError) as caught:

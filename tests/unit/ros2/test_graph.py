@@ -160,9 +160,7 @@ def test_another_pointit_is_named_and_its_domain_never_advised() -> None:
 def test_who_is_missing_is_a_note() -> None:
     assert found(end()) == {
         "nobody": Finding(
-            about="nobody",
-            is_note=True,
-            sentence="no other ROS node is seen in domain 7: they need this",
+            about="nobody", is_note=True, sentence="no other ROS node is seen in domain 7: they need this"
         )
     }
     many = [end("publisher", name=f"/topic{index}") for index in range(5)]

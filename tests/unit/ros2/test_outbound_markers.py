@@ -12,14 +12,7 @@ from pointit.bridges.ros2.outbound.markers import MAX_OBJECTS, ellipse
 from pointit.bridges.ros2.routing.routes import Routes, routes
 from pointit.geometry import rotation, vector
 from pointit.geometry.polyline import Polyline
-from pointit.schemas import (
-    Box,
-    Interaction,
-    Message,
-    Plane,
-    SelectedObject,
-    Selection,
-)
+from pointit.schemas import Box, Interaction, Message, Plane, SelectedObject, Selection
 from tests.unit.ros2.scenes import CURSOR, NOW_NS, POSE, ROOM, furnished, objects, out, package, sent
 
 

@@ -224,9 +224,7 @@ def test_logs_are_json_lines_without_a_terminal(capsys: pytest.CaptureFixture[st
     assert json.loads(capsys.readouterr().err.splitlines()[-1])["message"] == "hello"
 
 
-def test_a_configuration_error_is_reported_before_connecting(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_a_configuration_error_is_reported_before_connecting(capsys: pytest.CaptureFixture[str]) -> None:
     class Picky(Sample):
         @classmethod
         def validate_config(cls, config: SampleConfig) -> None:
@@ -261,11 +259,7 @@ def test_an_invalid_port_ends_with_code_2(
 
 @pytest.mark.parametrize(
     ("arguments", "patience_s"),
-    [
-        ((), CLOCK_PATIENCE_S),
-        (("--clock", "site"), ASKED_CLOCK_PATIENCE_S),
-        (("--clock", "wall"), None),
-    ],
+    [((), CLOCK_PATIENCE_S), (("--clock", "site"), ASKED_CLOCK_PATIENCE_S), (("--clock", "wall"), None)],
 )
 def test_the_sites_time_is_followed_unless_wall_time_is_asked_for(
     arguments: tuple[str, ...], patience_s: float | None, monkeypatch: pytest.MonkeyPatch

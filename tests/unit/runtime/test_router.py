@@ -47,9 +47,7 @@ def test_without_connections_no_sockets_are_looked_for(monkeypatch: pytest.Monke
     assert cut == [[("10.0.0.7", 40_000)]]
 
 
-async def test_a_session_that_opens_after_cancellation_is_closed(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+async def test_a_session_that_opens_after_cancellation_is_closed(monkeypatch: pytest.MonkeyPatch) -> None:
     begun, release = threading.Event(), threading.Event()
     session = Session()
 

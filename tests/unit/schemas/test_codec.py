@@ -152,8 +152,7 @@ def test_a_flood_of_mistakes_does_not_become_a_flood_of_complaints(payload: dict
     [
         pytest.param(
             StripsFrame(
-                stamp_ns=1,
-                strips=tuple(StripFrame(id=f"strip_{n}", rgb=bytes(3 * 4096)) for n in range(64)),
+                stamp_ns=1, strips=tuple(StripFrame(id=f"strip_{n}", rgb=bytes(3 * 4096)) for n in range(64))
             ),
             id="a full expander",
         ),

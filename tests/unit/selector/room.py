@@ -120,10 +120,7 @@ class Room:
         self.take(self.selecting.on_objects("conveyor", packages(self.time_s, *moved)))
 
     def stay(
-        self,
-        duration_s: float,
-        rate_hz: float = 50.0,
-        **where: float | Callable[[float], float],
+        self, duration_s: float, rate_hz: float = 50.0, **where: float | Callable[[float], float]
     ) -> None:
         """Have people point for some time, each (by name) at a place on the belt, m, or one of the time."""
         end_s = self.time_s + duration_s

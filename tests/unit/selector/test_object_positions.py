@@ -90,11 +90,7 @@ def test_arrays_find_what_looking_at_each_finds(positions_m: list[float], at_m: 
 
 def test_free_objects_count_by_their_distance_to_the_point() -> None:
     robot = TrackedObject(
-        id="robot",
-        kind="robot",
-        position_m=(1.0, 0.3, 0.0),
-        velocity_mps=(0.0, -0.5, 0.0),
-        length_m=0.2,
+        id="robot", kind="robot", position_m=(1.0, 0.3, 0.0), velocity_mps=(0.0, -0.5, 0.0), length_m=0.2
     )
     whereabouts = ObjectPositions(margin_m=0.05)
     whereabouts.update("one", listing(robot))

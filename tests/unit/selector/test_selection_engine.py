@@ -183,10 +183,7 @@ def test_in_select_only_mode_nothing_is_deselected_by_staying(method: str) -> No
     assert room.hovers["anna"][-1].progress == 0.0
     assert [
         event.event for event in (room.take(room.selecting.clear("anna", room.now_ns)), room.events)[1]
-    ] == [
-        "selected",
-        "deselected",
-    ]
+    ] == ["selected", "deselected"]
 
 
 def press(room: Room, user: str, time_s: float, gesture: str = "press") -> None:

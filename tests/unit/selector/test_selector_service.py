@@ -232,10 +232,7 @@ async def test_who_is_back_in_time_keeps_what_is_theirs() -> None:
         again.close()
 
 
-@pytest.mark.parametrize(
-    ("field", "value"),
-    [("method", "stare"), ("fraction", 1.5), ("window_s", 0.05)],
-)
+@pytest.mark.parametrize(("field", "value"), [("method", "stare"), ("fraction", 1.5), ("window_s", 0.05)])
 def test_a_wrong_parameter_is_named(field: str, value: object) -> None:
     layers = Layers()
     layers.add({field: value}, "file.yaml")

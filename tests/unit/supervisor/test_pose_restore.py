@@ -11,15 +11,7 @@ from pointit.runtime.errors import RefusedError
 from pointit.runtime.service.service import Launch, run_service
 from pointit.runtime.virtual_time import VirtualClock, run_virtually
 from pointit.schemas import ButtonEvent, Done, Interaction, Localization, PointingRay, SetPose, UserPose
-from pointit.schemas.topics import (
-    BUTTON,
-    CURSOR,
-    INTERACTION,
-    POSE,
-    RAY,
-    SERVICE_ALIVE,
-    SET_POSE,
-)
+from pointit.schemas.topics import BUTTON, CURSOR, INTERACTION, POSE, RAY, SERVICE_ALIVE, SET_POSE
 from pointit.services.localizer.config import LocalizerConfig
 from pointit.services.localizer.service import Localizer
 from pointit.services.pui.service import Pui

@@ -3,14 +3,7 @@
 import asyncio
 
 from pointit.plugins import Context, SelectionEvent, topics
-from pointit.testing.templates.service import (
-    COUNT,
-    RESET,
-    Reset,
-    ResetReply,
-    SelectionCounter,
-    ServiceConfig,
-)
+from pointit.testing.templates.service import COUNT, RESET, Reset, ResetReply, SelectionCounter, ServiceConfig
 from pointit.testing.templates.service.fake import DEVICE
 from tests.unit.testing_kit.faults import CaughtBy, seed_in_run
 

@@ -6,14 +6,7 @@ import numpy as np
 import pytest
 
 from pointit.geometry import rotation, vector
-from pointit.schemas import (
-    NS_PER_S,
-    ButtonEvent,
-    Feedback,
-    ImuSample,
-    LampColor,
-    UserProfile,
-)
+from pointit.schemas import NS_PER_S, ButtonEvent, Feedback, ImuSample, LampColor, UserProfile
 from pointit.schemas.topics import BUTTON, FEEDBACK, IMU, PROFILE
 from pointit.services.user_sim.config import AimConfig, ArmConfig, UserSimConfig
 from pointit.services.user_sim.decision.goal import REST, Goal, on_object

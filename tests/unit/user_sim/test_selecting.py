@@ -162,10 +162,7 @@ HALL = Environment(
         Belt(id="on", line_m=((4.0, 0.0, 1.0), (4.0, 6.0, 1.0))),
         Belt(id="off", line_m=((4.0, 2.0, 1.0), (2.0, 2.0, 1.0))),
     ),
-    links=(
-        BeltLink(source="in", target="on"),
-        BeltLink(source="on", source_position_m=2.0, target="off"),
-    ),
+    links=(BeltLink(source="in", target="on"), BeltLink(source="on", source_position_m=2.0, target="off")),
     bays=(Bay(id="1", belt="off"), Bay(id="3", belt="on")),
 )
 

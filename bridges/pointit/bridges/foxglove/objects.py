@@ -107,9 +107,7 @@ class ObjectRenderer:
         if line is not None:
             alpha = 1.0 if item.id in claims.owners else 0.85
             cube = CubePrimitive(
-                pose=shapes.pose(center, turned),
-                size=shapes.size(*size_m),
-                color=shapes.color(rgb, alpha),
+                pose=shapes.pose(center, turned), size=shapes.size(*size_m), color=shapes.color(rgb, alpha)
             )
             return shapes.entity(
                 name, now_ns, lifetime_s=LIFETIME_S, facts=facts, cubes=[cube], lines=lines, texts=texts

@@ -55,8 +55,5 @@ def _passage(path: Path, line: int, package: _Package) -> Passage:
             f"{package.selected_t:g}; take the line out"
         )
     return Passage(
-        subject=package.subject,
-        speed_mps=package.speed_param,
-        is_target=package.target,
-        took_s=took_s,
+        subject=package.subject, speed_mps=package.speed_param, is_target=package.target, took_s=took_s
     )

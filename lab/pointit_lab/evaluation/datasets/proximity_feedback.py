@@ -73,11 +73,7 @@ def read_floor_trials(folder: Path) -> list[FloorTrial]:
 
 def _trials(path: Path) -> Iterator[FloorTrial]:
     subject = check_text(f"{path}, name of the 'subject'", path.stem.removeprefix(PREFIX))
-    table = read_table(
-        path,
-        numbers=("trial", *_SAME, "t", "x", "y"),
-        texts=("target_id", "phase"),
-    )
+    table = read_table(path, numbers=("trial", *_SAME, "t", "x", "y"), texts=("target_id", "phase"))
     points_m = table.vectors("x", "y")
     check_floor(path, points_m, "columns 'x', 'y'")
     numbers = table.numbers["trial"]
@@ -150,8 +146,7 @@ def _phases(
     for i, name in enumerate(names):
         if name not in PHASES:
             raise table.refuse(
-                first + i,
-                f"column 'phase': one of {', '.join(PHASES)} was expected, got {truncate(name)}",
+                first + i, f"column 'phase': one of {', '.join(PHASES)} was expected, got {truncate(name)}"
             )
         rank = PHASES.index(name)
         if rank < last:

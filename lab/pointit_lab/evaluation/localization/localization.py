@@ -44,11 +44,7 @@ def ours(pointings: Pointings) -> Solution | Refusal:
     return solve(pointings, STATED)
 
 
-SOLVERS: dict[str, Solver] = {
-    OURS: ours,
-    "mean-angle-4dof": mean_angle_4dof,
-    "mean-angle-z0": mean_angle_z0,
-}
+SOLVERS: dict[str, Solver] = {OURS: ours, "mean-angle-4dof": mean_angle_4dof, "mean-angle-z0": mean_angle_z0}
 """Solvers by name."""
 
 CHUNK = 12

@@ -70,9 +70,7 @@ class FollowRecording:
             [np.interp(then_s, stamps_s, pointings.targets_m[:, axis]) for axis in range(3)], axis=1
         )
         return replace(
-            self,
-            pointings=replace(pointings, targets_m=targets_m).only(kept),
-            heads_m=self.heads_m[kept],
+            self, pointings=replace(pointings, targets_m=targets_m).only(kept), heads_m=self.heads_m[kept]
         )
 
     def trials(self, windows_s: Iterable[float] = WINDOWS_S) -> Iterator[Trial]:

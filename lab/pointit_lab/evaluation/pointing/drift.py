@@ -97,10 +97,7 @@ def recorded_rows(trials: Sequence[FloorTrial], tick: Callable[[str], None]) -> 
 
 
 def _rows(
-    condition: str,
-    trials: Sequence[Trial],
-    others: Sequence[tuple[Trial, YawEstimate]],
-    sigma_rad: float,
+    condition: str, trials: Sequence[Trial], others: Sequence[tuple[Trial, YawEstimate]], sigma_rad: float
 ) -> list[Row]:
     """Return a row for each person and solver, and for all people together."""
     rows: list[Row] = []
@@ -147,9 +144,7 @@ def candidates() -> Iterator[DriftSettings]:
         )
 
 
-def left_out(
-    trials: Mapping[str, Sequence[Trial]],
-) -> dict[str, list[tuple[Trial, YawEstimate]]]:
+def left_out(trials: Mapping[str, Sequence[Trial]]) -> dict[str, list[tuple[Trial, YawEstimate]]]:
     """Return each trial's prediction with the settings that others chose, by condition.
 
     The settings are those of the least error: absolute, averaged over conditions of each person, then over

@@ -167,12 +167,7 @@ def _corrected(
 
 
 def _score(
-    person: Person,
-    sighting: Sighting,
-    fitted: OffsetFit | None,
-    errors: _Errors,
-    *,
-    is_turned: bool = False,
+    person: Person, sighting: Sighting, fitted: OffsetFit | None, errors: _Errors, *, is_turned: bool = False
 ) -> None:
     azimuth, elevation = sighting.azimuth_rad, sighting.elevation_rad
     if fitted is not None and fitted.offset is not None:

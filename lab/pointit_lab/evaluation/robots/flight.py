@@ -10,15 +10,7 @@ import numpy as np
 
 from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
-from pointit.schemas import (
-    NS_PER_S,
-    Environment,
-    Feedback,
-    Interaction,
-    Plane,
-    Steering,
-    UserPose,
-)
+from pointit.schemas import NS_PER_S, Environment, Feedback, Interaction, Plane, Steering, UserPose
 from pointit.services.goal.config import GoalConfig
 from pointit.services.goal.robot_steering import Output, RobotSteering
 from pointit.services.pointing.config import PointingConfig

@@ -147,8 +147,7 @@ class SimulationSpeed:
         """Return the speed over all `results`."""
         scores = [score for each in results for score in each]
         return cls(
-            simulated_s=sum(score.simulated_s for score in scores),
-            cpu_s=sum(score.cpu_s for score in scores),
+            simulated_s=sum(score.simulated_s for score in scores), cpu_s=sum(score.cpu_s for score in scores)
         )
 
     @property

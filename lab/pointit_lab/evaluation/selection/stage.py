@@ -227,8 +227,6 @@ def person(index: int, position_m: Vec3, target_kind: str, model: PersonModel = 
             ),
         ),
         profile=UserProfile(
-            stamp_ns=0,
-            cursor_color=COLORS[index % len(COLORS)],
-            pattern=PATTERNS[index % len(PATTERNS)],
+            stamp_ns=0, cursor_color=COLORS[index % len(COLORS)], pattern=PATTERNS[index % len(PATTERNS)]
         ),
     )

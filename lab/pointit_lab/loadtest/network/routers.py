@@ -27,12 +27,7 @@ def plain_configuration(listen: str, uplinks: Sequence[str]) -> dict[str, Any]:
     return {
         "mode": "router",
         "listen": {"endpoints": [listen]},
-        "connect": {
-            "endpoints": list(uplinks),
-            "timeout_ms": -1,
-            "exit_on_failure": False,
-            "retry": RETRY,
-        },
+        "connect": {"endpoints": list(uplinks), "timeout_ms": -1, "exit_on_failure": False, "retry": RETRY},
         "scouting": {"delay": 0, "multicast": {"enabled": False}, "gossip": {"enabled": False}},
         "timestamping": {"enabled": True},
         "transport": {"shared_memory": {"enabled": False}, "link": {"tx": {"lease": LEASE_MS}}},

@@ -81,13 +81,7 @@ def tables() -> list[tuple[str, Sequence[str], list[Sequence[str]]]]:
         for topic in TOPICS
     ]
     requests = [
-        (
-            request.key,
-            request.query.schema_name(),
-            request.reply.schema_name(),
-            request.server,
-            request.about,
-        )
+        (request.key, request.query.schema_name(), request.reply.schema_name(), request.server, request.about)
         for request in REQUESTS
     ]
     return [

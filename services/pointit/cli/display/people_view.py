@@ -105,11 +105,7 @@ def _doings(monitor: Monitor, users: list[str], width: int) -> Table:
             filled = round(bar * hover.progress)
         state = interaction.state if interaction is not None else "-"
         table.add_row(
-            Text(user, style=color_of(monitor, user)),
-            state,
-            where,
-            kind,
-            "█" * filled + "░" * (bar - filled),
+            Text(user, style=color_of(monitor, user)), state, where, kind, "█" * filled + "░" * (bar - filled)
         )
     return table
 

@@ -68,13 +68,7 @@ STYLES = {"error": "red", "warning": "yellow", "note": "dim"}
 )
 @json_option
 def command(
-    *,
-    timeout_s: float,
-    only: str,
-    folder: Path | None,
-    as_json: bool,
-    site: str,
-    connect: tuple[str, ...],
+    *, timeout_s: float, only: str, folder: Path | None, as_json: bool, site: str, connect: tuple[str, ...]
 ) -> int:
     """Show what runs on a site, what is stale, what is wrong and what to do.
 

@@ -150,10 +150,7 @@ def farthest(paths: Sequence[SamplePath]) -> SamplePath:
 
 
 def _quantile(
-    paths: Sequence[SamplePath],
-    span_s: Callable[[SamplePath, str], float | None],
-    hop: str,
-    share: float,
+    paths: Sequence[SamplePath], span_s: Callable[[SamplePath, str], float | None], hop: str, share: float
 ) -> float | None:
     values = [value for path in paths if (value := span_s(path, hop)) is not None]
     # nearest rank: one of the values

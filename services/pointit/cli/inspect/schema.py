@@ -213,12 +213,7 @@ def _type_of(field: dict[str, Any], definitions: dict[str, Any]) -> tuple[str, d
 
 def _plain_type(field: dict[str, Any]) -> str:
     name = "bytes" if field.get("format") == "binary" else str(field.get("const", field.get("type", "any")))
-    bounds = (
-        (">=", "minimum"),
-        (">", "exclusiveMinimum"),
-        ("<=", "maximum"),
-        ("<", "exclusiveMaximum"),
-    )
+    bounds = ((">=", "minimum"), (">", "exclusiveMinimum"), ("<=", "maximum"), ("<", "exclusiveMaximum"))
     return " ".join([name, *(f"{sign} {field[keyword]:g}" for sign, keyword in bounds if keyword in field)])
 
 

@@ -19,12 +19,7 @@ from pointit.runtime.service.surroundings import HealthSink
 from pointit.services.led_driver.output.spotlight.beam import BeamState
 from pointit.services.led_driver.output.spotlight.config import SpotlightConfig
 from pointit.services.led_driver.output.spotlight.head import Angles, ManualAim
-from pointit.services.led_driver.output.spotlight.pose_fit import (
-    MIN_PLACES,
-    WRONG_RAD,
-    FittedPose,
-    fit_pose,
-)
+from pointit.services.led_driver.output.spotlight.pose_fit import MIN_PLACES, WRONG_RAD, FittedPose, fit_pose
 from pointit.services.led_driver.output.spotlight.spotlight import DmxHead
 
 WHITE = (255, 255, 255)
@@ -43,12 +38,7 @@ KEYS = "arrows turn the beam, + and - change the step, Enter when it is there"
 )
 @setup_options
 def command(
-    *,
-    scenario: str,
-    leds: str,
-    files: tuple[Path, ...],
-    settings: tuple[str, ...],
-    places: tuple[Vec3, ...],
+    *, scenario: str, leds: str, files: tuple[Path, ...], settings: tuple[str, ...], places: tuple[Vec3, ...]
 ) -> int:
     """Find where a moving head hangs: point its beam at known places, by default the lamps of SCENARIO's map.
 

@@ -43,9 +43,7 @@ OPTIONS: dict[str, Callable[[Any], Any]] = {
         help=f"port of the page on this machine, 0: any free one  [default: {PORT} or the next free one]",
     ),
     "lan": click.option(
-        "--lan",
-        is_flag=True,
-        help="also open the page to the local network, by HTTPS, which phones need",
+        "--lan", is_flag=True, help="also open the page to the local network, by HTTPS, which phones need"
     ),
     "no_browser": click.option("--no-browser", is_flag=True, help="do not open the page in a browser"),
     "new_link": click.option("--new-link", is_flag=True, help=NEW_LINK),
@@ -140,10 +138,7 @@ def _add(scenario: Scenario, choices: Choices, options: Mapping[str, Any]) -> Ad
         tokens=tokens,
     )
     if options["new_link"] and page.config.operator_token != tokens.operator:
-        notes = (
-            *notes,
-            "--new-link does not change the link for control: its token is set by hand",
-        )
+        notes = (*notes, "--new-link does not change the link for control: its token is set by hand")
     beside = RunPage(page, opens_browser=not options["no_browser"])
     return Added(beside=[beside], services=[PAGE], notes=notes, moves_wrists=True)
 

@@ -9,13 +9,7 @@ from pointit.cli.people.pose_text import missing_reason
 from pointit.runtime.bus.contract import Bus, list_present
 from pointit.runtime.errors import NoAnswerError, RefusedError, RequestError
 from pointit.schemas import Anchor, CancelLocalization, Localization, PointAnchor
-from pointit.schemas.topics import (
-    ANCHOR,
-    CANCEL_LOCALIZATION,
-    LOCALIZATION,
-    POINT_ANCHOR,
-    SERVICE_ALIVE,
-)
+from pointit.schemas.topics import ANCHOR, CANCEL_LOCALIZATION, LOCALIZATION, POINT_ANCHOR, SERVICE_ALIVE
 
 LATE_S = 1.0
 """Time an anchor may arrive after the Localization that ends it: they have different keys."""

@@ -28,15 +28,7 @@ from pointit.runtime.service.shutdown import run_until_shutdown
 from pointit.schemas import Localization, SetHeading, SetPose, UserPose
 from pointit.schemas.base import FARTHEST
 from pointit.schemas.text import plain
-from pointit.schemas.topics import (
-    LOCALIZATION,
-    MAP,
-    POSE,
-    SERVICE_ALIVE,
-    SET_HEADING,
-    SET_POSE,
-    check_name,
-)
+from pointit.schemas.topics import LOCALIZATION, MAP, POSE, SERVICE_ALIVE, SET_HEADING, SET_POSE, check_name
 
 TYPED_SIGMA_M = 0.05
 """Sigma of a position given without yaw, if the yaw itself is uncertain."""

@@ -52,9 +52,7 @@ MAX_FIELDS = 3
 @click.option("--overwrite", is_flag=True, help="replace the file of --to if it exists")
 @click.option("--compare", is_flag=True, help="compare with the recording; exits with 1 if they differ")
 @click.option(
-    "--live",
-    is_flag=True,
-    help="play on a site at --speed, 1 by default; it must not run the same services",
+    "--live", is_flag=True, help="play on a site at --speed, 1 by default; it must not run the same services"
 )
 @click.option(
     "--leds",

@@ -54,14 +54,7 @@ def scenarios() -> Section:
 
 def maps() -> Section:
     """Return the shipped maps."""
-    from pointit.maps.file import (  # noqa: PLC0415 - only when asked for
-        about_map,
-        contents,
-        map_path,
-        read_clouds,
-        read_map_file,
-        shipped_maps,
-    )
+    from pointit.maps.file import about_map, contents, map_path, read_clouds, read_map_file, shipped_maps  # noqa: PLC0415 - only when asked for
 
     rows: list[dict[str, Any]] = []
     for name in shipped_maps():

@@ -94,11 +94,7 @@ def _explain(context: click.Context, _parameter: click.Parameter, wanted: bool) 
 )
 @click.option("--site-only", is_flag=True, help="only shared services; add people with `pointit person add`")
 @click.option(
-    "--speed",
-    default=1.0,
-    show_default=True,
-    type=Finite(0.1, 20),
-    help="factor of simulated time",
+    "--speed", default=1.0, show_default=True, type=Finite(0.1, 20), help="factor of simulated time"
 )
 @part_options
 @click.option("--summary", type=click.Path(path_type=Path), help="write the summary to this file, as JSON")

@@ -72,11 +72,7 @@ folder_option = click.option(
     help="name or address of the router, may be repeated  [default: 127.0.0.1]",
 )
 @click.option(
-    "--port",
-    default=DEFAULT_PORT,
-    show_default=True,
-    type=click.IntRange(1, 65535),
-    help="the router's port",
+    "--port", default=DEFAULT_PORT, show_default=True, type=click.IntRange(1, 65535), help="the router's port"
 )
 @click.option(
     "--days", default=DEFAULT_DAYS, show_default=True, type=Finite(1, 3653), help="lifetime of certificates"

@@ -108,11 +108,7 @@ def page_of(
         ListenError: If the requested port, or every port that was tried, is in use.
     """
     tokens = tokens or Tokens()
-    usual = {
-        "operator_token": tokens.operator,
-        "viewer_token": tokens.viewer,
-        "places": dict(places or {}),
-    }
+    usual = {"operator_token": tokens.operator, "viewer_token": tokens.viewer, "places": dict(places or {})}
     sources = {"defaults of the page": usual, "scenario": below or {}, "command line": asked or {}}
     layers = layers_of(PAGE, sources, chosen)
     config = layers.build(WebConfig)

@@ -140,12 +140,7 @@ class Processes:
     """
 
     def __init__(
-        self,
-        launches: Sequence[Launch],
-        *,
-        site: str,
-        connect: str,
-        clock: Literal["site", "wall"] = "site",
+        self, launches: Sequence[Launch], *, site: str, connect: str, clock: Literal["site", "wall"] = "site"
     ) -> None:
         self._launches = launches
         self._site = site
@@ -180,10 +175,7 @@ class Processes:
         return self
 
     async def __aexit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
         await self._end()
 

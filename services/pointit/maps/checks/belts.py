@@ -176,8 +176,7 @@ def _loose_lanes(section: str, links: Sequence[LinkEntry], bays: set[str], lanes
     for lane in lanes.values():
         if lane.name not in touched:
             yield warning(
-                f"{section}.{lane.name}",
-                "nothing leads to it or from it; add it to links, or give it a bay",
+                f"{section}.{lane.name}", "nothing leads to it or from it; add it to links, or give it a bay"
             )
         elif bays and lane.name not in bays and _goes_on(lane, links) is None:
             yield warning(

@@ -88,6 +88,5 @@ def _check_line(where: str, vertices: Sequence[Vec3], given: float | None) -> It
             continue
         vertex = int(corner)
         yield warning(
-            where,
-            f"turns by {turn:.0f}° at vertex {vertex}, {list(vertices[vertex])}; put vertices in order",
+            where, f"turns by {turn:.0f}° at vertex {vertex}, {list(vertices[vertex])}; put vertices in order"
         )

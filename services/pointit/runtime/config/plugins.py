@@ -13,10 +13,7 @@ from pydantic_core import InitErrorDetails, PydanticCustomError
 
 from pointit.runtime.config.config import Config
 from pointit.runtime.config.installed import OURS, InstalledGroup
-from pointit.runtime.config.validation_message import (
-    DESCRIBED,
-    first_mistake,
-)
+from pointit.runtime.config.validation_message import DESCRIBED, first_mistake
 from pointit.runtime.errors import ConfigError
 
 

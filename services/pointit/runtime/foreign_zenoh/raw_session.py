@@ -14,12 +14,7 @@ import zenoh
 from pointit.runtime.bus.contract import Closable
 from pointit.runtime.bus.mailbox import Dispatcher
 from pointit.runtime.errors import BusClosedError, BusError, ConnectError, ListenError
-from pointit.runtime.foreign_zenoh.pubsub import (
-    PlainTraffic,
-    RawPublisher,
-    RawSample,
-    RawSubscriber,
-)
+from pointit.runtime.foreign_zenoh.pubsub import PlainTraffic, RawPublisher, RawSample, RawSubscriber
 from pointit.runtime.foreign_zenoh.queries import IncomingQuery, RawQuerier, RawQueryable
 from pointit.runtime.foreign_zenoh.session_config import RawLink, plain_configuration
 from pointit.runtime.zenoh.connections import Connections

@@ -279,9 +279,7 @@ async def _wait_for_restart(
 async def _until_lost(succession: TakeoverMonitor, launch: Launch) -> None:
     await succession.superseded.wait()
     log.error(
-        "%s ends: %s has taken over the name, having begun later",
-        launch.instance,
-        succession.successor,
+        "%s ends: %s has taken over the name, having begun later", launch.instance, succession.successor
     )
 
 

@@ -45,11 +45,7 @@ class PermissionProbe:
     """Tests rights when they are first wanted, and all of them when the router is back."""
 
     def __init__(
-        self,
-        session: zenoh.Session,
-        credentials: Credentials,
-        second: Second,
-        is_up: Callable[[], bool],
+        self, session: zenoh.Session, credentials: Credentials, second: Second, is_up: Callable[[], bool]
     ) -> None:
         """Test the rights of `session`.
 

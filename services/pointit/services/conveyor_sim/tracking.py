@@ -70,10 +70,7 @@ class Tracker:
         along = line.tangent_at(min(max(tracked.surface_position_m, 0.0), line.length_m))
         x, y, z = (p + error_m * direction for p, direction in zip(tracked.position_m, along, strict=True))
         return tracked.model_copy(
-            update={
-                "position_m": (x, y, z),
-                "surface_position_m": tracked.surface_position_m + error_m,
-            }
+            update={"position_m": (x, y, z), "surface_position_m": tracked.surface_position_m + error_m}
         )
 
 

@@ -15,12 +15,7 @@ from numpy.typing import NDArray
 
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, Candidate, PointingRay, UserPose
-from pointit.services.goal.aim_evidence import (
-    Array,
-    IdentificationSettings,
-    RayBlocks,
-    log_likelihoods,
-)
+from pointit.services.goal.aim_evidence import Array, IdentificationSettings, RayBlocks, log_likelihoods
 
 MAX_RAYS = 2048
 """Largest number of rays in the window; the oldest are dropped."""

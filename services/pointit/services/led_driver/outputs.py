@@ -27,21 +27,16 @@ FRAME_RATE = "frame rate"
 class OutputConfig(Config):
     """Parameters of every kind of controller."""
 
-    kind: str = Field(default=NONE, description="kind of controller (`pointit list plugins`), or none")
+    kind: str = Field(NONE, description="kind of controller (`pointit list plugins`), or none")
     gamma: float = Field(
-        default=2.2,
-        ge=1,
-        le=4,
-        description="exponent of the gamma correction of LED values; 1: no correction",
+        2.2, ge=1, le=4, description="exponent of the gamma correction of LED values; 1: no correction"
     )
-    current_per_pixel_ma: float = Field(
-        default=60.0, gt=0, le=1000, description="current of one white pixel, mA"
-    )
+    current_per_pixel_ma: float = Field(60.0, gt=0, le=1000, description="current of one white pixel, mA")
     max_current_a: float | None = Field(
-        default=None, gt=0, le=1000, description="limit above which frames are dimmed, A; no limit if empty"
+        None, gt=0, le=1000, description="limit above which frames are dimmed, A; no limit if empty"
     )
     segments: tuple[Segment, ...] = Field(
-        default=(),
+        (),
         description="parts of strips, in the order of their pixels; the map's strips in its order if empty",
     )
 

@@ -18,22 +18,20 @@ class Segment(Config):
     """A part of a strip, on consecutive pixels of an output."""
 
     strip: str = Field(description="id of the strip in the map")
-    first: int = Field(default=0, ge=0, description="first pixel of the strip")
-    pixels: int | None = Field(
-        default=None, gt=0, description="number of pixels; up to the strip's end if empty"
-    )
+    first: int = Field(0, ge=0, description="first pixel of the strip")
+    pixels: int | None = Field(None, gt=0, description="number of pixels; up to the strip's end if empty")
     offset: int | None = Field(
-        default=None,
+        None,
         ge=0,
         le=LARGEST_OFFSET,
         description="first pixel of the output, or of `universe` if set; next to the segment before if empty",
     )
     universe: int | None = Field(
-        default=None, ge=0, le=63999, description="universe from which `offset` counts (E1.31, Art-Net)"
+        None, ge=0, le=63999, description="universe from which `offset` counts (E1.31, Art-Net)"
     )
     order: str = Field(
-        default="RGB", description="order of the colours that are sent: RGB, GRB, RGBW ...; W stays dark"
+        "RGB", description="order of the colours that are sent: RGB, GRB, RGBW ...; W stays dark"
     )
-    reversed: bool = Field(default=False, description="send the last pixel first")
+    reversed: bool = Field(False, description="send the last pixel first")
 
     _order = field_validator("order")(validated_order)

@@ -280,9 +280,7 @@ class ProcedureRunner:
         place, covariance = self._tracking.uncertainty(now_ns)
         drift = self._config.drift.settings()
         acuity = ObservationModel(
-            ray_sigma_rad=drift.anchor_sigma_rad,
-            elevation_sigma_rad=drift.elevation_sigma_rad,
-            eyes_m=eyes_m,
+            ray_sigma_rad=drift.anchor_sigma_rad, elevation_sigma_rad=drift.elevation_sigma_rad, eyes_m=eyes_m
         )
         places = [lamp.position_m for lamp in lamps]
         return lamps[best_for_yaw(places, place, covariance, acuity, floor_m=self._config.floor_m)]

@@ -161,11 +161,7 @@ class PersonCursor:
             raise WorkspaceError("no ray has come yet: start the IMU, and point")
         through = self._anchor(query, tracked, cast.stamp_ns)
         workspace = Workspace(
-            query.kind,
-            through,
-            feet_m=cast.feet_m,
-            eyes_m=cast.eyes_m,
-            grazing_rad=self._start.grazing_rad,
+            query.kind, through, feet_m=cast.feet_m, eyes_m=cast.eyes_m, grazing_rad=self._start.grazing_rad
         )
         if query.anchor == "pointer":
             workspace.steer(cast.direction, cast.eyes_m, cast.feet_m, through)

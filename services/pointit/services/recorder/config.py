@@ -9,18 +9,17 @@ class RecorderConfig(Config):
     """The file, and what it leaves out."""
 
     file: str = Field(
-        default="",
+        "",
         description="where to write; never over an existing file. If empty, pointit-SITE-TIME.mcap in the "
         "current folder",
     )
     without: tuple[str, ...] = Field(
-        default=(), description="topics to leave out, by a part of their key, such as imu or strips"
+        (), description="topics to leave out, by a part of their key, such as imu or strips"
     )
     pseudonyms: bool = Field(
-        default=False, description="call people person-1, person-2 and so on in keys and in messages"
+        False, description="call people person-1, person-2 and so on in keys and in messages"
     )
     person: str = Field(
-        default="",
-        description="record the movements of this person only; an identity of a person may read no others",
+        "", description="record the movements of this person only; an identity of a person may read no others"
     )
-    seed: int | None = Field(default=None, description="seed of the run, noted at the head of the file")
+    seed: int | None = Field(None, description="seed of the run, noted at the head of the file")

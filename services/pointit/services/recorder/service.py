@@ -68,11 +68,7 @@ class Recorder(Service[RecorderConfig]):
         now_ns = self.clock.now_ns()
         path = Path(config.file or f"pointit-{self.bus.site}-{now_ns // NS_PER_S}.mcap").expanduser()
         head = make_head(
-            self.bus.site,
-            now_ns,
-            seed=config.seed,
-            without=config.without,
-            pseudonyms=config.pseudonyms,
+            self.bus.site, now_ns, seed=config.seed, without=config.without, pseudonyms=config.pseudonyms
         )
         self._sink = Sink(path.resolve(), head, Pseudonyms() if config.pseudonyms else None)
         self._began_s = time.monotonic()

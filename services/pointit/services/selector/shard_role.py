@@ -20,14 +20,7 @@ class ShardRole:
     """The selector of some people: it claims what they point at, and follows the decisions."""
 
     def __init__(
-        self,
-        config: SelectorConfig,
-        bus: ServiceBus,
-        clock: Clock,
-        *,
-        make: MakeMethod,
-        put: Put,
-        use: Use,
+        self, config: SelectorConfig, bus: ServiceBus, clock: Clock, *, make: MakeMethod, put: Put, use: Use
     ) -> None:
         """Declare the claims of each person."""
         self._bus, self._clock, self._put, self._use = bus, clock, put, use

@@ -52,14 +52,7 @@ class SiteRole:
     """The one selector of a site: it decides, keeps the journal and answers requests."""
 
     def __init__(
-        self,
-        config: SelectorConfig,
-        bus: ServiceBus,
-        clock: Clock,
-        *,
-        make: MakeMethod,
-        put: Put,
-        use: Use,
+        self, config: SelectorConfig, bus: ServiceBus, clock: Clock, *, make: MakeMethod, put: Put, use: Use
     ) -> None:
         """Declare the publishers. Nothing is restored before `begin`."""
         kept = config.journal

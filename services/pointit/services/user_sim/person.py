@@ -45,10 +45,7 @@ class Person:
             config.position_m, config.stance_shift_sd_m, config.stance_shift_every_s, foot_rng
         )
         self._stance = Stance(
-            config.body.measures(),
-            config.body.hand,
-            config.position_m,
-            ray_model=config.body.ray_model,
+            config.body.measures(), config.body.hand, config.position_m, ray_model=config.body.ray_model
         )
         self._rest_rad = math.radians(config.rest_elevation_deg)
         self._arm = Arm(Aim(yaw_rad, self._rest_rad), config.arm, hand_rng, skill)

@@ -70,8 +70,7 @@ IMU_SUITE.add(lifecycle.warns, lifecycle.WARN, sends)
 
 
 @IMU_SUITE.check(
-    "Await the next bytes instead of asking for them in a loop, and take silence for no error",
-    alone=True,
+    "Await the next bytes instead of asking for them in a loop, and take silence for no error", alone=True
 )
 async def silence(harness: ImuHarness) -> None:
     """Waits through silence, without using the processor."""

@@ -84,8 +84,7 @@ async def not_unit(harness: ImuHarness) -> None:
 
 
 @IMU_SUITE.check(
-    "Deliver what has arrived at once, without a pause for each reading; drop old ones rather than lag",
-    sends,
+    "Deliver what has arrived at once, without a pause for each reading; drop old ones rather than lag", sends
 )
 async def burst(harness: ImuHarness) -> None:
     """Catches up after a burst of readings."""

@@ -21,7 +21,7 @@ FRAMES = 300
 
 
 @LED_SUITE.check(
-    "Derive the parameters from pointit.plugins.OutputConfig; operators see them in `pointit list plugins`",
+    "Derive the parameters from pointit.plugins.OutputConfig; operators see them in `pointit list plugins`"
 )
 async def parameters(harness: LedHarness) -> None:
     """Has a summary of one line, a description for each parameter, and those of every output."""
@@ -110,7 +110,7 @@ async def odd_frames(harness: LedHarness) -> None:
 
 
 @LED_SUITE.check(
-    "Take the time in `show` and after the last byte was sent, in seconds; leave 0.0 if it is not measured",
+    "Take the time in `show` and after the last byte was sent, in seconds; leave 0.0 if it is not measured"
 )
 async def light_s(harness: LedHarness) -> None:
     """Has an honest `light_s`: 0.0 before the first frame, then the time from `show` to the wire."""

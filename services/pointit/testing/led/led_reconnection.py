@@ -30,7 +30,7 @@ LED_SUITE.add(lifecycle.warns, lifecycle.WARN, notices_loss)
 
 
 @LED_SUITE.check(
-    "Await only what can be cancelled, do not catch CancelledError, and limit the time of the last frame",
+    "Await only what can be cancelled, do not catch CancelledError, and limit the time of the last frame"
 )
 async def cancels(harness: LedHarness) -> None:
     """Ends within 1 s of being cancelled."""
@@ -58,8 +58,7 @@ async def dark_at_end(harness: LedHarness) -> None:
 
 
 @LED_SUITE.check(
-    "Keep the newest frame alone; a queue without limit grows while the device is away or slow",
-    alone=True,
+    "Keep the newest frame alone; a queue without limit grows while the device is away or slow", alone=True
 )
 async def bounded_memory(harness: LedHarness) -> None:
     """Needs no more memory the longer it runs."""

@@ -55,7 +55,7 @@ async def config_errors(harness: MethodHarness) -> None:
 
 @METHOD_SUITE.check(
     "Return `SelectionProgress(object_id, fired=object_id)` when the person has stayed for the dwell time by "
-    "the cursors' stamps",
+    "the cursors' stamps"
 )
 async def selects(harness: MethodHarness) -> None:
     """Selects the object that a person stays on, once."""
@@ -125,7 +125,7 @@ async def progress(harness: MethodHarness) -> None:
 
 
 @METHOD_SUITE.check(
-    "Keep all state in the object that `make` returns; use no clock, no chance and no variable of the class",
+    "Keep all state in the object that `make` returns; use no clock, no chance and no variable of the class"
 )
 async def deterministic(harness: MethodHarness) -> None:
     """Gives the same results for the same cursors, beside other people, too."""
@@ -154,7 +154,7 @@ async def gaps(harness: MethodHarness) -> None:
 
 
 @METHOD_SUITE.check(
-    "Use differences of stamps only if they are above 0, and `pointing.under` if `pointing.view` is None",
+    "Use differences of stamps only if they are above 0, and `pointing.under` if `pointing.view` is None"
 )
 async def odd_cursors(harness: MethodHarness) -> None:
     """Survives stamps that go back or stand still, and cursors without a ray."""

@@ -18,7 +18,7 @@ SYSTEM = {CLOCK.key, *(topic.key for topic in ACCOUNTS)}
 
 
 @SERVICE_SUITE.check(
-    "NAME, and `writers` or `server` of its own rows, are the entry point's name; no key is another row's",
+    "NAME, and `writers` or `server` of its own rows, are the entry point's name; no key is another row's"
 )
 async def parameters(harness: ServiceHarness) -> None:
     """Has a summary of one line, a description for each parameter, and rows that it may use."""
@@ -36,7 +36,7 @@ SERVICE_SUITE.add(
 
 
 @SERVICE_SUITE.check(
-    "Declare everything in the constructor, and wait in `run`: do not return, and catch what a device raises",
+    "Declare everything in the constructor, and wait in `run`: do not return, and catch what a device raises"
 )
 async def starts(harness: ServiceHarness) -> None:
     """Starts, also while its device is away, and runs until it is cancelled."""
@@ -72,7 +72,7 @@ async def hears(harness: ServiceHarness) -> None:
 
 
 @SERVICE_SUITE.check(
-    "Name each in `reads`, `writes`, `serves` or `asks` of the plug-in: a secured site allows only these",
+    "Name each in `reads`, `writes`, `serves` or `asks` of the plug-in: a secured site allows only these"
 )
 async def uses_declared_rows(harness: ServiceHarness) -> None:
     """Uses only topics and requests that it declares."""

@@ -162,18 +162,8 @@ class Witness(Service[WitnessConfig]):
             file.write(f"{user} {report.cursors}\n")
 
 
-WAVING = ImuSource(
-    summary="an arm that waves",
-    config=WavingConfig,
-    make=Waving,
-    argument="rate_hz",
-)
-NOTEBOOK = LedOutput(
-    summary="writes frames to a file",
-    config=NotebookConfig,
-    make=Notebook,
-    argument="path",
-)
+WAVING = ImuSource(summary="an arm that waves", config=WavingConfig, make=Waving, argument="rate_hz")
+NOTEBOOK = LedOutput(summary="writes frames to a file", config=NotebookConfig, make=Notebook, argument="path")
 EAGER = SelectionMethod(summary="selects at first sight", config=MethodConfig, make=Eager)
 WITNESS = ServicePlugin(
     summary="counts cursors",

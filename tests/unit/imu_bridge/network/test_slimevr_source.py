@@ -235,8 +235,7 @@ async def test_port_of_another_program_is_told_and_taken_when_it_is_free(
 
 
 @pytest.mark.parametrize(
-    ("given", "kept"),
-    [("a4-e5-7c-b6-01-02", "A4:E5:7C:B6:01:02"), ("192.168.1.5", "192.168.1.5"), ("", "")],
+    ("given", "kept"), [("a4-e5-7c-b6-01-02", "A4:E5:7C:B6:01:02"), ("192.168.1.5", "192.168.1.5"), ("", "")]
 )
 def test_address_of_a_tracker_is_a_mac_or_an_ip(given: str, kept: str) -> None:
     assert SLIMEVR.config.model_validate({"tracker": given}).model_dump()["tracker"] == kept

@@ -4,11 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pointit.services.imu_bridge.network.slimevr_protocol import Datagram, Handshake
-from pointit.services.imu_bridge.network.slimevr_trackers import (
-    MOST_CALLERS,
-    Admission,
-    Trackers,
-)
+from pointit.services.imu_bridge.network.slimevr_trackers import MOST_CALLERS, Admission, Trackers
 
 ANNA, BEN = ("192.168.1.5", 6969), ("192.168.1.6", 6969)
 BOARD = Handshake(1, 2, 19, "0.6.0", "A4:E5:7C:B6:01:02")

@@ -6,13 +6,7 @@ from typing import Any
 from pointit.runtime.service.surroundings import Surroundings
 from pointit.services.robot.drivers.vda5050.agv import Agv
 from pointit.services.robot.drivers.vda5050.vda5050_config import Vda5050Config
-from pointit.services.robot.robot_driver import (
-    LinkLost,
-    OrderStatus,
-    ReportItem,
-    RobotReport,
-    RobotSpec,
-)
+from pointit.services.robot.robot_driver import LinkLost, OrderStatus, ReportItem, RobotReport, RobotSpec
 from pointit.testing.devices.agv_broker import VirtualAgv
 from pointit.testing.trial import TrialHealth
 from tests.support.bench import ManualClock

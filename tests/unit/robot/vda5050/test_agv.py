@@ -342,9 +342,7 @@ steps = st.lists(
 
 @settings(max_examples=60)
 @given(steps)
-def test_whatever_happens_little_is_released_and_a_stop_stops(
-    chosen: list[tuple[str, Any, Any]],
-) -> None:
+def test_whatever_happens_little_is_released_and_a_stop_stops(chosen: list[tuple[str, Any, Any]]) -> None:
     bench = AgvBench()
     bench.connect()
     for what, a, b in chosen:

@@ -215,10 +215,7 @@ def test_times_are_in_utc() -> None:
     ],
 )
 def test_a_velocity_points_to_where_the_agv_has_gone_whatever_its_frame(
-    velocity: dict[str, float] | None,
-    place: tuple[float, float],
-    age_s: float,
-    expected: tuple[float, float],
+    velocity: dict[str, float] | None, place: tuple[float, float], age_s: float, expected: tuple[float, float]
 ) -> None:
     position = {"x": 0.0, "y": 0.0, "theta": math.pi / 2, "mapId": "hall"}
     message = Visualization.model_validate({"agvPosition": position, "velocity": velocity})

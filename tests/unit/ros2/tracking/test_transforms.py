@@ -22,12 +22,7 @@ def tilted(at_m: Vec3, yaw_rad: float, tilt_rad: float) -> Pose:
     return Pose(at_m, rotation.from_azimuth_elevation(yaw_rad, tilt_rad))
 
 
-POSES = st.builds(
-    tilted,
-    st.tuples(METRES, METRES, METRES),
-    TURNS,
-    st.floats(-1.0, 1.0),
-)
+POSES = st.builds(tilted, st.tuples(METRES, METRES, METRES), TURNS, st.floats(-1.0, 1.0))
 
 
 def transform(parent: str, child: str, pose: Pose = AT_ORIGIN, age_s: float = 0.0) -> Any:

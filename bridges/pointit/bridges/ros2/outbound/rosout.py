@@ -141,12 +141,7 @@ def _findings(name: str, health: Health, before: Health | None) -> dict[str, int
     reports = [Report(received_s=LONG_S, health=health)]
     if before is not None and (before.host, before.pid) == (health.host, health.pid):
         reports.insert(0, Report(received_s=LONG_S, health=before))
-    seen = Observation(
-        began_s=0.0,
-        now_s=LONG_S,
-        present=frozenset({name}),
-        reports={name: reports},
-    )
+    seen = Observation(began_s=0.0, now_s=LONG_S, present=frozenset({name}), reports={name: reports})
     found: dict[str, int] = {}
     for each in diagnose(seen):  # the worst first
         if each.service == name and each.severity in LEVELS:

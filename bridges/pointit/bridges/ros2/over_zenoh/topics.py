@@ -104,8 +104,7 @@ class TopicReader:
         except ValueError as error:
             self._malformed += 1
             self._seat.warnings.show_briefly(
-                f"attachments of {self.topic}",
-                f"dropped {self._malformed} messages on {self.topic}: {error}",
+                f"attachments of {self.topic}", f"dropped {self._malformed} messages on {self.topic}: {error}"
             )
             return
         if self._seat.is_own_gid(origin.gid):

@@ -9,13 +9,7 @@ from pointit.bridges.ros2.routing.conversion_state import ConversionState
 from pointit.bridges.ros2.routing.route_types import BusOutput, ConversionContext, ConversionWarning, Taken
 from pointit.bridges.ros2.tracking.config import TF, TrackerConfig
 from pointit.bridges.ros2.tracking.sightings import PACKAGES, READERS, Sighting, packages
-from pointit.bridges.ros2.tracking.transforms import (
-    AT_ORIGIN,
-    Pose,
-    TransformBuffer,
-    compose,
-    yaw,
-)
+from pointit.bridges.ros2.tracking.transforms import AT_ORIGIN, Pose, TransformBuffer, compose, yaw
 from pointit.geometry import rotation, vector
 from pointit.geometry.vector import Vec3
 from pointit.runtime.bus.timeliness import MAX_AHEAD_NS

@@ -10,15 +10,7 @@ from prometheus_client.registry import Collector
 from pointit.bridges.web.metrics.totals import MAX_INSTANCES, OTHER, Durations, Totals
 from pointit.diagnosis.observation import expected_services
 from pointit.geometry.floor_sigma import position_sigma_m
-from pointit.schemas import (
-    NS_PER_S,
-    Deployment,
-    Health,
-    Localization,
-    Message,
-    SelectionEvent,
-    UserPose,
-)
+from pointit.schemas import NS_PER_S, Deployment, Health, Localization, Message, SelectionEvent, UserPose
 from pointit.schemas.system import split_instance
 from pointit.schemas.topics import DEPLOYMENT, HEALTH, LOCALIZATION, POSE, SELECTION_EVENTS, Topic
 from pointit.services.registry import names
@@ -162,10 +154,7 @@ class SiteMetrics(Collector):
             "pointit_latency_seconds",
             "Time from capture to the output of the service. That of led-driver is from wrist to light",
         )
-        yield self._step.family(
-            "pointit_step_seconds",
-            "Time of each call of the service's handlers",
-        )
+        yield self._step.family("pointit_step_seconds", "Time of each call of the service's handlers")
 
     def _of_people(self) -> Iterator[Metric]:
         users = sorted(self._users)
@@ -184,10 +173,7 @@ class SiteMetrics(Collector):
             (((user,), math.sqrt(max(0.0, covariance[8]))) for user, covariance in poses),
         )
         yield _gauge(
-            "pointit_battery_ratio",
-            "Charge of the person's wrist, 0 to 1",
-            ("user",),
-            self._batteries(),
+            "pointit_battery_ratio", "Charge of the person's wrist, 0 to 1", ("user",), self._batteries()
         )
         yield _counter(
             "pointit_localizations",

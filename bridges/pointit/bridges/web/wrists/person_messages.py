@@ -3,15 +3,7 @@
 from pointit.bridges.web.model.people import People
 from pointit.bridges.web.wrists.phone import Phones
 from pointit.bridges.web.wrists.wrist_control import WristControl
-from pointit.schemas import (
-    Environment,
-    Feedback,
-    Interaction,
-    Localization,
-    Message,
-    UserPose,
-    UserProfile,
-)
+from pointit.schemas import Environment, Feedback, Interaction, Localization, Message, UserPose, UserProfile
 
 
 class PersonMessages:

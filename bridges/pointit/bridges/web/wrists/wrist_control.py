@@ -8,14 +8,7 @@ from pointit.bridges.web.config import WebConfig
 from pointit.bridges.web.model.assumed_pose import AssumedPose, choose_pose, middle
 from pointit.bridges.web.wire import AimAt, AssumedPlace, Mover, PersonLine, Turn
 from pointit.bridges.web.wrists.mouse_arm import MouseArm
-from pointit.schemas import (
-    NS_PER_S,
-    Environment,
-    Localization,
-    UserPose,
-    UserProfile,
-    WristSample,
-)
+from pointit.schemas import NS_PER_S, Environment, Localization, UserPose, UserProfile, WristSample
 
 STILL_S = 0.18
 """After this silence a phone counts as held still and its sample is repeated, at least five times a second,

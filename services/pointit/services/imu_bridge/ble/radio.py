@@ -104,9 +104,7 @@ async def scanning(adapter: str, on_advertisement: OnAdvertisement) -> AsyncGene
     async with scan.lock:
         if scan.scanner is None:
             scanner = BleakScanner(
-                scan.heard,
-                bluez=_bluez(adapter),
-                backend=VIRTUAL_RADIOS.get(adapter, Radio()).scanner,
+                scan.heard, bluez=_bluez(adapter), backend=VIRTUAL_RADIOS.get(adapter, Radio()).scanner
             )
             await scanner.start()
             scan.scanner = scanner

@@ -68,9 +68,7 @@ class UdpServer(asyncio.DatagramProtocol):
             self._lost = loop.create_future()
             try:
                 transport, _ = await loop.create_datagram_endpoint(
-                    lambda: self,
-                    local_addr=(self._host, self._port),
-                    reuse_port=self._is_shared or None,
+                    lambda: self, local_addr=(self._host, self._port), reuse_port=self._is_shared or None
                 )
             except OSError as error:
                 self._warn(error)

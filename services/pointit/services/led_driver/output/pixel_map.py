@@ -85,11 +85,7 @@ class PixelMap:
 
 
 def map_pixels(
-    segments: Sequence[Segment],
-    strips: Sequence[Strip],
-    *,
-    block_pixels: int = WHOLE,
-    first_block: int = 0,
+    segments: Sequence[Segment], strips: Sequence[Strip], *, block_pixels: int = WHOLE, first_block: int = 0
 ) -> tuple[PixelMap, list[str]]:
     """Return the pixels of `strips` on an output, and sentences about what cannot be shown.
 

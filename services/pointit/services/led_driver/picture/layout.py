@@ -203,12 +203,7 @@ def _own_run(strip: Strip, first: int) -> tuple[_Run, Array]:
     pitch_m = line.length_m / strip.pixels
     bounds_m[[0, -1]] += np.array([-1.0, 1.0]) * _ROUNDING * pitch_m
     run = _Run(
-        pixels if strip.direction == 1 else pixels[::-1],
-        at_m,
-        pitch_m,
-        pitch_m,
-        bounds_m[:-1],
-        bounds_m[1:],
+        pixels if strip.direction == 1 else pixels[::-1], at_m, pitch_m, pitch_m, bounds_m[:-1], bounds_m[1:]
     )
     return run, line.points_at(at_m)
 

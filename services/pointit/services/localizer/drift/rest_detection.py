@@ -147,12 +147,7 @@ class RestDetector:
     def _close(self) -> RestYawRate | None:
         """Add the full bin to the rest."""
         n = self._count
-        newest = (
-            self._bin_start_ns + self._sum_ns // n,
-            self._sum_x / n,
-            self._sum_y / n,
-            self._sum_yaw / n,
-        )
+        newest = (self._bin_start_ns + self._sum_ns // n, self._sum_x / n, self._sum_y / n, self._sum_yaw / n)
         recent = self._recent
         recent.append(newest)
         oldest = recent[0]

@@ -200,8 +200,5 @@ def mounting_slope(
     scatter_rad = float(np.sqrt(np.mean((measured - value * seen) ** 2)))
     left, _ = angular_errors(rays, pose[None])
     return Slope(
-        value,
-        scatter_rad / (spread_rad * math.sqrt(freedom)),
-        freedom,
-        float(np.sqrt(np.mean(left**2))),
+        value, scatter_rad / (spread_rad * math.sqrt(freedom)), freedom, float(np.sqrt(np.mean(left**2)))
     )

@@ -27,8 +27,7 @@ def unfiltered(ray: PointingRay) -> Vec3:
     if ray.azimuth_correction_rad == 0.0 and ray.elevation_correction_rad == 0.0:
         return raw
     return vector.direction(
-        vector.azimuth(raw) + ray.azimuth_correction_rad,
-        vector.elevation(raw) + ray.elevation_correction_rad,
+        vector.azimuth(raw) + ray.azimuth_correction_rad, vector.elevation(raw) + ray.elevation_correction_rad
     )
 
 

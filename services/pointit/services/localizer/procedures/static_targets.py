@@ -14,12 +14,7 @@ import numpy as np
 from pointit.schemas import NS_PER_S, Lamp, PointingRay
 from pointit.services.localizer.config import LocalizerConfig
 from pointit.services.localizer.estimation import rays as ray_math
-from pointit.services.localizer.estimation.estimator import (
-    Pointings,
-    Refusal,
-    Solution,
-    SolverSettings,
-)
+from pointit.services.localizer.estimation.estimator import Pointings, Refusal, Solution, SolverSettings
 from pointit.services.localizer.memory.person_memory import PersonMemory
 from pointit.services.localizer.memory.recall import solve
 from pointit.services.localizer.outputs import Output, pose_message

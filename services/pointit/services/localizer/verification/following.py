@@ -45,11 +45,7 @@ UNSETTLED = "the rays do not follow the robot closely yet; keep following it wit
 
 
 def followed(
-    pointings: Pointings,
-    trust: SolverSettings,
-    *,
-    floor_m: float = 0.0,
-    start: Solution | None = None,
+    pointings: Pointings, trust: SolverSettings, *, floor_m: float = 0.0, start: Solution | None = None
 ) -> Solution | Refusal:
     """Return the pose of rays at one moving target, or the refusal if they may not follow it.
 

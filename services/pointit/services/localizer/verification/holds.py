@@ -110,10 +110,7 @@ def _miss_rad(hold: Pointings, pose: Solution, floor_m: float) -> float:
 
 def _unlimited(trust: SolverSettings) -> SolverSettings:
     return replace(
-        trust,
-        max_act_residual_rad=math.inf,
-        max_position_sigma_m=math.inf,
-        max_yaw_sigma_rad=math.inf,
+        trust, max_act_residual_rad=math.inf, max_position_sigma_m=math.inf, max_yaw_sigma_rad=math.inf
     )
 
 

@@ -46,13 +46,7 @@ class Gauges:
         return self._spent_s.get(object_id, 0.0)
 
     def step(
-        self,
-        stamp_ns: int,
-        hovered: str | None,
-        *,
-        fills: bool,
-        full_s: float,
-        near: Container[str] = (),
+        self, stamp_ns: int, hovered: str | None, *, fills: bool, full_s: float, near: Container[str] = ()
     ) -> str | None:
         """Process a cursor, later than the one before. Return the object whose gauge is full now, or None.
 

@@ -203,7 +203,4 @@ class Correction:
 
 def _held(turned: Pair) -> Pair:
     azimuth, elevation = MAX_RAD
-    return (
-        min(max(vector.wrap(turned[0]), -azimuth), azimuth),
-        min(max(turned[1], -elevation), elevation),
-    )
+    return (min(max(vector.wrap(turned[0]), -azimuth), azimuth), min(max(turned[1], -elevation), elevation))

@@ -53,7 +53,5 @@ class Method:
 
 
 METHOD = SelectionMethod(
-    summary="the cursor stays on the object for the dwell time",
-    config=MethodConfig,
-    make=Method,
+    summary="the cursor stays on the object for the dwell time", config=MethodConfig, make=Method
 )

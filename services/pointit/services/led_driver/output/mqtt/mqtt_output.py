@@ -8,13 +8,7 @@ from contextlib import AbstractAsyncContextManager
 from typing import TYPE_CHECKING
 
 from pointit.runtime.errors import ConfigError
-from pointit.runtime.mqtt.broker import (
-    client_options,
-    connected,
-    describe_error,
-    require_client,
-    uncancelled,
-)
+from pointit.runtime.mqtt.broker import client_options, connected, describe_error, require_client, uncancelled
 from pointit.runtime.service.shutdown import first_cause
 from pointit.runtime.service.surroundings import Surroundings
 from pointit.schemas import Lamp

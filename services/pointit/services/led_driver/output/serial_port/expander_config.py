@@ -17,10 +17,7 @@ class ChannelConfig(Config):
     """Connection of a strip to its controller."""
 
     channel: int = Field(ge=0, le=63, description="board number (0-7) times 8 plus port (0-7)")
-    order: str = Field(
-        default="GRB",
-        description="order of the colours on the LEDs' wire: GRB, RGB, GRBW ...",
-    )
+    order: str = Field("GRB", description="order of the colours on the LEDs' wire: GRB, RGB, GRBW ...")
 
     _order = field_validator("order")(validated_order)
 
@@ -28,13 +25,13 @@ class ChannelConfig(Config):
 class ExpanderConfig(SerialOutputConfig):
     """A serial LED expander (UPXL: ElectroMage, Pixelblaze)."""
 
-    kind: str = Field(default="expander", description="kind of controller")
-    baud: int = Field(default=2_000_000, gt=0, le=4_000_000, description="bits per second")
+    kind: str = Field("expander", description="kind of controller")
+    baud: int = Field(2_000_000, gt=0, le=4_000_000, description="bits per second")
     board: Board = Field(
-        default="v2", description="generation of the board: v1, v2, v3 drive 240, 800, 1600 pixels a channel"
+        "v2", description="generation of the board: v1, v2, v3 drive 240, 800, 1600 pixels a channel"
     )
     channels: dict[str, ChannelConfig] = Field(
-        default={},
+        {},
         description="connections by strip id; strips in the map's order on channels 0, 1, 2 ... if empty. "
         "Parts of strips are in `segments`, whose `universe` is the channel",
     )

@@ -13,12 +13,12 @@ class SerialOutputConfig(OutputConfig):
     """A controller on a serial port."""
 
     port: str = Field(
-        default="",
+        "",
         description="path or name of the controller's port; /dev/serial/by-id/... survives plugging in again",
     )
-    baud: int = Field(default=115200, gt=0, le=MAX_BAUD, description="bits per second")
+    baud: int = Field(115200, gt=0, le=MAX_BAUD, description="bits per second")
     wanted_rate_hz: float = Field(
-        default=25.0, gt=0, le=1000, description="frames per second below which a warning says what fits"
+        25.0, gt=0, le=1000, description="frames per second below which a warning says what fits"
     )
 
 

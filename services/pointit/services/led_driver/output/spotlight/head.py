@@ -115,11 +115,7 @@ class Mounting:
 def direction(angles: Angles) -> Vec3:
     """Return the direction of the beam at `angles`, {F}."""
     level = math.sin(angles.tilt_rad)
-    return (
-        level * math.cos(angles.pan_rad),
-        level * math.sin(angles.pan_rad),
-        math.cos(angles.tilt_rad),
-    )
+    return (level * math.cos(angles.pan_rad), level * math.sin(angles.pan_rad), math.cos(angles.tilt_rad))
 
 
 def _turns(pan_rad: float, range_rad: float) -> Iterable[float]:

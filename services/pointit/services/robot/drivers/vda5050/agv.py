@@ -225,11 +225,7 @@ class Agv:
         return LastPose(self._last.position_m[:2], self._last.velocity_mps[:2], age_s)
 
     def _say(
-        self,
-        position_m: tuple[float, float, float],
-        yaw_rad: float,
-        velocity: Point,
-        sigma_m: float | None,
+        self, position_m: tuple[float, float, float], yaw_rad: float, velocity: Point, sigma_m: float | None
     ) -> None:
         self._last = RobotReport(
             stamp_ns=self._around.clock.now_ns(),

@@ -7,13 +7,7 @@ from typing import TYPE_CHECKING
 
 from pointit.runtime.config.plugins import FoundDevice
 from pointit.runtime.errors import ConfigError
-from pointit.runtime.mqtt.broker import (
-    client_options,
-    connected,
-    describe_error,
-    require_client,
-    uncancelled,
-)
+from pointit.runtime.mqtt.broker import client_options, connected, describe_error, require_client, uncancelled
 from pointit.runtime.mqtt.broker_config import PORT
 from pointit.runtime.mqtt.broker_search import find_on_brokers
 from pointit.runtime.service.shutdown import first_cause

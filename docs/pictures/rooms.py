@@ -1,10 +1,11 @@
 """Draws the rooms and their imports, docs/explanation/rooms.svg: `python docs/pictures/rooms.py`.
 
 An arrow is drawn where no longer way leads to the same room. The most frequent of the other imports are
-listed in the room's box.
+listed in the room's box, which is filled by as much as its lines are of the core.
 """
 
 from collections import Counter
+from importlib.machinery import SourceFileLoader
 from pathlib import Path
 from xml.sax.saxutils import escape
 
@@ -13,53 +14,71 @@ import grimp
 import pointit  # noqa: F401 # pyright: ignore[reportUnusedImport] - loads all its three folders
 
 ROOT = Path(__file__).resolve().parents[2]
-WIDTH, HEIGHT = 1650, 980
+WIDTH, HEIGHT = 1650, 1078
 BOX_HEIGHT = 66
+LAB = "lab"
 ROOMS = {
-    "cli": (750, 16, 1180, "the commands of the program pointit"),
-    "api": (1400, 114, 430, "a site from Python: import pointit"),
-    "launch": (1400, 212, 430, "a scenario becomes running services"),
-    "conversion": (860, 310, 270, "export and import of recordings"),
-    "replay": (570, 408, 310, "a recording in virtual time"),
-    "testing": (1060, 408, 310, "checks of plug-ins"),
-    "bridges": (1430, 408, 360, "web page, ROS 2, Foxglove"),
-    "plugins": (1010, 506, 290, "names for authors of plug-ins"),
-    "access": (1280, 506, 230, "rights and certificates"),
-    "diagnosis": (1530, 506, 220, "faults of a site, and remedies"),
-    "services": (740, 604, 1000, "one folder per process"),
-    "sim": (400, 702, 260, "recordings, simulated arms"),
-    "recording": (740, 702, 260, "files of messages (MCAP)"),
-    "maps": (1080, 702, 260, "map files and checks"),
-    "vda5050": (1420, 702, 260, "messages of AGVs"),
-    "runtime": (640, 800, 260, "bus, clock, configuration, health"),
-    "schemas": (640, 898, 260, "messages, codec, topic table"),
-    "geometry": (1080, 898, 260, "pure mathematics"),
+    LAB: (750, 16, 1180, "the laboratory, not in the wheel: evaluation, load test, benchmarks"),
+    "cli": (750, 114, 1180, "the commands of the program pointit"),
+    "api": (1400, 212, 430, "a site from Python: import pointit"),
+    "launch": (1400, 310, 430, "a scenario becomes running services"),
+    "conversion": (860, 408, 270, "export and import of recordings"),
+    "replay": (570, 506, 310, "a recording in virtual time"),
+    "testing": (1060, 506, 310, "checks of plug-ins"),
+    "bridges": (1430, 506, 360, "web page, ROS 2, Foxglove"),
+    "plugins": (1010, 604, 290, "names for authors of plug-ins"),
+    "access": (1280, 604, 230, "rights and certificates"),
+    "diagnosis": (1530, 604, 220, "faults of a site, and remedies"),
+    "services": (740, 702, 1000, "one folder per process"),
+    "sim": (400, 800, 260, "recordings, simulated arms"),
+    "recording": (740, 800, 260, "files of messages (MCAP)"),
+    "maps": (1080, 800, 260, "map files and checks"),
+    "vda5050": (1420, 800, 260, "messages of AGVs"),
+    "runtime": (640, 898, 260, "bus, clock, configuration, health"),
+    "schemas": (640, 996, 260, "messages, codec, topic table"),
+    "geometry": (1080, 996, 260, "pure mathematics"),
 }
 """Middle x, top y and width of each room's box, px, and its purpose. The order is that of the layers."""
-MOST_OTHERS = 3
+MOST_OTHERS = 2
 """Number of imports in the room's box, the most frequent ones."""
 STYLE = """
 text{font:13px system-ui,sans-serif;text-anchor:middle;fill:#1c2733}
 .name{font-weight:600;font-size:15px}
 .small{font-size:11px;fill:#52606d}
 .count{font-size:12px;stroke:#fff;stroke-width:4px;paint-order:stroke}
-rect{fill:#eef4fa;stroke:#7b93ab}
+rect{fill:#fff;stroke:#7b93ab}
+.core{fill:#cfe2f3;stroke:none}
+.lab{stroke-dasharray:6 4}
 path{fill:none;stroke:#52708f;stroke-width:1.5}
 """
 
 
-def count_imports() -> tuple[Counter[str], Counter[tuple[str, str]]]:
-    """Return the number of modules by room, and the number of imports between modules by pair of rooms."""
-    graph = grimp.build_graph("pointit", cache_dir=None)
-    sizes = Counter[str]()
+def room_of(module: str) -> str:
+    """Return the room of a module, or "" for that of no room."""
+    top, _, rest = module.partition(".")
+    return LAB if top == "pointit_lab" else rest.partition(".")[0]
+
+
+def count_imports() -> Counter[tuple[str, str]]:
+    """Return the number of imports between modules, by pair of rooms."""
+    graph = grimp.build_graph("pointit", "pointit_lab", cache_dir=None)
     arrows = Counter[tuple[str, str]]()
     for module in graph.modules:
-        _, _, rest = module.partition(".")
-        room = rest.partition(".")[0]
-        sizes[room] += bool(rest)
         for imported in graph.find_modules_directly_imported_by(module):
-            arrows[room, imported.split(".")[1]] += 1
-    return sizes, Counter({pair: count for pair, count in arrows.items() if ROOMS.keys() >= set(pair)})
+            arrows[room_of(module), room_of(imported)] += 1
+    return Counter({pair: count for pair, count in arrows.items() if ROOMS.keys() >= set(pair)})
+
+
+def count_lines() -> dict[str, tuple[int, int]]:
+    """Return the number of lines of the core, and of all, by room."""
+    house = SourceFileLoader("house", str(ROOT / "scripts/house")).load_module()
+    _, optional = house.core_contract((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    core, every = Counter[str](), Counter({LAB: house.line_count(house.python_files([house.LAB]))})
+    for path in house.python_files(house.PRODUCT):
+        module, lines = house.module_of(path), house.line_count([path])
+        every[room_of(module)] += lines
+        core[room_of(module)] += 0 if house.is_below(module, optional) else lines
+    return {room: (core[room], lines) for room, lines in every.items()}
 
 
 def direct(arrows: Counter[tuple[str, str]]) -> set[tuple[str, str]]:
@@ -81,7 +100,7 @@ def direct(arrows: Counter[tuple[str, str]]) -> set[tuple[str, str]]:
 
 def picture() -> str:
     """Return the SVG."""
-    sizes, arrows = count_imports()
+    lines, arrows = count_lines(), count_imports()
     drawn = direct(arrows)
     parts = [
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} {HEIGHT}" role="img">',
@@ -107,11 +126,15 @@ def picture() -> str:
             for (source, target), count in sorted(arrows.items(), key=lambda each: (-each[1], each[0]))
             if source == room != target and (source, target) not in drawn
         ][:MOST_OTHERS]
+        core, all_lines = lines[room]
+        sizes = f"{all_lines / 1000:.1f} k lines" + (f", core {core / 1000:.1f} k" if core else "")
+        at, style = f'x="{x - width / 2:.0f}" y="{y}" height="{BOX_HEIGHT}"', f'class="{room}" rx="6"'
         parts += [
-            f'<rect x="{x - width / 2:.0f}" y="{y}" width="{width}" height="{BOX_HEIGHT}" rx="6"/>',
+            f'<rect {at} width="{width}" {style}/>',
+            f'<rect {at} width="{width * core / all_lines:.0f}" class="core"/>',
             f'<text class="name" x="{x}" y="{y + 20}">{room}</text>',
             f'<text x="{x}" y="{y + 38}">{escape(purpose)}</text>',
-            f'<text class="small" x="{x}" y="{y + 55}">{sizes[room]} modules'
+            f'<text class="small" x="{x}" y="{y + 55}">{sizes}'
             + (f"; also {', '.join(others)}" if others else "")
             + "</text>",
         ]

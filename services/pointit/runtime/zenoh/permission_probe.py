@@ -27,7 +27,9 @@ WORDS = {"writes": "write", "reads": "read", "serves": "answer", "asks": "ask"}
 SETTLE_S = 0.25
 """Rights declared within this time are tested together."""
 WAITS_S = (0.05, 0.1, 0.2, 0.4, 0.8)
-"""Times to wait for a written message before it is repeated. After the last one it counts as denied."""
+"""Times to wait for written messages before they are repeated. What misses after the last one is denied."""
+MOST_LOST = 2
+"""Times a message may be missed while the next one arrives. Then it is denied: links keep the order."""
 RETRY_S = (2.0, 5.0, 15.0, 60.0)
 """After so long what is denied is tested again, the last one from then on: a router that was just restarted,
 with everybody at its door, answers late; and rules change."""
@@ -165,14 +167,14 @@ class PermissionProbe:
     async def _arrived(self, rights: Iterable[Right]) -> set[Right] | None:
         """Return which of `rights` hold, and the right to join; nothing when there is no router to ask."""
         name = self._credentials.link.name
+        last = f"{ROOM}/{name}/{JOIN}"
         keys = {f"{key}/{ROOM}/{name}/{verb}": (verb, key) for verb, key in rights}
-        keys[f"{ROOM}/{name}/{JOIN}"] = (JOIN, "")
         arrived: set[str] = set()
         news = asyncio.Event()
 
         def hear(key: str) -> None:
             arrived.add(key)
-            if len(arrived & keys.keys()) == len(keys):
+            if key == last:
                 news.set()
 
         def on_sample(sample: zenoh.Sample) -> None:  # on Zenoh's thread
@@ -182,16 +184,20 @@ class PermissionProbe:
         try:
             async with self._second() as second:
                 second.declare_subscriber(f"**/{ROOM}/{name}/**", Callback(on_sample, indirect=False))
+                left = MOST_LOST
                 for wait_s in WAITS_S:
-                    for key in keys.keys() - arrived:
+                    news.clear()
+                    for key in (*(keys.keys() - arrived), last):
                         self._session.put(key, b"")
                     with contextlib.suppress(TimeoutError):
                         async with asyncio.timeout(wait_s):
                             await news.wait()
-                    if news.is_set():
+                            left -= 1
+                    if not left or keys.keys() <= arrived:
                         break
         except (PointItError, zenoh.ZError):
             return None
+        keys[last] = (JOIN, "")
         return {right for key, right in keys.items() if key in arrived} if self._is_up() else None
 
     def _sentences(self) -> list[str]:

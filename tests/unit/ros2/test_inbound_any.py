@@ -133,4 +133,4 @@ def test_whatever_is_asked_is_answered(name: str, data: st.DataObject) -> None:
         request = make(kind, **{field: data.draw(each) for field, each in VALUES[kind].items()})
         check(row.asks(request, about))
         reply = data.draw(st.sampled_from([None, AddPackageReply(object_id="19-3")]))
-        jazzy().encode(jazzy().response_of(row.type), row.answers(request, reply, about))
+        jazzy().encode(jazzy().response_of(row.type), row.response(request, reply, about))

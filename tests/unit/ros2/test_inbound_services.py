@@ -54,7 +54,7 @@ def test_a_package_is_added_under_the_callers_number() -> None:
     scene.take("conveyor", objects(package(1), package(2)), NOW_NS)
     assert listed(scene) == [1]
     reply = AddPackageReply(object_id="19-2")
-    assert response(row, row.answers(asked, reply, about(scene))).result
+    assert response(row, row.response(asked, reply, about(scene))).result
     assert listed(scene) == [1, 41]
 
 
@@ -65,7 +65,7 @@ def test_a_package_that_was_refused_leaves_its_number_free() -> None:
     assert isinstance(
         row.asks(request(row, uid=41), about(scene)), ConversionWarning
     )  # somebody is about to get it
-    assert not response(row, row.answers(asked, None, about(scene))).result
+    assert not response(row, row.response(asked, None, about(scene))).result
     assert isinstance(row.asks(request(row, uid=41), about(scene)), BusOutput)
 
 
@@ -74,9 +74,9 @@ def test_who_is_refused_does_not_settle_for_who_is_not() -> None:
     first, second = request(row, uid=41), request(row, uid=41)
     row.asks(first, about(scene))
     row.asks(second, about(scene))
-    assert not row.answers(second, None, about(scene)).result
+    assert not row.response(second, None, about(scene)).result
     assert not scene.uids.is_settled("19-9")
-    row.answers(first, AddPackageReply(object_id="19-9"), about(scene))
+    row.response(first, AddPackageReply(object_id="19-9"), about(scene))
     assert scene.uids.number("19-9") == 41
 
 
@@ -99,7 +99,7 @@ def test_a_package_that_cannot_be_is_refused(fields: dict[str, Any], told: str) 
     found = row.asks(asked, about(scene))
     assert isinstance(found, ConversionWarning)
     assert told in found.sentence
-    assert not response(row, row.answers(asked, None, about(scene))).result
+    assert not response(row, row.response(asked, None, about(scene))).result
 
 
 def test_the_number_of_a_package_that_has_left_can_be_had_again() -> None:
@@ -109,7 +109,7 @@ def test_the_number_of_a_package_that_has_left_can_be_had_again() -> None:
     scene.take("conveyor", objects(), NOW_NS)
     asked = request(row, uid=7)
     assert isinstance(row.asks(asked, about(scene)), BusOutput)
-    row.answers(asked, AddPackageReply(object_id="19-8"), about(scene))
+    row.response(asked, AddPackageReply(object_id="19-8"), about(scene))
     scene.take("conveyor", objects(package(8)), NOW_NS)
     assert listed(scene) == [7]
 
@@ -137,7 +137,7 @@ def test_requests_are_asked_of_ours(name: str, fields: dict[str, Any], query: An
     asked = request(row, **fields)
     assert row.asks(asked, about(scene)) == BusOutput(row.request, on, query)
     for reply in (Done(), None):
-        response(row, row.answers(asked, reply, about(scene)))
+        response(row, row.response(asked, reply, about(scene)))
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,6 @@
 """Commands to a robot with Nav2, as goals of its action NavigateToPose."""
 
 import asyncio
-import functools
 import math
 import uuid
 from collections.abc import Callable, Coroutine
@@ -224,12 +223,8 @@ class Navigator:
     def _start(self, work: Coroutine[Any, Any, None]) -> asyncio.Task[None]:
         task = asyncio.get_running_loop().create_task(work)
         self._tasks.add(task)
-        task.add_done_callback(functools.partial(_over, self._tasks))
+        task.add_done_callback(self._tasks.discard)
         return task
-
-
-def _over(tasks: set[asyncio.Task[None]], task: asyncio.Task[None]) -> None:
-    tasks.discard(task)
 
 
 def _why(result: Any, status: int) -> str:

@@ -247,7 +247,7 @@ class Inbox:
                 if not isinstance(reply, str):
                     self._site.bus.clear(about)
         finally:  # also when this is cancelled: the route may wait for the result
-            answer = route.answers(value, None if isinstance(reply, str) else reply, told)
+            answer = route.response(value, None if isinstance(reply, str) else reply, told)
         if isinstance(reply, str) and not route.has_result:
             raise RefusedError(reply)
         return types.encode(response, answer)

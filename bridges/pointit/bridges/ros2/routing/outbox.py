@@ -62,9 +62,9 @@ class _Line:
 
     def close(self) -> None:
         """Remove it from the graph, after its last value."""
-        if self.route.ends is not None:
+        if self.route.has_end:
             types = self._site.scene.types
-            self._put(types.encode(self.route.type, self.route.ends(types)))
+            self._put(types.encode(self.route.type, types.make(self.route.type)))
         for timer in (self._due_timer, self._repeat_timer, self._reclaim_timer):
             timer.cancel()
         for later in self._later:

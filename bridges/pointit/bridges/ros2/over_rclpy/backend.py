@@ -228,7 +228,6 @@ class RclpyBackend:
         self._joined.leave()
 
     def _spin(self) -> None:
-        """Run the executor, on its own thread."""
         while not self._is_left.is_set():
             try:
                 self._joined.executor.spin()

@@ -160,7 +160,6 @@ def _is_file(path: Path) -> bool:
 
 
 def _nothing(wish: FetchRequest, names: Sequence[str]) -> str:
-    """Return the message that there is no map, and the remedy."""
     if wish.prefix:
         what = f"no parameter of {wish.node} begins with '{wish.prefix.rstrip('.')}.'"
     else:

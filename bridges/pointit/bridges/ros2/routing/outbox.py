@@ -73,7 +73,6 @@ class _Line:
         self._site.bus.clear(self.ros)
 
     def _open(self) -> None:
-        """Appear in the graph."""
         kind = self._site.scene.types.kind(self.route.type)
         self._writer = self._site.backend.advertise(self.ros, kind, self.route.qos)
         self._sent = {}
@@ -142,7 +141,6 @@ class _Line:
                 self._put(cdr)
 
     def _whose(self, name: str) -> str:
-        """Return the key of the queue slot for messages of `name`."""
         return name if self.route.is_each else ""
 
     @property

@@ -13,7 +13,7 @@ from pointit.geometry import rotation, vector
 from pointit.geometry.vector import Vec3
 from pointit.schemas import Environment
 from pointit.schemas.topics import MAP
-from tests.interop.ros2.site import Site, site
+from tests.interop.ros2.peers import Site, site
 from tests.support.bench import until
 from tests.support.commands import onlooker
 

@@ -19,7 +19,7 @@ from pointit.schemas import NS_PER_S, ConveyorState, Environment, PointingRay, S
 from pointit.schemas import topics as ours
 from tests.integration.ros2.nodes import Shown
 from tests.interop.ros2.peers import DOMAIN, TYPES
-from tests.interop.ros2.site import Site, site
+from tests.interop.ros2.peers import Site, site
 from tests.support.bench import until
 from tests.support.commands import Onlooker, onlooker
 from tests.support.pace import Patience

@@ -22,8 +22,7 @@ from pointit.schemas import ConveyorState, Goal, Health, Interaction, LampColor,
 from pointit.schemas import topics as ours
 from pointit.schemas.topics import Topic
 from tests.interop.ros2.ament import hash_of
-from tests.interop.ros2.peers import TYPES, Dora
-from tests.interop.ros2.peers import Site, site
+from tests.interop.ros2.peers import TYPES, Dora, Site, site
 from tests.support.bench import until
 from tests.support.commands import onlooker
 

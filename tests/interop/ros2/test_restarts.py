@@ -17,8 +17,7 @@ import zenoh
 from pointit.schemas import ConveyorState, UserPose
 from pointit.schemas import topics as ours
 from tests.integration.ros2.nodes import Graphs, Process, graphs
-from tests.interop.ros2.peers import TYPES
-from tests.interop.ros2.peers import Site, site
+from tests.interop.ros2.peers import TYPES, Site, site
 from tests.support.bench import until
 from tests.support.commands import Command, Onlooker, onlooker
 from tests.support.pace import Patience

@@ -1,4 +1,4 @@
-"""Definitions of ROS types: hashes against those of a running ROS 2, packages for colcon, and CDR of any value."""
+"""Definitions of ROS types: hashes as a running ROS 2 has them, packages for colcon, CDR of any value."""
 
 import re
 import struct

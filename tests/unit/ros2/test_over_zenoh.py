@@ -1,4 +1,4 @@
-"""ROS on Zenoh: attachments, keys, qualities of service, tokens, against captures of genuine rmw_zenoh nodes."""
+"""ROS on Zenoh: attachments, keys, qualities of service, tokens, as genuine rmw_zenoh nodes write them."""
 
 from dataclasses import replace
 

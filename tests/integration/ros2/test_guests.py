@@ -21,10 +21,11 @@ from pointit.geometry import rotation, vector
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, SelectionEvent, StripsFrame, TrackedObjects, UserProfile
 from pointit.schemas.topics import OBJECTS, PROFILE, SELECTION_EVENTS, SERVICE_ALIVE, USER_ALIVE
-from tests.integration.ros2.nodes import DOMAIN, Shown
+from tests.integration.ros2.nodes import DOMAIN
 from tests.support.bench import until
 from tests.support.buses import free_port
 from tests.support.commands import Command, Commands, Onlooker, onlooker
+from tests.unit.ros2.graph_of_one import Shown
 
 TYPES = Types("jazzy")
 EYES_M = (0.0, 0.0, 1.64)

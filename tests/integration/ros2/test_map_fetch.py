@@ -14,7 +14,7 @@ from pointit.bridges.ros2.parameters.node_parameters import LIST, LIST_SUFFIX
 from pointit.bridges.ros2.types.types import Types
 from pointit.maps.file import load_map, map_path
 from pointit.runtime.config.yaml_file import parse_yaml
-from pointit.runtime.errors import ConnectError, NoAnswerError
+from pointit.runtime.errors import ConnectError
 from tests.integration.ros2.nodes import DOMAIN, Graphs, graphs
 from tests.support.commands import Commands
 from tests.support.data import data_file
@@ -81,34 +81,6 @@ async def test_both_ways_to_join_and_a_node_that_comes_meanwhile(at: Graphs, mod
     asked = asyncio.create_task(fetched(config(at, mode=mode), wish()))
     ParameterServer(TYPES, {"leds.a.position": [1.0, 2.0, 3.0]}).serve(node.backend, NODE)
     assert await asked == {"leds": {"a": {"position": [1.0, 2.0, 3.0]}}}
-
-
-async def test_who_is_not_there_in_another_domain_of_another_distribution_or_mute(at: Graphs) -> None:
-    node = await at.node(NODE, "router")
-    ParameterServer(TYPES, {}).serve(node.backend, NODE)
-    mute = await at.node("/mute")
-    humble = await at.node("/old", distro="humble")
-    ParameterServer(Types("humble"), {}).serve(humble.backend, "/old")
-    far = await at.node("/far", domain_id=DOMAIN + 1)
-    ParameterServer(TYPES, {}).serve(far.backend, "/far")
-
-    async def never(_request: bytes) -> bytes:
-        await asyncio.Event().wait()
-        return b""
-
-    mute.backend.serve(f"/slow{LIST_SUFFIX}", TYPES.kind(LIST), never)
-    for name, settings, said in (
-        ("/puu", {}, "there is no node /puu in domain 7; there are /mute, /old, /pui, /slow"),
-        ("/mute", {}, "node /mute serves no parameters; "),
-        ("/old", {}, "node /old is of Humble, whose services no node of jazzy can ask; set distro to humble"),
-        ("/far", {}, "node /far is in domain 8, not in 7; set domain_id to 8"),
-        ("/puu", {"domain_id": 9}, "no ROS node is seen in domain 9, but some in 7, 8; set domain_id to"),
-    ):
-        with pytest.raises(NoAnswerError) as caught:
-            await fetched(config(at, **settings), wish(name))
-        assert str(caught.value).startswith(said)
-    with pytest.raises(NoAnswerError, match=r"list_parameters: its server did not answer within 0\.5 s$"):
-        await fetched(config(at), wish("/slow", 0.5))
 
 
 async def test_no_router_is_said_within_seconds(commands: Commands, endpoint: str) -> None:

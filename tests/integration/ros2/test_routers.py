@@ -24,7 +24,6 @@ from tests.integration.ros2.nodes import (
     RELIABLE,
     Graphs,
     Node,
-    Shown,
     arrives,
     cdr_of,
     met,
@@ -34,6 +33,7 @@ from tests.integration.ros2.nodes import (
 from tests.support.bench import until
 from tests.support.buses import free_port
 from tests.support.pace import slowness
+from tests.unit.ros2.graph_of_one import Shown
 
 BACK_S = 15.0
 

@@ -27,6 +27,7 @@ from tests.interop.ros2.peers import DOMAIN, TYPES, Dora
 from tests.support.bench import until
 from tests.support.buses import free_port
 from tests.support.commands import Commands, Ended
+from tests.unit.ros2.graph_of_one import Around
 
 pytestmark = pytest.mark.timeout(600)  # .venv-peers may have to be made
 PATIENCE_S = 30.0
@@ -42,25 +43,6 @@ SPEC = RobotSpec(
     max_acceleration_mps2=1.0,
 )
 POSE = "geometry_msgs/msg/PoseStamped"
-
-
-class Around:
-    """Surroundings of the driver."""
-
-    def __init__(self) -> None:
-        self.clock, self.health = WallClock(), self
-        self.warnings: dict[str, str] = {}
-        self.metrics: dict[str, float | None] = {}
-
-    def warn(self, topic: str, sentence: str) -> None:
-        self.warnings[topic] = sentence
-
-    def clear(self, topic: str) -> None:
-        self.warnings.pop(topic, None)
-
-    def set_metric(self, name: str, value: float | None, unit: str = "") -> None:
-        assert unit
-        self.metrics[name] = value
 
 
 def zero(described: Any) -> Any:
@@ -97,7 +79,7 @@ class Site:
 async def site(python: Path, folder: Path) -> AsyncGenerator[Site]:
     """Yield both, connected: the test is the router, the peer publishes the robot's pose."""
     endpoint = f"tcp/127.0.0.1:{free_port()}"
-    around: Any = Around()
+    around: Any = Around(WallClock())
     router = await opened(
         BackendConfig(endpoint=endpoint, mode="router", domain_id=DOMAIN, node="/router"), around
     )

@@ -17,11 +17,11 @@ from pointit.geometry import rotation, vector
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, ConveyorState, Environment, PointingRay, StripsFrame, UserPose
 from pointit.schemas import topics as ours
-from tests.integration.ros2.nodes import Shown
 from tests.interop.ros2.peers import DOMAIN, TYPES, Site, site
 from tests.support.bench import until
 from tests.support.commands import Onlooker, onlooker
 from tests.support.pace import Patience
+from tests.unit.ros2.graph_of_one import Shown
 
 pytestmark = pytest.mark.timeout(600)  # .venv-peers may have to be made
 

@@ -17,7 +17,6 @@ from pointit.bridges.ros2.robot.plugin import ROS2
 from pointit.bridges.ros2.robot.pose_input import PoseReader
 from pointit.bridges.ros2.tracking.config import PoseSource
 from pointit.bridges.ros2.types.definitions import Definitions
-from pointit.bridges.ros2.types.types import Types
 from pointit.plugins import (
     NS_PER_S,
     ConfigError,
@@ -33,7 +32,8 @@ from pointit.plugins import (
     TakeOff,
 )
 from pointit.runtime.config.config import Layers
-from tests.support.bench import START_NS, ManualClock, until
+from tests.support.bench import START_NS, until
+from tests.unit.ros2.graph_of_one import Around
 from tests.unit.ros2.robot.fake_nav2 import FakeNav2
 from tests.unit.ros2.scenes import NOW_NS, jazzy
 from tests.unit.ros2.tracking.test_trackers import ODOMETRY, POSE, TF, header, make, pose, transform
@@ -51,25 +51,6 @@ GROUND = RobotSpec(
 )
 QUAD = dataclasses.replace(GROUND, name="quad", kind="quadrotor")
 SETPOINTS = "/mavros/setpoint_position/local"
-
-
-class Around:
-    """Surroundings of the driver."""
-
-    def __init__(self) -> None:
-        self.clock = ManualClock()
-        self.health = self
-        self.warnings: dict[str, str] = {}
-
-    def warn(self, topic: str, sentence: str) -> None:
-        self.warnings[topic] = sentence
-
-    def clear(self, topic: str) -> None:
-        self.warnings.pop(topic, None)
-
-    def set_metric(self, name: str, value: float | None, unit: str = "") -> None: ...
-
-    def reached(self, latency_s: float) -> None: ...
 
 
 class Bench:
@@ -97,10 +78,6 @@ class Bench:
         self.graph.readers[topic](jazzy().encode(name, make(name, **fields)))
 
 
-def types_of(_distro: str) -> Types:
-    return jazzy()
-
-
 @contextlib.asynccontextmanager
 async def driving(
     monkeypatch: pytest.MonkeyPatch, spec: RobotSpec, **parameters: Any
@@ -112,7 +89,7 @@ async def driving(
         return graph
 
     monkeypatch.setattr("pointit.bridges.ros2.robot.driver.opened", opened)
-    monkeypatch.setattr("pointit.bridges.ros2.robot.driver.Types", types_of)
+    monkeypatch.setattr("pointit.bridges.ros2.robot.driver.Types", lambda _distro: jazzy())
     config = Ros2RobotConfig.model_validate(parameters)
     made: Any = around
     bench = Bench(graph, around, Ros2Driver(config, spec, made))
@@ -166,12 +143,12 @@ async def test_a_pose_that_fails_to_come_is_a_lost_link_until_it_comes_again(
 async def test_a_bad_pose_is_told_in_health_and_not_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     async with driving(monkeypatch, GROUND, **TOPIC) as bench:
         bench.say("/pose", POSE, header=header("moon"), pose=pose())
-        assert "no transform leads from 'moon' to 'map'" in bench.around.warnings["pose"]
+        assert "no transform leads from 'moon' to 'map'" in bench.around.now["pose"]
         bench.graph.readers["/pose"](b"\x00\x01\x00\x00short")
-        assert "was dropped" in bench.around.warnings["pose"]
+        assert "was dropped" in bench.around.now["pose"]
         assert bench.reports == []
         bench.is_at(0.0)
-        assert bench.around.warnings["pose"] == ""
+        assert bench.around.now["pose"] == ""
 
 
 async def test_the_pose_of_a_frame_comes_from_tf(monkeypatch: pytest.MonkeyPatch) -> None:

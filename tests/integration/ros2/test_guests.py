@@ -232,9 +232,7 @@ def has_color(frame: StripsFrame) -> bool:
     return False
 
 
-async def test_she_points_has_a_cursor_and_selects_without_a_service_of_ours(
-    site: Site, look: Onlooker
-) -> None:
+async def test_she_points_and_selects_without_a_service_of_ours(site: Site, look: Onlooker) -> None:
     events: list[SelectionEvent] = []
     profiles: list[UserProfile] = []
     look.bus.subscribe(SELECTION_EVENTS, lambda message, _name: events.append(message))
@@ -310,9 +308,7 @@ async def test_services_of_ours_win_and_that_is_said_in_one_sentence(site: Site,
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
-async def test_she_leaves_with_the_bridge_and_is_back_with_it(
-    site: Site, look: Onlooker, number: int
-) -> None:
+async def test_she_leaves_and_returns_with_the_bridge(site: Site, look: Onlooker, number: int) -> None:
     _, at_m = await thing(look)
     async with anna(site) as hers:
         hers.points_at(at_m)

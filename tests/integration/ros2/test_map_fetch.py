@@ -38,9 +38,7 @@ def config(at: Graphs, **settings: Any) -> BackendConfig:
     return BackendConfig.model_validate(values | settings)
 
 
-async def test_a_map_in_many_parameters_becomes_a_file_that_is_the_same_map(
-    commands: Commands, tmp_path: Path
-) -> None:
+async def test_a_map_in_many_parameters_becomes_a_file(commands: Commands, tmp_path: Path) -> None:
     path = tmp_path / "conveyor.yaml"
     with map_path("conveyor") as shipped:
         tree = yaml.safe_load(shipped.read_text(encoding="utf-8"))
@@ -95,9 +93,7 @@ async def test_no_router_is_said_within_seconds(commands: Commands, endpoint: st
     assert f"looking for a ROS router at {endpoint} …" in done.err
 
 
-async def test_who_does_not_answer_is_waited_for_with_a_word_and_ctrl_c_ends_it_at_once(
-    at: Graphs, commands: Commands
-) -> None:
+async def test_ctrl_c_ends_the_wait_for_an_answer(at: Graphs, commands: Commands) -> None:
     node = await at.node(NODE, "router")
     asked = asyncio.Event()
 

@@ -62,7 +62,7 @@ async def test_nobody_a_wrong_hash_and_a_slow_one_are_deadlines(a: Node, b: Node
         assert time.monotonic() - began_s < 5 * slowness()
 
 
-async def test_a_server_that_fails_is_an_answer_at_once(
+async def test_a_failing_server_is_an_answer_at_once(
     a: Node, b: Node, caplog: pytest.LogCaptureFixture
 ) -> None:
 

@@ -19,9 +19,7 @@ MODES = [("peer", "peer"), ("peer", "client"), ("client", "client"), ("router", 
 
 
 @pytest.mark.parametrize("modes", MODES, ids="-".join)
-async def test_messages_arrive_once_in_order_both_ways_on_many_topics(
-    at: Graphs, modes: tuple[str, str]
-) -> None:
+async def test_messages_arrive_once_in_order_both_ways(at: Graphs, modes: tuple[str, str]) -> None:
     if "router" not in modes:
         await at.node("/router", "router")
     a, b = await at.node("/a", modes[0]), await at.node("/b", modes[1])
@@ -73,9 +71,7 @@ async def test_who_comes_late_gets_what_was_kept_once(at: Graphs, modes: tuple[s
     await until(lambda: (state, early) == ([5, 6], [8, 9]))
 
 
-async def test_of_what_has_a_lifespan_who_comes_late_hears_what_is_said_from_then_on(
-    at: Graphs, a: Node
-) -> None:
+async def test_who_comes_late_hears_nothing_old_that_has_a_lifespan(at: Graphs, a: Node) -> None:
     log = a.backend.advertise("/rosout", POSE, ROSOUT)
     state = a.backend.advertise("/state", BOOL, LATCHED)
     for writer in (log, state):
@@ -115,9 +111,7 @@ async def test_what_we_publish_never_comes_back(a: Node, b: Node) -> None:
     assert kept == []
 
 
-async def test_our_own_messages_that_a_stranger_sends_back_are_dropped(
-    a: Node, stranger: zenoh.Session
-) -> None:
+async def test_our_own_that_a_stranger_sends_back_are_dropped(a: Node, stranger: zenoh.Session) -> None:
     key = f"7/both/{POSE.dds_name}/{POSE.hash}"
     samples: list[tuple[bytes, bytes]] = []
 
@@ -141,9 +135,7 @@ async def test_our_own_messages_that_a_stranger_sends_back_are_dropped(
     subscriber.undeclare()
 
 
-async def test_the_same_message_is_taken_once_however_often_it_comes(
-    a: Node, stranger: zenoh.Session
-) -> None:
+async def test_a_message_is_taken_once_however_often_it_comes(a: Node, stranger: zenoh.Session) -> None:
     key = f"7/x/{POSE.dds_name}/{POSE.hash}"
     seen = a.hears("/x", POSE)
 
@@ -212,9 +204,7 @@ async def test_what_would_kill_ros_nodes_is_never_sent(a: Node, cdr: bytes) -> N
         await a.backend.call("/x", POSE, cdr, timeout_s=1)
 
 
-async def test_a_handler_that_fails_is_logged_and_gets_the_next(
-    a: Node, b: Node, caplog: pytest.LogCaptureFixture
-) -> None:
+async def test_a_failing_handler_is_logged(a: Node, b: Node, caplog: pytest.LogCaptureFixture) -> None:
     seen: list[int] = []
 
     def handle(cdr: bytes) -> None:

@@ -120,9 +120,7 @@ async def _forever(say: Any) -> None:
         await asyncio.sleep(0.2)
 
 
-async def test_a_goal_is_accepted_reported_on_done_and_another_is_cancelled(
-    peers_python: Path, tmp_path: Path
-) -> None:
+async def test_a_goal_is_done_and_another_is_cancelled(peers_python: Path, tmp_path: Path) -> None:
     async with site(peers_python, tmp_path) as place:
         place.driver.command(FollowPath(1, ((1.5, -0.5, 0.0),), yaw_rad=0.0))
         (goal,) = await place.goals(1)

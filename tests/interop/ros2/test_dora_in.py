@@ -99,9 +99,7 @@ async def test_feeders_rest_and_give_as_the_peer_says(place: Site, look: Onlooke
     await until(lambda: states[-1].feeding and states[-1].fed > 0, NOTICED_S, "a package of a feeder")
 
 
-async def test_packages_come_by_service_under_the_callers_number_and_by_topic(
-    place: Site, look: Onlooker
-) -> None:
+async def test_packages_come_by_service_and_by_topic(place: Site, look: Onlooker) -> None:
     dora = place.dora
     await dora.do("listen", topic="/packages", type="conveyor_msgs/msg/PackageList", depth=1)
     kind = "conveyor_msgs/srv/AddPack"
@@ -204,9 +202,7 @@ async def test_a_persons_cursor_follows_the_arm_that_the_peer_turns(place: Site,
             await until(lambda wanted=wanted: states[-1].state == wanted, NOTICED_S, f"{wanted} by button")  # type: ignore[misc]
 
 
-async def test_services_are_left_to_a_peer_that_serves_them_and_a_node_of_ours_asks_it(
-    place: Site, look: Onlooker
-) -> None:
+async def test_services_are_left_to_a_peer_that_serves_them(place: Site, look: Onlooker) -> None:
     frames: list[StripsFrame] = []
     look.bus.subscribe(ours.STRIPS_FRAME, lambda message, _: frames.append(message))
     dora = place.dora

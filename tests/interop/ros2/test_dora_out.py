@@ -42,13 +42,7 @@ QOS = {
 CODES = {OutboundRoute: "MP", InboundRoute: "MS", ServiceRoute: "SS"}
 ROWS = [row for row in routes(ros4hri=True).all if row.enabled]
 LOOKED_AT: tuple[Topic[Any], ...] = (
-    ours.POSE,
-    ours.RAY,
-    ours.IMU,
-    ours.CURSOR,
-    ours.OBJECTS,
-    ours.STRIPS_FRAME,
-    ours.MAP,
+    *(ours.POSE, ours.RAY, ours.IMU, ours.CURSOR, ours.OBJECTS, ours.STRIPS_FRAME, ours.MAP),
 )
 COLD = "the oven is cold: light it"
 INFO, WARN = 20, 30

@@ -24,9 +24,7 @@ START_S = 60.0
 """Within which processes start, however busy the machine."""
 
 
-async def test_routes_of_types_that_this_ros_has_work_and_the_others_are_named(
-    rclpy_python: Path, tmp_path: Path
-) -> None:
+async def test_routes_work_and_those_of_missing_types_are_named(rclpy_python: Path, tmp_path: Path) -> None:
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     command = [f"{rclpy_python}", "-m", "pointit.bridges.ros2", "--connect", endpoint]
     command += ["--backend.kind", "dds", "--backend.domain-id", f"{DOMAIN}", "--ros4hri", "true"]

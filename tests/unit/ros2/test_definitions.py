@@ -144,20 +144,12 @@ def test_a_file_that_is_no_definition_is_named(monkeypatch: pytest.MonkeyPatch, 
 
 
 NAMES = (
-    "geometry_msgs/msg/PoseStamped",
-    "sensor_msgs/msg/Imu",
-    "tf2_msgs/msg/TFMessage",
-    "diagnostic_msgs/msg/DiagnosticArray",
-    "visualization_msgs/msg/Marker",
-    "conveyor_msgs/msg/PackageList",
-    "conveyor_msgs/msg/PointerList",
-    "conveyor_msgs/msg/PUISubscription",
-    "conveyor_msgs/msg/BeltCommand",
-    "conveyor_msgs/srv/AddPack_Request",
-    "led_strip_msgs/msg/LedStrips",
-    "led_strip_msgs/msg/LedEffect",
-    "led_strip_msgs/msg/ColorArray",
-    "std_srvs/srv/Trigger_Response",
+    *("geometry_msgs/msg/PoseStamped", "sensor_msgs/msg/Imu", "tf2_msgs/msg/TFMessage"),
+    *("diagnostic_msgs/msg/DiagnosticArray", "visualization_msgs/msg/Marker"),
+    *("conveyor_msgs/msg/PackageList", "conveyor_msgs/msg/PointerList"),
+    *("conveyor_msgs/msg/PUISubscription", "conveyor_msgs/msg/BeltCommand"),
+    *("conveyor_msgs/srv/AddPack_Request", "led_strip_msgs/msg/LedStrips"),
+    *("led_strip_msgs/msg/LedEffect", "led_strip_msgs/msg/ColorArray", "std_srvs/srv/Trigger_Response"),
 )
 JAZZY = Types("jazzy")
 FIELDS = {name: fields for name, (_, fields) in Definitions("jazzy").store.fielddefs.items()}

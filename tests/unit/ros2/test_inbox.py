@@ -10,19 +10,8 @@ import pytest
 from pointit.bridges.ros2.routing.inbox import MAX_ASKED
 from pointit.bridges.ros2.routing.routes import routes
 from pointit.runtime.errors import RefusedError
-from pointit.schemas import AddPackage, AddPackageReply, Done, Environment, SetFeeding, SetSpeed
+from pointit.schemas import AddPackage, AddPackageReply, Done, Environment, SetFeeding, SetSpeed, topics
 from pointit.schemas.environment import Belt
-from pointit.schemas.topics import (
-    ADD_PACKAGE,
-    BUTTON,
-    RESET_CONVEYOR,
-    SET_BRIGHTNESS,
-    SET_FEEDING,
-    SET_SPEED,
-    SET_YAW_ORIGIN,
-    WRIST,
-    Request,
-)
 from tests.support.bench import START_NS, until
 from tests.unit.ros2.graph_of_one import Bench
 
@@ -49,7 +38,7 @@ async def ask(bridge: Bench, service: str, kind: str, /, **fields: Any) -> Any:
 async def test_a_rotation_moves_the_wrist_of_who_is_there(bridge: Bench) -> None:
     assert ROTATION not in bridge.backend.readers
     seen: list[Any] = []
-    bridge.other.subscribe(WRIST, lambda message, name: seen.append((name, message)))
+    bridge.other.subscribe(topics.WRIST, lambda message, name: seen.append((name, message)))
     bridge.inbox.join("anna")
     bridge.say(ROTATION, QUATERNION, **turned(bridge))
     await until(lambda: bool(seen))
@@ -76,9 +65,7 @@ def bridge_takes(bridge: Bench, w: float) -> bool:
 @pytest.mark.parametrize(
     ("ros", "most"), [("/tf", 64 * 1024), ("/tf_static", 64 * 1024), (ROTATION, 16 * 1024)]
 )
-async def test_what_is_too_long_to_be_read_in_the_loop_is_dropped_and_told(
-    bridge: Bench, ros: str, most: int
-) -> None:
+async def test_what_is_too_long_is_dropped_and_told(bridge: Bench, ros: str, most: int) -> None:
     bridge.inbox.join("anna")
     kind = QUATERNION if ros == ROTATION else "tf2_msgs/msg/TFMessage"
     fields = turned(bridge) if ros == ROTATION else {}
@@ -112,7 +99,7 @@ async def test_a_command_asks_our_conveyor_and_a_refusal_is_told(bridge: Bench) 
             raise RefusedError("too fast for this belt")
         return Done()
 
-    bridge.other.serve(SET_SPEED, serve)
+    bridge.other.serve(topics.SET_SPEED, serve)
     bridge.say("/belt_cmd", "conveyor_msgs/msg/BeltCommand", name=["*"], velocity=[0.5])
     await until(lambda: any("too fast for this belt" in each for each in bridge.warnings()))
     bridge.say("/belt_cmd", "conveyor_msgs/msg/BeltCommand", name=["a"], velocity=[0.25])
@@ -138,7 +125,7 @@ async def test_a_refusal_is_told_until_a_later_command_is_done_and_not_only_aske
         await go_on.wait()
         return Done()
 
-    bridge.other.serve(SET_SPEED, serve)
+    bridge.other.serve(topics.SET_SPEED, serve)
     bridge.say("/belt_cmd", BELT_COMMAND, name=["*"], velocity=[0.5])
     await asked.wait()
     assert bridge.warnings()
@@ -161,7 +148,7 @@ async def test_what_one_belt_does_takes_no_refusal_of_another_back(bridge: Bench
         answered.set()
         return Done()
 
-    bridge.other.serve(SET_SPEED, serve)
+    bridge.other.serve(topics.SET_SPEED, serve)
     bridge.say("/belt_cmd", BELT_COMMAND, name=["a", bad], velocity=[0.25, 0.5])
     await until(lambda: bool(bridge.warnings()))
     go_on.set()
@@ -182,7 +169,7 @@ async def test_wishes_that_are_too_many_are_dropped_and_told(bridge: Bench) -> N
         await go_on.wait()
         return Done()
 
-    bridge.other.serve(SET_SPEED, serve)
+    bridge.other.serve(topics.SET_SPEED, serve)
     speeds = [0.01 * (n + 1) for n in range(len(belts))]
     bridge.say("/belt_cmd", BELT_COMMAND, name=[belt.id for belt in belts], velocity=speeds)
     bridge.say("/belt_cmd", BELT_COMMAND, name=["*"], velocity=[0.5])
@@ -202,7 +189,7 @@ async def test_of_a_flood_of_feed_the_newest_word_is_the_last_one_asked_for(brid
         asked.append(query.feeding)
         return Done()
 
-    bridge.other.serve(SET_FEEDING, serve)
+    bridge.other.serve(topics.SET_FEEDING, serve)
     for count in range(2 * MAX_ASKED):
         bridge.say("/feed", "std_msgs/msg/Bool", data=count % 2 == 1)
     bridge.say("/feed", "std_msgs/msg/Bool", data=False)
@@ -220,7 +207,7 @@ async def test_a_service_is_answered_by_ours(bridge: Bench) -> None:
         return AddPackageReply(object_id="package9")
 
     assert (await ask(bridge, "/add_pack", ADD_PACK, uid=4, kind=1)).result is False, "no node serves it"
-    served = bridge.other.serve(ADD_PACKAGE, serve)
+    served = bridge.other.serve(topics.ADD_PACKAGE, serve)
     assert (await ask(bridge, "/add_pack", ADD_PACK, uid=4, kind=1)).result is True
     assert (await ask(bridge, "/add_pack", ADD_PACK, uid=5, kind=1, belt=3)).result is False
     assert any("there is no belt 3" in each for each in bridge.warnings())
@@ -228,19 +215,17 @@ async def test_a_service_is_answered_by_ours(bridge: Bench) -> None:
 
 
 @pytest.mark.parametrize("speed_mps", [math.nan, math.inf, 6.0])
-async def test_an_invalid_request_gets_a_sentence_where_the_response_cannot_refuse(
-    bridge: Bench, speed_mps: float
-) -> None:
+async def test_an_invalid_request_gets_a_sentence(bridge: Bench, speed_mps: float) -> None:
     with pytest.raises(RefusedError, match=r"set_belt_speed: a speed of \w+ m/s was asked for: send one"):
         await bridge.backend.servers["/set_belt_speed"](b"\0\1\0\0" + struct.pack("<f", speed_mps))
     assert any("a speed of" in each for each in bridge.warnings())
 
 
-WITHOUT_RESULT: dict[str, tuple[str, Request[Any, Any]]] = {
-    "/set_belt_speed": ("conveyor_msgs/srv/SetBeltSpeed", SET_SPEED),
-    "/reset_pack_sim": ("std_srvs/srv/Empty", RESET_CONVEYOR),
-    "/anna/metawear_ros/set_yaw_origin": ("std_srvs/srv/Empty", SET_YAW_ORIGIN),
-    "/set_brightness": ("led_strip_msgs/srv/SetBrightness", SET_BRIGHTNESS),
+WITHOUT_RESULT: dict[str, tuple[str, topics.Request[Any, Any]]] = {
+    "/set_belt_speed": ("conveyor_msgs/srv/SetBeltSpeed", topics.SET_SPEED),
+    "/reset_pack_sim": ("std_srvs/srv/Empty", topics.RESET_CONVEYOR),
+    "/anna/metawear_ros/set_yaw_origin": ("std_srvs/srv/Empty", topics.SET_YAW_ORIGIN),
+    "/set_brightness": ("led_strip_msgs/srv/SetBrightness", topics.SET_BRIGHTNESS),
 }
 
 
@@ -250,9 +235,7 @@ def test_these_are_all_services_whose_response_cannot_refuse() -> None:
 
 
 @pytest.mark.parametrize("service", WITHOUT_RESULT)
-async def test_what_was_not_done_gets_a_sentence_where_the_response_cannot_refuse(
-    bridge: Bench, service: str
-) -> None:
+async def test_what_was_not_done_gets_a_sentence(bridge: Bench, service: str) -> None:
     kind, ours = WITHOUT_RESULT[service]
     is_locked = True
 
@@ -302,7 +285,7 @@ async def test_a_request_that_is_dropped_holds_no_number(bridge: Bench) -> None:
         await asyncio.Event().wait()
         raise AssertionError
 
-    bridge.other.serve(ADD_PACKAGE, serve)
+    bridge.other.serve(topics.ADD_PACKAGE, serve)
     asking = asyncio.create_task(ask(bridge, "/add_pack", ADD_PACK, uid=4, kind=1))
     await asked.wait()
     assert not bridge.scene.uids.is_settled("package1"), "it may be the one that was asked for"
@@ -322,7 +305,7 @@ async def test_who_leaves_takes_what_was_wrong_along(bridge: Bench) -> None:
 async def test_who_left_with_the_button_down_presses_when_they_are_back(bridge: Bench) -> None:
     button, down = "/anna/metawear_ros/button", "std_msgs/msg/Bool"
     seen: list[int] = []
-    bridge.other.subscribe(BUTTON, lambda message, _name: seen.append(message.seq))
+    bridge.other.subscribe(topics.BUTTON, lambda message, _name: seen.append(message.seq))
     for presses in (1, 2):
         bridge.inbox.join("anna")
         bridge.say(button, down, data=True)

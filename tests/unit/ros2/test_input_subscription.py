@@ -130,9 +130,7 @@ def test_people_are_found_in_either_order_of_bytes() -> None:
         assert people_in(cdr, scene) == ("joanna",)
 
 
-async def test_tf_that_tells_of_nobody_is_not_read_and_takes_nobodys_share(
-    bridge: Bench, read: list[int]
-) -> None:
+async def test_tf_that_tells_of_nobody_is_not_read(bridge: Bench, read: list[int]) -> None:
     bridge.scene.person("anna")
     bridge.inbox.join("anna")
     seen: list[float] = []

@@ -46,9 +46,7 @@ async def test_it_may_be_sent_all_the_same(eager: Bench) -> None:
     assert len(eager.heard(RAY_ROS, RAY_TYPE)) == 1
 
 
-async def test_a_route_is_told_of_its_first_reader_by_the_look_and_not_amid_a_message(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+async def test_a_route_is_told_of_its_first_reader_by_the_look(monkeypatch: pytest.MonkeyPatch) -> None:
     begun: list[int] = []
     rows = [
         dataclasses.replace(row, begins=lambda: begun.append(1))
@@ -180,7 +178,7 @@ async def test_what_stays_the_same_is_said_once(bridge: Bench) -> None:
     assert len(bridge.backend.sent["/anna/state_transition"]) == 2
 
 
-async def test_of_each_what_stays_the_same_is_said_once_and_anew_when_they_return(bridge: Bench) -> None:
+async def test_what_stays_the_same_is_said_once_of_each(bridge: Bench) -> None:
 
     def told() -> list[tuple[str, bool]]:
         wishes = bridge.heard("/PUI_subscription", "conveyor_msgs/msg/PUISubscription")

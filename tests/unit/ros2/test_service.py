@@ -47,9 +47,7 @@ def of(backend: FakeBackend, user: str) -> set[str]:
     return {name for name in backend.writers if name.startswith(f"/{user}/")}
 
 
-async def test_who_returns_has_their_place_and_who_left_is_not_brought_back(
-    bench: Bench, backend: FakeBackend
-) -> None:
+async def test_who_returns_has_their_place(bench: Bench, backend: FakeBackend) -> None:
     backend.watchers[0](graph(("subscriber", "/tf")))
     here = bench.bus.announce(USER_ALIVE, "anna")
     bench.put(POSE, PLACE, "anna")
@@ -104,9 +102,7 @@ async def test_other_domains_are_others(bench: Bench, backend: FakeBackend) -> N
     assert bench.bus.site
 
 
-async def test_who_is_there_is_shown_and_who_is_missing_is_said(
-    backend: FakeBackend, caplog: pytest.LogCaptureFixture
-) -> None:
+async def test_who_is_missing_is_said(backend: FakeBackend, caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level("INFO")  # before it starts: it says that once
     async with memory_bench() as bench:
         bench.start(Ros2)
@@ -116,7 +112,7 @@ async def test_who_is_there_is_shown_and_who_is_missing_is_said(
         await until(lambda: any(each.name == "ROS nodes" and each.value == 1 for each in figures(reports)))
 
 
-async def test_nothing_more_is_said_while_the_graph_is_left(
+async def test_nothing_is_said_while_the_graph_is_left(
     backend: FakeBackend, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     left: list[set[str]] = []
@@ -152,9 +148,7 @@ def test_only_so_many_are_remembered() -> None:
     assert attendance.on_join("user1") == ((POSE, PLACE),)
 
 
-async def test_what_goes_wrong_is_logged_in_ros_and_anew_by_who_comes_back(
-    bench: Bench, backend: FakeBackend
-) -> None:
+async def test_what_goes_wrong_is_logged_in_ros(bench: Bench, backend: FakeBackend) -> None:
     backend.watchers[0](graph(("subscriber", "/rosout")))
     ill = Health(stamp_ns=START_NS, service="pui", instance="pui", pid=1, warnings=("no map",))
     sent = backend.sent["/rosout"]

@@ -3,14 +3,15 @@
 import asyncio
 import logging
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import pytest
 
 from pointit.runtime.bus.contract import AnyTopic, Bus, list_present
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.errors import BusClosedError
-from pointit.schemas import Done, Message, Selection, SetBrightness, topics
+from pointit.schemas import Message, Selection, SetBrightness, topics
+from tests.contract.readers import SlowServer, readers, rolls
 from tests.support.bench import until
 from tests.support.buses import Site
 from tests.support.sinks import Roll, Sink, imu, press, profile
@@ -19,15 +20,13 @@ from tests.support.sinks import Roll, Sink, imu, press, profile
 class TestPresence:
     async def test_now_later_and_gone(self, site: Site) -> None:
         site.a.announce(topics.USER_ALIVE, "anna")
-        rolls = [Roll() for _ in site.buses]
-        for bus, roll in zip(site.buses, rolls, strict=True):
-            bus.watch(topics.USER_ALIVE, roll)
-        await until(lambda: all(roll.told == [("anna", True)] for roll in rolls))
+        watchers = rolls(site)
+        await until(lambda: all(roll.told == [("anna", True)] for roll in watchers))
         ben = site.b.announce(topics.USER_ALIVE, "ben")
-        await until(lambda: all(roll.told[1:] == [("ben", True)] for roll in rolls))
+        await until(lambda: all(roll.told[1:] == [("ben", True)] for roll in watchers))
         ben.close()
         ben.close()
-        await until(lambda: all(roll.told[2:] == [("ben", False)] for roll in rolls))
+        await until(lambda: all(roll.told[2:] == [("ben", False)] for roll in watchers))
 
     async def test_a_bus_that_closes_is_gone(self, site: Site) -> None:
         roll = Roll()
@@ -38,17 +37,15 @@ class TestPresence:
         await until(lambda: roll.told[1:] == [("anna", False)])
 
     async def test_two_under_one_name_are_gone_with_the_last(self, site: Site) -> None:
-        rolls = [Roll() for _ in site.buses]
-        for bus, roll in zip(site.buses, rolls, strict=True):
-            bus.watch(topics.USER_ALIVE, roll)
+        watchers = rolls(site)
         tokens = [bus.announce(topics.USER_ALIVE, "anna") for bus in (site.a, site.a, site.b)]
-        await until(lambda: all(roll.told == [("anna", True)] for roll in rolls))
+        await until(lambda: all(roll.told == [("anna", True)] for roll in watchers))
         for token in tokens[:2]:
             token.close()
         await site.settle()
-        assert [roll.told for roll in rolls] == [[("anna", True)]] * 3
+        assert [roll.told for roll in watchers] == [[("anna", True)]] * 3
         tokens[2].close()
-        await until(lambda: all(roll.told[1:] == [("anna", False)] for roll in rolls))
+        await until(lambda: all(roll.told[1:] == [("anna", False)] for roll in watchers))
 
     async def test_a_raising_watcher_is_logged(self, site: Site, caplog: pytest.LogCaptureFixture) -> None:
         def fail(_name: str, _present: bool) -> None:  # noqa: FBT001
@@ -79,11 +76,9 @@ class TestPresence:
 class TestClose:
     async def test_nothing_works_and_nothing_runs_afterwards(self, site: Site) -> None:
         sink, roll, alive = Sink(), Roll(), Sink()
-        latest, event, state = (
-            site.b.publisher(topics.IMU, "anna"),
-            site.b.publisher(topics.BUTTON, "anna"),
-            site.b.publisher(topics.PROFILE, "anna"),
-        )
+        latest = site.b.publisher(topics.IMU, "anna")
+        event = site.b.publisher(topics.BUTTON, "anna")
+        state = site.b.publisher(topics.PROFILE, "anna")
         site.b.subscribe(topics.BUTTON, sink)
         site.b.watch(topics.USER_ALIVE, roll)
         site.c.subscribe(topics.BUTTON, alive)
@@ -99,31 +94,26 @@ class TestClose:
         writer.put(press(50))
         await until(lambda: alive.of("ben")[-1:] == [50])
         assert (sink.seen, roll.told) == told
-        with pytest.raises(BusClosedError):
-            latest.put(imu(1))
-        with pytest.raises(BusClosedError):
-            event.put(press(1))
-        with pytest.raises(BusClosedError):
-            state.put(profile(1))
-        with pytest.raises(BusClosedError):
-            site.b.publisher(topics.IMU, "anna")
-        with pytest.raises(BusClosedError):
-            site.b.subscribe(topics.IMU, sink)
-        with pytest.raises(BusClosedError):
-            site.b.announce(topics.USER_ALIVE, "anna")
-        with pytest.raises(BusClosedError):
-            site.b.watch(topics.USER_ALIVE, roll)
+        uses: tuple[Callable[[], object], ...] = (
+            lambda: latest.put(imu(1)),
+            lambda: event.put(press(1)),
+            lambda: state.put(profile(1)),
+            lambda: site.b.publisher(topics.IMU, "anna"),
+            lambda: site.b.subscribe(topics.IMU, sink),
+            lambda: site.b.announce(topics.USER_ALIVE, "anna"),
+            lambda: site.b.watch(topics.USER_ALIVE, roll),
+        )
+        for use in uses:
+            with pytest.raises(BusClosedError):
+                use()
         with pytest.raises(BusClosedError):
             await site.b.call(topics.SET_BRIGHTNESS, SetBrightness(brightness=1))
 
     async def test_closing_twice_and_closing_what_is_closed_is_fine(self, site: Site) -> None:
-        async def done(_query: SetBrightness, _name: str) -> Done:
-            return Done()
-
         declared = [
             site.b.publisher(topics.IMU, "anna"),
             site.b.subscribe(topics.IMU, Sink()),
-            site.b.serve(topics.SET_BRIGHTNESS, done),
+            site.b.serve(topics.SET_BRIGHTNESS, SlowServer()),
             site.b.announce(topics.USER_ALIVE, "anna"),
             site.b.watch(topics.USER_ALIVE, Roll()),
         ]
@@ -136,19 +126,12 @@ class TestClose:
             one.close()
 
     async def test_calls_that_wait_end_with_their_bus(self, site: Site) -> None:
-        asked = asyncio.Event()
-
-        async def slow(_query: SetBrightness, _name: str) -> Done:
-            asked.set()
-            await asyncio.Event().wait()
-            return Done()
-
+        slow = SlowServer()
         site.a.serve(topics.SET_BRIGHTNESS, slow)
-        call = asyncio.create_task(
-            site.b.call(topics.SET_BRIGHTNESS, SetBrightness(brightness=1), timeout_s=60)
-        )
+        query = SetBrightness(brightness=1)
+        call = asyncio.create_task(site.b.call(topics.SET_BRIGHTNESS, query, timeout_s=60))
         async with asyncio.timeout(10):
-            await asked.wait()
+            await slow.asked.wait()
         began_s = time.monotonic()
         await site.b.close()
         with pytest.raises(BusClosedError):
@@ -205,19 +188,12 @@ def seen_by_all(sinks: list[Sink], *what: tuple[str, int]) -> bool:
     return all(sorted(sink.seen) == sorted(what) for sink in sinks)
 
 
-def read(site: Site, name: str = "*") -> list[Sink]:
-    sinks = [Sink() for _ in site.buses]
-    for bus, sink in zip(site.buses, sinks, strict=True):
-        bus.subscribe(topics.PROFILE, sink, name)
-    return sinks
-
-
 async def test_a_late_reader_gets_what_is_kept(site: Site) -> None:
     site.a.serve_retained(TOPICS, Shelf(anna=3, ben=5))
     await site.settle()
-    sinks = read(site)
+    sinks = readers(site, topics.PROFILE)
     await until(lambda: seen_by_all(sinks, ("anna", 3), ("ben", 5)))
-    one = read(site, "ben")
+    one = readers(site, topics.PROFILE, "ben")
     await until(lambda: seen_by_all(one, ("ben", 5)))
 
 
@@ -226,14 +202,12 @@ async def test_a_topic_without_names_is_kept(site: Site) -> None:
     shelf.values[topics.SELECTION.key] = {"": Selection(stamp_ns=1, seq=7)}
     site.c.serve_retained(TOPICS, shelf)
     await site.settle()
-    sinks = [Sink() for _ in site.buses]
-    for bus, sink in zip(site.buses, sinks, strict=True):
-        bus.subscribe(topics.SELECTION, sink)
+    sinks = readers(site, topics.SELECTION)
     await until(lambda: seen_by_all(sinks, ("", 7)))
 
 
 async def test_readers_that_were_there_before_get_it_too(site: Site) -> None:
-    sinks = read(site)
+    sinks = readers(site, topics.PROFILE)
     await site.settle()
     site.b.serve_retained(TOPICS, Shelf(anna=3))
     await until(lambda: seen_by_all(sinks, ("anna", 3)))
@@ -244,7 +218,7 @@ async def test_a_living_writer_wins_over_what_is_kept(site: Site) -> None:
     writer.put(profile(2))
     site.b.serve_retained(TOPICS, Shelf(anna=9, ben=1))  # even if its clock is ahead
     await site.settle()
-    sinks = read(site)
+    sinks = readers(site, topics.PROFILE)
     await until(lambda: all(sink.of("anna")[-1:] == [2] and sink.of("ben") == [1] for sink in sinks))
     await asyncio.sleep(0.3)
     assert all(sink.of("anna")[-1] == 2 for sink in sinks), "whichever came first"
@@ -253,7 +227,7 @@ async def test_a_living_writer_wins_over_what_is_kept(site: Site) -> None:
 
 
 async def test_a_keeper_that_comes_again_says_nothing_old(site: Site) -> None:
-    sinks = read(site)
+    sinks = readers(site, topics.PROFILE)
     writer = site.a.publisher(topics.PROFILE, "anna")
     writer.put(profile(2))
     await until(lambda: seen_by_all(sinks, ("anna", 2)))
@@ -270,7 +244,7 @@ async def test_a_keeper_that_comes_again_says_nothing_old(site: Site) -> None:
 async def test_a_retained_value_that_is_then_published_is_handled_once(site: Site) -> None:
     site.a.serve_retained(TOPICS, Shelf(anna=2))
     await site.settle()
-    sinks = read(site)
+    sinks = readers(site, topics.PROFILE)
     await until(lambda: seen_by_all(sinks, ("anna", 2)))
     writer = site.b.publisher(topics.PROFILE, "anna")
     writer.put(profile(2))
@@ -285,7 +259,7 @@ async def test_a_closed_keeper_delivers_nothing(site: Site) -> None:
     kept.close()
     kept.close()
     await site.settle()
-    sinks = read(site)
+    sinks = readers(site, topics.PROFILE)
     await site.settle()
     await asyncio.sleep(0.3)
     assert seen_by_all(sinks)

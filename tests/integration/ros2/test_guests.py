@@ -20,7 +20,7 @@ from pointit.bridges.ros2.types.types import Types
 from pointit.geometry import rotation, vector
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, SelectionEvent, StripsFrame, TrackedObjects, UserProfile
-from pointit.schemas.topics import OBJECTS, PROFILE, SELECTION_EVENTS, SERVICE_ALIVE, USER_ALIVE
+from pointit.schemas.topics import OBJECTS, PROFILE, SELECTION_EVENTS
 from tests.integration.ros2.nodes import DOMAIN
 from tests.support.bench import until
 from tests.support.buses import free_port
@@ -285,26 +285,6 @@ async def test_she_points_and_selects_without_a_service_of_ours(site: Site, look
     await until(lambda: ANNA not in look.people, NOTICED_S, "her to have left with her nodes")
     await state(look, "idle")
     await until(lambda: not shown(look), NOTICED_S, "her cursor to end")
-
-
-async def test_services_of_ours_win_and_that_is_said_in_one_sentence(site: Site, look: Onlooker) -> None:
-    async with anna(site) as hers:
-        await until(lambda: ANNA in look.people, NOTICED_S, "her presence")
-        hers.wants_cursor(wants=True)
-        await state(look, "pointing")
-        ours = [look.bus.announce(SERVICE_ALIVE, f"supervisor.{ANNA}"), look.bus.announce(USER_ALIVE, ANNA)]
-
-        def warned() -> int:
-            return sum("is named in `people`" in each for each in look.health["ros2"].warnings)
-
-        await until(lambda: warned() == 1, NOTICED_S, "the sentence")
-        await until(lambda: "/pointit" in hers.nodes.get(RAYS, set()), NOTICED_S, "hers said by us again")
-        hers.wants_cursor(wants=False)
-        for end in ours:
-            end.close()
-        await until(lambda: not warned(), NOTICED_S, "the end of the sentence")
-        await state(look, "idle")
-        await until(lambda: "/pointit" not in hers.nodes[RAYS], NOTICED_S, "hers left to her nodes")
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])

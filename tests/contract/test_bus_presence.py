@@ -1,16 +1,17 @@
-"""Contract of every bus for presence and its end: in memory, between peers and through a router."""
+"""Contract of every bus for presence, its end, and states whose writers are gone."""
 
 import asyncio
 import logging
 import time
+from collections.abc import Callable, Iterator
 
 import pytest
 
-from pointit.runtime.bus.contract import Bus, list_present
+from pointit.runtime.bus.contract import AnyTopic, Bus, list_present
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.errors import BusClosedError
-from pointit.schemas import Done, SetBrightness
-from pointit.schemas.topics import BUTTON, IMU, PROFILE, SERVICE_ALIVE, SET_BRIGHTNESS, USER_ALIVE
+from pointit.schemas import Message, Selection, SetBrightness, topics
+from tests.contract.readers import SlowServer, readers, rolls
 from tests.support.bench import until
 from tests.support.buses import Site
 from tests.support.sinks import Roll, Sink, imu, press, profile
@@ -18,62 +19,56 @@ from tests.support.sinks import Roll, Sink, imu, press, profile
 
 class TestPresence:
     async def test_now_later_and_gone(self, site: Site) -> None:
-        site.a.announce(USER_ALIVE, "anna")
-        rolls = [Roll() for _ in site.buses]
-        for bus, roll in zip(site.buses, rolls, strict=True):
-            bus.watch(USER_ALIVE, roll)
-        await until(lambda: all(roll.told == [("anna", True)] for roll in rolls))
-        ben = site.b.announce(USER_ALIVE, "ben")
-        await until(lambda: all(roll.told[1:] == [("ben", True)] for roll in rolls))
+        site.a.announce(topics.USER_ALIVE, "anna")
+        watchers = rolls(site)
+        await until(lambda: all(roll.told == [("anna", True)] for roll in watchers))
+        ben = site.b.announce(topics.USER_ALIVE, "ben")
+        await until(lambda: all(roll.told[1:] == [("ben", True)] for roll in watchers))
         ben.close()
         ben.close()
-        await until(lambda: all(roll.told[2:] == [("ben", False)] for roll in rolls))
+        await until(lambda: all(roll.told[2:] == [("ben", False)] for roll in watchers))
 
     async def test_a_bus_that_closes_is_gone(self, site: Site) -> None:
         roll = Roll()
-        site.a.watch(USER_ALIVE, roll)
-        site.c.announce(USER_ALIVE, "anna")
+        site.a.watch(topics.USER_ALIVE, roll)
+        site.c.announce(topics.USER_ALIVE, "anna")
         await until(lambda: roll.told == [("anna", True)])
         await site.c.close()
         await until(lambda: roll.told[1:] == [("anna", False)])
 
     async def test_two_under_one_name_are_gone_with_the_last(self, site: Site) -> None:
-        rolls = [Roll() for _ in site.buses]
-        for bus, roll in zip(site.buses, rolls, strict=True):
-            bus.watch(USER_ALIVE, roll)
-        tokens = [bus.announce(USER_ALIVE, "anna") for bus in (site.a, site.a, site.b)]
-        await until(lambda: all(roll.told == [("anna", True)] for roll in rolls))
+        watchers = rolls(site)
+        tokens = [bus.announce(topics.USER_ALIVE, "anna") for bus in (site.a, site.a, site.b)]
+        await until(lambda: all(roll.told == [("anna", True)] for roll in watchers))
         for token in tokens[:2]:
             token.close()
         await site.settle()
-        assert [roll.told for roll in rolls] == [[("anna", True)]] * 3
+        assert [roll.told for roll in watchers] == [[("anna", True)]] * 3
         tokens[2].close()
-        await until(lambda: all(roll.told[1:] == [("anna", False)] for roll in rolls))
+        await until(lambda: all(roll.told[1:] == [("anna", False)] for roll in watchers))
 
-    async def test_a_raising_watcher_is_logged_and_does_not_stop_others(
-        self, site: Site, caplog: pytest.LogCaptureFixture
-    ) -> None:
+    async def test_a_raising_watcher_is_logged(self, site: Site, caplog: pytest.LogCaptureFixture) -> None:
         def fail(_name: str, _present: bool) -> None:  # noqa: FBT001
             raise RuntimeError("broken watcher")
 
         roll = Roll()
-        site.b.watch(USER_ALIVE, fail)
-        site.b.watch(USER_ALIVE, roll)
+        site.b.watch(topics.USER_ALIVE, fail)
+        site.b.watch(topics.USER_ALIVE, roll)
         for name in ("anna", "ben"):
-            site.a.announce(USER_ALIVE, name)
+            site.a.announce(topics.USER_ALIVE, name)
         await until(lambda: len(roll.told) == 2)
         await until(lambda: sum("watcher of alive/users" in r.message for r in caplog.records) == 2)
         assert all(record.exc_info for record in caplog.records if "watcher" in record.message)
 
     async def test_a_closed_watcher_reports_nothing(self, site: Site) -> None:
         roll, other = Roll(), Roll()
-        watching = site.b.watch(USER_ALIVE, roll)
-        site.b.watch(USER_ALIVE, other)
-        site.a.announce(USER_ALIVE, "anna")
+        watching = site.b.watch(topics.USER_ALIVE, roll)
+        site.b.watch(topics.USER_ALIVE, other)
+        site.a.announce(topics.USER_ALIVE, "anna")
         await until(lambda: bool(roll.told))
         watching.close()
         watching.close()
-        site.a.announce(USER_ALIVE, "ben")
+        site.a.announce(topics.USER_ALIVE, "ben")
         await until(lambda: len(other.told) == 2)
         assert roll.told == [("anna", True)]
 
@@ -81,15 +76,13 @@ class TestPresence:
 class TestClose:
     async def test_nothing_works_and_nothing_runs_afterwards(self, site: Site) -> None:
         sink, roll, alive = Sink(), Roll(), Sink()
-        latest, event, state = (
-            site.b.publisher(IMU, "anna"),
-            site.b.publisher(BUTTON, "anna"),
-            site.b.publisher(PROFILE, "anna"),
-        )
-        site.b.subscribe(BUTTON, sink)
-        site.b.watch(USER_ALIVE, roll)
-        site.c.subscribe(BUTTON, alive)
-        writer = site.a.publisher(BUTTON, "ben")
+        latest = site.b.publisher(topics.IMU, "anna")
+        event = site.b.publisher(topics.BUTTON, "anna")
+        state = site.b.publisher(topics.PROFILE, "anna")
+        site.b.subscribe(topics.BUTTON, sink)
+        site.b.watch(topics.USER_ALIVE, roll)
+        site.c.subscribe(topics.BUTTON, alive)
+        writer = site.a.publisher(topics.BUTTON, "ben")
         await site.settle()
         for seq in range(50):
             writer.put(press(seq))
@@ -97,37 +90,32 @@ class TestClose:
         await asyncio.sleep(0)
         told = (list(sink.seen), list(roll.told))
         await closing
-        site.a.announce(USER_ALIVE, "carl")
+        site.a.announce(topics.USER_ALIVE, "carl")
         writer.put(press(50))
         await until(lambda: alive.of("ben")[-1:] == [50])
         assert (sink.seen, roll.told) == told
+        uses: tuple[Callable[[], object], ...] = (
+            lambda: latest.put(imu(1)),
+            lambda: event.put(press(1)),
+            lambda: state.put(profile(1)),
+            lambda: site.b.publisher(topics.IMU, "anna"),
+            lambda: site.b.subscribe(topics.IMU, sink),
+            lambda: site.b.announce(topics.USER_ALIVE, "anna"),
+            lambda: site.b.watch(topics.USER_ALIVE, roll),
+        )
+        for use in uses:
+            with pytest.raises(BusClosedError):
+                use()
         with pytest.raises(BusClosedError):
-            latest.put(imu(1))
-        with pytest.raises(BusClosedError):
-            event.put(press(1))
-        with pytest.raises(BusClosedError):
-            state.put(profile(1))
-        with pytest.raises(BusClosedError):
-            site.b.publisher(IMU, "anna")
-        with pytest.raises(BusClosedError):
-            site.b.subscribe(IMU, sink)
-        with pytest.raises(BusClosedError):
-            site.b.announce(USER_ALIVE, "anna")
-        with pytest.raises(BusClosedError):
-            site.b.watch(USER_ALIVE, roll)
-        with pytest.raises(BusClosedError):
-            await site.b.call(SET_BRIGHTNESS, SetBrightness(brightness=1))
+            await site.b.call(topics.SET_BRIGHTNESS, SetBrightness(brightness=1))
 
     async def test_closing_twice_and_closing_what_is_closed_is_fine(self, site: Site) -> None:
-        async def done(_query: SetBrightness, _name: str) -> Done:
-            return Done()
-
         declared = [
-            site.b.publisher(IMU, "anna"),
-            site.b.subscribe(IMU, Sink()),
-            site.b.serve(SET_BRIGHTNESS, done),
-            site.b.announce(USER_ALIVE, "anna"),
-            site.b.watch(USER_ALIVE, Roll()),
+            site.b.publisher(topics.IMU, "anna"),
+            site.b.subscribe(topics.IMU, Sink()),
+            site.b.serve(topics.SET_BRIGHTNESS, SlowServer()),
+            site.b.announce(topics.USER_ALIVE, "anna"),
+            site.b.watch(topics.USER_ALIVE, Roll()),
         ]
         declared[0].close()
         with pytest.raises(BusClosedError):
@@ -138,17 +126,12 @@ class TestClose:
             one.close()
 
     async def test_calls_that_wait_end_with_their_bus(self, site: Site) -> None:
-        asked = asyncio.Event()
-
-        async def slow(_query: SetBrightness, _name: str) -> Done:
-            asked.set()
-            await asyncio.Event().wait()
-            return Done()
-
-        site.a.serve(SET_BRIGHTNESS, slow)
-        call = asyncio.create_task(site.b.call(SET_BRIGHTNESS, SetBrightness(brightness=1), timeout_s=60))
+        slow = SlowServer()
+        site.a.serve(topics.SET_BRIGHTNESS, slow)
+        query = SetBrightness(brightness=1)
+        call = asyncio.create_task(site.b.call(topics.SET_BRIGHTNESS, query, timeout_s=60))
         async with asyncio.timeout(10):
-            await asked.wait()
+            await slow.asked.wait()
         began_s = time.monotonic()
         await site.b.close()
         with pytest.raises(BusClosedError):
@@ -165,22 +148,134 @@ class TestClose:
 
 class TestPresent:
     async def test_list_present_returns_the_present_names(self, site: Site) -> None:
-        tokens = [bus.announce(USER_ALIVE, name) for bus, name in ((site.a, "anna"), (site.b, "ben"))]
-        site.a.announce(SERVICE_ALIVE, "pui")
+        tokens = [bus.announce(topics.USER_ALIVE, name) for bus, name in ((site.a, "anna"), (site.b, "ben"))]
+        site.a.announce(topics.SERVICE_ALIVE, "pui")
         await site.settle()
         assert isinstance(site.c, MemoryBus)
         declared = set(site.c.declarations)
-        assert await list_present(site.c, USER_ALIVE, 1.0) == {"anna", "ben"}
+        assert await list_present(site.c, topics.USER_ALIVE, 1.0) == {"anna", "ben"}
         assert site.c.declarations == declared, "it watches no longer"
         tokens[0].close()
         await site.settle()
-        asked = (list_present(bus, USER_ALIVE, 1.0) for bus in site.buses)
+        asked = (list_present(bus, topics.USER_ALIVE, 1.0) for bus in site.buses)
         assert await asyncio.gather(*asked) == [{"ben"}] * 3
 
     async def test_a_name_that_leaves_meanwhile_is_not_listed(self, site: Site) -> None:
-        token = site.a.announce(USER_ALIVE, "anna")
+        token = site.a.announce(topics.USER_ALIVE, "anna")
         await site.settle()
-        asking = asyncio.create_task(list_present(site.b, USER_ALIVE, 1.0))
+        asking = asyncio.create_task(list_present(site.b, topics.USER_ALIVE, 1.0))
         await asyncio.sleep(0.1)
         token.close()
         assert await asking == set()
+
+
+TOPICS = (topics.PROFILE, topics.SELECTION)
+
+
+class Shelf:
+    """The retained states, by topic key and name."""
+
+    def __init__(self, **profiles: int) -> None:
+        self.values: dict[str, dict[str, Message]] = {
+            topics.PROFILE.key: {name: profile(seq) for name, seq in profiles.items()}
+        }
+
+    def __call__(self, topic: AnyTopic) -> Iterator[tuple[str, Message]]:
+        yield from self.values.get(topic.key, {}).items()
+
+
+def seen_by_all(sinks: list[Sink], *what: tuple[str, int]) -> bool:
+    return all(sorted(sink.seen) == sorted(what) for sink in sinks)
+
+
+async def test_a_late_reader_gets_what_is_kept(site: Site) -> None:
+    site.a.serve_retained(TOPICS, Shelf(anna=3, ben=5))
+    await site.settle()
+    sinks = readers(site, topics.PROFILE)
+    await until(lambda: seen_by_all(sinks, ("anna", 3), ("ben", 5)))
+    one = readers(site, topics.PROFILE, "ben")
+    await until(lambda: seen_by_all(one, ("ben", 5)))
+
+
+async def test_a_topic_without_names_is_kept(site: Site) -> None:
+    shelf = Shelf()
+    shelf.values[topics.SELECTION.key] = {"": Selection(stamp_ns=1, seq=7)}
+    site.c.serve_retained(TOPICS, shelf)
+    await site.settle()
+    sinks = readers(site, topics.SELECTION)
+    await until(lambda: seen_by_all(sinks, ("", 7)))
+
+
+async def test_readers_that_were_there_before_get_it_too(site: Site) -> None:
+    sinks = readers(site, topics.PROFILE)
+    await site.settle()
+    site.b.serve_retained(TOPICS, Shelf(anna=3))
+    await until(lambda: seen_by_all(sinks, ("anna", 3)))
+
+
+async def test_a_living_writer_wins_over_what_is_kept(site: Site) -> None:
+    writer = site.a.publisher(topics.PROFILE, "anna")
+    writer.put(profile(2))
+    site.b.serve_retained(TOPICS, Shelf(anna=9, ben=1))  # even if its clock is ahead
+    await site.settle()
+    sinks = readers(site, topics.PROFILE)
+    await until(lambda: all(sink.of("anna")[-1:] == [2] and sink.of("ben") == [1] for sink in sinks))
+    await asyncio.sleep(0.3)
+    assert all(sink.of("anna")[-1] == 2 for sink in sinks), "whichever came first"
+    writer.put(profile(3))
+    await until(lambda: all(sink.of("anna")[-1] == 3 for sink in sinks))
+
+
+async def test_a_keeper_that_comes_again_says_nothing_old(site: Site) -> None:
+    sinks = readers(site, topics.PROFILE)
+    writer = site.a.publisher(topics.PROFILE, "anna")
+    writer.put(profile(2))
+    await until(lambda: seen_by_all(sinks, ("anna", 2)))
+    writer.close()
+    kept = site.b.serve_retained(TOPICS, Shelf(anna=2, ben=4))
+    await until(lambda: seen_by_all(sinks, ("anna", 2), ("ben", 4)))
+    kept.close()
+    await site.settle()
+    site.b.serve_retained(TOPICS, Shelf(anna=1, ben=4))
+    site.c.serve_retained(TOPICS, Shelf(ben=3, cleo=1))
+    await until(lambda: seen_by_all(sinks, ("anna", 2), ("ben", 4), ("cleo", 1)))
+
+
+async def test_a_retained_value_that_is_then_published_is_handled_once(site: Site) -> None:
+    site.a.serve_retained(TOPICS, Shelf(anna=2))
+    await site.settle()
+    sinks = readers(site, topics.PROFILE)
+    await until(lambda: seen_by_all(sinks, ("anna", 2)))
+    writer = site.b.publisher(topics.PROFILE, "anna")
+    writer.put(profile(2))
+    writer.put(profile(3))
+    await until(lambda: all(sink.of("anna")[-1] == 3 for sink in sinks))
+    assert all(sink.of("anna").count(2) == 1 for sink in sinks)
+
+
+async def test_a_closed_keeper_delivers_nothing(site: Site) -> None:
+    kept = site.a.serve_retained(TOPICS, Shelf(anna=2))
+    await site.settle()
+    kept.close()
+    kept.close()
+    await site.settle()
+    sinks = readers(site, topics.PROFILE)
+    await site.settle()
+    await asyncio.sleep(0.3)
+    assert seen_by_all(sinks)
+
+
+async def test_only_retained_topics_are_delivered_and_only_on_request(site: Site) -> None:
+    shelf = Shelf(anna=2)
+    shelf.values[topics.POSE.key] = shelf.values[topics.IMU.key] = shelf.values[topics.PROFILE.key]
+    site.a.serve_retained(TOPICS, shelf)
+    await site.settle()
+    sinks = [Sink() for _ in site.buses]
+    wanted = Sink()
+    for bus, sink in zip(site.buses, sinks, strict=True):
+        bus.subscribe(topics.POSE, sink)
+        bus.subscribe(topics.IMU, sink)
+        bus.subscribe(topics.PROFILE, sink, kept=False)
+    site.c.subscribe(topics.PROFILE, wanted)
+    await until(lambda: seen_by_all([wanted], ("anna", 2)))
+    assert seen_by_all(sinks)

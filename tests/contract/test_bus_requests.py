@@ -9,6 +9,7 @@ from pointit.runtime.bus.contract import MAX_IN_FLIGHT
 from pointit.runtime.errors import NoAnswerError, RefusedError
 from pointit.schemas import AddPackage, AddPackageReply, Done, SetBrightness, SetPose
 from pointit.schemas.topics import ADD_PACKAGE, SET_BRIGHTNESS, SET_POSE
+from tests.contract.readers import SlowServer
 from tests.support.bench import until
 from tests.support.buses import Site
 
@@ -31,21 +32,19 @@ class TestRequests:
         async def own(_query: SetPose, name: str) -> Done:
             return Done(message=f"only {name}")
 
-        site.a.serve(SET_POSE, pose, "anna")
-        site.b.serve(SET_POSE, own, "ben")
+        served = (site.a.serve(SET_POSE, pose, "anna"), site.b.serve(SET_POSE, own, "ben"))
+        query = SetPose(position_m=(0, 0, 0))
         for bus in site.buses:
             for name, said in (("anna", "anna"), ("ben", "only ben")):
-                assert (await bus.call(SET_POSE, SetPose(position_m=(0, 0, 0)), name)).message == said
+                assert (await bus.call(SET_POSE, query, name)).message == said
         with pytest.raises(NoAnswerError):
-            await site.c.call(SET_POSE, SetPose(position_m=(0, 0, 0)), "carl")
-
-    async def test_a_server_of_every_name_is_told_which(self, site: Site) -> None:
-        async def pose(_query: SetPose, name: str) -> Done:
-            return Done(message=name)
-
-        site.a.serve(SET_POSE, pose)
+            await site.c.call(SET_POSE, query, "carl")
+        for one in served:
+            one.close()
+        await site.settle()
+        site.a.serve(SET_POSE, pose)  # of every name
         for bus in site.buses:
-            assert (await bus.call(SET_POSE, SetPose(position_m=(0, 0, 0)), "dora")).message == "dora"
+            assert (await bus.call(SET_POSE, query, "dora")).message == "dora"
 
     @pytest.mark.parametrize(
         ("error", "sentence"),
@@ -88,49 +87,35 @@ class TestRequests:
             assert time.monotonic() - began_s < 30
 
     async def test_too_slow_is_no_answer_and_the_server_goes_on(self, site: Site) -> None:
-        go_on, done = asyncio.Event(), asyncio.Event()
-
-        async def slow(_query: SetBrightness, _name: str) -> Done:
-            await go_on.wait()
-            done.set()
-            return Done()
-
+        slow = SlowServer()
         site.a.serve(SET_BRIGHTNESS, slow)
         await site.settle()
+        told = r"led-driver does not answer leds/brightness within 0\.1 s"
         for bus in site.buses:
-            with pytest.raises(
-                NoAnswerError, match=r"led-driver does not answer leds/brightness within 0\.1 s"
-            ):
+            with pytest.raises(NoAnswerError, match=told):
                 await bus.call(SET_BRIGHTNESS, SetBrightness(brightness=1), timeout_s=0.1)
-        go_on.set()
+        slow.go_on.set()
         async with asyncio.timeout(10):
-            await done.wait()
+            await slow.done.wait()
 
     async def test_a_caller_may_give_up(self, site: Site) -> None:
-        asked, go_on, done = asyncio.Event(), asyncio.Event(), asyncio.Event()
-
-        async def slow(_query: SetBrightness, _name: str) -> Done:
-            asked.set()
-            await go_on.wait()
-            done.set()
-            return Done()
-
+        slow = SlowServer()
         site.a.serve(SET_BRIGHTNESS, slow)
         for bus in site.buses:
-            for event in (asked, go_on, done):
+            for event in (slow.asked, slow.go_on, slow.done):
                 event.clear()
             question = bus.call(SET_BRIGHTNESS, SetBrightness(brightness=1), timeout_s=60)
             call = asyncio.create_task(question)
             async with asyncio.timeout(10):
-                await asked.wait()
+                await slow.asked.wait()
             began_s = time.monotonic()
             call.cancel()
             with pytest.raises(asyncio.CancelledError):
                 await call
             assert time.monotonic() - began_s < 30
-            go_on.set()
+            slow.go_on.set()
             async with asyncio.timeout(10):
-                await done.wait()
+                await slow.done.wait()
 
     async def test_a_hundred_calls_at_once_each_get_their_own_reply(self, site: Site) -> None:
         together = asyncio.Barrier(100)
@@ -141,30 +126,22 @@ class TestRequests:
 
         site.a.serve(SET_POSE, pose)
         await site.settle()
+        queries = [SetPose(position_m=(0, 0, 0), yaw_rad=index) for index in range(100)]
         for bus in site.buses:
             replies = await asyncio.gather(
-                *(
-                    bus.call(SET_POSE, SetPose(position_m=(0, 0, 0), yaw_rad=i), f"u{i}", timeout_s=10)
-                    for i in range(100)
-                )
+                *(bus.call(SET_POSE, query, f"u{query.yaw_rad:g}", timeout_s=10) for query in queries)
             )
-            assert [reply.message for reply in replies] == [f"u{i} {i}" for i in range(100)]
+            assert [reply.message for reply in replies] == [f"u{index} {index}" for index in range(100)]
 
     async def test_too_many_at_once_are_refused_and_not_queued(self, site: Site) -> None:
-        go_on = asyncio.Event()
-
-        async def slow(_query: SetBrightness, _name: str) -> Done:
-            await go_on.wait()
-            return Done()
-
+        slow = SlowServer()
         site.a.serve(SET_BRIGHTNESS, slow)
         await site.settle()
-        calls = [
-            asyncio.create_task(site.b.call(SET_BRIGHTNESS, SetBrightness(brightness=1), timeout_s=10))
-            for _ in range(MAX_IN_FLIGHT + 20)
-        ]
+        query = SetBrightness(brightness=1)
+        questions = (site.b.call(SET_BRIGHTNESS, query, timeout_s=10) for _ in range(MAX_IN_FLIGHT + 20))
+        calls = [asyncio.create_task(question) for question in questions]
         await until(lambda: sum(call.done() for call in calls) == 20)
-        go_on.set()
+        slow.go_on.set()
         results = await asyncio.gather(*calls, return_exceptions=True)
         refused = [str(result) for result in results if isinstance(result, RefusedError)]
         assert len(refused) == 20

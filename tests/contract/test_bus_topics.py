@@ -7,10 +7,11 @@ from typing import Any
 
 import pytest
 
-from pointit.runtime.bus.contract import EVENT_CAPACITY, Tap, Undecoded
+from pointit.runtime.bus.contract import EVENT_CAPACITY
 from pointit.runtime.errors import BusClosedError
 from pointit.schemas import ButtonEvent, KeyNameError, Message, Selection
 from pointit.schemas.topics import BUTTON, IMU, PROFILE, SELECTION, USER_ALIVE, Topic
+from tests.contract.readers import readers, tapped, taps
 from tests.support.bench import until
 from tests.support.buses import Site
 from tests.support.sinks import Sink, imu, press, profile, reached
@@ -60,22 +61,17 @@ class TestLatest:
             await asyncio.sleep(0.01)
         assert set(sink.seen) == {("anna", 2)}
 
-    async def test_readers_of_the_writers_process_get_the_very_object(self, site: Site) -> None:
+    async def test_readers_of_the_writers_process_get_the_very_object_later(self, site: Site) -> None:
         first, second = Sink(), Sink()
         site.a.subscribe(IMU, first)
         site.a.subscribe(IMU, second, "anna")
         message = imu(1)
         site.a.publisher(IMU, "anna").put(message)
+        assert not first.seen
+        assert not second.seen
         await until(lambda: bool(first.messages and second.messages))
         assert first.messages[0] is message
         assert second.messages[0] is message
-
-    async def test_nothing_is_handled_from_within_put(self, site: Site) -> None:
-        sink = Sink()
-        site.a.subscribe(IMU, sink)
-        site.a.publisher(IMU, "anna").put(imu(1))
-        assert not sink.seen
-        await until(lambda: bool(sink.seen))
 
     async def test_a_name_that_cannot_stand_in_a_key_is_refused(self, site: Site) -> None:
         for name in ("", "a/b", "a*", "ä", "x" * 65):
@@ -107,9 +103,7 @@ class TestEvent:
         for seq in range(5):
             writer.put(press(seq))
         await site.settle()  # nothing is on its way any more
-        sinks = [Sink() for _ in site.buses]
-        for bus, sink in zip(site.buses, sinks, strict=True):
-            bus.subscribe(BUTTON, sink)
+        sinks = readers(site, BUTTON)
         await site.settle()
         await asyncio.sleep(0.5)  # two heartbeats of the writer, which make Zenoh fetch old ones
         writer.put(press(5))
@@ -150,15 +144,12 @@ class TestEvent:
 
 class TestState:
     async def test_a_late_reader_gets_the_last_value_at_once(self, site: Site) -> None:
-        writer = site.a.publisher(PROFILE, "anna")
-        other = site.b.publisher(PROFILE, "ben")
+        writer, other = site.a.publisher(PROFILE, "anna"), site.b.publisher(PROFILE, "ben")
         for seq in range(1, 4):
             writer.put(profile(seq))
             other.put(profile(10 * seq))
         await site.settle()
-        sinks = [Sink() for _ in site.buses]
-        for bus, sink in zip(site.buses, sinks, strict=True):
-            bus.subscribe(PROFILE, sink)
+        sinks = readers(site, PROFILE)
         await until(lambda: all(set(sink.seen) >= {("anna", 3), ("ben", 30)} for sink in sinks))
         await asyncio.sleep(0.5)  # two heartbeats: whatever makes Zenoh fetch the same again
         assert [sorted(sink.seen) for sink in sinks] == [[("anna", 3), ("ben", 30)]] * 3, "each once"
@@ -166,12 +157,10 @@ class TestState:
     async def test_a_late_reader_of_one_name_gets_its_state(self, site: Site) -> None:
         for name, seq in (("anna", 1), ("ben", 2)):
             site.a.publisher(PROFILE, name).put(profile(seq))
-        sinks = {bus: Sink() for bus in site.buses}
-        for bus, sink in sinks.items():
-            bus.subscribe(PROFILE, sink, "ben")
-        await until(lambda: all(sink.seen for sink in sinks.values()))
+        sinks = readers(site, PROFILE, "ben")
+        await until(lambda: all(sink.seen for sink in sinks))
         await site.settle()
-        assert [sink.seen for sink in sinks.values()] == [[("ben", 2)]] * 3
+        assert [sink.seen for sink in sinks] == [[("ben", 2)]] * 3
 
     async def test_a_topic_without_names(self, site: Site) -> None:
         site.a.publisher(SELECTION).put(Selection(stamp_ns=1, seq=7))
@@ -180,9 +169,7 @@ class TestState:
         await until(lambda: sink.seen == [("", 7)])
 
     async def test_a_writer_may_come_after_the_reader(self, site: Site) -> None:
-        sinks = [Sink() for _ in site.buses]
-        for bus, sink in zip(site.buses, sinks, strict=True):
-            bus.subscribe(PROFILE, sink)
+        sinks = readers(site, PROFILE)
         await site.settle()
         site.a.publisher(PROFILE, "anna").put(profile(1))  # at once, before others know of it
         await until(lambda: all(sink.seen == [("anna", 1)] for sink in sinks))
@@ -289,9 +276,7 @@ class TestReaders:
 
 class TestTap:
     async def test_every_message_comes_also_where_readers_get_the_newest_alone(self, site: Site) -> None:
-        sinks = [Sink() for _ in site.buses]
-        for bus, sink in zip(site.buses, sinks, strict=True):
-            bus.tap(IMU, tapped(sink))
+        sinks = taps(site, IMU)
         writer = site.a.publisher(IMU, "anna")
         await reached(writer, *sinks)
         for seq in range(1, 101):
@@ -303,9 +288,7 @@ class TestTap:
         writer = site.a.publisher(PROFILE, "anna")
         writer.put(profile(1))
         await site.settle()
-        sinks = [Sink() for _ in site.buses]
-        for bus, sink in zip(site.buses, sinks, strict=True):
-            bus.tap(PROFILE, tapped(sink))
+        sinks = taps(site, PROFILE)
         await until(lambda: all(sink.seen == [("anna", 1)] for sink in sinks))
         writer.put(profile(2))
         await until(lambda: all(sink.seen == [("anna", 1), ("anna", 2)] for sink in sinks))
@@ -321,12 +304,3 @@ class TestTap:
         writer.put(imu(1000))
         await until(lambda: open_one.seen[-1:] == [("anna", 1000)])
         assert len(closed.seen) == seen
-
-
-def tapped(sink: Sink) -> Tap:
-    """Return a handler that decodes at once, on whatever thread it is."""
-
-    def take(arrived: Message | Undecoded, name: str) -> None:
-        sink(arrived if isinstance(arrived, Message) else arrived.decode(), name)
-
-    return take

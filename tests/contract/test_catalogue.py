@@ -9,7 +9,9 @@ import pytest
 
 from pointit.cli.inspect.schema import read_folder
 from pointit.schemas import Message, Query, decode, encode
+from pointit.schemas.base import MAX_ID
 from pointit.schemas.catalogue import catalogue
+from pointit.schemas.catalogue.asyncapi import document, readme
 from pointit.schemas.topics import REQUESTS, TOPICS
 
 FOLDER = Path(__file__).parents[2] / "schemas" / "catalogue"
@@ -24,7 +26,11 @@ def test_the_committed_catalogue_is_what_the_code_says() -> None:
     )
 
 
-def test_there_are_samples() -> None:
+@pytest.mark.parametrize("kind", [pytest.param(kind, id=name) for name, kind in KINDS.items()])
+def test_samples_are_there_and_leave_no_field_out(kind: type[Message | Query]) -> None:
+    values = msgpack.unpackb((FOLDER / catalogue.sample_path(kind)).read_bytes())
+    assert list(values) == list(kind.model_fields)
+    assert not [name for name, value in values.items() if value is None or value in ("", [], b"")]
     assert len(SAMPLES) >= len(KINDS) > 20
 
 
@@ -39,13 +45,6 @@ def test_samples_of_every_version_are_still_read(path: Path) -> None:
     else:
         assert decode(KINDS[name], again) == message
         assert _grown(msgpack.unpackb(payload), msgpack.unpackb(again))
-
-
-@pytest.mark.parametrize("kind", [pytest.param(kind, id=name) for name, kind in KINDS.items()])
-def test_samples_leave_no_field_out(kind: type[Message | Query]) -> None:
-    values = msgpack.unpackb((FOLDER / catalogue.sample_path(kind)).read_bytes())
-    assert list(values) == list(kind.model_fields)
-    assert not [name for name, value in values.items() if value is None or value in ("", [], b"")]
 
 
 def test_the_asyncapi_document_holds_together() -> None:
@@ -63,27 +62,24 @@ def test_the_asyncapi_document_holds_together() -> None:
         assert node
 
 
-def test_every_channel_says_how_it_is_delivered() -> None:
-    channels = json.loads((FOLDER / "asyncapi.json").read_bytes())["channels"]
+def test_channels_say_how_they_are_delivered_and_requests_have_a_query_and_a_reply() -> None:
+    document = json.loads((FOLDER / "asyncapi.json").read_bytes())
+    channels = document["channels"]
     imu, button = channels["users.user.imu"], channels["users.user.button"]
     assert (imu["x-delivery"], imu["x-rate-hz"], button["x-delivery"]) == ("latest", 50, "event")
     assert "imu-bridge" in imu["x-writers"]
     assert list(imu["parameters"]) == ["user"]
     assert channels["conveyor.add_package"]["x-server"] == "conveyor-sim"
-
-
-def test_requests_have_a_query_and_a_reply() -> None:
-    operations = json.loads((FOLDER / "asyncapi.json").read_bytes())["operations"]
-    answers = {name: each for name, each in operations.items() if "reply" in each}
+    answers = {name: each for name, each in document["operations"].items() if "reply" in each}
     assert len(answers) == len(REQUESTS)
     add = answers["conveyor.add_package.answer"]
     assert add["messages"] == [{"$ref": "#/channels/conveyor.add_package/messages/AddPackage"}]
     assert add["reply"]["messages"] == [{"$ref": "#/channels/conveyor.add_package/messages/AddPackageReply"}]
 
 
-@pytest.mark.parametrize("row", [pytest.param(row, id=row.key) for row in (*TOPICS, *REQUESTS)])
-def test_the_readme_lists_every_row(row: Any) -> None:
-    assert f"| `{row.key}` |" in (FOLDER / "README.md").read_text(encoding="utf-8")
+def test_the_readme_lists_every_row() -> None:
+    text = (FOLDER / "README.md").read_text(encoding="utf-8")
+    assert not [row.key for row in (*TOPICS, *REQUESTS) if f"| `{row.key}` |" not in text]
 
 
 def _references(node: Any) -> list[str]:
@@ -108,3 +104,10 @@ def _is_object(value: Any) -> TypeGuard[dict[str, Any]]:
 
 def _is_list(value: Any) -> TypeGuard[list[Any]]:
     return isinstance(value, list)
+
+
+def test_it_says_how_a_state_is_fetched_what_an_error_is_and_how_long_ids_are() -> None:
+    for text in (readme(), document()["info"]["description"]):
+        assert "A `get` on `KEY/@adv/**?_anyke` returns the last value of the state `KEY`" in text
+        assert "An error reply is one sentence, UTF-8" in text
+        assert f"Ids have at most {MAX_ID} characters" in text

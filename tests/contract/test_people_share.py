@@ -108,9 +108,7 @@ class TestPeopleShare:
         for user in ("anna", "ben", "carl"):  # carl is not even present
             await flows(three.wrists[user], user, other.imu)
 
-    async def test_a_shard_hears_and_serves_its_people_and_the_default_all_others(
-        self, three: SimpleNamespace
-    ) -> None:
+    async def test_a_shard_serves_its_people_the_default_all_others(self, three: SimpleNamespace) -> None:
         shard = await start_shard(three)
         before = len(three.default.imu.of("anna"))
         await flows(three.wrists["anna"], "anna", shard.imu)
@@ -124,18 +122,14 @@ class TestPeopleShare:
         await until_served_by(three.site.c, "anna", "pui.hall")
         await until_served_by(three.site.c, "ben", "pui")
 
-    async def test_the_samples_of_a_shards_person_do_not_travel_to_the_default(
-        self, three: SimpleNamespace
-    ) -> None:
+    async def test_samples_of_a_shards_person_stay_from_the_default(self, three: SimpleNamespace) -> None:
         shard = await start_shard(three)
         await flows(three.wrists["anna"], "anna", shard.imu)
         three.default.bus.report()
         await flows(three.wrists["anna"], "anna", shard.imu)
         assert three.default.inputs[IMU.key] == 0.0
 
-    async def test_when_a_shard_ends_the_default_takes_over_with_the_newest_states(
-        self, three: SimpleNamespace
-    ) -> None:
+    async def test_the_default_takes_over_with_the_newest_states(self, three: SimpleNamespace) -> None:
         three.profiles["ben"].put(profile(1))
         three.profiles["anna"].put(profile(2))
         await until(lambda: len(three.default.profile.seen) == 2)
@@ -153,9 +147,7 @@ class TestPeopleShare:
         await flows(three.wrists["carl"], "carl", three.default.imu)  # all again
         await until_served_by(three.site.c, "anna", "pui")
 
-    async def test_events_come_once_in_order_and_none_is_lost_while_shards_come_and_go(
-        self, three: SimpleNamespace
-    ) -> None:
+    async def test_no_event_is_lost_while_shards_come_and_go(self, three: SimpleNamespace) -> None:
         seqs = iter(range(1, 10_000))
         sent: list[int] = []
 
@@ -186,9 +178,7 @@ class TestPeopleShare:
         await three.site.settle()
         assert three.default.button.of("anna") == [1]
 
-    async def test_with_shards_people_are_known_by_presence_and_by_states(
-        self, three: SimpleNamespace
-    ) -> None:
+    async def test_people_are_known_by_presence_and_by_states(self, three: SimpleNamespace) -> None:
         await start_shard(three)
         later = three.site.c.announce(USER_ALIVE, "carl")
         await flows(three.wrists["carl"], "carl", three.default.imu)
@@ -197,7 +187,7 @@ class TestPeopleShare:
         tracked.put(profile(1))
         await flows(three.site.c.publisher(IMU, "dora"), "dora", three.default.imu)
 
-    async def test_who_is_heard_without_presence_is_heard_beside_shards_till_long_silent(
+    async def test_who_is_heard_without_presence_is_heard_till_silent(
         self, three: SimpleNamespace, monkeypatch: pytest.MonkeyPatch
     ) -> None:
         default, wrists = three.default, three.wrists
@@ -228,9 +218,7 @@ class TestPeopleShare:
         assert len(timers) == 2
         assert default.figures["people heard"] == 2.0, "ben stays, since he is present"
 
-    async def test_shards_of_other_services_and_of_nobody_change_nothing(
-        self, three: SimpleNamespace
-    ) -> None:
+    async def test_shards_of_other_services_change_nothing(self, three: SimpleNamespace) -> None:
         for name in ("selector.anna", "pui", "pui.run.1", "puis.anna"):
             three.site.c.announce(SHARD_ALIVE, name)
         await three.site.settle()

@@ -91,9 +91,7 @@ def test_each_request_is_a_method_with_its_fields(row: Request[Any, Any]) -> Non
 
 
 @requests
-def test_each_method_sends_its_request_with_what_it_is_given(
-    row: Request[Any, Any], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_each_method_sends_what_it_is_given(row: Request[Any, Any], monkeypatch: pytest.MonkeyPatch) -> None:
     def fields_of(_row: Request[Any, Any], fields: dict[str, Any]) -> dict[str, Any]:
         return fields
 

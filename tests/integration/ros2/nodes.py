@@ -27,27 +27,13 @@ from pointit.runtime.foreign_zenoh.session_config import RawLink
 from tests.architecture.sources import ROOT
 from tests.support.bench import until
 from tests.support.buses import free_port
+from tests.unit.ros2.graph_of_one import Shown
 
 POSE = RosType(name="geometry_msgs/msg/PoseStamped", hash="RIHS01_" + "1" * 64)
 BOOL = RosType(name="std_msgs/msg/Bool", hash="RIHS01_" + "2" * 64)
 ADD = RosType(name="conveyor_msgs/srv/AddPack", hash="RIHS01_" + "3" * 64)
 RELIABLE = Qos(depth=10)
 DOMAIN = 7
-
-
-class Shown:
-    """A node's current warnings, and all that it ever had."""
-
-    def __init__(self) -> None:
-        self.now: dict[str, str] = {}
-        self.ever: list[str] = []
-
-    def warn(self, topic: str, sentence: str) -> None:
-        self.now[topic] = sentence
-        self.ever.append(sentence)
-
-    def clear(self, topic: str) -> None:
-        del self.now[topic]
 
 
 class Node:

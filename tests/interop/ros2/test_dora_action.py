@@ -20,9 +20,9 @@ from tests.interop.ros2.ament import shape
 from tests.interop.ros2.peers import DOMAIN, TYPES, Dora
 from tests.support.bench import until
 from tests.support.buses import free_port
+from tests.unit.ros2.graph_of_one import Around
 
 pytestmark = pytest.mark.timeout(600)  # .venv-peers may have to be made
-
 PATIENCE_S = 30.0
 ACTION = "/navigate_to_pose"
 SPEC = RobotSpec(
@@ -36,25 +36,6 @@ SPEC = RobotSpec(
     max_acceleration_mps2=1.0,
 )
 POSE = "geometry_msgs/msg/PoseStamped"
-
-
-class Around:
-    """Surroundings of the driver."""
-
-    def __init__(self) -> None:
-        self.clock, self.health = WallClock(), self
-        self.warnings: dict[str, str] = {}
-        self.metrics: dict[str, float | None] = {}
-
-    def warn(self, topic: str, sentence: str) -> None:
-        self.warnings[topic] = sentence
-
-    def clear(self, topic: str) -> None:
-        self.warnings.pop(topic, None)
-
-    def set_metric(self, name: str, value: float | None, unit: str = "") -> None:
-        assert unit
-        self.metrics[name] = value
 
 
 def zero(described: Any) -> Any:
@@ -91,7 +72,7 @@ class Site:
 async def site(python: Path, folder: Path) -> AsyncGenerator[Site]:
     """Yield both, connected: the test is the router, the peer publishes the robot's pose."""
     endpoint = f"tcp/127.0.0.1:{free_port()}"
-    around: Any = Around()
+    around: Any = Around(WallClock())
     router = await opened(
         BackendConfig(endpoint=endpoint, mode="router", domain_id=DOMAIN, node="/router"), around
     )
@@ -132,9 +113,7 @@ async def _forever(say: Any) -> None:
         await asyncio.sleep(0.2)
 
 
-async def test_a_goal_is_accepted_reported_on_done_and_another_is_cancelled(
-    peers_python: Path, tmp_path: Path
-) -> None:
+async def test_a_goal_is_done_and_another_is_cancelled(peers_python: Path, tmp_path: Path) -> None:
     async with site(peers_python, tmp_path) as place:
         place.driver.command(FollowPath(1, ((1.5, -0.5, 0.0),), yaw_rad=0.0))
         (goal,) = await place.goals(1)

@@ -15,20 +15,17 @@ from pointit.bridges.ros2.graph.backend import LATCHED
 from pointit.bridges.ros2.graph.backends import opened
 from pointit.geometry import rotation, vector
 from pointit.geometry.vector import Vec3
-from pointit.schemas import NS_PER_S, ConveyorState, Environment, PointingRay, StripsFrame, UserPose
+from pointit.schemas import ConveyorState, Environment, PointingRay, StripsFrame, UserPose
 from pointit.schemas import topics as ours
-from tests.integration.ros2.nodes import Shown
-from tests.interop.ros2.peers import DOMAIN, TYPES
-from tests.interop.ros2.site import Site, site
+from tests.interop.ros2.peers import DOMAIN, TYPES, Site, site
 from tests.support.bench import until
 from tests.support.commands import Onlooker, onlooker
 from tests.support.pace import Patience
+from tests.unit.ros2.graph_of_one import Shown
 
 pytestmark = pytest.mark.timeout(600)  # .venv-peers may have to be made
 
 NOTICED_S = 20.0
-FED_NS = 4 * NS_PER_S
-"""After a reset the feeder of scenario_4 gives its first package sooner."""
 ARM_HZ = 50.0
 ROTATION = "/user2/metawear_ros/rotation"
 BUTTON = "/user2/metawear_ros/button"
@@ -82,27 +79,7 @@ async def test_belts_go_as_the_peer_says(place: Site, look: Onlooker) -> None:
     await comes(states, -0.25)
 
 
-async def test_feeders_rest_and_give_as_the_peer_says(place: Site, look: Onlooker) -> None:
-    states: list[ConveyorState] = []
-    look.bus.subscribe(ours.CONVEYOR_STATE, lambda message, _: states.append(message))
-    dora = place.dora
-    await dora.calls("/set_belt_speed", SPEED, speed=0.25)
-    await dora.advertises("/feed", BOOL)
-    await dora.sees("robot/%feed")
-    await dora.says("/feed", {"data": False})
-    await until(lambda: states[-1:] != [] and not states[-1].feeding, NOTICED_S, "feeders at rest")
-    assert await dora.calls("/reset_pack_sim", "std_srvs/srv/Empty") == {}
-    await until(lambda: not look.objects[-1].objects, NOTICED_S, "an empty conveyor")
-    until_ns = look.objects[-1].stamp_ns + FED_NS
-    await until(lambda: look.objects[-1].stamp_ns > until_ns, NOTICED_S, "time in which one would have come")
-    assert (states[-1].fed, look.objects[-1].objects) == (0, ())
-    await dora.says("/feed", {"data": True})
-    await until(lambda: states[-1].feeding and states[-1].fed > 0, NOTICED_S, "a package of a feeder")
-
-
-async def test_packages_come_by_service_under_the_callers_number_and_by_topic(
-    place: Site, look: Onlooker
-) -> None:
+async def test_packages_come_by_service_and_by_topic(place: Site, look: Onlooker) -> None:
     dora = place.dora
     await dora.do("listen", topic="/packages", type="conveyor_msgs/msg/PackageList", depth=1)
     kind = "conveyor_msgs/srv/AddPack"
@@ -205,9 +182,7 @@ async def test_a_persons_cursor_follows_the_arm_that_the_peer_turns(place: Site,
             await until(lambda wanted=wanted: states[-1].state == wanted, NOTICED_S, f"{wanted} by button")  # type: ignore[misc]
 
 
-async def test_services_are_left_to_a_peer_that_serves_them_and_a_node_of_ours_asks_it(
-    place: Site, look: Onlooker
-) -> None:
+async def test_services_are_left_to_a_peer_that_serves_them(place: Site, look: Onlooker) -> None:
     frames: list[StripsFrame] = []
     look.bus.subscribe(ours.STRIPS_FRAME, lambda message, _: frames.append(message))
     dora = place.dora

@@ -1,12 +1,16 @@
-"""The bridge as a process, in the environment of a genuine rclpy: a pose goes out, a rotation comes in."""
+"""The bridge, and the fetching of a map, in the environment of a genuine rclpy."""
 
 import asyncio
 import subprocess
 import time
+from collections.abc import Generator
 from pathlib import Path
 
 import pytest
+import yaml
 
+from pointit.bridges.ros2.parameters.map_parameters import parameters_of, tree_of
+from pointit.maps.file import map_path
 from pointit.runtime.link.link import Link
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas import Health, UserPose, WristSample
@@ -16,14 +20,11 @@ from tests.support.bench import until
 from tests.support.buses import free_port
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]  # the first may fetch for a minute
-
 START_S = 60.0
 """Within which processes start, however busy the machine."""
 
 
-async def test_routes_of_types_that_this_ros_has_work_and_the_others_are_named(
-    rclpy_python: Path, tmp_path: Path
-) -> None:
+async def test_routes_work_and_those_of_missing_types_are_named(rclpy_python: Path, tmp_path: Path) -> None:
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     command = [f"{rclpy_python}", "-m", "pointit.bridges.ros2", "--connect", endpoint]
     command += ["--backend.kind", "dds", "--backend.domain-id", f"{DOMAIN}", "--ros4hri", "true"]
@@ -94,3 +95,42 @@ async def test_routes_of_types_that_this_ros_has_work_and_the_others_are_named(
         bridge.wait()
         theirs.kill()
         await bus.close()
+
+
+TEXT = "leds: {door: {position: [-1.5, 3.2, 1.8]}}\n"
+
+
+@pytest.fixture
+def theirs(rclpy_python: Path, tmp_path: Path) -> Generator[Driven]:
+    robot = Driven(rclpy_python, tmp_path, "rclpy_peer.py", "robot")
+    try:
+        robot.wait()
+        yield robot
+    finally:
+        robot.kill()
+
+
+@pytest.fixture
+def ours(rclpy_python: Path, tmp_path: Path) -> Generator[Driven]:
+    side = Driven(rclpy_python, tmp_path, "bridge_side.py", "/site1/pointit")
+    try:
+        side.wait()
+        yield side
+    finally:
+        side.kill()
+
+
+async def test_a_map_comes_out_of_a_genuine_nodes_parameters(ours: Driven, theirs: Driven) -> None:
+    with map_path("conveyor") as path:
+        parameters = parameters_of(yaml.safe_load(path.read_text(encoding="utf-8")))
+    await theirs.do("declare", parameters=parameters | {"room": TEXT})
+    values = {"node": "/robot", "parameter": None, "prefix": None, "timeout_s": 20.0}
+    assert await ours.do("fetch", **values) == tree_of(parameters)
+    room = {"leds": {"door": {"position": [-1.5, 3.2, 1.8]}}}
+    assert await ours.do("fetch", **values | {"parameter": "room"}) == room
+    with pytest.raises(AssertionError, match="NoAnswerError: there is no node /robbot in domain"):
+        await ours.do("fetch", **values | {"node": "/robbot", "timeout_s": 4.0})
+    with pytest.raises(
+        AssertionError, match=r"ConfigError: no parameter of /robot begins with 'site\.'; it has use"
+    ):
+        await ours.do("fetch", **values | {"prefix": "site"})

@@ -113,15 +113,12 @@ class Service(End):
 
 class Reply:
     def __init__(self, node: "Node") -> None:
-        self._node = node
-        self._value: Value | None = None
-        self._callback: Any = None
+        self._node, self._value = node, Value()
 
     def add_done_callback(self, callback: Any) -> None:
         self._callback = callback
 
     def result(self) -> Value:
-        assert self._value is not None
         return self._value
 
     def arrive(self, value: Value) -> None:
@@ -182,11 +179,10 @@ class Node:
         return self._add("publisher", End(self, msg_type, topic, qos_profile))
 
     def create_subscription(
-        self, msg_type: Any, topic: str, callback: Any, qos_profile: Profile, *, raw: bool
+        self, kind: Any, topic: str, callback: Any, profile: Profile, *, raw: bool
     ) -> End:
         assert raw
-        end = End(self, msg_type, topic, qos_profile, callback, tells=self.wire.has_info)
-        return self._add("subscription", end)
+        return self._add("subscription", End(self, kind, topic, profile, callback, tells=self.wire.has_info))
 
     def create_service(self, srv_type: Any, srv_name: str, callback: Any) -> Service:
         return self._add("service", Service(self, srv_type, srv_name, callback=callback))
@@ -223,17 +219,10 @@ class Node:
         ]
         return [(end.name, [end.kind.TYPE]) for end in ends]
 
-    def get_publisher_names_and_types_by_node(self, name: str, namespace: str) -> Any:
-        return self._of("publisher", name, namespace)
-
-    def get_subscriber_names_and_types_by_node(self, name: str, namespace: str) -> Any:
-        return self._of("subscription", name, namespace)
-
-    def get_service_names_and_types_by_node(self, name: str, namespace: str) -> Any:
-        return self._of("service", name, namespace)
-
-    def get_client_names_and_types_by_node(self, name: str, namespace: str) -> Any:
-        return self._of("client", name, namespace)
+    get_publisher_names_and_types_by_node = functools.partialmethod(_of, "publisher")
+    get_subscriber_names_and_types_by_node = functools.partialmethod(_of, "subscription")
+    get_service_names_and_types_by_node = functools.partialmethod(_of, "service")
+    get_client_names_and_types_by_node = functools.partialmethod(_of, "client")
 
     def _infos(self, kind: str, topic: str) -> list[Info]:
         return [
@@ -242,11 +231,8 @@ class Node:
             if end.name == topic and end.profile is not None
         ]
 
-    def get_publishers_info_by_topic(self, topic_name: str) -> list[Info]:
-        return self._infos("publisher", topic_name)
-
-    def get_subscriptions_info_by_topic(self, topic_name: str) -> list[Info]:
-        return self._infos("subscription", topic_name)
+    get_publishers_info_by_topic = functools.partialmethod(_infos, "publisher")
+    get_subscriptions_info_by_topic = functools.partialmethod(_infos, "subscription")
 
 
 class Context:

@@ -18,6 +18,34 @@ from pointit.runtime.bus.service_bus import ServiceBus
 from tests.support.bench import ManualClock
 
 
+class Shown:
+    """The warnings of a node, and all that it ever had."""
+
+    def __init__(self) -> None:
+        self.now: dict[str, str] = {}
+        self.ever: list[str] = []
+
+    def warn(self, topic: str, sentence: str) -> None:
+        self.now[topic] = sentence
+        self.ever.append(sentence)
+
+    def clear(self, topic: str) -> None:
+        self.now.pop(topic, None)
+
+
+class Around(Shown):
+    """Surroundings of a driver."""
+
+    def __init__(self, clock: Any = None) -> None:
+        super().__init__()
+        self.clock, self.health = clock or ManualClock(), self
+        self.metrics: dict[str, float | None] = {}
+
+    def set_metric(self, name: str, value: float | None, unit: str = "") -> None:
+        assert unit
+        self.metrics[name] = value
+
+
 class End:
     """One of our ends."""
 

@@ -14,6 +14,7 @@ from pointit.bridges.ros2.over_rclpy import backend as rclpy_backend
 from pointit.bridges.ros2.over_rclpy.backend import RclpyBackend
 from tests.unit.ros2 import fake_rclpy
 from tests.unit.ros2.fake_rclpy import Wire
+from tests.unit.ros2.graph_of_one import Shown
 
 BOOL = RosType(name="std_msgs/msg/Bool", hash=fake_rclpy.Bool.HASH)
 SET = RosType(name="std_srvs/srv/SetBool", hash="RIHS01_" + "5" * 64)
@@ -22,26 +23,18 @@ TRUE = b"\0\1\0\0\1"
 PADDED = TRUE + b"\0\0\0"
 
 
-class Ours:
+class Ours(Shown):
     """A node of ours, and what it says."""
 
+    backend: RclpyBackend
+
     def __init__(self) -> None:
-        self.now: dict[str, str] = {}
-        self.ever: list[str] = []
+        super().__init__()
         self.graphs: list[Graph] = []
-        self.backend: RclpyBackend
-
-    def warn(self, topic: str, sentence: str) -> None:
-        self.now[topic] = sentence
-        self.ever.append(sentence)
-
-    def clear(self, topic: str) -> None:
-        self.now.pop(topic, None)
 
     def sees(self, kind: str, name: str) -> bool:
-        return any(
-            (each.kind, each.name, each.is_ours) == (kind, name, False) for each in self.graphs[-1].endpoints
-        )
+        ends = self.graphs[-1].endpoints
+        return any((each.kind, each.name, each.is_ours) == (kind, name, False) for each in ends)
 
 
 @asynccontextmanager

@@ -4,37 +4,26 @@ import functools
 import math
 from typing import Any
 
+from pointit import schemas
 from pointit.bridges.ros2.routing.conversion_state import ConversionState
 from pointit.bridges.ros2.routing.route_types import InboundRoute, OutboundRoute, ServiceRoute
 from pointit.bridges.ros2.routing.routes import Routes, routes
 from pointit.bridges.ros2.types.types import Types
-from pointit.schemas import (
-    NS_PER_S,
-    Belt,
-    Cursor,
-    Environment,
-    Lamp,
-    Message,
-    Strip,
-    TrackedObject,
-    TrackedObjects,
-    UserPose,
-)
 
-NOW_NS = 1_700_000_000 * NS_PER_S + 5
+NOW_NS = 1_700_000_000 * schemas.NS_PER_S + 5
 
-ROOM = Environment(
+ROOM = schemas.Environment(
     stamp_ns=NOW_NS,
     name="room",
-    lamps=(Lamp(id="led_0", position_m=(1.0, 2.0, 3.0)),),
-    strips=(Strip(id="0", line_m=((0.0, 0.0, 1.0), (4.0, 0.0, 1.0)), pixels=8),),
+    lamps=(schemas.Lamp(id="led_0", position_m=(1.0, 2.0, 3.0)),),
+    strips=(schemas.Strip(id="0", line_m=((0.0, 0.0, 1.0), (4.0, 0.0, 1.0)), pixels=8),),
     belts=(
-        Belt(id="part_a", line_m=((0.0, 0.0, 0.0), (0.0, 2.0, 0.0))),
-        Belt(id="part_b", line_m=((0.0, 5.0, 0.0), (3.0, 5.0, 0.0))),
+        schemas.Belt(id="part_a", line_m=((0.0, 0.0, 0.0), (0.0, 2.0, 0.0))),
+        schemas.Belt(id="part_b", line_m=((0.0, 5.0, 0.0), (3.0, 5.0, 0.0))),
     ),
 )
 
-CURSOR = Cursor(
+CURSOR = schemas.Cursor(
     stamp_ns=NOW_NS,
     surface="belt",
     surface_id="part_a",
@@ -45,7 +34,7 @@ CURSOR = Cursor(
     origin_m=(0.0, 0.5, 2.0),
     direction=(0.0, 0.0, -1.0),
 )
-POSE = UserPose(
+POSE = schemas.UserPose(
     stamp_ns=NOW_NS,
     position_m=(1.0, 2.0, 0.5),
     yaw_rad=math.pi / 2.0,
@@ -79,7 +68,7 @@ def server(name: str) -> ServiceRoute:
 
 def sent(
     row: OutboundRoute,
-    message: Message,
+    message: schemas.Message,
     scene: ConversionState,
     name: str = "user1",
     *,
@@ -91,8 +80,10 @@ def sent(
     return [jazzy().decode(row.type, jazzy().encode(row.type, value)) for value in values]
 
 
-def package(number: int, *, belt: str = "part_a", at_m: float = 1.0, kind: str = "red") -> TrackedObject:
-    return TrackedObject(
+def package(
+    number: int, *, belt: str = "part_a", at_m: float = 1.0, kind: str = "red"
+) -> schemas.TrackedObject:
+    return schemas.TrackedObject(
         id=f"19-{number}",
         kind=kind,
         position_m=(0.0, at_m, 0.0),
@@ -103,5 +94,5 @@ def package(number: int, *, belt: str = "part_a", at_m: float = 1.0, kind: str =
     )
 
 
-def objects(*items: TrackedObject) -> TrackedObjects:
-    return TrackedObjects(stamp_ns=NOW_NS, objects=items)
+def objects(*items: schemas.TrackedObject) -> schemas.TrackedObjects:
+    return schemas.TrackedObjects(stamp_ns=NOW_NS, objects=items)

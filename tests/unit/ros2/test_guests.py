@@ -13,18 +13,7 @@ from pointit.bridges.ros2.routing import guests
 from pointit.bridges.ros2.service import Ros2
 from pointit.runtime.config.config import Config, Layers
 from pointit.runtime.errors import ConfigError
-from pointit.schemas import Cursor, Health, Interaction, PointingRay, UserPose, UserProfile
-from pointit.schemas.topics import (
-    BUTTON,
-    CURSOR,
-    HEALTH,
-    INTERACTION,
-    POSE,
-    PROFILE,
-    RAY,
-    SERVICE_ALIVE,
-    USER_ALIVE,
-)
+from pointit.schemas import Cursor, Health, Interaction, PointingRay, UserPose, UserProfile, topics
 from tests.support.bench import START_NS, Bench, memory_bench, until
 from tests.unit.ros2.graph_of_one import FakeBackend, graph
 from tests.unit.ros2.scenes import jazzy
@@ -45,11 +34,11 @@ class Site:
         self.bench = bench
         self.backend = backend
         self.people: set[str] = set()
-        self.rays = bench.collect(RAY)
-        self.interactions: list[Interaction] = bench.collect(INTERACTION, "anna")
-        self.profiles: list[UserProfile] = bench.collect(PROFILE, "anna")
-        self.reports: list[Health] = bench.collect(HEALTH)
-        bench.bus.watch(USER_ALIVE, self._on_person)
+        self.rays = bench.collect(topics.RAY)
+        self.interactions: list[Interaction] = bench.collect(topics.INTERACTION, "anna")
+        self.profiles: list[UserProfile] = bench.collect(topics.PROFILE, "anna")
+        self.reports: list[Health] = bench.collect(topics.HEALTH)
+        bench.bus.watch(topics.USER_ALIVE, self._on_person)
 
     def _on_person(self, name: str, here: bool) -> None:  # noqa: FBT001 - the bus's signature
         (self.people.add if here else self.people.discard)(name)
@@ -102,9 +91,7 @@ async def site(backend: FakeBackend) -> AsyncIterator[Site]:
         yield Site(made, backend)
 
 
-async def test_rays_make_her_present_and_a_wish_gives_her_a_cursor_until_she_takes_it_back(
-    site: Site,
-) -> None:
+async def test_rays_make_her_present_and_a_wish_gives_her_a_cursor(site: Site) -> None:
     assert RAYS in site.backend.readers
     await site.here()
     await until(lambda: bool(site.interactions))
@@ -120,8 +107,8 @@ async def test_rays_make_her_present_and_a_wish_gives_her_a_cursor_until_she_tak
 
 async def test_it_is_known_that_she_wants_no_cursor_before_a_ray_of_hers_comes(site: Site) -> None:
     order: list[str] = []
-    site.bench.bus.subscribe(INTERACTION, lambda message, _name: order.append(message.state))
-    site.bench.bus.subscribe(RAY, lambda _message, _name: order.append("ray"))
+    site.bench.bus.subscribe(topics.INTERACTION, lambda message, _name: order.append(message.state))
+    site.bench.bus.subscribe(topics.RAY, lambda _message, _name: order.append("ray"))
     await site.here()
     await until(lambda: "ray" in order)
     assert order[0] == "idle"
@@ -137,14 +124,12 @@ async def test_who_is_silent_has_left_and_may_return(site: Site) -> None:
     await until(lambda: site.states == ["idle", "idle"])
 
 
-async def test_who_wants_a_cursor_stays_while_their_ray_is_in_the_graph(
-    site: Site, monkeypatch: pytest.MonkeyPatch
-) -> None:
+async def test_who_wants_a_cursor_stays_with_their_ray(site: Site, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(guests, "SILENT_S", 0.02)  # so that it has passed many times below
     site.backend.watchers[0](graph(("publisher", RAYS)))
     site.wishes()
     await until(lambda: "anna" in site.people and site.states == ["pointing"])
-    seen = site.bench.collect(HEALTH)
+    seen = site.bench.collect(topics.HEALTH)
     await until(lambda: len(seen) >= 1)
     assert site.people == {"anna"}
     site.backend.watchers[0](graph(("publisher", "/ben/pointing_ray")))
@@ -181,7 +166,7 @@ async def test_what_her_nodes_say_is_not_said_again_and_all_else_is(site: Site) 
     await site.here()
     site.wishes()
     await until(lambda: "/anna/cursor" in site.backend.writers)
-    site.bench.put(INTERACTION, Interaction(stamp_ns=START_NS, state="pointing"), "ben")
+    site.bench.put(topics.INTERACTION, Interaction(stamp_ns=START_NS, state="pointing"), "ben")
     await until(lambda: len(site.backend.sent.get(SUBSCRIPTION, [])) == 1)
     assert not THEIRS & site.backend.writers.keys()
     (cdr,) = site.backend.sent[SUBSCRIPTION]
@@ -190,7 +175,7 @@ async def test_what_her_nodes_say_is_not_said_again_and_all_else_is(site: Site) 
 
 
 async def test_her_place_and_her_button_are_those_that_ros_tells(site: Site) -> None:
-    poses, presses = site.bench.collect(POSE, "anna"), site.bench.collect(BUTTON, "anna")
+    poses, presses = site.bench.collect(topics.POSE, "anna"), site.bench.collect(topics.BUTTON, "anna")
     moving, still = tf(frame_of(FRAME, x=1.0)), tf(frame_of(FRAME, x=3.0))
     site.says("/tf_static", "tf2_msgs/msg/TFMessage", still)
     assert not poses
@@ -212,13 +197,14 @@ async def test_a_ray_in_another_frame_is_told_and_makes_nobody_present(site: Sit
 
 
 @pytest.mark.parametrize("leader", ["supervisor.anna", "pointing.anna", "user-sim.anna"])
-async def test_services_of_ours_win_over_her_nodes_and_she_is_a_guest_again_when_they_end(
-    site: Site, leader: str
-) -> None:
+async def test_services_of_ours_win_over_her_nodes_until_they_end(site: Site, leader: str) -> None:
     await site.here()
     site.wishes()
     await until(lambda: site.states[-1:] == ["pointing"])
-    ours = [site.bench.bus.announce(SERVICE_ALIVE, leader), site.bench.bus.announce(USER_ALIVE, "anna")]
+    ours = [
+        site.bench.bus.announce(topics.SERVICE_ALIVE, leader),
+        site.bench.bus.announce(topics.USER_ALIVE, "anna"),
+    ]
     if leader == "user-sim.anna":  # it moves an arm, and says neither a ray nor where she is
         await site.bench.settle(20)
         site.rays.clear()
@@ -240,23 +226,23 @@ async def test_services_of_ours_win_over_her_nodes_and_she_is_a_guest_again_when
 
 
 async def test_where_she_stood_as_a_guest_is_no_longer_said_when_services_of_ours_lead(site: Site) -> None:
-    places = site.bench.collect(POSE, "anna")
-    site.bench.bus.announce(USER_ALIVE, "anna")
+    places = site.bench.collect(topics.POSE, "anna")
+    site.bench.bus.announce(topics.USER_ALIVE, "anna")
     site.says("/tf_static", "tf2_msgs/msg/TFMessage", tf(frame_of(FRAME, x=3.0)))
     await site.here()
     await until(lambda: [place.position_m[0] for place in places] == [3.0])
-    site.bench.bus.announce(SERVICE_ALIVE, "pointing.anna")
+    site.bench.bus.announce(topics.SERVICE_ALIVE, "pointing.anna")
     await until(lambda: site.backend.writers.keys() >= THEIRS)
     late: list[str] = []
-    site.bench.bus.subscribe(POSE, lambda _message, name: late.append(name))
-    site.bench.put(POSE, UserPose(stamp_ns=START_NS, position_m=(0.0, 0.0, 0.0), yaw_rad=0.0), "ben")
+    site.bench.bus.subscribe(topics.POSE, lambda _message, name: late.append(name))
+    site.bench.put(topics.POSE, UserPose(stamp_ns=START_NS, position_m=(0.0, 0.0, 0.0), yaw_rad=0.0), "ben")
     await until(lambda: "ben" in late)
     assert late == ["ben"]
 
 
 async def test_a_guest_again_while_other_services_of_ours_stay(site: Site) -> None:
-    site.bench.bus.announce(USER_ALIVE, "anna")
-    leader = site.bench.bus.announce(SERVICE_ALIVE, "pointing.anna")
+    site.bench.bus.announce(topics.USER_ALIVE, "anna")
+    leader = site.bench.bus.announce(topics.SERVICE_ALIVE, "pointing.anna")
     await until(lambda: site.backend.writers.keys() >= THEIRS)
     leader.close()
     await until(lambda: RAYS in site.backend.readers and not THEIRS & site.backend.writers.keys())
@@ -282,8 +268,8 @@ async def test_the_bridge_takes_its_guests_along(site: Site) -> None:
 async def test_cursors_that_end_bring_nobody_back(site: Site) -> None:
     await site.here()
     await until(lambda: "anna" not in site.people)
-    site.bench.put(CURSOR, Cursor(stamp_ns=START_NS), "anna")
-    site.bench.put(CURSOR, Cursor(stamp_ns=START_NS), "ben")
+    site.bench.put(topics.CURSOR, Cursor(stamp_ns=START_NS), "anna")
+    site.bench.put(topics.CURSOR, Cursor(stamp_ns=START_NS), "ben")
     await until(lambda: "/ben/cursor" in site.backend.writers)
     assert "/anna/cursor" not in site.backend.writers
 

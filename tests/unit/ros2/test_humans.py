@@ -160,7 +160,7 @@ def test_a_body_faces_where_its_arm_last_pointed_and_a_hanging_arm_does_not_turn
 
 
 @given(st.floats(-3.1, 3.1), st.floats(-1.5, 1.5), st.sampled_from([1.0, -1.0]))
-def test_the_shoulder_turns_an_arm_as_the_reference_model_does(
+def test_the_shoulder_turns_as_in_the_reference_model(
     azimuth_rad: float, elevation_rad: float, side: float
 ) -> None:
     wanted = vector.direction(azimuth_rad, elevation_rad)

@@ -1,10 +1,14 @@
-"""Services of ROS that ours answer."""
+"""Services of ROS that ours answer; whatever ROS may send: never an exception, never a bad message."""
 
+import functools
 from typing import Any
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from pointit.bridges.ros2.routing.conversion_state import ConversionState
+from pointit import schemas
+from pointit.bridges.ros2.routing.conversion_state import ConversionState, Guest
 from pointit.bridges.ros2.routing.route_types import (
     BusOutput,
     ConversionContext,
@@ -13,16 +17,8 @@ from pointit.bridges.ros2.routing.route_types import (
 )
 from pointit.bridges.ros2.routing.routes import routes
 from pointit.bridges.ros2.routing.uids import MAX_NUMBER
-from pointit.schemas import (
-    AddPackage,
-    AddPackageReply,
-    Done,
-    ResetConveyor,
-    SetBrightness,
-    SetSpeed,
-    SetYawOrigin,
-)
-from tests.unit.ros2.scenes import NOW_NS, furnished, jazzy, objects, out, package, server
+from pointit.schemas.topics import Topic
+from tests.unit.ros2.scenes import NOW_NS, furnished, into, jazzy, objects, out, package, server
 
 
 def request(row: ServiceRoute, **fields: Any) -> Any:
@@ -49,12 +45,12 @@ def test_a_package_is_added_under_the_callers_number() -> None:
     scene.take("conveyor", objects(package(1)), NOW_NS)
     asked = request(row, uid=41, kind=1, belt=1)
     found = row.asks(asked, about(scene))
-    assert found == BusOutput(row.request, "", AddPackage(kind="red", lane="part_b"))
+    assert found == BusOutput(row.request, "", schemas.AddPackage(kind="red", lane="part_b"))
     # it is on the conveyor before its reply comes: it waits for its number, the others do not
     scene.take("conveyor", objects(package(1), package(2)), NOW_NS)
     assert listed(scene) == [1]
-    reply = AddPackageReply(object_id="19-2")
-    assert response(row, row.answers(asked, reply, about(scene))).result
+    reply = schemas.AddPackageReply(object_id="19-2")
+    assert response(row, row.response(asked, reply, about(scene))).result
     assert listed(scene) == [1, 41]
 
 
@@ -65,7 +61,7 @@ def test_a_package_that_was_refused_leaves_its_number_free() -> None:
     assert isinstance(
         row.asks(request(row, uid=41), about(scene)), ConversionWarning
     )  # somebody is about to get it
-    assert not response(row, row.answers(asked, None, about(scene))).result
+    assert not response(row, row.response(asked, None, about(scene))).result
     assert isinstance(row.asks(request(row, uid=41), about(scene)), BusOutput)
 
 
@@ -74,9 +70,9 @@ def test_who_is_refused_does_not_settle_for_who_is_not() -> None:
     first, second = request(row, uid=41), request(row, uid=41)
     row.asks(first, about(scene))
     row.asks(second, about(scene))
-    assert not row.answers(second, None, about(scene)).result
+    assert not row.response(second, None, about(scene)).result
     assert not scene.uids.is_settled("19-9")
-    row.answers(first, AddPackageReply(object_id="19-9"), about(scene))
+    row.response(first, schemas.AddPackageReply(object_id="19-9"), about(scene))
     assert scene.uids.number("19-9") == 41
 
 
@@ -99,7 +95,7 @@ def test_a_package_that_cannot_be_is_refused(fields: dict[str, Any], told: str) 
     found = row.asks(asked, about(scene))
     assert isinstance(found, ConversionWarning)
     assert told in found.sentence
-    assert not response(row, row.answers(asked, None, about(scene))).result
+    assert not response(row, row.response(asked, None, about(scene))).result
 
 
 def test_the_number_of_a_package_that_has_left_can_be_had_again() -> None:
@@ -109,7 +105,7 @@ def test_the_number_of_a_package_that_has_left_can_be_had_again() -> None:
     scene.take("conveyor", objects(), NOW_NS)
     asked = request(row, uid=7)
     assert isinstance(row.asks(asked, about(scene)), BusOutput)
-    row.answers(asked, AddPackageReply(object_id="19-8"), about(scene))
+    row.response(asked, schemas.AddPackageReply(object_id="19-8"), about(scene))
     scene.take("conveyor", objects(package(8)), NOW_NS)
     assert listed(scene) == [7]
 
@@ -117,27 +113,32 @@ def test_the_number_of_a_package_that_has_left_can_be_had_again() -> None:
 @pytest.mark.parametrize(
     ("name", "fields", "query", "on"),
     [
-        ("set_belt_speed", {"speed": 0.5}, SetSpeed(speed_mps=0.5), ""),
-        ("reset_pack_sim", {}, ResetConveyor(), ""),
-        ("set_yaw_origin", {}, SetYawOrigin(), "user1"),
-        ("set_brightness", {"brightness": 0.5}, SetBrightness(brightness=0.5), ""),
-        ("set_brightness", {"brightness": 7.0}, SetBrightness(brightness=1.0), ""),
+        ("set_belt_speed", {"speed": 0.5}, schemas.SetSpeed(speed_mps=0.5), ""),
+        ("reset_pack_sim", {}, schemas.ResetConveyor(), ""),
+        ("set_yaw_origin", {}, schemas.SetYawOrigin(), "user1"),
+        ("set_brightness", {"brightness": 0.5}, schemas.SetBrightness(brightness=0.5), ""),
+        ("set_brightness", {"brightness": 7.0}, schemas.SetBrightness(brightness=1.0), ""),
         (
             "set_brightness",
             {"brightness": 0.5, "channel_index_mask": 1},
-            SetBrightness(brightness=0.5, strips=("0",)),
+            schemas.SetBrightness(brightness=0.5, strips=("0",)),
             "",
         ),
-        ("add_pack", {"uid": 4, "position": 0.5}, AddPackage(kind="blue", lane="part_a", position=0.5), ""),
-        ("add_pack", {"uid": 4, "position": 5e-4}, AddPackage(kind="blue", lane="part_a"), ""),
+        (
+            "add_pack",
+            {"uid": 4, "position": 0.5},
+            schemas.AddPackage(kind="blue", lane="part_a", position=0.5),
+            "",
+        ),
+        ("add_pack", {"uid": 4, "position": 5e-4}, schemas.AddPackage(kind="blue", lane="part_a"), ""),
     ],
 )
 def test_requests_are_asked_of_ours(name: str, fields: dict[str, Any], query: Any, on: str) -> None:
     row, scene = server(name), furnished()
     asked = request(row, **fields)
     assert row.asks(asked, about(scene)) == BusOutput(row.request, on, query)
-    for reply in (Done(), None):
-        response(row, row.answers(asked, reply, about(scene)))
+    for reply in (schemas.Done(), None):
+        response(row, row.response(asked, reply, about(scene)))
 
 
 @pytest.mark.parametrize(
@@ -152,3 +153,125 @@ def test_requests_that_ours_cannot_grant_are_refused(name: str, fields: dict[str
     found = row.asks(request(row, **fields), about(furnished()))
     assert isinstance(found, ConversionWarning)
     assert told in found.sentence
+
+
+make = jazzy().make
+FLOATS = st.floats() | st.sampled_from([0.0, 1.0, -1.0, 1e6, 1e300])
+FLOATS32 = st.floats(width=32)
+FRAMES = st.sampled_from(["", "world", "odom", "user1/human_footprint"]) | st.text(max_size=5)
+
+
+def of(kind: str, **fields: st.SearchStrategy[Any]) -> st.SearchStrategy[Any]:
+    return st.fixed_dictionaries(fields).map(functools.partial(made, kind))
+
+
+def made(kind: str, fields: dict[str, Any]) -> Any:
+    return make(kind, **fields)
+
+
+def triple(kind: str) -> st.SearchStrategy[Any]:
+    return of(kind, x=FLOATS, y=FLOATS, z=FLOATS)
+
+
+STAMPS = of(
+    "builtin_interfaces/msg/Time",
+    sec=st.integers(-(2**31), 2**31 - 1) | st.just(NOW_NS // 10**9),
+    nanosec=st.integers(0, 2**32 - 1),
+)
+HEADERS = of("std_msgs/msg/Header", stamp=STAMPS, frame_id=FRAMES)
+UNIT = st.sampled_from([{"x": 0.0, "w": 1.0}, {"x": 1.0, "w": 0.0}, {"x": 0.6, "w": 0.8}])
+QUATERNIONS = UNIT.map(functools.partial(made, "geometry_msgs/msg/Quaternion")) | of(
+    "geometry_msgs/msg/Quaternion", x=FLOATS, y=FLOATS, z=FLOATS, w=FLOATS
+)
+TRANSFORMS = of(
+    "geometry_msgs/msg/TransformStamped",
+    header=HEADERS,
+    child_frame_id=FRAMES,
+    transform=of(
+        "geometry_msgs/msg/Transform", translation=triple("geometry_msgs/msg/Vector3"), rotation=QUATERNIONS
+    ),
+)
+VALUES = {
+    "geometry_msgs/msg/QuaternionStamped": {"header": HEADERS, "quaternion": QUATERNIONS},
+    "sensor_msgs/msg/Imu": {
+        "header": HEADERS,
+        "orientation": QUATERNIONS,
+        "orientation_covariance": st.lists(FLOATS, min_size=9, max_size=9),
+    },
+    "geometry_msgs/msg/PoseStamped": {
+        "header": HEADERS,
+        "pose": of(
+            "geometry_msgs/msg/Pose", position=triple("geometry_msgs/msg/Point"), orientation=QUATERNIONS
+        ),
+    },
+    "tf2_msgs/msg/TFMessage": {"transforms": st.lists(TRANSFORMS, max_size=3)},
+    "rosgraph_msgs/msg/Clock": {"clock": STAMPS},
+    "std_msgs/msg/Bool": {"data": st.booleans()},
+    "std_msgs/msg/UInt8": {"data": st.integers(0, 255)},
+    "conveyor_msgs/msg/BeltCommand": {
+        "name": st.lists(st.sampled_from(["*", "part_a", "strip_0"]) | st.text(max_size=5), max_size=4),
+        "velocity": st.lists(FLOATS32, max_size=4),
+    },
+    "conveyor_msgs/msg/PUISubscription": {
+        "user_name": st.sampled_from(["user1", "eve"]) | st.text(max_size=5),
+        "subscribe": st.booleans(),
+        "pointer_color": of("std_msgs/msg/ColorRGBA", r=FLOATS32, g=FLOATS32, b=FLOATS32, a=FLOATS32),
+        "pointer_cmap": st.just("viridis") | st.text(max_size=40),
+        "pointer_size": FLOATS32,
+    },
+    "conveyor_msgs/srv/AddPack_Request": {
+        "uid": st.integers(0, 2**32 - 1),
+        "kind": st.integers(0, 255),
+        "belt": st.integers(0, 255),
+        "position": FLOATS32,
+    },
+    "conveyor_msgs/srv/SetBeltSpeed_Request": {"speed": FLOATS32},
+    "std_srvs/srv/Empty_Request": {},
+    "led_strip_msgs/srv/SetBrightness_Request": {
+        "brightness": FLOATS32,
+        "channel_index_mask": st.integers(0, 255),
+    },
+}
+
+
+def check(found: Any) -> None:
+    if isinstance(found, ConversionWarning):
+        assert found.sentence
+        assert "\n" not in found.sentence
+        assert len(found.sentence) < 300
+        return
+    assert isinstance(found, BusOutput)
+    assert found.at.at(found.name)
+    if isinstance(found.at, Topic):
+        assert isinstance(found.what, schemas.Message)
+        assert type(found.what) is found.at.message
+    else:
+        assert type(found.what) is found.at.query
+    assert schemas.decode(type(found.what), schemas.encode(found.what)) == found.what
+
+
+@pytest.mark.parametrize("name", [row.name for row in routes().inward])
+@given(data=st.data())
+def test_whatever_comes_is_taken_or_warned_of(name: str, data: st.DataObject) -> None:
+    row, scene = into(name), furnished()
+    scene.person("user1")
+    if data.draw(st.booleans()):
+        scene.guests["user1"] = Guest(is_here=True)
+    for _ in range(2):
+        value = make(row.type, **{field: data.draw(each) for field, each in VALUES[row.type].items()})
+        now_ns = data.draw(st.sampled_from([0, NOW_NS, NOW_NS + 10**9]))
+        for found in row.convert(value, "user1", scene, now_ns=now_ns, wall_ns=now_ns):
+            check(found)
+
+
+@pytest.mark.parametrize("name", [row.name for row in routes().served])
+@given(data=st.data())
+def test_whatever_is_asked_is_answered(name: str, data: st.DataObject) -> None:
+    row, scene = server(name), furnished()
+    kind = jazzy().request_of(row.type)
+    about = ConversionContext(scene, "user1", NOW_NS, "world")
+    for _ in range(2):
+        request = make(kind, **{field: data.draw(each) for field, each in VALUES[kind].items()})
+        check(row.asks(request, about))
+        reply = data.draw(st.sampled_from([None, schemas.AddPackageReply(object_id="19-3")]))
+        jazzy().encode(jazzy().response_of(row.type), row.response(request, reply, about))

@@ -10,22 +10,10 @@ import pytest
 from pointit.bridges.ros2.routing.inbox import MAX_ASKED
 from pointit.bridges.ros2.routing.routes import routes
 from pointit.runtime.errors import RefusedError
-from pointit.schemas import AddPackage, AddPackageReply, Done, Environment, SetFeeding, SetSpeed
+from pointit.schemas import AddPackage, AddPackageReply, Done, Environment, SetFeeding, SetSpeed, topics
 from pointit.schemas.environment import Belt
-from pointit.schemas.topics import (
-    ADD_PACKAGE,
-    BUTTON,
-    RESET_CONVEYOR,
-    SET_BRIGHTNESS,
-    SET_FEEDING,
-    SET_SPEED,
-    SET_YAW_ORIGIN,
-    WRIST,
-    Request,
-)
 from tests.support.bench import START_NS, until
-from tests.unit.ros2.graph_of_one import Bench, bench
-from tests.unit.ros2.scenes import jazzy
+from tests.unit.ros2.graph_of_one import Bench
 
 ROTATION = "/anna/metawear_ros/rotation"
 QUATERNION = "geometry_msgs/msg/QuaternionStamped"
@@ -47,28 +35,26 @@ async def ask(bridge: Bench, service: str, kind: str, /, **fields: Any) -> Any:
     return bridge.types.decode(bridge.types.response_of(kind), cdr)
 
 
-async def test_a_rotation_moves_the_wrist_of_who_is_there() -> None:
-    async with bench(jazzy()) as bridge:
-        assert ROTATION not in bridge.backend.readers
-        seen: list[Any] = []
-        bridge.other.subscribe(WRIST, lambda message, name: seen.append((name, message)))
-        bridge.inbox.join("anna")
-        bridge.say(ROTATION, QUATERNION, **turned(bridge))
-        await until(lambda: bool(seen))
-        assert seen[0][0] == "anna"
-        assert seen[0][1].orientation_xyzw == (0.0, 0.0, 0.0, 1.0)
-        bridge.inbox.leave("anna")
-        assert ROTATION not in bridge.backend.readers
+async def test_a_rotation_moves_the_wrist_of_who_is_there(bridge: Bench) -> None:
+    assert ROTATION not in bridge.backend.readers
+    seen: list[Any] = []
+    bridge.other.subscribe(topics.WRIST, lambda message, name: seen.append((name, message)))
+    bridge.inbox.join("anna")
+    bridge.say(ROTATION, QUATERNION, **turned(bridge))
+    await until(lambda: bool(seen))
+    assert seen[0][0] == "anna"
+    assert seen[0][1].orientation_xyzw == (0.0, 0.0, 0.0, 1.0)
+    bridge.inbox.leave("anna")
+    assert ROTATION not in bridge.backend.readers
 
 
-async def test_bad_values_are_dropped_and_told_until_good_ones_come() -> None:
-    async with bench(jazzy()) as bridge:
-        bridge.inbox.join("anna")
-        bridge.backend.readers[ROTATION](b"\x00\x01\x00\x00short")
-        assert any(ROTATION in warning for warning in bridge.warnings())
-        bridge.clock.advance(1.0)
-        await until(lambda: bridge_takes(bridge, 0.0) and any("norm" in each for each in bridge.warnings()))
-        await until(lambda: bridge_takes(bridge, 1.0) and not bridge.warnings())
+async def test_bad_values_are_dropped_and_told_until_good_ones_come(bridge: Bench) -> None:
+    bridge.inbox.join("anna")
+    bridge.backend.readers[ROTATION](b"\x00\x01\x00\x00short")
+    assert any(ROTATION in warning for warning in bridge.warnings())
+    bridge.clock.advance(1.0)
+    await until(lambda: bridge_takes(bridge, 0.0) and any("norm" in each for each in bridge.warnings()))
+    await until(lambda: bridge_takes(bridge, 1.0) and not bridge.warnings())
 
 
 def bridge_takes(bridge: Bench, w: float) -> bool:
@@ -79,176 +65,167 @@ def bridge_takes(bridge: Bench, w: float) -> bool:
 @pytest.mark.parametrize(
     ("ros", "most"), [("/tf", 64 * 1024), ("/tf_static", 64 * 1024), (ROTATION, 16 * 1024)]
 )
-async def test_what_is_too_long_to_be_read_in_the_loop_is_dropped_and_told(ros: str, most: int) -> None:
-    async with bench(jazzy()) as bridge:
-        bridge.inbox.join("anna")
-        kind = QUATERNION if ros == ROTATION else "tf2_msgs/msg/TFMessage"
-        fields = turned(bridge) if ros == ROTATION else {}
-        cdr = bridge.types.encode(kind, bridge.types.make(kind, **fields))  # what follows it is padding
-        bridge.backend.readers[ros](cdr.ljust(most, b"\0"))
-        assert not bridge.warnings()
+async def test_what_is_too_long_is_dropped_and_told(bridge: Bench, ros: str, most: int) -> None:
+    bridge.inbox.join("anna")
+    kind = QUATERNION if ros == ROTATION else "tf2_msgs/msg/TFMessage"
+    fields = turned(bridge) if ros == ROTATION else {}
+    cdr = bridge.types.encode(kind, bridge.types.make(kind, **fields))  # what follows it is padding
+    bridge.backend.readers[ros](cdr.ljust(most, b"\0"))
+    assert not bridge.warnings()
 
-        def longer() -> bool:
-            bridge.backend.readers[ros](cdr.ljust(most + 1, b"\0"))
-            return bool(bridge.warnings())
+    def longer() -> bool:
+        bridge.backend.readers[ros](cdr.ljust(most + 1, b"\0"))
+        return bool(bridge.warnings())
 
-        await until(longer)
-        [warning] = bridge.warnings()
-        assert f"{most + 1} bytes, at most {most} are read" in warning
-
-
-async def test_a_request_that_is_too_long_is_answered_unread() -> None:
-    async with bench(jazzy()) as bridge:
-        name = bridge.types.request_of(ADD_PACK)
-        cdr = bridge.types.encode(name, bridge.types.make(name))
-        await bridge.backend.servers["/add_pack"](cdr.ljust(16 * 1024 + 1, b"\0"))
-        assert any("at most 16384 are read" in each for each in bridge.warnings())
+    await until(longer)
+    [warning] = bridge.warnings()
+    assert f"{most + 1} bytes, at most {most} are read" in warning
 
 
-async def test_a_command_asks_our_conveyor_and_a_refusal_is_told() -> None:
-    async with bench(jazzy()) as bridge:
-        bridge.scene.take("", ROOM, bridge.clock.now_ns())
-        asked: list[SetSpeed] = []
+async def test_a_request_that_is_too_long_is_answered_unread(bridge: Bench) -> None:
+    name = bridge.types.request_of(ADD_PACK)
+    cdr = bridge.types.encode(name, bridge.types.make(name))
+    await bridge.backend.servers["/add_pack"](cdr.ljust(16 * 1024 + 1, b"\0"))
+    assert any("at most 16384 are read" in each for each in bridge.warnings())
 
-        async def serve(query: SetSpeed, _name: str) -> Done:
-            asked.append(query)
-            if query.speed_mps > 0.4:
-                raise RefusedError("too fast for this belt")
-            return Done()
 
-        bridge.other.serve(SET_SPEED, serve)
-        bridge.say("/belt_cmd", "conveyor_msgs/msg/BeltCommand", name=["*"], velocity=[0.5])
-        await until(lambda: any("too fast for this belt" in each for each in bridge.warnings()))
-        bridge.say("/belt_cmd", "conveyor_msgs/msg/BeltCommand", name=["a"], velocity=[0.25])
-        await until(lambda: len(asked) == 2 and not bridge.warnings())
-        assert asked[1].belts == ("a",)
+async def test_a_command_asks_our_conveyor_and_a_refusal_is_told(bridge: Bench) -> None:
+    bridge.scene.take("", ROOM, bridge.clock.now_ns())
+    asked: list[SetSpeed] = []
+
+    async def serve(query: SetSpeed, _name: str) -> Done:
+        asked.append(query)
+        if query.speed_mps > 0.4:
+            raise RefusedError("too fast for this belt")
+        return Done()
+
+    bridge.other.serve(topics.SET_SPEED, serve)
+    bridge.say("/belt_cmd", "conveyor_msgs/msg/BeltCommand", name=["*"], velocity=[0.5])
+    await until(lambda: any("too fast for this belt" in each for each in bridge.warnings()))
+    bridge.say("/belt_cmd", "conveyor_msgs/msg/BeltCommand", name=["a"], velocity=[0.25])
+    await until(lambda: len(asked) == 2 and not bridge.warnings())
+    assert asked[1].belts == ("a",)
 
 
 BELT_COMMAND = "conveyor_msgs/msg/BeltCommand"
 
 
-async def test_a_refusal_is_told_until_a_later_command_is_done_and_not_only_asked() -> None:
-    async with bench(jazzy()) as bridge:
-        bridge.scene.take("", ROOM, bridge.clock.now_ns())
+async def test_a_refusal_is_told_until_a_later_command_is_done_and_not_only_asked(bridge: Bench) -> None:
+    bridge.scene.take("", ROOM, bridge.clock.now_ns())
+    bridge.say("/belt_cmd", BELT_COMMAND, name=["*"], velocity=[0.5])
+    await until(lambda: bool(bridge.warnings()), what="to be told that no node serves it")
+    for _ in range(5):
         bridge.say("/belt_cmd", BELT_COMMAND, name=["*"], velocity=[0.5])
-        await until(lambda: bool(bridge.warnings()), what="to be told that no node serves it")
-        for _ in range(5):
-            bridge.say("/belt_cmd", BELT_COMMAND, name=["*"], velocity=[0.5])
-            assert bridge.warnings(), "it is not answered yet"
-            await asyncio.sleep(0)
-        asked, go_on = asyncio.Event(), asyncio.Event()
+        assert bridge.warnings(), "it is not answered yet"
+        await asyncio.sleep(0)
+    asked, go_on = asyncio.Event(), asyncio.Event()
 
-        async def serve(_query: SetSpeed, _name: str) -> Done:
-            asked.set()
-            await go_on.wait()
-            return Done()
+    async def serve(_query: SetSpeed, _name: str) -> Done:
+        asked.set()
+        await go_on.wait()
+        return Done()
 
-        bridge.other.serve(SET_SPEED, serve)
-        bridge.say("/belt_cmd", BELT_COMMAND, name=["*"], velocity=[0.5])
-        await asked.wait()
-        assert bridge.warnings()
-        go_on.set()
-        await until(lambda: not bridge.warnings())
+    bridge.other.serve(topics.SET_SPEED, serve)
+    bridge.say("/belt_cmd", BELT_COMMAND, name=["*"], velocity=[0.5])
+    await asked.wait()
+    assert bridge.warnings()
+    go_on.set()
+    await until(lambda: not bridge.warnings())
 
 
 @pytest.mark.parametrize("bad", ["b", "none"])
-async def test_what_one_belt_does_takes_no_refusal_of_another_back(bad: str) -> None:
+async def test_what_one_belt_does_takes_no_refusal_of_another_back(bridge: Bench, bad: str) -> None:
     """In one command: belt b refuses, or there is no such belt, and belt a does it later."""
     belts = tuple(Belt(id=each, line_m=((0.0, 0.0, 0.0), (1.0, 0.0, 0.0))) for each in ("a", "b"))
     room = Environment(stamp_ns=START_NS, seq=1, name="room", belts=belts)
-    async with bench(jazzy()) as bridge:
-        bridge.scene.take("", room, bridge.clock.now_ns())
-        go_on, answered = asyncio.Event(), asyncio.Event()
+    bridge.scene.take("", room, bridge.clock.now_ns())
+    go_on, answered = asyncio.Event(), asyncio.Event()
 
-        async def serve(query: SetSpeed, _name: str) -> Done:
-            if query.belts == ("b",):
-                raise RefusedError("it is locked")
-            await go_on.wait()
-            answered.set()
-            return Done()
+    async def serve(query: SetSpeed, _name: str) -> Done:
+        if query.belts == ("b",):
+            raise RefusedError("it is locked")
+        await go_on.wait()
+        answered.set()
+        return Done()
 
-        bridge.other.serve(SET_SPEED, serve)
-        bridge.say("/belt_cmd", BELT_COMMAND, name=["a", bad], velocity=[0.25, 0.5])
-        await until(lambda: bool(bridge.warnings()))
-        go_on.set()
-        await answered.wait()
-        await until(lambda: not bridge.inbox._asked)
-        assert bridge.warnings()
+    bridge.other.serve(topics.SET_SPEED, serve)
+    bridge.say("/belt_cmd", BELT_COMMAND, name=["a", bad], velocity=[0.25, 0.5])
+    await until(lambda: bool(bridge.warnings()))
+    go_on.set()
+    await answered.wait()
+    await until(lambda: not bridge.inbox._asked)
+    assert bridge.warnings()
 
 
-async def test_wishes_that_are_too_many_are_dropped_and_told() -> None:
+async def test_wishes_that_are_too_many_are_dropped_and_told(bridge: Bench) -> None:
     belts = tuple(Belt(id=f"b{n}", line_m=((0.0, 0.0, 0.0), (1.0, 0.0, 0.0))) for n in range(MAX_ASKED + 6))
     room = Environment(stamp_ns=START_NS, seq=1, name="room", belts=belts)
-    async with bench(jazzy()) as bridge:
-        bridge.scene.take("", room, bridge.clock.now_ns())
-        asked: list[SetSpeed] = []
-        go_on = asyncio.Event()
+    bridge.scene.take("", room, bridge.clock.now_ns())
+    asked: list[SetSpeed] = []
+    go_on = asyncio.Event()
 
-        async def serve(query: SetSpeed, _name: str) -> Done:
-            asked.append(query)
-            await go_on.wait()
-            return Done()
+    async def serve(query: SetSpeed, _name: str) -> Done:
+        asked.append(query)
+        await go_on.wait()
+        return Done()
 
-        bridge.other.serve(SET_SPEED, serve)
-        speeds = [0.01 * (n + 1) for n in range(len(belts))]
-        bridge.say("/belt_cmd", BELT_COMMAND, name=[belt.id for belt in belts], velocity=speeds)
-        bridge.say("/belt_cmd", BELT_COMMAND, name=["*"], velocity=[0.5])
-        await until(lambda: len(asked) == MAX_ASKED)
-        go_on.set()
-        await until(lambda: not bridge.inbox._asked)
-        assert len(asked) == MAX_ASKED
-        assert any(f"{MAX_ASKED} wishes are open already" in each for each in bridge.warnings())
-        bridge.say("/belt_cmd", BELT_COMMAND, name=["*"], velocity=[0.5])
-        await until(lambda: not bridge.warnings(), what="there to be room again")
-
-
-async def test_of_a_flood_of_feed_the_newest_word_is_the_last_one_asked_for() -> None:
-    async with bench(jazzy()) as bridge:
-        asked: list[bool] = []
-
-        async def serve(query: SetFeeding, _name: str) -> Done:
-            asked.append(query.feeding)
-            return Done()
-
-        bridge.other.serve(SET_FEEDING, serve)
-        for count in range(2 * MAX_ASKED):
-            bridge.say("/feed", "std_msgs/msg/Bool", data=count % 2 == 1)
-        bridge.say("/feed", "std_msgs/msg/Bool", data=False)
-        bridge.say("/feed", "std_msgs/msg/Bool", data=True)
-        await until(lambda: len(asked) > 1 and asked[-1] and not bridge.inbox._asked)
-        assert len(asked) == 2
-        assert not bridge.warnings()
+    bridge.other.serve(topics.SET_SPEED, serve)
+    speeds = [0.01 * (n + 1) for n in range(len(belts))]
+    bridge.say("/belt_cmd", BELT_COMMAND, name=[belt.id for belt in belts], velocity=speeds)
+    bridge.say("/belt_cmd", BELT_COMMAND, name=["*"], velocity=[0.5])
+    await until(lambda: len(asked) == MAX_ASKED)
+    go_on.set()
+    await until(lambda: not bridge.inbox._asked)
+    assert len(asked) == MAX_ASKED
+    assert any(f"{MAX_ASKED} wishes are open already" in each for each in bridge.warnings())
+    bridge.say("/belt_cmd", BELT_COMMAND, name=["*"], velocity=[0.5])
+    await until(lambda: not bridge.warnings(), what="there to be room again")
 
 
-async def test_a_service_is_answered_by_ours() -> None:
-    async with bench(jazzy()) as bridge:
-        bridge.scene.take("", ROOM, bridge.clock.now_ns())
+async def test_of_a_flood_of_feed_the_newest_word_is_the_last_one_asked_for(bridge: Bench) -> None:
+    asked: list[bool] = []
 
-        async def serve(query: AddPackage, _name: str) -> AddPackageReply:
-            assert query.lane == "a"
-            return AddPackageReply(object_id="package9")
+    async def serve(query: SetFeeding, _name: str) -> Done:
+        asked.append(query.feeding)
+        return Done()
 
-        assert (await ask(bridge, "/add_pack", ADD_PACK, uid=4, kind=1)).result is False, "no node serves it"
-        served = bridge.other.serve(ADD_PACKAGE, serve)
-        assert (await ask(bridge, "/add_pack", ADD_PACK, uid=4, kind=1)).result is True
-        assert (await ask(bridge, "/add_pack", ADD_PACK, uid=5, kind=1, belt=3)).result is False
-        assert any("there is no belt 3" in each for each in bridge.warnings())
-        served.close()
+    bridge.other.serve(topics.SET_FEEDING, serve)
+    for count in range(2 * MAX_ASKED):
+        bridge.say("/feed", "std_msgs/msg/Bool", data=count % 2 == 1)
+    bridge.say("/feed", "std_msgs/msg/Bool", data=False)
+    bridge.say("/feed", "std_msgs/msg/Bool", data=True)
+    await until(lambda: len(asked) > 1 and asked[-1] and not bridge.inbox._asked)
+    assert len(asked) == 2
+    assert not bridge.warnings()
+
+
+async def test_a_service_is_answered_by_ours(bridge: Bench) -> None:
+    bridge.scene.take("", ROOM, bridge.clock.now_ns())
+
+    async def serve(query: AddPackage, _name: str) -> AddPackageReply:
+        assert query.lane == "a"
+        return AddPackageReply(object_id="package9")
+
+    assert (await ask(bridge, "/add_pack", ADD_PACK, uid=4, kind=1)).result is False, "no node serves it"
+    served = bridge.other.serve(topics.ADD_PACKAGE, serve)
+    assert (await ask(bridge, "/add_pack", ADD_PACK, uid=4, kind=1)).result is True
+    assert (await ask(bridge, "/add_pack", ADD_PACK, uid=5, kind=1, belt=3)).result is False
+    assert any("there is no belt 3" in each for each in bridge.warnings())
+    served.close()
 
 
 @pytest.mark.parametrize("speed_mps", [math.nan, math.inf, 6.0])
-async def test_an_invalid_request_gets_a_sentence_where_the_response_cannot_refuse(speed_mps: float) -> None:
-    async with bench(jazzy()) as bridge:
-        with pytest.raises(RefusedError, match=r"set_belt_speed: a speed of \w+ m/s was asked for: send one"):
-            await bridge.backend.servers["/set_belt_speed"](b"\0\1\0\0" + struct.pack("<f", speed_mps))
-        assert any("a speed of" in each for each in bridge.warnings())
+async def test_an_invalid_request_gets_a_sentence(bridge: Bench, speed_mps: float) -> None:
+    with pytest.raises(RefusedError, match=r"set_belt_speed: a speed of \w+ m/s was asked for: send one"):
+        await bridge.backend.servers["/set_belt_speed"](b"\0\1\0\0" + struct.pack("<f", speed_mps))
+    assert any("a speed of" in each for each in bridge.warnings())
 
 
-WITHOUT_RESULT: dict[str, tuple[str, Request[Any, Any]]] = {
-    "/set_belt_speed": ("conveyor_msgs/srv/SetBeltSpeed", SET_SPEED),
-    "/reset_pack_sim": ("std_srvs/srv/Empty", RESET_CONVEYOR),
-    "/anna/metawear_ros/set_yaw_origin": ("std_srvs/srv/Empty", SET_YAW_ORIGIN),
-    "/set_brightness": ("led_strip_msgs/srv/SetBrightness", SET_BRIGHTNESS),
+WITHOUT_RESULT: dict[str, tuple[str, topics.Request[Any, Any]]] = {
+    "/set_belt_speed": ("conveyor_msgs/srv/SetBeltSpeed", topics.SET_SPEED),
+    "/reset_pack_sim": ("std_srvs/srv/Empty", topics.RESET_CONVEYOR),
+    "/anna/metawear_ros/set_yaw_origin": ("std_srvs/srv/Empty", topics.SET_YAW_ORIGIN),
+    "/set_brightness": ("led_strip_msgs/srv/SetBrightness", topics.SET_BRIGHTNESS),
 }
 
 
@@ -258,7 +235,7 @@ def test_these_are_all_services_whose_response_cannot_refuse() -> None:
 
 
 @pytest.mark.parametrize("service", WITHOUT_RESULT)
-async def test_what_was_not_done_gets_a_sentence_where_the_response_cannot_refuse(service: str) -> None:
+async def test_what_was_not_done_gets_a_sentence(bridge: Bench, service: str) -> None:
     kind, ours = WITHOUT_RESULT[service]
     is_locked = True
 
@@ -267,78 +244,72 @@ async def test_what_was_not_done_gets_a_sentence_where_the_response_cannot_refus
             raise RefusedError("it is locked")
         return Done()
 
-    async with bench(jazzy()) as bridge:
-        bridge.inbox.join("anna")
-        with pytest.raises(RefusedError, match=f"from {service} was refused: "):
-            await bridge.backend.servers[service](b"\x00\x01")
-        with pytest.raises(RefusedError, match=f"from {service} was not done: "):
-            await ask(bridge, service, kind)  # no node serves it
-        bridge.other.serve(ours, serve)
-        with pytest.raises(RefusedError, match=f"from {service} was not done: .*it is locked"):
-            await ask(bridge, service, kind)
-        assert any("it is locked" in each for each in bridge.warnings())
-        is_locked = False
+    bridge.inbox.join("anna")
+    with pytest.raises(RefusedError, match=f"from {service} was refused: "):
+        await bridge.backend.servers[service](b"\x00\x01")
+    with pytest.raises(RefusedError, match=f"from {service} was not done: "):
+        await ask(bridge, service, kind)  # no node serves it
+    bridge.other.serve(ours, serve)
+    with pytest.raises(RefusedError, match=f"from {service} was not done: .*it is locked"):
         await ask(bridge, service, kind)
-        assert not bridge.warnings()
+    assert any("it is locked" in each for each in bridge.warnings())
+    is_locked = False
+    await ask(bridge, service, kind)
+    assert not bridge.warnings()
 
 
-async def test_a_request_that_is_none_is_answered_too() -> None:
-    async with bench(jazzy()) as bridge:
-        cdr = await bridge.backend.servers["/add_pack"](b"\x00\x01\x00\x00")
-        response = bridge.types.decode(bridge.types.response_of(ADD_PACK), cdr)
-        assert response.result is False
-        assert any("/add_pack" in each for each in bridge.warnings())
+async def test_a_request_that_is_none_is_answered_too(bridge: Bench) -> None:
+    cdr = await bridge.backend.servers["/add_pack"](b"\x00\x01\x00\x00")
+    response = bridge.types.decode(bridge.types.response_of(ADD_PACK), cdr)
+    assert response.result is False
+    assert any("/add_pack" in each for each in bridge.warnings())
 
 
-async def test_services_of_others_are_left_to_them() -> None:
-    async with bench(jazzy()) as bridge:
-        bridge.look(("server", "/add_pack"))
-        assert "/add_pack" not in bridge.backend.servers
-        assert "/set_belt_speed" in bridge.backend.servers
-        bridge.look()
-        assert "/add_pack" not in bridge.backend.servers, "they may be back at once"
-        bridge.look(("server", "/add_pack"))
-        bridge.look()
-        await until(lambda: "/add_pack" in bridge.backend.servers)
+async def test_services_of_others_are_left_to_them(bridge: Bench) -> None:
+    bridge.look(("server", "/add_pack"))
+    assert "/add_pack" not in bridge.backend.servers
+    assert "/set_belt_speed" in bridge.backend.servers
+    bridge.look()
+    assert "/add_pack" not in bridge.backend.servers, "they may be back at once"
+    bridge.look(("server", "/add_pack"))
+    bridge.look()
+    await until(lambda: "/add_pack" in bridge.backend.servers)
 
 
-async def test_a_request_that_is_dropped_holds_no_number() -> None:
-    async with bench(jazzy()) as bridge:
-        bridge.scene.take("", ROOM, bridge.clock.now_ns())
-        asked = asyncio.Event()
+async def test_a_request_that_is_dropped_holds_no_number(bridge: Bench) -> None:
+    bridge.scene.take("", ROOM, bridge.clock.now_ns())
+    asked = asyncio.Event()
 
-        async def serve(_query: AddPackage, _name: str) -> AddPackageReply:
-            asked.set()
-            await asyncio.Event().wait()
-            raise AssertionError
+    async def serve(_query: AddPackage, _name: str) -> AddPackageReply:
+        asked.set()
+        await asyncio.Event().wait()
+        raise AssertionError
 
-        bridge.other.serve(ADD_PACKAGE, serve)
-        asking = asyncio.create_task(ask(bridge, "/add_pack", ADD_PACK, uid=4, kind=1))
-        await asked.wait()
-        assert not bridge.scene.uids.is_settled("package1"), "it may be the one that was asked for"
-        asking.cancel()
-        await asyncio.wait([asking])
-        assert bridge.scene.uids.is_settled("package1")
-
-
-async def test_who_leaves_takes_what_was_wrong_along() -> None:
-    async with bench(jazzy()) as bridge:
-        bridge.inbox.join("anna")
-        bridge.backend.readers[ROTATION](b"\x00\x01\x00\x00short")
-        assert bridge.warnings()
-        bridge.inbox.leave("anna")
-        assert not bridge.warnings()
+    bridge.other.serve(topics.ADD_PACKAGE, serve)
+    asking = asyncio.create_task(ask(bridge, "/add_pack", ADD_PACK, uid=4, kind=1))
+    await asked.wait()
+    assert not bridge.scene.uids.is_settled("package1"), "it may be the one that was asked for"
+    asking.cancel()
+    await asyncio.wait([asking])
+    assert bridge.scene.uids.is_settled("package1")
 
 
-async def test_who_left_with_the_button_down_presses_when_they_are_back() -> None:
+async def test_who_leaves_takes_what_was_wrong_along(bridge: Bench) -> None:
+    bridge.inbox.join("anna")
+    bridge.backend.readers[ROTATION](b"\x00\x01\x00\x00short")
+    assert bridge.warnings()
+    bridge.inbox.leave("anna")
+    assert not bridge.warnings()
+
+
+async def test_who_left_with_the_button_down_presses_when_they_are_back(bridge: Bench) -> None:
     button, down = "/anna/metawear_ros/button", "std_msgs/msg/Bool"
-    async with bench(jazzy()) as bridge:
-        seen: list[int] = []
-        bridge.other.subscribe(BUTTON, lambda message, _name: seen.append(message.seq))
-        for presses in (1, 2):
-            bridge.inbox.join("anna")
-            bridge.say(button, down, data=True)
-            bridge.say(button, down, data=True)
-            await until(lambda count=presses: len(seen) == count)  # type: ignore[misc]  # bound in this round
-            bridge.inbox.leave("anna")
-        assert seen == [1, 2]
+    seen: list[int] = []
+    bridge.other.subscribe(topics.BUTTON, lambda message, _name: seen.append(message.seq))
+    for presses in (1, 2):
+        bridge.inbox.join("anna")
+        bridge.say(button, down, data=True)
+        bridge.say(button, down, data=True)
+        await until(lambda count=presses: len(seen) == count)  # type: ignore[misc]  # bound in this round
+        bridge.inbox.leave("anna")
+    assert seen == [1, 2]

@@ -237,12 +237,7 @@ def test_links_are_in_the_order_of_their_numbers() -> None:
 
 def test_what_else_a_node_has_is_left_alone_unless_it_is_below_the_prefix() -> None:
     names = [
-        "use_sim_time",
-        "leds",
-        "ledsx.a.b",
-        "leds.a.position",
-        "site.leds.a.position",
-        "site.colour",
+        *("use_sim_time", "leds", "ledsx.a.b", "leds.a.position", "site.leds.a.position", "site.colour"),
         "sites.x",
     ]
     assert of_maps(names) == ["leds.a.position"]

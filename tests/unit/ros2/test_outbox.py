@@ -1,10 +1,13 @@
-"""Output to ROS, by a table like the real one."""
+"""Output to ROS, by a table like the real one; the rate limit of a route."""
 
 import asyncio
 import dataclasses
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
+from pointit.bridges.ros2.routing.rate_limit import RateLimiter
 from pointit.bridges.ros2.routing.routes import Routes, routes
 from pointit.schemas import ButtonEvent, ClockTick, Health, Interaction, PointingRay, Selection, UserPose
 from pointit.schemas.topics import BUTTON, CLOCK, HEALTH, INTERACTION, POSE, RAY, SELECTION
@@ -26,28 +29,24 @@ def take(bridge: Bench, topic: object, message: object, name: str = "anna") -> N
     bridge.outbox.take(topic, message, name)  # type: ignore[arg-type]  # likewise
 
 
-async def test_what_nobody_reads_is_not_even_made() -> None:
-    async with bench(jazzy()) as bridge:
-        bridge.outbox.join("anna")
-        take(bridge, RAY, ray(1))
-        assert bridge.heard(RAY_ROS, RAY_TYPE) == []
-        bridge.look(("subscriber", RAY_ROS))
-        take(bridge, RAY, ray(2))
-        await until(lambda: bool(bridge.heard(RAY_ROS, RAY_TYPE)))
-        (seen,) = bridge.heard(RAY_ROS, RAY_TYPE)
-        assert seen.header.frame_id == "anna/human_footprint"
-        assert seen.header.stamp.nanosec == (START_NS + 2) % 10**9
+async def test_what_nobody_reads_is_not_even_made(bridge: Bench) -> None:
+    bridge.outbox.join("anna")
+    take(bridge, RAY, ray(1))
+    assert bridge.heard(RAY_ROS, RAY_TYPE) == []
+    bridge.look(("subscriber", RAY_ROS))
+    take(bridge, RAY, ray(2))
+    await until(lambda: bool(bridge.heard(RAY_ROS, RAY_TYPE)))
+    (seen,) = bridge.heard(RAY_ROS, RAY_TYPE)
+    assert seen.header.frame_id == "anna/human_footprint"
+    assert seen.header.stamp.nanosec == (START_NS + 2) % 10**9
 
 
-async def test_it_may_be_sent_all_the_same() -> None:
-    async with bench(jazzy(), unread=True) as bridge:
-        take(bridge, RAY, ray(1))
-        assert len(bridge.heard(RAY_ROS, RAY_TYPE)) == 1
+async def test_it_may_be_sent_all_the_same(eager: Bench) -> None:
+    take(eager, RAY, ray(1))
+    assert len(eager.heard(RAY_ROS, RAY_TYPE)) == 1
 
 
-async def test_a_route_is_told_of_its_first_reader_by_the_look_and_not_amid_a_message(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+async def test_a_route_is_told_of_its_first_reader_by_the_look(monkeypatch: pytest.MonkeyPatch) -> None:
     begun: list[int] = []
     rows = [
         dataclasses.replace(row, begins=lambda: begun.append(1))
@@ -65,16 +64,15 @@ async def test_a_route_is_told_of_its_first_reader_by_the_look_and_not_amid_a_me
         assert begun == [1]
 
 
-async def test_of_what_comes_too_fast_the_newest_is_sent() -> None:
-    async with bench(jazzy(), unread=True) as bridge:
-        for count in range(200):
-            take(bridge, RAY, ray(count))
-        await until(lambda: len(bridge.backend.sent[RAY_ROS]) == 2)
-        first, last = bridge.heard(RAY_ROS, RAY_TYPE)
-        assert (first.header.stamp.nanosec, last.header.stamp.nanosec) == (
-            START_NS % 10**9,
-            (START_NS + 199) % 10**9,
-        )
+async def test_of_what_comes_too_fast_the_newest_is_sent(eager: Bench) -> None:
+    for count in range(200):
+        take(eager, RAY, ray(count))
+    await until(lambda: len(eager.backend.sent[RAY_ROS]) == 2)
+    first, last = eager.heard(RAY_ROS, RAY_TYPE)
+    assert (first.header.stamp.nanosec, last.header.stamp.nanosec) == (
+        START_NS % 10**9,
+        (START_NS + 199) % 10**9,
+    )
 
 
 def slowed(name: str, rate_hz: float) -> Routes:
@@ -132,28 +130,26 @@ async def test_what_shows_everybody_is_sent_no_more_often_for_that(route: str, l
         assert waiting(bridge, route) == ["cleo"], "nothing of who leaves"
 
 
-async def test_who_leaves_takes_their_names_along() -> None:
-    async with bench(jazzy()) as bridge:
-        bridge.outbox.join("anna")
-        names = {name for name in bridge.backend.writers if name.startswith("/anna/")}
-        assert len(names) == sum("{user}" in route.ros for route in routes().outward)
-        bridge.outbox.leave("anna")
-        assert not any(name.startswith("/anna/") for name in bridge.backend.writers)
+async def test_who_leaves_takes_their_names_along(bridge: Bench) -> None:
+    bridge.outbox.join("anna")
+    names = {name for name in bridge.backend.writers if name.startswith("/anna/")}
+    assert len(names) == sum("{user}" in route.ros for route in routes().outward)
+    bridge.outbox.leave("anna")
+    assert not any(name.startswith("/anna/") for name in bridge.backend.writers)
 
 
-async def test_a_transform_is_repeated_with_the_time_it_is_then() -> None:
-    async with bench(jazzy()) as bridge:
-        bridge.look(("subscriber", "/tf"))
-        pose = UserPose(stamp_ns=START_NS, seq=1, position_m=(1.0, 2.0, 0.0), yaw_rad=0.5)
-        take(bridge, POSE, pose)
-        bridge.clock.advance(3.0)
-        await until(lambda: len(bridge.backend.sent["/tf"]) >= 2)
-        first, again = bridge.heard("/tf", "tf2_msgs/msg/TFMessage")[:2]
-        assert again.transforms[0].header.stamp.sec == first.transforms[0].header.stamp.sec + 3
-        bridge.outbox.leave("anna")
-        count = len(bridge.backend.sent["/tf"])
-        await asyncio.sleep(0.25)  # two periods: nothing to wait for
-        assert len(bridge.backend.sent["/tf"]) == count
+async def test_a_transform_is_repeated_with_the_time_it_is_then(bridge: Bench) -> None:
+    bridge.look(("subscriber", "/tf"))
+    pose = UserPose(stamp_ns=START_NS, seq=1, position_m=(1.0, 2.0, 0.0), yaw_rad=0.5)
+    take(bridge, POSE, pose)
+    bridge.clock.advance(3.0)
+    await until(lambda: len(bridge.backend.sent["/tf"]) >= 2)
+    first, again = bridge.heard("/tf", "tf2_msgs/msg/TFMessage")[:2]
+    assert again.transforms[0].header.stamp.sec == first.transforms[0].header.stamp.sec + 3
+    bridge.outbox.leave("anna")
+    count = len(bridge.backend.sent["/tf"])
+    await asyncio.sleep(0.25)  # two periods: nothing to wait for
+    assert len(bridge.backend.sent["/tf"]) == count
 
 
 async def test_the_sites_time_ends_with_who_gives_it() -> None:
@@ -173,56 +169,52 @@ async def test_the_sites_time_ends_with_who_gives_it() -> None:
         )
 
 
-async def test_what_stays_the_same_is_said_once() -> None:
-    async with bench(jazzy()) as bridge:
-        for count in range(3):
-            take(bridge, SELECTION, Selection(stamp_ns=START_NS + count, seq=count), "")
-        assert len(bridge.backend.sent["/selected_packages"]) == 1
-        for state in ("idle", "pointing", "pointing"):
-            take(bridge, INTERACTION, Interaction(stamp_ns=START_NS, seq=1, state=state))
-        assert len(bridge.backend.sent["/anna/state_transition"]) == 2
+async def test_what_stays_the_same_is_said_once(bridge: Bench) -> None:
+    for count in range(3):
+        take(bridge, SELECTION, Selection(stamp_ns=START_NS + count, seq=count), "")
+    assert len(bridge.backend.sent["/selected_packages"]) == 1
+    for state in ("idle", "pointing", "pointing"):
+        take(bridge, INTERACTION, Interaction(stamp_ns=START_NS, seq=1, state=state))
+    assert len(bridge.backend.sent["/anna/state_transition"]) == 2
 
 
-async def test_of_each_what_stays_the_same_is_said_once_and_anew_when_they_return() -> None:
-    async with bench(jazzy()) as bridge:
+async def test_what_stays_the_same_is_said_once_of_each(bridge: Bench) -> None:
 
-        def told() -> list[tuple[str, bool]]:
-            wishes = bridge.heard("/PUI_subscription", "conveyor_msgs/msg/PUISubscription")
-            return [(each.user_name, each.subscribe) for each in wishes]
+    def told() -> list[tuple[str, bool]]:
+        wishes = bridge.heard("/PUI_subscription", "conveyor_msgs/msg/PUISubscription")
+        return [(each.user_name, each.subscribe) for each in wishes]
 
-        def say(user: str, state: str) -> None:
-            take(bridge, INTERACTION, Interaction(stamp_ns=START_NS, seq=1, state=state), user)  # type: ignore[arg-type]  # one of them
+    def say(user: str, state: str) -> None:
+        take(bridge, INTERACTION, Interaction(stamp_ns=START_NS, seq=1, state=state), user)  # type: ignore[arg-type]  # one of them
 
-        for _ in range(3):
-            say("anna", "pointing")
-            say("ben", "idle")
-        assert told() == [("anna", True), ("ben", False)]
-        say("ben", "pointing")
-        assert told()[2:] == [("ben", True)]
-        bridge.outbox.leave("anna")
+    for _ in range(3):
         say("anna", "pointing")
-        assert told()[3:] == [("anna", True)]
+        say("ben", "idle")
+    assert told() == [("anna", True), ("ben", False)]
+    say("ben", "pointing")
+    assert told()[2:] == [("ben", True)]
+    bridge.outbox.leave("anna")
+    say("anna", "pointing")
+    assert told()[3:] == [("anna", True)]
 
 
-async def test_a_press_goes_down_and_up() -> None:
-    async with bench(jazzy()) as bridge:
-        take(bridge, BUTTON, ButtonEvent(stamp_ns=START_NS, seq=1))
-        ros = "/anna/metawear_ros/button"
-        await until(lambda: len(bridge.backend.sent[ros]) == 2)
-        assert [value.data for value in bridge.heard(ros, "std_msgs/msg/Bool")] == [True, False]
+async def test_a_press_goes_down_and_up(bridge: Bench) -> None:
+    take(bridge, BUTTON, ButtonEvent(stamp_ns=START_NS, seq=1))
+    ros = "/anna/metawear_ros/button"
+    await until(lambda: len(bridge.backend.sent[ros]) == 2)
+    assert [value.data for value in bridge.heard(ros, "std_msgs/msg/Bool")] == [True, False]
 
 
-async def test_what_others_publish_is_left_to_them() -> None:
-    async with bench(jazzy()) as bridge:
-        bridge.look(("publisher", "/packages"), ("publisher", RAY_ROS))
-        bridge.outbox.join("anna")
-        assert "/packages" not in bridge.backend.writers
-        assert RAY_ROS in bridge.backend.writers, "only what yields does"
-        bridge.look()
-        assert "/packages" not in bridge.backend.writers, "they may be back at once"
-        bridge.look(("publisher", "/packages"))
-        bridge.look()
-        await until(lambda: "/packages" in bridge.backend.writers)
+async def test_what_others_publish_is_left_to_them(bridge: Bench) -> None:
+    bridge.look(("publisher", "/packages"), ("publisher", RAY_ROS))
+    bridge.outbox.join("anna")
+    assert "/packages" not in bridge.backend.writers
+    assert RAY_ROS in bridge.backend.writers, "only what yields does"
+    bridge.look()
+    assert "/packages" not in bridge.backend.writers, "they may be back at once"
+    bridge.look(("publisher", "/packages"))
+    bridge.look()
+    await until(lambda: "/packages" in bridge.backend.writers)
 
 
 async def test_of_two_that_make_room_for_each_other_one_comes_back() -> None:
@@ -243,16 +235,47 @@ async def test_of_two_that_make_room_for_each_other_one_comes_back() -> None:
             assert settle()
 
 
-async def test_what_cannot_be_sent_is_told_and_the_rest_goes_on() -> None:
-    async with bench(jazzy(), unread=True) as bridge:
-        bad = ray(1).model_copy(update={"origin_m": (float("nan"), 0.0, 0.0)})
-        take(bridge, RAY, bad)
-        assert any(RAY_ROS in warning for warning in bridge.warnings())
-        await asyncio.sleep(0)
-        take(bridge, RAY, ray(2))
-        await until(lambda: len(bridge.heard(RAY_ROS, RAY_TYPE)) == 1)
-        assert not bridge.warnings()
-        take(bridge, RAY, bad)
-        await until(lambda: bool(bridge.warnings()))
-        bridge.outbox.leave("anna")
-        assert not bridge.warnings(), "what was about her"
+async def test_what_cannot_be_sent_is_told_and_the_rest_goes_on(eager: Bench) -> None:
+    bad = ray(1).model_copy(update={"origin_m": (float("nan"), 0.0, 0.0)})
+    take(eager, RAY, bad)
+    assert any(RAY_ROS in warning for warning in eager.warnings())
+    await asyncio.sleep(0)
+    take(eager, RAY, ray(2))
+    await until(lambda: len(eager.heard(RAY_ROS, RAY_TYPE)) == 1)
+    assert not eager.warnings()
+    take(eager, RAY, bad)
+    await until(lambda: bool(eager.warnings()))
+    eager.outbox.leave("anna")
+    assert not eager.warnings(), "what was about her"
+
+
+def test_without_a_rate_nothing_waits() -> None:
+    pace = RateLimiter(None)
+    for now_s in (0.0, 0.0, 1.0):
+        assert pace.wait_s(now_s) == 0.0
+        pace.sent(now_s)
+
+
+def test_what_comes_too_soon_waits_for_the_rest_of_the_period() -> None:
+    pace = RateLimiter(10.0)
+    pace.sent(5.0)
+    assert 0.06 < pace.wait_s(5.01) < 0.09
+
+
+def test_a_source_of_the_same_rate_is_never_held_up() -> None:
+    pace = RateLimiter(50.0)
+    for count in range(1000):
+        now_s = 7.0 + count * 0.02 + (0.002 if count % 2 else -0.002)  # jitter of a tenth
+        assert pace.wait_s(now_s) == 0.0
+        pace.sent(now_s)
+
+
+@given(st.lists(st.floats(0.0, 0.05), min_size=200, max_size=400))
+def test_no_more_than_the_rate_in_the_long_run(gaps_s: list[float]) -> None:
+    pace, now_s, sent = RateLimiter(20.0), 100.0, 0
+    for gap_s in gaps_s:
+        now_s += gap_s
+        if pace.wait_s(now_s) == 0.0:
+            pace.sent(now_s)
+            sent += 1
+    assert sent <= (now_s - 100.0) * 20.0 + 2.0

@@ -1,10 +1,10 @@
-"""The backend on rclpy, against a stand-in for it: what is handed over, guarded, bounded, warned of."""
+"""The backend on rclpy, against a stand-in for it: topics, services, the graph, bounds and warnings."""
 
 import asyncio
 import re
 import sys
 import threading
-from collections.abc import Callable
+from collections.abc import AsyncIterator, Callable
 from typing import Any
 
 import pytest
@@ -16,7 +16,7 @@ from pointit.runtime.errors import BusClosedError, ConfigError
 from pointit.schemas import NS_PER_S
 from tests.support.bench import until
 from tests.unit.ros2 import fake_rclpy
-from tests.unit.ros2.fake_rclpy import SetBool, Wire
+from tests.unit.ros2.fake_rclpy import SetBool, Value, Wire
 from tests.unit.ros2.rclpy_bench import BOOL, PADDED, QOS, SET, TRUE, Ours, node_of_ours, on_a_wire, profile
 
 pytestmark = pytest.mark.wall_time
@@ -25,6 +25,13 @@ pytestmark = pytest.mark.wall_time
 @pytest.fixture
 def wire(monkeypatch: pytest.MonkeyPatch) -> Wire:
     return on_a_wire(monkeypatch)
+
+
+@pytest.fixture
+async def ours(wire: Wire) -> AsyncIterator[Ours]:
+    assert wire.has_info
+    async with node_of_ours() as made:
+        yield made
 
 
 def told_to(heard: list[bytes]) -> Callable[[bytes, Any], None]:
@@ -56,40 +63,39 @@ async def test_a_graph_that_cannot_be_joined_is_one_sentence(wire: Wire) -> None
     assert not wire.nodes
 
 
-async def test_messages_go_both_ways_and_ours_never_come_back(wire: Wire) -> None:
-    async with node_of_ours() as ours:
-        heard: list[bytes] = []
-        threads: set[int] = set()
+async def test_messages_go_both_ways_and_ours_never_come_back(wire: Wire, ours: Ours) -> None:
+    heard: list[bytes] = []
+    threads: set[int] = set()
 
-        def take(cdr: bytes) -> None:
-            threads.add(threading.get_ident())
-            heard.append(cdr)
+    def take(cdr: bytes) -> None:
+        threads.add(threading.get_ident())
+        heard.append(cdr)
 
-        theirs = wire.node("robot")
-        they_heard: list[bytes] = []
-        theirs.create_subscription(fake_rclpy.Bool, "/both", told_to(they_heard), profile(), raw=True)
-        publisher = theirs.create_publisher(fake_rclpy.Bool, "/both", profile())
-        reader = ours.backend.subscribe("/both", BOOL, QOS, take)
-        writer = ours.backend.advertise("/both", BOOL, QOS)
-        for _ in range(20):
-            writer.put(TRUE)
-        publisher.publish(TRUE)
-        await until(lambda: bool(heard))
+    theirs = wire.node("robot")
+    they_heard: list[bytes] = []
+    theirs.create_subscription(fake_rclpy.Bool, "/both", told_to(they_heard), profile(), raw=True)
+    publisher = theirs.create_publisher(fake_rclpy.Bool, "/both", profile())
+    reader = ours.backend.subscribe("/both", BOOL, QOS, take)
+    writer = ours.backend.advertise("/both", BOOL, QOS)
+    for _ in range(20):
         writer.put(TRUE)
-        publisher.publish(b"\0\1\0\0\0")
-        await until(lambda: len(heard) == 2)
-        assert heard == [PADDED, b"\0\1\0\0\0\0\0\0"]
-        assert len(they_heard) == 23
-        assert threads == {threading.get_ident()}
-        reader.close()
-        reader.close()
-        publisher.publish(TRUE)
-        writer.close()
-        writer.close()
-        assert {end.node for ends in wire.ends.values() for end in ends} == {theirs}
-        with pytest.raises(BusClosedError):
-            writer.put(TRUE)
-        assert len(heard) == 2
+    publisher.publish(TRUE)
+    await until(lambda: bool(heard))
+    writer.put(TRUE)
+    publisher.publish(b"\0\1\0\0\0")
+    await until(lambda: len(heard) == 2)
+    assert heard == [PADDED, b"\0\1\0\0\0\0\0\0"]
+    assert len(they_heard) == 23
+    assert threads == {threading.get_ident()}
+    reader.close()
+    reader.close()
+    publisher.publish(TRUE)
+    writer.close()
+    writer.close()
+    assert {end.node for ends in wire.ends.values() for end in ends} == {theirs}
+    with pytest.raises(BusClosedError):
+        writer.put(TRUE)
+    assert len(heard) == 2
 
 
 async def test_before_iron_each_of_ours_is_taken_for_ours_once(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -105,16 +111,15 @@ async def test_before_iron_each_of_ours_is_taken_for_ours_once(monkeypatch: pyte
         assert heard == [PADDED]
 
 
-async def test_bytes_that_are_no_cdr_are_never_sent(wire: Wire) -> None:
-    async with node_of_ours() as ours:
-        writer = ours.backend.advertise("/out", BOOL, QOS)
-        for bad in (b"", b"\0\1\0\0", b"\1\1\0\0\0", b"hello"):
-            with pytest.raises(ValueError, match="CDR begins"):
-                writer.put(bad)
-        writer.put(b"\0\1\0\0refuse")
-        assert ours.now["sending /out"] == "/out could not be sent to ROS: it was refused"
-        writer.put(TRUE)
-        assert len(wire.ends["publisher"]) == 1
+async def test_bytes_that_are_no_cdr_are_never_sent(wire: Wire, ours: Ours) -> None:
+    writer = ours.backend.advertise("/out", BOOL, QOS)
+    for bad in (b"", b"\0\1\0\0", b"\1\1\0\0\0", b"hello"):
+        with pytest.raises(ValueError, match="CDR begins"):
+            writer.put(bad)
+    writer.put(b"\0\1\0\0refuse")
+    assert ours.now["sending /out"] == "/out could not be sent to ROS: it was refused"
+    writer.put(TRUE)
+    assert len(wire.ends["publisher"]) == 1
 
 
 async def test_a_reader_is_bounded_in_count_and_size_and_survives_its_handler(wire: Wire) -> None:
@@ -156,26 +161,23 @@ async def answers(request: bytes) -> bytes:
         ("tf2_msgs", r"install ros-jazzy-tf2-msgs and start again"),
     ],
 )
-async def test_routes_whose_types_this_ros_lacks_are_left_out_and_named(package: str, remedy: str) -> None:
+async def test_routes_whose_types_this_ros_lacks_are_named(package: str, remedy: str, ours: Ours) -> None:
     lacking = RosType(name=f"{package}/msg/Some", hash=BOOL.hash)
     served = RosType(name=f"{package}/srv/Some", hash=BOOL.hash)
-    async with node_of_ours() as ours:
-        writer = ours.backend.advertise("/a", lacking, QOS)
-        writer.put(TRUE)
-        writer.close()
-        ours.backend.subscribe("/b", lacking, QOS, lambda _cdr: None).close()
-        ours.backend.serve("/c", served, answers).close()
-        with pytest.raises(TimeoutError, match=f"lacks {package}"):
-            await ours.backend.call("/d", served, TRUE, timeout_s=1)
-        ours.backend.advertise("/out", BOOL, QOS)
-        await until(lambda: len(ours.graphs[-1].endpoints) == 1)
-        assert re.search(remedy, ours.now[f"package {package}"])
-        assert set(ours.now) == {f"package {package}"}
+    writer = ours.backend.advertise("/a", lacking, QOS)
+    writer.put(TRUE)
+    writer.close()
+    ours.backend.subscribe("/b", lacking, QOS, lambda _cdr: None).close()
+    ours.backend.serve("/c", served, answers).close()
+    with pytest.raises(TimeoutError, match=f"lacks {package}"):
+        await ours.backend.call("/d", served, TRUE, timeout_s=1)
+    ours.backend.advertise("/out", BOOL, QOS)
+    await until(lambda: len(ours.graphs[-1].endpoints) == 1)
+    assert re.search(remedy, ours.now[f"package {package}"])
+    assert set(ours.now) == {f"package {package}"}
 
 
-async def test_a_type_that_rclpy_refuses_costs_its_topics_only(
-    wire: Wire, monkeypatch: pytest.MonkeyPatch
-) -> None:
+async def test_a_type_rclpy_refuses_costs_its_topics(wire: Wire, monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(*_: object, **_named: object) -> None:
         raise RuntimeError("Caught an unknown exception!\nat all")
 
@@ -194,41 +196,39 @@ async def test_a_type_that_rclpy_refuses_costs_its_topics_only(
     assert not wire.ends["publisher"]
 
 
-async def test_a_type_of_another_definition_is_neither_written_nor_read(wire: Wire) -> None:
+async def test_a_type_of_another_definition_is_neither_written_nor_read(wire: Wire, ours: Ours) -> None:
     other = RosType(name=BOOL.name, hash="RIHS01_" + "0" * 64)
-    async with node_of_ours() as ours:
-        ours.backend.advertise("/a", other, QOS).put(TRUE)
-        ours.backend.subscribe("/b", other, QOS, lambda _cdr: None)
-        assert not wire.ends["publisher"]
-        assert not wire.ends["subscription"]
-        assert "another definition of std_msgs/msg/Bool" in ours.now[f"definition of {BOOL.name}"]
-        hashless = RosType(name=BOOL.name, hash="TypeHashNotSupported")
-        ours.backend.advertise("/c", hashless, QOS)
-        assert len(wire.ends["publisher"]) == 1
+    ours.backend.advertise("/a", other, QOS).put(TRUE)
+    ours.backend.subscribe("/b", other, QOS, lambda _cdr: None)
+    assert not wire.ends["publisher"]
+    assert not wire.ends["subscription"]
+    assert "another definition of std_msgs/msg/Bool" in ours.now[f"definition of {BOOL.name}"]
+    hashless = RosType(name=BOOL.name, hash="TypeHashNotSupported")
+    ours.backend.advertise("/c", hashless, QOS)
+    assert len(wire.ends["publisher"]) == 1
 
 
-async def test_the_graph_is_told_and_what_will_not_work(wire: Wire) -> None:
-    async with node_of_ours() as ours:
-        ours.backend.subscribe("/in", BOOL, LATCHED, lambda _cdr: None)
-        robot = wire.node("robot", "/a")
-        publisher = robot.create_publisher(fake_rclpy.Bool, "/in", profile())
-        robot.create_service(SetBool, "/stop", answers)
-        await until(lambda: ours.sees("publisher", "/in"))
-        assert ours.sees("server", "/stop")
-        assert ours.graphs[-1].nodes == {"/site1/pointit", "/a/robot"}
-        assert "node /a/robot on /in does not match" in ours.now["QoS of /in"]
-        # the same names, but another quality: seen a few looks later
-        wire.ends["publisher"].remove(publisher)
-        robot.create_publisher(fake_rclpy.Bool, "/in", profile(latched=True))
-        await until(lambda: "QoS of /in" not in ours.now, 10)
-        wire.node("pointit", "/site1")
-        await until(lambda: "another ROS node is called /site1/pointit" in ours.now.get("node", ""))
-        robot.destroy_node()
-        await until(lambda: not ours.sees("publisher", "/in"))
+async def test_the_graph_is_told_and_what_will_not_work(wire: Wire, ours: Ours) -> None:
+    ours.backend.subscribe("/in", BOOL, LATCHED, lambda _cdr: None)
+    robot = wire.node("robot", "/a")
+    publisher = robot.create_publisher(fake_rclpy.Bool, "/in", profile())
+    robot.create_service(SetBool, "/stop", answers)
+    await until(lambda: ours.sees("publisher", "/in"))
+    assert ours.sees("server", "/stop")
+    assert ours.graphs[-1].nodes == {"/site1/pointit", "/a/robot"}
+    assert "node /a/robot on /in does not match" in ours.now["QoS of /in"]
+    # the same names, but another quality: seen a few looks later
+    wire.ends["publisher"].remove(publisher)
+    robot.create_publisher(fake_rclpy.Bool, "/in", profile(latched=True))
+    await until(lambda: "QoS of /in" not in ours.now, 10)
+    wire.node("pointit", "/site1")
+    await until(lambda: "another ROS node is called /site1/pointit" in ours.now.get("node", ""))
+    robot.destroy_node()
+    await until(lambda: not ours.sees("publisher", "/in"))
 
 
-async def test_a_node_that_leaves_while_it_is_looked_at_does_no_harm(
-    wire: Wire, monkeypatch: pytest.MonkeyPatch
+async def test_a_node_that_leaves_meanwhile_does_no_harm(
+    wire: Wire, monkeypatch: pytest.MonkeyPatch, ours: Ours
 ) -> None:
     names = fake_rclpy.Node.get_node_names_and_namespaces
 
@@ -236,10 +236,9 @@ async def test_a_node_that_leaves_while_it_is_looked_at_does_no_harm(
         return [*names(node), ("ghost", "/")]
 
     monkeypatch.setattr(fake_rclpy.Node, "get_node_names_and_namespaces", haunted)
-    async with node_of_ours() as ours:
-        wire.node("robot").create_publisher(fake_rclpy.Bool, "/in", profile())
-        await until(lambda: ours.sees("publisher", "/in"))
-        assert not ours.ever
+    wire.node("robot").create_publisher(fake_rclpy.Bool, "/in", profile())
+    await until(lambda: ours.sees("publisher", "/in"))
+    assert not ours.ever
 
 
 async def test_what_the_terminal_is_set_to_is_compared(wire: Wire, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -251,31 +250,30 @@ async def test_what_the_terminal_is_set_to_is_compared(wire: Wire, monkeypatch: 
         assert wire.nodes[0].options["use_global_arguments"] is False
 
 
-async def test_what_is_closed_does_nothing_more(wire: Wire) -> None:
-    async with node_of_ours() as ours:
-        heard: list[bytes] = []
-        reader = ours.backend.subscribe("/in", BOOL, QOS, heard.append)
-        writer = ours.backend.advertise("/out", BOOL, QOS)
-        (subscription,) = wire.ends["subscription"]
-        subscription.callback(TRUE, {})
-        await ours.backend.close()
-        await ours.backend.close()
-        assert not wire.nodes
-        assert not ours.now
-        subscription.callback(TRUE, {})
-        await asyncio.sleep(0)
-        assert not heard
-        for use in (
-            lambda: writer.put(TRUE),
-            lambda: ours.backend.advertise("/x", BOOL, QOS),
-            lambda: ours.backend.subscribe("/x", BOOL, QOS, heard.append),
-            lambda: ours.backend.serve("/x", SET, answers),
-        ):
-            refuses(use)
-        reader.close()
-        writer.close()
-        with pytest.raises(BusClosedError):
-            await ours.backend.call("/stop", SET, TRUE, timeout_s=1)
+async def test_what_is_closed_does_nothing_more(wire: Wire, ours: Ours) -> None:
+    heard: list[bytes] = []
+    reader = ours.backend.subscribe("/in", BOOL, QOS, heard.append)
+    writer = ours.backend.advertise("/out", BOOL, QOS)
+    (subscription,) = wire.ends["subscription"]
+    subscription.callback(TRUE, {})
+    await ours.backend.close()
+    await ours.backend.close()
+    assert not wire.nodes
+    assert not ours.now
+    subscription.callback(TRUE, {})
+    await asyncio.sleep(0)
+    assert not heard
+    for use in (
+        lambda: writer.put(TRUE),
+        lambda: ours.backend.advertise("/x", BOOL, QOS),
+        lambda: ours.backend.subscribe("/x", BOOL, QOS, heard.append),
+        lambda: ours.backend.serve("/x", SET, answers),
+    ):
+        refuses(use)
+    reader.close()
+    writer.close()
+    with pytest.raises(BusClosedError):
+        await ours.backend.call("/stop", SET, TRUE, timeout_s=1)
 
 
 def refuses(use: Callable[[], Any]) -> None:
@@ -283,18 +281,116 @@ def refuses(use: Callable[[], Any]) -> None:
         use()
 
 
-async def test_a_log_has_the_lifespan_of_a_genuine_nodes_and_is_the_only_one_of_ours(wire: Wire) -> None:
+async def test_a_log_has_a_lifespan_and_is_the_only_one_of_ours(wire: Wire, ours: Ours) -> None:
+    (node,) = [each for each in wire.nodes if each.name == "pointit"]
+    assert node.options["enable_rosout"] is False, "or there would be two"
+    ours.backend.advertise("/rosout", BOOL, ROSOUT)
+    ours.backend.advertise("/state", BOOL, LATCHED)
+    log, state = wire.ends["publisher"]
+    assert log.profile == fake_rclpy.Profile(
+        1000,
+        fake_rclpy.Reliability.RELIABLE,
+        fake_rclpy.Durability.TRANSIENT_LOCAL,
+        fake_rclpy.Duration(10 * NS_PER_S),
+    )
+    assert state.profile is not None
+    assert state.profile.lifespan is None
+
+
+def server_of(wire: Wire) -> fake_rclpy.Service:
+    (service,) = wire.ends["service"]
+    assert isinstance(service, fake_rclpy.Service)
+    return service
+
+
+def into(answered: list[bytes]) -> Callable[[Value], None]:
+    def take(response: Value) -> None:
+        answered.append(response.cdr)
+
+    return take
+
+
+def more(request: Value, _response: Value) -> Value:
+    return SetBool.Response(request.cdr + b"\2")
+
+
+async def test_requests_are_answered_in_the_loop_while_the_executor_goes_on(wire: Wire, ours: Ours) -> None:
+    gate = asyncio.Event()
+
+    async def slow(request: bytes) -> bytes:
+        await gate.wait()
+        return request
+
+    desk = ours.backend.serve("/stop", SET, slow)
+    service = server_of(wire)
+    answered: list[bytes] = []
+    service.ask(b"\0\1\0\0\7", into(answered))
+    heard: list[bytes] = []
+    ours.backend.subscribe("/in", BOOL, QOS, heard.append)
+    wire.node("robot").create_publisher(fake_rclpy.Bool, "/in", profile()).publish(TRUE)
+    await until(lambda: bool(heard))
+    assert not answered
+    gate.set()
+    await until(lambda: bool(answered))
+    assert answered == [b"\0\1\0\0\7"]
+    desk.close()
+    assert not wire.ends["service"]
+
+
+@pytest.mark.parametrize("response", [b"", b"\0\1\0\0bad", None], ids=["empty", "other", "raises"])
+async def test_who_asks_is_always_answered(wire: Wire, response: bytes | None, ours: Ours) -> None:
+
+    async def wrong(_request: bytes) -> bytes:
+        await asyncio.sleep(0)
+        if response is None:
+            raise ZeroDivisionError
+        return response
+
+    ours.backend.serve("/stop", SET, wrong)
+    service = server_of(wire)
+    answered: list[bytes] = []
+    service.ask(b"\0\1\0\0bad", into(answered))  # ends `spin`
+    service.ask(b"\0\1\0\0\7", into(answered))
+    await until(lambda: bool(answered))
+    assert answered == [SetBool.Response().cdr]
+    assert ours.now["rclpy"] == "something from ROS was dropped by rclpy: cannot be read"
+
+
+async def test_too_many_open_requests_are_answered_with_nothing_in_them(wire: Wire, ours: Ours) -> None:
+    gate = asyncio.Event()
+
+    async def slow(request: bytes) -> bytes:
+        await gate.wait()
+        return request
+
+    ours.backend.serve("/stop", SET, slow)
+    service = server_of(wire)
+    answered: list[bytes] = []
+    for _ in range(66):
+        service.ask(b"\0\1\0\0\7", into(answered))
+    await until(lambda: len(answered) == 2)
+    assert answered == [SetBool.Response().cdr] * 2
+    assert "too many requests are open" in ours.now["requests to /stop"]
+    gate.set()
+    await until(lambda: len(answered) == 66)
+    assert answered[2:] == [b"\0\1\0\0\7"] * 64
+
+
+async def test_calls_get_their_answers_or_say_what_is_lacking(wire: Wire) -> None:
     async with node_of_ours() as ours:
-        (node,) = [each for each in wire.nodes if each.name == "pointit"]
-        assert node.options["enable_rosout"] is False, "or there would be two"
-        ours.backend.advertise("/rosout", BOOL, ROSOUT)
-        ours.backend.advertise("/state", BOOL, LATCHED)
-        log, state = wire.ends["publisher"]
-        assert log.profile == fake_rclpy.Profile(
-            1000,
-            fake_rclpy.Reliability.RELIABLE,
-            fake_rclpy.Durability.TRANSIENT_LOCAL,
-            fake_rclpy.Duration(10 * NS_PER_S),
-        )
-        assert state.profile is not None
-        assert state.profile.lifespan is None
+        with pytest.raises(TimeoutError, match=r"/stop: no node serves it within 0\.01 s"):
+            await ours.backend.call("/stop", SET, TRUE, timeout_s=0.01)
+        call = asyncio.create_task(ours.backend.call("/stop", SET, TRUE, timeout_s=5))
+        server = wire.node("robot").create_service(SetBool, "/stop", more)
+        assert await call == TRUE + b"\2"
+        assert len(wire.ends["client"]) == 1
+        server.is_mute = True
+        with pytest.raises(TimeoutError, match=r"its server did not answer within 0\.05 s"):
+            await ours.backend.call("/stop", SET, TRUE, timeout_s=0.05)
+        assert len(wire.removed) == 2
+        with pytest.raises(ValueError, match="CDR begins"):
+            await ours.backend.call("/stop", SET, b"", timeout_s=1)
+        waiting = asyncio.create_task(ours.backend.call("/stop", SET, TRUE, timeout_s=60))
+        await until(lambda: len(asyncio.all_tasks()) >= 3)
+    with pytest.raises(BusClosedError):
+        await waiting

@@ -24,7 +24,7 @@ from pointit.bridges.ros2.routing.routes import routes
 from pointit.schemas import NS_PER_S, Health, KeyHealth
 from pointit.schemas.topics import HEALTH
 from tests.support.bench import START_NS, until
-from tests.unit.ros2.graph_of_one import Bench, bench
+from tests.unit.ros2.graph_of_one import Bench
 from tests.unit.ros2.scenes import NOW_NS, furnished, jazzy, out, sent
 
 ROS, TYPE = "/rosout", "rcl_interfaces/msg/Log"
@@ -248,55 +248,51 @@ def heard(bridge: Bench) -> list[tuple[str, str]]:
     return [(each.name, each.msg) for each in bridge.heard(ROS, TYPE)]
 
 
-async def test_it_goes_out_while_somebody_reads_and_who_begins_hears_what_is_wrong() -> None:
+async def test_it_goes_out_while_somebody_reads_and_who_begins_hears_what_is_wrong(bridge: Bench) -> None:
     told = ("pointit.pui", NO_MAP)
-    async with bench(jazzy()) as bridge:
-        assert bridge.backend.writers[ROS] == (jazzy().kind(TYPE), ROSOUT)
-        reports(bridge, NO_MAP)
-        assert heard(bridge) == []
-        bridge.look(("subscriber", ROS))
-        reports(bridge, NO_MAP)
-        await until(lambda: heard(bridge) == [told])
-        bridge.look(("subscriber", ROS), ("subscriber", "/tf"))
-        reports(bridge, NO_MAP, NO_WRIST)
-        await until(lambda: heard(bridge)[1:] == [("pointit.pui", NO_WRIST)])
-        bridge.look()
-        bridge.look(("subscriber", ROS))
-        reports(bridge, NO_MAP)
-        await until(lambda: heard(bridge)[2:] == [told])
+    assert bridge.backend.writers[ROS] == (jazzy().kind(TYPE), ROSOUT)
+    reports(bridge, NO_MAP)
+    assert heard(bridge) == []
+    bridge.look(("subscriber", ROS))
+    reports(bridge, NO_MAP)
+    await until(lambda: heard(bridge) == [told])
+    bridge.look(("subscriber", ROS), ("subscriber", "/tf"))
+    reports(bridge, NO_MAP, NO_WRIST)
+    await until(lambda: heard(bridge)[1:] == [("pointit.pui", NO_WRIST)])
+    bridge.look()
+    bridge.look(("subscriber", ROS))
+    reports(bridge, NO_MAP)
+    await until(lambda: heard(bridge)[2:] == [told])
 
 
-async def test_all_services_are_heard_however_fast_one_reports() -> None:
+async def test_all_services_are_heard_however_fast_one_reports(eager: Bench) -> None:
     names = ["pointing.anna", "keeper", "pui"]
-    async with bench(jazzy(), unread=True) as bridge:
-        for count in range(50):
-            reports(bridge, f"{'a' * (count + 1)} is odd", instance="noisy")
-        for name in names:
-            reports(bridge, NO_MAP, instance=name)
-        told = {(f"pointit.{name}", QUOTED if "." in name else NO_MAP) for name in names}
-        await until(lambda: told <= {*heard(bridge)})
-        assert len([name for name, _ in heard(bridge) if name == "pointit.noisy"]) == 2, "first and newest"
+    for count in range(50):
+        reports(eager, f"{'a' * (count + 1)} is odd", instance="noisy")
+    for name in names:
+        reports(eager, NO_MAP, instance=name)
+    told = {(f"pointit.{name}", QUOTED if "." in name else NO_MAP) for name in names}
+    await until(lambda: told <= {*heard(eager)})
+    assert len([name for name, _ in heard(eager) if name == "pointit.noisy"]) == 2, "first and newest"
 
 
-async def test_a_service_that_has_gone_is_forgotten_and_not_for_a_person_of_its_name() -> None:
-    async with bench(jazzy(), unread=True) as bridge:
-        reports(bridge, NO_MAP)
-        await until(lambda: len(heard(bridge)) == 1)
-        bridge.outbox.leave("pui")
-        reports(bridge, NO_MAP)
-        reports(bridge, NO_MAP, instance="keeper")
-        await until(lambda: ("pointit.keeper", NO_MAP) in heard(bridge), what="the reports to be read")
-        assert len(heard(bridge)) == 2
-        bridge.outbox.end("pui")
-        reports(bridge, NO_MAP)
-        await until(lambda: heard(bridge)[2:] == [("pointit.pui", NO_MAP)])
+async def test_a_service_that_has_gone_is_forgotten_and_not_for_a_person_of_its_name(eager: Bench) -> None:
+    reports(eager, NO_MAP)
+    await until(lambda: len(heard(eager)) == 1)
+    eager.outbox.leave("pui")
+    reports(eager, NO_MAP)
+    reports(eager, NO_MAP, instance="keeper")
+    await until(lambda: ("pointit.keeper", NO_MAP) in heard(eager), what="the reports to be read")
+    assert len(heard(eager)) == 2
+    eager.outbox.end("pui")
+    reports(eager, NO_MAP)
+    await until(lambda: heard(eager)[2:] == [("pointit.pui", NO_MAP)])
 
 
-async def test_what_waits_of_a_service_that_has_gone_is_not_sent() -> None:
-    async with bench(jazzy(), unread=True) as bridge:
-        reports(bridge, NO_MAP, instance="keeper")
-        reports(bridge, NO_MAP)
-        bridge.outbox.end("pui")
-        reports(bridge, NO_WRIST, instance="keeper")
-        await until(lambda: ("pointit.keeper", NO_WRIST) in heard(bridge))
-        assert {name for name, _ in heard(bridge)} == {"pointit.keeper"}
+async def test_what_waits_of_a_service_that_has_gone_is_not_sent(eager: Bench) -> None:
+    reports(eager, NO_MAP, instance="keeper")
+    reports(eager, NO_MAP)
+    eager.outbox.end("pui")
+    reports(eager, NO_WRIST, instance="keeper")
+    await until(lambda: ("pointit.keeper", NO_WRIST) in heard(eager))
+    assert {name for name, _ in heard(eager)} == {"pointit.keeper"}

@@ -1,20 +1,29 @@
-"""The route table and the file that changes it."""
+"""The route table, the file that changes it, its documentation, numbers for names, and open requests."""
 
+import asyncio
+import gc
 import re
 from pathlib import Path
 from typing import Any
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from rosbags.typesys import get_types_from_msg
 
 from pointit.bridges.ros2.outbound.table import CLOCK_S
+from pointit.bridges.ros2.routing.calls import Calls
 from pointit.bridges.ros2.routing.conversion_state import ConversionState
 from pointit.bridges.ros2.routing.frames import Frames, RosNames
 from pointit.bridges.ros2.routing.route_types import ServiceRoute
 from pointit.bridges.ros2.routing.routes import Routes, routes
+from pointit.bridges.ros2.routing.uids import MAX_NUMBER, Kinds, Uids
+from pointit.bridges.ros2.types.definitions import Definitions
 from pointit.runtime.bus.site_clock import SILENT_NS
-from pointit.runtime.errors import ConfigError
+from pointit.runtime.errors import BusClosedError, ConfigError
 from pointit.schemas import NS_PER_S
 from pointit.schemas.topics import Request, Topic
+from tests.support.bench import until
 from tests.unit.ros2.scenes import jazzy
 
 
@@ -136,3 +145,192 @@ def test_people_whose_names_ros_cannot_have_stay_apart() -> None:
 
 def test_ros_and_the_site_agree_on_when_a_clock_has_ended() -> None:
     assert CLOCK_S * NS_PER_S == SILENT_NS
+
+
+DOCS = Path(__file__).parents[3] / "docs"
+TEXT = (DOCS / "how-to/ros2.md").read_text(encoding="utf-8")
+PROPOSAL = (DOCS / "explanation/pointing-messages-proposal.md").read_text(encoding="utf-8")
+
+
+def test_every_route_is_documented_and_no_other() -> None:
+    rows = [line.split("|") for line in TEXT.splitlines() if line.startswith("| `") and line.count("|") == 5]
+    told = {(row[1].strip(" `"), row[2].strip(" `"), row[3].strip()) for row in rows}
+    there = {
+        (route.name, route.ros, route.type.replace("/msg/", "/").replace("/srv/", "/"))
+        for route in routes(ros4hri=True).all
+    }
+    assert told == there
+
+
+def test_what_yields_and_what_is_off_is_said() -> None:
+    for route in routes(ros4hri=True).all:
+        (line,) = (line for line in TEXT.splitlines() if line.startswith(f"| `{route.name}` "))
+        assert ("yields" in line) is route.yields
+        assert ("off by default" in line) is not route.enabled
+
+
+def test_proposed_messages_are_valid_definitions() -> None:
+    texts = dict(
+        re.findall(r"^## (hri_msgs/msg/\w+)\n\n```text\n(.+?)```", PROPOSAL, re.MULTILINE | re.DOTALL)
+    )
+    store = Definitions("jazzy").store
+    for name, text in texts.items():
+        store.register(get_types_from_msg(text, name))
+    assert len(texts) == 3
+    for name in texts:
+        assert store.hash_rihs01(name).startswith("RIHS01_")
+
+
+def test_digits_are_kept_where_they_are_free() -> None:
+    uids = Uids()
+    assert uids.number("package12") == 12
+    assert uids.number("19a1-12") != 12
+    assert uids.number("package12") == 12
+    assert uids.number("robot") != uids.number("drone")
+
+
+def test_digits_that_do_not_fit_are_not_kept() -> None:
+    uids = Uids()
+    assert uids.number("a-4294967296") <= MAX_NUMBER
+    assert Uids(255).number("strip-300") <= 255
+    assert Uids(255).number("strip-255") == 255
+
+
+@given(st.lists(st.text(max_size=12) | st.integers(0, 30).map(lambda n: f"p{n}"), max_size=60))
+def test_numbers_are_stable_apart_and_lead_back(names: list[str]) -> None:
+    uids = Uids()
+    numbers = {name: uids.number(name) for name in names}
+    assert len(set(numbers.values())) == len(numbers)
+    for name, number in numbers.items():
+        assert uids.number(name) == number
+        assert uids.name(number) == name
+        assert 0 <= number <= MAX_NUMBER
+
+
+@given(
+    st.lists(
+        st.tuples(st.sampled_from(("number", "bind")), st.integers(0, 9), st.integers(0, 9)), max_size=80
+    )
+)
+def test_whatever_is_bound_both_directions_agree(steps: list[tuple[str, int, int]]) -> None:
+    uids = Uids(most=9, kept=6)
+    names: set[str] = set()
+    for what, number, who in steps:
+        name = f"p{who}"
+        names.add(name)
+        if what == "bind":
+            uids.bind(number, name)
+            assert uids.number(name) == number
+        else:
+            assert uids.name(uids.number(name)) == name
+        held = [found for number in range(10) if (found := uids.name(number)) is not None]
+        assert len(held) == len(set(held)) <= 10
+        assert set(held) <= names
+
+
+def test_a_number_that_was_asked_for_goes_to_who_comes_next() -> None:
+    uids = Uids()
+    uids.number("old-1")
+    uids.reserve(7)
+    assert uids.is_settled("old-1")
+    assert not uids.is_settled("new-2")
+    uids.bind(7, "new-2")
+    uids.end_reservation(7)
+    assert uids.is_settled("other-3")
+    assert uids.number("new-2") == 7
+    uids.bind(1, "new-2")  # takes it from the other, and leaves its own
+    assert (uids.name(1), uids.name(7)) == ("new-2", None)
+    assert uids.number("old-1") != 1
+    with pytest.raises(ValueError, match="beyond"):
+        uids.bind(MAX_NUMBER + 1, "x")
+
+
+def test_names_used_longest_ago_are_forgotten() -> None:
+    uids = Uids(kept=3)
+    for name in ("a1", "b2", "c3", "a1", "d4"):
+        uids.number(name)
+    assert [uids.name(number) for number in (1, 2, 3, 4)] == ["a1", None, "c3", "d4"]
+
+
+def test_all_numbers_are_given_before_any_comes_again() -> None:
+    uids = Uids(most=9)
+    assert {uids.number(f"p{chr(97 + n)}") for n in range(10)} == set(range(10))
+    assert uids.number("one more") in range(10)
+
+
+def test_kinds_have_numbers_and_back() -> None:
+    kinds = Kinds(("blue", "red", "blue"))
+    assert [kinds.number(kind) for kind in ("blue", "red", "pink")] == [0, 1, Kinds.OTHER]
+    assert [kinds.kind(number) for number in (0, 1, 2, 3, 255, -1)] == [
+        "blue",
+        "red",
+        "blue",
+        None,
+        None,
+        None,
+    ]
+
+
+class Server:
+    """Answers when it is told to; knows whether somebody still waits."""
+
+    def __init__(self, *, fails_late: bool = False) -> None:
+        self.is_asked = False
+        self.is_given_up = False
+        self.may_answer = asyncio.Event()
+        self._fails_late = fails_late
+
+    async def answer(self) -> bytes:
+        self.is_asked = True
+        try:
+            await self.may_answer.wait()
+        except asyncio.CancelledError:
+            self.is_given_up = True
+            if self._fails_late:
+                raise RuntimeError("it could not be given up") from None
+            raise
+        return b"yes"
+
+
+async def asked(calls: Calls, server: Server) -> "asyncio.Task[bytes]":
+    """Return a request that is on its way."""
+    task = asyncio.create_task(calls.answered(server.answer(), "call it"))
+    await until(lambda: server.is_asked)
+    return task
+
+
+async def test_what_it_returns_and_what_it_raises_is_handed_on() -> None:
+    calls, server = Calls(), Server()
+    server.may_answer.set()
+    assert await calls.answered(server.answer(), "call it") == b"yes"
+
+    async def late() -> bytes:
+        raise TimeoutError("no node serves it")
+
+    with pytest.raises(TimeoutError, match="no node serves it"):
+        await calls.answered(late(), "call it")
+
+
+async def test_who_waits_while_the_backend_is_closed_is_told() -> None:
+    calls, server = Calls(), Server()
+    waiting = await asked(calls, server)
+    calls.close()
+    with pytest.raises(BusClosedError, match="the backend was closed while it waited"):
+        await waiting
+    assert server.is_given_up
+
+
+@pytest.mark.parametrize("fails_late", [False, True])
+async def test_nothing_is_left_of_a_request_that_nobody_waits_for(fails_late: bool) -> None:  # noqa: FBT001
+    said: list[dict[str, Any]] = []
+    asyncio.get_running_loop().set_exception_handler(lambda _loop, what: said.append(what))
+    calls, server = Calls(), Server(fails_late=fails_late)
+    waiting = await asked(calls, server)
+    waiting.cancel()
+    with pytest.raises(asyncio.CancelledError):
+        await waiting
+    await until(lambda: server.is_given_up)
+    del waiting  # whose traceback holds the request, which tells of what nobody saw when it is collected
+    await asyncio.sleep(0)  # the loop holds it, too, as long as this turn goes on
+    gc.collect()
+    assert not said

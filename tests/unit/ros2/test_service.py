@@ -3,11 +3,16 @@
 from collections.abc import AsyncIterator
 
 import pytest
+from pydantic import ValidationError
 
 from pointit.bridges.ros2 import service
+from pointit.bridges.ros2.config import BackendConfig, Ros2Config
+from pointit.bridges.ros2.graph.addresses import check_apart, place_of
 from pointit.bridges.ros2.routing.presence_cache import MAX_REMEMBERED, PresenceCache
 from pointit.bridges.ros2.service import Ros2
 from pointit.bridges.ros2.types.types import Types
+from pointit.runtime.errors import ConfigError
+from pointit.runtime.service.service import Launch, check_launches
 from pointit.schemas import Cursor, Figure, Health, ImuSample, UserPose
 from pointit.schemas.topics import CURSOR, HEALTH, IMU, POSE, SERVICE_ALIVE, USER_ALIVE
 from tests.support.bench import START_NS, Bench, memory_bench, until
@@ -42,9 +47,7 @@ def of(backend: FakeBackend, user: str) -> set[str]:
     return {name for name in backend.writers if name.startswith(f"/{user}/")}
 
 
-async def test_who_returns_has_their_place_and_who_left_is_not_brought_back(
-    bench: Bench, backend: FakeBackend
-) -> None:
+async def test_who_returns_has_their_place(bench: Bench, backend: FakeBackend) -> None:
     backend.watchers[0](graph(("subscriber", "/tf")))
     here = bench.bus.announce(USER_ALIVE, "anna")
     bench.put(POSE, PLACE, "anna")
@@ -99,9 +102,7 @@ async def test_other_domains_are_others(bench: Bench, backend: FakeBackend) -> N
     assert bench.bus.site
 
 
-async def test_who_is_there_is_shown_and_who_is_missing_is_said(
-    backend: FakeBackend, caplog: pytest.LogCaptureFixture
-) -> None:
+async def test_who_is_missing_is_said(backend: FakeBackend, caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level("INFO")  # before it starts: it says that once
     async with memory_bench() as bench:
         bench.start(Ros2)
@@ -111,7 +112,7 @@ async def test_who_is_there_is_shown_and_who_is_missing_is_said(
         await until(lambda: any(each.name == "ROS nodes" and each.value == 1 for each in figures(reports)))
 
 
-async def test_nothing_more_is_said_while_the_graph_is_left(
+async def test_nothing_is_said_while_the_graph_is_left(
     backend: FakeBackend, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     left: list[set[str]] = []
@@ -147,9 +148,7 @@ def test_only_so_many_are_remembered() -> None:
     assert attendance.on_join("user1") == ((POSE, PLACE),)
 
 
-async def test_what_goes_wrong_is_logged_in_ros_and_anew_by_who_comes_back(
-    bench: Bench, backend: FakeBackend
-) -> None:
+async def test_what_goes_wrong_is_logged_in_ros(bench: Bench, backend: FakeBackend) -> None:
     backend.watchers[0](graph(("subscriber", "/rosout")))
     ill = Health(stamp_ns=START_NS, service="pui", instance="pui", pid=1, warnings=("no map",))
     sent = backend.sent["/rosout"]
@@ -171,3 +170,55 @@ async def test_what_goes_wrong_is_logged_in_ros_and_anew_by_who_comes_back(
     assert b"pointit.selector" in sent[1]
     bench.bus.announce(SERVICE_ALIVE, "pui")
     await until(lambda: told(3), what="it to be said of the next one of the name")
+
+
+ROS = "tcp/127.0.0.1:7447"
+
+
+def launch(**backend: object) -> Launch:
+    config = Ros2Config(backend=BackendConfig.model_validate(backend))
+    return Launch(service=Ros2, config=config)
+
+
+@pytest.mark.parametrize(
+    "own", [ROS, "tls/localhost:7447", "tcp/[::]:7447", "tcp/0.0.0.0:7447", "tls/127.0.0.1:7447#root=/a.pem"]
+)
+def test_one_port_is_not_both(own: str) -> None:
+    with pytest.raises(ConfigError) as caught:
+        check_launches([launch()], ["tcp/other:7447", own])
+    assert str(caught.value) == (
+        f"ros2: backend.endpoint {ROS} is where this command has PointIt itself ({own}), and one port is "
+        "either ROS's router or PointIt's: say with --connect where PointIt is (a run with --ros2 is at "
+        "tcp/127.0.0.1:7448), or with backend.endpoint where ROS's router is"
+    )
+
+
+@pytest.mark.parametrize(
+    "own", ["tcp/127.0.0.1:7448", "tcp/hall:7447", "quic/127.0.0.1:7447", "serial//dev/x"]
+)
+def test_other_ports_machines_and_protocols_are_apart(own: str) -> None:
+    check_launches([launch()], [own])
+    check_apart("serial//dev/x", [own])
+
+
+def test_where_a_router_of_ros_is_matters_only_where_there_is_one() -> None:
+    check_launches([launch(kind="dds")], [ROS])
+
+
+def test_hosts_are_the_same_however_they_are_written() -> None:
+    assert place_of("tcp/Robot.local:7447") == place_of("tls/robot.local:7447?x=1")
+    assert place_of("udp/robot.local:7447") != place_of("tcp/robot.local:7447")
+
+
+@pytest.mark.parametrize("endpoint", ["foo", "7447", "tcp/127.0.0.1:70000"])
+def test_an_address_that_is_none_is_refused_before_anything_is_opened(endpoint: str) -> None:
+    with pytest.raises(
+        ConfigError, match=rf"^ros2: backend\.endpoint: '{endpoint}' is no address; write one"
+    ):
+        check_launches([launch(endpoint=endpoint)])
+
+
+@pytest.mark.parametrize("node", ["pointit", "", "/", "/a b", "/pointit\n"])
+def test_a_node_that_has_no_full_name(node: str) -> None:
+    with pytest.raises(ValidationError, match="begin with / and write letters"):
+        BackendConfig(node=node)

@@ -33,9 +33,7 @@ def found(of: RosType, matching: Matching) -> dict[str, Finding]:
         (OTHER_TYPE, "type", "nothing arrives"),
     ],
 )
-def test_whether_anything_arrives_is_told_and_what_follows(
-    of: RosType, matching: Matching, says: str
-) -> None:
+def test_whether_anything_arrives_is_told(of: RosType, matching: Matching, says: str) -> None:
     result = found(of, matching)
     about = "definition of /x" if of == OTHER else "type of /x"
     assert says in result[about].sentence
@@ -49,9 +47,7 @@ def test_rmw_zenoh_keeps_definitions_apart() -> None:
     assert len({rmw.key("/x", each) for each in (BOOL, OTHER, OTHER_TYPE)}) == 3
 
 
-async def test_dds_brings_messages_of_another_definition_and_that_is_said(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+async def test_dds_brings_messages_of_another_definition(monkeypatch: pytest.MonkeyPatch) -> None:
     wire = on_a_wire(monkeypatch)
     async with node_of_ours() as ours:
         heard: list[bytes] = []

@@ -222,7 +222,7 @@ BAD: list[tuple[str, dict[str, Any], str]] = [
 
 
 @pytest.mark.parametrize(("name", "fields", "problem"), BAD)
-def test_what_would_kill_a_ros_node_is_never_encoded(
+def test_what_would_kill_a_node_is_never_encoded(
     jazzy: Types, name: str, fields: dict[str, Any], problem: str
 ) -> None:
     with pytest.raises(ValueError, match=problem) as caught:
@@ -298,14 +298,9 @@ def test_padding_behind_is_ignored(jazzy: Types) -> None:
 @pytest.mark.parametrize(
     "name",
     [
-        "tf2_msgs/msg/TFMessage",
-        "conveyor_msgs/msg/PackageUIDList",
-        "conveyor_msgs/msg/PointerList",
-        "led_strip_msgs/msg/LedStrips",
-        "conveyor_msgs/msg/BeltCommand",
-        "std_msgs/msg/String",
-        "led_strip_msgs/msg/ColorArray",
-        "visualization_msgs/msg/MarkerArray",
+        *("tf2_msgs/msg/TFMessage", "conveyor_msgs/msg/PackageUIDList", "conveyor_msgs/msg/PointerList"),
+        *("led_strip_msgs/msg/LedStrips", "conveyor_msgs/msg/BeltCommand", "std_msgs/msg/String"),
+        *("led_strip_msgs/msg/ColorArray", "visualization_msgs/msg/MarkerArray"),
     ],
 )
 @pytest.mark.parametrize("claimed", [2**32 - 1, 2**31, 2**28, 100_000])

@@ -47,7 +47,6 @@ class Fleet:
     """The newest place of each AGV."""
 
     def __init__(self, config: AgvTrackerConfig) -> None:
-        """Begin without any."""
         self._config = config
         self._left_out = frozenset(config.leave_out)
         self._agvs: dict[str, _Agv] = {}

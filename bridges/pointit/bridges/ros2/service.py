@@ -42,7 +42,6 @@ class Ros2(Service[Ros2Config]):
     TIME_MAY_STEP: ClassVar[bool] = True
 
     def __init__(self, config: Ros2Config, context: Context) -> None:
-        """Make types and routes; subscribes when the ROS graph is joined."""
         super().__init__(config, context)
         table = _only(routes(config.routes, ros4hri=config.ros4hri), lambda route: route.enabled)
         inward = (*table.inward, *tracker_routes(config.trackers))
@@ -54,7 +53,6 @@ class Ros2(Service[Ros2Config]):
         self._people, self._services = PresenceCache("user"), PresenceCache("service")
 
     def _leave_out(self, unusable: Mapping[str, str]) -> None:
-        """Log and omit the routes of unusable types."""
         for name, why in unusable.items():
             left_out = ", ".join(route.name for route in self._table.all if route.type == name)
             sentence = f"without {left_out}: type {name} cannot be used: {why}"
@@ -170,7 +168,6 @@ def _unusable(table: Routes, types: Types) -> dict[str, str]:
 
 
 def _only(table: Routes, condition: Callable[[OutboundRoute | InboundRoute | ServiceRoute], bool]) -> Routes:
-    """Return the routes for which `condition` holds."""
     return Routes(
         tuple(route for route in table.outward if condition(route)),
         tuple(route for route in table.inward if condition(route)),

@@ -11,35 +11,22 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from pointit import plugins
 from pointit.bridges.ros2.robot.config import Ros2RobotConfig
 from pointit.bridges.ros2.robot.driver import Ros2Driver
 from pointit.bridges.ros2.robot.plugin import ROS2
 from pointit.bridges.ros2.robot.pose_input import PoseReader
 from pointit.bridges.ros2.tracking.config import PoseSource
 from pointit.bridges.ros2.types.definitions import Definitions
-from pointit.bridges.ros2.types.types import Types
-from pointit.plugins import (
-    NS_PER_S,
-    ConfigError,
-    Follow,
-    FollowPath,
-    Land,
-    LinkLost,
-    OrderStatus,
-    ReportItem,
-    RobotReport,
-    RobotSpec,
-    Stop,
-    TakeOff,
-)
 from pointit.runtime.config.config import Layers
-from tests.support.bench import START_NS, ManualClock, until
+from tests.support.bench import START_NS, until
+from tests.unit.ros2.graph_of_one import Around
 from tests.unit.ros2.robot.fake_nav2 import FakeNav2
 from tests.unit.ros2.scenes import NOW_NS, jazzy
 from tests.unit.ros2.tracking.test_trackers import ODOMETRY, POSE, TF, header, make, pose, transform
 from tests.unit.ros2.values import any_value
 
-GROUND = RobotSpec(
+GROUND = plugins.RobotSpec(
     name="agv-1",
     kind="ground",
     start_m=(0.0, 0.0, 0.0),
@@ -53,39 +40,20 @@ QUAD = dataclasses.replace(GROUND, name="quad", kind="quadrotor")
 SETPOINTS = "/mavros/setpoint_position/local"
 
 
-class Around:
-    """Surroundings of the driver."""
-
-    def __init__(self) -> None:
-        self.clock = ManualClock()
-        self.health = self
-        self.warnings: dict[str, str] = {}
-
-    def warn(self, topic: str, sentence: str) -> None:
-        self.warnings[topic] = sentence
-
-    def clear(self, topic: str) -> None:
-        self.warnings.pop(topic, None)
-
-    def set_metric(self, name: str, value: float | None, unit: str = "") -> None: ...
-
-    def reached(self, latency_s: float) -> None: ...
-
-
 class Bench:
     """A running driver in a graph in which there is only the test."""
 
     def __init__(self, graph: FakeNav2, around: Around, driver: Ros2Driver) -> None:
         self.graph, self.around, self.driver = graph, around, driver
-        self.items: list[ReportItem] = []
+        self.items: list[plugins.ReportItem] = []
 
     @property
-    def reports(self) -> list[RobotReport]:
-        return [item for item in self.items if isinstance(item, RobotReport)]
+    def reports(self) -> list[plugins.RobotReport]:
+        return [item for item in self.items if isinstance(item, plugins.RobotReport)]
 
     @property
     def news(self) -> list[tuple[int, str]]:
-        return [(item.order, item.state) for item in self.items if isinstance(item, OrderStatus)]
+        return [(item.order, item.state) for item in self.items if isinstance(item, plugins.OrderStatus)]
 
     def is_at(self, x: float, z: float = 0.0) -> None:
         """Publish the robot's pose, now."""
@@ -97,13 +65,9 @@ class Bench:
         self.graph.readers[topic](jazzy().encode(name, make(name, **fields)))
 
 
-def types_of(_distro: str) -> Types:
-    return jazzy()
-
-
 @contextlib.asynccontextmanager
 async def driving(
-    monkeypatch: pytest.MonkeyPatch, spec: RobotSpec, **parameters: Any
+    monkeypatch: pytest.MonkeyPatch, spec: plugins.RobotSpec, **parameters: Any
 ) -> AsyncGenerator[Bench]:
     graph, around = FakeNav2(), Around()
 
@@ -112,7 +76,7 @@ async def driving(
         return graph
 
     monkeypatch.setattr("pointit.bridges.ros2.robot.driver.opened", opened)
-    monkeypatch.setattr("pointit.bridges.ros2.robot.driver.Types", types_of)
+    monkeypatch.setattr("pointit.bridges.ros2.robot.driver.Types", lambda _distro: jazzy())
     config = Ros2RobotConfig.model_validate(parameters)
     made: Any = around
     bench = Bench(graph, around, Ros2Driver(config, spec, made))
@@ -130,48 +94,44 @@ TOPIC = {"pose": {"topic": "/pose"}}
 DRONE = {"control": "setpoints", **TOPIC}
 
 
-async def test_a_ground_robot_reports_drives_and_stops_when_the_driver_ends(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+async def test_a_ground_robot_reports_drives_and_stops(monkeypatch: pytest.MonkeyPatch) -> None:
     async with driving(monkeypatch, GROUND, **TOPIC) as bench:
         assert bench.graph.node == "/pointit_agv_1"
-        assert isinstance(bench.items[0], LinkLost)
-        bench.driver.command(FollowPath(1, ((1.0, 0.0, 0.0),)))
+        assert isinstance(bench.items[0], plugins.LinkLost)
+        bench.driver.command(plugins.FollowPath(1, ((1.0, 0.0, 0.0),)))
         assert bench.news == [(1, "refused")]  # it is not connected
         bench.is_at(0.5)
         assert bench.reports[-1].position_m == (0.5, 0.0, 0.0)
         assert bench.reports[-1].stamp_ns == START_NS
-        bench.driver.command(Stop(2))  # harmless
-        bench.driver.command(FollowPath(3, ((1.0, 0.0, 0.0),)))
+        bench.driver.command(plugins.Stop(2))  # harmless
+        bench.driver.command(plugins.FollowPath(3, ((1.0, 0.0, 0.0),)))
         await until(lambda: (3, "accepted") in bench.news)
         (goal,) = bench.graph.goals
     assert bench.graph.cancelled == [goal]
     assert not bench.graph.readers
 
 
-async def test_a_pose_that_fails_to_come_is_a_lost_link_until_it_comes_again(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+async def test_a_pose_that_fails_to_come_is_a_lost_link(monkeypatch: pytest.MonkeyPatch) -> None:
     async with driving(monkeypatch, GROUND, **TOPIC) as bench:
         bench.is_at(0.5)
         bench.around.clock.advance(1.1)
-        await until(lambda: isinstance(bench.items[-1], LinkLost))
+        await until(lambda: isinstance(bench.items[-1], plugins.LinkLost))
         lost = bench.items[-1]
-        assert isinstance(lost, LinkLost)
+        assert isinstance(lost, plugins.LinkLost)
         assert "no pose comes from /pose" in lost.reason
         bench.is_at(0.6)
-        assert isinstance(bench.items[-1], RobotReport)
+        assert isinstance(bench.items[-1], plugins.RobotReport)
 
 
 async def test_a_bad_pose_is_told_in_health_and_not_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     async with driving(monkeypatch, GROUND, **TOPIC) as bench:
         bench.say("/pose", POSE, header=header("moon"), pose=pose())
-        assert "no transform leads from 'moon' to 'map'" in bench.around.warnings["pose"]
+        assert "no transform leads from 'moon' to 'map'" in bench.around.now["pose"]
         bench.graph.readers["/pose"](b"\x00\x01\x00\x00short")
-        assert "was dropped" in bench.around.warnings["pose"]
+        assert "was dropped" in bench.around.now["pose"]
         assert bench.reports == []
         bench.is_at(0.0)
-        assert bench.around.warnings["pose"] == ""
+        assert bench.around.now["pose"] == ""
 
 
 async def test_the_pose_of_a_frame_comes_from_tf(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -195,13 +155,13 @@ async def test_a_drone_takes_off_follows_and_lands_by_set_points(monkeypatch: py
             bench.is_at(0.0 if at is None else at.x, 0.0 if at is None else max(at.z, 0.0))
             return -1.0 if at is None else float(at.z)
 
-        bench.driver.command(Stop(0))
-        bench.driver.command(TakeOff(1, 0.2))
+        bench.driver.command(plugins.Stop(0))
+        bench.driver.command(plugins.TakeOff(1, 0.2))
         await until(lambda: sent_z() == pytest.approx(0.2) and (1, "done") in bench.news)
         assert bench.reports[-1].is_flying
-        bench.driver.command(Follow(2, (0.1, 0.0, 0.3)))
+        bench.driver.command(plugins.Follow(2, (0.1, 0.0, 0.3)))
         await until(lambda: sent_z() == pytest.approx(0.3))
-        bench.driver.command(Land(3))
+        bench.driver.command(plugins.Land(3))
         await until(lambda: sent_z() < 0.05 and (3, "done") in bench.news)
         assert not bench.reports[-1].is_flying
         message = jazzy().decode(POSE, bench.graph.sent[SETPOINTS][-1])
@@ -220,7 +180,7 @@ async def test_a_drone_takes_off_follows_and_lands_by_set_points(monkeypatch: py
 def test_parameters_that_cannot_work_are_refused(parameters: dict[str, Any], expected: str) -> None:
     layers = Layers()
     layers.add(parameters, "site.yaml")
-    with pytest.raises(ConfigError, match=expected):
+    with pytest.raises(plugins.ConfigError, match=expected):
         layers.build(Ros2RobotConfig)
 
 
@@ -233,10 +193,10 @@ def test_parameters_that_cannot_work_are_refused(parameters: dict[str, Any], exp
     ],
 )
 def test_a_driver_that_cannot_work_is_not_made(
-    spec: RobotSpec, parameters: dict[str, Any], expected: str
+    spec: plugins.RobotSpec, parameters: dict[str, Any], expected: str
 ) -> None:
     made: Any = Around()
-    with pytest.raises(ConfigError, match=expected):
+    with pytest.raises(plugins.ConfigError, match=expected):
         Ros2Driver(Ros2RobotConfig.model_validate(parameters), spec, made)
 
 
@@ -263,8 +223,8 @@ def test_whatever_comes_as_a_pose_is_a_finite_report_or_a_sentence(name: str, da
     else:
         value.header = header("", 0)
         found = reader.message(value, NOW_NS)
-    if isinstance(found, RobotReport):
+    if isinstance(found, plugins.RobotReport):
         assert all(map(math.isfinite, (*found.position_m, *found.velocity_mps, found.yaw_rad)))
-        assert found.stamp_ns <= NOW_NS + NS_PER_S
+        assert found.stamp_ns <= NOW_NS + plugins.NS_PER_S
     else:
         assert len(found) < 300

@@ -131,7 +131,7 @@ def told(book: GoalBook, what: str | GoalStatus, goal: bytes, now_ns: int) -> li
 
 
 @given(st.lists(EVENTS, max_size=40))
-def test_whatever_comes_each_goal_ends_once_and_the_wanted_one_is_never_cancelled(
+def test_goals_end_once_and_the_wanted_one_is_never_cancelled(
     events: list[tuple[str | GoalStatus, bytes]],
 ) -> None:
     book, now_ns = GoalBook(), LATER_NS

@@ -1,26 +1,15 @@
 """Commands to a robot with Nav2: goals, and what becomes of them."""
 
 import asyncio
-import contextlib
-from collections.abc import AsyncGenerator, Callable
+from collections.abc import AsyncIterator, Callable
 
 import pytest
 
+from pointit import plugins
 from pointit.bridges.ros2.robot.config import Ros2RobotConfig
 from pointit.bridges.ros2.robot.goal_book import RESULT_NS, GoalStatus
 from pointit.bridges.ros2.robot.navigator import Navigator
 from pointit.geometry import rotation, vector
-from pointit.plugins import (
-    NS_PER_S,
-    Command,
-    Follow,
-    FollowPath,
-    Land,
-    OrderStatus,
-    ReportItem,
-    RobotReport,
-    Stop,
-)
 from tests.support.bench import START_NS, ManualClock, until
 from tests.unit.ros2.robot.fake_nav2 import ACTION, FakeNav2
 from tests.unit.ros2.scenes import jazzy
@@ -44,14 +33,14 @@ class Bench:
             on_problem=self.problems.append,
             on_distance=self.distances_m.append,
         )
-        self.navigator.on_report(RobotReport(START_NS, (0.0, 0.0, 0.0)))
+        self.navigator.on_report(plugins.RobotReport(START_NS, (0.0, 0.0, 0.0)))
 
-    def _on_report(self, item: ReportItem) -> None:
-        assert isinstance(item, OrderStatus)
+    def _on_report(self, item: plugins.ReportItem) -> None:
+        assert isinstance(item, plugins.OrderStatus)
         self.news.append((item.order, item.state))
         self.reasons.append(item.reason)
 
-    async def told(self, command: Command, goals: int) -> bytes:
+    async def told(self, command: plugins.Command, goals: int) -> bytes:
         """Give a command, wait for so many goals at the server, and return the newest."""
         self.navigator.command(command)
         await until(lambda: len(self.nav2.goals) == goals)
@@ -69,14 +58,12 @@ async def settled() -> None:
         await asyncio.sleep(0)
 
 
-@contextlib.asynccontextmanager
-async def navigating() -> AsyncGenerator[Bench]:
-    bench = Bench()
-    try:
-        yield bench
-    finally:
-        await bench.navigator.close()
-    assert not bench.nav2.readers
+@pytest.fixture
+async def bench() -> AsyncIterator[Bench]:
+    made = Bench()
+    yield made
+    await made.navigator.close()
+    assert not made.nav2.readers
 
 
 def heading(bench: Bench, goal: bytes) -> float:
@@ -84,163 +71,149 @@ def heading(bench: Bench, goal: bytes) -> float:
     return vector.azimuth(rotation.rotate((turned.x, turned.y, turned.z, turned.w), (1.0, 0.0, 0.0)))
 
 
-async def test_a_path_is_one_goal_after_the_other_and_done_at_the_last() -> None:
-    async with navigating() as bench:
-        first = await bench.told(FollowPath(1, ((0.0, 1.0, 0.0), (2.0, 2.0, 0.0)), yaw_rad=0.5), 1)
-        pose = bench.nav2.goals[first].pose
-        assert (pose.header.frame_id, pose.header.stamp.sec) == ("map", START_NS // NS_PER_S)
-        assert abs(heading(bench, first) - 1.5707963) < 1e-6  # the way there
-        bench.nav2.feedback(first)
-        assert bench.distances_m == [0.75]
-        bench.nav2.end(first, GoalStatus.SUCCEEDED)
-        await until(lambda: len(bench.nav2.goals) == 2)
-        second = list(bench.nav2.goals)[-1]
-        assert abs(heading(bench, second) - 0.5) < 1e-6
-        await settled()
-        assert bench.news == [(1, "accepted"), (1, "active"), (1, "accepted")]
-        bench.nav2.end(second, GoalStatus.SUCCEEDED)
-        await until(lambda: (1, "done") in bench.news)
-        assert bench.nav2.places_m == [(0.0, 1.0, 0.0), (2.0, 2.0, 0.0)]
-        bench.passes(9.0)
-        await settled()
-        assert bench.nav2.cancelled == []
+async def test_a_path_is_one_goal_after_the_other_and_done_at_the_last(bench: Bench) -> None:
+    first = await bench.told(plugins.FollowPath(1, ((0.0, 1.0, 0.0), (2.0, 2.0, 0.0)), yaw_rad=0.5), 1)
+    pose = bench.nav2.goals[first].pose
+    assert (pose.header.frame_id, pose.header.stamp.sec) == ("map", START_NS // plugins.NS_PER_S)
+    assert abs(heading(bench, first) - 1.5707963) < 1e-6  # the way there
+    bench.nav2.feedback(first)
+    assert bench.distances_m == [0.75]
+    bench.nav2.end(first, GoalStatus.SUCCEEDED)
+    await until(lambda: len(bench.nav2.goals) == 2)
+    second = list(bench.nav2.goals)[-1]
+    assert abs(heading(bench, second) - 0.5) < 1e-6
+    await settled()
+    assert bench.news == [(1, "accepted"), (1, "active"), (1, "accepted")]
+    bench.nav2.end(second, GoalStatus.SUCCEEDED)
+    await until(lambda: (1, "done") in bench.news)
+    assert bench.nav2.places_m == [(0.0, 1.0, 0.0), (2.0, 2.0, 0.0)]
+    bench.passes(9.0)
+    await settled()
+    assert bench.nav2.cancelled == []
 
 
-async def test_a_stop_cancels_the_goal_and_the_rest_of_the_path() -> None:
-    async with navigating() as bench:
-        goal = await bench.told(FollowPath(1, ((1.0, 0.0, 0.0), (2.0, 0.0, 0.0))), 1)
-        bench.navigator.command(Stop(2))
-        await until(lambda: bench.nav2.cancelled == [goal])
-        await settled()
-        bench.passes(9.0)
-        await settled()
-        assert len(bench.nav2.goals) == 1
-        assert bench.nav2.cancelled == [goal]
-        assert bench.news == [(1, "accepted")]
+async def test_a_stop_cancels_the_goal_and_the_rest_of_the_path(bench: Bench) -> None:
+    goal = await bench.told(plugins.FollowPath(1, ((1.0, 0.0, 0.0), (2.0, 0.0, 0.0))), 1)
+    bench.navigator.command(plugins.Stop(2))
+    await until(lambda: bench.nav2.cancelled == [goal])
+    await settled()
+    bench.passes(9.0)
+    await settled()
+    assert len(bench.nav2.goals) == 1
+    assert bench.nav2.cancelled == [goal]
+    assert bench.news == [(1, "accepted")]
 
 
-async def test_a_stop_cancels_goals_that_others_have_sent_until_the_server_answers() -> None:
-    async with navigating() as bench:
-        foreign = bench.nav2.ends[b"crashed earlier."] = asyncio.get_running_loop().create_future()
-        bench.nav2.clear_failures = 1
-        bench.navigator.command(Stop(1))
-        await until(lambda: bench.nav2.clears == 1)
-        await settled()
-        bench.passes(0.1)
-        await settled()
-        assert (bench.nav2.clears, foreign.done()) == (1, False)
-        bench.passes(0.5)
-        await until(foreign.done)
-        await settled()
-        bench.passes(9.0)
-        await settled()
-        assert bench.nav2.clears == 2
-        assert bench.news == []
+async def test_a_stop_cancels_goals_that_others_have_sent_until_the_server_answers(bench: Bench) -> None:
+    foreign = bench.nav2.ends[b"crashed earlier."] = asyncio.get_running_loop().create_future()
+    bench.nav2.clear_failures = 1
+    bench.navigator.command(plugins.Stop(1))
+    await until(lambda: bench.nav2.clears == 1)
+    await settled()
+    bench.passes(0.1)
+    await settled()
+    assert (bench.nav2.clears, foreign.done()) == (1, False)
+    bench.passes(0.5)
+    await until(foreign.done)
+    await settled()
+    bench.passes(9.0)
+    await settled()
+    assert bench.nav2.clears == 2
+    assert bench.news == []
 
 
-async def test_a_goal_after_a_stop_waits_until_all_others_are_cancelled() -> None:
-    async with navigating() as bench:
-        bench.nav2.clear_gate = asyncio.Event()
-        bench.navigator.command(Stop(1))
-        await until(lambda: bench.nav2.clears == 1)
-        bench.navigator.command(FollowPath(2, ((1.0, 0.0, 0.0),)))
-        bench.navigator.command(FollowPath(3, ((2.0, 0.0, 0.0),)))
-        await settled()
-        assert bench.nav2.goals == {}
-        bench.nav2.clear_gate.set()
-        await until(lambda: bench.news == [(3, "accepted")])
-        assert bench.nav2.places_m == [(2.0, 0.0, 0.0)]
-        assert not next(iter(bench.nav2.ends.values())).done()
+async def test_a_goal_after_a_stop_waits_until_all_others_are_cancelled(bench: Bench) -> None:
+    bench.nav2.clear_gate = asyncio.Event()
+    bench.navigator.command(plugins.Stop(1))
+    await until(lambda: bench.nav2.clears == 1)
+    bench.navigator.command(plugins.FollowPath(2, ((1.0, 0.0, 0.0),)))
+    bench.navigator.command(plugins.FollowPath(3, ((2.0, 0.0, 0.0),)))
+    await settled()
+    assert bench.nav2.goals == {}
+    bench.nav2.clear_gate.set()
+    await until(lambda: bench.news == [(3, "accepted")])
+    assert bench.nav2.places_m == [(2.0, 0.0, 0.0)]
+    assert not next(iter(bench.nav2.ends.values())).done()
 
 
-async def test_a_goal_whose_acceptance_comes_after_the_stop_is_cancelled_then() -> None:
-    async with navigating() as bench:
-        bench.nav2.gate = asyncio.Event()
-        goal = await bench.told(FollowPath(1, ((1.0, 0.0, 0.0),)), 1)
-        bench.navigator.command(Stop(2))
-        await until(lambda: bench.nav2.cancelled == [goal])  # unknown to the server as yet
-        bench.nav2.gate.set()
-        await until(lambda: bench.nav2.cancelled == [goal, goal])
-        await settled()
-        assert bench.nav2.ends[goal].done()
-        assert bench.news == []
+async def test_a_goal_whose_acceptance_comes_after_the_stop_is_cancelled_then(bench: Bench) -> None:
+    bench.nav2.gate = asyncio.Event()
+    goal = await bench.told(plugins.FollowPath(1, ((1.0, 0.0, 0.0),)), 1)
+    bench.navigator.command(plugins.Stop(2))
+    await until(lambda: bench.nav2.cancelled == [goal])  # unknown to the server as yet
+    bench.nav2.gate.set()
+    await until(lambda: bench.nav2.cancelled == [goal, goal])
+    await settled()
+    assert bench.nav2.ends[goal].done()
+    assert bench.news == []
 
 
-async def test_a_refusal_and_a_failure_say_why() -> None:
-    async with navigating() as bench:
-        bench.nav2.accepts = False
-        await bench.told(FollowPath(1, ((1.0, 0.0, 0.0),)), 1)
-        assert bench.news == [(1, "refused")]
-        assert "/navigate_to_pose refused the goal" in bench.reasons[-1]
-        bench.nav2.accepts = True
-        goal = await bench.told(FollowPath(2, ((1.0, 0.0, 0.0),)), 2)
-        bench.nav2.end(goal, GoalStatus.ABORTED, error_code=208)
-        await until(lambda: (2, "failed") in bench.news)
-        assert bench.reasons[-1] == "Nav2 gave up: error 208"
+async def test_a_refusal_and_a_failure_say_why(bench: Bench) -> None:
+    bench.nav2.accepts = False
+    await bench.told(plugins.FollowPath(1, ((1.0, 0.0, 0.0),)), 1)
+    assert bench.news == [(1, "refused")]
+    assert "/navigate_to_pose refused the goal" in bench.reasons[-1]
+    bench.nav2.accepts = True
+    goal = await bench.told(plugins.FollowPath(2, ((1.0, 0.0, 0.0),)), 2)
+    bench.nav2.end(goal, GoalStatus.ABORTED, error_code=208)
+    await until(lambda: (2, "failed") in bench.news)
+    assert bench.reasons[-1] == "Nav2 gave up: error 208"
 
 
-async def test_a_server_that_does_not_answer_is_told_and_its_goal_cancelled_should_it_turn_up() -> None:
-    async with navigating() as bench:
-        bench.nav2.is_silent = True
-        goal = await bench.told(FollowPath(1, ((1.0, 0.0, 0.0),)), 1)
-        assert bench.news == [(1, "failed")]
-        assert "did not answer" in bench.reasons[-1]
-        bench.passes(1.0)
-        await until(lambda: bench.nav2.cancelled == [goal])
+async def test_a_server_that_does_not_answer_is_told_and_its_goal_cancelled_should_it_turn_up(
+    bench: Bench,
+) -> None:
+    bench.nav2.is_silent = True
+    goal = await bench.told(plugins.FollowPath(1, ((1.0, 0.0, 0.0),)), 1)
+    assert bench.news == [(1, "failed")]
+    assert "did not answer" in bench.reasons[-1]
+    bench.passes(1.0)
+    await until(lambda: bench.nav2.cancelled == [goal])
 
 
-async def test_an_end_that_only_the_status_topic_tells_is_told_late() -> None:
-    async with navigating() as bench:
-        goal = await bench.told(FollowPath(1, ((1.0, 0.0, 0.0),)), 1)
-        bench.nav2.status((goal, GoalStatus.ABORTED))
-        assert bench.news == [(1, "accepted")]
-        bench.passes(RESULT_NS / NS_PER_S)
-        assert bench.news == [(1, "accepted"), (1, "failed")]
-        bench.nav2.end(goal, GoalStatus.ABORTED)  # twice
-        await settled()
-        assert len(bench.news) == 2
+async def test_an_end_that_only_the_status_topic_tells_is_told_late(bench: Bench) -> None:
+    goal = await bench.told(plugins.FollowPath(1, ((1.0, 0.0, 0.0),)), 1)
+    bench.nav2.status((goal, GoalStatus.ABORTED))
+    assert bench.news == [(1, "accepted")]
+    bench.passes(RESULT_NS / plugins.NS_PER_S)
+    assert bench.news == [(1, "accepted"), (1, "failed")]
+    bench.nav2.end(goal, GoalStatus.ABORTED)  # twice
+    await settled()
+    assert len(bench.news) == 2
 
 
-async def test_a_place_that_moves_is_a_new_goal_once_a_second() -> None:
-    async with navigating() as bench:
-        bench.passes(1.0)
-        await bench.told(Follow(1, (1.0, 0.0, 0.0)), 1)
-        for count in range(20):
-            bench.navigator.command(Follow(2 + count, (1.0 + 0.05 * count, 0.0, 0.0)))
-        await settled()
-        assert bench.nav2.places_m == [(1.0, 0.0, 0.0)]
-        bench.passes(1.0)
-        await until(lambda: len(bench.nav2.goals) == 2)
-        assert bench.nav2.places_m[-1] == pytest.approx((1.95, 0.0, 0.0))
-        bench.navigator.command(Follow(40, (2.0, 0.0, 0.0)))  # hardly any farther
-        bench.passes(1.0)
-        await settled()
-        assert len(bench.nav2.goals) == 2
-        assert bench.news == []  # who follows a cursor is told of no single goal
-        old = next(iter(bench.nav2.goals))
-        bench.passes(1.1)
-        await until(lambda: bench.nav2.cancelled == [old])  # this server does not end it by itself
+async def test_a_place_that_moves_is_a_new_goal_once_a_second(bench: Bench) -> None:
+    bench.passes(1.0)
+    await bench.told(plugins.Follow(1, (1.0, 0.0, 0.0)), 1)
+    for count in range(20):
+        bench.navigator.command(plugins.Follow(2 + count, (1.0 + 0.05 * count, 0.0, 0.0)))
+    await settled()
+    assert bench.nav2.places_m == [(1.0, 0.0, 0.0)]
+    bench.passes(1.0)
+    await until(lambda: len(bench.nav2.goals) == 2)
+    assert bench.nav2.places_m[-1] == pytest.approx((1.95, 0.0, 0.0))
+    bench.navigator.command(plugins.Follow(40, (2.0, 0.0, 0.0)))  # hardly any farther
+    bench.passes(1.0)
+    await settled()
+    assert len(bench.nav2.goals) == 2
+    assert bench.news == []  # who follows a cursor is told of no single goal
+    old = next(iter(bench.nav2.goals))
+    bench.passes(1.1)
+    await until(lambda: bench.nav2.cancelled == [old])  # this server does not end it by itself
 
 
-async def test_a_robot_with_nav2_does_not_land() -> None:
-    async with navigating() as bench:
-        bench.navigator.command(Land(1))
-        assert bench.news == [(1, "refused")]
-
-
-async def test_leaving_cancels_the_goal() -> None:
-    bench = Bench()
-    goal = await bench.told(FollowPath(1, ((1.0, 0.0, 0.0),)), 1)
+async def test_a_robot_with_nav2_does_not_land_and_leaving_cancels_its_goal(bench: Bench) -> None:
+    bench.navigator.command(plugins.Land(1))
+    assert bench.news == [(1, "refused")]
+    goal = await bench.told(plugins.FollowPath(2, ((1.0, 0.0, 0.0),)), 1)
     await bench.navigator.close()
     assert bench.nav2.cancelled == [goal]
-    assert not bench.nav2.readers
 
 
-async def test_unreadable_bytes_of_the_server_are_a_problem_and_no_news() -> None:
-    async with navigating() as bench:
-        say: Callable[[bytes], None] = bench.nav2.readers[f"{ACTION}/status"]
-        say(b"\x00\x01\x00\x00\xff\xff\xff\xff")
-        bench.nav2.readers[f"{ACTION}/feedback"](b"")
-        assert len(bench.problems) == 2
-        assert all("was dropped" in each for each in bench.problems)
-        assert bench.news == []
+async def test_unreadable_bytes_of_the_server_are_a_problem_and_no_news(bench: Bench) -> None:
+    say: Callable[[bytes], None] = bench.nav2.readers[f"{ACTION}/status"]
+    say(b"\x00\x01\x00\x00\xff\xff\xff\xff")
+    bench.nav2.readers[f"{ACTION}/feedback"](b"")
+    assert len(bench.problems) == 2
+    assert all("was dropped" in each for each in bench.problems)
+    assert bench.news == []

@@ -238,9 +238,7 @@ async def test_a_frame_of_the_map_needs_no_transform() -> None:
         ({"header": header("world"), "pose": pose(1e7)}, "is not a position"),
     ],
 )
-async def test_bad_poses_are_refused_with_one_sentence_until_a_good_one_comes(
-    bad: dict[str, Any], expected: str
-) -> None:
+async def test_bad_poses_are_refused_with_one_sentence(bad: dict[str, Any], expected: str) -> None:
     async with tracking() as (bridge, seen):
         bridge.say("/agv1/pose", POSE, **bad)
         (warning,) = bridge.warnings()

@@ -45,6 +45,15 @@ class BackendWarnings:
         self._warnings.warn(about, sentence)
         self._passing[about] = self._loop.call_later(QUIET_S, self._fade, about)
 
+    def show_losses(self, topic: str, oversized: int, overrun: int, max_bytes: int) -> None:
+        """Show briefly how many messages on `topic` were too long or came too fast."""
+        reasons = (
+            f"{oversized} were longer than {max_bytes} bytes" if oversized else "",
+            f"{overrun} came faster than they could be handled" if overrun else "",
+        )
+        dropped = f"dropped messages on {topic}: {' and '.join(each for each in reasons if each)}"
+        self.show_briefly(f"losses of {topic}", dropped)
+
     def show(self, about: str, sentence: str) -> None:
         """Show a warning until `clear`; `about` must not be of another kind of warning."""
         if about not in self._held:

@@ -24,9 +24,6 @@ log = logging.getLogger(__name__)
 
 REMEDY = "start one with `ros2 run rmw_zenoh_cpp rmw_zenohd`, or set mode to router to be it"
 
-NEEDS = "they need RMW_IMPLEMENTATION=rmw_zenoh_cpp, the same ROS_DOMAIN_ID and the same router"
-"""Conditions for other nodes to be seen."""
-
 LOOPBACK = ("127.0.0.1", "::1", "localhost")
 ANSWER_S = 1.0
 """Time (s) within which a router on this machine accepts a connection."""
@@ -92,24 +89,13 @@ async def opened(
             domain=config.domain_id,
             enclave=BRIDGE if is_bridge else ENCLAVE,
         )
-        backend = ZenohBackend(
-            session,
-            dialect,
-            warnings,
-            node=config.node,
-            domain=config.domain_id,
-            distro=config.distro,
-            now_ns=now_ns,
-            max_bytes=config.max_message_bytes,
-            needs=NEEDS,
-        )
+        return ZenohBackend(session, dialect, warnings, config, now_ns)
     except ValueError as error:
         await session.close()
         raise ConfigError(f"node: {error}") from error
     except BaseException:
         await session.close()
         raise
-    return backend
 
 
 async def _mode_at(endpoint: str) -> Literal["peer", "router"]:

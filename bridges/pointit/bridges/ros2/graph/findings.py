@@ -78,7 +78,6 @@ def findings(
 
 
 def _bridges(others: Iterable[Endpoint], domain: int) -> list[Finding]:
-    """Return a finding if another PointIt is among `others`."""
     names = sorted({short(each.node) for each in others if each.is_bridge})
     if not names:
         return []
@@ -93,7 +92,6 @@ def _bridges(others: Iterable[Endpoint], domain: int) -> list[Finding]:
 
 
 def _generations(others: Iterable[Endpoint], distro: str) -> list[Finding]:
-    """Return findings about nodes of a distribution with other type hashes."""
     is_humble = distro == "humble"
     other = [each for each in others if each.type.hash and (each.type.hash == NO_HASH) != is_humble]
     if not other:
@@ -112,7 +110,6 @@ def _generations(others: Iterable[Endpoint], distro: str) -> list[Finding]:
 
 
 def _types(mine: Endpoint, counterparts: Iterable[Endpoint], matching: Matching) -> list[Finding]:
-    """Return findings about other types or definitions under names of ours."""
     found: list[Finding] = []
     strangers = [each for each in counterparts if each.type.name != mine.type.name]
     if strangers:
@@ -180,7 +177,6 @@ def _is_too_forgetful(writer: Qos, reader: Qos) -> bool:
 def _domains(
     counterparts: Counterparts, elsewhere: Iterable[Endpoint], domain: int, *, is_lonely: bool
 ) -> list[Finding]:
-    """Return findings about endpoints for us in other domains."""
     found = list(elsewhere)
     if not is_lonely:  # another robot's domain is normal, unless it has endpoints for us
         missing = {_wanted(mine) for mine, theirs in counterparts.items() if not theirs}
@@ -199,7 +195,6 @@ def _domains(
 
 
 def _unseen(graph: Graph) -> list[Finding]:
-    """Return findings about exchanged messages with nodes that no token names."""
     exchanged = [
         f"{listed(names)} {'is' if len(names) == 1 else 'are'} {what} by"
         for kind, what in (("subscriber", "read"), ("publisher", "written"))
@@ -221,7 +216,6 @@ def _nobody(where: str) -> Finding:
 
 
 def _lonely(counterparts: Counterparts, matching: Matching, graph: Graph) -> list[Finding]:
-    """Return notes about topics of ours without a counterpart."""
     found: list[Finding] = []
     kinds: tuple[tuple[EndpointKind, str], ...] = (
         ("publisher", "subscribes to"),

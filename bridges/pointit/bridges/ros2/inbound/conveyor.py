@@ -16,14 +16,7 @@ from pointit.schemas import (
     SetFeeding,
     SetSpeed,
     SetYawOrigin,
-)
-from pointit.schemas.topics import (
-    ADD_PACKAGE,
-    RESET_CONVEYOR,
-    SET_BRIGHTNESS,
-    SET_FEEDING,
-    SET_SPEED,
-    SET_YAW_ORIGIN,
+    topics,
 )
 
 ALL = "*"
@@ -69,7 +62,7 @@ def belt_command(value: Any, about: ConversionContext) -> Taken:
 
 def feed(value: Any, _about: ConversionContext) -> Taken:
     """Convert a std_msgs/Bool: start or stop the feeders."""
-    return (BusOutput(SET_FEEDING, "", SetFeeding(feeding=bool(value.data))),)
+    return (BusOutput(topics.SET_FEEDING, "", SetFeeding(feeding=bool(value.data))),)
 
 
 def add_package(value: Any, about: ConversionContext) -> Taken:
@@ -77,7 +70,7 @@ def add_package(value: Any, about: ConversionContext) -> Taken:
     kind = about.scene.kinds.kind(int(value.data))
     if kind is None:
         return (ConversionWarning(_no_kind("/add_package", int(value.data), about)),)
-    return (BusOutput(ADD_PACKAGE, "", AddPackage(kind=kind)),)
+    return (BusOutput(topics.ADD_PACKAGE, "", AddPackage(kind=kind)),)
 
 
 class AddPack:
@@ -109,7 +102,7 @@ class AddPack:
         self._open[uid] = request
         scene.uids.reserve(uid)
         return BusOutput(
-            ADD_PACKAGE,
+            topics.ADD_PACKAGE,
             "",
             AddPackage(kind=kind, lane=lanes[belt], position=None if is_at_start else position),
         )
@@ -135,7 +128,7 @@ def set_belt_speed(request: Any, _about: ConversionContext) -> BusOutput | Conve
 
 def reset(_request: Any, _about: ConversionContext) -> BusOutput | ConversionWarning:
     """Convert a request to empty the conveyor."""
-    return BusOutput(RESET_CONVEYOR, "", ResetConveyor())
+    return BusOutput(topics.RESET_CONVEYOR, "", ResetConveyor())
 
 
 def set_brightness(request: Any, about: ConversionContext) -> BusOutput | ConversionWarning:
@@ -155,26 +148,17 @@ def set_brightness(request: Any, about: ConversionContext) -> BusOutput | Conver
                 f"{EVERY_STRIP} means all"
             )
     return BusOutput(
-        SET_BRIGHTNESS, "", SetBrightness(brightness=min(max(brightness, 0.0), 1.0), strips=strips)
+        topics.SET_BRIGHTNESS, "", SetBrightness(brightness=min(max(brightness, 0.0), 1.0), strips=strips)
     )
 
 
 def set_yaw_origin(_request: Any, about: ConversionContext) -> BusOutput | ConversionWarning:
     """Convert a request to make the arm's current direction x of {H}."""
-    return BusOutput(SET_YAW_ORIGIN, about.name, SetYawOrigin())
-
-
-def empty(kind: str) -> Any:
-    """Return a converter of our reply to the response type `kind`, which has no fields."""
-
-    def answers(_request: Any, _reply: Reply | None, about: ConversionContext) -> Any:
-        return about.scene.types.make(kind)
-
-    return answers
+    return BusOutput(topics.SET_YAW_ORIGIN, about.name, SetYawOrigin())
 
 
 def _at_speed(speed_mps: float, belts: tuple[str, ...] = ()) -> BusOutput:
-    return BusOutput(SET_SPEED, "", SetSpeed(speed_mps=speed_mps, belts=belts))
+    return BusOutput(topics.SET_SPEED, "", SetSpeed(speed_mps=speed_mps, belts=belts))
 
 
 def _too_fast(who: str, speed_mps: float) -> str:

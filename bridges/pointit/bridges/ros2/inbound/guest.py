@@ -132,7 +132,6 @@ def _stranger(name: str) -> ConversionWarning:
 
 
 def _look(value: Any, user: str) -> _Look | str:
-    """Return the cursor's appearance, or the rejection."""
     channels = [float(each) for each in (value.pointer_color.r, value.pointer_color.g, value.pointer_color.b)]
     width_m, colormap = float(value.pointer_size), value.pointer_cmap
     if not all(map(math.isfinite, channels)):

@@ -121,12 +121,17 @@ class Poses:
         return () if each is None else self._stands(each, about.name, about)
 
     def _stands(self, each: Any, user: str, about: ConversionContext) -> Taken:
-        """Return the pose by a transform of /tf_static. A guest has no localizer to query."""
-        if user not in about.scene.guests:
-            return (_stands(each, user, about),)
-        about.scene.person(user).tf_until_ns = FOR_EVER_NS
+        """Return the pose by a transform of /tf_static, or a warning. A guest has no localizer to query."""
         moved, now = each.transform, about.scene.types.make("builtin_interfaces/msg/Time")
-        return self._pose(moved.translation, moved.rotation, now, about._replace(name=user))
+        if user in about.scene.guests:
+            about.scene.person(user).tf_until_ns = FOR_EVER_NS
+            return self._pose(moved.translation, moved.rotation, now, about._replace(name=user))
+        found = _placed(moved.translation, moved.rotation, user)
+        if isinstance(found, str):
+            return (ConversionWarning(found),)
+        about.scene.person(user).tf_until_ns = FOR_EVER_NS
+        position_m, yaw_rad = found
+        return (BusOutput(SET_POSE, user, SetPose(position_m=position_m, yaw_rad=yaw_rad)),)
 
     def _moving(self, value: Any, about: ConversionContext) -> Iterator[BusOutput | ConversionWarning]:
         for each, user in _of_people(value, about):
@@ -166,16 +171,6 @@ def _of_people(value: Any, about: ConversionContext) -> Iterator[tuple[Any, str]
         user = frames.get(each.child_frame_id)
         if user is not None and each.header.frame_id == about.frame:
             yield each, user
-
-
-def _stands(each: Any, user: str, about: ConversionContext) -> BusOutput | ConversionWarning:
-    """Return the pose by a transform of /tf_static, or a warning."""
-    found = _placed(each.transform.translation, each.transform.rotation, user)
-    if isinstance(found, str):
-        return ConversionWarning(found)
-    position_m, yaw_rad = found
-    about.scene.person(user).tf_until_ns = FOR_EVER_NS
-    return BusOutput(SET_POSE, user, SetPose(position_m=position_m, yaw_rad=yaw_rad))
 
 
 def _placed(at: Any, turned: Any, user: str) -> tuple[tuple[float, float, float], float] | str:

@@ -19,19 +19,12 @@ _NONE = np.empty(0, dtype=np.uint32)
 def packages(_message: Message, about: ConversionContext) -> Converted:
     """Return the objects of all trackers on belts and strips. The message has no place for others."""
     scene = about.scene
-    types = scene.types
     made: list[Any] = []
     for item in scene.tracked():
         place = _along(scene, item.surface, item.surface_id, item.surface_position_m)
         if place is not None and len(made) < MAX_PACKAGES:
             made.append(_package(scene, item, place))
-    return (
-        types.make(
-            "conveyor_msgs/msg/PackageList",
-            header=values.header(types, about.stamp_ns, about.frame),
-            packages=made,
-        ),
-    )
+    return values.stamped(about, "conveyor_msgs/msg/PackageList", packages=made)
 
 
 def selected(selection: Selection, about: ConversionContext) -> Converted:

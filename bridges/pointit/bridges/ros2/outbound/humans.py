@@ -6,7 +6,6 @@ docs/how-to/ros4hri.md.
 """
 
 import math
-from typing import Any
 
 from pointit.bridges.ros2.outbound import values
 from pointit.bridges.ros2.outbound.person import transforms
@@ -169,18 +168,3 @@ def _eyes_m(about: ConversionContext) -> float:
 
 def _facing(place: UserPose, about: ConversionContext) -> rotation.Quaternion:
     return rotation.from_yaw(place.yaw_rad + about.scene.person(about.name).facing_rad)
-
-
-def no_ids(types: Any) -> Any:
-    """Return an empty list."""
-    return types.make("hri_msgs/msg/IdsList")
-
-
-def no_body(types: Any) -> Any:
-    """Return the ID of no body."""
-    return types.make("std_msgs/msg/String")
-
-
-def nowhere(types: Any) -> Any:
-    """Return the confidence of an unknown location."""
-    return types.make("std_msgs/msg/Float32")

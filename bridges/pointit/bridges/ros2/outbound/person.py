@@ -40,14 +40,8 @@ def pointing_ray(ray: PointingRay, about: ConversionContext) -> Converted:
 
 def rotation_of_arm(sample: ImuSample, about: ConversionContext) -> Converted:
     """Return the arm's orientation in {H}."""
-    types = about.scene.types
-    return (
-        types.make(
-            "geometry_msgs/msg/QuaternionStamped",
-            header=values.header(types, about.stamp_ns, about.frame),
-            quaternion=values.quaternion(types, sample.orientation_xyzw),
-        ),
-    )
+    turned = values.quaternion(about.scene.types, sample.orientation_xyzw)
+    return values.stamped(about, "geometry_msgs/msg/QuaternionStamped", quaternion=turned)
 
 
 def imu(sample: ImuSample, about: ConversionContext) -> Converted:
@@ -56,17 +50,15 @@ def imu(sample: ImuSample, about: ConversionContext) -> Converted:
     turned = sample.orientation_xyzw
     turning, push = sample.angular_velocity_radps, sample.acceleration_mps2
     nothing = (0.0, 0.0, 0.0)
-    return (
-        types.make(
-            "sensor_msgs/msg/Imu",
-            header=values.header(types, about.stamp_ns, about.frame),
-            orientation=values.quaternion(types, turned),
-            orientation_covariance=_ZEROS,
-            angular_velocity=values.vector3(types, rotation.rotate(turned, turning or nothing)),
-            angular_velocity_covariance=_UNKNOWN if turning is None else _ZEROS,
-            linear_acceleration=values.vector3(types, rotation.rotate(turned, push or nothing)),
-            linear_acceleration_covariance=_UNKNOWN if push is None else _ZEROS,
-        ),
+    return values.stamped(
+        about,
+        "sensor_msgs/msg/Imu",
+        orientation=values.quaternion(types, turned),
+        orientation_covariance=_ZEROS,
+        angular_velocity=values.vector3(types, rotation.rotate(turned, turning or nothing)),
+        angular_velocity_covariance=_UNKNOWN if turning is None else _ZEROS,
+        linear_acceleration=values.vector3(types, rotation.rotate(turned, push or nothing)),
+        linear_acceleration_covariance=_UNKNOWN if push is None else _ZEROS,
     )
 
 
@@ -82,18 +74,9 @@ def pose_with_covariance(place: UserPose, about: ConversionContext) -> Converted
     spread[np.ix_((0, 1, 5), (0, 1, 5))] = np.array(place.covariance).reshape(3, 3)
     spread[2, 2] = place.z_sigma_m**2
     np.fill_diagonal(spread, np.maximum(spread.diagonal(), _MIN_VARIANCES))
-    turned = rotation.from_yaw(place.yaw_rad)
-    return (
-        types.make(
-            "geometry_msgs/msg/PoseWithCovarianceStamped",
-            header=values.header(types, about.stamp_ns, about.frame),
-            pose=types.make(
-                "geometry_msgs/msg/PoseWithCovariance",
-                pose=values.pose(types, place.position_m, turned),
-                covariance=spread.ravel(),
-            ),
-        ),
-    )
+    stands = values.pose(types, place.position_m, rotation.from_yaw(place.yaw_rad))
+    known = types.make("geometry_msgs/msg/PoseWithCovariance", pose=stands, covariance=spread.ravel())
+    return values.stamped(about, "geometry_msgs/msg/PoseWithCovarianceStamped", pose=known)
 
 
 def transform(place: UserPose, about: ConversionContext) -> Converted:
@@ -130,14 +113,8 @@ def cursor(spot: Cursor, about: ConversionContext) -> Converted:
     """Return the point where the ray meets the room; nothing if it does not."""
     if spot.point_m is None:
         return ()
-    types = about.scene.types
-    return (
-        types.make(
-            "geometry_msgs/msg/PointStamped",
-            header=values.header(types, about.stamp_ns, about.frame),
-            point=values.point(types, spot.point_m),
-        ),
-    )
+    point = values.point(about.scene.types, spot.point_m)
+    return values.stamped(about, "geometry_msgs/msg/PointStamped", point=point)
 
 
 def goal(wish: Goal, about: ConversionContext) -> Converted:
@@ -156,11 +133,8 @@ def button(event: ButtonEvent, about: ConversionContext) -> Converted:
 
 def state(interaction: Interaction, about: ConversionContext) -> Converted:
     """Return the state of the interaction, as a transition of the ROS toolkit's supervisor."""
-    return (
-        about.scene.types.make(
-            "conveyor_msgs/msg/State", node_name=SUPERVISOR, state=STATES[interaction.state]
-        ),
-    )
+    make, told = about.scene.types.make, STATES[interaction.state]
+    return (make("conveyor_msgs/msg/State", node_name=SUPERVISOR, state=told),)
 
 
 def is_pointing(interaction: Interaction, about: ConversionContext) -> Converted:
@@ -185,11 +159,5 @@ def subscription(interaction: Interaction, about: ConversionContext) -> Converte
 
 
 def _stamped_pose(about: ConversionContext, place_m: Vec3, turned: rotation.Quaternion) -> Converted:
-    types = about.scene.types
-    return (
-        types.make(
-            "geometry_msgs/msg/PoseStamped",
-            header=values.header(types, about.stamp_ns, about.frame),
-            pose=values.pose(types, place_m, turned),
-        ),
-    )
+    pose = values.pose(about.scene.types, place_m, turned)
+    return values.stamped(about, "geometry_msgs/msg/PoseStamped", pose=pose)

@@ -102,7 +102,6 @@ class Rosout:
     """Reports new and ended findings of each service once."""
 
     def __init__(self) -> None:
-        """Begin without findings."""
         self._services: dict[str, _Service] = {}
         self._gone: collections.OrderedDict[str, int] = collections.OrderedDict()
         """Spent bursts of services that are gone: a crash loop gets no new burst."""

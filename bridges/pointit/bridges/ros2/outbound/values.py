@@ -2,6 +2,7 @@
 
 from typing import Any
 
+from pointit.bridges.ros2.routing.route_types import ConversionContext, Converted
 from pointit.bridges.ros2.types.types import Types
 from pointit.geometry.rotation import Quaternion
 from pointit.geometry.vector import Vec3
@@ -26,6 +27,12 @@ def time(types: Types, stamp_ns: int) -> Any:
 def header(types: Types, stamp_ns: int, frame: str) -> Any:
     """Return a header."""
     return types.make("std_msgs/msg/Header", stamp=time(types, stamp_ns), frame_id=frame)
+
+
+def stamped(about: ConversionContext, kind: str, **fields: Any) -> Converted:
+    """Return a message of type `kind` with the header of `about` and these fields."""
+    types = about.scene.types
+    return (types.make(kind, header=header(types, about.stamp_ns, about.frame), **fields),)
 
 
 def point(types: Types, place_m: Vec3) -> Any:

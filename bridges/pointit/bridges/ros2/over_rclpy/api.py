@@ -40,9 +40,8 @@ class EndInfo(Protocol):
 class Sender(Protocol):
     """A publisher."""
 
-    def publish(self, msg: bytes) -> None:
-        """Send CDR as it is."""
-        ...
+    publish: Callable[[bytes], None]
+    """Sends CDR as it is."""
 
 
 class ServiceServer(Protocol):
@@ -55,37 +54,41 @@ class ServiceServer(Protocol):
 class Reply(Protocol):
     """Future of a response."""
 
-    def add_done_callback(self, callback: Callable[["Reply"], None]) -> None:
-        """Have `callback` called on completion, on the executor's thread."""
-        ...
-
-    def result(self) -> object:
-        """Return the response; raises the error of a failed request."""
-        ...
+    add_done_callback: Callable[[Callable[["Reply"], None]], None]
+    """Has the callback called on completion, on the executor's thread."""
+    result: Callable[[], object]
+    """Returns the response; raises the error of a failed request."""
 
 
 class ServiceCaller(Protocol):
     """A client of a service."""
 
-    def service_is_ready(self) -> bool:
-        """Return True if there is a server."""
-        ...
-
-    def call_async(self, request: object) -> Reply:
-        """Send a request."""
-        ...
-
-    def remove_pending_request(self, future: Reply) -> None:
-        """Stop waiting for a response."""
-        ...
+    service_is_ready: Callable[[], bool]
+    call_async: Callable[[object], Reply]
+    remove_pending_request: Callable[[Reply], None]
+    """Stops waiting for a response."""
 
 
 class Node(Protocol):
     """A node; may be used on any thread."""
 
-    def create_publisher(self, msg_type: type[object], topic: str, qos_profile: Profile) -> Sender:
-        """Declare a publisher."""
-        ...
+    create_publisher: Callable[[type[object], str, Profile], Sender]
+    create_service: Callable[[ServiceClass, str, Callable[[Any, Any], object]], ServiceServer]
+    create_client: Callable[[ServiceClass, str], ServiceCaller]
+    destroy_publisher: Callable[[Sender], bool]
+    destroy_subscription: Callable[[object], bool]
+    destroy_service: Callable[[ServiceServer], bool]
+    destroy_client: Callable[[ServiceCaller], bool]
+    destroy_node: Callable[[], None]
+    get_node_names_and_namespaces: Callable[[], Sequence[tuple[str, str]]]
+    get_topic_names_and_types: Callable[[], NamesAndTypes]
+    get_publisher_names_and_types_by_node: Callable[[str, str], NamesAndTypes]
+    """Returns the topics that the node of a name and namespace publishes; raises if it has gone."""
+    get_subscriber_names_and_types_by_node: Callable[[str, str], NamesAndTypes]
+    get_service_names_and_types_by_node: Callable[[str, str], NamesAndTypes]
+    get_client_names_and_types_by_node: Callable[[str, str], NamesAndTypes]
+    get_publishers_info_by_topic: Callable[[str], Sequence[EndInfo]]
+    get_subscriptions_info_by_topic: Callable[[str], Sequence[EndInfo]]
 
     def create_subscription(
         self,
@@ -97,102 +100,27 @@ class Node(Protocol):
         raw: bool,
     ) -> object:
         """Declare a subscription; raw: the callback gets CDR."""
-        ...
-
-    def create_service(
-        self, srv_type: ServiceClass, srv_name: str, callback: Callable[[Any, Any], object]
-    ) -> ServiceServer:
-        """Declare a server."""
-        ...
-
-    def create_client(self, srv_type: ServiceClass, srv_name: str) -> ServiceCaller:
-        """Declare a client."""
-        ...
-
-    def destroy_publisher(self, publisher: Sender) -> bool:
-        """Remove it from the graph."""
-        ...
-
-    def destroy_subscription(self, subscription: object) -> bool:
-        """Remove it from the graph."""
-        ...
-
-    def destroy_service(self, service: ServiceServer) -> bool:
-        """Remove it from the graph."""
-        ...
-
-    def destroy_client(self, client: ServiceCaller) -> bool:
-        """Remove it from the graph."""
-        ...
-
-    def destroy_node(self) -> None:
-        """Leave the graph."""
-        ...
-
-    def get_node_names_and_namespaces(self) -> Sequence[tuple[str, str]]:
-        """Return the nodes that are present."""
-        ...
-
-    def get_topic_names_and_types(self) -> NamesAndTypes:
-        """Return all topics."""
-        ...
-
-    def get_publisher_names_and_types_by_node(self, node_name: str, node_namespace: str) -> NamesAndTypes:
-        """Return the topics a node publishes; raises if it has gone."""
-        ...
-
-    def get_subscriber_names_and_types_by_node(self, node_name: str, node_namespace: str) -> NamesAndTypes:
-        """Return the topics a node subscribes to; raises if it has gone."""
-        ...
-
-    def get_service_names_and_types_by_node(self, node_name: str, node_namespace: str) -> NamesAndTypes:
-        """Return the services a node serves; raises if it has gone."""
-        ...
-
-    def get_client_names_and_types_by_node(self, node_name: str, node_namespace: str) -> NamesAndTypes:
-        """Return the services a node calls; raises if it has gone."""
-        ...
-
-    def get_publishers_info_by_topic(self, topic_name: str) -> Sequence[EndInfo]:
-        """Return the publishers of a topic."""
-        ...
-
-    def get_subscriptions_info_by_topic(self, topic_name: str) -> Sequence[EndInfo]:
-        """Return the subscriptions of a topic."""
-        ...
 
 
 class Executor(Protocol):
     """Calls the callbacks of nodes, on the thread that spins it."""
 
-    def add_node(self, node: Node) -> bool:
-        """Call the callbacks of `node`, too."""
-        ...
-
-    def spin(self) -> None:
-        """Run callbacks until `shutdown`; raises the exceptions of callbacks and of reading requests."""
-        ...
-
-    def create_task(self, callback: Callable[[], None]) -> object:
-        """Call `callback` on the executor's thread."""
-        ...
+    add_node: Callable[[Node], bool]
+    spin: Callable[[], None]
+    """Runs callbacks until `shutdown`; raises the exceptions of callbacks and of reading requests."""
+    create_task: Callable[[Callable[[], None]], object]
+    """Calls a function on the executor's thread."""
 
     def shutdown(self, timeout_sec: float | None = None) -> bool:
         """End `spin`."""
-        ...
 
 
 class RosContext(Protocol):
     """State that nodes belong to."""
 
+    ok: Callable[[], bool]
+    """Returns True until it is shut down."""
+    try_shutdown: Callable[[], None]
+
     def init(self, args: list[str], *, initialize_logging: bool, domain_id: int) -> None:
         """Initialize it."""
-        ...
-
-    def ok(self) -> bool:
-        """Return True until it is shut down."""
-        ...
-
-    def try_shutdown(self) -> None:
-        """Shut it down."""
-        ...

@@ -9,14 +9,15 @@ import functools
 import logging
 import os
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any, TypeVar
 
 from pointit.bridges.ros2.config import BackendConfig
 from pointit.bridges.ros2.graph.backend import Closable, Graph, Qos, RosType, Server, Writer
 from pointit.bridges.ros2.graph.backend_warnings import BackendWarnings
 from pointit.bridges.ros2.graph.graph_monitor import GraphMonitor
-from pointit.bridges.ros2.over_rclpy.api import Executor, Node, RosContext
+from pointit.bridges.ros2.over_rclpy.api import EndInfo, Executor, Node, RosContext
 from pointit.bridges.ros2.over_rclpy.graph import GraphReader
 from pointit.bridges.ros2.over_rclpy.library import Rclpy, loaded
 from pointit.bridges.ros2.over_rclpy.seat import DdsContext, NullEndpoint
@@ -44,6 +45,9 @@ NEEDS = (
     "neither ROS_LOCALHOST_ONLY=1 nor ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST here or there"
 )
 """Conditions for other nodes to be seen."""
+
+
+End = TypeVar("End", bound=Closable)
 
 
 @dataclass(frozen=True)
@@ -104,12 +108,15 @@ async def opened_rclpy(config: BackendConfig, warnings: WarningSink) -> "RclpyBa
 
 
 class RclpyBackend:
-    """Our node; see `pointit.bridges.ros2.graph.backend.Backend` for the contract."""
+    """Our node; see `pointit.bridges.ros2.graph.backend.Backend` for the contract.
+
+    It owns `joined`, which it begins to spin; is to be made in the loop.
+    """
 
     def __init__(self, joined: RclpyNode, config: BackendConfig, warnings: WarningSink) -> None:
-        """Start to spin; must be called in the loop. This backend owns `joined`."""
         self._joined = joined
         self._config = config
+        self.node = config.node
         self._loop = asyncio.get_running_loop()
         self._warnings = BackendWarnings(warnings)
         self._seat = DdsContext(
@@ -125,6 +132,7 @@ class RclpyBackend:
         self._outlook = GraphMonitor(
             self._warnings, domain=config.domain_id, distro="", needs=NEEDS, matching="type"
         )
+        self.watch = self._outlook.watch
         self._clients: dict[tuple[str, RosType], DdsClient] = {}
         self._calls = Calls()
         self._is_left = threading.Event()
@@ -133,11 +141,6 @@ class RclpyBackend:
         self._look_timer = Timer(self._loop.call_later, self._look)
         self._warn_of_environment()
         self._look_timer.start(0.0)
-
-    @property
-    def node(self) -> str:
-        """Return our node's full name."""
-        return self._config.node
 
     @property
     def problem(self) -> str:
@@ -153,45 +156,40 @@ class RclpyBackend:
 
     def advertise(self, topic: str, kind: RosType, qos: Qos) -> Writer:
         """Declare a publisher of the resolved name `topic`; it is silent where this ROS lacks the type."""
-        self._seat.check_open()
-        message = self._seat.class_of(kind)
-        if message is None:
-            return NullEndpoint()
-        writer = self._seat.declared(kind, topic, lambda: DdsWriter(self._seat, topic, message, qos))
-        if writer is None:
-            return NullEndpoint()
-        if self._seat.is_other(kind, topic, self._joined.node.get_publishers_info_by_topic):
-            writer.close()
-            return NullEndpoint()
-        self._look_timer.start(SETTLE_S)
-        return writer
+        infos = self._joined.node.get_publishers_info_by_topic
+        return self._declared(kind, topic, lambda built: DdsWriter(self._seat, topic, built, qos), infos)
 
     def subscribe(self, topic: str, kind: RosType, qos: Qos, handler: Callable[[bytes], None]) -> Closable:
         """Call `handler(cdr)` for what others publish; what we publish ourselves never comes back."""
-        self._seat.check_open()
-        message = self._seat.class_of(kind)
-        if message is None:
-            return NullEndpoint()
-        reader = self._seat.declared(kind, topic, lambda: DdsReader(self._seat, topic, message, qos, handler))
-        if reader is None:
-            return NullEndpoint()
-        if self._seat.is_other(kind, topic, self._joined.node.get_subscriptions_info_by_topic):
-            reader.close()
-            return NullEndpoint()
-        self._look_timer.start(SETTLE_S)
-        return reader
+        infos = self._joined.node.get_subscriptions_info_by_topic
+        return self._declared(
+            kind, topic, lambda built: DdsReader(self._seat, topic, built, qos, handler), infos
+        )
 
     def serve(self, service: str, kind: RosType, server: Server) -> Closable:
         """Answer requests to `service`, unless this ROS lacks its type."""
+        return self._declared(
+            kind, service, lambda built: DdsServiceServer(self._seat, service, built, server)
+        )
+
+    def _declared(
+        self,
+        kind: RosType,
+        name: str,
+        declare: Callable[[Any], End],
+        infos: Callable[[str], Sequence[EndInfo]] | None = None,
+    ) -> End | NullEndpoint:
+        """Return the endpoint that `declare` makes of the built type; `infos` returns those of its kind."""
         self._seat.check_open()
-        types = self._seat.class_of(kind)
-        if types is None:
+        built = self._seat.class_of(kind)
+        end = None if built is None else self._seat.declared(kind, name, lambda: declare(built))
+        if end is None:
+            return NullEndpoint()
+        if infos is not None and self._seat.is_other(kind, name, infos):
+            end.close()
             return NullEndpoint()
         self._look_timer.start(SETTLE_S)
-        return (
-            self._seat.declared(kind, service, lambda: DdsServiceServer(self._seat, service, types, server))
-            or NullEndpoint()
-        )
+        return end
 
     async def call(self, service: str, kind: RosType, request: bytes, *, timeout_s: float) -> bytes:
         """Return the CDR of a server's response.
@@ -208,10 +206,6 @@ class RclpyBackend:
                 raise TimeoutError(f"ROS service {service}: this ROS lacks {kind.name}")
             client = self._clients[service, kind] = DdsClient(self._seat, service, types)
         return await self._calls.answered(client.call(request, timeout_s=timeout_s), f"call {service}")
-
-    def watch(self, handler: Callable[[Graph], None]) -> Closable:
-        """Call `handler` with the graph now, and whenever it has changed."""
-        return self._outlook.watch(handler)
 
     async def close(self) -> None:
         """Leave the graph; no handler runs afterwards."""
@@ -234,7 +228,6 @@ class RclpyBackend:
         self._joined.leave()
 
     def _spin(self) -> None:
-        """Run the executor, on its own thread."""
         while not self._is_left.is_set():
             try:
                 self._joined.executor.spin()

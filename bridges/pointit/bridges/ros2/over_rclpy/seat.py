@@ -33,16 +33,7 @@ class DdsContext:
     def __init__(
         self, rclpy: Rclpy, node: Node, warnings: BackendWarnings, *, name: str, distro: str, max_bytes: int
     ) -> None:
-        """Store what the endpoints share.
-
-        Args:
-            rclpy: the library.
-            node: ours; the executor spins it on its own thread.
-            warnings: for problems.
-            name: our node's full name.
-            distro: the ROS distribution, for messages.
-            max_bytes: of foreign messages; longer ones are dropped unread.
-        """
+        """`max_bytes`: of foreign messages; longer ones are dropped unread."""
         self.rclpy = rclpy
         self.node = node
         self.warnings = warnings

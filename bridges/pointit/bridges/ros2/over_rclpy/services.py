@@ -100,7 +100,6 @@ class DdsClient:
     """Client of one service."""
 
     def __init__(self, seat: DdsContext, service: str, types: ServiceClass) -> None:
-        """Declare."""
         self._seat = seat
         self._service = service
         self._types = types

@@ -24,14 +24,6 @@ class DdsWriter:
     """DDS shows every subscription in the graph."""
 
     def __init__(self, seat: DdsContext, topic: str, message: type[object], qos: Qos) -> None:
-        """Declare.
-
-        Args:
-            seat: shared.
-            topic: resolved.
-            message: the Python class of its type.
-            qos: of the writer.
-        """
         self._seat = seat
         self._topic = topic
         self._echoes = seat.echoes[topic]
@@ -128,7 +120,7 @@ class DdsReader:
             oversized, overrun = self._oversized, self._overrun
         if oversized + overrun != self._lost and not self._closed:
             self._lost = oversized + overrun
-            self._warn_of_lost(oversized, overrun)
+            self._seat.warnings.show_losses(self._topic, oversized, overrun, self._seat.max_bytes)
         for cdr in waiting:
             if self._closed or self._seat.is_closed:
                 return
@@ -137,13 +129,3 @@ class DdsReader:
             except Exception:
                 if self._seat.dispatcher.should_log(self._topic, "error"):
                     log.exception("what arrived on %s could not be handled", self._topic)
-
-    def _warn_of_lost(self, oversized: int, overrun: int) -> None:
-        reasons = (
-            f"{oversized} were longer than {self._seat.max_bytes} bytes" if oversized else "",
-            f"{overrun} came faster than they could be handled" if overrun else "",
-        )
-        self._seat.warnings.show_briefly(
-            f"losses of {self._topic}",
-            f"dropped messages on {self._topic}: {' and '.join(each for each in reasons if each)}",
-        )

@@ -3,7 +3,8 @@
 import asyncio
 from collections.abc import Callable
 
-from pointit.bridges.ros2.graph.backend import Closable, EndpointKind, Graph, Qos, RosType, Server
+from pointit.bridges.ros2.config import BackendConfig
+from pointit.bridges.ros2.graph.backend import EndpointKind, Qos, RosType, Server
 from pointit.bridges.ros2.graph.backend_warnings import BackendWarnings
 from pointit.bridges.ros2.graph.graph_monitor import GraphMonitor
 from pointit.bridges.ros2.over_zenoh.endpoint_context import EndpointContext
@@ -16,6 +17,8 @@ from pointit.runtime.errors import BusClosedError
 from pointit.runtime.foreign_zenoh.raw_session import RawSession
 from pointit.runtime.service.surroundings import WarningSink
 
+NEEDS = "they need RMW_IMPLEMENTATION=rmw_zenoh_cpp, the same ROS_DOMAIN_ID and the same router"
+"""Conditions for other nodes to be seen."""
 UNSEEN_S = 1.0
 """Interval of checking which topics exchange messages; nodes without a token are reported the second time."""
 SETTLE_S = 0.05
@@ -30,39 +33,23 @@ class ZenohBackend:
         session: RawSession,
         dialect: RmwZenoh,
         warnings: WarningSink,
-        *,
-        node: str,
-        domain: int,
-        distro: str,
+        config: BackendConfig,
         now_ns: Callable[[], int],
-        max_bytes: int,
-        needs: str = "",
     ) -> None:
-        """Appear in the graph; must be called in the loop.
-
-        Args:
-            session: belongs to this backend alone, which closes it.
-            dialect: encoding of ROS in it.
-            warnings: for problems and their remedies.
-            node: our full name.
-            domain: ours.
-            distro: the ROS distribution of the others.
-            now_ns: clock for attachments.
-            max_bytes: of foreign messages; longer ones are dropped unread.
-            needs: conditions for other nodes to be seen, as text.
-        """
+        """Appear in the graph; must be called in the loop. `session` is closed by this backend."""
         self._session = session
-        self._node = node
+        self.node = config.node
         self._loop = asyncio.get_running_loop()
         self._warnings = BackendWarnings(warnings)
         self._refreshing: asyncio.TimerHandle | None = None
-        self._roster = LivelinessDirectory(dialect.read, domain, self._refresh_soon)
+        self._roster = LivelinessDirectory(dialect.read, config.domain_id, self._refresh_soon)
         self._seat = EndpointContext(
-            session, dialect, self._warnings, self._roster, now_ns=now_ns, max_bytes=max_bytes
+            session, dialect, self._warnings, self._roster, now_ns, config.max_message_bytes
         )
         self._outlook = GraphMonitor(
-            self._warnings, domain=domain, distro=distro, needs=needs, matching="definition"
+            self._warnings, domain=config.domain_id, distro=config.distro, needs=NEEDS, matching="definition"
         )
+        self.watch = self._outlook.watch
         self._clients: dict[tuple[str, RosType], ServiceClient] = {}
         self._calls = Calls()
         session.on_change = self._refresh_soon
@@ -70,11 +57,6 @@ class ZenohBackend:
         session.watch_tokens(dialect.tokens, self._roster.change)
         self._refresh_soon()
         self._looking = self._loop.call_later(UNSEEN_S, self._look)
-
-    @property
-    def node(self) -> str:
-        """Return our node's full name."""
-        return self._node
 
     @property
     def problem(self) -> str:
@@ -111,10 +93,6 @@ class ZenohBackend:
         if client is None:
             client = self._clients[service, kind] = ServiceClient(self._seat, service, kind)
         return await self._calls.answered(client.call(request, timeout_s=timeout_s), f"call {service}")
-
-    def watch(self, handler: Callable[[Graph], None]) -> Closable:
-        """Call `handler` with the graph now, and whenever it has changed."""
-        return self._outlook.watch(handler)
 
     async def close(self) -> None:
         """Leave the graph; no handler runs afterwards."""

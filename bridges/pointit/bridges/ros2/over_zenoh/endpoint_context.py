@@ -1,6 +1,7 @@
 """Context shared by the endpoints of one backend on Zenoh."""
 
 from collections.abc import Callable
+from dataclasses import dataclass, field
 
 from pointit.bridges.ros2.graph.backend import Closable
 from pointit.bridges.ros2.graph.backend_warnings import BackendWarnings
@@ -10,39 +11,23 @@ from pointit.bridges.ros2.over_zenoh.rmw_zenoh import RmwZenoh
 from pointit.runtime.foreign_zenoh.raw_session import RawSession
 
 
+@dataclass(eq=False)
 class EndpointContext:
     """The session, the encoding of ROS in it, and the ids of our own endpoints."""
 
-    def __init__(
-        self,
-        session: RawSession,
-        dialect: RmwZenoh,
-        warnings: BackendWarnings,
-        roster: LivelinessDirectory,
-        *,
-        now_ns: Callable[[], int],
-        max_bytes: int,
-    ) -> None:
-        """Store what the endpoints share.
-
-        Args:
-            session: ours alone.
-            dialect: encoding of ROS in it.
-            warnings: for malformed foreign bytes.
-            roster: nodes and endpoints, ours included.
-            now_ns: clock for attachments.
-            max_bytes: of foreign messages; longer ones are dropped unread.
-        """
-        self.session = session
-        self.dialect = dialect
-        self.warnings = warnings
-        self.roster = roster
-        self.now_ns = now_ns
-        self.max_bytes = max_bytes
-        self.gids: set[bytes] = set()
-        """Ids of our publishers and clients: messages with them are our own."""
-        self.ends: set[Closable] = set()
-        """Declared endpoints, kept alive here: a token is gone with its last reference."""
+    session: RawSession
+    dialect: RmwZenoh
+    warnings: BackendWarnings
+    roster: LivelinessDirectory
+    """Nodes and endpoints, ours included."""
+    now_ns: Callable[[], int]
+    """Clock for attachments."""
+    max_bytes: int
+    """Maximum size of foreign messages; longer ones are dropped unread."""
+    gids: set[bytes] = field(default_factory=set[bytes])
+    """Ids of our publishers and clients: messages with them are our own."""
+    ends: set[Closable] = field(default_factory=set[Closable])
+    """Declared endpoints, kept alive here: a token is gone with its last reference."""
 
     def is_own_gid(self, gid: bytes) -> bool:
         """Return True if messages with `gid` are to be ignored: they are ours or of another PointIt."""

@@ -30,12 +30,11 @@ class RmwZenoh:
         Raises:
             ValueError: If `node` is no full ROS name.
         """
-        self._session = session
         self._domain = domain
         self._ids = itertools.count()
-        self._node_id = str(next(self._ids))
-        self._node = resolved(node)
-        self._enclave = enclave
+        self._own = NodeToken(
+            domain=domain, session=session, node_id=str(next(self._ids)), node=resolved(node), enclave=enclave
+        )
 
     def key(self, name: str, kind: RosType) -> str:
         """Return the key of `name`; other type hashes have other keys."""
@@ -66,27 +65,13 @@ class RmwZenoh:
 
     def node_token(self) -> str:
         """Return our node's token."""
-        return NodeToken(
-            domain=self._domain,
-            session=self._session,
-            node_id=self._node_id,
-            node=self._node,
-            enclave=self._enclave,
-        ).text
+        return self._own.text
 
     def endpoint_token(self, kind: EndpointKind, name: str, of: RosType, qos: Qos) -> str:
         """Return the token of a new endpoint: 13 chunks, so Lyrical sends it whole messages, not buffers."""
+        endpoint_id = str(next(self._ids))
         return EndpointToken(
-            domain=self._domain,
-            session=self._session,
-            node_id=self._node_id,
-            node=self._node,
-            enclave=self._enclave,
-            endpoint_id=str(next(self._ids)),
-            kind=kind,
-            name=name,
-            type=of,
-            qos=qos,
+            **vars(self._own), endpoint_id=endpoint_id, kind=kind, name=name, type=of, qos=qos
         ).text
 
     def read(self, token: str) -> Seen:
@@ -98,8 +83,8 @@ class RmwZenoh:
         found = parsed(token)
         if not isinstance(found, EndpointToken):
             return Seen(node=found.node, domain=found.domain)
-        is_ours = found.session == self._session
-        is_bridge = self._enclave == found.enclave == BRIDGE and not is_ours
+        is_ours = found.session == self._own.session
+        is_bridge = self._own.enclave == found.enclave == BRIDGE and not is_ours
         endpoint = Endpoint(
             kind=found.kind,
             node=found.node,

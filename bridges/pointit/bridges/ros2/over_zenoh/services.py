@@ -86,7 +86,6 @@ class ServiceClient:
     """Client of one service."""
 
     def __init__(self, seat: EndpointContext, service: str, kind: RosType) -> None:
-        """Declare."""
         self._seat = seat
         self._service = service
         token = seat.dialect.endpoint_token("client", service, kind, SERVICE)

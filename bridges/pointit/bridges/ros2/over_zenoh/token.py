@@ -105,19 +105,16 @@ def parsed(text: str) -> NodeToken | EndpointToken:
     if not SESSION.fullmatch(session) or not DIGITS.fullmatch(domain):
         raise ValueError(f"{text[:100]!r} has a domain or session that is none")
     node = resolved(f"{unmangled(namespace).rstrip('/')}/{name}")
+    own = NodeToken(
+        domain=int(domain), session=session, node_id=node_id, node=node, enclave=unmangled(enclave)
+    )
     if code == NODE:
-        return NodeToken(
-            domain=int(domain), session=session, node_id=node_id, node=node, enclave=unmangled(enclave)
-        )
+        return own
     if code not in KINDS or len(chunks) < ENDPOINT_CHUNKS:
         raise ValueError(f"{text[:100]!r} is neither of a node nor of an endpoint")
     topic, dds_name, type_hash, qos = chunks[NODE_CHUNKS:ENDPOINT_CHUNKS]
     return EndpointToken(
-        domain=int(domain),
-        session=session,
-        node_id=node_id,
-        node=node,
-        enclave=unmangled(enclave),
+        **vars(own),
         endpoint_id=entity_id,
         kind=KINDS[code],
         name=resolved(unmangled(topic)),

@@ -128,14 +128,8 @@ class TopicReader:
         return False
 
     def _on_loss(self, traffic: PlainTraffic) -> None:
-        reasons = (
-            f"{traffic.oversized} were longer than {self._seat.max_bytes} bytes" if traffic.oversized else "",
-            f"{traffic.overrun} came faster than they could be handled" if traffic.overrun else "",
-        )
-        self._seat.warnings.show_briefly(
-            f"losses of {self.topic}",
-            f"dropped messages on {self.topic}: {' and '.join(each for each in reasons if each)}",
-        )
+        seat = self._seat
+        seat.warnings.show_losses(self.topic, traffic.oversized, traffic.overrun, seat.max_bytes)
 
     def _on_stray(self, packet: RawSample) -> None:
         why = self._seat.dialect.misrouting_reason(packet.key, self.topic, self._kind)

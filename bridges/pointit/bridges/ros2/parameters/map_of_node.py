@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from pointit.bridges.ros2.config import BackendConfig
-from pointit.bridges.ros2.graph.backends import NEEDS, check_endpoint, opened
+from pointit.bridges.ros2.graph.backends import check_endpoint, opened
 from pointit.bridges.ros2.message_format import listed, shown
+from pointit.bridges.ros2.over_zenoh.backend import NEEDS
 from pointit.bridges.ros2.parameters.map_parameters import of_maps, prefixes, tree_of
 from pointit.bridges.ros2.parameters.node_parameters import GET, LIST, MAX_SHOWN, NodeParameters
 from pointit.bridges.ros2.parameters.values import Value
@@ -159,7 +160,6 @@ def _is_file(path: Path) -> bool:
 
 
 def _nothing(wish: FetchRequest, names: Sequence[str]) -> str:
-    """Return the message that there is no map, and the remedy."""
     if wish.prefix:
         what = f"no parameter of {wish.node} begins with '{wish.prefix.rstrip('.')}.'"
     else:

@@ -99,7 +99,6 @@ def parameters_of(tree: Mapping[str, Any], prefix: str = "") -> dict[str, Value]
 
 
 def _entries(section: Any) -> Iterable[tuple[object, Any]]:
-    """Return the entries of a section, by name or number."""
     if isinstance(section, list):
         return enumerate(cast("Sequence[Any]", section))
     return cast("dict[object, Any]", section or {}).items()

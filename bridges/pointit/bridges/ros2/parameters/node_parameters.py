@@ -202,7 +202,6 @@ def _pages(names: Sequence[str]) -> Iterator[Sequence[str]]:
 
 
 def _lists(graph: Graph, domain: int) -> list[Endpoint]:
-    """Return the endpoints that list parameters."""
     return [
         each
         for each in graph.within(domain).endpoints

@@ -4,7 +4,7 @@ import asyncio
 import contextlib
 import functools
 import math
-from typing import Any, Protocol
+from typing import Protocol
 
 from pointit.bridges.ros2.graph.backend import Backend
 from pointit.bridges.ros2.graph.backends import check_endpoint, opened
@@ -24,7 +24,6 @@ from pointit.plugins import (
     LinkLost,
     OrderStatus,
     Report,
-    RobotDriver,
     RobotReport,
     RobotSpec,
     Stop,
@@ -40,19 +39,15 @@ class Actuator(Protocol):
 
     def on_report(self, report: RobotReport) -> RobotReport:
         """Take the robot's pose; return it with what else is known."""
-        ...
 
     def command(self, command: Command) -> None:
         """Carry out `command`."""
-        ...
 
     def tick(self) -> None:
         """Do what is due; called every `TICK_S`."""
-        ...
 
     async def close(self) -> None:
         """Stop the robot, and leave."""
-        ...
 
 
 class Ros2Driver:
@@ -64,7 +59,7 @@ class Ros2Driver:
         Raises:
             ConfigError: If the endpoint is no address, or the robot cannot be controlled so.
         """
-        check(config)
+        check_endpoint(config.backend.endpoint)
         if (config.control == "nav2") != (spec.kind == "ground"):
             raise ConfigError(
                 f"robot {spec.name}: control {config.control} is not for a {spec.kind} robot; set it to "
@@ -176,13 +171,3 @@ def _leads_somewhere(command: Command) -> bool:
         case Stop():
             return True
     return bool(numbers) and all(map(math.isfinite, (*numbers, getattr(command, "yaw_rad", None) or 0.0)))
-
-
-def check(config: Ros2RobotConfig) -> None:
-    """Check `config`. Raises ConfigError if the endpoint is no address."""
-    check_endpoint(config.backend.endpoint)
-
-
-def make(config: Any, spec: RobotSpec, surroundings: Surroundings) -> RobotDriver:
-    """Return a driver; see `Ros2Driver`."""
-    return Ros2Driver(config, spec, surroundings)

@@ -1,7 +1,6 @@
 """Commands to a robot with Nav2, as goals of its action NavigateToPose."""
 
 import asyncio
-import functools
 import math
 import uuid
 from collections.abc import Callable, Coroutine
@@ -129,7 +128,6 @@ class Navigator:
             await asyncio.gather(*self._tasks, return_exceptions=True)
 
     def _next(self) -> None:
-        """Send the next place of the way."""
         (point_m, yaw_rad), *self._way = self._way
         self._send(point_m, yaw_rad)
 
@@ -152,7 +150,6 @@ class Navigator:
         return types.make(f"{NAVIGATE_TO_POSE}_Goal", pose=pose, behavior_tree=self._config.behavior_tree)
 
     async def _pursue(self, goal: bytes, order: int, value: Any) -> None:
-        """Send a goal and wait for its end."""
         if self._clearing is not None:  # which would cancel it, too
             await asyncio.wait({self._clearing})
             if goal != self._book.wanted:
@@ -224,16 +221,11 @@ class Navigator:
     def _start(self, work: Coroutine[Any, Any, None]) -> asyncio.Task[None]:
         task = asyncio.get_running_loop().create_task(work)
         self._tasks.add(task)
-        task.add_done_callback(functools.partial(_over, self._tasks))
+        task.add_done_callback(self._tasks.discard)
         return task
 
 
-def _over(tasks: set[asyncio.Task[None]], task: asyncio.Task[None]) -> None:
-    tasks.discard(task)
-
-
 def _why(result: Any, status: int) -> str:
-    """Return the reason of a goal's end as Nav2 gives it."""
     message, code = getattr(result, "error_msg", ""), int(getattr(result, "error_code", 0))
     said = message or (f"error {code}" if code else f"status {status}")
     return f"Nav2 gave up: {said[:200]}"

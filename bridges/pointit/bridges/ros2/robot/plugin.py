@@ -16,12 +16,12 @@ def _driver() -> Any:
 
 
 def _make(config: Any, spec: RobotSpec, surroundings: Surroundings) -> RobotDriver:
-    made: RobotDriver = _driver().make(config, spec, surroundings)
+    made: RobotDriver = _driver().Ros2Driver(config, spec, surroundings)
     return made
 
 
 def _check(config: Any) -> None:
-    _driver().check(config)
+    _driver().check_endpoint(config.backend.endpoint)
 
 
 ROS2 = RobotPlugin(

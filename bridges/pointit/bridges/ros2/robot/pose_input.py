@@ -22,7 +22,6 @@ class PoseReader:
     """Converts messages to reports; pure."""
 
     def __init__(self, source: PoseSource, frame: str) -> None:
-        """Read `source`; reports are in `frame`."""
         self._source = source
         self._known = {frame: AT_ORIGIN}
         self._buffer = TransformBuffer()

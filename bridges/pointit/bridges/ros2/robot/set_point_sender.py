@@ -29,7 +29,6 @@ class SetPointSender:
         now_ns: Callable[[], int],
         report: Report,
     ) -> None:
-        """Declare the publisher; nothing is sent before a command."""
         self._types, self._config, self._now_ns, self._tell = types, config, now_ns, report
         self._points = SetPoints(spec, config.ground_m)
         types.prepare(POSE)

@@ -66,8 +66,7 @@ class SetPoints:
             )
         if not self.is_flying and isinstance(command, Follow | FollowPath):
             return "refused", "it is on the ground: take off first"
-        ground = isinstance(command, Stop | Land) and not self.is_flying and self._now is None
-        if ground:
+        if isinstance(command, Stop | Land) and not self.is_flying and self._now is None:
             return "done", ""
         self._command, self._is_over = command, False
         self._way = self._places(command, self._at_m)
@@ -89,10 +88,7 @@ class SetPoints:
         if is_fresh and self._way:
             self._now = self._advanced(passed_s, self._now, self._at_m)
             done = self._arrived(self._at_m)
-        return self._set_point(), done
-
-    def _set_point(self) -> SetPoint | None:
-        return None if self._now is None else SetPoint(self._now, self._yaw_rad)
+        return (None if self._now is None else SetPoint(self._now, self._yaw_rad)), done
 
     def _places(self, command: Command, at_m: Vec3) -> list[Vec3]:
         match command:

@@ -11,7 +11,6 @@ class Calls:
     """The open requests of one backend, which close with it."""
 
     def __init__(self) -> None:
-        """Begin without requests."""
         self._open: set[asyncio.Task[bytes]] = set()
 
     async def answered(self, call: Coroutine[Any, Any, bytes], name: str) -> bytes:

@@ -27,22 +27,10 @@ from pointit.schemas import (
     TrackedObjects,
     UserPose,
     UserProfile,
+    topics,
 )
 from pointit.schemas.pointing import SurfaceKind
-from pointit.schemas.topics import (
-    CURSOR,
-    HOVER,
-    INTERACTION,
-    MAP,
-    OBJECTS,
-    POSE,
-    PROFILE,
-    ROBOT_PLAN,
-    ROBOT_STATE,
-    SELECTION,
-    STEERING,
-    Topic,
-)
+from pointit.schemas.topics import Topic
 
 KINDS = ("blue", "red", "green", "yellow", "orange", "purple")
 """Kinds by the ROS toolkit's numbers: 0 and 1 as in its feeders, the others arbitrary."""
@@ -65,8 +53,8 @@ MAX_ROBOTS = 100
 """Maximum number of robots; further ones are ignored."""
 
 HEARD: tuple[Topic[Any], ...] = (
-    *(CURSOR, HOVER, POSE, PROFILE, INTERACTION, OBJECTS, SELECTION, MAP),
-    *(ROBOT_STATE, ROBOT_PLAN, STEERING),
+    *(topics.CURSOR, topics.HOVER, topics.POSE, topics.PROFILE, topics.INTERACTION, topics.OBJECTS),
+    *(topics.SELECTION, topics.MAP, topics.ROBOT_STATE, topics.ROBOT_PLAN, topics.STEERING),
 )
 """Topics that the scene is built from."""
 
@@ -234,7 +222,7 @@ class ConversionState:
     def _furnish(self, room: Environment) -> None:
         self.room = room
         self.lines = {}
-        places: list[tuple[SurfaceKind, str, tuple[tuple[float, float, float], ...]]] = [
+        places: list[tuple[SurfaceKind, str, tuple[Vec3, ...]]] = [
             *(("belt", belt.id, belt.line_m) for belt in room.belts),
             *(("strip", strip.id, strip.line_m) for strip in room.strips),
         ]

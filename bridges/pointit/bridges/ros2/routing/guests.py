@@ -125,7 +125,6 @@ class Guests:
             self._judge(user, guest)
 
     def _judge(self, user: str, guest: Guest) -> None:
-        """Add or remove a guest."""
         if guest.is_heard:
             guest.is_heard = False
             self._heard_s[user] = self._now_s

@@ -32,7 +32,6 @@ class Inbox:
     """All input."""
 
     def __init__(self, routes: Iterable[InboundRoute], services: Iterable[ServiceRoute], site: Site) -> None:
-        """Subscribe to the routes without a person, and offer the services."""
         self._site = site
         self._wall = WallClock()
         self._loop = asyncio.get_running_loop()
@@ -151,7 +150,6 @@ class Inbox:
             )
 
     def _take_up(self, key: tuple[str, str]) -> None:
-        """Reclaim a route from others."""
         timer = self._back.pop(key, None)
         if timer is not None:
             timer.cancel()
@@ -247,7 +245,7 @@ class Inbox:
                 if not isinstance(reply, str):
                     self._site.bus.clear(about)
         finally:  # also when this is cancelled: the route may wait for the result
-            answer = route.answers(value, None if isinstance(reply, str) else reply, told)
+            answer = route.response(value, None if isinstance(reply, str) else reply, told)
         if isinstance(reply, str) and not route.has_result:
             raise RefusedError(reply)
         return types.encode(response, answer)
@@ -257,5 +255,4 @@ class Inbox:
 
 
 def _about(route: InboundRoute | ServiceRoute, scene: ConversionState, name: str) -> str:
-    """Return the subject of a warning."""
     return f"from {route.ros_name(scene, name)}{route.reader}"

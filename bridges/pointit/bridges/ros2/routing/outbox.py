@@ -62,9 +62,9 @@ class _Line:
 
     def close(self) -> None:
         """Remove it from the graph, after its last value."""
-        if self.route.ends is not None:
+        if self.route.has_end:
             types = self._site.scene.types
-            self._put(types.encode(self.route.type, self.route.ends(types)))
+            self._put(types.encode(self.route.type, types.make(self.route.type)))
         for timer in (self._due_timer, self._repeat_timer, self._reclaim_timer):
             timer.cancel()
         for later in self._later:
@@ -73,7 +73,6 @@ class _Line:
         self._site.bus.clear(self.ros)
 
     def _open(self) -> None:
-        """Appear in the graph."""
         kind = self._site.scene.types.kind(self.route.type)
         self._writer = self._site.backend.advertise(self.ros, kind, self.route.qos)
         self._sent = {}
@@ -142,7 +141,6 @@ class _Line:
                 self._put(cdr)
 
     def _whose(self, name: str) -> str:
-        """Return the key of the queue slot for messages of `name`."""
         return name if self.route.is_each else ""
 
     @property

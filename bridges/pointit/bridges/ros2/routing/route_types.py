@@ -2,13 +2,12 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from typing import Any, NamedTuple
 
-from pointit.bridges.ros2.graph.backend import Qos
+from pointit.bridges.ros2.graph.backend import SERVICE, Qos
 from pointit.bridges.ros2.routing.conversion_state import ConversionState
 from pointit.bridges.ros2.routing.frames import WORLD
-from pointit.bridges.ros2.types.types import Types
 from pointit.schemas import Message, Query, Reply
 from pointit.schemas.topics import Request, Topic
 
@@ -53,14 +52,14 @@ Converted = tuple[Any, ...]
 Taken = tuple[BusOutput | ConversionWarning, ...]
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class _Route:
     name: str
     """Name in the configuration."""
     ros: str
     """The name in ROS, `{user}` or `{led}` for the placeholder of what it stands for."""
     type: str
-    qos: Qos
+    _: KW_ONLY
     enabled: bool = True
     yields: bool = False
     """Used only while no other node does the same with the same name."""
@@ -78,13 +77,15 @@ class _Route:
         return head + scene.names.of(name) + rest.partition("}")[2] if opening else head
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class OutboundRoute(_Route):
     """A topic of ours, published in ROS."""
 
+    qos: Qos
     reads: tuple[Topic[Any], ...]
     """Topics whose messages are converted, once the scene has them."""
     by: Callable[[Any, ConversionContext], Converted]
+    _: KW_ONLY
     rate_hz: float | None = None
     """Maximum rate; earlier messages are delayed, and the newest wins."""
     is_each: bool = False
@@ -103,8 +104,8 @@ class OutboundRoute(_Route):
     """Called when the first subscriber appears."""
     forgets: Callable[[str], None] | None = None
     """Called with people who leave, or services that have gone, if messages are about them."""
-    ends: Callable[[Types], Any] | None = None
-    """Returns the last value, sent before its name is closed: a person or the bridge leaves."""
+    has_end: bool = False
+    """An empty value is sent before its name is closed: a person or the bridge leaves."""
     apart_s: float = 0.0
     """Delay between the values of one message: a button is down for this time."""
 
@@ -118,13 +119,15 @@ class OutboundRoute(_Route):
         return self.by(message, ConversionContext(scene, name, stamp_ns, frame, is_again=is_again))
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class InboundRoute(_Route):
     """A topic of ROS, forwarded to our bus."""
 
+    qos: Qos
     into: tuple[Topic[Any] | Request[Any, Any], ...]
     """Topics and requests that it writes to."""
     by: Callable[[Any, ConversionContext], Taken]
+    _: KW_ONLY
     rate_hz: float | None = None
     """Maximum rate; earlier messages are delayed, and the newest wins."""
     bytes_hz: float | None = None
@@ -147,16 +150,25 @@ class InboundRoute(_Route):
         )
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class ServiceRoute(_Route):
     """A service of ROS that one of our services answers."""
 
     request: Request[Any, Any]
     asks: Callable[[Any, ConversionContext], BusOutput | ConversionWarning]
     """Converts a ROS request. A warning refuses it."""
-    answers: Callable[[Any, Reply | None, ConversionContext], Any]
-    """Converts the ROS request and our reply, None if refused, to the ROS response."""
+    _: KW_ONLY
+    qos: Qos = SERVICE
+    yields: bool = True
+    answers: Callable[[Any, Reply | None, ConversionContext], Any] | None = None
+    """Converts the ROS request and our reply, None if refused, to the ROS response (default: empty)."""
     max_bytes: int = MAX_BYTES
     """Longer requests are refused unread."""
     has_result: bool = False
     """The response says whether it was done. Without, a refused request gets an error."""
+
+    def response(self, request: Any, reply: Reply | None, about: ConversionContext) -> Any:
+        """Return the ROS response to a request, from our reply or None if it was refused."""
+        if self.answers is not None:
+            return self.answers(request, reply, about)
+        return about.scene.types.make(about.scene.types.response_of(self.type))

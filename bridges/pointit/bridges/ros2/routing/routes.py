@@ -185,7 +185,6 @@ def changed(table: Routes, file: RoutesFile, source: str) -> Routes:
 def _changed(row: Row, file: RoutesFile, source: str) -> Row:
     change = file.routes.get(row.name, RouteChange())
     where = f"{source}: routes.{row.name}"
-    changes: dict[str, Any] = {}
     ros = row.ros if change.ros is None else change.ros
     if _placeholder(ros) != _placeholder(row.ros):
         wanted = _placeholder(row.ros)
@@ -193,15 +192,9 @@ def _changed(row: Row, file: RoutesFile, source: str) -> Row:
         raise ConfigError(f"{where}.ros: {what} (got {ros!r})")
     if change.ros is None and ros not in UNPREFIXED and not ros.startswith(ROS4HRI):
         ros = file.prefix + ros
-    changes["ros"] = ros
-    if change.rate_hz is not None:
-        if isinstance(row, ServiceRoute):
-            raise ConfigError(f"{where}.rate_hz: a service has none, leave it out")
-        changes["rate_hz"] = change.rate_hz
-    if change.enabled is not None:
-        changes["enabled"] = change.enabled
-    if change.frame is not None:
-        changes["frame"] = change.frame
+    if change.rate_hz is not None and isinstance(row, ServiceRoute):
+        raise ConfigError(f"{where}.rate_hz: a service has none, leave it out")
+    changes: dict[str, Any] = change.model_dump(exclude_none=True) | {"ros": ros}
     return dataclasses.replace(row, **changes)
 
 

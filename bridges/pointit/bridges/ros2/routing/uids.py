@@ -88,7 +88,6 @@ class Kinds:
     """Number of kinds without one."""
 
     def __init__(self, kinds: tuple[str, ...]) -> None:
-        """Number `kinds` from 0 on."""
         self._kinds = kinds
         self._numbers = {kind: number for number, kind in reversed(tuple(enumerate(kinds)))}
 

@@ -122,7 +122,6 @@ class TfInput:
     """/tf and /tf_static, for the frames of all trackers, and the trackers that are frames."""
 
     def __init__(self, buffer: TransformBuffer, trackers: Mapping[str, Tracker]) -> None:
-        """Fill `buffer`; `trackers` are those of type tf by name."""
         self._buffer = buffer
         self._trackers = trackers
 

@@ -78,7 +78,6 @@ class Definitions:
 
 
 def _texts() -> Iterator[tuple[str, str]]:
-    """Yield name and text of types that rosbags lacks."""
     yield from (STANDARD_SERVICES | ROS4HRI_MESSAGES | VISION_MESSAGES).items()
     for path in sorted(INTERFACES.glob("*/*/*")):
         if path.suffix in {".msg", ".srv"}:

@@ -94,7 +94,6 @@ class Layout:
                 self._faults.append((path, attrgetter(path), fault))
 
     def _default(self, field: str, of: Any) -> None:
-        """Set the default of `field`."""
         shape, rest = of
         if shape == BASE:
             zero = "" if rest[0] == "string" else dtype_of(rest[0]).type(0).item()

@@ -94,7 +94,6 @@ class Rihs01:
 
 
 def _kind(of: Any) -> dict[str, Any]:
-    """Return a field's type for the hash."""
     shape, rest = of
     offset, capacity, string_capacity, nested = 0, 0, 0, ""
     if shape in {ARRAY, SEQUENCE}:

@@ -12,7 +12,7 @@ from pointit.schemas import NS_PER_S, BodyMeasures, Lamp, PointingRay, UserPose
 from pointit.services.localizer.estimation.estimator import Pointings, Refusal, Solution, SolverSettings
 from pointit.services.localizer.procedures.static_targets import StaticTargets
 from pointit.services.localizer.verification.holds import held, odd_hold
-from pointit_lab.evaluation.localization.arm_rays import along, eye_finger_rays
+from pointit.services.pointing.arm_ray import ArmRay
 from tests.unit.localizer.lab import config
 from tests.unit.localizer.person import EYES_M, Person
 from tests.unit.localizer.test_static_targets import START_NS, TICK_NS, told
@@ -55,10 +55,10 @@ def pointed(
         raised = elevation + math.asin(
             body.neck_to_eyes_m * math.cos(elevation) / (body.shoulder_to_wrist_m + body.wrist_to_finger_m)
         )
-        arm = along(vector.direction(vector.azimuth(ray) + float(off_rad[0]), raised))
+        arm = rotation.from_azimuth_elevation(vector.azimuth(ray) + float(off_rad[0]), raised)
         rolled = rotation.from_axis_angle((1.0, 0.0, 0.0), float(rng.normal(0.0, math.radians(10.0))))
         sensors += [rotation.multiply(rotation.multiply(arm, rolled), turn)] * RAYS
-    origins, directions = eye_finger_rays(sensors, BodyMeasures())
+    origins, directions = ArmRay().rays(np.array(sensors))
     stamps_s = np.arange(len(sensors)) / 20.0 + 2.0 * np.repeat(np.arange(len(aims)), RAYS)
     return person, Pointings(stamps_s, origins, directions, np.repeat(np.array(lamps_m), RAYS, axis=0))
 

@@ -17,8 +17,6 @@ from pointit.services.localizer.estimation.estimator import (
     solve,
 )
 from pointit.services.localizer.procedures.moving_target import MovingTarget
-from pointit_lab.evaluation.datasets import read_trials
-from tests.support.data import data_file
 from tests.unit.localizer.lab import config
 from tests.unit.localizer.person import EYES_M, Person, pointings, yaw_difference
 from tests.unit.localizer.solving import CORNERS, position_error_m, solved
@@ -154,27 +152,3 @@ def test_refusal_names_the_latency_when_it_alone_makes_the_pose_uncertain() -> N
     stricter = solve(gathered, lax)
     assert isinstance(stricter, Refusal)
     assert "latency" not in stricter.reason
-
-
-@pytest.mark.parametrize("name", ["motion_relloc", "proximity_waypoints"])
-def test_recorded_people_are_nearer_and_within_two_sigma_when_the_tracker_is_late(name: str) -> None:
-    """A recorded robot whose places are taken 0.2 s late."""
-    reading = read_trials(data_file("recordings"), [name])
-    outside: dict[float, list[bool]] = {0.0: [], 0.15: []}
-    off_m: dict[float, list[float]] = {0.0: [], 0.15: []}
-    trials = [trial for trial in reading.trials if trial.condition == "10 s"]
-    for trial in trials:
-        t_s, targets_m = trial.pointings.stamps_s, trial.pointings.targets_m
-        late_m = np.column_stack([np.interp(t_s - 0.2, t_s, targets_m[:, axis]) for axis in range(3)])
-        for latency_sigma_s, judged_as in outside.items():
-            result = solve(
-                dataclasses.replace(trial.pointings, targets_m=late_m),
-                SolverSettings(latency_sigma_s=latency_sigma_s),
-            )
-            assert isinstance(result, Solution)  # none is refused for it
-            off_m[latency_sigma_s].append(math.hypot(result.x_m - trial.x_m, result.y_m - trial.y_m))
-            turned_rad = 0.0 if trial.yaw_rad is None else yaw_difference(result.yaw_rad, trial.yaw_rad)
-            judged_as.append(is_outside(result, off_m[latency_sigma_s][-1], turned_rad))
-    assert np.mean(outside[0.15]) <= 0.05
-    assert np.mean(outside[0.15]) < np.mean(outside[0.0])
-    assert np.median(off_m[0.15]) < np.median(off_m[0.0])

@@ -46,7 +46,7 @@ def core_files() -> list[str]:
 
 
 def unit_tests(file: str) -> list[str]:
-    """Return the test files of the room of `file`, those that name its module first; then the laboratory's."""
+    """Return the test files of the room of `file`, those that name its module first, and the laboratory's."""
     room = Path(file).relative_to("services/pointit").parts
     folder = ROOT / "tests/unit" / (room[1] if room[0] == "services" else room[0])
     module = ".".join(Path(file).relative_to("services").with_suffix("").parts)

@@ -30,11 +30,10 @@ from pointit_lab.evaluation.localization.arm_rays import eye_finger_rays
 from pointit_lab.evaluation.localization.trial import FollowRecording, Reading, Trial
 from pointit_lab.evaluation.recordings.data_folder import file_of, read_index
 from tests.support.data import data_file
-from tests.unit.localizer.lab import config
-from tests.unit.localizer.person import yaw_difference
+from tests.unit.localizer.person import START_NS, config, poses, yaw_difference
 from tests.unit.localizer.test_latency import is_outside
 from tests.unit.localizer.test_mounting_fault import TURNS, verdict
-from tests.unit.localizer.test_moving_target import START_NS, poses, robots
+from tests.unit.localizer.test_moving_target import robots
 from tests.unit.localizer.test_target_disambiguation import ANY_POSE, TRUST
 
 RISE_S = 0.7

@@ -24,14 +24,12 @@ from pointit.services.localizer.pose_manager import PoseManager, Response
 from pointit.services.supervisor.config import SupervisorConfig
 from pointit.services.supervisor.life_cycle import Cancel, LifeCycle, Start
 from pointit.services.supervisor.life_cycle import Output as SupervisorOutput
-from tests.unit.localizer.person import EYES_M
+from tests.unit.localizer.person import EYES_M, START_NS, USER
 
 Array = NDArray[np.float64]
 
-START_NS = 1_700_000_000 * NS_PER_S
 RATE_HZ = 5.0
 STEPS_HZ = 2.0
-USER = "anna"
 
 
 @dataclass

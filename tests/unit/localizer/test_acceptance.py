@@ -17,13 +17,15 @@ from pointit.services.localizer.estimation.estimator import (
 )
 from pointit.sim.recordings import read_imu_csv
 from tests.support.data import data_file
-from tests.unit.localizer.person import EYES_M, Person, pointings
-from tests.unit.localizer.solving import (
+from tests.unit.localizer.person import (
     CORNERS,
+    EYES_M,
     LAB,
     LAX,
+    Person,
     angles,
     coordinates,
+    pointings,
     position_error_m,
     refused,
     solved,

@@ -15,10 +15,9 @@ from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S
 from pointit.services.localizer.drift.filter import DriftFilter, DriftPose, DriftSettings, Fix
 from pointit.services.localizer.drift.state import DriftState
-from tests.unit.localizer.person import EYES_M, yaw_difference
+from tests.unit.localizer.person import EYES_M, angles, yaw_difference
 
 EYES = (0.0, 0.0, EYES_M)
-angles = st.floats(-math.pi, math.pi)
 metres = st.floats(-20.0, 20.0)
 places = st.tuples(metres, metres, st.floats(0.0, 3.0))
 times = st.integers(0, 2**62) | st.integers(0, 600 * NS_PER_S)

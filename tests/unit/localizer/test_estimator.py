@@ -14,18 +14,20 @@ from pointit.geometry.vector import Vec3
 from pointit.services.localizer.estimation.angular_residuals import PARAMETERS, Rays, residuals
 from pointit.services.localizer.estimation.estimator import Pointings, Solution, SolverSettings, solve
 from tests.support.data import data_file
-from tests.unit.localizer.person import Person, pointings, yaw_difference
-from tests.unit.localizer.solving import (
+from tests.unit.localizer.person import (
     CORNERS,
     LAX,
     LOOSE,
     UNLIMITED,
+    Person,
     angles,
     biases,
     coordinates,
     far,
+    pointings,
     position_error_m,
     solved,
+    yaw_difference,
 )
 
 

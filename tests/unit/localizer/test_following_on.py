@@ -10,9 +10,8 @@ from pointit.schemas import NS_PER_S, Localization, UserPose
 from pointit.services.localizer.config import LocalizerConfig
 from pointit.services.localizer.outputs import Output
 from pointit.services.localizer.procedures.moving_target import CONTRADICTED, WRIST_SIGMA_S, MovingTarget
-from tests.unit.localizer.lab import config
-from tests.unit.localizer.person import Person
-from tests.unit.localizer.test_moving_target import PERSON, START_NS, error_m, place, poses, robots, told
+from tests.unit.localizer.person import START_NS, Person, config, poses, told
+from tests.unit.localizer.test_moving_target import PERSON, error_m, place, robots
 
 ON = config(window_s=4.0, autostart=True, drift={"rate_sigma_degps": 0.5})
 RUN_UP_S = ON.reaction_s + ON.window_s

@@ -10,9 +10,8 @@ from pointit.services.localizer.estimation.estimator import SolverSettings
 from pointit.services.localizer.estimation.rays import Mean, believed, mean, unfiltered
 from pointit.services.localizer.procedures.facing import HeadingWindow
 from pointit.services.localizer.procedures.hold import Hold
-from tests.unit.localizer.lab import config
+from tests.unit.localizer.person import START_NS, config
 
-START_NS = 1_700_000_000 * NS_PER_S
 STEADY = config(reaction_s=1.0, patience_s=3.0, steady_degps=8.0)
 
 

@@ -13,9 +13,8 @@ from pointit.services.localizer.estimation.estimator import Pointings, Refusal, 
 from pointit.services.localizer.procedures.static_targets import StaticTargets
 from pointit.services.localizer.verification.holds import held, odd_hold
 from pointit.services.pointing.arm_ray import ArmRay
-from tests.unit.localizer.lab import config
-from tests.unit.localizer.person import EYES_M, Person
-from tests.unit.localizer.test_static_targets import START_NS, TICK_NS, told
+from tests.unit.localizer.person import EYES_M, START_NS, Person, config, told
+from tests.unit.localizer.test_static_targets import TICK_NS
 
 LAMPS: tuple[Vec3, ...] = (
     (3.0, 2.0, 0.1),

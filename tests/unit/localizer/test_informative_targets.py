@@ -7,11 +7,10 @@ import numpy as np
 import pytest
 
 from pointit.geometry.vector import Vec3
-from pointit.schemas import NS_PER_S, Lamp, Localization, PointingRay, UserPose
+from pointit.schemas import NS_PER_S, Lamp, PointingRay, UserPose
 from pointit.services.localizer.outputs import Output
 from pointit.services.localizer.procedures.static_targets import StaticTargets
-from tests.unit.localizer.lab import UNLIMITED, config
-from tests.unit.localizer.person import Person, yaw_difference
+from tests.unit.localizer.person import ANY_TRUST, START_NS, Person, config, told, yaw_difference
 
 GOOD = (
     Lamp(id="high", position_m=(4.0, 0.5, 1.7)),
@@ -21,7 +20,6 @@ GOOD = (
     Lamp(id="back", position_m=(-2.5, -2.0, 0.3)),
 )
 EYE_HIGH = (Lamp(id="a", position_m=(2.0, 3.0, 1.64)), Lamp(id="b", position_m=(2.5, 3.0, 1.64)))
-START_NS = 1_700_000_000 * NS_PER_S
 PERSON = Person(0.6, -0.4, 2.2, math.radians(3.0))
 SURE = config(order="informative", enough={"yaw_deg": 3.0})
 
@@ -50,10 +48,6 @@ def run(procedure: StaticTargets, person: Person = PERSON, error_deg: float = 0.
 def order(outputs: list[Output]) -> list[str]:
     holds = ((news.target_index, news.target_id) for news in told(outputs) if news.target_id)
     return [lamp for (_, lamp), _ in itertools.groupby(holds)]
-
-
-def told(outputs: list[Output]) -> list[Localization]:
-    return [output for output in outputs if isinstance(output, Localization)]
 
 
 def test_it_stops_when_it_is_sure_enough() -> None:
@@ -142,7 +136,7 @@ def test_unsolvable_lamps_are_refused_with_a_reason() -> None:
 
 @pytest.mark.parametrize("targets", [0, 2])
 def test_in_the_given_order_nothing_is_chosen(targets: int) -> None:
-    outputs = run(StaticTargets(GOOD, config(targets=targets).model_copy(update={"trust": UNLIMITED})))
+    outputs = run(StaticTargets(GOOD, config(targets=targets).model_copy(update={"trust": ANY_TRUST})))
     assert order(outputs) == [lamp.id for lamp in GOOD][: targets or None]
 
 
@@ -157,7 +151,7 @@ def test_a_calibrated_person_is_sure_earlier() -> None:
     lamps = (Lamp(id="0", position_m=(0.15, 0.05, 1.55)), Lamp(id="1", position_m=(-2.4, -0.025, 1.25)))
     sigmas: list[float] = []
     for person in (Person(1.5, 1.1, 2.2), Calibrated(1.5, 1.1, 2.2)):
-        procedure = StaticTargets(lamps, config(targets=2).model_copy(update={"trust": UNLIMITED}))
+        procedure = StaticTargets(lamps, config(targets=2).model_copy(update={"trust": ANY_TRUST}))
         outputs = procedure.start(START_NS)
         for tick in range(50 * 8):
             now_ns = START_NS + tick * NS_PER_S // 50

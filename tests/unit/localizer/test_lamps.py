@@ -9,9 +9,8 @@ from pointit.services.localizer.config import LocalizerConfig
 from pointit.services.localizer.estimation.estimator import SAME_PLACE_M, Refusal
 from pointit.services.localizer.pose_manager import PoseManager, Response
 from pointit.services.localizer.procedures.lamps import lamps_for_pose, map_change_reason
-from tests.unit.localizer.lab import config
+from tests.unit.localizer.person import START_NS, config
 
-START_NS = 1_700_000_000 * NS_PER_S
 A, B, C = (
     Lamp(id="a", position_m=(3.0, 2.0, 0.1)),
     Lamp(id="b", position_m=(-3.0, 2.5, 0.9)),

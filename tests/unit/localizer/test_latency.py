@@ -17,10 +17,19 @@ from pointit.services.localizer.estimation.estimator import (
     solve,
 )
 from pointit.services.localizer.procedures.moving_target import MovingTarget
-from tests.unit.localizer.lab import config
-from tests.unit.localizer.person import EYES_M, Person, pointings, yaw_difference
-from tests.unit.localizer.solving import CORNERS, position_error_m, solved
-from tests.unit.localizer.test_moving_target import PERSON, START_NS, place, poses, robots
+from tests.unit.localizer.person import (
+    CORNERS,
+    EYES_M,
+    START_NS,
+    Person,
+    config,
+    pointings,
+    poses,
+    position_error_m,
+    solved,
+    yaw_difference,
+)
+from tests.unit.localizer.test_moving_target import PERSON, place, robots
 
 Array = NDArray[np.float64]
 

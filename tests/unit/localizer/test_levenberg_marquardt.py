@@ -8,8 +8,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize as scipy_minimize
 
 from pointit.services.localizer.estimation.levenberg_marquardt import evaluate_costs, minimize
-from tests.unit.localizer.person import Person, pointings
-from tests.unit.localizer.solving import CORNERS, UNLIMITED, angles, coordinates
+from tests.unit.localizer.person import CORNERS, UNLIMITED, Person, angles, coordinates, pointings
 
 NOISE_RAD = 0.08
 

@@ -18,9 +18,8 @@ from pointit.services.localizer.estimation.estimator import (
 from pointit.services.localizer.estimation.mounting import mounting_fault, mounting_slope
 from pointit.services.localizer.procedures.moving_target import MovingTarget
 from pointit.services.pointing.arm_ray import ArmRay
-from tests.unit.localizer.lab import config
-from tests.unit.localizer.person import EYES_M
-from tests.unit.localizer.test_moving_target import START_NS, poses, robots, told
+from tests.unit.localizer.person import EYES_M, START_NS, config, poses, told
+from tests.unit.localizer.test_moving_target import robots
 
 BODY = BodyMeasures()
 ARM_M = BODY.shoulder_to_wrist_m + BODY.wrist_to_finger_m

@@ -7,7 +7,7 @@ import pytest
 from pointit.services.localizer.estimation import mounting
 from pointit.services.localizer.estimation.estimator import Refusal, SolverSettings
 from pointit.services.localizer.estimation.mounting import Slope, mounting_fault
-from tests.unit.localizer.solving import solved
+from tests.unit.localizer.person import solved
 from tests.unit.localizer.test_mounting_fault import TURNS, following
 
 SURE = Slope(value=0.0, sigma=0.05, freedom=18.0, sideways_rad=0.03)

@@ -8,14 +8,12 @@ import pytest
 
 from pointit.geometry.floor_sigma import place_sigma_m
 from pointit.geometry.vector import Vec3
-from pointit.schemas import NS_PER_S, Localization, TrackedObject, TrackedObjects, UserPose
+from pointit.schemas import NS_PER_S, TrackedObject, TrackedObjects, UserPose
 from pointit.services.localizer.outputs import Output
 from pointit.services.localizer.procedures.moving_target import MovingTarget
 from pointit.services.localizer.procedures.time_sync import RayWindow, Track
-from tests.unit.localizer.lab import config
-from tests.unit.localizer.person import Person, yaw_difference
+from tests.unit.localizer.person import START_NS, Person, config, poses, told, yaw_difference
 
-START_NS = 1_700_000_000 * NS_PER_S
 PERSON = Person(0.5, -0.3, 1.1, math.radians(-4.0))
 NEAR_M = 0.08
 """Limit of the error of a pose that comes after 3 s of exact following: 0.04 to 0.07 m at five places."""
@@ -64,14 +62,6 @@ def fly(
             procedure.on_objects("room", robots(seen_s, **others, drone=place(seen_s)))
         outputs += procedure.step(now_ns)
     return outputs
-
-
-def poses(outputs: list[Output]) -> list[UserPose]:
-    return [output for output in outputs if isinstance(output, UserPose)]
-
-
-def told(outputs: list[Output]) -> list[Localization]:
-    return [output for output in outputs if isinstance(output, Localization)]
 
 
 def error_m(pose: UserPose, person: Person = PERSON) -> float:

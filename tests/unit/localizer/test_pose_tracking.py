@@ -12,11 +12,9 @@ from pointit.services.localizer.estimation.rays import Mean, mean
 from pointit.services.localizer.outputs import Output
 from pointit.services.localizer.procedures.anchoring import Anchoring
 from pointit.services.localizer.tracking.pose_tracking import MEASURED, PoseTracker
-from tests.unit.localizer.lab import config
-from tests.unit.localizer.person import Person, yaw_difference
+from tests.unit.localizer.person import START_NS, Person, config, yaw_difference
 
 S = NS_PER_S
-START_NS = 1_700_000_000 * S
 LAMP = Lamp(id="led", position_m=(4.0, 1.0, 1.2))
 RATE = math.radians(0.3)
 """The yaw of {H} drifts by so much in a second."""

@@ -13,15 +13,17 @@ from numpy.typing import NDArray
 from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
 from pointit.services.localizer.estimation.estimator import Pointings, SolverSettings
-from tests.unit.localizer.person import Person, pointings, yaw_difference
-from tests.unit.localizer.solving import (
+from tests.unit.localizer.person import (
     CORNERS,
     LAX,
     UNLIMITED,
+    Person,
     angles,
     coordinates,
+    pointings,
     position_error_m,
     solved,
+    yaw_difference,
 )
 
 WAY: tuple[Vec3, ...] = tuple(

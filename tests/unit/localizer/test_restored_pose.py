@@ -11,10 +11,9 @@ from pointit.services.localizer.config import LocalizerConfig
 from pointit.services.localizer.pose_manager import PoseManager, Response
 from pointit.services.localizer.procedures.moving_target import MAX_TRACKS, MovingTarget
 from pointit.services.localizer.tracking.pose_tracking import PoseTracker
-from tests.unit.localizer.lab import ROOM, config
+from tests.unit.localizer.person import ROOM, START_NS, config
 
 S = NS_PER_S
-START_NS = 1_700_000_000 * S
 Covariance = tuple[float, float, float, float, float, float, float, float, float]
 FOUND: Covariance = (0.04, 0.0, 0.0, 0.0, 0.04, 0.0, 0.0, 0.0, 0.01)
 

@@ -13,8 +13,7 @@ from pointit.geometry import rotation
 from pointit.schemas import BodyMeasures
 from pointit.services.localizer.estimation.estimator import Pointings, Solution, solve
 from pointit.services.pointing.arm_ray import ArmRay, RayModel
-from tests.unit.localizer.person import EYES_M
-from tests.unit.localizer.solving import CORNERS
+from tests.unit.localizer.person import CORNERS, EYES_M
 
 Array = NDArray[np.float64]
 

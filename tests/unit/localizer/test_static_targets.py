@@ -5,11 +5,10 @@ import math
 
 import pytest
 
-from pointit.schemas import NS_PER_S, Lamp, Localization, UserPose
+from pointit.schemas import NS_PER_S, Lamp, UserPose
 from pointit.services.localizer.outputs import Output
 from pointit.services.localizer.procedures.static_targets import StaticTargets
-from tests.unit.localizer.lab import config
-from tests.unit.localizer.person import Person, yaw_difference
+from tests.unit.localizer.person import START_NS, Person, config, told, yaw_difference
 
 LAMPS = (
     Lamp(id="a", position_m=(3.0, 2.0, 0.1)),
@@ -17,16 +16,11 @@ LAMPS = (
     Lamp(id="c", position_m=(-2.5, -3.0, 2.0)),
 )
 PLACES = {lamp.id: lamp.position_m for lamp in LAMPS}
-START_NS = 1_700_000_000 * NS_PER_S
 TICK_NS = NS_PER_S // 50
 
 
 def lamps_lit(outputs: list[Output]) -> set[str]:
     return {told(outputs)[-1].target_id} - {""}
-
-
-def told(outputs: list[Output]) -> list[Localization]:
-    return [output for output in outputs if isinstance(output, Localization)]
 
 
 def run(

@@ -10,16 +10,18 @@ from hypothesis import strategies as st
 
 from pointit.services.localizer.estimation.angular_residuals import Rays
 from pointit.services.localizer.estimation.estimator import Solution, SolverSettings, solve
-from tests.unit.localizer.person import Person, pointings, yaw_difference
-from tests.unit.localizer.solving import (
+from tests.unit.localizer.person import (
     CORNERS,
     LAB,
     LAX,
     UNLIMITED,
+    Person,
     angles,
     coordinates,
+    pointings,
     position_error_m,
     solved,
+    yaw_difference,
 )
 
 

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from pointit.geometry import rotation, vector
 from pointit.schemas import BodyMeasures, UserProfile
 from pointit.services.pointing.arm_ray import ArmRay, RayModel
+from tests.support.known import known
 
 angles = st.floats(-math.pi, math.pi)
 elevations = st.floats(-1.5, 1.5)
@@ -27,14 +28,11 @@ bodies = st.builds(
 
 
 def rayed(ray: ArmRay, azimuth_rad: float, elevation_rad: float) -> tuple[vector.Vec3, vector.Vec3]:
-    found = ray.ray(rotation.from_azimuth_elevation(azimuth_rad, elevation_rad))
-    assert found is not None
-    return found
+    return known(ray.ray(rotation.from_azimuth_elevation(azimuth_rad, elevation_rad)))
 
 
 def direction(ray: ArmRay, azimuth_rad: float, elevation_rad: float, roll_rad: float = 0.0) -> vector.Vec3:
-    found = ray.ray(rotation.from_azimuth_elevation(azimuth_rad, elevation_rad, roll_rad))
-    assert found is not None
+    found = known(ray.ray(rotation.from_azimuth_elevation(azimuth_rad, elevation_rad, roll_rad)))
     return found[1]
 
 
@@ -125,8 +123,7 @@ def test_a_norm_within_the_tolerance_does_not_matter(
 ) -> None:
     ray = ArmRay(model=model)
     x, y, z, w = rotation.from_azimuth_elevation(azimuth_rad, elevation_rad)
-    found = ray.ray((norm * x, norm * y, norm * z, norm * w))
-    assert found is not None
+    found = known(ray.ray((norm * x, norm * y, norm * z, norm * w)))
     assert vector.angle_between(found[1], direction(ray, azimuth_rad, elevation_rad)) < 1e-9
 
 

@@ -8,6 +8,7 @@ from pointit.geometry import rotation, vector
 from pointit.geometry.one_euro import OneEuro
 from pointit.schemas import ImuSample, PointingOffset, UserProfile
 from pointit.services.pointing.pointer import Pointer
+from tests.support.known import known
 
 MS = 1_000_000
 UP = PointingOffset(rung="pitch", elevation=(math.radians(3.0), 0.0, 0.0, 0.0, 0.0, 0.0), sigma_rad=0.02)
@@ -22,8 +23,7 @@ def sample(azimuth_rad: float, stamp_ns: int, device_time_ns: int | None = None)
 
 
 def test_uncalibrated_and_unfiltered_the_ray_is_the_models() -> None:
-    ray = Pointer().ray(sample(0.3, 0), 0)
-    assert ray is not None
+    ray = known(Pointer().ray(sample(0.3, 0), 0))
     assert ray.direction == ray.raw_direction
     assert (ray.azimuth_correction_rad, ray.elevation_correction_rad) == (0.0, 0.0)
     assert ray.elevation_sigma_rad is None
@@ -50,8 +50,7 @@ def test_new_profile_resets_the_filter() -> None:
     pointer = Pointer(smoothing=OneEuro())
     assert pointer.ray(sample(0.0, 0), 0) is not None
     pointer.set_profile(UserProfile(stamp_ns=0, offset=UP))
-    ray = pointer.ray(sample(0.5, 20 * MS), 20 * MS)
-    assert ray is not None
+    ray = known(pointer.ray(sample(0.5, 20 * MS), 20 * MS))
     assert vector.azimuth(ray.direction) == pytest.approx(0.5)
 
 
@@ -61,11 +60,10 @@ def test_repeats_do_not_hold_the_filter_back() -> None:
     for index in range(50):
         at = index * 20 * MS
         azimuth = 0.02 * index
-        expected = plain.ray(sample(azimuth, at, at), at)
+        expected = known(plain.ray(sample(azimuth, at, at), at))
         found = repeating.ray(sample(azimuth, at, at), at)
         assert repeating.ray(sample(azimuth, at + 10 * MS, at), at + 10 * MS) is None
         assert repeating.verdict == "repeated"
-        assert expected is not None
         assert found == expected
 
 

@@ -17,6 +17,7 @@ from pointit.services.pui.cursor import PersonCursor
 from pointit.services.pui.service import Pui
 from pointit.services.pui.surfaces import Surfaces
 from tests.support.bench import ManualClock, memory_bench, until
+from tests.support.known import known
 
 LAB = load_map("lab", 0)
 EYES: Vec3 = (0.0, 0.0, 1.64)
@@ -41,8 +42,7 @@ def test_at_the_estimated_pose_the_rays_hit_what_is_pointed_at(
     target = Polyline(LAB.strips[number].line_m).point_at(position_m)
     person = PersonCursor(Surfaces(LAB, ["strip"]))
     person.set_pose(pose(bias_rad))
-    cursor = person.cursor(ray_to(target, pose(), bias_rad))
-    assert cursor is not None
+    cursor = known(person.cursor(ray_to(target, pose(), bias_rad)))
     assert cursor.miss_rad < 1e-6
 
 
@@ -71,8 +71,7 @@ def test_of_two_who_tell_the_pose_the_newer_counts_while_both_do() -> None:
     person = PersonCursor(surfaces)
 
     def x_m() -> float:
-        seen = person.cursor(ray_to(Polyline(LAB.strips[1].line_m).point_at(2.5), pose(), 0.0))
-        assert seen is not None
+        seen = known(person.cursor(ray_to(Polyline(LAB.strips[1].line_m).point_at(2.5), pose(), 0.0)))
         assert seen.point_m is not None
         return round(seen.point_m[0], 6)
 

@@ -24,6 +24,7 @@ from pointit.services.pui.service import Pui
 from pointit.services.pui.surfaces import Surfaces
 from tests.support.bench import Bench, ManualClock, memory_bench, until
 from tests.support.data import data_file
+from tests.support.known import known
 
 LAB = load_map("lab", 0)
 EYES: Vec3 = (0.0, 0.0, 1.64)
@@ -65,8 +66,7 @@ def test_pointing_at_a_place_on_a_strip_puts_the_cursor_there(
     person = PersonCursor(Surfaces(LAB))
     person.set_pose(pose)
     target = on_strip(number, position_m)
-    cursor = person.cursor(ray_to(target, pose, stamp_ns=5))
-    assert cursor is not None
+    cursor = known(person.cursor(ray_to(target, pose, stamp_ns=5)))
     assert (cursor.surface, cursor.stamp_ns) == ("strip", 5)
     assert cursor.point_m is not None
     eyes = vector.add(pose.position_m, EYES)
@@ -80,8 +80,7 @@ def test_the_cursors_numbers_are_those_of_its_point() -> None:
     person = PersonCursor(Surfaces(LAB))
     person.set_pose(pose)
     beside = vector.add(on_strip(0, 2.0), (0.0, 0.0, 0.3))  # 0.3 m above the strip
-    cursor = person.cursor(ray_to(beside, pose))
-    assert cursor is not None
+    cursor = known(person.cursor(ray_to(beside, pose)))
     assert cursor.point_m is not None
     eyes = (2.0, 1.0, 1.64)
     reach = vector.subtract(cursor.point_m, eyes)
@@ -107,8 +106,7 @@ def test_only_a_ray_within_the_angle_tolerance_hits_the_strip(angle_deg: float, 
     pose = pose_at((x, y - 3.0, 0.0))
     person = PersonCursor(Surfaces(LAB, tolerance_rad=math.radians(12)))
     person.set_pose(pose)
-    cursor = person.cursor(offset(angle_deg, pose))
-    assert cursor is not None
+    cursor = known(person.cursor(offset(angle_deg, pose)))
     assert (cursor.surface == "strip") is hit
     assert (cursor.point_m is not None) is hit
 
@@ -130,8 +128,7 @@ def test_metres_forgive_far_away_what_they_refuse_nearby(method: Literal["exact"
 def test_only_the_wanted_kinds_take_part() -> None:
     lamp = LAB.lamps[1]
     direction = vector.normalized(vector.subtract(lamp.position_m, EYES))
-    met = Surfaces(LAB, ["lamp"]).hit_test(EYES, direction)
-    assert met is not None
+    met = known(Surfaces(LAB, ["lamp"]).hit_test(EYES, direction))
     assert met[0] == ("lamp", lamp.id)
     assert Surfaces(LAB, ["strip"]).hit_test(EYES, direction) is None
 
@@ -144,8 +141,7 @@ def test_belts_and_strips_of_the_conveyor_are_told_apart() -> None:
         for entry in entries:
             line = Polyline(entry.line_m)
             reach = vector.subtract(line.point_at(line.length_m / 2), eyes)
-            met = surfaces.hit_test(eyes, vector.normalized(reach))
-            assert met is not None
+            met = known(surfaces.hit_test(eyes, vector.normalized(reach)))
             if met[0] != (kind, entry.id):  # then another is in the same line of sight
                 assert met[1].miss_rad < 1e-3
             else:
@@ -157,8 +153,7 @@ def test_ending_takes_back_one_cursor_once_and_never_an_older_stamp() -> None:
     assert person.set_interaction(interaction("pointing")) is None
     person.set_pose(pose_at())
     assert person.cursor(ray_to(on_strip(0, 1.0), pose_at(), stamp_ns=50)) is not None
-    ended = person.set_interaction(interaction("idle", stamp_ns=20))
-    assert ended is not None
+    ended = known(person.set_interaction(interaction("idle", stamp_ns=20)))
     assert (ended.surface, ended.point_m, ended.stamp_ns) == ("none", None, 50)
     assert person.set_interaction(interaction("localizing")) is None
     assert person.clear(60) is None

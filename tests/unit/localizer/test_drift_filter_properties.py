@@ -151,12 +151,9 @@ def history(
 
 
 @given(
-    angles,
-    st.floats(-100.0, 100.0),
-    st.floats(-100.0, 100.0),
-    st.sampled_from((1.0, -1.0)),
+    angles, st.floats(-100.0, 100.0), st.floats(-100.0, 100.0), st.sampled_from((1.0, -1.0)),
     st.integers(0, 99),
-)
+)  # fmt: skip
 def test_a_turned_shifted_or_mirrored_world_gives_the_same(
     turn: float, east: float, north: float, hand: float, seed: int
 ) -> None:

@@ -102,11 +102,9 @@ def test_poses_with_a_shoulder_are_as_honest_as_without(moving: bool) -> None:  
 
 
 @given(
-    st.integers(0, 1000),
-    st.sampled_from(["eye_finger", "shoulder_arm", "forearm"]),
-    st.booleans(),
+    st.integers(0, 1000), st.sampled_from(["eye_finger", "shoulder_arm", "forearm"]), st.booleans(),
     st.floats(-math.pi, math.pi),
-)
+)  # fmt: skip
 def test_another_yaw_origin_changes_no_pose(seed: int, model: RayModel, moving: bool, yaw_rad: float) -> None:  # noqa: FBT001
     person, body = pointer(seed, 0.2, moving=moving), BodyMeasures(neck_to_shoulder_m=0.2)
     before, after = (solve(person.pointings(body, yaw, model)) for yaw in (0.0, yaw_rad))

@@ -18,13 +18,10 @@ elevations = st.floats(-1.5, 1.5)
 hands: st.SearchStrategy[Literal["left", "right"]] = st.sampled_from(["left", "right"])
 models: st.SearchStrategy[RayModel] = st.sampled_from(["eye_finger", "shoulder_arm", "forearm"])
 bodies = st.builds(
-    BodyMeasures,
-    footprint_to_neck_m=st.floats(0.8, 1.8),
-    neck_to_eyes_m=st.floats(0.1, 0.3),
-    neck_to_shoulder_m=st.floats(0.0, 0.25),
-    shoulder_to_wrist_m=st.floats(0.4, 0.7),
+    BodyMeasures, footprint_to_neck_m=st.floats(0.8, 1.8), neck_to_eyes_m=st.floats(0.1, 0.3),
+    neck_to_shoulder_m=st.floats(0.0, 0.25), shoulder_to_wrist_m=st.floats(0.4, 0.7),
     wrist_to_finger_m=st.floats(0.1, 0.25),
-)
+)  # fmt: skip
 
 
 def rayed(ray: ArmRay, azimuth_rad: float, elevation_rad: float) -> tuple[vector.Vec3, vector.Vec3]:

@@ -16,14 +16,9 @@ terms = st.tuples(*[st.floats(-3.0, 3.0)] * 6)
 ranges = st.tuples(st.floats(-1.5, 0.0), st.floats(0.0, 1.5))
 AROUND = (-0.8, 0.8)
 offsets = st.builds(
-    PointingOffset,
-    rung=st.sampled_from(["pitch", "polynomial"]),
-    azimuth=terms,
-    elevation=terms,
-    reference_rad=angles,
-    azimuth_range_rad=ranges,
-    elevation_range_rad=ranges,
-)
+    PointingOffset, rung=st.sampled_from(["pitch", "polynomial"]), azimuth=terms, elevation=terms,
+    reference_rad=angles, azimuth_range_rad=ranges, elevation_range_rad=ranges,
+)  # fmt: skip
 
 
 def test_pitch_is_a_constant_whatever_else_stands_there() -> None:

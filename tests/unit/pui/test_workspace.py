@@ -72,12 +72,9 @@ def laid(kind: WorkspaceKind, through: Vec3, feet: Vec3 = (0.0, 0.0, 0.0)) -> Wo
 
 
 @given(
-    stands,
-    st.tuples(st.floats(-5, 5), st.floats(-5, 5), st.floats(0, 3)),
-    angles,
-    st.floats(-1.5, 1.5),
+    stands, st.tuples(st.floats(-5, 5), st.floats(-5, 5), st.floats(0, 3)), angles, st.floats(-1.5, 1.5),
     kinds,
-)
+)  # fmt: skip
 def test_cursors_are_on_the_surface(
     feet: Vec3, through: Vec3, azimuth: float, elevation: float, kind: WorkspaceKind
 ) -> None:

@@ -13,10 +13,8 @@ from pointit.geometry.cloud_tree import LEAF_POINTS, CloudMeasure, CloudTree
 from pointit.geometry.point_tree import PointTree
 from pointit.geometry.vector import Vec3
 from tests.support.known import known
-from tests.unit.geometry.brute_force import LENGTH_M, STEP_M, misses
 
 Array = NDArray[np.float64]
-
 MEASURES: list[CloudMeasure] = ["angle", "metres", "samples"]
 seeds = st.integers(0, 2**32 - 1)
 
@@ -109,3 +107,24 @@ def test_lines_points_and_clouds_of_a_point_tree_are_numbered_in_turn() -> None:
 def test_no_points_or_no_numbers(points: list[Vec3]) -> None:
     with pytest.raises(ValueError, match="cloud"):
         CloudTree(points)
+
+
+STEP_M, LENGTH_M = 0.05, 8.0
+"""Spacing of `samples`."""
+
+
+def misses(points: Array, origin: Vec3, direction: Vec3, measure: CloudMeasure) -> Array:
+    """Return the miss of every point; `samples` by distances to all points of the ray."""
+    reach = points - np.array(origin)
+    d = np.array(direction)
+    along: Array = reach @ d
+    across: Array = np.linalg.norm(np.cross(d, reach), axis=1)
+    if measure == "angle":
+        angles: Array = np.arctan2(across, along)
+        return angles
+    if measure == "metres":
+        distances: Array = np.hypot(across, np.minimum(along, 0.0))
+        return distances
+    count = math.ceil(LENGTH_M / STEP_M)
+    on_ray = np.linspace(0.0, LENGTH_M, count + 1)[:, None] * d
+    return np.asarray(np.min([np.linalg.norm(reach - place, axis=1) for place in on_ray], axis=0))

@@ -18,7 +18,7 @@ from pointit.geometry.solid_cast import SolidCaster
 from pointit.geometry.solids import BoxSolid, Solid, SphereSolid
 from pointit.geometry.vector import Vec3
 from tests.support.known import known
-from tests.unit.geometry.brute_force import misses
+from tests.unit.geometry.test_cloud_tree import misses
 
 Array = NDArray[np.float64]
 

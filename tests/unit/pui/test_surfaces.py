@@ -27,8 +27,8 @@ from pointit.services.pui.cursor import NearbyLamps, PersonCursor
 from pointit.services.pui.shapes import ALL_KINDS
 from pointit.services.pui.surfaces import OPAQUE, Surfaces
 from tests.support.known import known
+from tests.unit.pui.room import EYES
 
-EYES: Vec3 = (0.0, 0.0, 1.64)
 FAR_WALL_M = 8.0
 CLOUD = np.column_stack([np.full(400, 6.0), np.linspace(-4, 4, 400), np.full(400, 2.5)])
 

@@ -8,7 +8,6 @@ from hypothesis import strategies as st
 
 from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
-from pointit.maps.file import load_map
 from pointit.schemas import (
     Cursor,
     Interaction,
@@ -23,11 +22,9 @@ from pointit.services.pui.surfaces import Surfaces
 from pointit.services.pui.tracked_objects import Tracked
 from pointit.services.pui.workspace import Workspace, WorkspaceError, WorkspaceKind, WorkspaceStart
 from tests.support.known import known
+from tests.unit.pui.room import EYES, LAB, S
 
-LAB = load_map("lab", 0)
 SURFACES = Surfaces(LAB)
-EYES: Vec3 = (0.0, 0.0, 1.64)
-S = 1_000_000_000
 KINDS: list[WorkspaceKind] = ["horizontal", "facing", "cylinder", "sphere"]
 
 kinds = st.sampled_from(KINDS)

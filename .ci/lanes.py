@@ -36,15 +36,7 @@ class Room:
 PRODUCT = "services/pointit/"
 BRIDGES = "bridges/pointit/bridges/"
 ROOMS = {
-    "lab": Room(
-        ("lab",),
-        ("tests/lab",),
-        (
-            *("tests/docs", "tests/wheel", "tests/unit/geometry/test_one_euro_figures.py"),
-            "tests/unit/goal/test_robot_identification.py",
-            "tests/unit/localizer",
-        ),
-    ),
+    "lab": Room(("lab",), ("tests/lab",), ("tests/docs", "tests/wheel")),
     "foxglove": Room(
         (f"{BRIDGES}foxglove",),
         ("tests/unit/foxglove", "tests/integration/foxglove"),
@@ -87,7 +79,10 @@ ROOMS = {
             *("tests/integration/ros2", "tests/integration/scenario/steered_robots.py"),
             "tests/integration/scenario/test_send_a_robot.py",
             "tests/integration/api/test_found_by_following.py",
-            *("tests/lab/evaluation/test_robot_evaluation.py", "tests/lab/evaluation/test_robot_flights.py"),
+            *(
+                f"tests/lab/evaluation/test_robot_{what}.py"
+                for what in ("evaluation", "flights", "identification")
+            ),
             "tests/lab/cli/test_evaluate_robots.py",
             "tests/e2e/web/test_robots.py",
         ),

@@ -46,12 +46,15 @@ def core_files() -> list[str]:
 
 
 def unit_tests(file: str) -> list[str]:
-    """Return the test files of the room of `file`; those that name its module first."""
+    """Return the test files of the room of `file`, those that name its module first, and the laboratory's."""
     room = Path(file).relative_to("services/pointit").parts
     folder = ROOT / "tests/unit" / (room[1] if room[0] == "services" else room[0])
     module = ".".join(Path(file).relative_to("services").with_suffix("").parts)
     tests = sorted(folder.rglob("test_*.py"), key=lambda path: module not in path.read_text("utf-8"))
-    return [path.relative_to(ROOT).as_posix() for path in tests]
+    lab = [
+        path for path in sorted((ROOT / "tests/lab").rglob("test_*.py")) if module in path.read_text("utf-8")
+    ]
+    return [path.relative_to(ROOT).as_posix() for path in (*tests, *lab)]
 
 
 def sample(count: int, seed: str, without: set[tuple[str, str]]) -> list[tuple[str, str, str]]:

@@ -25,8 +25,7 @@ from pointit.services.localizer.config import LocalizerConfig
 from pointit.services.localizer.service import Localizer
 from pointit.services.supervisor.config import SupervisorConfig
 from pointit.services.supervisor.service import Supervisor
-from tests.unit.localizer.lab import PLACES, ROOM
-from tests.unit.localizer.person import Person
+from tests.unit.localizer.person import PLACES, ROOM, Person
 
 PEOPLE = {"anna": Person(1.5, 1.2, -2.0), "ben": Person(-0.5, 0.3, 1.0), "carl": Person(0.5, 1.6, 0.2)}
 REACTION_S = 0.6

@@ -17,11 +17,9 @@ directions = st.builds(vector.direction, st.floats(-math.pi, math.pi), st.floats
 steps_s = st.floats(1e-3, 0.4)
 streams = st.lists(st.tuples(steps_s, directions), min_size=1, max_size=20)
 rotations = st.builds(
-    rotation.from_azimuth_elevation,
+    rotation.from_azimuth_elevation, st.floats(-math.pi, math.pi), st.floats(-1.5, 1.5),
     st.floats(-math.pi, math.pi),
-    st.floats(-1.5, 1.5),
-    st.floats(-math.pi, math.pi),
-)
+)  # fmt: skip
 
 
 def filtered(stream: list[tuple[float, Vec3]], one_euro: OneEuro | None = None) -> list[Vec3]:

@@ -1,4 +1,4 @@
-"""Many targets: the arrays against each segment on its own, rigid motions, real maps."""
+"""One segment and one ray by closed forms; many targets: arrays against each alone, rigid motions, trees."""
 
 import math
 import random
@@ -15,6 +15,7 @@ from pointit.geometry.point_tree import PointTree
 from pointit.geometry.polyline import Polyline
 from pointit.geometry.ray_cast import FEW, RayCaster
 from pointit.geometry.vector import Vec3
+from tests.support.known import known
 
 MEASURES: list[Measure] = ["angle", "metres"]
 seeds = st.integers(0, 2**32 - 1)
@@ -70,8 +71,7 @@ def test_no_segment_is_overlooked(seed: int, measure: Measure) -> None:
     rng = random.Random(seed)
     lines, points = scene(rng)
     o, d = some_point(rng), some_direction(rng)
-    hit = RayCaster(lines, points, measure=measure).cast(o, d)
-    assert hit is not None
+    hit = known(RayCaster(lines, points, measure=measure).cast(o, d))
     assert miss(hit, measure) == pytest.approx(least(lines, points, o, d, measure), abs=3e-7)
 
 
@@ -80,8 +80,7 @@ def test_the_hit_is_on_its_target_and_says_its_own_misses(seed: int, measure: Me
     rng = random.Random(seed)
     lines, points = scene(rng)
     o, d = some_point(rng), some_direction(rng)
-    hit = RayCaster(lines, points, measure=measure).cast(o, d)
-    assert hit is not None
+    hit = known(RayCaster(lines, points, measure=measure).cast(o, d))
     if hit.target < len(lines):
         assert 0.0 <= hit.position_m <= lines[hit.target].length_m + 1e-9
         expected = lines[hit.target].point_at(hit.position_m)
@@ -101,12 +100,10 @@ def test_few_targets_and_many_give_the_same(seed: int, measure: Measure) -> None
     rng = random.Random(seed)
     lines = [Polyline([some_point(rng), some_point(rng)]) for _ in range(rng.randint(1, FEW))]
     o, d = some_point(rng), some_direction(rng)
-    few = RayCaster(lines, measure=measure).cast(o, d)
+    few = known(RayCaster(lines, measure=measure).cast(o, d))
     # the same lines with so many vertices that they go through the arrays
     fine = [Polyline([line.point_at(line.length_m * i / 40) for i in range(41)]) for line in lines]
-    many = RayCaster(fine, measure=measure).cast(o, d)
-    assert few is not None
-    assert many is not None
+    many = known(RayCaster(fine, measure=measure).cast(o, d))
     assert miss(few, measure) == pytest.approx(miss(many, measure), abs=3e-7)
 
 
@@ -122,11 +119,10 @@ def test_moving_everything_moves_the_hit(seed: int, measure: Measure, far: bool)
         return vector.add(rotation.rotate(turn, p), shift)
 
     there = [Polyline([moved((v[0], v[1], v[2])) for v in line.vertices_m.tolist()]) for line in lines]
-    hit = RayCaster(lines, points, measure=measure).cast(o, d)
+    hit = known(RayCaster(lines, points, measure=measure).cast(o, d))
     hit_there = RayCaster(there, [moved(p) for p in points], measure=measure).cast(
         moved(o), rotation.rotate(turn, d)
     )
-    assert hit is not None
     assert hit_there is not None
     assert miss(hit, measure) == pytest.approx(miss(hit_there, measure), abs=1e-6)
     if miss(hit, measure) > 0.01:  # away from a crossing the place is as well determined
@@ -151,8 +147,7 @@ def test_what_is_behind_is_not_pointed_at(measure: Measure) -> None:
 
 def test_short_lines_right_behind_are_missed_by_their_better_end() -> None:
     lines = [Polyline([(-x, -0.05, 0.0), (-x, 0.15, 0.0)]) for x in range(3, FEW + 5)]
-    hit = RayCaster(lines).cast((0.0, 0.0, 0.0), (1.0, 0.0, 0.0))
-    assert hit is not None
+    hit = known(RayCaster(lines).cast((0.0, 0.0, 0.0), (1.0, 0.0, 0.0)))
     assert hit.target == 0
     assert hit.position_m == pytest.approx(0.2)
 
@@ -161,8 +156,7 @@ def test_grazing_along_a_long_strip() -> None:
     # eyes 2 cm above a strip of 10 m, pointing along it and ever so slightly down: it is met at 8 m
     strip = Polyline([(x / 100, 0.0, 0.0) for x in range(1001)])
     caster = RayCaster([strip])
-    hit = caster.cast((0.0, 0.0, 0.02), vector.normalized((8.0, 0.0, -0.02)), 0.1)
-    assert hit is not None
+    hit = known(caster.cast((0.0, 0.0, 0.02), vector.normalized((8.0, 0.0, -0.02)), 0.1))
     assert hit.position_m == pytest.approx(8.0, abs=1e-3)
     assert hit.miss_rad < 1e-7
 
@@ -171,15 +165,13 @@ def test_eyes_on_a_line_or_lamp_give_finite_hits() -> None:
     line = Polyline([(x / 10, 0.0, 0.0) for x in range(101)])
     lamps: list[Vec3] = [(5.0, 0.0, 0.0)]
     for measure in MEASURES:
-        hit = RayCaster([line], lamps, measure=measure).cast((5.0, 0.0, 0.0), (0.0, 1.0, 0.0))
-        assert hit is not None
+        hit = known(RayCaster([line], lamps, measure=measure).cast((5.0, 0.0, 0.0), (0.0, 1.0, 0.0)))
         assert all(math.isfinite(x) for x in (*hit.point_m, hit.miss_m, hit.miss_rad, hit.range_m))
 
 
 def test_a_direction_of_nearly_norm_one_is_taken_as_one() -> None:
     caster = RayCaster([Polyline([(2.0, -1.0, 0.0), (2.0, 1.0, 0.0)])])
-    hit = caster.cast((0.0, 0.0, 0.0), (1.0009, 0.0, 0.0), 0.1)
-    assert hit is not None
+    hit = known(caster.cast((0.0, 0.0, 0.0), (1.0009, 0.0, 0.0), 0.1))
     assert (hit.miss_rad, hit.miss_m, hit.range_m) == (0.0, 0.0, 2.0)
 
 
@@ -198,10 +190,8 @@ def test_the_tree_agrees_with_the_exact_cast_within_its_step(seed: int) -> None:
     rng = random.Random(seed)
     lines, points = scene(rng)
     o, d = some_point(rng), some_direction(rng)
-    exact = RayCaster(lines, points, measure="metres").cast(o, d)
-    found = PointTree(lines, points, step_m=0.05, reach_m=20.0).cast(o, d)
-    assert exact is not None
-    assert found is not None
+    exact = known(RayCaster(lines, points, measure="metres").cast(o, d))
+    found = known(PointTree(lines, points, step_m=0.05, reach_m=20.0).cast(o, d))
     # half a step along the line and half a step along the ray, at worst
     assert exact.miss_m - 1e-9 <= found.miss_m <= exact.miss_m + 0.05 + 1e-9
 
@@ -233,8 +223,7 @@ def test_both_ends_of_every_line_are_in_the_tree() -> None:
     for target, line in enumerate(lines):
         for position in (0.0, line.length_m):
             x, y, _ = line.point_at(position)
-            hit = tree.cast((x, y, 2.0), (0.0, 0.0, -1.0), 0.01)
-            assert hit is not None
+            hit = known(tree.cast((x, y, 2.0), (0.0, 0.0, -1.0), 0.01))
             assert hit.target == target
             assert hit.position_m == pytest.approx(position)
 
@@ -269,3 +258,110 @@ def test_what_is_beyond_the_reach_is_cut_off(seed: int, measure: Measure, reach_
         assert miss(hit, measure) <= best + 3e-7
         if hit.target < len(some):
             assert math.dist(some[hit.target].point_at(hit.position_m), hit.point_m) < 1e-9
+
+
+coordinates = st.floats(-5, 5)
+points = st.tuples(coordinates, coordinates, coordinates)
+azimuths = st.floats(-math.pi, math.pi)
+elevations = st.floats(-math.pi / 2, math.pi / 2)
+directions = st.builds(vector.direction, azimuths, elevations)
+AHEAD: Vec3 = (1.0, 0.0, 0.0)
+
+
+def least_misses(a: Vec3, u: Vec3, d: Vec3, count: int = 2001) -> tuple[float, float]:
+    """Return the least angle and the least distance of many points of the segment."""
+    t = np.linspace(0.0, 1.0, count)[:, None]
+    q = np.array(a) + t * np.array(u)
+    along = q @ np.array(d)
+    across = np.linalg.norm(np.cross(np.array(d), q), axis=1)
+    distance = np.sqrt(across**2 + np.minimum(along, 0.0) ** 2)
+    return float(np.arctan2(across, along).min()), float(distance.min())
+
+
+def along(a: Vec3, u: Vec3, t: float) -> Vec3:
+    return vector.add(a, vector.scale(u, t))
+
+
+@given(points, points, directions)
+def test_no_point_is_at_a_smaller_angle(a: Vec3, u: Vec3, d: Vec3) -> None:
+    # from 0 the angle jumps; that case is tested by hand
+    assume(min(vector.norm(along(a, u, i / 200)) for i in range(201)) > 0.1)
+    t, _ = nearest_in_angle(a, u, d)
+    assert 0.0 <= t <= 1.0
+    assert vector.angle_between(d, along(a, u, t)) <= least_misses(a, u, d)[0] + 5e-8
+
+
+@given(points, points, directions)
+def test_no_point_is_nearer_in_metres(a: Vec3, u: Vec3, d: Vec3) -> None:
+    t, _ = nearest_in_metres(a, u, d)
+    assert 0.0 <= t <= 1.0
+    assert make_hit(0, 0.0, along(a, u, t), (0.0, 0.0, 0.0), d).miss_m <= least_misses(a, u, d)[1] + 5e-7
+
+
+def test_nearest_in_metres_is_not_nearest_in_angle() -> None:
+    # a strip that runs away from the ray: near the eyes it is close in metres, far out in angle
+    a, u = (1.0, 0.5, 0.0), (9.0, 0.5, 0.0)
+    assert nearest_in_metres(a, u, AHEAD)[0] == 0.0
+    assert nearest_in_angle(a, u, AHEAD)[0] == 1.0
+
+
+def test_a_segment_across_the_ray_is_hit_where_it_crosses() -> None:
+    for nearest in (nearest_in_angle, nearest_in_metres):
+        assert nearest((2.0, -1.0, 0.0), (0.0, 4.0, 0.0), AHEAD)[0] == pytest.approx(0.25)
+
+
+def test_a_segment_behind_is_missed_by_its_best_end() -> None:
+    a, u = (-1.0, 1.0, 0.0), (-4.0, 0.0, 0.0)
+    t, cost = nearest_in_angle(a, u, AHEAD)
+    assert t == 0.0
+    assert math.acos(-cost) == pytest.approx(math.radians(135))
+    t, cost = nearest_in_metres(a, u, AHEAD)
+    assert t == 0.0
+    assert math.sqrt(cost) == pytest.approx(math.sqrt(2))
+
+
+def test_a_segment_that_passes_the_person_is_met_at_the_eyes_in_metres_and_ahead_in_angle() -> None:
+    a, u = (-2.0, 1.0, 0.0), (6.0, 0.0, 0.0)  # beside the person, parallel to the ray, half behind
+    assert nearest_in_metres(a, u, AHEAD)[1] == pytest.approx(1.0)
+    assert nearest_in_angle(a, u, AHEAD)[0] == 1.0
+    away = vector.normalized((-1.0, -0.2, 0.0))
+    assert nearest_in_metres(a, u, away)[0] == pytest.approx(1 / 3)
+
+
+def test_a_ray_along_the_segment() -> None:
+    a, u = (2.0, 0.0, 0.0), (3.0, 0.0, 0.0)
+    assert nearest_in_metres(a, u, AHEAD)[1] == pytest.approx(0.0, abs=1e-12)
+    assert nearest_in_angle(a, u, AHEAD)[1] == pytest.approx(-1.0)
+    backwards = (-1.0, 0.0, 0.0)
+    assert nearest_in_metres(a, u, backwards) == (0.0, 4.0)
+    assert nearest_in_angle(a, u, backwards)[1] == pytest.approx(1.0)
+
+
+def test_a_segment_without_length_is_a_point() -> None:
+    for nearest, expected in ((nearest_in_angle, -0.6), (nearest_in_metres, 16.0)):
+        t, cost = nearest((3.0, 4.0, 0.0), (0.0, 0.0, 0.0), AHEAD)
+        assert 0.0 <= t <= 1.0
+        assert cost == pytest.approx(expected)
+
+
+def test_eyes_on_the_segment() -> None:
+    a, u = (-1.0, -1.0, 0.0), (3.0, 3.0, 0.0)
+    t, cost = nearest_in_metres(a, u, AHEAD)
+    assert cost == pytest.approx(0.0, abs=1e-12)
+    assert t == pytest.approx(1 / 3)
+    t, cost = nearest_in_angle(a, u, AHEAD)  # all points ahead are at 45 degrees, the eyes' own at none
+    assert t == 1.0
+    assert math.acos(-cost) == pytest.approx(math.radians(45))
+
+
+def test_a_point_at_the_eyes_is_at_no_angle() -> None:
+    assert nearest_in_angle((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), AHEAD) == (0.0, 1.0)
+    hit = make_hit(0, 0.0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), AHEAD)
+    assert (hit.miss_m, hit.range_m) == (0.0, 0.0)
+    assert math.isfinite(hit.miss_rad)
+
+
+def test_miss_of_a_point_behind_the_ray_is_its_distance_to_the_origin() -> None:
+    hit = make_hit(0, 0.0, (-3.0, 4.0, 0.0), (0.0, 0.0, 0.0), AHEAD)
+    assert hit.miss_m == pytest.approx(5.0)
+    assert hit.miss_rad == pytest.approx(math.atan2(4.0, -3.0))

@@ -17,7 +17,8 @@ from pointit.geometry.plane import PlaneSolid, plane_axes
 from pointit.geometry.solid_cast import SolidCaster
 from pointit.geometry.solids import BoxSolid, Solid, SphereSolid
 from pointit.geometry.vector import Vec3
-from tests.unit.geometry.brute_force import misses
+from tests.support.known import known
+from tests.unit.geometry.test_cloud_tree import misses
 
 Array = NDArray[np.float64]
 
@@ -87,8 +88,7 @@ def test_no_point_of_the_skin_is_missed_by_less(seed: int, form: str, measure: M
     origin = some_point(rng)
     near = vector.subtract(some_point(rng, 3.0), origin)
     direction = vector.normalized(near) if rng.random() < 0.7 else some_direction(rng)
-    hit = SolidCaster([solid], measure=measure).cast(origin, direction)
-    assert hit is not None
+    hit = known(SolidCaster([solid], measure=measure).cast(origin, direction))
     least = misses(skin, origin, direction, measure).min()
     miss = hit.miss_rad if measure == "angle" else hit.miss_m
     assert miss <= least + 1e-7
@@ -109,8 +109,7 @@ def test_a_ray_to_a_point_inside_of_its_outline_meets_it_there_or_before(seed: i
     x, y, z = skin[rng.randrange(len(skin))].tolist()
     target = vector.add((x, y, z), vector.scale(vector.subtract(solid.bounding_sphere[0], (x, y, z)), 1e-3))
     reach = vector.subtract(target, origin)
-    ahead = solid.intersect(origin, vector.normalized(reach))
-    assert ahead is not None
+    ahead = known(solid.intersect(origin, vector.normalized(reach)))
     assert ahead <= vector.norm(reach) + 1e-6 or solid.contains(origin)
 
 
@@ -201,8 +200,7 @@ def test_grazing_planes_are_refused(size: tuple[float, float] | None, angle_deg:
 
 def test_a_plane_without_end_is_met_or_not_there() -> None:
     wall = PlaneSolid((0.0, 5.0, 0.0), (0.0, -1.0, 0.0))
-    hit = SolidCaster([wall]).cast((1.0, 0.0, 1.5), (0.0, 1.0, 0.0), 0.1)
-    assert hit is not None
+    hit = known(SolidCaster([wall]).cast((1.0, 0.0, 1.5), (0.0, 1.0, 0.0), 0.1))
     assert hit.point_m == pytest.approx((1.0, 5.0, 1.5))
     assert hit.uv_m == pytest.approx((1.0, 1.5))
     assert SolidCaster([wall]).cast((1.0, 0.0, 1.5), (0.0, -1.0, 0.0), 3.0) is None
@@ -263,8 +261,7 @@ def test_the_miss_grows_steadily_as_a_ray_leaves_a_column() -> None:
     column = SolidCaster([CylinderSolid((3.0, 0.0, 0.0), 0.3, 2.5)])
     seen: list[float] = []
     for i in range(60):
-        hit = column.cast((0.0, 0.0, 1.6), vector.direction(i / 100, 0.1), 1.0)
-        assert hit is not None
+        hit = known(column.cast((0.0, 0.0, 1.6), vector.direction(i / 100, 0.1), 1.0))
         seen.append(hit.miss_rad)
     assert all(0.0 <= b - a < 0.0101 for a, b in pairwise(seen))
 
@@ -277,6 +274,5 @@ def test_whoever_is_inside_points_at_the_wall_from_within(form: str) -> None:
         "cylinder": CylinderSolid((0.0, 0.0, -2.0), 2.0, 4.0),
     }
     for azimuth in (0.0, math.pi / 2, math.pi, -math.pi / 2):
-        hit = SolidCaster([solid[form]]).cast((0.0, 0.0, 0.0), vector.direction(azimuth, 0.0))
-        assert hit is not None
+        hit = known(SolidCaster([solid[form]]).cast((0.0, 0.0, 0.0), vector.direction(azimuth, 0.0)))
         assert hit.range_m == pytest.approx(2.0)

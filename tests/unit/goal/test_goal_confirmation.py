@@ -2,6 +2,8 @@
 
 import itertools
 import math
+from collections.abc import AsyncGenerator
+from contextlib import asynccontextmanager
 from typing import Any
 
 import pytest
@@ -9,10 +11,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pointit.geometry.vector import Vec3
-from pointit.schemas import Feedback, Goal, Interaction, UserPose
+from pointit.schemas import ButtonEvent, Feedback, Goal, Interaction, UserPose
+from pointit.schemas.topics import BUTTON, CURSOR, FEEDBACK, GOAL, INTERACTION, MAP, POSE
 from pointit.services.goal.config import GoalConfig
 from pointit.services.goal.goal_checks import GoalChecker
-from tests.unit.goal.floor import POINTING, START_NS, Anna, cursor
+from pointit.services.goal.service import Goals
+from tests.support.bench import Bench, ManualClock, memory_bench, until
+from tests.unit.goal.floor import POINTING, ROOM, START_NS, Anna, cursor
 
 THERE: Vec3 = (2.0, 1.0, 0.0)
 ELSEWHERE: Vec3 = (1.0, -1.5, 0.0)
@@ -124,12 +129,15 @@ def test_data_that_are_not_of_now_are_refused(lag_s: float) -> None:
 
 
 def test_an_unsure_place_is_refused() -> None:
-    sure = Anna().change(lambda it: it.on_pose("anna", pose(0.0, 0.0, covariance=covariance(0.1, 0.02))))
-    assert sure.stay(THERE).cues == ["selected"]
-    unsure = Anna().change(lambda it: it.on_pose("anna", pose(0.0, 0.0, covariance=covariance(0.6, 0.02))))
-    assert unsure.stay(THERE).cues == ["refused"]
+    def known_to(place_m: float, yaw_rad: float) -> Anna:
+        at = pose(0.0, 0.0, covariance=covariance(place_m, yaw_rad))
+        return Anna().change(lambda it: it.on_pose("anna", at))
+
+    assert known_to(0.1, 0.02).stay(THERE).cues == ["selected"]
+    unsure = known_to(0.6, 0.02).stay(THERE)
+    assert unsure.cues == ["refused"]
     assert "sure to 0.6 m only" in unsure.last_text
-    turned = Anna().change(lambda it: it.on_pose("anna", pose(0.0, 0.0, covariance=covariance(0.1, 0.3))))
+    turned = known_to(0.1, 0.3)
     assert turned.stay(THERE).cues == ["refused"]  # 0.3 rad over 2.2 m
     assert turned.stay((0.5, 0.5, 0.0)).cues == ["refused", "selected"]
     far = Anna().stay((12.0, 0.0, 0.0))  # a degree is 1.5 m there
@@ -221,12 +229,8 @@ class Told:
 
     def do(self, what: str, how: Any) -> None:
         anna = self.anna
-        if what == "stay":
-            anna.stay(*how)
-        elif what == "wait":
-            anna.wait(how)
-        elif what == "press":
-            anna.press(*how)
+        if what in ("stay", "press", "wait"):
+            getattr(anna, what)(*how)
         elif what == "lag":
             anna.lag_s = how
         elif what == "ben":
@@ -243,7 +247,7 @@ stays = st.tuples(st.just("stay"), st.tuples(places, st.sampled_from([0.04, 0.3,
 doings = st.one_of(
     stays,
     stays,
-    st.tuples(st.just("wait"), st.sampled_from([0.1, 0.5, 9.0])),
+    st.tuples(st.just("wait"), st.tuples(st.sampled_from([0.1, 0.5, 9.0]))),
     st.tuples(
         st.just("press"), st.tuples(st.sampled_from(["press", "double", "hold"]), st.sampled_from([0.0, 0.5]))
     ),
@@ -302,3 +306,67 @@ def test_nobody_knows_how_sure_a_place_is_without_a_pose_or_the_eyes() -> None:
     judging.on_pose("anna", pose(0.0, 0.0))
     assert judging.sigma_m(THERE, seen) < 0.5
     assert judging.sigma_m(THERE, seen.model_copy(update={"origin_m": None})) == math.inf
+
+
+class Served:
+    """The service for Anna, who stands in the origin, on a bench."""
+
+    def __init__(self, bench: Bench, clock: ManualClock) -> None:
+        self.bench, self.clock = bench, clock
+        self.goals, self.cues = bench.collect(GOAL, "anna"), bench.collect(FEEDBACK, "anna")
+
+    async def stay(self, x_m: float | None, user: str = "anna") -> None:
+        for _ in range(14):
+            point = None if x_m is None else (x_m, 1.0, 0.0)
+            self.bench.put(CURSOR, cursor(self.clock.advance(0.1), point), user)
+            await self.bench.settle(2)
+
+    async def until_cues(self, *cues: str) -> None:
+        await until(lambda: [cue.cue for cue in self.cues] == [*cues], what=f"{cues}")
+
+
+@asynccontextmanager
+async def served(config: GoalConfig | None = None) -> AsyncGenerator[Served]:
+    clock = ManualClock()
+    async with memory_bench(clock) as bench:
+        here = Served(bench, clock)
+        bench.start(Goals, config, "anna")
+        await bench.settle()
+        bench.put(MAP, ROOM)
+        bench.put(POSE, pose(0.0, 0.0), "anna")
+        bench.put(INTERACTION, Interaction(stamp_ns=clock.now_ns(), state="pointing"), "anna")
+        await bench.settle()
+        yield here
+
+
+async def test_a_place_pointed_at_twice_becomes_a_goal() -> None:
+    async with served() as anna:
+        await anna.stay(2.0, "ben")  # somebody else
+        await anna.stay(2.0)
+        await anna.until_cues("selected")
+        await anna.stay(None)
+        await anna.stay(2.0)
+        await anna.until_cues("selected", "selected")
+        await until(lambda: bool(anna.goals), what="the goal")
+        assert anna.goals[0].position_m == THERE
+
+
+async def test_a_place_near_to_somebody_else_is_refused_and_a_press_confirms_where_it_is_to() -> None:
+    async with served(GoalConfig(confirm="press")) as anna:
+        anna.bench.put(POSE, pose(*THERE[:2]), "ben")
+        await anna.stay(2.0)
+        await anna.until_cues("refused")
+        assert "from ben" in anna.cues[0].text
+        await anna.stay(3.0)
+        await anna.until_cues("refused", "selected")
+        anna.bench.put(BUTTON, ButtonEvent(stamp_ns=anna.clock.now_ns()), "anna")
+        await until(lambda: bool(anna.goals), what="the goal")
+        assert anna.goals[0].confirmed_by == "press"
+
+
+async def test_unconfirmed_proposal_is_withdrawn_without_further_messages() -> None:
+    async with served(GoalConfig(confirm_s=0.5)) as anna:
+        await anna.stay(2.0)
+        assert len(anna.cues) == 1
+        anna.clock.advance(1.0)
+        await anna.until_cues("selected", "deselected")

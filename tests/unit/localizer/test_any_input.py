@@ -11,16 +11,14 @@ from pointit.services.localizer.estimation_config import TrustConfig
 from pointit.services.localizer.pose_manager import PoseManager
 from pointit.services.localizer.procedures.moving_target import MovingTarget
 from pointit.services.localizer.procedures.static_targets import StaticTargets
-from tests.unit.localizer.lab import UNLIMITED, config
+from tests.unit.localizer.person import ANY_TRUST, START_NS, angles, config
 
 S = 1_000_000_000
-START_NS = 1_700_000_000 * S
 
 far = st.one_of(st.floats(-5.0, 5.0), st.floats(-FARTHEST, FARTHEST), st.sampled_from([-FARTHEST, FARTHEST]))
 places = st.tuples(far, far, far)
-angles = st.floats(-math.pi, math.pi)
 
-LOOSE = UNLIMITED.model_copy(update={"bias_sigma_deg": 30.0, "max_act_residual_deg": 500.0})
+LOOSE = ANY_TRUST.model_copy(update={"bias_sigma_deg": 30.0, "max_act_residual_deg": 500.0})
 
 
 def ray(origin: tuple[float, float, float], azimuth: float, elevation: float, stamp_ns: int) -> PointingRay:

@@ -1,5 +1,6 @@
-"""Properties of the drift filter for any input."""
+"""The drift filter for any input, when the IMU's yaw or the clock jumps, and when two fixes share rays."""
 
+import dataclasses
 import math
 from collections.abc import Callable
 from typing import Any
@@ -12,20 +13,29 @@ from numpy.typing import NDArray
 
 from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
-from pointit.schemas import NS_PER_S
+from pointit.schemas import NS_PER_S, UserPose
 from pointit.services.localizer.drift.filter import DriftFilter, DriftPose, DriftSettings, Fix
 from pointit.services.localizer.drift.state import DriftState
-from tests.unit.localizer.person import EYES_M, yaw_difference
+from pointit.services.localizer.tracking.pose_tracking import PoseTracker
+from tests.unit.localizer.person import EYES_M, Person, angles, yaw_difference
+from tests.unit.localizer.test_drift_filter import (
+    LAMPS,
+    MINUTE_NS,
+    PERSON,
+    RATE_RADPS,
+    calibrated,
+    drifted,
+    fix,
+    point,
+)
+from tests.unit.localizer.test_drift_filter import LAMPS as PLACES
 
 EYES = (0.0, 0.0, EYES_M)
-angles = st.floats(-math.pi, math.pi)
 metres = st.floats(-20.0, 20.0)
 places = st.tuples(metres, metres, st.floats(0.0, 3.0))
 times = st.integers(0, 2**62) | st.integers(0, 600 * NS_PER_S)
 sigmas = st.floats(0.0, 100.0)
-
 Step = tuple[Any, ...]
-
 steps: st.SearchStrategy[Step] = st.one_of(
     st.tuples(st.just("anchor"), times, places, angles, st.floats(-1.5, 1.5), st.floats(0.0, 1.0)),
     st.tuples(st.just("heading"), times, angles, angles, sigmas),
@@ -141,12 +151,9 @@ def history(
 
 
 @given(
-    angles,
-    st.floats(-100.0, 100.0),
-    st.floats(-100.0, 100.0),
-    st.sampled_from((1.0, -1.0)),
+    angles, st.floats(-100.0, 100.0), st.floats(-100.0, 100.0), st.sampled_from((1.0, -1.0)),
     st.integers(0, 99),
-)
+)  # fmt: skip
 def test_a_turned_shifted_or_mirrored_world_gives_the_same(
     turn: float, east: float, north: float, hand: float, seed: int
 ) -> None:
@@ -164,3 +171,116 @@ def test_a_turned_shifted_or_mirrored_world_gives_the_same(
     assert abs(pose.yaw_sigma_rad - there.yaw_sigma_rad) < 1e-9
     assert abs(pose.position_sigma_m - there.position_sigma_m) < 1e-9
     assert abs(pose.yaw_rate_radps - hand * there.yaw_rate_radps) < 1e-9
+
+
+JUMP_RAD = math.radians(-51.0)
+"""Jump of the IMU's yaw."""
+
+
+def jumped(at_ns: int, jump_ns: int, rate_radps: float = math.radians(0.32)) -> Person:
+    """The person with an IMU that drifts and jumps at `jump_ns`."""
+    now = drifted(PERSON, at_ns, rate_radps)
+    return dataclasses.replace(now, yaw_rad=now.yaw_rad + (JUMP_RAD if at_ns > jump_ns else 0.0))
+
+
+@pytest.mark.parametrize("jump_ns", [MINUTE_NS // 2, 3 * MINUTE_NS // 2])
+@pytest.mark.parametrize("by", ["anchors", "localizations"])
+def test_jump_leaves_hardly_a_larger_error_than_anchoring_again(by: str, jump_ns: int) -> None:
+    """A jump between two yaws looks like a rate; the third yaw contradicts that rate."""
+    drift = DriftFilter(fix(PERSON, 0))
+    for minute in (1, 2):
+        at_ns = minute * MINUTE_NS
+        now = jumped(at_ns, jump_ns)
+        if by == "anchors":
+            point(drift, now, LAMPS[minute], at_ns)
+        else:
+            drift.reset(fix(now, at_ns))
+    pose = drift.predict(3 * MINUTE_NS)
+    off_rad = abs(yaw_difference(pose.yaw_rad, jumped(3 * MINUTE_NS, jump_ns).yaw_rad))
+    stray_rad = 0.25 * abs(JUMP_RAD) if by == "anchors" else 0.0  # an anchor may have been at another lamp
+    assert off_rad < math.radians(0.32 * 60.0 + 3.0) + stray_rad  # what the drift of a minute comes to
+    assert off_rad < 2.0 * pose.yaw_sigma_rad
+    # and the true drift is learnt from then on
+    for minute in (3, 4):
+        point(drift, jumped(minute * MINUTE_NS, jump_ns), LAMPS[minute % 3], minute * MINUTE_NS)
+    pose = drift.predict(5 * MINUTE_NS)
+    assert abs(yaw_difference(pose.yaw_rad, jumped(5 * MINUTE_NS, jump_ns).yaw_rad)) < math.radians(6.0)
+
+
+def test_confirmed_rate_outlives_a_turned_imu() -> None:
+    drift = calibrated(PERSON)
+    at_ns = 4 * MINUTE_NS
+    turned = dataclasses.replace(drifted(PERSON, at_ns), yaw_rad=drifted(PERSON, at_ns).yaw_rad + 1.0)
+    drift.reset(fix(turned, at_ns))
+    assert drift.at(at_ns).yaw_rate_radps == pytest.approx(RATE_RADPS, abs=math.radians(0.03))
+
+
+def test_contradicted_rate_is_doubted_at_once_and_forgotten_after_the_next_anchor() -> None:
+    """The jump before the first anchor looked like a rate of -31 degrees a minute."""
+    drift = DriftFilter(fix(PERSON, 0))
+    point(drift, jumped(MINUTE_NS, 0), LAMPS[0], MINUTE_NS)
+    learnt = drift.at(MINUTE_NS)
+    assert learnt.yaw_rate_radps < -math.radians(0.3)
+    point(drift, jumped(2 * MINUTE_NS, 0), LAMPS[1], 2 * MINUTE_NS)
+    assert drift.at(2 * MINUTE_NS).yaw_rate_sigma_radps > learnt.yaw_rate_sigma_radps
+    point(drift, jumped(3 * MINUTE_NS, 0), LAMPS[2], 3 * MINUTE_NS)
+    assert drift.at(3 * MINUTE_NS).yaw_rate_radps == pytest.approx(math.radians(0.32), abs=math.radians(0.08))
+
+
+def test_localizations_with_rays_in_common_do_not_add_up() -> None:
+    """Windows of 10 s, 6 s apart: the second begins after the middle of the first, but before its end."""
+    tracking = PoseTracker()
+    sigma_rad = math.radians(4.19)
+    for start_s in (0, 6):
+        newest_ns = (start_s + 10) * NS_PER_S
+        pose = UserPose(
+            stamp_ns=newest_ns,
+            position_m=(1.0, 2.0, 0.0),
+            yaw_rad=0.5,
+            covariance=(0.04, 0.0, 0.0, 0.0, 0.04, 0.0, 0.0, 0.0, sigma_rad**2),
+            method="moving_target",
+        )
+        found = tracking.set_localized(pose, start_s * NS_PER_S, (start_s + 5) * NS_PER_S, newest_ns)
+        assert math.sqrt(found.covariance[8]) >= sigma_rad
+
+
+def test_one_pointing_beside_is_forgotten_after_two_more_anchors() -> None:
+    drift, spared = DriftFilter(fix(PERSON, 0)), DriftFilter(fix(PERSON, 0))
+    for each in (drift, spared):
+        assert point(each, drifted(PERSON, MINUTE_NS), LAMPS[1], MINUTE_NS).accepted
+    point(drift, drifted(PERSON, 2 * MINUTE_NS), LAMPS[2], 2 * MINUTE_NS, math.radians(32.0))
+    for minute in (3, 4):
+        for each in (drift, spared):
+            point(each, drifted(PERSON, minute * MINUTE_NS), LAMPS[minute % 3], minute * MINUTE_NS)
+    have, want = drift.at(5 * MINUTE_NS), spared.at(5 * MINUTE_NS)
+    assert abs(yaw_difference(have.yaw_rad, want.yaw_rad)) < math.radians(5.0)
+    assert abs(yaw_difference(have.yaw_rad, want.yaw_rad)) < have.yaw_sigma_rad
+
+
+S = 1_000_000_000
+
+
+def test_every_entry_of_the_filter_follows() -> None:
+    now_ns = 20 * S
+    late = now_ns - S
+    direction = PERSON.direction(PLACES[0])
+
+    def filters() -> DriftFilter:
+        return calibrated(PERSON)
+
+    drift = filters()
+    refused = point(drift, drifted(PERSON, 3 * MINUTE_NS), PLACES[0], late)
+    assert "old" in refused.reason
+    drift.set_time(now_ns)
+    assert point(drift, drifted(PERSON, 3 * MINUTE_NS), PLACES[0], late).accepted
+    drift = filters()
+    origin = (0.0, 0.0, 1.64)
+    taken = drift.update_anchor(late, PLACES[0], origin, direction, now_ns=now_ns)
+    assert "old" not in taken.reason
+    assert filters().update_heading(late, 0.0, (1.0, 0.0, 0.0), now_ns=now_ns).accepted
+    assert not filters().update_heading(late, 0.0, (1.0, 0.0, 0.0)).accepted
+    assert filters().update_rest_rate(late, RATE_RADPS, 0.01, now_ns=now_ns).accepted
+    assert not filters().update_rest_rate(late, RATE_RADPS, 0.01).accepted
+    drift = filters()
+    drift.reset_yaw(now_ns, is_restarted=False)
+    assert drift.at(now_ns).stamp_ns == now_ns

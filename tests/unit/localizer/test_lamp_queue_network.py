@@ -186,11 +186,9 @@ areas = st.lists(st.sampled_from([LEFT, RIGHT]), min_size=2, max_size=len(NAMES)
 
 
 @given(
-    delays_s=delays,
-    order=st.permutations(NAMES),
-    gaps_s=st.lists(st.floats(0.0, 6.0), min_size=5, max_size=5),
-    anchors=st.booleans(),
-)
+    delays_s=delays, order=st.permutations(NAMES),
+    gaps_s=st.lists(st.floats(0.0, 6.0), min_size=5, max_size=5), anchors=st.booleans(),
+)  # fmt: skip
 def test_first_come_is_first_served_and_never_two_at_once(
     delays_s: list[float], order: list[str], gaps_s: list[float], *, anchors: bool
 ) -> None:

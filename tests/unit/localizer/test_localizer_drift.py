@@ -1,22 +1,26 @@
-"""The localizer on the bus: anchors, headings, drift, trackers outside."""
+"""The localizer on the bus: anchors, headings, drift, trackers outside, an IMU whose yaw begins anew."""
 
 import asyncio
 import math
+from collections.abc import AsyncGenerator
+from contextlib import asynccontextmanager
 from typing import Any, Literal
 
 import pytest
 
 from pointit.geometry import rotation, vector
+from pointit.geometry.vector import Vec3
 from pointit.runtime.bus.contract import Publisher
-from pointit.runtime.clock import sleep
+from pointit.runtime.clock import Clock, sleep
 from pointit.runtime.errors import RefusedError
 from pointit.runtime.virtual_time import VirtualClock
 from pointit.schemas import (
+    NS_PER_S,
     CancelLocalization,
-    Health,
     ImuSample,
     Interaction,
     Localization,
+    Message,
     PointAnchor,
     PointingRay,
     SetHeading,
@@ -24,31 +28,15 @@ from pointit.schemas import (
     StartLocalization,
     UserPose,
 )
-from pointit.schemas.topics import (
-    ANCHOR,
-    CANCEL_LOCALIZATION,
-    HEALTH,
-    IMU,
-    INTERACTION,
-    LOCALIZATION,
-    MAP,
-    POINT_ANCHOR,
-    POSE,
-    RAY,
-    SET_HEADING,
-    SET_POSE,
-    START_LOCALIZATION,
-    Topic,
-)
+from pointit.schemas import topics as at
 from pointit.services.localizer.config import LocalizerConfig
 from pointit.services.localizer.service import Localizer
+from pointit.services.localizer.tracking.yaw_origin import YawOrigin
 from tests.support.bench import Bench, ManualClock, in_virtual_time, memory_bench, until
-from tests.unit.localizer.lab import PLACES, ROOM
-from tests.unit.localizer.person import Person, yaw_difference
+from tests.unit.localizer.person import PLACES, ROOM, USER, Person, yaw_difference
 
 FIXED = LocalizerConfig(position_m=(1.5, 1.2, 0.0), yaw_deg=20.0, reaction_s=0.5, hold_s=1.0)
 LAMPS_FIRST = FIXED.model_copy(update={"method": "static_targets"})
-USER = "anna"
 DEGREE = math.radians(1.0)
 
 
@@ -58,10 +46,25 @@ class Wearer:
     def __init__(self, bench: Bench, yaw_rad: float = 20.0 * DEGREE) -> None:
         self.bench = bench
         self.person = Person(1.5, 1.2, yaw_rad)
-        self.poses = bench.collect(POSE, USER)
-        self.progress = bench.collect(LOCALIZATION, USER)
-        self.anchors = bench.collect(ANCHOR, USER)
-        self.health = bench.collect(HEALTH)
+        self.poses = bench.collect(at.POSE, USER)
+        self.progress = bench.collect(at.LOCALIZATION, USER)
+        self.anchors = bench.collect(at.ANCHOR, USER)
+        self.health = bench.collect(at.HEALTH)
+
+    async def put(self, topic: at.Topic[Any], message: Message) -> None:
+        self.bench.put(topic, message, USER)
+        await self.bench.settle()
+
+    async def call(self, request: at.Request[Any, Any], query: Any) -> str:
+        answer = await self.bench.bus.call(request, query, USER)
+        await self.bench.settle()
+        return str(answer.message)
+
+    async def aim(self, clock: ManualClock, direction: Vec3) -> None:
+        """Point there for 0.6 s."""
+        for _ in range(30):
+            ray = PointingRay(stamp_ns=clock.advance(0.02), origin_m=(0.0, 0.0, 1.6), direction=direction)
+            await self.put(at.RAY, ray)
 
     async def live(self) -> None:
         """Point, 50 rays a second of the clock."""
@@ -69,7 +72,7 @@ class Wearer:
         while True:
             asked = self.progress[-1].target_id if self.progress else ""
             target = PLACES.get(asked, (3.0, 3.0, 1.2))
-            self.bench.put(RAY, self.person.ray(target, clock.now_ns()), USER)
+            self.bench.put(at.RAY, self.person.ray(target, clock.now_ns()), USER)
             await sleep(clock, 0.02)
 
     async def until_phase(self, phase: str) -> Localization:
@@ -81,26 +84,35 @@ class Wearer:
         return self.health[-1].warnings if self.health else ()
 
     def figure(self, name: str) -> float | None:
-        last: Health = self.health[-1]
-        return next((figure.value for figure in last.figures if figure.name == name), None)
+        return next((figure.value for figure in self.health[-1].figures if figure.name == name), None)
+
+    async def until_warned(self, sentence: str) -> None:
+        await until(lambda: any(sentence in text for text in self.warnings), what=sentence)
 
 
-async def ready(bench: Bench, config: LocalizerConfig) -> None:
-    bench.put(MAP, ROOM)
-    bench.start(Localizer, config, USER)
-    await bench.settle()
+@asynccontextmanager
+async def worn(
+    config: LocalizerConfig,
+    clock: Clock | None = None,
+    yaw_rad: float = 20.0 * DEGREE,
+    *,
+    has_map: bool = True,
+) -> AsyncGenerator[Wearer]:
+    async with memory_bench(clock) as bench:
+        wearer = Wearer(bench, yaw_rad)
+        if has_map:
+            bench.put(at.MAP, ROOM)
+        bench.start(Localizer, config, USER)
+        await bench.settle()
+        yield wearer
 
 
 @in_virtual_time
 async def test_an_anchor_sets_a_fixed_pose_right_and_from_then_on_it_is_followed() -> None:
-    clock = VirtualClock()
-    async with memory_bench(clock) as bench:
-        wearer = Wearer(bench, 28.0 * DEGREE)
-        await ready(bench, FIXED)
+    async with worn(FIXED, VirtualClock(), 28.0 * DEGREE) as wearer:
         assert len(wearer.poses) == 1
         living = asyncio.create_task(wearer.live())
-        done = await bench.bus.call(POINT_ANCHOR, PointAnchor(lamp="led_1"), USER)
-        assert done.message == "point at led_1"
+        assert await wearer.call(at.POINT_ANCHOR, PointAnchor(lamp="led_1")) == "point at led_1"
         await until(lambda: wearer.progress[-1].target_id == "led_1", what="the lamp")
         sampling = wearer.progress[-1]
         assert (sampling.phase, sampling.purpose, sampling.target_id) == ("sampling", "anchor", "led_1")
@@ -121,69 +133,55 @@ async def test_an_anchor_sets_a_fixed_pose_right_and_from_then_on_it_is_followed
 
 
 async def test_the_lamp_that_tells_most_about_the_yaw_is_taken_when_none_is_named() -> None:
-    async with memory_bench(ManualClock()) as bench:
-        wearer = Wearer(bench)
-        await ready(bench, FIXED)
-        done = await bench.bus.call(POINT_ANCHOR, PointAnchor(), USER)
-        assert done.message == "point at led_0"  # far away and at eye height
-        await bench.settle()
-        cancelled = await bench.bus.call(CANCEL_LOCALIZATION, CancelLocalization(), USER)
-        assert cancelled.message == "cancelled; the last pose stays"
-        await bench.settle()
+    async with worn(FIXED) as wearer:
+        # far away and at eye height
+        assert await wearer.call(at.POINT_ANCHOR, PointAnchor()) == "point at led_0"
+        said = await wearer.call(at.CANCEL_LOCALIZATION, CancelLocalization())
+        assert said == "cancelled; the last pose stays"
         assert (wearer.progress[-1].phase, wearer.progress[-1].purpose) == ("cancelled", "anchor")
 
 
 async def test_impossible_anchor_is_refused_immediately() -> None:
-    async with memory_bench(ManualClock()) as bench:
-        bench.start(Localizer, LAMPS_FIRST, USER)
-        await bench.settle()
+    async with worn(LAMPS_FIRST, has_map=False) as wearer:
 
         async def reason(lamp: str = "") -> str:
             with pytest.raises(RefusedError) as refused:
-                await bench.bus.call(POINT_ANCHOR, PointAnchor(lamp=lamp), USER)
+                await wearer.call(at.POINT_ANCHOR, PointAnchor(lamp=lamp))
             return str(refused.value)
 
         assert (await reason()).startswith("no pose of anna is known; localize first")
-        await bench.bus.call(SET_POSE, SetPose(position_m=(1.5, 1.2, 0.0)), USER)
+        await wearer.call(at.SET_POSE, SetPose(position_m=(1.5, 1.2, 0.0)))
         assert "no map yet" in await reason()
-        bench.put(MAP, ROOM.model_copy(update={"lamps": ()}))
-        await bench.settle()
+        wearer.bench.put(at.MAP, ROOM.model_copy(update={"lamps": ()}))
+        await wearer.bench.settle()
         assert "has none; add it to the map" in await reason()
-        bench.put(MAP, ROOM)
-        await bench.settle()
+        wearer.bench.put(at.MAP, ROOM)
+        await wearer.bench.settle()
         assert "lamps led_7 are not on map 'lab'" in await reason("led_7")
-        await bench.bus.call(START_LOCALIZATION, StartLocalization(), USER)
+        await wearer.call(at.START_LOCALIZATION, StartLocalization())
         assert "anna is being localized now" in await reason()
 
 
 async def test_silence_at_an_anchor_is_refused_and_shown_in_health() -> None:
     clock = ManualClock()
-    async with memory_bench(clock) as bench:
-        wearer = Wearer(bench)
-        await ready(bench, FIXED)
-        await bench.bus.call(POINT_ANCHOR, PointAnchor(), USER)
+    async with worn(FIXED, clock) as wearer:
+        await wearer.call(at.POINT_ANCHOR, PointAnchor())
         clock.advance(20.0)
         refused = await wearer.until_phase("refused")
         assert "only 0 rays came while led_0 was lit" in refused.reason
         assert wearer.anchors == []
-        await until(lambda: any("only 0 rays" in text for text in wearer.warnings), what="the warning")
+        await wearer.until_warned("only 0 rays")
         assert len(wearer.poses) == 1
 
 
 async def test_an_untold_yaw_is_warned_of_with_the_remedy_until_an_anchor() -> None:
     clock = ManualClock()
-    config = FIXED.model_copy(update={"track_drift": True})
-    async with memory_bench(clock) as bench:
-        wearer = Wearer(bench)
-        await ready(bench, config)
+    async with worn(FIXED.model_copy(update={"track_drift": True}), clock) as wearer:
         clock.advance(60.0)
-        await until(
-            lambda: any("`pointit person anchor anna`" in text for text in wearer.warnings),
-            what="the warning",
-        )
-        assert any("uncertain by 15°" in text for text in wearer.warnings)
+        await wearer.until_warned("`pointit person anchor anna`")
+        await wearer.until_warned("uncertain by 15°")
         assert wearer.poses[-1].covariance[8] > (14.0 * DEGREE) ** 2
-        await bench.bus.call(SET_POSE, SetPose(position_m=(1.5, 1.2, 0.0)), USER)
+        await wearer.call(at.SET_POSE, SetPose(position_m=(1.5, 1.2, 0.0)))
         await until(lambda: not wearer.warnings, what="the warning to go")
 
 
@@ -192,36 +190,24 @@ async def test_a_resting_arm_is_listened_to_while_no_cursor_is_shown(
     state: Literal["idle", "pointing"], rate_degps: float
 ) -> None:
     clock = ManualClock()
-    async with memory_bench(clock) as bench:
-        wearer = Wearer(bench)
-        await ready(bench, FIXED.model_copy(update={"track_drift": True}))
-        bench.put(INTERACTION, Interaction(stamp_ns=clock.now_ns(), state=state), USER)
-        await bench.settle()
+    async with worn(FIXED.model_copy(update={"track_drift": True}), clock) as wearer:
+        await wearer.put(at.INTERACTION, Interaction(stamp_ns=clock.now_ns(), state=state))
         for tick in range(15 * 25):
             now_ns = clock.advance(0.04)
             arm = rotation.from_azimuth_elevation(-0.3 * DEGREE * tick * 0.04, -1.2)
-            bench.put(IMU, ImuSample(stamp_ns=now_ns, orientation_xyzw=arm), USER)
-            await bench.settle(3)
+            await wearer.put(at.IMU, ImuSample(stamp_ns=now_ns, orientation_xyzw=arm))
         await until(lambda: wearer.poses[-1].stamp_ns >= clock.now_ns(), what="a pose")
         assert wearer.poses[-1].yaw_rate_radps == pytest.approx(rate_degps * DEGREE, rel=0.3)
 
 
 async def test_facing_the_wall_sets_the_yaw() -> None:
     clock = ManualClock()
-    async with memory_bench(clock) as bench:
-        wearer = Wearer(bench)
-        await ready(bench, FIXED)
+    async with worn(FIXED, clock) as wearer:
         query = SetHeading(azimuth_rad=90.0 * DEGREE)
         with pytest.raises(RefusedError, match="no rays come"):
-            await bench.bus.call(SET_HEADING, query, USER)
-        for _ in range(30):
-            now_ns = clock.advance(0.02)
-            level = vector.direction(30.0 * DEGREE, -0.1)
-            bench.put(RAY, PointingRay(stamp_ns=now_ns, origin_m=(0.0, 0.0, 1.6), direction=level), USER)
-            await bench.settle(3)
-        done = await bench.bus.call(SET_HEADING, query, USER)
-        assert done.message.startswith("the yaw is set; ")
-        await bench.settle()
+            await wearer.call(at.SET_HEADING, query)
+        await wearer.aim(clock, vector.direction(30.0 * DEGREE, -0.1))
+        assert (await wearer.call(at.SET_HEADING, query)).startswith("the yaw is set; ")
         pose = wearer.poses[-1]
         assert abs(yaw_difference(pose.yaw_rad, 60.0 * DEGREE)) < 2.0 * DEGREE
         assert pose.position_m == pytest.approx((1.5, 1.2, 0.0))
@@ -229,62 +215,48 @@ async def test_facing_the_wall_sets_the_yaw() -> None:
 
 async def test_without_a_pose_a_heading_is_refused() -> None:
     clock = ManualClock()
-    async with memory_bench(clock) as bench:
-        await ready(bench, LAMPS_FIRST)
-        for _ in range(30):
-            now_ns = clock.advance(0.02)
-            ray = PointingRay(stamp_ns=now_ns, origin_m=(0.0, 0.0, 1.6), direction=(1.0, 0.0, 0.0))
-            bench.put(RAY, ray, USER)
-            await bench.settle(3)
+    async with worn(LAMPS_FIRST, clock) as wearer:
+        await wearer.aim(clock, (1.0, 0.0, 0.0))
         with pytest.raises(RefusedError, match="no pose of anna is known"):
-            await bench.bus.call(SET_HEADING, SetHeading(azimuth_rad=0.0), USER)
+            await wearer.call(at.SET_HEADING, SetHeading(azimuth_rad=0.0))
 
 
-def tracked(clock: ManualClock, x_m: float = 7.0) -> UserPose:
+def tracked(clock: Clock, x_m: float = 7.0) -> UserPose:
     return UserPose(stamp_ns=clock.now_ns(), position_m=(x_m, 0.0, 0.0), yaw_rad=0.0, method="external")
 
 
 async def test_where_a_tracker_gives_the_pose_the_localizer_stands_back() -> None:
     clock = ManualClock()
-    async with memory_bench(clock) as bench:
-        wearer = Wearer(bench)
-        await ready(bench, LAMPS_FIRST)
-        await bench.bus.call(SET_POSE, SetPose(position_m=(3.0, 4.0, 0.0)), USER)
-        await bench.bus.call(START_LOCALIZATION, StartLocalization(), USER)
-        await bench.settle()
+    async with worn(LAMPS_FIRST, clock) as wearer:
+        await wearer.call(at.SET_POSE, SetPose(position_m=(3.0, 4.0, 0.0)))
+        await wearer.call(at.START_LOCALIZATION, StartLocalization())
         assert wearer.progress[-1].target_id
-        bench.put(POSE, tracked(clock), USER)
-        await bench.settle()
+        await wearer.put(at.POSE, tracked(clock))
         assert wearer.progress[-1].phase == "cancelled"
         assert wearer.progress[-1].reason.startswith("a tracker provides the pose of anna now")
         count = len(wearer.progress)
-        bench.put(POSE, tracked(clock, 7.1), USER)
-        await bench.settle()
+        await wearer.put(at.POSE, tracked(clock, 7.1))
         assert len(wearer.progress) == count  # it says so once
-        late = bench.collect(POSE, USER)
-        await bench.settle()
+        late = wearer.bench.collect(at.POSE, USER)
+        await wearer.bench.settle()
         assert [pose.position_m[0] for pose in late] == [7.1]
         clock.advance(1.0)
         for asking in (
-            bench.bus.call(START_LOCALIZATION, StartLocalization(), USER),
-            bench.bus.call(SET_POSE, SetPose(position_m=(0.0, 0.0, 0.0)), USER),
-            bench.bus.call(SET_HEADING, SetHeading(azimuth_rad=0.0), USER),
+            wearer.call(at.START_LOCALIZATION, StartLocalization()),
+            wearer.call(at.SET_POSE, SetPose(position_m=(0.0, 0.0, 0.0))),
+            wearer.call(at.SET_HEADING, SetHeading(azimuth_rad=0.0)),
         ):
             with pytest.raises(RefusedError, match=r"a tracker provides the pose of anna, last 1.0 s ago"):
                 await asking
         await until(lambda: wearer.figure("external pose") == 1.0, what="the figure")
         clock.advance(1.5)
-        await until(
-            lambda: any("the tracker that gave the pose of anna is silent" in w for w in wearer.warnings),
-            what="the warning",
-        )
+        await wearer.until_warned("the tracker that gave the pose of anna is silent")
         with pytest.raises(RefusedError, match="is silent for"):
-            await bench.bus.call(POINT_ANCHOR, PointAnchor(), USER)
+            await wearer.call(at.POINT_ANCHOR, PointAnchor())
         known = len(wearer.poses)
-        await bench.settle()
+        await wearer.bench.settle()
         assert len(wearer.poses) == known  # nobody asked
-        await bench.bus.call(SET_POSE, SetPose(position_m=(5.0, 5.0, 0.0)), USER)
-        await bench.settle()
+        await wearer.call(at.SET_POSE, SetPose(position_m=(5.0, 5.0, 0.0)))
         assert wearer.poses[-1].position_m == (5.0, 5.0, 0.0)
         assert wearer.poses[-1].method == "fixed"
         await until(lambda: wearer.figure("external pose") is None, what="the figure to go")
@@ -297,7 +269,7 @@ async def test_our_last_pose_is_taken_back_when_a_tracker_comes(monkeypatch: pyt
         closed: list[str] = []
         declare = bench.bus.publisher
 
-        def publisher(topic: Topic[Any], name: str = "") -> Publisher[Any]:
+        def publisher(topic: at.Topic[Any], name: str = "") -> Publisher[Any]:
             inner = declare(topic, name)
             close = inner.close
 
@@ -309,45 +281,40 @@ async def test_our_last_pose_is_taken_back_when_a_tracker_comes(monkeypatch: pyt
             return inner
 
         monkeypatch.setattr(bench.bus, "publisher", publisher)
-        await ready(bench, FIXED)
+        wearer = Wearer(bench)
+        bench.start(Localizer, FIXED, USER)
+        await bench.settle()
         assert closed == []
-        bench.put(POSE, tracked(clock), USER)
-        await until(lambda: closed == [POSE.at(USER)], what="taking back")
+        await wearer.put(at.POSE, tracked(clock))
+        await until(lambda: closed == [at.POSE.at(USER)], what="taking back")
 
 
 async def test_idle_localizer_reports_that_a_tracker_provides_the_pose() -> None:
     clock = ManualClock()
-    async with memory_bench(clock) as bench:
-        wearer = Wearer(bench)
-        await ready(bench, FIXED)
-        bench.put(POSE, tracked(clock), USER)
+    async with worn(FIXED, clock) as wearer:
+        await wearer.put(at.POSE, tracked(clock))
         await until(lambda: "localizer pauses" in wearer.progress[-1].reason, what="pausing")
         assert wearer.progress[-1].phase == "idle"
-        late = bench.collect(POSE, USER)
-        await bench.settle()
+        late = wearer.bench.collect(at.POSE, USER)
+        await wearer.bench.settle()
         assert all(pose.method == "external" for pose in late)
 
 
 @in_virtual_time
 async def test_an_anchor_beside_a_tracker_tells_how_the_person_points() -> None:
     clock = VirtualClock()
-    async with memory_bench(clock) as bench:
-        wearer = Wearer(bench, 5.0 * DEGREE)
-        await ready(bench, FIXED)
+    async with worn(FIXED, clock, 5.0 * DEGREE) as wearer:
 
         async def track() -> None:
             while True:
-                pose = UserPose(
-                    stamp_ns=clock.now_ns(), position_m=(1.5, 1.2, 0.0), yaw_rad=0.0, method="external"
-                )
-                bench.put(POSE, pose, USER)
+                await wearer.put(at.POSE, tracked(clock).model_copy(update={"position_m": (1.5, 1.2, 0.0)}))
                 await sleep(clock, 0.5)
 
         tasks = [asyncio.create_task(track()), asyncio.create_task(wearer.live())]
         await until(
             lambda: any("localizer pauses" in news.reason for news in wearer.progress), what="pausing"
         )
-        await bench.bus.call(POINT_ANCHOR, PointAnchor(lamp="led_1"), USER)
+        await wearer.call(at.POINT_ANCHOR, PointAnchor(lamp="led_1"))
         await wearer.until_phase("solved")
         (anchor,) = wearer.anchors
         assert not anchor.accepted
@@ -355,3 +322,84 @@ async def test_an_anchor_beside_a_tracker_tells_how_the_person_points() -> None:
         assert {pose.method for pose in wearer.poses[1:]} == {"external"}
         for task in tasks:
             task.cancel()
+
+
+# an IMU whose yaw begins anew
+
+FOUND = SetPose(
+    position_m=(1.5, 1.2, 0.0),
+    method="static_targets",
+    covariance=(0.01, 0.0, 0.0, 0.0, 0.01, 0.0, 0.0, 0.0, 0.001),
+)
+
+
+def sample(t_s: float, epoch: int = 0, device_s: float | None = None) -> ImuSample:
+    return ImuSample(
+        stamp_ns=round(t_s * NS_PER_S),
+        orientation_xyzw=rotation.IDENTITY,
+        yaw_epoch=epoch,
+        device_time_ns=None if device_s is None else round(device_s * NS_PER_S),
+    )
+
+
+def test_what_the_samples_tell() -> None:
+    origin = YawOrigin()
+    for t_s, epoch, device_s, said in (
+        (0.0, 3, 50.0, ""),  # the first one tells nothing
+        (0.1, 3, 49.5, ""),  # out of order
+        (0.2, 3, 50.2, ""), (0.3, 4, 50.3, "set"), (0.4, 4, 1.0, "restarted"), (0.5, 4, 1.1, ""),
+        (0.7, 0, None, "set"),  # who counts was restarted
+        (0.8, 0, 900.0, ""),
+    ):  # fmt: skip
+        assert origin.add(sample(t_s, epoch, device_s)) == said, t_s
+
+
+async def send(wearer: Wearer, clock: ManualClock, epoch: int, device_s: float | None = None) -> None:
+    now_ns = clock.advance(0.05)
+    await wearer.put(at.IMU, sample(0.0, epoch, device_s).model_copy(update={"stamp_ns": now_ns}))
+
+
+@pytest.mark.parametrize(("epoch", "device_s"), [(1, 10.1), (0, 1.0)], ids=["new origin", "restarted"])
+async def test_the_yaw_is_unknown_and_it_is_said_until_something_tells_it(
+    epoch: int, device_s: float
+) -> None:
+    clock = ManualClock()
+    async with worn(LAMPS_FIRST, clock) as wearer:
+        await wearer.call(at.SET_POSE, FOUND)
+        await send(wearer, clock, 0, 10.0)
+        count = len(wearer.poses)
+        await send(wearer, clock, epoch, device_s)
+        assert len(wearer.poses) == count + 1
+        lost = wearer.poses[-1]
+        assert math.sqrt(lost.covariance[8]) >= math.pi / 2
+        assert lost.position_m == pytest.approx((1.5, 1.2, 0.0))
+        await wearer.until_warned("the IMU of anna was restarted or turned")
+        (warning,) = wearer.warnings
+        assert "`pointit person anchor anna`" in warning
+        assert "`pointit person pose anna --facing" in warning
+        await send(wearer, clock, epoch, device_s + 0.1)
+        assert len(wearer.poses) == count + 1  # once
+        await wearer.call(at.SET_POSE, FOUND)
+        await until(lambda: not wearer.warnings, what="the warning to go")
+
+
+async def test_a_fixed_pose_that_the_origin_is_aligned_with_stays() -> None:
+    clock = ManualClock()
+    async with worn(FIXED, clock) as wearer:
+        await send(wearer, clock, 0)
+        await send(wearer, clock, 1)
+        assert len(wearer.poses) == 1
+        seen = len(wearer.health)
+        await until(lambda: len(wearer.health) > seen, what="a report")
+        assert not wearer.health[-1].warnings
+
+
+async def test_pointing_that_goes_on_meanwhile_is_refused() -> None:
+    clock = ManualClock()
+    async with worn(FIXED, clock) as wearer:
+        await send(wearer, clock, 0)
+        await wearer.call(at.POINT_ANCHOR, PointAnchor())
+        await send(wearer, clock, 1)
+        assert wearer.progress[-1].phase == "refused"
+        said = wearer.progress[-1].reason
+        assert said == "the IMU of anna was restarted or turned meanwhile; start again"

@@ -1,4 +1,4 @@
-"""The localizer on the bus: fixed pose, lamps with a person who looks at them, a robot, requests."""
+"""The localizer on the bus: fixed pose, lamps with a person who looks at them, a robot; its parameters."""
 
 import asyncio
 import itertools
@@ -7,6 +7,7 @@ from collections.abc import AsyncGenerator
 from contextlib import asynccontextmanager
 
 import pytest
+from pydantic import ValidationError
 
 from pointit.geometry.vector import Vec3
 from pointit.runtime.clock import Clock, sleep
@@ -17,44 +18,35 @@ from pointit.schemas import (
     CancelLocalization,
     Environment,
     Lamp,
-    Localization,
     SetPose,
     StartLocalization,
     TrackedObject,
     TrackedObjects,
 )
-from pointit.schemas.topics import (
-    CANCEL_LOCALIZATION,
-    HEALTH,
-    LOCALIZATION,
-    MAP,
-    OBJECTS,
-    POSE,
-    RAY,
-    SET_POSE,
-    START_LOCALIZATION,
-)
+from pointit.schemas import topics as at
+from pointit.services.localizer.certainty import UNSURE_DEG, UNSURE_M
 from pointit.services.localizer.config import LocalizerConfig
+from pointit.services.localizer.drift.filter import DriftSettings
+from pointit.services.localizer.estimation.estimator import SolverSettings
+from pointit.services.localizer.estimation_config import DriftConfig, TrustConfig
 from pointit.services.localizer.service import Localizer
 from tests.support.bench import Bench, ManualClock, in_virtual_time, memory_bench, until
-from tests.unit.localizer import lab
-from tests.unit.localizer.person import Person, yaw_difference
+from tests.unit.localizer.person import LAB, LAMPS, ROOM, USER, Person, yaw_difference
 
-LAMPS = (*lab.LAMPS, Lamp(id="led_3", position_m=(3.239, -0.606, 0.15)))
-ROOM = lab.ROOM.model_copy(update={"lamps": LAMPS})
+FOUR = (*LAMPS, Lamp(id="led_3", position_m=LAB[3]))
+WITH_FOUR = ROOM.model_copy(update={"lamps": FOUR})
 STATIC = LocalizerConfig(method="static_targets", order="given", reaction_s=0.5, hold_s=1.0)
-USER = "anna"
 
 
 class Room:
     """A bench with a map, one localizer and a person who points at the lamp that is lit."""
 
-    def __init__(self, bench: Bench, clock: Clock, person: Person) -> None:
+    def __init__(self, bench: Bench, person: Person) -> None:
         self.bench = bench
-        self.clock = clock
         self.person = person
-        self.poses = bench.collect(POSE, USER)
-        self.progress = bench.collect(LOCALIZATION, USER)
+        self.poses = bench.collect(at.POSE, USER)
+        self.progress = bench.collect(at.LOCALIZATION, USER)
+        self.health = bench.collect(at.HEALTH)
 
     @property
     def lit(self) -> str:
@@ -69,16 +61,31 @@ class Room:
     def phase(self) -> str:
         return self.progress[-1].phase if self.progress else ""
 
+    async def start(self, method: str | None = None) -> str:
+        query = StartLocalization.model_validate({"method": method})
+        return (await self.bench.bus.call(at.START_LOCALIZATION, query, USER)).message
+
+    async def cancel(self) -> str:
+        answer = await self.bench.bus.call(at.CANCEL_LOCALIZATION, CancelLocalization(), USER)
+        await self.bench.settle()
+        return answer.message
+
+    async def set_pose(self, position_m: Vec3, yaw_rad: float) -> None:
+        query = SetPose(position_m=position_m, yaw_rad=yaw_rad)
+        await self.bench.bus.call(at.SET_POSE, query, USER)
+        await self.bench.settle()
+
     @asynccontextmanager
     async def pointing(self) -> AsyncGenerator[None]:
         """Point at whatever is lit, 50 rays a second of the clock."""
+        clock = self.bench.clock
 
         async def point() -> None:
             while True:
-                lit = [lamp for lamp in LAMPS if lamp.id == self.lit]
+                lit = [lamp for lamp in FOUR if lamp.id == self.lit]
                 target: Vec3 = lit[0].position_m if lit else (1.0, 0.0, 1.0)
-                self.bench.put(RAY, self.person.ray(target, self.clock.now_ns()), USER)
-                await sleep(self.clock, 0.02)
+                self.bench.put(at.RAY, self.person.ray(target, clock.now_ns()), USER)
+                await sleep(clock, 0.02)
 
         task = asyncio.create_task(point(), name="a person pointing")
         try:
@@ -95,41 +102,49 @@ class Room:
         await until(reached, what=f"{phase}, there was {self.progress[-1]}")
 
 
+@asynccontextmanager
+async def room_of(
+    config: LocalizerConfig = STATIC,
+    person: Person | None = None,
+    clock: Clock | None = None,
+    environment: Environment | None = WITH_FOUR,
+) -> AsyncGenerator[Room]:
+    async with memory_bench(clock) as bench:
+        room = Room(bench, person or Person())
+        if environment is not None:
+            bench.put(at.MAP, environment)
+        bench.start(Localizer, config, USER)
+        await bench.settle()
+        yield room
+
+
 async def test_fixed_pose_is_there_for_late_joiners_and_start_confirms_it() -> None:
-    async with memory_bench() as bench:
-        bench.start(Localizer, LocalizerConfig(position_m=(1.0, 2.0, 0.0), yaw_deg=90.0), USER)
-        await bench.settle()
-        poses, progress = bench.collect(POSE, USER), bench.collect(LOCALIZATION, USER)
-        await bench.settle()
-        assert [pose.position_m for pose in poses] == [(1.0, 2.0, 0.0)]
-        assert poses[0].yaw_rad == pytest.approx(math.pi / 2)
-        assert poses[0].method == "fixed"
-        assert [message.phase for message in progress] == ["idle"]
-        done = await bench.bus.call(START_LOCALIZATION, StartLocalization(), USER)
-        await bench.settle()
-        assert "fixed" in done.message
-        assert progress[-1].phase == "solved"
+    async with room_of(LocalizerConfig(position_m=(1.0, 2.0, 0.0), yaw_deg=90.0)) as room:
+        late = Room(room.bench, Person())
+        await room.bench.settle()
+        assert [pose.position_m for pose in late.poses] == [(1.0, 2.0, 0.0)]
+        assert late.poses[0].yaw_rad == pytest.approx(math.pi / 2)
+        assert late.poses[0].method == "fixed"
+        assert [message.phase for message in late.progress] == ["idle"]
+        assert "fixed" in await room.start()
+        await room.bench.settle()
+        assert late.phase == "solved"
 
 
 @in_virtual_time
 async def test_the_whole_procedure_with_lamps() -> None:
-    clock = VirtualClock()
     person = Person(1.5, 1.2, -2.0, math.radians(4.0))
-    async with memory_bench(clock) as bench:
-        room = Room(bench, clock, person)
-        bench.put(MAP, ROOM)
-        bench.start(Localizer, STATIC, USER)
-        await bench.settle()
+    async with room_of(person=person, clock=VirtualClock()) as room:
         assert room.poses == []
         assert not room.lit
-        await bench.bus.call(START_LOCALIZATION, StartLocalization(), USER)
-        await bench.settle()
+        await room.start()
+        await room.bench.settle()
         assert room.order == ["led_0"]
         assert room.phase == "sampling"
         assert room.progress[-1].target_id == "led_0"
         async with room.pointing():
             await room.until_phase("solved")
-        assert room.order == [lamp.id for lamp in LAMPS]
+        assert room.order == [lamp.id for lamp in FOUR]
         assert not room.lit
         pose = room.poses[0]  # then it is followed
         assert math.hypot(pose.position_m[0] - person.x, pose.position_m[1] - person.y) < 0.1
@@ -140,57 +155,37 @@ async def test_the_whole_procedure_with_lamps() -> None:
 
 @in_virtual_time
 async def test_cancel_leaves_lamps_dark_and_the_last_pose() -> None:
-    clock = VirtualClock()
-    async with memory_bench(clock) as bench:
-        room = Room(bench, clock, Person())
-        bench.put(MAP, ROOM)
-        bench.start(Localizer, STATIC, USER)
-        await bench.settle()
-        await bench.bus.call(SET_POSE, SetPose(position_m=(3.0, 4.0, 0.0), yaw_rad=0.5), USER)
-        await bench.bus.call(START_LOCALIZATION, StartLocalization(), USER)
+    async with room_of(clock=VirtualClock()) as room:
+        await room.set_pose((3.0, 4.0, 0.0), 0.5)
+        await room.start()
         async with room.pointing():
             await room.until_phase("sampling", target_index=1)
-        done = await bench.bus.call(CANCEL_LOCALIZATION, CancelLocalization(), USER)
-        await bench.settle()
-        assert done.message == "cancelled; the last pose stays"
+        assert await room.cancel() == "cancelled; the last pose stays"
         assert not room.lit
         assert room.phase == "cancelled"
         assert [pose.position_m for pose in room.poses] == [(3.0, 4.0, 0.0)]
-        again = await bench.bus.call(CANCEL_LOCALIZATION, CancelLocalization(), USER)
-        assert again.message == "nothing was going on"
+        assert await room.cancel() == "nothing was going on"
 
 
 @in_virtual_time
 async def test_start_again_begins_at_the_first_lamp() -> None:
-    clock = VirtualClock()
-    async with memory_bench(clock) as bench:
-        room = Room(bench, clock, Person(1.5, 1.2, 0.4))
-        bench.put(MAP, ROOM)
-        bench.start(Localizer, STATIC, USER)
-        await bench.settle()
-        await bench.bus.call(START_LOCALIZATION, StartLocalization(), USER)
+    async with room_of(person=Person(1.5, 1.2, 0.4), clock=VirtualClock()) as room:
+        await room.start()
         async with room.pointing():
             await room.until_phase("sampling", target_index=2)
-        await bench.bus.call(START_LOCALIZATION, StartLocalization(), USER)
-        await bench.settle()
+        await room.start()
+        await room.bench.settle()
         assert room.lit == "led_0"
-        assert room.progress[-1].target_index == 0
-        assert room.progress[-1].samples == 0
+        assert (room.progress[-1].target_index, room.progress[-1].samples) == (0, 0)
         async with room.pointing():
             await room.until_phase("solved")
         assert room.poses[0].samples < 250
 
 
 async def test_set_pose_stops_the_running_procedure() -> None:
-    clock = ManualClock()
-    async with memory_bench(clock) as bench:
-        room = Room(bench, clock, Person())
-        bench.put(MAP, ROOM)
-        bench.start(Localizer, STATIC, USER)
-        await bench.settle()
-        await bench.bus.call(START_LOCALIZATION, StartLocalization(), USER)
-        await bench.bus.call(SET_POSE, SetPose(position_m=(1.0, 0.0, 0.0), yaw_rad=0.25), USER)
-        await bench.settle()
+    async with room_of() as room:
+        await room.start()
+        await room.set_pose((1.0, 0.0, 0.0), 0.25)
         assert not room.lit
         assert room.phase == "cancelled"
         assert (room.poses[-1].position_m, room.poses[-1].yaw_rad) == ((1.0, 0.0, 0.0), 0.25)
@@ -198,40 +193,30 @@ async def test_set_pose_stops_the_running_procedure() -> None:
 
 
 async def test_lamps_are_dark_when_the_service_ends() -> None:
-    clock = ManualClock()
-    async with memory_bench(clock) as bench:
-        room = Room(bench, clock, Person())
-        bench.put(MAP, ROOM)
-        bench.start(Localizer, STATIC, USER)
-        await bench.settle()
-        await bench.bus.call(START_LOCALIZATION, StartLocalization(), USER)
-        await bench.settle()
+    async with room_of() as room:
+        await room.start()
+        await room.bench.settle()
         assert room.lit
-        await bench.stop()
+        await room.bench.stop()
         await until(lambda: not room.lit, what="darkness")
 
 
 async def test_silence_is_refused_and_shown_in_health_until_it_works() -> None:
     clock = ManualClock()
-    async with memory_bench(clock) as bench:
-        room = Room(bench, clock, Person(1.5, 1.2))
-        health = bench.collect(HEALTH)
-        bench.put(MAP, ROOM)
-        bench.start(Localizer, STATIC, USER)
-        await bench.settle()
-        await bench.bus.call(START_LOCALIZATION, StartLocalization(), USER)
+    async with room_of(clock=clock) as room:
+        await room.start()
         clock.advance(20.0)
         await until(lambda: room.phase == "refused", what="refused")
         assert "only 0 rays came while led_0 was lit" in room.progress[-1].reason
         assert not room.lit
         assert room.poses == []
-        await until(lambda: any("only 0 rays" in text for text in health[-1].warnings), what="the warning")
-        await bench.bus.call(START_LOCALIZATION, StartLocalization(), USER)
-        await until(lambda: not health[-1].warnings, what="the warning to go")
+        await until(lambda: any("only 0 rays" in text for text in room.health[-1].warnings), what="warning")
+        await room.start()
+        await until(lambda: not room.health[-1].warnings, what="the warning to go")
 
 
 @pytest.mark.parametrize(
-    ("room", "config", "sentence"),
+    ("environment", "config", "sentence"),
     [
         (None, STATIC, "no map yet; start pui"),
         (ROOM, STATIC.model_copy(update={"lamps": ("led_0", "led_9")}), "lamps led_9 are not on map 'lab'"),
@@ -240,58 +225,49 @@ async def test_silence_is_refused_and_shown_in_health_until_it_works() -> None:
     ],
 )
 async def test_impossible_start_is_refused_immediately(
-    room: Environment | None, config: LocalizerConfig, sentence: str
+    environment: Environment | None, config: LocalizerConfig, sentence: str
 ) -> None:
-    async with memory_bench() as bench:
-        if room is not None:
-            bench.put(MAP, room)
-        bench.start(Localizer, config, USER)
-        await bench.settle()
+    async with room_of(config, environment=environment) as room:
         with pytest.raises(RefusedError, match=sentence):
-            await bench.bus.call(START_LOCALIZATION, StartLocalization(), USER)
+            await room.start()
 
 
 async def test_refused_start_does_not_stop_the_running_procedure() -> None:
-    async with memory_bench() as bench:
-        progress: list[Localization] = bench.collect(LOCALIZATION, USER)
-        bench.start(Localizer, LocalizerConfig(method="moving_target"), USER)
-        await bench.settle()
-        await bench.bus.call(START_LOCALIZATION, StartLocalization(), USER)
+    async with room_of(LocalizerConfig(method="moving_target"), environment=None) as room:
+        await room.start()
         with pytest.raises(RefusedError):
-            await bench.bus.call(START_LOCALIZATION, StartLocalization(method="static_targets"), USER)
-        await bench.settle()
-        assert progress[-1].phase == "sampling"
+            await room.start("static_targets")
+        await room.bench.settle()
+        assert room.phase == "sampling"
 
 
 @pytest.mark.parametrize("stray_s", [0.0, 3600.0], ids=["clean", "with strays an hour ahead"])
 async def test_a_robot_is_followed_from_the_start(stray_s: float) -> None:
     clock = ManualClock()
     person = Person(0.5, -0.3, 1.1)
-    async with memory_bench(clock) as bench:
-        poses = bench.collect(POSE, USER)
-        progress = bench.collect(LOCALIZATION, USER)
-        bench.start(Localizer, LocalizerConfig(method="moving_target", autostart=True), USER)
-        await bench.settle()
-        assert progress[-1].phase == "sampling"
+    config = LocalizerConfig(method="moving_target", autostart=True)
+    async with room_of(config, clock=clock, environment=None) as room:
+        bench, poses = room.bench, room.poses
+        assert room.phase == "sampling"
         for tick in range(300):  # 12 s at 25 Hz: the reaction and a whole window
             now_ns = clock.advance(0.04)
             angle = math.tau * tick / 200.0
             robot: Vec3 = (2.5 + math.cos(angle), 1.0 + math.sin(angle), 0.7 + 0.4 * math.sin(2.0 * angle))
             item = TrackedObject(id="drone", kind="robot", position_m=robot)
             package = TrackedObject(id="package", kind="package", position_m=(0.0, 0.0, 1.0))
-            bench.put(OBJECTS, TrackedObjects(stamp_ns=now_ns, objects=(package, item)), "room")
-            bench.put(RAY, person.ray(robot, now_ns), USER)
+            bench.put(at.OBJECTS, TrackedObjects(stamp_ns=now_ns, objects=(package, item)), "room")
+            bench.put(at.RAY, person.ray(robot, now_ns), USER)
             await bench.settle(4)
             if stray_s and tick % 20 == 0:
                 stray_ns = now_ns + round(stray_s * 1e9)
-                bench.put(OBJECTS, TrackedObjects(stamp_ns=stray_ns, objects=(item,)), "room")
-                bench.put(RAY, person.ray((9.0, 9.0, 1.0), stray_ns), USER)
+                bench.put(at.OBJECTS, TrackedObjects(stamp_ns=stray_ns, objects=(item,)), "room")
+                bench.put(at.RAY, person.ray((9.0, 9.0, 1.0), stray_ns), USER)
                 await bench.settle(4)
         await until(lambda: bool(poses), what="a pose")
         assert math.hypot(poses[-1].position_m[0] - person.x, poses[-1].position_m[1] - person.y) < 0.05
         assert poses[-1].method == "moving_target"
-        await until(lambda: progress[-1].phase == "solved", what="solved")
-        assert progress[-1].target_id == "drone"
+        await until(lambda: room.phase == "solved", what="solved")
+        assert room.progress[-1].target_id == "drone"
 
 
 def test_configuration_speaks_degrees_and_the_solver_radians() -> None:
@@ -304,3 +280,37 @@ def test_configuration_speaks_degrees_and_the_solver_radians() -> None:
     layers.add({"metod": "fixed"}, "file")
     with pytest.raises(ConfigError, match="metod"):
         layers.build(LocalizerConfig)
+
+
+def test_defaults_of_configuration_and_cores_are_equal() -> None:
+    config = LocalizerConfig()
+    want, have = SolverSettings(), config.believed()
+    for name in want.__dataclass_fields__:
+        assert getattr(have, name) == pytest.approx(getattr(want, name)), name
+    drift, settings = config.drift.settings(), DriftSettings()
+    assert drift.anchor_sigma_rad == pytest.approx(settings.anchor_sigma_rad)
+    assert drift.rate_sigma_radps == pytest.approx(settings.rate_sigma_radps)
+    assert want.max_position_sigma_m == UNSURE_M
+    assert config.trust.max_yaw_sigma_deg == UNSURE_DEG
+
+
+def test_lamps_and_robots_have_limits_of_their_own() -> None:
+    trust = TrustConfig(
+        max_residual_deg=20.0,
+        max_act_residual_deg=3.0,
+        act_sigma_deg=1.0,
+        ray_sigma_deg=4.0,
+        model_sigma_deg=0.0,
+    ).settings()
+    assert math.degrees(trust.max_residual_rad) == pytest.approx(20.0)
+    assert math.degrees(trust.residual_limit_rad(is_still=True)) == pytest.approx(3.0)
+    assert math.degrees(trust.noise_model(is_still=True).sigma_rad[0]) == pytest.approx(1.0)
+    assert trust.model_sigma_rad == 0.0
+
+
+def test_health_does_not_warn_of_what_localization_accepts() -> None:
+    config = LocalizerConfig()
+    assert config.drift.max_yaw_sigma_deg >= config.trust.max_yaw_sigma_deg
+    with pytest.raises(ValidationError, match="every new pose would raise a warning"):
+        LocalizerConfig(drift=DriftConfig(max_yaw_sigma_deg=8.0))
+    LocalizerConfig(drift=DriftConfig(max_yaw_sigma_deg=8.0), trust=TrustConfig(max_yaw_sigma_deg=8.0))

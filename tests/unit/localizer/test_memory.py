@@ -1,22 +1,30 @@
-"""Memory of a person: never too sure, slowly forgotten, contradicted with effect."""
+"""Memory of a person: never too sure, slowly forgotten, contradicted with effect; on the bus, it is kept."""
 
 import math
+from collections.abc import AsyncGenerator
+from contextlib import asynccontextmanager
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pointit.schemas import NS_PER_S, Gaussian, LearntPointing
+from pointit.geometry.rotation import IDENTITY
+from pointit.runtime.virtual_time import VirtualClock
+from pointit.schemas import NS_PER_S, EraseMemory, Gaussian, ImuSample, LearntPointing, ReadMemory
+from pointit.schemas.topics import ERASE_MEMORY, IMU, READ_MEMORY
+from pointit.services.localizer.config import LocalizerConfig
 from pointit.services.localizer.estimation import estimator
-from pointit.services.localizer.estimation.estimator import Solution, SolverSettings
+from pointit.services.localizer.estimation.estimator import Solution
 from pointit.services.localizer.memory.learning import DECAY_S, learn, recalled
 from pointit.services.localizer.memory.person_memory import MAX_MOUNTINGS, PersonMemory
 from pointit.services.localizer.memory.recall import recall, solve
-from tests.unit.localizer.person import Person, pointings
-from tests.unit.localizer.solving import CORNERS, position_error_m, solved
+from tests.support.bench import in_virtual_time, until
+from tests.unit.localizer.person import CORNERS, UNLIMITED, USER, Person, pointings, position_error_m, solved
+from tests.unit.localizer.test_localizer_service import STATIC, Room, room_of
 
-TRUST = SolverSettings(max_position_sigma_m=1e6, max_yaw_sigma_rad=1e6)
+TRUST = UNLIMITED
 TRUE = Person(0.5, -0.4, 1.1, math.radians(8.0))
 DAY_NS = 86_400 * NS_PER_S
 BAND = "band left"
@@ -182,3 +190,85 @@ def test_poses_of_one_localization_which_share_rays_do_not_add_up() -> None:
     assert person.learn(found(4.0, 1.0), TRUST, DAY_NS) == []  # from rays of before
     person.begin(DAY_NS)
     assert person.learn(found(4.0, 1.0), TRUST, DAY_NS)
+
+
+# on the bus
+
+PERSON = Person(1.5, 1.2, -2.0, math.radians(6.0))
+DEVICE = "ble metamotion"
+
+
+@asynccontextmanager
+async def localizer(config: LocalizerConfig = STATIC, mounting: str = DEVICE) -> AsyncGenerator[Room]:
+    """Start a localizer, and say how the person's wrist device is worn."""
+    async with room_of(config, PERSON, VirtualClock()) as room:
+        now_ns = room.bench.clock.now_ns()
+        room.bench.put(IMU, ImuSample(stamp_ns=now_ns, orientation_xyzw=IDENTITY, mounting=mounting), USER)
+        await room.bench.settle()
+        yield room
+
+
+async def localize(room: Room) -> None:
+    await room.start()
+    async with room.pointing():
+        await room.until_phase("solved")
+
+
+async def remembered(room: Room) -> tuple[LearntPointing, ...]:
+    return (await room.bench.bus.call(READ_MEMORY, ReadMemory(), USER)).learnt
+
+
+async def erased(room: Room) -> str:
+    return (await room.bench.bus.call(ERASE_MEMORY, EraseMemory(), USER)).message
+
+
+def bias_deg(learnt: LearntPointing) -> float:
+    assert learnt.elevation_bias_rad is not None
+    return math.degrees(learnt.elevation_bias_rad.mean)
+
+
+@in_virtual_time
+async def test_it_outlives_a_restart_until_it_is_erased(own_state: Path) -> None:
+    path = own_state / "users" / USER / "memory.json"
+    async with localizer() as room:
+        assert await remembered(room) == ()
+        await localize(room)
+        (learnt,) = await remembered(room)
+        assert learnt.mounting == DEVICE
+        assert bias_deg(learnt) == pytest.approx(6.0, abs=0.3)
+    assert path.stat().st_mode & 0o077 == 0
+    async with localizer() as room:
+        assert await remembered(room) == (learnt,)
+        await localize(room)
+        (again,) = await remembered(room)
+        assert again.localizations == 2
+        assert await erased(room) == "it is forgotten"
+        assert await remembered(room) == ()
+        assert not path.exists()
+        assert await erased(room) == "nothing was remembered"
+    assert not path.exists()
+    async with localizer() as room:
+        assert await remembered(room) == ()
+
+
+@in_virtual_time
+async def test_nothing_is_kept_of_an_unknown_device_nor_where_it_is_switched_off(own_state: Path) -> None:
+    async with localizer(mounting="") as room:
+        await localize(room)
+    async with localizer(STATIC.model_copy(update={"remember": False})) as room:
+        await localize(room)
+        assert await remembered(room) == ()
+    assert not (own_state / "users" / USER / "memory.json").exists()
+
+
+@in_virtual_time
+async def test_a_spoilt_file_is_a_warning_and_no_memory(own_state: Path) -> None:
+    path = own_state / "users" / USER / "memory.json"
+    path.parent.mkdir(parents=True)
+    path.write_text('{"learnt": 1}', encoding="utf-8")
+    async with localizer() as room:
+        await until(lambda: bool(room.health and room.health[-1].warnings))
+        assert "memory.json: cannot be used" in room.health[-1].warnings[0]
+        await localize(room)
+        await until(lambda: not room.health[-1].warnings)
+        assert len(await remembered(room)) == 1

@@ -1,21 +1,21 @@
-"""Following a robot with the finger, stepped in virtual time."""
+"""Following a robot with the finger, for seconds or for long, with pauses and losses; in virtual time."""
 
 import dataclasses
 import math
+from collections.abc import Callable
 
 import numpy as np
 import pytest
 
 from pointit.geometry.floor_sigma import place_sigma_m
 from pointit.geometry.vector import Vec3
-from pointit.schemas import NS_PER_S, Localization, TrackedObject, TrackedObjects, UserPose
+from pointit.schemas import NS_PER_S, TrackedObject, TrackedObjects, UserPose
+from pointit.services.localizer.config import LocalizerConfig
 from pointit.services.localizer.outputs import Output
-from pointit.services.localizer.procedures.moving_target import MovingTarget
+from pointit.services.localizer.procedures.moving_target import CONTRADICTED, WRIST_SIGMA_S, MovingTarget
 from pointit.services.localizer.procedures.time_sync import RayWindow, Track
-from tests.unit.localizer.lab import config
-from tests.unit.localizer.person import Person, yaw_difference
+from tests.unit.localizer.person import START_NS, Person, config, poses, told, yaw_difference
 
-START_NS = 1_700_000_000 * NS_PER_S
 PERSON = Person(0.5, -0.3, 1.1, math.radians(-4.0))
 NEAR_M = 0.08
 """Limit of the error of a pose that comes after 3 s of exact following: 0.04 to 0.07 m at five places."""
@@ -34,44 +34,45 @@ def robots(t_s: float, **places: Vec3) -> TrackedObjects:
     )
 
 
+Reports = Callable[[float], dict[str, TrackedObjects]]
+"""What each tracker reports at a time, s."""
+
+
+def drone(t_s: float) -> dict[str, TrackedObjects]:
+    return {"room": robots(t_s, drone=place(t_s))}
+
+
+def decoyed(t_s: float) -> dict[str, TrackedObjects]:
+    return {"room": robots(t_s, decoy=place(t_s, 2.5), drone=place(t_s))}
+
+
+def twins(beside_m: float) -> Reports:
+    def report(t_s: float) -> dict[str, TrackedObjects]:
+        x, y, z = place(t_s)
+        return {"room": robots(t_s, twin=(x + beside_m, y, z), drone=(x, y, z))}
+
+    return report
+
+
 def fly(
     procedure: MovingTarget,
     duration_s: float,
     *,
-    person: Person = PERSON,
-    robot_late_s: float = 0.0,
-    decoy: bool = False,
-    beside_m: float = 0.0,
+    reports: Reports = drone,
+    aim: Callable[[float], Vec3] = place,
     noise_rad: float = 0.0,
-    follow: bool = True,
 ) -> list[Output]:
-    """The person follows the robot; rays at 50 Hz, the robot's place at 25 Hz, `robot_late_s` late."""
+    """The person follows the robot; rays and reports come at 50 Hz."""
     outputs = procedure.start(START_NS)
-    generator = np.random.default_rng(5)
     for tick in range(round(duration_s * 50)):
         t_s = tick / 50.0
         now_ns = START_NS + round(t_s * NS_PER_S)
-        aim = place(t_s) if follow else tuple(float(v) for v in generator.uniform(-3, 3, 3))
-        assert len(aim) == 3
-        bias_rad = person.bias_rad + noise_rad * math.sin(t_s / 0.7)
-        procedure.on_ray(dataclasses.replace(person, bias_rad=bias_rad).ray(aim, now_ns))
-        if tick % 2 == 0 and t_s >= robot_late_s:
-            seen_s = t_s - robot_late_s
-            others = {"decoy": place(seen_s, 2.5)} if decoy else {}
-            if beside_m:
-                x, y, z = place(seen_s)
-                others = {"twin": (x + beside_m, y, z)}
-            procedure.on_objects("room", robots(seen_s, **others, drone=place(seen_s)))
+        bias_rad = PERSON.bias_rad + noise_rad * math.sin(t_s / 0.7)
+        procedure.on_ray(dataclasses.replace(PERSON, bias_rad=bias_rad).ray(aim(t_s), now_ns))
+        for tracker, report in reports(t_s).items():
+            procedure.on_objects(tracker, report)
         outputs += procedure.step(now_ns)
     return outputs
-
-
-def poses(outputs: list[Output]) -> list[UserPose]:
-    return [output for output in outputs if isinstance(output, UserPose)]
-
-
-def told(outputs: list[Output]) -> list[Localization]:
-    return [output for output in outputs if isinstance(output, Localization)]
 
 
 def error_m(pose: UserPose, person: Person = PERSON) -> float:
@@ -96,7 +97,9 @@ def test_following_ends_with_one_pose_within_four_seconds_of_following() -> None
 
 def test_the_pairing_is_by_stamp_not_by_arrival() -> None:
     """A tracker that is 0.4 s late costs 18° of the circle when paired by arrival."""
-    found = poses(fly(MovingTarget(config()), 12.0, robot_late_s=0.4))
+    found = poses(
+        fly(MovingTarget(config()), 12.0, reports=lambda t_s: drone(t_s - 0.4) if t_s >= 0.4 else {})
+    )
     assert error_m(found[-1]) < NEAR_M
     assert found[-1].residual_rad < math.radians(0.5)
 
@@ -115,48 +118,42 @@ def test_continuous_goes_on_and_keeps_to_its_window() -> None:
 
 
 def test_of_two_robots_the_one_that_is_followed_is_meant() -> None:
-    outputs = fly(MovingTarget(config()), 12.0, decoy=True)
+    outputs = fly(MovingTarget(config()), 12.0, reports=decoyed)
     assert told(outputs)[-1].target_id == "drone"
     assert error_m(poses(outputs)[-1]) < NEAR_M
-    named = fly(MovingTarget(config(robot_id="decoy", give_up_s=11.0)), 12.0, decoy=True)
+    named = fly(MovingTarget(config(robot_id="decoy", give_up_s=11.0)), 12.0, reports=decoyed)
     assert all(message.target_id == "decoy" for message in told(named))
 
 
 @pytest.mark.parametrize("noise_rad", [0.0, math.radians(1.0)])
 def test_two_robots_that_move_alike_are_refused_by_name(noise_rad: float) -> None:
-    outputs = fly(MovingTarget(config(give_up_s=11.0)), 12.0, beside_m=0.8, noise_rad=noise_rad)
+    outputs = fly(MovingTarget(config(give_up_s=11.0)), 12.0, reports=twins(0.8), noise_rad=noise_rad)
     assert poses(outputs) == []
     last = told(outputs)[-1]
     assert last.phase == "refused"
-    assert "two robots move alike" in last.reason
-    assert "drone" in last.reason
-    assert "twin" in last.reason
-    named = fly(MovingTarget(config(robot_id="drone")), 12.0, beside_m=0.8, noise_rad=noise_rad)
+    assert all(part in last.reason for part in ("two robots move alike", "drone", "twin"))
+    named = fly(MovingTarget(config(robot_id="drone")), 12.0, reports=twins(0.8), noise_rad=noise_rad)
     assert error_m(poses(named)[-1]) < 0.3  # after 3 s with an unrest of 1°: 0.17 to 0.31 m at five places
 
 
 def test_a_robot_that_is_tracked_twice_is_one() -> None:
-    assert error_m(poses(fly(MovingTarget(config()), 12.0, beside_m=0.05))[-1]) < 0.1
+    assert error_m(poses(fly(MovingTarget(config()), 12.0, reports=twins(0.05)))[-1]) < 0.1
 
 
 @pytest.mark.parametrize("trackers", [("ahead", "room"), ("room", "ahead")])
 def test_second_tracker_with_a_wrong_clock_does_not_spoil_the_pose(trackers: tuple[str, str]) -> None:
-    procedure = MovingTarget(config())
-    outputs = procedure.start(START_NS)
-    for tick in range(600):
-        t_s = tick / 50.0
-        now_ns = START_NS + round(t_s * NS_PER_S)
-        procedure.on_ray(PERSON.ray(place(t_s), now_ns))
-        for tracker in trackers:
-            ahead_ns = 60 * NS_PER_S if tracker == "ahead" else 0
-            report = robots(t_s, drone=place(t_s)).model_copy(update={"stamp_ns": now_ns + ahead_ns})
-            procedure.on_objects(tracker, report)
-        outputs += procedure.step(now_ns)
-    assert error_m(poses(outputs)[-1]) < NEAR_M
+    ahead_s = {"ahead": 60.0, "room": 0.0}
+
+    def reports(t_s: float) -> dict[str, TrackedObjects]:
+        return {name: robots(t_s + ahead_s[name], drone=place(t_s)) for name in trackers}
+
+    assert error_m(poses(fly(MovingTarget(config()), 12.0, reports=reports))[-1]) < NEAR_M
 
 
 def test_following_without_a_fit_is_refused_at_the_timeout() -> None:
-    outputs = fly(MovingTarget(config(give_up_s=8.0)), 10.0, follow=False)
+    generator = np.random.default_rng(5)
+    anywhere: list[Vec3] = [tuple(each) for each in generator.uniform(-3, 3, (500, 3)).tolist()]
+    outputs = fly(MovingTarget(config(give_up_s=8.0)), 10.0, aim=lambda t_s: anywhere[round(t_s * 50)])
     assert poses(outputs) == []
     last = told(outputs)[-1]
     assert last.phase == "refused"
@@ -178,22 +175,18 @@ def test_missing_robot_and_missing_rays_are_the_reason() -> None:
     assert procedure.step(START_NS + 9 * NS_PER_S) == []
 
 
-def follow_a_tracker(hz: float, ahead_s: float, duration_s: float = 9.0) -> list[Output]:
+def follow_a_tracker(hz: float, ahead_s: float) -> list[Output]:
     """The person follows a robot whose tracker reports at `hz`, with its clock `ahead_s` ahead."""
-    procedure = MovingTarget(config(give_up_s=duration_s - 1.0))
-    outputs = procedure.start(START_NS)
     reported = -1
-    for tick in range(round(duration_s * 50)):
-        now_s = tick / 50.0
-        now_ns = START_NS + round(now_s * NS_PER_S)
-        procedure.on_ray(PERSON.ray(place(now_s), now_ns))
-        if math.floor(now_s * hz) > reported:
-            reported = math.floor(now_s * hz)
-            report = robots(now_s, drone=place(now_s))
-            stamp_ns = report.stamp_ns + round(ahead_s * NS_PER_S)
-            procedure.on_objects("room", report.model_copy(update={"stamp_ns": stamp_ns}))
-        outputs += procedure.step(now_ns)
-    return outputs
+
+    def reports(t_s: float) -> dict[str, TrackedObjects]:
+        nonlocal reported
+        if math.floor(t_s * hz) <= reported:
+            return {}
+        reported = math.floor(t_s * hz)
+        return {"room": robots(t_s + ahead_s, drone=place(t_s))}
+
+    return fly(MovingTarget(config(give_up_s=8.0)), 9.0, reports=reports)
 
 
 @pytest.mark.parametrize("hz", [0.5, 1.0, 2.0])
@@ -211,9 +204,8 @@ def test_tracker_whose_clock_is_apart_is_named_with_the_difference(ahead_s: floa
     last = told(outputs)[-1]
     assert last.phase == "refused"
     way = "ahead of" if ahead_s > 0 else "behind"
-    assert last.reason.startswith(
-        f"the clock of tracker room is {abs(ahead_s):.1f} s {way} that of the rays;"
-    )
+    apart = f"{abs(ahead_s):.1f} s {way} that of the rays"
+    assert last.reason.startswith(f"the clock of tracker room is {apart};")
 
 
 def test_tracker_that_ends_is_not_said_to_have_another_clock() -> None:
@@ -274,25 +266,137 @@ def test_a_window_forgets_and_takes_no_older_ray() -> None:
 
 
 def test_a_robot_that_stands_is_the_reason_and_no_second_place_is_asked_for() -> None:
-    procedure = MovingTarget(config())
-    outputs = procedure.start(START_NS)
-    for tick in range(300):
-        now_ns = START_NS + tick * NS_PER_S // 50
-        procedure.on_ray(PERSON.ray((2.5, 1.0, 0.2), now_ns))
-        procedure.on_objects("room", robots(tick / 50.0, drone=(2.5, 1.0, 0.2)))
-        outputs += procedure.step(now_ns)
+    stands: Vec3 = (2.5, 1.0, 0.2)
+    outputs = fly(
+        MovingTarget(config()),
+        6.0,
+        reports=lambda t_s: {"room": robots(t_s, drone=stands)},
+        aim=lambda _: stands,
+    )
     assert told(outputs)[-1].reason == "drone stands still: follow it with the arm as soon as it moves"
     assert not any("two or more" in message.reason for message in told(outputs))
 
 
 def test_a_pose_is_refined_until_places_near_the_robot_are_as_sure_as_goals_must_be() -> None:
+    def sigma_m(pose: UserPose) -> float:
+        return place_sigma_m((2.5, 1.0, 0.0), pose.position_m, pose.covariance, (0.0, 0.0, 1.6), 0.0)
+
     early = poses(fly(MovingTarget(config()), 12.0))[0]
-    limit_m = 0.9 * place_sigma_m((2.5, 1.0, 0.0), early.position_m, early.covariance, (0.0, 0.0, 1.6), 0.0)
+    limit_m = 0.9 * sigma_m(early)
     outputs = fly(MovingTarget(config(max_place_sigma_m=limit_m)), 25.0)
     late = poses(outputs)[0]
     assert late.stamp_ns > early.stamp_ns
     assert any(f"limit {limit_m:g} m" in message.reason for message in told(outputs))
-    assert (
-        place_sigma_m((2.5, 1.0, 0.0), late.position_m, late.covariance, (0.0, 0.0, 1.6), 0.0)
-        < 1.05 * limit_m
-    )
+    assert sigma_m(late) < 1.05 * limit_m
+
+
+ON = config(window_s=4.0, autostart=True, drift={"rate_sigma_degps": 0.5})
+RUN_UP_S = ON.reaction_s + ON.window_s
+
+
+def live(
+    procedure: MovingTarget,
+    from_s: float,
+    to_s: float,
+    *,
+    who: Callable[[float], Person] = lambda _: PERSON,
+    rays_hz: float = 10.0,
+    is_tracked: bool = True,
+    latency_sigma_s: float | None = None,
+) -> list[Output]:
+    """`who` follows the robot, whose place is reported at 10 Hz if `is_tracked`."""
+    outputs: list[Output] = []
+    for tick in range(round(from_s * 30), round(to_s * 30)):
+        t_s = tick / 30.0
+        now_ns = START_NS + round(t_s * NS_PER_S)
+        if tick % 3 == 0 and is_tracked:
+            report = robots(t_s, drone=place(t_s))
+            procedure.on_objects("room", report.model_copy(update={"latency_sigma_s": latency_sigma_s}))
+        if tick % round(30 / rays_hz) == 0:
+            procedure.on_ray(who(t_s).ray(place(t_s), now_ns))
+        outputs += procedure.step(now_ns)
+    return outputs
+
+
+def started(parameters: LocalizerConfig) -> MovingTarget:
+    procedure = MovingTarget(parameters)
+    procedure.start(START_NS)
+    return procedure
+
+
+def stated(pose: UserPose) -> float:
+    """Return one sigma of a pose along its worse direction."""
+    return math.sqrt(float(np.linalg.eigvalsh(np.array(pose.covariance).reshape(3, 3)[:2, :2])[1]))
+
+
+def test_newest_half_that_has_too_few_rays_of_its_own_contradicts_nothing() -> None:
+    """Rays at 3 Hz: enough for a pose in 10 s, too few in 5 s."""
+    outputs = live(started(config()), 0.0, 12.0, rays_hz=3.0)
+    (found,) = poses(outputs)
+    assert found.samples < 40
+    assert error_m(found) < 0.05
+    assert told(outputs)[-1].phase == "solved"
+
+
+@pytest.mark.parametrize(
+    ("tracker_s", "wrist_s", "sigma_s"), [(0.0, None, WRIST_SIGMA_S), (0.03, 0.04, 0.05)]
+)
+def test_times_of_tracker_and_wrist_are_as_uncertain_as_stated(
+    tracker_s: float, wrist_s: float | None, sigma_s: float
+) -> None:
+    def sigma_m(tracker_s: float, wrist_s: float | None) -> float:
+        procedure = started(ON)
+        procedure.wrist_sigma_s = wrist_s
+        return stated(poses(live(procedure, 0.0, 8.0, latency_sigma_s=tracker_s))[-1])
+
+    assert sigma_m(tracker_s, wrist_s) == pytest.approx(sigma_m(sigma_s, 0.0))
+    assert sigma_m(0.0, 0.0) < sigma_m(tracker_s, wrist_s) < sigma_m(0.1, wrist_s)
+
+
+def test_who_walks_away_slowly_is_told_although_each_pose_agrees_with_the_one_before() -> None:
+    def walking(t_s: float) -> Person:
+        away_m = 0.05 * max(0.0, t_s - RUN_UP_S)
+        return Person(PERSON.x - away_m, PERSON.y, PERSON.yaw_rad, PERSON.bias_rad)
+
+    outputs = live(started(ON), 0.0, 45.0, who=walking)
+    assert told(outputs)[-1].reason == CONTRADICTED
+    assert max(error_m(pose) for pose in poses(outputs)) < 1.0
+
+
+@pytest.mark.parametrize(
+    ("pause_s", "turned_deg", "is_told"), [(0, 20, True), (60, 20, False), (60, 120, True)]
+)
+def test_heading_may_have_drifted_while_nothing_came(
+    pause_s: float, turned_deg: float, *, is_told: bool
+) -> None:
+    """The IMU drifts by 0.5°/s (1 sigma): 20° within a minute, not at once."""
+    procedure = started(ON)
+    assert poses(live(procedure, 0.0, RUN_UP_S + 1.0))
+    turned = Person(PERSON.x, PERSON.y, PERSON.yaw_rad + math.radians(turned_deg), PERSON.bias_rad)
+    again_s = RUN_UP_S + 1.0 + pause_s
+    last = told(live(procedure, again_s, again_s + ON.window_s + 0.5, who=lambda _: turned))[-1]
+    assert last.reason == (CONTRADICTED if is_told else "")
+
+
+def test_rays_of_before_the_start_make_no_pose_however_late_they_come() -> None:
+    procedure = MovingTarget(config())
+    start_ns = START_NS + 12 * NS_PER_S
+    procedure.start(start_ns)
+    for tick in range(120):
+        t_s = tick / 10.0
+        procedure.on_objects("room", robots(t_s, drone=place(t_s)))
+        procedure.on_ray(PERSON.ray(place(t_s), START_NS + round(t_s * NS_PER_S)))
+    outputs = procedure.step(start_ns)
+    assert poses(outputs) == []
+    assert told(outputs)[-1].samples == 0
+    assert "no rays come" in told(outputs)[-1].reason
+    assert told(live(procedure, 12.1, 14.5))[-1].samples == pytest.approx(10, abs=6)  # after the reaction
+
+
+def test_progress_falls_while_the_robot_is_lost() -> None:
+    procedure = started(config(window_s=3.0))
+    seen = told(live(procedure, 0.0, 3.4))[-1].progress
+    assert seen > 0.5
+    lost = [message.progress for message in told(live(procedure, 3.4, 20.0, is_tracked=False))]
+    assert lost == sorted(lost, reverse=True)
+    assert lost[-1] == 0.0

@@ -19,14 +19,8 @@ from pointit.services.localizer.procedures.next_target import (
     next_target,
     prior,
 )
-from tests.unit.localizer.person import EYES_M, Person
+from tests.unit.localizer.person import EYES_M, LAB, Person
 
-LAB: tuple[Vec3, ...] = (
-    (3.572, -2.946, 2.08),
-    (1.699, -2.609, 0.85),
-    (3.239, -0.606, 0.15),
-    (0.762, -1.031, 0.15),
-)
 CONVEYOR: tuple[Vec3, ...] = ((0.15, 0.05, 1.55), (-2.4, -0.025, 1.25), (-2.85, -3.775, 2.55))
 TWO_DEG = math.radians(2.0)
 ONE = ObservationModel(

@@ -12,11 +12,10 @@ from pointit.services.localizer.estimation.rays import Mean, mean
 from pointit.services.localizer.outputs import Output
 from pointit.services.localizer.procedures.anchoring import Anchoring
 from pointit.services.localizer.tracking.pose_tracking import MEASURED, PoseTracker
-from tests.unit.localizer.lab import config
-from tests.unit.localizer.person import Person, yaw_difference
+from tests.support.known import known
+from tests.unit.localizer.person import START_NS, Person, config, yaw_difference
 
 S = NS_PER_S
-START_NS = 1_700_000_000 * S
 LAMP = Lamp(id="led", position_m=(4.0, 1.0, 1.2))
 RATE = math.radians(0.3)
 """The yaw of {H} drifts by so much in a second."""
@@ -47,9 +46,7 @@ def found(t_s: float = 0.0, bias_rad: float = 0.0) -> UserPose:
 def pointing(t_s: float, bias_rad: float = 0.0, off_rad: float = 0.0) -> Mean:
     now = person(t_s, bias_rad)
     turned = Person(now.x, now.y, now.yaw_rad - off_rad, now.bias_rad)
-    told = mean([turned.ray(LAMP.position_m, at(t_s) + tick * S // 50) for tick in range(-25, 26)])
-    assert told is not None
-    return told
+    return known(mean([turned.ray(LAMP.position_m, at(t_s) + tick * S // 50) for tick in range(-25, 26)]))
 
 
 def localized(*, follow: bool | None = None) -> PoseTracker:
@@ -96,13 +93,11 @@ def test_an_anchor_says_how_far_the_ray_was_off_in_the_pose_before() -> None:
 
 def test_rejected_anchor_is_measured_and_changes_nothing() -> None:
     tracking = localized()
-    before = tracking.pose(at(10.0))
+    before = known(tracking.pose(at(10.0)))
     anchor = tracking.anchor(LAMP, pointing(10.0), "the arm wandered").anchor
     assert (anchor.accepted, anchor.reason) == (False, "the arm wandered")
     assert anchor.azimuth_error_rad == pytest.approx(3.0 * DEGREE, abs=0.1 * DEGREE)
-    after = tracking.pose(at(10.0))
-    assert before is not None
-    assert after is not None
+    after = known(tracking.pose(at(10.0)))
     assert after.yaw_rad == before.yaw_rad
     assert PoseTracker().anchor(LAMP, pointing(0.0)).anchor.reason.startswith("no pose is known")
 
@@ -114,8 +109,7 @@ def test_a_fixed_pose_stays_until_an_anchor_sets_it_right() -> None:
     assert tracking.due(at(60.0)) is None
     assert [value for _, value, _ in tracking.figures(at(60.0))] == [None] * 4
     assert tracking.anchor(LAMP, pointing(20.0)).anchor.accepted  # 6° off
-    pose = tracking.pose(at(20.0))
-    assert pose is not None
+    pose = known(tracking.pose(at(20.0)))
     assert abs(yaw_difference(pose.yaw_rad, person(20.0).yaw_rad)) < 0.5 * DEGREE
     assert math.dist(pose.position_m, given.position_m) < 0.05
     assert pose.method == "fixed"
@@ -142,8 +136,7 @@ def test_a_fixed_pose_that_is_quite_wrong_is_believed_by_two_anchors() -> None:
     assert not first.accepted
     assert "point at that target again" in first.reason
     assert tracking.anchor(LAMP, pointing(10.0)).anchor.accepted
-    pose = tracking.pose(at(10.0))
-    assert pose is not None
+    pose = known(tracking.pose(at(10.0)))
     assert abs(yaw_difference(pose.yaw_rad, person(10.0).yaw_rad)) < 2.0 * DEGREE
 
 
@@ -171,8 +164,7 @@ def test_the_yaw_of_a_long_localization_is_that_of_its_middle() -> None:
 
 def test_every_pose_is_newer_than_the_ones_before() -> None:
     tracking = localized()
-    later = tracking.due(at(5.0))
-    assert later is not None
+    later = known(tracking.due(at(5.0)))
     # a solution of rays that are older than what was published meanwhile
     again = tracking.set_localized(found(4.5), at(0.0), at(2.0), at(5.0))
     assert again.stamp_ns > later.stamp_ns
@@ -199,12 +191,10 @@ def test_a_calibration_takes_the_bias_over_and_gives_it_back() -> None:
     tracking.on_ray(ray(0.0), at(0.0))
     tracking.set_localized(found(0.0, 8.0 * DEGREE), at(-8.0), at(0.0), at(0.0))
     assert tracking.on_ray(ray(1.0), at(1.0)) is None
-    calibrated = tracking.on_ray(ray(2.0, -8.0 * DEGREE, DEGREE), at(2.0))
-    assert calibrated is not None
+    calibrated = known(tracking.on_ray(ray(2.0, -8.0 * DEGREE, DEGREE), at(2.0)))
     assert calibrated.elevation_bias_rad == 0.0
     assert tracking.on_ray(ray(3.0, -8.0 * DEGREE, DEGREE), at(3.0)) is None
-    erased = tracking.on_ray(ray(4.0), at(4.0))
-    assert erased is not None
+    erased = known(tracking.on_ray(ray(4.0), at(4.0)))
     assert erased.elevation_bias_rad == pytest.approx(8.0 * DEGREE)
     fixed = PoseTracker()
     fixed.set_exact(found().model_copy(update={"method": "fixed"}), at(0.0))
@@ -280,8 +270,7 @@ def test_a_rest_counts_until_a_cursor_appears() -> None:
             rotation.from_azimuth_elevation(1.0 - RATE * tick / 25.0, -1.2), at(tick / 25.0)
         )
     tracking.end_rest()
-    pose = tracking.pose(at(9.0))
-    assert pose is not None
+    pose = known(tracking.pose(at(9.0)))
     assert pose.yaw_rate_radps == pytest.approx(RATE, rel=0.2)
 
 
@@ -291,10 +280,8 @@ def test_of_another_yaw_origin_the_yaw_is_lost_until_something_tells_it(
     *, restarted: bool, follow: bool | None
 ) -> None:
     tracking = localized(follow=follow)
-    before = tracking.pose(at(5.0))
-    lost = tracking.on_yaw_origin_changed(at(5.0), is_restarted=restarted)
-    assert before is not None
-    assert lost is not None
+    before = known(tracking.pose(at(5.0)))
+    lost = known(tracking.on_yaw_origin_changed(at(5.0), is_restarted=restarted))
     assert math.sqrt(lost.covariance[8]) >= math.pi / 2
     assert lost.position_m == before.position_m
     assert lost.covariance[0] == pytest.approx(before.covariance[0], rel=0.1)
@@ -305,8 +292,7 @@ def test_of_another_yaw_origin_the_yaw_is_lost_until_something_tells_it(
     # 2.5 rad from what it was
     assert tracking.anchor(LAMP, pointing(7.0, off_rad=-2.5)).anchor.accepted
     assert not tracking.has_lost_yaw
-    told = tracking.pose(at(7.0))
-    assert told is not None
+    told = known(tracking.pose(at(7.0)))
     assert abs(yaw_difference(told.yaw_rad, person(7.0).yaw_rad + 2.5)) < 2.0 * DEGREE
     tracking.on_yaw_origin_changed(at(8.0), is_restarted=restarted)
     tracking.set_localized(found(20.0), at(12.0), at(16.0), at(20.0))

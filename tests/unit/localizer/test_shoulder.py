@@ -13,8 +13,7 @@ from pointit.geometry import rotation
 from pointit.schemas import BodyMeasures
 from pointit.services.localizer.estimation.estimator import Pointings, Solution, solve
 from pointit.services.pointing.arm_ray import ArmRay, RayModel
-from tests.unit.localizer.person import EYES_M
-from tests.unit.localizer.solving import CORNERS
+from tests.unit.localizer.person import CORNERS, EYES_M
 
 Array = NDArray[np.float64]
 
@@ -103,11 +102,9 @@ def test_poses_with_a_shoulder_are_as_honest_as_without(moving: bool) -> None:  
 
 
 @given(
-    st.integers(0, 1000),
-    st.sampled_from(["eye_finger", "shoulder_arm", "forearm"]),
-    st.booleans(),
+    st.integers(0, 1000), st.sampled_from(["eye_finger", "shoulder_arm", "forearm"]), st.booleans(),
     st.floats(-math.pi, math.pi),
-)
+)  # fmt: skip
 def test_another_yaw_origin_changes_no_pose(seed: int, model: RayModel, moving: bool, yaw_rad: float) -> None:  # noqa: FBT001
     person, body = pointer(seed, 0.2, moving=moving), BodyMeasures(neck_to_shoulder_m=0.2)
     before, after = (solve(person.pointings(body, yaw, model)) for yaw in (0.0, yaw_rad))

@@ -1,23 +1,12 @@
 """Choice of the followed robot: probabilities, ambiguity, and no flicker."""
 
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from pointit.services.localizer.estimation.angular_residuals import Array
-from pointit.services.localizer.estimation.estimator import (
-    Pointings,
-    Refusal,
-    Solution,
-    SolverSettings,
-    solve,
-)
+from pointit.services.localizer.estimation.estimator import Refusal, Solution, SolverSettings
 from pointit.services.localizer.procedures.target_disambiguation import TargetDisambiguator, rank_by_posterior
-from pointit_lab.evaluation.datasets import motion_relloc
-from pointit_lab.evaluation.localization.trial import FollowRecording, Reading
-from tests.support.data import data_file
 
 TRUST = SolverSettings()
 ANY_POSE = SolverSettings(max_position_sigma_m=1e3, max_yaw_sigma_rad=1e3)
@@ -113,58 +102,3 @@ def test_one_that_is_tracked_twice_is_one() -> None:
     meant = TargetDisambiguator()
     assert isinstance(meant.choose(fits), Solution)
     assert meant.object_id == "a"
-
-
-class Recorded(Reading):
-    """Keeps whole recordings instead of their windows."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.followings: list[FollowRecording] = []
-
-    def follow(self, path: Path, following: FollowRecording) -> None:
-        del path
-        self.followings.append(following)
-
-
-def meant_in(following: FollowRecording, begin_s: float, decoy_m: Array) -> str:
-    """Return the choice in the 3 s from `begin_s` on, the robot of the recording or a decoy."""
-    stamps_s = following.pointings.stamps_s
-    part = slice(*np.searchsorted(stamps_s, (begin_s, begin_s + 3.0)).tolist())
-    results = [
-        (
-            name,
-            solve(
-                Pointings(
-                    stamps_s[part],
-                    following.pointings.origins_m[part],
-                    following.pointings.directions[part],
-                    path_m[part],
-                ),
-                ANY_POSE,
-            ),
-        )
-        for name, path_m in (("robot", following.pointings.targets_m), ("decoy", decoy_m))
-    ]
-    meant = TargetDisambiguator()
-    told = meant.choose(rank_by_posterior(results, 1.0 + 3.0 * TRUST.independent_hz, TRUST.ray_sigma_rad))
-    return meant.object_id if isinstance(told, Solution) else ""
-
-
-def test_of_a_recorded_robot_and_a_decoy_with_its_path_the_right_one_is_meant() -> None:
-    """The decoy flies the recorded path mirrored, or some seconds late; windows of 3 s.
-
-    Where the robot flew circles, the late one looks exactly the same from another place: nobody can tell.
-    """
-    reading = Recorded()
-    motion_relloc.read(data_file("recordings/motion_relloc"), reading)
-    told: list[str] = []
-    for following in reading.followings:
-        stamps_s, path_m = following.pointings.stamps_s, following.pointings.targets_m
-        mirrored = path_m * [1.0, -1.0, 1.0] + [0.0, 2.0 * path_m[:, 1].mean(), 0.0]
-        late = np.column_stack([np.interp(stamps_s - 4.0, stamps_s, path_m[:, axis]) for axis in range(3)])
-        for decoy_m in (mirrored, late):
-            told += [meant_in(following, t, decoy_m) for t in np.arange(4.0, stamps_s[-1] - 3.0, 1.0)]
-    decided = [name for name in told if name]
-    assert len(decided) >= 60
-    assert decided.count("robot") >= 0.95 * len(decided)

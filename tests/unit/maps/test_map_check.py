@@ -38,218 +38,178 @@ TWO = f"s: {strip((0, 0), (1, 0))}, t: {strip((0, 1), (2, 1), pixels=60)}"
 FINDINGS: dict[str, tuple[str, list[tuple[str, str, str]]]] = {
     "links too far apart": (
         f"belts: {{a: {A}, b: {belt((3, 0), (5, 0))}}}\nlinks: [{{from: a, to: b}}]",
-        [("error", "links.0", "a at 2 m and b at 0 m are 1.00 m apart, more than a belt's width of 0.5 m")],
-    ),
+        [("error", "links.0", "a at 2 m and b at 0 m are 1.00 m apart, more than a belt's width of 0.5 m")]),
     "links from the wrong place": (
         f"belts: {{a: {A}, c: {C}}}\nlinks: [{{from: a, from_position: 0.2, to: c}}]",
-        [("error", "links.0", "a at 0.2 m and c at 0 m are 0.85 m apart")],
-    ),
+        [("error", "links.0", "a at 0.2 m and c at 0 m are 0.85 m apart")]),
     "places off the belt": (
         f"belts: {{a: {A}, c: {C}}}\nlinks: [{{from: a, from_position: 9, to: c, to_position: -2}}]",
         [
             ("error", "links.0", "c at 0 m are"),
             ("error", "links.0.from_position", "9 m is off belt a; write 0 to 2"),
-            ("error", "links.0.to_position", "-2 m is off belt c; write 0 to 1.7"),
-        ],
-    ),
+            ("error", "links.0.to_position", "-2 m is off belt c; write 0 to 1.7")]),
     "names that lead nowhere": (
         f"belts: {{a: {A}}}\nlinks: [{{from: a, to: z}}]\nbays: {{1: y}}",
         [
             ("error", "links.0.to", "there is no belt 'z'; use one of a"),
-            ("error", "bays.1", "there is no belt 'y'; use one of a"),
-        ],
-    ),
+            ("error", "bays.1", "there is no belt 'y'; use one of a")]),
     "entered at its end": (
         f"belts: {{a: {A}, b: {belt((4, 0), (2.1, 0))}}}\nlinks: [{{from: a, to: b, to_position: 1.9}}]",
-        [("warning", "links.0", "b is entered at its end, at 1.9 m; reverse its line")],
-    ),
+        [("warning", "links.0", "b is entered at its end, at 1.9 m; reverse its line")]),
     "the same link twice": (
         f"belts: {{a: {A}, b: {B}}}\nlinks: [{{from: a, to: b}}, {{from: a, to: b}}]",
-        [("warning", "links.1", "is the same as links.0; remove one")],
-    ),
+        [("warning", "links.1", "is the same as links.0; remove one")]),
     "belts that meet without a link": (
         f"belts: {{a: {A}, b: {B}, c: {C}}}",
         [
             ("warning", "belts.a", "ends beside b and no link joins them|- {from: a, to: b}"),
-            ("warning", "belts.c", "begins beside a and no link|- {from: a, from_position: 1.000, to: c}"),
-        ],
-    ),
+            ("warning", "belts.c", "begins beside a and no link|- {from: a, from_position: 1.000, to: c}")]),
     "a belt that ends beside the middle of another": (
         f"belts: {{a: {A}, d: {belt((0.5, 2), (0.5, 0.4))}}}",
-        [("warning", "belts.d", "ends beside a and no link|- {from: d, to: a, to_position: 0.500}")],
-    ),
+        [("warning", "belts.d", "ends beside a and no link|- {from: d, to: a, to_position: 0.500}")]),
     "belts side by side are neighbours": (f"belts: {{a: {A}, b: {belt((0, 0.5), (2, 0.5))}}}", []),
     "a belt that nothing leads to or from": (
         f"belts: {{a: {A}, b: {B}, far: {belt((0, 5), (2, 5))}}}\nlinks: [{{from: a, to: b}}]",
-        [("warning", "belts.far", "nothing leads to it or from it; add it to links, or give it a bay")],
-    ),
+        [("warning", "belts.far", "nothing leads to it or from it; add it to links, or give it a bay")]),
     "a dead end": (
-        (
-            f"belts: {{a: {A}, b: {B}, c: {C}}}\nbays: {{1: c}}\n"
-            "links: [{from: a, to: b}, {from: a, from_position: 1, to: c}]"
-        ),
-        [("warning", "belts.b", "ends without a bay and without a link")],
-    ),
+        (f"belts: {{a: {A}, b: {B}, c: {C}}}\nbays: {{1: c}}\n"
+            "links: [{from: a, to: b}, {from: a, from_position: 1, to: c}]"),
+        [("warning", "belts.b", "ends without a bay and without a link")]),
     "a bay on a belt that leads on": (
         f"belts: {{a: {A}, b: {B}}}\nbays: {{1: a, 2: b}}\nlinks: [{{from: a, to: b}}]",
-        [("error", "bays.1", "a does not end here, it leads on to b; remove the link")],
-    ),
+        [("error", "bays.1", "a does not end here, it leads on to b; remove the link")]),
     "two bays at one end": (
-        f"belts: {{a: {A}}}\nbays: {{1: a, 2: a}}",
-        [("error", "bays.2", "a ends at bay 1 already")],
-    ),
+        f"belts: {{a: {A}}}\nbays: {{1: a, 2: a}}", [("error", "bays.2", "a ends at bay 1 already")]),
     "a bay on a belt with a diverter before its end is fine": (
         f"belts: {{a: {A}, c: {C}}}\nbays: {{1: a, 2: c}}\nlinks: [{{from: a, from_position: 1, to: c}}]",
-        [],
-    ),
+        []),
     "a circle without a way out": (
-        (
-            f"belts: {{a: {A}, b: {belt((2, 0), (2, 2), (0, 2), (0, 0))}, c: {belt((0, 5), (2, 5))}}}\n"
-            "bays: {1: c}\nlinks: [{from: a, to: b}, {from: b, to: a}]"
-        ),
-        [("error", "links", "objects on b, a circulate forever; link one of these to a belt that has a bay")],
-    ),
+        (f"belts: {{a: {A}, b: {belt((2, 0), (2, 2), (0, 2), (0, 0))}, c: {belt((0, 5), (2, 5))}}}\n"
+            "bays: {1: c}\nlinks: [{from: a, to: b}, {from: b, to: a}]"),
+        [
+            (
+                "error", "links",
+                "objects on b, a circulate forever; link one of these to a belt that has a bay")]),
     "a circle whose way out lies before where things come in": (
         (
             f"belts:\n  a: {ROUND}\n  c: {belt((0.2, -0.3), (0.2, -2))}\n"
             "bays: {1: c}\nlinks: [{from: a, to: a, to_position: 0.5}, {from: a, from_position: 0.2, to: c}]"
         ),
-        [("error", "links.0", "0.58 m apart"), ("error", "links", "objects on a circulate forever")],
-    ),
+        [("error", "links.0", "0.58 m apart"), ("error", "links", "objects on a circulate forever")]),
     "a carousel": (
         f"belts: {{a: {ROUND}}}\nlinks: [{{from: a, to: a}}]",
         [
             ("warning", "belts", "none has a start that is free, so nothing can be fed"),
-            ("warning", "links", "objects on a circulate forever; link one of these to a belt that ends"),
-        ],
-    ),
+            ("warning", "links", "objects on a circulate forever; link one of these to a belt that ends")]),
     "a circle that passes a belt with a bay": (
-        (
-            f"belts:\n  e: {belt((-2, 0), (-0.1, 0))}\n  a: {ROUND}\n"
+        (f"belts:\n  e: {belt((-2, 0), (-0.1, 0))}\n  a: {ROUND}\n"
             f"  c: {belt((1, -0.3), (1, -2))}\nbays: {{1: c}}\n"
-            "links: [{from: e, to: a}, {from: a, to: a}, {from: a, from_position: 1, to: c}]"
-        ),
-        [],
-    ),
+            "links: [{from: e, to: a}, {from: a, to: a}, {from: a, from_position: 1, to: c}]"),
+        []),
     "a link across a belt": (
-        (
-            f"belts: {{a: {A}, x: {belt((2.5, -2), (2.5, 2), width=1.0)}, b: {belt((3, 0), (5, 0))}}}\n"
-            "links: [{from: a, to: b}, {from: a, to: x, to_position: 2.0}]"
-        ),
-        [],
-    ),
+        (f"belts: {{a: {A}, x: {belt((2.5, -2), (2.5, 2), width=1.0)}, b: {belt((3, 0), (5, 0))}}}\n"
+            "links: [{from: a, to: b}, {from: a, to: x, to_position: 2.0}]"),
+        []),
     "strips as lanes": (
         f"strips: {{s: {strip((0, 0), (1, 0))}, t: {strip((3, 0), (4, 0))}}}\nlinks: [{{from: s, to: t}}]",
-        [("error", "links.0", "s at 1 m and t at 0 m are 2.00 m apart")],
-    ),
+        [("error", "links.0", "s at 1 m and t at 0 m are 2.00 m apart")]),
     "a strip off its belt": (
-        (
-            f"belts: {{a: {A}}}\n"
-            f"strips: {{near: {strip((0, 0.34), (1, 0.34))}, far: {strip((0, 0.36), (1, 0.36))}}}"
-        ),
-        [("warning", "strips.far", "lies beside no belt, its pixels are up to 0.11 m from the edge of a")],
-    ),
+        (f"belts: {{a: {A}}}\n"
+            f"strips: {{near: {strip((0, 0.34), (1, 0.34))}, far: {strip((0, 0.36), (1, 0.36))}}}"),
+        [("warning", "strips.far", "lies beside no belt, its pixels are up to 0.11 m from the edge of a")]),
     "a strip above its belt": (
         f"belts: {{a: {A}}}\nstrips: {{s: {{line: [[0, 0, 2], [1, 0, 2]], pixels: 30, direction: 1}}}}",
-        [("warning", "strips.s", "lies beside no belt, its pixels are up to 0.75 m")],
-    ),
+        [("warning", "strips.s", "lies beside no belt, its pixels are up to 0.75 m")]),
     "a strip beyond its belt": (
         f"belts: {{a: {A}}}\nstrips: {{s: {strip((0, 0.3), (4, 0.3), pixels=120)}}}",
-        [("warning", "strips.s", "46% of it lies beside no belt|1.77 m from the edge of a")],
-    ),
+        [("warning", "strips.s", "46% of it lies beside no belt|1.77 m from the edge of a")]),
     "too many pixels": (
         f"strips: {{{TWO}, u: {strip((0, 2), (1, 2), pixels=37)}}}",
         [
             (
-                "warning",
-                "strips.u",
-                "37 pixels on 1.00 m are 37.0 a metre|median is 30.0; correct pixels (to about 30)",
-            )
-        ],
-    ),
+                "warning", "strips.u",
+                "37 pixels on 1.00 m are 37.0 a metre|median is 30.0; correct pixels (to about 30)")]),
     "almost too many pixels": (f"strips: {{{TWO}, u: {strip((0, 2), (1, 2), pixels=36)}}}", []),
     "another length": (
         f"strips: {{s: {strip((0, 0), (1, 0), more=', length: 1.5')}}}",
         [
             (
-                "warning",
-                "strips.s",
-                "length is given as 1.5 m and the line is 1.000 m long; correct one of them",
-            )
-        ],
-    ),
+                "warning", "strips.s",
+                "length is given as 1.5 m and the line is 1.000 m long; correct one of them")]),
     "another length of a belt": (
         "belts: {b: {centerline: [[0, 0, 1], [10, 0, 1]], width: 1, length: 10.2}}",
-        [("warning", "belts.b", "length is given as 10.2 m and the line is 10.000 m long")],
-    ),
+        [("warning", "belts.b", "length is given as 10.2 m and the line is 10.000 m long")]),
     "a rounded length": (f"strips: {{s: {strip((0, 0), (1, 0), more=', length: 1.009')}}}", []),
     "a vertex twice": (
         f"strips: {{s: {strip((0, 0), (1, 0), (1, 0), (2, 0))}}}",
-        [("warning", "strips.s", "vertex 2 is where vertex 1 is, [1.0, 0.0, 1.0]; remove it")],
-    ),
+        [("warning", "strips.s", "vertex 2 is where vertex 1 is, [1.0, 0.0, 1.0]; remove it")]),
     "vertices out of order": (
         f"strips: {{s: {strip((0, 0), (0, 0), (3, 0), (1, 0.1), (4, 0))}}}",
         [
             ("warning", "strips.s", "vertex 1 is where vertex 0 is"),
             ("warning", "strips.s", "turns by 177° at vertex 2, [3.0, 0.0, 1.0]; put vertices in order"),
-            ("warning", "strips.s", "turns by 179° at vertex 3, [1.0, 0.1, 1.0]"),
-        ],
-    ),
+            ("warning", "strips.s", "turns by 179° at vertex 3, [1.0, 0.1, 1.0]")]),
     "lamps that hardly anyone can point at": (
         "leds: {a: {position: [0, 0, -0.2]}, b: {position: [2, 0, 5.5]}, c: {position: [4, 0, 5]}}",
         [
             ("error", "leds.a", "is 0.2 m below the floor"),
-            ("warning", "leds.b", "is 5.5 m high, where pointing is difficult; mount it below 5 m"),
-        ],
-    ),
+            ("warning", "leds.b", "is 5.5 m high, where pointing is difficult; mount it below 5 m")]),
     "lamps at one place": (
         "leds: {a: {position: [0, 0, 1]}, b: {position: [2, 0, 1]}, c: {position: [2, 0, 1.005]}}",
-        [("error", "leds.c", "is where b is, [2.0, 0.0, 1.005]; correct one")],
-    ),
+        [("error", "leds.c", "is where b is, [2.0, 0.0, 1.005]; correct one")]),
     "three lamps at one place": (
         "leds: {a: {position: [0, 0, 1]}, b: &here {position: [2, 0, 1]}, c: *here, d: *here}",
-        [("error", "leds.c", "is where b is"), ("error", "leds.d", "is where b is")],
-    ),
+        [("error", "leds.c", "is where b is"), ("error", "leds.d", "is where b is")]),
     "lamps in a column": (
         "leds: {a: {position: [2, 0, 1]}, b: {position: [2.1, 0.1, 2]}}",
-        [("error", "leds", "all lie one above the other, which determines no position; move one")],
-    ),
+        [("error", "leds", "all lie one above the other, which determines no position; move one")]),
     "one lamp": (
         "leds: {a: {position: [2, 0, 1]}}",
-        [("warning", "leds", "there is one lamp and localizing by pointing needs two")],
-    ),
+        [("warning", "leds", "there is one lamp and localizing by pointing needs two")]),
     "no lamps": (
         "boxes: {b: {center: [0, 0, 0], size: [1, 1, 1]}}",
-        [("warning", "leds", "there are no lamps and localizing")],
-    ),
+        [("warning", "leds", "there are no lamps and localizing")]),
     "solids without an area": (
-        (
-            "boxes: {b: {center: [0, 0, 0], size: [1, 0.0005, 1]}}\n"
+        ("boxes: {b: {center: [0, 0, 0], size: [1, 0.0005, 1]}}\n"
             "planes: {p: {center: [0, 0, 0], normal: [0, 0, 1], size: [1e-6, 1]},\n"
             "  whole: {center: [0, 0, 0], normal: [1, 0, 0]}}\n"
             "cylinders: {c: {center: [0, 0, 0], radius: 1, height: 1e-4}}\n"
-            "spheres: {s: {center: [0, 0, 0], radius: 1e-4}}"
-        ),
+            "spheres: {s: {center: [0, 0, 0], radius: 1e-4}}"),
         [
             ("error", "boxes.b", "is 0.0005 m small, too little to point at"),
-            ("error", "planes.p", "is 1e-06 m small"),
-            ("error", "cylinders.c", "is 0.0001 m small"),
-            ("error", "spheres.s", "is 0.0001 m small"),
-        ],
-    ),
+            ("error", "planes.p", "is 1e-06 m small"), ("error", "cylinders.c", "is 0.0001 m small"),
+            ("error", "spheres.s", "is 0.0001 m small")]),
     "things where others are": (
-        (
-            f"strips: {{s: {strip((0, 0), (1, 0))}, t: {strip((0, 0), (1, 0))}}}\n"
+        (f"strips: {{s: {strip((0, 0), (1, 0))}, t: {strip((0, 0), (1, 0))}}}\n"
             "spheres: {a: {center: [0, 0, 0], radius: 1}, b: {center: [0, 0, 0], radius: 1},\n"
-            "  c: {center: [0, 0, 0], radius: 2}}"
-        ),
-        [("warning", "strips.t", "is exactly where s is"), ("warning", "spheres.b", "is exactly where a is")],
-    ),
+            "  c: {center: [0, 0, 0], radius: 2}}"),
+        [
+            ("warning", "strips.t", "is exactly where s is"),
+            ("warning", "spheres.b", "is exactly where a is")]),
     "millimetres": (
         f"strips: {{s: {strip((0, 0), (5000, 0))}}}",
-        [("warning", "map", "is 5000 m wide; give positions in metres, if these are millimetres")],
-    ),
-}
+        [("warning", "map", "is 5000 m wide; give positions in metres, if these are millimetres")]),
+    "a fence without room": (
+        "fences: {a: {kind: keep_in, outline: [[0, 0], [0.4, 0], [0.4, 2]], high: 0}}",
+        [
+            ("error", "fences.a", "ends at 0 m, not above the floor"),
+            ("warning", "fences.a", "is 0.4 m wide, and robots stay inside")]),
+    "fences that leave no place together": (
+        ("fences: {a: {kind: keep_in, outline: [[0, 0], [2, 0], [2, 2], [0, 2]]},\n"
+            "  b: {kind: keep_in, outline: [[1, 0], [3, 0], [3, 2], [1, 2]], low: 0, high: 3},\n"
+            "  c: {kind: keep_out, outline: [[0, -1], [4, -1], [4, 4], [0, 4]], high: 1},\n"
+            "  d: {kind: keep_out, outline: [[0, -1], [4, -1], [4, 4], [0, 4]], low: 1}}"),
+        [("error", "fences.a, b", "leave no place for a robot: it stays inside every keep_in")]),
+    "fences side by side": (
+        ("fences: {a: {kind: keep_in, outline: [[0, 0], [2, 0], [2, 2], [0, 2]]},\n"
+            "  b: {kind: keep_in, outline: [[3, 0], [5, 0], [5, 2], [3, 2]]}}"),
+        [("error", "fences.a, b", "leave no place")]),
+    "fences that leave a gap": (
+        ("fences: {a: {kind: keep_in, outline: [[0, 0], [2, 0], [2, 2], [0, 2]], low: 0},\n"
+            "  c: {kind: keep_out, outline: [[0, -1], [4, -1], [4, 4], [0, 4]], high: 1},\n"
+            "  d: {kind: keep_out, outline: [[0, -1], [4, -1], [4, 4], [0, 4]], low: 1.1}}"),
+        []),
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("case", FINDINGS)

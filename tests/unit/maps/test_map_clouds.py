@@ -102,37 +102,28 @@ BROKEN = {
     "bare.ply": (ply("ascii", ""), "its vertices have nothing, not x, y, z once"),
     "list.ply": (
         ply("binary_little_endian", "property list uchar int near\n" + XYZ),
-        "element vertex has the list near",
-    ),
+        "element vertex has the list near"),
     "list_before.ply": (
         ply("binary_big_endian", XYZ, before="element face 1\nproperty list uchar int corners\n"),
-        "element face has the list corners",
-    ),
+        "element face has the list corners"),
     "short.ply": (
         ply("binary_little_endian", XYZ) + POINTS.astype("<f4").tobytes()[:-1],
-        "is cut off, 2 of 3 points are there",
-    ),
+        "is cut off, 2 of 3 points are there"),
     "short_text.ply": (ply("ascii", XYZ, rows=4) + TEXT.encode(), "3 of 4 points are there"),
     "no_body.ply": (ply("ascii", XYZ), "0 of 3 points are there"),
     "words.ply": (ply("ascii", XYZ) + b"1 2 3\n1 two 3\n1 2 3\n", "a row is not x, y, z|two"),
     "endless_text.ply": (
-        ply("ascii", XYZ, before=f"element stone {10**30}\n") + TEXT.encode(),
-        "0 of 3 points are there",
-    ),
+        ply("ascii", XYZ, before=f"element stone {10**30}\n") + TEXT.encode(), "0 of 3 points are there"),
     "endless_binary.ply": (
         ply("binary_big_endian", XYZ, before=f"element stone {10**30}\nproperty char weight\n"),
-        "0 of 3 points are there",
-    ),
+        "0 of 3 points are there"),
     "none.ply": (ply("ascii", XYZ, rows=0), "has no points"),
     "many.ply": (ply("ascii", XYZ, rows=5_000_001), "has 5000001 points, limit 5000000"),
     "signalling_nan.ply": (
         ply("binary_big_endian", XYZ, rows=1) + bytes.fromhex("00000000 7f800001 00000000"),
-        "1 of 1 points are not finite",
-    ),
+        "1 of 1 points are not finite"),
     "nan.xyz": (
-        b"1 2 3\n1 nan 3\n4 5 inf\n",
-        "2 of 3 points are not finite, the first is point 2 [1.0, nan, 3.0]",
-    ),
+        b"1 2 3\n1 nan 3\n4 5 inf\n", "2 of 3 points are not finite, the first is point 2 [1.0, nan, 3.0]"),
     "empty.xyz": (b"", "has no points"),
     "remarks.xyz": (b"# nothing\n\n", "no line begins with x, y and z, the first is '# nothing'"),
     "prose.txt": (b"Dear reader,\nthis is a letter.\n", "no line begins with x, y and z|'Dear reader,'"),
@@ -140,7 +131,7 @@ BROKEN = {
     "ragged.xyz": (b"1 2 3\n4 5\n", "a row is not x, y, z"),
     "binary.xyz": (bytes(range(128, 256)), "is not text"),
     "binary_later.xyz": (b"1 2 3\n" * 5000 + b"\xff\xfe", "is not text"),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("name", BROKEN)

@@ -268,8 +268,7 @@ BROKEN = [
     ("strips: {s: {line: [[0, 0, 0], [1, 0]], pixels: 9, direction: 1}}", "strips.s.line: vertex 1: |[1, 0]"),
     (
         "strips: {s: {line: [[1, 0, 0], [1, 0, 0]], pixels: 9, direction: 1}}",
-        "strips.s.line: |two different points",
-    ),
+        "strips.s.line: |two different points"),
     ("strips: {s: {line: [[0, 0, 0], [1, 0, 0]], pixels: 0, direction: 1}}", "strips.s.pixels: |not 0"),
     ("strips: {s: {line: [[0, 0, 0], [1, 0, 0]], pixels: 1.5, direction: 1}}", "strips.s.pixels: |1.5"),
     ("strips: {s: {line: [[0, 0, 0], [1, 0, 0]], pixels: 5000, direction: 1}}", "strips.s.pixels: |4096"),
@@ -277,8 +276,7 @@ BROKEN = [
     ("strips: {s: {line: [[0, 0, 0], [1, 0, 0]], pixels: 9, direction: yes}}", "strips.s.direction: |True"),
     (
         "strips: {s: {line: [[0, 0, 0], [1, 0, 0]], pixels: 9, direction: 1, length: -2}}",
-        "strips.s.length: |not -2",
-    ),
+        "strips.s.length: |not -2"),
     ("belts: {b: {centerline: [[0, 0, 0], [1, 0, 0]]}}", "belts.b.width: is missing"),
     ("belts: {b: {centerline: [[0, 0, 0], [1, 0, 0]], width: 0}}", "belts.b.width: |above 0|not 0"),
     ("belts: {b: {line: [[0, 0, 0], [1, 0, 0]], width: 1}}", "belts.b.centerline: is missing"),
@@ -290,16 +288,13 @@ BROKEN = [
     (WHOLE.replace("to: side}", "to: side, via: x}"), "links.0.via: is not known|from, to, from_position"),
     (
         WHOLE.replace("to: side}", "to: side, from_position: far}"),
-        "links.0.from_position: write a number of metres along the belt, not 'far'",
-    ),
+        "links.0.from_position: write a number of metres along the belt, not 'far'"),
     (
         WHOLE.replace("to: side}", "to: side, from_position: 2.02}"),
-        "links.0.from_position: 2.02 m is off belt main; write 0 to 2",
-    ),
+        "links.0.from_position: 2.02 m is off belt main; write 0 to 2"),
     (
         WHOLE.replace("to: side}", "to: side, to_position: -0.02}"),
-        "links.0.to_position: -0.02 m is off belt side; write 0 to 2",
-    ),
+        "links.0.to_position: -0.02 m is off belt side; write 0 to 2"),
     (WHOLE + "bays: {1: sidee}", "bays.1: there is no belt 'sidee'; use one of main, side"),
     (WHOLE + "bays: {1: [side]}", "bays.1: write the name of a belt, not ['side']"),
     (WHOLE + "bays: [side]", "bays: write a mapping of bays to belts such as {1: belt}, not ['side']"),
@@ -312,8 +307,7 @@ BROKEN = [
     ("boxes: {b: {center: [0, 0, 0], size: 2}}", "boxes.b.size: |not 2"),
     (
         "boxes: {b: {center: [0, 0, 0], size: [1, 1, 1], yaw_deg: x}}",
-        "boxes.b.yaw_deg: write a number of degrees",
-    ),
+        "boxes.b.yaw_deg: write a number of degrees"),
     ("boxes: {b: {center: [0, 0, 0], size: [1, 1, 1], yaw: 1}}", "boxes.b.yaw: is not known|yaw_deg"),
     ("planes: {p: {center: [0, 0, 0], normal: [0, 0, 0]}}", "planes.p.normal: |has no direction"),
     ("planes: {p: {center: [0, 0, 0], normal: [0, 0]}}", "planes.p.normal: a point is three numbers"),
@@ -331,15 +325,14 @@ BROKEN = [
     (FENCE.replace("[0, 1]]", "[2, 0]]"), "fences.f.outline: the outline has no area inside"),
     (
         FENCE.replace("[[0, 0], [1, 0], [0, 1]]", "[[0, 0], [1, 1], [1, 0], [0, 1]]"),
-        "fences.f.outline: the outline crosses itself: the edges from corner 0 and corner 2 meet; list",
-    ),
+        "fences.f.outline: the outline crosses itself: the edges from corner 0 and corner 2 meet; list"),
     (FENCE.replace("]]", "]], low: 2, high: 1"), "fences.f: low is 2 m and high 1 m; low must be below high"),
     (FENCE.replace("]]", "]], low: much"), "fences.f.low: write a number of metres above the floor"),
     ("clouds: {c: {file: 3}}", "clouds.c.file: write the path of a .ply or .xyz file"),
     ("clouds: {c: {file: c.ply, scale: 0}}", "clouds.c.scale: |above 0, not 0"),
     (WHOLE.replace("- {from: main, to: side}", "main: side"), "links: write a list"),
     (WHOLE.replace("{from: main, to: side}", "main"), "links.0: write a mapping with from, to"),
-]
+]  # fmt: skip
 
 
 @pytest.mark.parametrize(("text", "parts"), BROKEN)

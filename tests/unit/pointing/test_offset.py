@@ -12,6 +12,7 @@ from pointit.geometry import vector
 from pointit.schemas import Anchor
 from pointit.services.pointing.arm_ray import apply
 from pointit.services.pointing.offset import OffsetFit, Sighting, fit, sighting
+from tests.support.known import known
 
 DEG = math.radians(1.0)
 Rng = np.random.Generator
@@ -265,8 +266,7 @@ def test_an_anchors_message_becomes_a_sighting() -> None:
         position_m=(1.0, 2.0, 0.0),
         yaw_rad=math.pi / 2,
     )
-    found = sighting(anchor)
-    assert found is not None
+    found = known(sighting(anchor))
     assert found.azimuth_rad == pytest.approx(math.pi / 2 + 0.1)
     assert found.elevation_rad == pytest.approx(-0.6)
     assert found.target_azimuth_rad == pytest.approx(math.pi / 2)

@@ -30,6 +30,7 @@ from pointit.services.pui.passing import AGAIN_NS, PATIENCE_NS, Passing, words
 from pointit.services.pui.shapes import Surface
 from pointit.services.pui.surfaces import Surfaces
 from pointit.services.pui.tracked_objects import Tracked
+from tests.support.known import known
 from tests.unit.pui.room import EYES, room
 
 STEP_NS = NS_PER_S // 50
@@ -51,9 +52,7 @@ def person(environment: Environment = STRIP) -> PersonCursor:
 
 
 def shown(someone: PersonCursor, ray: PointingRay) -> Cursor:
-    cursor = someone.cursor(ray)
-    assert cursor is not None
-    return cursor
+    return known(someone.cursor(ray))
 
 
 @given(azimuth_deg=st.floats(-170, 170), elevation_deg=st.floats(-50, 80))
@@ -79,10 +78,8 @@ def test_turning_as_told_meets_the_point(azimuth_deg: float, elevation_deg: floa
 
 def test_nearest_by_angle_is_named_whatever_its_priority() -> None:
     both = STRIP.model_copy(update={"lamps": (Lamp(id="l", position_m=(0.0, 3.0, 1.64)),)})
-    near_lamp = shown(person(both), aimed(70.0, 0.0)).passed
-    near_strip = shown(person(both), aimed(35.0, 0.0)).passed
-    assert near_lamp is not None
-    assert near_strip is not None
+    near_lamp = known(shown(person(both), aimed(70.0, 0.0)).passed)
+    near_strip = known(shown(person(both), aimed(35.0, 0.0)).passed)
     assert (near_lamp.surface, near_strip.surface) == ("lamp", "strip")
     assert near_strip.position_m == pytest.approx(0.0, abs=1e-6)
 
@@ -101,8 +98,7 @@ def test_text_says_where_after_a_while(azimuth_deg: float, elevation_deg: float,
     someone = person()
     texts: list[tuple[int, str]] = []
     for stamp_ns in range(0, 2 * NS_PER_S, STEP_NS):
-        passed = shown(someone, aimed(azimuth_deg, elevation_deg, stamp_ns)).passed
-        assert passed is not None
+        passed = known(shown(someone, aimed(azimuth_deg, elevation_deg, stamp_ns)).passed)
         texts.append((stamp_ns, passed.text))
     assert all(said == "" for stamp_ns, said in texts if stamp_ns < PATIENCE_NS)
     assert texts[-1][1] == text
@@ -181,8 +177,7 @@ def test_a_thing_across_the_half_turn_is_beside_the_ray_and_not_behind(side: flo
     passing = Passing(Placed(vector.direction(math.radians(-179.0 * side), 0.0)))
     ray = vector.direction(math.radians(179.0 * side), 0.0)
     passing.miss((0.0, 0.0, 0.0), ray, 0)
-    passed = passing.miss((0.0, 0.0, 0.0), ray, PATIENCE_NS)
-    assert passed is not None
+    passed = known(passing.miss((0.0, 0.0, 0.0), ray, PATIENCE_NS))
     assert passed.right_rad == pytest.approx(math.radians(-2.0 * side))
     there, here = ("left", "right") if side > 0.0 else ("right", "left")
     assert passed.text == f"you point 5° to the {here} of lamp l: turn {there}"
@@ -269,9 +264,7 @@ async def test_the_service_publishes_the_cue(method: str, advice: str) -> None:
     async with room(method=method) as here:
         cues = here.bench.collect(FEEDBACK)
         await here.pose()
-        cursor = await here.point(vector.direction(0.0, math.radians(40.0)))
-        for _ in range(100):
-            here.clock.advance(0.02)
+        for _ in range(101):
             cursor = await here.point(vector.direction(0.0, math.radians(40.0)))
         assert cursor.passed is not None
         assert [cue.text for cue in cues] == [cursor.passed.text]

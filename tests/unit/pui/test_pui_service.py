@@ -1,201 +1,38 @@
-"""Cursors: where they are, for whom, when there are none; the service on a bus."""
+"""The service on a bus: cursors of people, workspaces and the tolerance as asked for, what is refused."""
 
 import math
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from pointit.geometry import vector
-from pointit.geometry.polyline import Polyline
 from pointit.geometry.vector import Vec3
-from pointit.maps.file import load_map
-from pointit.runtime.bus.memory_bus import MemoryBus
-from pointit.runtime.errors import ConfigError
+from pointit.runtime.errors import ConfigError, RefusedError
 from pointit.runtime.service.service import Launch, run_service
-from pointit.schemas import Cursor, Interaction, PointingRay, UserPose
-from pointit.schemas.topics import CURSOR, HEALTH, INTERACTION, MAP, POSE, RAY, USER_ALIVE
-from pointit.services.pui.config import PuiConfig
-from pointit.services.pui.cursor import PersonCursor
-from pointit.services.pui.service import Pui
-from pointit.services.pui.surfaces import Surfaces
-from tests.support.bench import Bench, ManualClock, memory_bench, until
-from tests.support.data import data_file
-
-LAB = load_map("lab", 0)
-EYES: Vec3 = (0.0, 0.0, 1.64)
-AT: Vec3 = (1.0, 0.5, 0.0)
-
-
-def ray_to(target: Vec3, pose: UserPose, stamp_ns: int = 0) -> PointingRay:
-    """Return the ray in {H} of a person at `pose` who points at `target` in {W}."""
-    eyes = vector.add(pose.position_m, vector.rotate_z(EYES, pose.yaw_rad))
-    reach = vector.normalized(vector.subtract(target, eyes))
-    return PointingRay(stamp_ns=stamp_ns, origin_m=EYES, direction=vector.rotate_z(reach, -pose.yaw_rad))
-
-
-def pose_at(position_m: Vec3 = AT, yaw_rad: float = 0.7) -> UserPose:
-    return UserPose(stamp_ns=0, position_m=position_m, yaw_rad=yaw_rad)
-
-
-def interaction(state: Literal["idle", "localizing", "pointing"], stamp_ns: int = 0) -> Interaction:
-    return Interaction(stamp_ns=stamp_ns, state=state)
-
-
-def on_strip(number: int, position_m: float) -> Vec3:
-    return Polyline(LAB.strips[number].line_m).point_at(position_m)
-
-
-# the core
-
-
-@given(
-    number=st.integers(0, 1),
-    position_m=st.floats(0.05, 4.95),
-    stand=st.tuples(st.floats(-2, 4), st.floats(-3, 3), st.floats(-0.2, 0.5)),
-    yaw_rad=st.floats(-math.pi, math.pi),
+from pointit.schemas import (
+    PointingRay,
+    SetTolerance,
+    SetToleranceReply,
+    SetWorkspace,
+    TrackedObject,
+    TrackedObjects,
 )
-def test_pointing_at_a_place_on_a_strip_puts_the_cursor_there(
-    number: int, position_m: float, stand: Vec3, yaw_rad: float
-) -> None:
-    pose = pose_at(stand, yaw_rad)
-    person = PersonCursor(Surfaces(LAB))
-    person.set_pose(pose)
-    target = on_strip(number, position_m)
-    cursor = person.cursor(ray_to(target, pose, stamp_ns=5))
-    assert cursor is not None
-    assert (cursor.surface, cursor.stamp_ns) == ("strip", 5)
-    assert cursor.point_m is not None
-    eyes = vector.add(pose.position_m, EYES)
-    assert vector.angle_between(vector.subtract(target, eyes), vector.subtract(cursor.point_m, eyes)) < 1e-6
-    if cursor.surface_id == LAB.strips[number].id:
-        assert cursor.position_m == pytest.approx(position_m, abs=1e-4)
+from pointit.schemas.topics import MAP, OBJECTS, SET_TOLERANCE, SET_WORKSPACE, USER_ALIVE
+from pointit.services.pui.config import PuiConfig
+from pointit.services.pui.service import Pui
+from tests.support.bench import memory_bench
+from tests.support.known import known
+from tests.unit.pui.room import EYES, LAB, Room, S, pose_at, ray_to, room
+from tests.unit.pui.test_cursor import on_strip
 
-
-def test_the_cursors_numbers_are_those_of_its_point() -> None:
-    pose = pose_at((2.0, 1.0, 0.0), yaw_rad=0.0)
-    person = PersonCursor(Surfaces(LAB))
-    person.set_pose(pose)
-    beside = vector.add(on_strip(0, 2.0), (0.0, 0.0, 0.3))  # 0.3 m above the strip
-    cursor = person.cursor(ray_to(beside, pose))
-    assert cursor is not None
-    assert cursor.point_m is not None
-    eyes = (2.0, 1.0, 1.64)
-    reach = vector.subtract(cursor.point_m, eyes)
-    aim = vector.subtract(beside, eyes)
-    assert cursor.range_m == pytest.approx(vector.norm(reach))
-    assert cursor.miss_rad == pytest.approx(vector.angle_between(reach, aim))
-    assert cursor.miss_m == pytest.approx(cursor.range_m * math.sin(cursor.miss_rad))
-    assert 0.05 < cursor.miss_rad < math.radians(12)
-
-
-def offset(angle_deg: float, pose: UserPose) -> PointingRay:
-    """Return a ray `angle_deg` above the middle of strip 1, whose nearest point is right below."""
-    ray = ray_to(on_strip(1, 2.5), pose)
-    azimuth, elevation = vector.azimuth(ray.direction), vector.elevation(ray.direction)
-    return PointingRay(
-        stamp_ns=0, origin_m=EYES, direction=vector.direction(azimuth, elevation + math.radians(angle_deg))
-    )
-
-
-@pytest.mark.parametrize(("angle_deg", "hit"), [(11.9, True), (12.1, False)])
-def test_only_a_ray_within_the_angle_tolerance_hits_the_strip(angle_deg: float, hit: bool) -> None:  # noqa: FBT001
-    x, y, _ = on_strip(1, 2.5)
-    pose = pose_at((x, y - 3.0, 0.0))
-    person = PersonCursor(Surfaces(LAB, tolerance_rad=math.radians(12)))
-    person.set_pose(pose)
-    cursor = person.cursor(offset(angle_deg, pose))
-    assert cursor is not None
-    assert (cursor.surface == "strip") is hit
-    assert (cursor.point_m is not None) is hit
-
-
-@pytest.mark.parametrize("method", ["exact", "kd_tree"])
-def test_metres_forgive_far_away_what_they_refuse_nearby(method: Literal["exact", "kd_tree"]) -> None:
-    surfaces = Surfaces(LAB, method=method, tolerance_m=0.7)
-    x, y, _ = on_strip(1, 2.5)
-    for distance_m, hit in ((6.0, True), (2.0, False)):
-        pose = pose_at((x, y - distance_m, 0.0))
-        ray = offset(6.0 if hit else 25.0, pose)
-        origin = vector.add(pose.position_m, EYES)
-        met = surfaces.hit_test(origin, vector.rotate_z(ray.direction, pose.yaw_rad))
-        assert (met is not None) is hit
-        if met is not None:
-            assert met[1].miss_m == pytest.approx(6.0 * math.sin(math.radians(6)), abs=0.06)
-
-
-def test_only_the_wanted_kinds_take_part() -> None:
-    lamp = LAB.lamps[1]
-    direction = vector.normalized(vector.subtract(lamp.position_m, EYES))
-    met = Surfaces(LAB, ["lamp"]).hit_test(EYES, direction)
-    assert met is not None
-    assert met[0] == ("lamp", lamp.id)
-    assert Surfaces(LAB, ["strip"]).hit_test(EYES, direction) is None
-
-
-def test_belts_and_strips_of_the_conveyor_are_told_apart() -> None:
-    conveyor = load_map(str(data_file("pointit-ros2/belt.yaml")), 0)
-    surfaces = Surfaces(conveyor, ["strip", "belt"])
-    eyes = (0.8, -1.2, 1.64)
-    for kind, entries in (("strip", conveyor.strips), ("belt", conveyor.belts)):
-        for entry in entries:
-            line = Polyline(entry.line_m)
-            reach = vector.subtract(line.point_at(line.length_m / 2), eyes)
-            met = surfaces.hit_test(eyes, vector.normalized(reach))
-            assert met is not None
-            if met[0] != (kind, entry.id):  # then another is in the same line of sight
-                assert met[1].miss_rad < 1e-3
-            else:
-                assert met[1].position_m == pytest.approx(line.length_m / 2, abs=0.005)
-
-
-def test_ending_takes_back_one_cursor_once_and_never_an_older_stamp() -> None:
-    person = PersonCursor(Surfaces(LAB))
-    assert person.set_interaction(interaction("pointing")) is None
-    person.set_pose(pose_at())
-    assert person.cursor(ray_to(on_strip(0, 1.0), pose_at(), stamp_ns=50)) is not None
-    ended = person.set_interaction(interaction("idle", stamp_ns=20))
-    assert ended is not None
-    assert (ended.surface, ended.point_m, ended.stamp_ns) == ("none", None, 50)
-    assert person.set_interaction(interaction("localizing")) is None
-    assert person.clear(60) is None
-    assert person.cursor(ray_to(on_strip(0, 1.0), pose_at())) is None
-
-
-# the service
-
-
-class Room:
-    """A running pui and what it wrote, by person."""
-
-    def __init__(self, bench: Bench, clock: ManualClock) -> None:
-        self.bench = bench
-        self.clock = clock
-        self.cursors: dict[str, list[Cursor]] = {}
-        bench.bus.subscribe(CURSOR, lambda cursor, user: self.cursors.setdefault(user, []).append(cursor))
-
-    async def point(self, user: str, target: Vec3, pose: UserPose | None = None) -> int:
-        stamp_ns = self.clock.advance(0.02)
-        self.bench.put(RAY, ray_to(target, pose or pose_at(), stamp_ns), user)
-        await self.bench.settle()
-        return stamp_ns
-
-
-async def room_of(bench: Bench, clock: ManualClock, **config: Any) -> Room:
-    room = Room(bench, clock)
-    bench.start(Pui, PuiConfig(**config))
-    await bench.settle()
-    return room
+PLACE: Vec3 = on_strip(0, 1.5)
 
 
 async def test_the_map_is_there_for_whoever_comes_late() -> None:
-    async with memory_bench() as bench:
-        await room_of(bench, ManualClock())
-        maps = bench.collect(MAP)
-        await bench.settle()
+    async with room() as here:
+        maps = here.bench.collect(MAP)
+        await here.bench.settle()
         assert [(found.name, found.strips) for found in maps] == [("lab", LAB.strips)]
 
 
@@ -226,119 +63,96 @@ async def test_what_is_configured_decides_what_is_met(
 ) -> None:
     path = tmp_path / "things.yaml"
     path.write_text(THINGS)
-    clock = ManualClock()
-    async with memory_bench(clock) as bench:
-        room = await room_of(bench, clock, map=str(path), **config)
-        here = pose_at((0.0, 0.0, 0.0))
-        bench.put(POSE, here, "anna")
-        await bench.settle()
-        await room.point("anna", target, here)
-        assert [cursor.surface_id for cursor in room.cursors["anna"]] == [met]
+    async with room(map=str(path), **config) as here:
+        await here.pose()
+        assert (await here.point_at(target)).surface_id == met
 
 
 async def test_two_people_have_their_own_cursors() -> None:
-    clock = ManualClock()
-    async with memory_bench(clock) as bench:
-        room = await room_of(bench, clock)
-        anna, ben = pose_at((1.0, 0.5, 0.0), 0.7), pose_at((3.0, 2.0, 0.0), -2.0)
-        bench.put(POSE, anna, "anna")
-        bench.put(POSE, ben, "ben")
-        await bench.settle()
-        first = await room.point("anna", on_strip(0, 1.5), anna)
-        second = await room.point("ben", on_strip(1, 4.0), ben)
-        assert set(room.cursors) == {"anna", "ben"}
-        (one,), (two,) = room.cursors["anna"], room.cursors["ben"]
+    async with room() as here:
+        await here.pose("anna", pose_at((1.0, 0.5, 0.0), 0.7))
+        await here.pose("ben", pose_at((3.0, 2.0, 0.0), -2.0))
+        first = await here.aim(on_strip(0, 1.5), "anna")
+        second = await here.aim(on_strip(1, 4.0), "ben")
+        assert set(here.of) == {"anna", "ben"}
+        (one,), (two,) = here.of["anna"], here.of["ben"]
         assert (one.surface_id, one.stamp_ns) == ("0", first)
         assert one.position_m == pytest.approx(1.5)
         assert (two.surface_id, two.stamp_ns) == ("1", second)
         assert two.position_m == pytest.approx(4.0)
 
 
-async def health_says(bench: Bench, condition: Callable[[tuple[str, ...]], bool]) -> None:
-    reports = bench.collect(HEALTH, "pui")
-    await until(lambda: bool(reports) and condition(reports[-1].warnings), what="health")
-
-
 async def test_without_a_pose_there_is_no_cursor_and_health_says_why() -> None:
-    clock = ManualClock()
-    async with memory_bench(clock) as bench:
-        room = await room_of(bench, clock)
-        await room.point("anna", on_strip(0, 1.5))
-        assert room.cursors == {}
-        await health_says(bench, lambda warnings: any("anna" in text for text in warnings))
-        bench.put(POSE, pose_at(), "anna")
-        await room.point("anna", on_strip(0, 1.5))
-        assert [cursor.surface for cursor in room.cursors["anna"]] == ["strip"]
-        await health_says(bench, lambda warnings: warnings == ())
+    async with room() as here:
+        await here.aim(PLACE)
+        assert here.cursors == []
+        await here.until_health(lambda warnings: any("anna" in text for text in warnings))
+        await here.pose()
+        assert (await here.point_at(PLACE)).surface == "strip"
+        assert len(here.cursors) == 1
+        await here.until_health(lambda warnings: warnings == ())
 
 
 async def test_a_cursor_only_while_pointing() -> None:
-    clock = ManualClock()
-    async with memory_bench(clock) as bench:
-        room = await room_of(bench, clock)
-        bench.put(POSE, pose_at(), "anna")
-        bench.put(INTERACTION, interaction("idle"), "anna")
-        await bench.settle()
-        await room.point("anna", on_strip(0, 1.5))
-        assert room.cursors == {}
-        bench.put(INTERACTION, interaction("pointing"), "anna")
-        await bench.settle()
-        await room.point("anna", on_strip(0, 1.5))
-        bench.put(INTERACTION, interaction("localizing", clock.advance(0.01)), "anna")
-        await bench.settle()
-        await room.point("anna", on_strip(0, 1.5))
-        await room.point("ben", on_strip(0, 1.5))
-        assert [cursor.surface for cursor in room.cursors["anna"]] == ["strip", "none"]
-        assert room.cursors["anna"][-1].stamp_ns == clock.now_ns() - 40_000_000
-        assert [cursor.seq for cursor in room.cursors["anna"]] == [1, 2]
+    async with room() as here:
+        await here.pose()
+        await here.interact("idle")
+        await here.aim(PLACE)
+        assert here.cursors == []
+        await here.interact("pointing")
+        shown_ns = await here.aim(PLACE)
+        here.clock.advance(0.01)
+        await here.interact("localizing")
+        await here.aim(PLACE)
+        await here.aim(PLACE, "ben")
+        seen = [(cursor.surface, cursor.seq) for cursor in here.of["anna"]]
+        assert seen == [("strip", 1), ("none", 2)]
+        assert here.of["anna"][-1].stamp_ns == shown_ns + 10_000_000
 
 
 async def test_somebody_who_localizes_is_not_told_that_a_pose_is_missing() -> None:
-    clock = ManualClock()
-    async with memory_bench(clock) as bench:
-        room = await room_of(bench, clock)
-        await room.point("anna", on_strip(0, 1.5))  # before the supervisor said anything: warned
-        bench.put(INTERACTION, interaction("localizing"), "anna")
-        await bench.settle()
-        await room.point("anna", on_strip(0, 1.5))
-        await health_says(bench, lambda warnings: warnings == ())
+    async with room() as here:
+        await here.aim(PLACE)  # before the supervisor said anything: warned
+        await here.interact("localizing")
+        await here.aim(PLACE)
+        await here.until_health(lambda warnings: warnings == ())
 
 
 async def test_the_cursor_goes_with_the_person_and_comes_back_with_them() -> None:
-    clock = ManualClock()
-    async with memory_bench(clock) as bench:
-        room = await room_of(bench, clock)
-        here = bench.bus.announce(USER_ALIVE, "anna")
-        bench.put(POSE, pose_at(), "anna")
-        await bench.settle()
-        await room.point("anna", on_strip(0, 1.5))
-        here.close()
-        await bench.settle()
-        bench.bus.announce(USER_ALIVE, "anna")
-        await bench.settle()
-        await room.point("anna", on_strip(0, 1.5))
-        assert [cursor.surface for cursor in room.cursors["anna"]] == ["strip", "none", "strip"]
+    async with room() as here:
+        present = here.bench.bus.announce(USER_ALIVE, "anna")
+        await here.pose()
+        await here.aim(PLACE)
+        present.close()
+        await here.bench.settle()
+        here.bench.bus.announce(USER_ALIVE, "anna")
+        await here.bench.settle()
+        await here.aim(PLACE)
+        assert [cursor.surface for cursor in here.of["anna"]] == ["strip", "none", "strip"]
+
+
+async def test_the_service_takes_the_bias_out_and_the_newer_pose() -> None:
+    bias_rad = math.radians(6.0)
+    async with room() as here:
+        now_ns = here.clock.now_ns()
+        pose = pose_at(bias_rad=bias_rad, stamp_ns=now_ns)
+        await here.pose("anna", pose)
+        await here.pose("anna", pose_at((9.0, 0.5, 0.0), stamp_ns=now_ns - S))
+        cursor = await here.send(ray_to(on_strip(1, 2.5), pose, now_ns, bias_rad))
+        assert known(cursor).miss_rad < 1e-6
 
 
 @pytest.mark.parametrize("method", ["exact", "kd_tree"])
 async def test_no_ray_makes_a_cursor_that_is_not_a_number(method: str) -> None:
     # cursors are strict and finite: one with a NaN would raise in the handler and count as an error
-    clock = ManualClock()
-    async with memory_bench(clock) as bench:
-        room = await room_of(bench, clock, method=method, surfaces=("strip", "lamp"))
+    async with room(method=method, surfaces=("strip", "lamp")) as here:
         on_a_lamp = vector.subtract(LAB.lamps[0].position_m, EYES)
         on_the_strip = vector.subtract(on_strip(0, 2.0), EYES)
-        rays = 0
         for position in (on_a_lamp, on_the_strip, (4.85, -5.0, -0.74)):  # the last: in line with strip 0
-            pose = pose_at(position, 0.0)
-            bench.put(POSE, pose, "anna")
-            await bench.settle()
+            await here.pose("anna", pose_at(position, 0.0))
             for direction in ((0.0, 1.0, 0.0), (0.0, -1.0, 0.0), (0.0, 0.0, -1.0), (0.6, 0.0, 0.8)):
-                ray = PointingRay(stamp_ns=clock.advance(0.02), origin_m=EYES, direction=direction)
-                bench.put(RAY, ray, "anna")
-                await bench.settle()
-                rays += 1
-        assert len(room.cursors["anna"]) == rays
+                await here.point(direction)
+        assert len(here.cursors) == 3 * 4
 
 
 @pytest.mark.parametrize(
@@ -354,11 +168,140 @@ async def test_no_ray_makes_a_cursor_that_is_not_a_number(method: str) -> None:
 async def test_a_broken_map_or_useless_surfaces_end_the_service_with_a_sentence(
     config: dict[str, Any], said: str
 ) -> None:
-    clock = ManualClock()
-    bus = MemoryBus()
-    try:
-        launch = Launch(service=Pui, config=PuiConfig(**config))
+    async with memory_bench() as bench:
         with pytest.raises(ConfigError, match=said):
-            await run_service(launch, bus, clock)
-    finally:
-        await bus.close()
+            await run_service(Launch(service=Pui, config=PuiConfig(**config)), bench.bus, bench.clock)
+
+
+# the tolerance
+
+ABOVE_M = (4.85, 1.0, 0.9)
+
+
+async def tolerate(here: Room, tolerance_deg: float | None = None) -> SetToleranceReply:
+    tolerance_rad = None if tolerance_deg is None else math.radians(tolerance_deg)
+    return await here.bench.bus.call(SET_TOLERANCE, SetTolerance(tolerance_rad=tolerance_rad))
+
+
+async def beside(here: Room, beside_deg: float, user: str = "anna") -> str:
+    """Point above a strip; return what the cursor is on."""
+    reach = vector.subtract(ABOVE_M, EYES)
+    raised = vector.elevation(reach) + math.radians(beside_deg)
+    await here.pose(user)
+    return (await here.point(vector.direction(vector.azimuth(reach), raised), user)).surface
+
+
+async def test_it_holds_for_everybody_from_the_next_ray_on() -> None:
+    async with room() as here:
+        reply = await tolerate(here)
+        assert reply.tolerance_rad == pytest.approx(math.radians(12.0))
+        assert "12.0°" in reply.message
+        assert await beside(here, 8.0) == "strip"
+        reply = await tolerate(here, 5.0)
+        assert reply.tolerance_rad == pytest.approx(math.radians(5.0))
+        assert [await beside(here, 8.0), await beside(here, 8.0, "ben")] == ["none", "none"]
+        assert await beside(here, 3.0) == "strip"
+        await tolerate(here, 20.0)
+        assert [await beside(here, 15.0), await beside(here, 15.0, "ben")] == ["strip", "strip"]
+        assert (await tolerate(here)).tolerance_rad == pytest.approx(math.radians(20.0))
+
+
+@pytest.mark.parametrize(
+    ("config", "why"),
+    [
+        ({"tolerance_m": 0.7}, "tolerance_m is 0.7; start pui without it"),
+        ({"method": "kd_tree"}, "the method is kd_tree; start pui with method=exact"),
+    ],
+)
+async def test_where_metres_tell_there_is_no_angle_to_set(config: dict[str, Any], why: str) -> None:
+    async with room(**config) as here:
+        reply = await tolerate(here)
+        assert reply.tolerance_rad is None
+        assert why in reply.message
+        with pytest.raises(RefusedError, match=f"the tolerance is in metres here: {why}"):
+            await tolerate(here, 5.0)
+        assert await beside(here, 4.0) == "strip"  # 0.36 m beside
+
+
+async def test_the_widest_that_can_be_configured_can_be_told() -> None:
+    async with room(tolerance_deg=89.99) as here:
+        assert (await tolerate(here)).tolerance_rad == pytest.approx(math.radians(89.99), abs=0.01)
+
+
+# workspaces
+
+
+async def ask(here: Room, user: str = "anna", **query: Any) -> str:
+    return (await here.bench.bus.call(SET_WORKSPACE, SetWorkspace(**query), user)).message
+
+
+async def test_a_workspace_is_laid_through_a_robot_and_left_again() -> None:
+    async with room() as here:
+        await here.pose()
+        at_m, speed = (2.0, 1.0, 0.8), (0.0, 0.0, 0.4)
+        drone = TrackedObject(id="drone", kind="robot", position_m=at_m, velocity_mps=speed)
+        here.bench.put(OBJECTS, TrackedObjects(stamp_ns=here.clock.now_ns(), objects=(drone,)), "sim")
+        here.clock.advance(0.48)
+        await here.point_at(LAB.strips[0].line_m[0])
+        said = await ask(here, kind="horizontal", anchor="object", object_id="drone")
+        assert said == "anna's cursor moves on a horizontal workspace"
+        cursor = await here.point_at((3.0, -1.0, 0.5))
+        assert (cursor.surface, cursor.solid, cursor.surface_id) == ("none", "plane", "workspace/horizontal")
+        assert known(cursor.point_m)[2] == pytest.approx(1.0, abs=0.01)
+        assert await ask(here, kind="none") == "anna points at the things of the map"
+        assert (await here.point_at(LAB.strips[0].line_m[0])).surface == "strip"
+
+
+async def test_what_cannot_be_is_refused_with_a_sentence() -> None:
+    async with room() as here:
+        with pytest.raises(RefusedError, match="anna: neither a pose nor a ray has come"):
+            await ask(here, kind="sphere")
+        await here.send(PointingRay(stamp_ns=0, origin_m=EYES, direction=(1.0, 0.0, 0.0)))
+        with pytest.raises(RefusedError, match="anna: no pose is known: localize first"):
+            await ask(here, kind="sphere")
+        await here.pose()
+        await here.point_at((0.0, 0.0, 9.0))
+        with pytest.raises(RefusedError, match="anna: there is no cursor now"):
+            await ask(here, kind="sphere")
+        with pytest.raises(RefusedError, match="anna: no object 'drone' is known"):
+            await ask(here, kind="sphere", anchor="object", object_id="drone")
+        assert (await here.point_at(LAB.strips[0].line_m[0])).surface == "strip"
+
+
+async def test_workspace_needs_nothing_else_in_the_map(tmp_path: Path) -> None:
+    path = tmp_path / "lamps.yaml"
+    path.write_text("leds: {a: {position: [0, 0, 1]}, b: {position: [1, 2, 1]}}", encoding="utf-8")
+    Pui.validate_config(PuiConfig(map=str(path), workspace="horizontal"))
+    with pytest.raises(ConfigError, match=r"has no strip or belt .*--set pui\.surfaces=\[lamp\]"):
+        Pui.validate_config(PuiConfig(map=str(path)))
+    async with room(map=str(path), workspace="horizontal") as here:
+        await here.pose()
+        cursor = await here.point_at((3.0, -1.0, 0.0))
+        assert cursor.surface_id == "workspace/horizontal"
+        assert cursor.point_m == pytest.approx((3.0, -1.0, 0.0))
+
+
+async def test_the_configured_workspace_and_lamps() -> None:
+    async with room(workspace="sphere", workspace_distance_m=1.5, lamp_angles_deg=180.0) as here:
+        await here.pose()
+        cursor = await here.point_at((2.0, 1.0, 0.5))
+        assert cursor.solid == "sphere"
+        assert cursor.range_m == pytest.approx(1.5)
+        assert {lamp.id for lamp in cursor.lamps} == {lamp.id for lamp in LAB.lamps}
+    async with room() as here:
+        await here.pose()
+        assert (await here.point_at((2.0, 1.0, 0.5))).lamps == ()
+
+
+@pytest.mark.parametrize(
+    ("config", "said"),
+    [
+        ({"map": "absent.yaml"}, r"absent\.yaml: cannot be read"),
+        ({"priority": {"strp": 1}}, "^priority: 'strp' is neither a kind nor the id"),
+        ({"priority": {"Lamp": 1}}, "^priority: 'Lamp' is neither a kind nor the id"),
+    ],
+)
+def test_parameters_that_do_not_fit_are_refused_before_pui_joins(config: dict[str, Any], said: str) -> None:
+    Pui.validate_config(PuiConfig())
+    with pytest.raises(ConfigError, match=said):
+        Pui.validate_config(PuiConfig(**config))

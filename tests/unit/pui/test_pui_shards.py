@@ -1,18 +1,20 @@
 """Shards of pui beside the default one: whose cursors each publishes, and on which map."""
 
+from collections.abc import AsyncGenerator
+from contextlib import asynccontextmanager
 from typing import Any
 
+import pytest
+
 from pointit.geometry.vector import Vec3
-from pointit.maps.file import load_map
 from pointit.runtime.errors import NoAnswerError
-from pointit.schemas import Cloud, Cursor, Environment, Health, SetTolerance, SetWorkspace, Sphere
-from pointit.schemas.topics import CURSOR, HEALTH, MAP, SET_TOLERANCE, SET_WORKSPACE, SHARD_ALIVE, USER_ALIVE
+from pointit.schemas import Cloud, Environment, Health, SetTolerance, SetWorkspace, Sphere
+from pointit.schemas.topics import HEALTH, MAP, SET_TOLERANCE, SET_WORKSPACE, SHARD_ALIVE, USER_ALIVE
 from pointit.services.pui.config import PuiConfig
 from pointit.services.pui.service import Pui
 from tests.support.bench import Bench, ManualClock, in_virtual_time, memory_bench, until
-from tests.unit.pui.room import Room
+from tests.unit.pui.room import LAB, Room
 
-LAB = load_map("lab", 0)
 PLACE: Vec3 = LAB.strips[0].line_m[0]
 
 
@@ -21,8 +23,6 @@ class Sharing(Room):
 
     def __init__(self, bench: Bench, clock: ManualClock) -> None:
         super().__init__(bench, clock)
-        self.of_anna: list[Cursor] = bench.collect(CURSOR, "anna")
-        self.of_ben: list[Cursor] = bench.collect(CURSOR, "ben")
         self.reports: list[Health] = bench.collect(HEALTH, "pui.anna")
         self.shards: set[str] = set()
         bench.bus.watch(SHARD_ALIVE, self._on_shard)
@@ -46,6 +46,13 @@ class Sharing(Room):
             await self.point_at(PLACE, user)
 
 
+@asynccontextmanager
+async def sharing() -> AsyncGenerator[Sharing]:
+    clock = ManualClock()
+    async with memory_bench(clock) as bench:
+        yield Sharing(bench, clock)
+
+
 def on_sphere(*, clouds: tuple[Cloud, ...] = ()) -> Environment:
     ball = Sphere(id="ball", center_m=PLACE, radius_m=0.2)
     return Environment(stamp_ns=1, name="hall", spheres=(ball,), clouds=clouds)
@@ -53,9 +60,8 @@ def on_sphere(*, clouds: tuple[Cloud, ...] = ()) -> Environment:
 
 @in_virtual_time
 async def test_a_shard_publishes_the_cursors_of_its_people_and_the_default_all_others() -> None:
-    clock = ManualClock()
-    async with memory_bench(clock) as bench:
-        room = Sharing(bench, clock)
+    async with sharing() as room:
+        bench = room.bench
         bench.start(Pui)
         await room.pose("anna")
         await room.pose("ben")
@@ -65,16 +71,15 @@ async def test_a_shard_publishes_the_cursors_of_its_people_and_the_default_all_o
         assert [cursor.surface for cursor in room.cursors] == ["strip", "strip"]  # it is not ready yet
         await room.until_served()
         await room.both_point()
-        assert [cursor.surface_id for cursor in room.of_anna[1:]] == ["workspace/horizontal"]
-        assert [cursor.surface for cursor in room.of_ben[1:]] == ["strip"]
+        assert [cursor.surface_id for cursor in room.of["anna"][1:]] == ["workspace/horizontal"]
+        assert [cursor.surface for cursor in room.of["ben"][1:]] == ["strip"]
         assert len(maps) == 1
 
 
 @in_virtual_time
 async def test_when_a_shard_ends_its_people_go_on_where_they_stand() -> None:
-    clock = ManualClock()
-    async with memory_bench(clock) as bench:
-        room = Sharing(bench, clock)
+    async with sharing() as room:
+        bench = room.bench
         bench.start(Pui)
         await room.start(workspace="horizontal")
         await room.until_served()
@@ -83,14 +88,13 @@ async def test_when_a_shard_ends_its_people_go_on_where_they_stand() -> None:
         await bench.end(room.shard)
         await room.until_served(by_shard=False)
         await room.both_point()
-        assert [cursor.surface_id for cursor in room.of_anna] == ["workspace/horizontal", LAB.strips[0].id]
+        assert [cursor.surface_id for cursor in room.of["anna"]] == ["workspace/horizontal", LAB.strips[0].id]
 
 
 @in_virtual_time
 async def test_requests_for_a_person_are_answered_by_who_serves_them() -> None:
-    clock = ManualClock()
-    async with memory_bench(clock) as bench:
-        room = Sharing(bench, clock)
+    async with sharing() as room:
+        bench = room.bench
         bench.start(Pui)
         await room.start(map="lab")
         await room.until_served()
@@ -101,22 +105,17 @@ async def test_requests_for_a_person_are_answered_by_who_serves_them() -> None:
             await bench.bus.call(SET_WORKSPACE, SetWorkspace(kind="sphere"), user)
         await bench.bus.call(SET_TOLERANCE, SetTolerance(tolerance_rad=0.01))
         await room.both_point()
-        assert room.of_anna[-1].surface_id == room.of_ben[-1].surface_id == "workspace/sphere"
+        assert room.of["anna"][-1].surface_id == room.of["ben"][-1].surface_id == "workspace/sphere"
 
 
 @in_virtual_time
 async def test_the_tolerance_is_asked_of_the_default() -> None:
-    clock = ManualClock()
-    async with memory_bench(clock) as bench:
-        room = Sharing(bench, clock)
+    async with sharing() as room:
+        bench = room.bench
         await room.start(map="lab")
         await room.until_served()
-        try:
+        with pytest.raises(NoAnswerError):
             await bench.bus.call(SET_TOLERANCE, SetTolerance())
-        except NoAnswerError:
-            pass
-        else:
-            raise AssertionError("a shard has answered for all")
         bench.start(Pui)
         await bench.settle()
         await bench.bus.call(SET_TOLERANCE, SetTolerance())
@@ -124,9 +123,8 @@ async def test_the_tolerance_is_asked_of_the_default() -> None:
 
 @in_virtual_time
 async def test_a_shard_waits_for_the_map_and_follows_it() -> None:
-    clock = ManualClock()
-    async with memory_bench(clock) as bench:
-        room = Sharing(bench, clock)
+    async with sharing() as room:
+        bench = room.bench
         await room.pose("anna")
         await room.start(surfaces=("strip", "sphere"))
         bench.put(MAP, LAB)
@@ -139,10 +137,9 @@ async def test_a_shard_waits_for_the_map_and_follows_it() -> None:
 
 @in_virtual_time
 async def test_a_map_that_no_message_carries_leaves_people_to_the_default() -> None:
-    clock = ManualClock()
     cloud = Cloud(id="shelf", points=3, low_m=(0.0, 0.0, 0.0), high_m=(1.0, 1.0, 1.0))
-    async with memory_bench(clock) as bench:
-        room = Sharing(bench, clock)
+    async with sharing() as room:
+        bench = room.bench
         await room.start(surfaces=("sphere", "points"))
         bench.put(MAP, on_sphere())
         await room.until_served()
@@ -156,9 +153,8 @@ async def test_a_map_that_no_message_carries_leaves_people_to_the_default() -> N
 
 @in_virtual_time
 async def test_a_map_without_anything_to_point_at_is_told() -> None:
-    clock = ManualClock()
-    async with memory_bench(clock) as bench:
-        room = Sharing(bench, clock)
+    async with sharing() as room:
+        bench = room.bench
         await room.start(surfaces=("belt",))
         bench.put(MAP, LAB)
         await until(

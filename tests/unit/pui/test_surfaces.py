@@ -26,8 +26,9 @@ from pointit.schemas import (
 from pointit.services.pui.cursor import NearbyLamps, PersonCursor
 from pointit.services.pui.shapes import ALL_KINDS
 from pointit.services.pui.surfaces import OPAQUE, Surfaces
+from tests.support.known import known
+from tests.unit.pui.room import EYES
 
-EYES: Vec3 = (0.0, 0.0, 1.64)
 FAR_WALL_M = 8.0
 CLOUD = np.column_stack([np.full(400, 6.0), np.linspace(-4, 4, 400), np.full(400, 2.5)])
 
@@ -168,11 +169,9 @@ def test_instead_of_something_hidden_the_next_in_front_counts() -> None:
 def test_a_strip_behind_a_crate_gives_way_to_its_part_in_front() -> None:
     line = ((1.5, 0.3, 0.9), (4.5, 0.0, 0.3))
     room = Environment(stamp_ns=0, name="r", strips=(Strip(id="s", line_m=line, pixels=9),), boxes=ROOM.boxes)
-    found = surfaces("strip", room=room).hit_test(EYES, towards((4.5, 0.0, 0.3)))
-    assert found is not None
+    found = known(surfaces("strip", room=room).hit_test(EYES, towards((4.5, 0.0, 0.3))))
     assert 1.5 <= found[1].point_m[0] < 2.9
-    free = surfaces("strip", room=room, opaque=()).hit_test(EYES, towards((4.5, 0.0, 0.3)))
-    assert free is not None
+    free = known(surfaces("strip", room=room, opaque=()).hit_test(EYES, towards((4.5, 0.0, 0.3))))
     assert free[1].point_m[0] == pytest.approx(4.5, abs=1e-4)
 
 
@@ -297,6 +296,5 @@ def test_a_pose_at_the_end_of_the_world_makes_no_impossible_cursor(x_m: float) -
     for azimuth in (0.0, math.pi):
         direction = vector.direction(azimuth, -math.radians(6))
         ray = PointingRay(stamp_ns=0, origin_m=(x_m / 1e5, 0.0, 1.6), direction=direction)
-        cursor = person.cursor(ray)
-        assert cursor is not None
+        cursor = known(person.cursor(ray))
         assert cursor.point_m is None or abs(cursor.point_m[0]) <= 1e6

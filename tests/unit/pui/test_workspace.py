@@ -8,7 +8,6 @@ from hypothesis import strategies as st
 
 from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
-from pointit.maps.file import load_map
 from pointit.schemas import (
     Cursor,
     Interaction,
@@ -22,11 +21,10 @@ from pointit.services.pui.cursor import PersonCursor
 from pointit.services.pui.surfaces import Surfaces
 from pointit.services.pui.tracked_objects import Tracked
 from pointit.services.pui.workspace import Workspace, WorkspaceError, WorkspaceKind, WorkspaceStart
+from tests.support.known import known
+from tests.unit.pui.room import EYES, LAB, S
 
-LAB = load_map("lab", 0)
 SURFACES = Surfaces(LAB)
-EYES: Vec3 = (0.0, 0.0, 1.64)
-S = 1_000_000_000
 KINDS: list[WorkspaceKind] = ["horizontal", "facing", "cylinder", "sphere"]
 
 kinds = st.sampled_from(KINDS)
@@ -54,9 +52,7 @@ class Person:
 
     def point(self, direction: Vec3, stamp_ns: int = 0) -> Cursor:
         turned = vector.rotate_z(direction, -self.yaw_rad)
-        cursor = self.core.cursor(PointingRay(stamp_ns=stamp_ns, origin_m=EYES, direction=turned))
-        assert cursor is not None
-        return cursor
+        return known(self.core.cursor(PointingRay(stamp_ns=stamp_ns, origin_m=EYES, direction=turned)))
 
     def point_at(self, place: Vec3, stamp_ns: int = 0) -> Cursor:
         return self.point(vector.normalized(vector.subtract(place, self.eyes_m)), stamp_ns)
@@ -73,12 +69,9 @@ def laid(kind: WorkspaceKind, through: Vec3, feet: Vec3 = (0.0, 0.0, 0.0)) -> Wo
 
 
 @given(
-    stands,
-    st.tuples(st.floats(-5, 5), st.floats(-5, 5), st.floats(0, 3)),
-    angles,
-    st.floats(-1.5, 1.5),
+    stands, st.tuples(st.floats(-5, 5), st.floats(-5, 5), st.floats(0, 3)), angles, st.floats(-1.5, 1.5),
     kinds,
-)
+)  # fmt: skip
 def test_cursors_are_on_the_surface(
     feet: Vec3, through: Vec3, azimuth: float, elevation: float, kind: WorkspaceKind
 ) -> None:
@@ -118,8 +111,7 @@ def test_uv_of_hits_on_each_kind_of_workspace() -> None:
     assert facing.uv_m == pytest.approx((0.0, 1.34))
     assert cylinder.uv_m == pytest.approx((0.0, 1.64))
     assert sphere.uv_m == pytest.approx((0.0, 0.0))
-    left = laid("facing", (3.0, 0.0, 0.5), feet).meet(eyes, vector.direction(0.1, 0.0), feet)
-    assert left is not None
+    left = known(laid("facing", (3.0, 0.0, 0.5), feet).meet(eyes, vector.direction(0.1, 0.0), feet))
     assert left.uv_m is not None
     assert left.uv_m[0] == pytest.approx(-2.0 * math.tan(0.1))  # u is to the right of a viewer
 
@@ -138,11 +130,9 @@ def test_what_goes_with_the_person_and_what_stays() -> None:
         person = Person()
         person.point_at((2.0, 0.0, 0.5))
         person.ask(kind, anchor="point", point_m=(2.0, 0.0, 0.5))
-        there = person.point_at((2.0, 0.0, 0.5)).point_m
+        known(person.point_at((2.0, 0.0, 0.5)).point_m)
         person.stand((1.0, 0.0, 0.0))
-        now = person.point(vector.normalized(vector.subtract((2.0, 0.0, 0.5), EYES))).point_m
-        assert there is not None
-        assert now is not None
+        now = known(person.point(vector.normalized(vector.subtract((2.0, 0.0, 0.5), EYES))).point_m)
         # a metre on, but for the upright plane, which the same ray now meets higher
         expected = (2.0, 0.0, 1.64 - 0.57) if kind == "facing" else (3.0, 0.0, 0.5)
         assert now == pytest.approx(expected)
@@ -232,8 +222,7 @@ def test_a_robot_is_where_it_was_moved_on_to_the_ray() -> None:
     person.tracked.on_objects("sim", robot(10 * S, velocity_mps=(0.0, 0.0, 0.5)))
     person.point_at((2.0, 1.0, 1.0), stamp_ns=10 * S + S // 2)
     person.ask("horizontal", anchor="object", object_id="drone")
-    point = person.point_at((2.0, 1.0, 1.0)).point_m
-    assert point is not None
+    point = known(person.point_at((2.0, 1.0, 1.0)).point_m)
     assert point[2] == pytest.approx(0.8 + 0.25)
 
 
@@ -361,7 +350,6 @@ def test_a_horizontal_plane_at_eye_height_to_begin_with_is_none() -> None:
 def test_workspace_is_not_met_more_than_200_m_away() -> None:
     feet, eyes = (0.0, 0.0, 18.36), (0.0, 0.0, 20.0)
     workspace = Workspace("horizontal", (10.0, 0.0, 0.0), feet_m=feet, eyes_m=eyes)
-    hit = workspace.meet(eyes, vector.direction(0.0, math.radians(-6.0)), feet)
-    assert hit is not None
+    hit = known(workspace.meet(eyes, vector.direction(0.0, math.radians(-6.0)), feet))
     assert hit.range_m == pytest.approx(20.0 / math.sin(math.radians(6.0)))
     assert workspace.meet(eyes, vector.direction(0.0, math.radians(-5.5)), feet) is None

@@ -1,9 +1,10 @@
-"""Messages to bytes and back, and everything that is not a message."""
+"""Messages to bytes and back, and everything that is not a message; ids have a length."""
 
 import contextlib
 import math
 import time
-from typing import Any
+from collections.abc import Iterator
+from typing import Any, cast
 
 import msgpack
 import pytest
@@ -13,6 +14,7 @@ from pydantic import ValidationError
 
 from pointit.schemas import (
     Belt,
+    Claim,
     ClockTick,
     ConveyorState,
     Cursor,
@@ -25,6 +27,7 @@ from pointit.schemas import (
     Query,
     SchemaModel,
     SelectedObject,
+    SelectionEvent,
     Strip,
     StripFrame,
     StripsFrame,
@@ -35,7 +38,10 @@ from pointit.schemas import (
     decode,
     encode,
 )
+from pointit.schemas.base import MAX_ID
+from pointit.schemas.catalogue.asyncapi import Kind
 from pointit.schemas.catalogue.catalogue import all_kinds
+from pointit.schemas.catalogue.example import example
 from tests.unit.schemas.strategies import messages
 
 KINDS = [pytest.param(kind, id=kind.__name__) for kind in all_kinds()]
@@ -147,45 +153,21 @@ def test_a_flood_of_mistakes_does_not_become_a_flood_of_complaints(payload: dict
     assert time.process_time() - began_s < 0.1  # 10 ms; all complaints took 1.6 s
 
 
-@pytest.mark.parametrize(
-    "message",
-    [
-        pytest.param(
-            StripsFrame(
-                stamp_ns=1, strips=tuple(StripFrame(id=f"strip_{n}", rgb=bytes(3 * 4096)) for n in range(64))
-            ),
-            id="a full expander",
-        ),
-        pytest.param(
-            TrackedObjects(
-                stamp_ns=2**62,
-                objects=tuple(
-                    TrackedObject(
-                        id=f"19a9f0c2b31-{n}",
-                        kind="yellow",
-                        position_m=(1.5, 2.5, 3.5),
-                        velocity_mps=(0.1, 0.2, 0.3),
-                        surface="strip",
-                        surface_id="strip_10",
-                    )
-                    for n in range(2000)
-                ),
-            ),
-            id="2000 objects",
-        ),
-        pytest.param(
-            Environment(
-                stamp_ns=1,
-                name="hall",
-                strips=tuple(
-                    Strip(id=f"strip_{n}", line_m=((0.5, n, 1.5), (9.5, n, 1.5)), pixels=150)
-                    for n in range(10_000)
-                ),
-            ),
-            id="10 000 strips",
-        ),
-    ],
-)
+PACKAGE = TrackedObject(
+    id="19a9f0c2b31-1999", kind="yellow", position_m=(1.5, 2.5, 3.5), velocity_mps=(0.1, 0.2, 0.3),
+    surface="strip", surface_id="strip_10",
+)  # fmt: skip
+LONG = Strip(id="strip_9999", line_m=((0.5, 9999, 1.5), (9.5, 9999, 1.5)), pixels=150)
+LARGEST = {
+    "a full expander": StripsFrame(
+        stamp_ns=1, strips=tuple(StripFrame(id=f"strip_{n}", rgb=bytes(3 * 4096)) for n in range(64))
+    ),
+    "2000 objects": TrackedObjects(stamp_ns=2**62, objects=(PACKAGE,) * 2000),
+    "10 000 strips": Environment(stamp_ns=1, name="hall", strips=(LONG,) * 10_000),
+}
+
+
+@pytest.mark.parametrize("message", LARGEST.values(), ids=LARGEST)
 def test_the_largest_that_is_meant_to_travel_does(message: Message) -> None:
     assert decode(type(message), encode(message)) == message
 
@@ -257,18 +239,10 @@ def test_fields_of_a_newer_sender_are_ignored(schema: str) -> None:
 @pytest.mark.parametrize(
     "schema",
     [
-        "",
-        "ImuSample",
-        "ImuSample.v1",
-        ImuSample.schema_name(),
-        "ImuSample.v0",
-        "ImuSample.v-2",
-        "ImuSample.v²",
-        "UserPose.v98",
-        ".v98",
-        pytest.param("ImuSample.v" + "9" * 5000, id="ImuSample.v999..."),
+        "", "ImuSample", "ImuSample.v1", ImuSample.schema_name(), "ImuSample.v0", "ImuSample.v-2",
+        "ImuSample.v²", "UserPose.v98", ".v98", pytest.param("ImuSample.v" + "9" * 5000, id="v999..."),
     ],
-)
+)  # fmt: skip
 def test_unknown_fields_of_other_senders_are_refused(schema: str) -> None:
     with pytest.raises(DecodeError, match=r"skin_temperature_k: Extra inputs"):
         decode(ImuSample, packed(skin_temperature_k=307.0), schema)
@@ -319,3 +293,49 @@ def test_numbers_that_nothing_can_be_calculated_with_do_not_travel(
 ) -> None:
     with pytest.raises(DecodeError, match=where):
         decode(kind, msgpack.packb(fields))
+
+
+SENTENCES = {"next_step", "message", "reason", "refusal", "text", "warnings"}
+"""Texts for people, that are no ids."""
+DOCUMENTS = {"command", "parameters", "query", "reply"}
+"""JSON, and commands to show: only who runs the site writes them."""
+
+
+def texts(value: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
+    """Yield the path of each text in a message."""
+    if isinstance(value, str):
+        yield path
+    elif isinstance(value, dict):
+        for name, each in cast("dict[str, Any]", value).items():
+            yield from texts(each, (*path, name))
+    elif isinstance(value, list):
+        for place, each in enumerate(cast("list[object]", value)):
+            yield from texts(each, (*path, place))
+
+
+@pytest.mark.parametrize("kind", all_kinds(), ids=lambda kind: kind.__name__)
+def test_every_text_that_is_no_sentence_is_bounded(kind: Kind) -> None:
+    for path in texts(msgpack.unpackb(encode(example(kind)))):
+        (field,) = [name for name in path if isinstance(name, str)][-1:]
+        if field in SENTENCES | DOCUMENTS:
+            continue
+        message = msgpack.unpackb(encode(example(kind)))
+        part = message
+        for step in path[:-1]:
+            part = part[step]
+        part[path[-1]] = "x" * (MAX_ID + 1)
+        with pytest.raises(DecodeError, match=rf"{kind.__name__}: {path[0]}.*\(got 'xxx"):
+            decode(kind, msgpack.packb(message))
+
+
+def test_an_event_about_the_longest_id_can_be_sent() -> None:
+    claim = Claim(stamp_ns=1, object_id="\N{EARTH GLOBE EUROPE-AFRICA}" * MAX_ID, wish="toggle")
+    event = SelectionEvent(
+        stamp_ns=1,
+        event="refused",
+        object_id=claim.object_id,
+        kind=claim.object_id,
+        user="anna",
+        reason=f"{claim.object_id} has left",
+    )
+    assert len(encode(event)) < SelectionEvent.max_bytes / 4

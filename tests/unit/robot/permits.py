@@ -9,7 +9,7 @@ from pointit.services.robot.config import RobotConfig
 from pointit.services.robot.robot_driver import Command, RobotReport
 from pointit.services.robot.robot_pilot import RobotPilot
 from pointit.services.robot.robot_safety import PermittedSetPoint, StopReason
-from tests.unit.robot.flight import ROBOT, ROOM, cursor_at
+from tests.unit.robot.flight import ROBOT, ROOM, cursor_at, goal_at
 
 
 class Permits:
@@ -94,17 +94,7 @@ class Desk:
         self.pilot.on_cursor(user, cursor_at(place_m, self.now_ns))
 
     def send(self, user: str, place_m: Vec3, *via_m: Vec3, robot: str = "", age_s: float = 0.0) -> Goal:
-        goal = Goal(
-            stamp_ns=self.now_ns - round(age_s * NS_PER_S),
-            position_m=place_m,
-            via_m=via_m,
-            yaw_rad=0.0,
-            age_s=0.0,
-            position_sigma_m=0.1,
-            clearance_m=3.0,
-            proposed_ns=0,
-            confirmed_by="press",
-            robot=robot,
-        )
+        stamp_ns = self.now_ns - round(age_s * NS_PER_S)
+        goal = goal_at(place_m, *via_m, stamp_ns=stamp_ns, robot=robot)
         self.pilot.on_goal(user, goal, self.now_ns)
         return goal

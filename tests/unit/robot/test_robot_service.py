@@ -2,6 +2,7 @@
 
 import asyncio
 import math
+from typing import Any
 from unittest import mock
 
 from pointit.runtime.config.config import Config
@@ -11,130 +12,93 @@ from pointit.schemas.environment import Frame
 from pointit.schemas.topics import HEALTH, MAP, STOP_ROBOT
 from pointit.services.robot.config import RobotConfig
 from pointit.services.robot.robot_driver import ROBOTS, Command, Report, RobotPlugin, RobotReport
-from tests.unit.robot.flight import ROBOT, ROOM, Pilotage, fly
+from tests.unit.robot.flight import ROBOT, ROOM, Pilotage, flown
 
 FOLLOW = Steering(stamp_ns=0, robot=ROBOT, mode="follow")
 NOTHING = Steering(stamp_ns=0)
 
 
-def test_a_quadrotor_takes_off_hovers_where_its_person_points_and_lands_where_pointed() -> None:
-    async def flight(pilotage: Pilotage) -> None:
-        pilotage.arrive("anna")
-        landed = await pilotage.until(lambda state: state.phase == "landed")
-        assert (landed.kind, landed.user, landed.reason) == ("quadrotor", "", "")
-        pilotage.point("anna", (0.5, 1.0, 0.0))
-        pilotage.steer("anna", FOLLOW)
-        await pilotage.until(lambda state: state.phase == "taking_off" and state.user == "anna")
-        await asyncio.sleep(10.0)
-        hovering = pilotage.state
-        assert (hovering.phase, hovering.reason) == ("idle", "")
-        assert math.dist(hovering.position_m, (0.5, 1.0, 0.2)) < 0.1
-        landing = FOLLOW.model_copy(update={"mode": "land", "target_m": (0.2, -1.0, 0.0)})
-        pilotage.steer("anna", landing)
-        await pilotage.until(lambda state: state.phase == "landing")
-        down = await pilotage.until(lambda state: state.phase == "landed")
-        assert math.dist(down.position_m, (0.2, -1.0, 0.0)) < 0.1
-        assert down.user == ""
-        pilotage.states.clear()
-        await asyncio.sleep(2.0)
-        assert {state.phase for state in pilotage.states} == {"landed"}
-        seen = pilotage.objects[-1].objects[0]
-        assert (seen.id, seen.kind, seen.position_m) == (ROBOT, "robot", pilotage.state.position_m)
-
-    fly(flight)
-
-
-def test_anybody_stops_it_in_flight_and_it_hovers_until_somebody_takes_it_anew() -> None:
-    async def flight(pilotage: Pilotage) -> None:
-        pilotage.arrive("anna")
-        pilotage.point("anna", (0.5, 1.0, 0.0))
-        pilotage.steer("anna", FOLLOW)
-        await pilotage.until(lambda state: state.phase == "moving")
-        done = await pilotage.bench.bus.call(STOP_ROBOT, StopRobot(reason="too near"), ROBOT)
-        assert ROBOT in done.message
-        stopped = await pilotage.until(lambda state: state.phase == "stopped")
-        assert (stopped.user, "(too near)" in stopped.reason) == ("", True)
-        await asyncio.sleep(1.0)
-        first = pilotage.state.position_m
-        await asyncio.sleep(5.0)
-        assert math.dist(first, pilotage.state.position_m) < 0.1
-        pilotage.steer("anna", NOTHING)
-        await asyncio.sleep(0.1)
-        pilotage.steer("anna", FOLLOW)
-        again = await pilotage.until(lambda state: state.phase == "moving")
-        assert (again.user, again.reason) == ("anna", "")
-
-    fly(flight)
+@flown()
+async def test_a_quadrotor_takes_off_hovers_where_its_person_points_and_lands_where_pointed(
+    pilotage: Pilotage,
+) -> None:
+    pilotage.arrive("anna")
+    landed = await pilotage.until(lambda state: state.phase == "landed")
+    assert (landed.kind, landed.user, landed.reason) == ("quadrotor", "", "")
+    pilotage.point("anna", (0.5, 1.0, 0.0))
+    pilotage.steer("anna", FOLLOW)
+    await pilotage.until(lambda state: state.phase == "taking_off" and state.user == "anna")
+    await asyncio.sleep(10.0)
+    hovering = pilotage.state
+    assert (hovering.phase, hovering.reason) == ("idle", "")
+    assert math.dist(hovering.position_m, (0.5, 1.0, 0.2)) < 0.1
+    landing = FOLLOW.model_copy(update={"mode": "land", "target_m": (0.2, -1.0, 0.0)})
+    pilotage.steer("anna", landing)
+    await pilotage.until(lambda state: state.phase == "landing")
+    down = await pilotage.until(lambda state: state.phase == "landed")
+    assert math.dist(down.position_m, (0.2, -1.0, 0.0)) < 0.1
+    assert down.user == ""
+    pilotage.states.clear()
+    await asyncio.sleep(2.0)
+    assert {state.phase for state in pilotage.states} == {"landed"}
+    seen = pilotage.objects[-1].objects[0]
+    assert (seen.id, seen.kind, seen.position_m) == (ROBOT, "robot", pilotage.state.position_m)
 
 
-def test_a_ground_robot_drives_along_way_points_to_its_goal() -> None:
-    async def drive(pilotage: Pilotage) -> None:
-        pilotage.arrive("anna")
-        pilotage.point("anna", (0.5, 1.0, 0.0))
-        pilotage.steer("anna", Steering(stamp_ns=0, robot=ROBOT, mode="goals"))
-        await pilotage.until(lambda state: state.user == "anna")
-        pilotage.send("anna", (0.5, 1.0, 0.0), (-0.5, 1.0, 0.0))
-        moving = await pilotage.until(lambda state: state.phase == "moving")
-        assert moving.target_m == (0.5, 1.0, 0.0)
-        await asyncio.sleep(0.3)
-        assert pilotage.plans[-1].line_m[1:] == ((-0.5, 1.0, 0.0), (0.5, 1.0, 0.0))
-        there = await pilotage.until(lambda state: state.phase == "idle")
-        assert math.dist(there.position_m, (0.5, 1.0, 0.0)) < 0.15
-        assert (there.user, there.goal_ns) == ("anna", 0)
-        await asyncio.sleep(0.3)
-        assert pilotage.plans[-1].line_m == ()
+@flown()
+async def test_anybody_stops_it_in_flight_and_it_hovers_until_somebody_takes_it_anew(
+    pilotage: Pilotage,
+) -> None:
+    pilotage.arrive("anna", (0.5, 1.0, 0.0))
+    pilotage.steer("anna", FOLLOW)
+    await pilotage.until(lambda state: state.phase == "moving")
+    done = await pilotage.bench.bus.call(STOP_ROBOT, StopRobot(reason="too near"), ROBOT)
+    assert ROBOT in done.message
+    stopped = await pilotage.until(lambda state: state.phase == "stopped")
+    assert (stopped.user, "(too near)" in stopped.reason) == ("", True)
+    await asyncio.sleep(1.0)
+    first = pilotage.state.position_m
+    await asyncio.sleep(5.0)
+    assert math.dist(first, pilotage.state.position_m) < 0.1
+    pilotage.steer("anna", NOTHING)
+    await asyncio.sleep(0.1)
+    pilotage.steer("anna", FOLLOW)
+    again = await pilotage.until(lambda state: state.phase == "moving")
+    assert (again.user, again.reason) == ("anna", "")
 
-    fly(drive, RobotConfig(kind="ground"))
+
+@flown(RobotConfig(kind="ground"))
+async def test_a_ground_robot_drives_along_way_points_to_its_goal(pilotage: Pilotage) -> None:
+    pilotage.arrive("anna", (0.5, 1.0, 0.0))
+    await pilotage.take_for_goals("anna")
+    pilotage.send("anna", (0.5, 1.0, 0.0), (-0.5, 1.0, 0.0))
+    moving = await pilotage.until(lambda state: state.phase == "moving")
+    assert moving.target_m == (0.5, 1.0, 0.0)
+    await asyncio.sleep(0.3)
+    assert pilotage.plans[-1].line_m[1:] == ((-0.5, 1.0, 0.0), (0.5, 1.0, 0.0))
+    there = await pilotage.until(lambda state: state.phase == "idle")
+    assert math.dist(there.position_m, (0.5, 1.0, 0.0)) < 0.15
+    assert (there.user, there.goal_ns) == ("anna", 0)
+    await asyncio.sleep(0.3)
+    assert pilotage.plans[-1].line_m == ()
 
 
-def test_a_frame_of_the_map_is_between_the_driver_and_the_room() -> None:
+@flown(RobotConfig(kind="ground", frame="dock"))
+async def test_a_frame_of_the_map_is_between_the_driver_and_the_room(pilotage: Pilotage) -> None:
     yaw = 1.2
-    frame = Frame(
-        id="dock",
-        position_m=(0.5, -0.2, 0.0),
-        orientation_xyzw=(0.0, 0.0, math.sin(yaw / 2), math.cos(yaw / 2)),
-    )
-
-    async def drive(pilotage: Pilotage) -> None:
-        await pilotage.until(lambda state: "no frame 'dock'" in state.reason)
-        pilotage.bench.put(MAP, ROOM.model_copy(update={"frames": (frame,), "stamp_ns": 2}))
-        pilotage.arrive("anna")
-        pilotage.point("anna", (0.5, 1.0, 0.0))
-        idle = await pilotage.until(lambda state: state.phase == "idle")
-        assert idle.position_m == (0.5, -0.2, 0.0)
-        assert math.isclose(idle.yaw_rad, yaw)
-        pilotage.steer("anna", Steering(stamp_ns=0, robot=ROBOT, mode="goals"))
-        await pilotage.until(lambda state: state.user == "anna")
-        pilotage.send("anna", (0.5, 1.0, 0.0))
-        await pilotage.until(lambda state: state.phase == "moving")
-        there = await pilotage.until(lambda state: state.phase == "idle")
-        assert math.dist(there.position_m, (0.5, 1.0, 0.0)) < 0.15
-
-    fly(drive, RobotConfig(kind="ground", frame="dock"))
-
-
-def test_a_silent_robot_s_start_and_poses_of_no_numbers_are_converted_from_its_frame() -> None:
-    frame = Frame(id="dock", position_m=(0.5, -0.2, 0.0), orientation_xyzw=(0.0, 0.0, 0.0, 1.0))
-
-    class Endless(Raises):
-        async def run(self, report: Report) -> None:
-            while True:
-                await asyncio.sleep(0.1)
-                report(RobotReport(VirtualClock().now_ns(), (0.0, 0.0, 0.0), math.inf))
-
-    async def life(pilotage: Pilotage) -> None:
-        health = pilotage.bench.collect(HEALTH, f"robot.{ROBOT}")
-        pilotage.bench.put(MAP, ROOM.model_copy(update={"frames": (frame,), "stamp_ns": 2}))
-        lost = await pilotage.until(lambda state: state.position_m == (1.5, -0.2, 0.0))
-        assert lost.phase == "lost"
-        await asyncio.sleep(3.0)
-        said = " ".join(warning for each in health for warning in each.warnings)
-        assert "no number" in said
-        assert "ValueError" not in said
-
-    plugin = RobotPlugin(summary="", config=Config, make=Endless)
-    with mock.patch.object(ROBOTS, "get", return_value=plugin):
-        fly(life, RobotConfig(kind="ground", frame="dock", start_m=(1.0, 0.0, 0.0)))
+    turned = (0.0, 0.0, math.sin(yaw / 2), math.cos(yaw / 2))
+    frame = Frame(id="dock", position_m=(0.5, -0.2, 0.0), orientation_xyzw=turned)
+    await pilotage.until(lambda state: "no frame 'dock'" in state.reason)
+    pilotage.bench.put(MAP, ROOM.model_copy(update={"frames": (frame,), "stamp_ns": 2}))
+    pilotage.arrive("anna", (0.5, 1.0, 0.0))
+    idle = await pilotage.until(lambda state: state.phase == "idle")
+    assert idle.position_m == (0.5, -0.2, 0.0)
+    assert math.isclose(idle.yaw_rad, yaw)
+    await pilotage.take_for_goals("anna")
+    pilotage.send("anna", (0.5, 1.0, 0.0))
+    await pilotage.until(lambda state: state.phase == "moving")
+    there = await pilotage.until(lambda state: state.phase == "idle")
+    assert math.dist(there.position_m, (0.5, 1.0, 0.0)) < 0.15
 
 
 class Raises:
@@ -153,19 +117,46 @@ class Raises:
         raise KeyError(type(command).__name__)
 
 
-def test_a_driver_that_raises_is_named_and_started_again_and_the_service_goes_on() -> None:
-    plugin = RobotPlugin(summary="", config=Config, make=Raises)
+def driven_by(make: type[Raises]) -> Any:
+    """Patch all drivers of robots with `make`."""
+    plugin = RobotPlugin(summary="", config=Config, make=make)
+    return mock.patch.object(ROBOTS, "get", mock.Mock(return_value=plugin))
 
-    async def life(pilotage: Pilotage) -> None:
-        health = pilotage.bench.collect(HEALTH, f"robot.{ROBOT}")
-        await pilotage.until(lambda state: state.phase == "landed")
-        lost = await pilotage.until(lambda state: state.phase == "lost")
-        assert lost.reason == "the driver of the robot has ended; it is started again"
-        assert pilotage.objects[-1].objects == ()
-        await pilotage.until(lambda state: state.phase == "landed")
-        said = " ".join(warning for each in health for warning in each.warnings)
-        assert "LookupError: the robot speaks another language" in said
-        assert "command failed (KeyError: 'Stop')" in said
 
-    with mock.patch.object(ROBOTS, "get", return_value=plugin):
-        fly(life)
+class Endless(Raises):
+    async def run(self, report: Report) -> None:
+        while True:
+            await asyncio.sleep(0.1)
+            report(RobotReport(VirtualClock().now_ns(), (0.0, 0.0, 0.0), math.inf))
+
+
+@driven_by(Endless)
+@flown(RobotConfig(kind="ground", frame="dock", start_m=(1.0, 0.0, 0.0)))
+async def test_a_silent_robot_s_start_and_poses_of_no_numbers_are_converted_from_its_frame(
+    pilotage: Pilotage,
+) -> None:
+    frame = Frame(id="dock", position_m=(0.5, -0.2, 0.0), orientation_xyzw=(0.0, 0.0, 0.0, 1.0))
+    health = pilotage.bench.collect(HEALTH, f"robot.{ROBOT}")
+    pilotage.bench.put(MAP, ROOM.model_copy(update={"frames": (frame,), "stamp_ns": 2}))
+    lost = await pilotage.until(lambda state: state.position_m == (1.5, -0.2, 0.0))
+    assert lost.phase == "lost"
+    await asyncio.sleep(3.0)
+    said = " ".join(warning for each in health for warning in each.warnings)
+    assert "no number" in said
+    assert "ValueError" not in said
+
+
+@driven_by(Raises)
+@flown()
+async def test_a_driver_that_raises_is_named_and_started_again_and_the_service_goes_on(
+    pilotage: Pilotage,
+) -> None:
+    health = pilotage.bench.collect(HEALTH, f"robot.{ROBOT}")
+    await pilotage.until(lambda state: state.phase == "landed")
+    lost = await pilotage.until(lambda state: state.phase == "lost")
+    assert lost.reason == "the driver of the robot has ended; it is started again"
+    assert pilotage.objects[-1].objects == ()
+    await pilotage.until(lambda state: state.phase == "landed")
+    said = " ".join(warning for each in health for warning in each.warnings)
+    assert "LookupError: the robot speaks another language" in said
+    assert "command failed (KeyError: 'Stop')" in said

@@ -11,12 +11,12 @@ from pointit.runtime.service.service import Context
 from pointit.runtime.virtual_time import VirtualClock
 from pointit.schemas import (
     AddPackage,
-    Belt,
     BeltLink,
     Environment,
     ResetConveyor,
     SelectedObject,
     Selection,
+    SetFeeding,
     SetSpeed,
     Strip,
 )
@@ -28,12 +28,13 @@ from pointit.schemas.topics import (
     RESET_CONVEYOR,
     SELECTION,
     SELECTION_EVENTS,
+    SET_FEEDING,
     SET_SPEED,
 )
 from pointit.services.conveyor_sim.config import ConveyorSimConfig, FeederConfig
 from pointit.services.conveyor_sim.service import ConveyorSim
 from pointit.services.registry import process
-from tests.support.bench import START_NS, ManualClock, in_virtual_time, memory_bench, until
+from tests.support.bench import ManualClock, in_virtual_time, memory_bench, until
 from tests.unit.conveyor_sim.rooms import belt, room
 
 LAB = Environment(
@@ -109,6 +110,7 @@ async def test_requests_are_done_or_refused_in_a_sentence() -> None:
             bench.bus.call(ADD_PACKAGE, AddPackage(kind="red")),
             bench.bus.call(SET_SPEED, SetSpeed(speed_mps=1.0)),
             bench.bus.call(RESET_CONVEYOR, ResetConveyor()),
+            bench.bus.call(SET_FEEDING, SetFeeding(feeding=False)),
         ):
             with pytest.raises(RefusedError, match="is pui running"):
                 await early
@@ -273,18 +275,3 @@ async def test_a_machine_that_slept_does_not_make_the_objects_jump() -> None:
         await until(lambda: lists[-1].stamp_ns == clock.now_ns())
         assert lists[-1].objects[0].surface_position_m == 0.0
         assert events == []
-
-
-async def first_id(start_ns: int) -> str:
-    belt = Belt(id="a", line_m=((0.0, 0.0, 0.0), (9.0, 0.0, 0.0)))
-    async with memory_bench(ManualClock(start_ns)) as bench:
-        lists = bench.collect(OBJECTS)
-        bench.start(ConveyorSim, config(surface="belt", resume_within_s=0.0))
-        bench.put(MAP, Environment(stamp_ns=1, name="hall", belts=(belt,)))
-        await until(lambda: bool(lists) and bool(lists[-1].objects))
-        assert lists[-1].objects[0].surface == "belt"
-        return lists[-1].objects[0].id
-
-
-async def test_belts_are_lanes_too_and_ids_differ_after_a_restart() -> None:
-    assert await first_id(START_NS) != await first_id(START_NS + 2_000_000)

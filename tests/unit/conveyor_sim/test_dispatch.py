@@ -133,23 +133,6 @@ def test_departures_of_selected_packages_are_stored_for_late_subscribers() -> No
     assert again.state(0).departures == ()
 
 
-def test_the_diverter_is_set_when_a_package_comes_to_it() -> None:
-    belts = plant(FORK, feeder={"sequence": []})
-    name = belts.add("red", "main", 0.3)
-    go(belts, 5.5)  # 2.75 m: in the junction at 3 m, not past it
-    (refused, event) = go(belts, 20.0, {name: "anna"})
-    assert (refused.event, event.bay) == ("refused", "3")
-
-
-def test_late_selection_takes_the_way_round_on_the_papers_conveyor() -> None:
-    belts = plant(SHIPPED, feeder={"sequence": []})
-    name = belts.add("red", "part_e", 0.3)
-    go(belts, 18.5)  # 5.03 + 4.2 m: past the diverter of bay 1, on the way to bay 3
-    assert belts.tracked(0).objects[0].surface_position_m > 3.8
-    (event,) = go(belts, 60.0, {name: "anna"})
-    assert (event.event, event.bay) == ("dispatched", "1")
-
-
 def test_a_bay_that_the_map_does_not_have_is_replaced_by_the_nearest() -> None:
     bays = FORK.model_copy(update={"bays": FORK.bays[1::-1]})
     belts = plant(bays, feeder={"sequence": []}, bay_rest="9")

@@ -7,9 +7,9 @@ from unittest import mock
 
 from pointit.runtime.config.config import Config
 from pointit.runtime.virtual_time import VirtualClock
-from pointit.schemas import Steering, StopRobot
+from pointit.schemas import Steering
 from pointit.schemas.environment import Frame
-from pointit.schemas.topics import HEALTH, MAP, STOP_ROBOT
+from pointit.schemas.topics import HEALTH, MAP
 from pointit.services.robot.config import RobotConfig
 from pointit.services.robot.robot_driver import ROBOTS, Command, Report, RobotPlugin, RobotReport
 from tests.unit.robot.flight import ROBOT, ROOM, Pilotage, flown
@@ -43,28 +43,6 @@ async def test_a_quadrotor_takes_off_hovers_where_its_person_points_and_lands_wh
     assert {state.phase for state in pilotage.states} == {"landed"}
     seen = pilotage.objects[-1].objects[0]
     assert (seen.id, seen.kind, seen.position_m) == (ROBOT, "robot", pilotage.state.position_m)
-
-
-@flown()
-async def test_anybody_stops_it_in_flight_and_it_hovers_until_somebody_takes_it_anew(
-    pilotage: Pilotage,
-) -> None:
-    pilotage.arrive("anna", (0.5, 1.0, 0.0))
-    pilotage.steer("anna", FOLLOW)
-    await pilotage.until(lambda state: state.phase == "moving")
-    done = await pilotage.bench.bus.call(STOP_ROBOT, StopRobot(reason="too near"), ROBOT)
-    assert ROBOT in done.message
-    stopped = await pilotage.until(lambda state: state.phase == "stopped")
-    assert (stopped.user, "(too near)" in stopped.reason) == ("", True)
-    await asyncio.sleep(1.0)
-    first = pilotage.state.position_m
-    await asyncio.sleep(5.0)
-    assert math.dist(first, pilotage.state.position_m) < 0.1
-    pilotage.steer("anna", NOTHING)
-    await asyncio.sleep(0.1)
-    pilotage.steer("anna", FOLLOW)
-    again = await pilotage.until(lambda state: state.phase == "moving")
-    assert (again.user, again.reason) == ("anna", "")
 
 
 @flown(RobotConfig(kind="ground"))

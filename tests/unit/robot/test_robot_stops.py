@@ -32,7 +32,7 @@ Cause = Callable[[Pilotage, FaultyDriver], Coroutine[None, None, None]]
 
 
 async def stop_request(pilotage: Pilotage, _driver: FaultyDriver) -> None:
-    await pilotage.bench.bus.call(STOP_ROBOT, StopRobot(), ROBOT)
+    assert ROBOT in (await pilotage.bench.bus.call(STOP_ROBOT, StopRobot(), ROBOT)).message
 
 
 async def let_go(pilotage: Pilotage, _driver: FaultyDriver) -> None:

@@ -3,7 +3,6 @@
 import math
 from itertools import pairwise
 
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -17,7 +16,7 @@ from pointit.services.robot.drivers.sim.ground_robot import (
     SimulatedGroundRobot,
 )
 from pointit.services.robot.drivers.sim.motion_limits import STEP_S, MotionLimits
-from pointit.services.robot.robot_driver import Command, Follow, FollowPath, Land, Stop, TakeOff
+from pointit.services.robot.robot_driver import Command, Follow, FollowPath, Stop
 from tests.unit.robot.robot_course import courses, drive, horizontal, places, pose_of, settle, yaws
 
 LIMITS = MotionLimits(max_speed_mps=0.8, max_acceleration_mps2=1.0, max_jerk_mps3=15.0)
@@ -101,12 +100,3 @@ def test_a_path_is_followed_along_its_corners() -> None:
         for corner in corners:
             apart_m[corner] = min(apart_m[corner], horizontal(pose_of(robot).position_m, corner))
     assert max(apart_m.values()) < 0.12
-
-
-@pytest.mark.parametrize("command", [TakeOff(1, 0.5), Land(1)], ids=["take-off", "landing"])
-def test_it_refuses_to_fly(command: Command) -> None:
-    robot = ground_robot()
-    robot.command(Follow(0, (1.0, 0.0, 0.0)))
-    assert "ground robot" in robot.command(command)
-    robot.step()
-    assert robot.report(0).velocity_mps[0] > 0.0, "a refused command changed something"

@@ -33,9 +33,10 @@ def test_an_anchors_lamp_is_pointed_at_in_every_state(
     assert life.person.goal.key == {"idle": "rest", "localizing": "rest", "pointing": "strips 0"}[state]
 
 
-def test_a_moving_robot_is_followed_when_asked() -> None:
+@pytest.mark.parametrize("state", ["localizing", "pointing"])
+def test_a_moving_robot_is_followed_when_asked(state: Literal["localizing", "pointing"]) -> None:
     life = Life(STRIPS)
-    life.state("localizing")
+    life.state(state)
     life.before_step = lambda: life.objects(thing("robot", "robot", 2.0))
     life.cue("target", target="robot")
     life.run(1.0)
@@ -152,12 +153,3 @@ def test_a_given_bias_is_the_persons_whatever_their_skill() -> None:
         azimuth, elevation = life.error(life.run(3.0), LED_2)
         assert azimuth == pytest.approx(0.0, abs=0.01)
         assert elevation == pytest.approx(10.0, abs=0.01)
-
-
-def test_an_anchor_may_be_a_thing_that_moves() -> None:
-    life = Life(STRIPS)
-    life.state("pointing")
-    life.before_step = lambda: life.objects(thing("robot", "robot", 2.0))
-    life.cue("target", target="robot")
-    life.run(1.0)
-    assert life.person.goal.key == "object robot"

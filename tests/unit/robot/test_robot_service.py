@@ -5,13 +5,22 @@ import math
 from typing import Any
 from unittest import mock
 
+import pytest
+from click.testing import CliRunner
+
+from pointit.bridges.agv_tracker.service import AgvTracker
+from pointit.cli.robots.robot import find_robots, rows, stop, stop_robots
 from pointit.runtime.config.config import Config
+from pointit.runtime.errors import ConfigError
+from pointit.runtime.service.service import AnyService, Launch, check_launches
 from pointit.runtime.virtual_time import VirtualClock
-from pointit.schemas import Steering
+from pointit.schemas import RobotPlan, Steering
 from pointit.schemas.environment import Frame
-from pointit.schemas.topics import HEALTH, MAP
+from pointit.schemas.topics import HEALTH, MAP, ROBOT_PLAN
 from pointit.services.robot.config import RobotConfig
 from pointit.services.robot.robot_driver import ROBOTS, Command, Report, RobotPlugin, RobotReport
+from pointit.services.robot.service import Robot
+from pointit.services.robot_replay.service import RobotReplay
 from tests.unit.robot.flight import ROBOT, ROOM, Pilotage, flown
 
 FOLLOW = Steering(stamp_ns=0, robot=ROBOT, mode="follow")
@@ -138,3 +147,71 @@ async def test_a_driver_that_raises_is_named_and_started_again_and_the_service_g
     said = " ".join(warning for each in health for warning in each.warnings)
     assert "LookupError: the robot speaks another language" in said
     assert "command failed (KeyError: 'Stop')" in said
+
+
+@flown()
+async def test_a_robot_is_found_and_stopped_and_an_absent_one_is_said(pilotage: Pilotage) -> None:
+    await pilotage.until(lambda state: state.phase == "landed")
+    bus = pilotage.bench.bus
+    (row,) = rows(await find_robots(bus))
+    assert (row["robot"], row["kind"], row["phase"], row["user"]) == (ROBOT, "quadrotor", "landed", "")
+    assert (row["x_m"], row["reason"]) == (0.0, "")
+    problems = await stop_robots(bus, [ROBOT, "nobody"], "a child runs there")
+    assert list(problems) == ["nobody"]
+    stopped = await pilotage.until(lambda state: bool(state.reason))
+    assert "(a child runs there)" in stopped.reason
+
+
+@flown()
+async def test_a_robot_whose_process_was_killed_is_listed_as_lost(pilotage: Pilotage) -> None:
+    await pilotage.until(lambda state: state.phase == "landed")
+    pilotage.bench.put(ROBOT_PLAN, RobotPlan(stamp_ns=1), "cart")  # as the keeper has it
+    there, gone = sorted(rows(await find_robots(pilotage.bench.bus)), key=lambda row: row["phase"] == "lost")
+    assert there["robot"] == ROBOT
+    assert (gone["robot"], gone["phase"], gone["x_m"]) == ("cart", "lost", None)
+    assert "process has ended" in str(gone["reason"])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ([], "name the robots to stop, or give --all"),
+        ([ROBOT, "--all"], "give either the robots to stop or --all, not both"),
+    ],
+    ids=["none", "both"],
+)
+def test_robots_to_stop_are_named_or_all(arguments: list[str], message: str) -> None:
+    result = CliRunner().invoke(stop, arguments)
+    assert result.exit_code == 2
+    assert message in result.output
+
+
+AGV = {"broker": "hub", "manufacturer": "acme", "serial_number": "7"}
+
+
+@pytest.mark.parametrize(
+    ("service", "parameters", "problem"),
+    [
+        (Robot, {"driver": "vda5050"}, "robot.one: broker: is missing"),
+        (Robot, {"driver": "vda5050", "vda5050": {"broker": "hub"}}, "robot.one: manufacturer: is missing"),
+        (
+            Robot,
+            {"driver": "ros2", "ros2": {"backend": {"endpoint": "hub"}}},
+            "robot.one: backend.endpoint: ",
+        ),
+        (AgvTracker, {}, "agv-tracker.one: broker: is missing"),
+        (AgvTracker, {"broker": "hub", "username": "me", "password_file": "/none"}, "password_file: /none"),
+        (RobotReplay, {}, "robot-replay.one: recording: is missing"),
+    ],
+)
+def test_wrong_parameters_are_refused_before_the_service_starts(
+    service: type[AnyService], parameters: dict[str, Any], problem: str
+) -> None:
+    config = service.CONFIG.model_validate(parameters)
+    with pytest.raises(ConfigError, match=problem):
+        check_launches([Launch(service=service, config=config, name="one")])
+
+
+@pytest.mark.parametrize("parameters", [{}, {"driver": "vda5050", "vda5050": AGV}, {"driver": "ros2"}])
+def test_parameters_that_may_work_are_accepted(parameters: dict[str, Any]) -> None:
+    check_launches([Launch(service=Robot, config=Robot.CONFIG.model_validate(parameters), name="one")])

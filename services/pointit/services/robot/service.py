@@ -21,23 +21,9 @@ from pointit.schemas import (
     Steering,
     StopRobot,
     UserPose,
+    topics,
 )
 from pointit.schemas.environment import Frame
-from pointit.schemas.topics import (
-    CURSOR,
-    GOAL,
-    INTERACTION,
-    LOCALIZATION,
-    MAP,
-    OBJECTS,
-    POSE,
-    ROBOT_PLAN,
-    ROBOT_STATE,
-    SERVICE_ALIVE,
-    STEERING,
-    STOP_ROBOT,
-    USER_ALIVE,
-)
 from pointit.services.robot.config import RobotConfig
 from pointit.services.robot.driver_frame import in_frame, in_world, report_fault
 from pointit.services.robot.robot_driver import (
@@ -86,20 +72,20 @@ class Robot(Service[RobotConfig]):
         """False once the driver has run: then a new one is made for the next run."""
         self._frame: Frame | None = None
         """Frame of the driver's places, or None if that is {W} or not known yet."""
-        self._states = self.bus.publisher(ROBOT_STATE, self._robot)
-        self._plans = self.bus.publisher(ROBOT_PLAN, self._robot)
-        self._objects = self.bus.publisher(OBJECTS, f"{self.NAME}.{self._robot}")
-        self.bus.serve(STOP_ROBOT, self._stop, self._robot)
-        self.bus.watch(USER_ALIVE, self._on_presence)
-        self.bus.watch(SERVICE_ALIVE, self._on_service)
-        self.bus.subscribe(MAP, self._on_map)
-        self.bus.subscribe(POSE, self._on_pose)
-        self.bus.subscribe(INTERACTION, self._on_interaction)
-        self.bus.subscribe(CURSOR, self._on_cursor)
-        self.bus.subscribe(STEERING, self._on_steering)
-        self.bus.subscribe(GOAL, self._on_goal)
-        self.bus.subscribe(ROBOT_STATE, self._on_robot)
-        self.bus.subscribe(LOCALIZATION, self._on_localization)
+        self._states = self.bus.publisher(topics.ROBOT_STATE, self._robot)
+        self._plans = self.bus.publisher(topics.ROBOT_PLAN, self._robot)
+        self._objects = self.bus.publisher(topics.OBJECTS, f"{self.NAME}.{self._robot}")
+        self.bus.serve(topics.STOP_ROBOT, self._stop, self._robot)
+        self.bus.watch(topics.USER_ALIVE, self._on_presence)
+        self.bus.watch(topics.SERVICE_ALIVE, self._on_service)
+        self.bus.subscribe(topics.MAP, self._on_map)
+        self.bus.subscribe(topics.POSE, self._on_pose)
+        self.bus.subscribe(topics.INTERACTION, self._on_interaction)
+        self.bus.subscribe(topics.CURSOR, self._on_cursor)
+        self.bus.subscribe(topics.STEERING, self._on_steering)
+        self.bus.subscribe(topics.GOAL, self._on_goal)
+        self.bus.subscribe(topics.ROBOT_STATE, self._on_robot)
+        self.bus.subscribe(topics.LOCALIZATION, self._on_localization)
 
     @classmethod
     def validate_config(cls, config: RobotConfig) -> None:

@@ -4,38 +4,26 @@ from collections.abc import Sequence
 
 from pointit.geometry.vector import Vec3
 from pointit.runtime.virtual_time import START_NS
-from pointit.schemas import NS_PER_S, Cursor, Environment, Goal, Interaction, RobotState, Steering, UserPose
+from pointit.schemas import NS_PER_S, Goal, Steering
 from pointit.services.robot.config import RobotConfig
 from pointit.services.robot.robot_driver import Command, RobotReport
 from pointit.services.robot.robot_pilot import RobotPilot
 from pointit.services.robot.robot_safety import PermittedSetPoint, StopReason
+from pointit.services.robot.safety.safety import Safety
 from tests.unit.robot.flight import ROBOT, ROOM, cursor_at, goal_at
 
 
-class Permits:
+class Permits(Safety):
     """Permits everything but what a test forbids."""
 
     def __init__(self) -> None:
+        super().__init__(RobotConfig(), ROBOT)
         self.stop_reason: StopReason | None = None
         self.place_problem = ""
         self.person_problem = ""
 
-    def on_map(self, environment: Environment) -> None: ...
-
-    def on_pose(self, user: str, pose: UserPose) -> None: ...
-
-    def on_presence(self, user: str, present: bool) -> None: ...  # noqa: FBT001 - as the bus says it
-
-    def on_interaction(self, user: str, interaction: Interaction) -> None: ...
-
-    def on_cursor(self, user: str, cursor: Cursor) -> None: ...
-
-    def on_robot(self, name: str, state: RobotState) -> None: ...
-
-    def on_report(self, report: RobotReport, now_ns: int) -> str:  # noqa: ARG002 - the protocol's signature
+    def on_report(self, report: RobotReport, now_ns: int) -> str:  # noqa: ARG002
         return ""
-
-    def on_link_lost(self, reason: str) -> None: ...
 
     def take_problem(self, user: str, now_ns: int) -> str:  # noqa: ARG002
         return self.person_problem

@@ -2,6 +2,7 @@
 
 import asyncio
 import math
+from collections.abc import Sequence
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from pointit.services.robot.figure_flight import NO_FIGURE, FigureFlight
 from pointit.services.robot.followed_figure import AssumedPerson, best_figure, figures, position_sigmas_m
 from pointit.services.robot.robot_driver import RobotReport
 from tests.unit.robot.flight import ROBOT, Pilotage, flown
+from tests.unit.robot.permits import Permits
 
 SAMPLING = Localization(stamp_ns=0, phase="sampling", target_id=ROBOT)
 SOLVED = SAMPLING.model_copy(update={"phase": "solved"})
@@ -148,7 +150,7 @@ def test_a_figure_is_for_the_places_of_those_who_are_not_found_yet() -> None:
 def test_a_robot_that_was_stopped_is_free_for_who_was_found_though_others_wait() -> None:
     flight = FigureFlight(GROUND, ROBOT)
     flight.on_localization("ben", SAMPLING)
-    assert flight.command(STANDS, CurrentOrder(), lambda _: "", lambda _: 1.0, 0) is not None
+    assert flight.command(STANDS, CurrentOrder(), Permits(), 0) is not None
     assert "until ben is found" in flight.take_problem("anna", 0)
     flight.forget()  # it stays stopped until somebody takes it
     assert flight.take_problem("anna", 0) == ""
@@ -157,13 +159,15 @@ def test_a_robot_that_was_stopped_is_free_for_who_was_found_though_others_wait()
 def test_a_less_informative_figure_is_flown_where_people_and_fences_leave_room_for_it_only() -> None:
     flight = FigureFlight(GROUND, ROBOT)
     flight.on_localization("ben", SAMPLING)
+    safety = Permits()
     tried: list[object] = []
 
-    def barred(points: object) -> str:
-        tried.append(points)
+    def barred(points_m: Sequence[Vec3]) -> str:
+        tried.append(points_m)
         return "fence" if len(tried) < 14 else ""
 
-    assert flight.command(STANDS, CurrentOrder(), barred, lambda _: 1.0, 0) is not None
+    safety.way_problem = barred  # type: ignore[method-assign]
+    assert flight.command(STANDS, CurrentOrder(), safety, 0) is not None
 
 
 AWAY: Vec3 = (2.5, 0.5, 1.2)

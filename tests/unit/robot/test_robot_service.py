@@ -2,6 +2,7 @@
 
 import asyncio
 import math
+from collections.abc import Callable
 from typing import Any
 from unittest import mock
 
@@ -104,7 +105,7 @@ class Raises:
         raise KeyError(type(command).__name__)
 
 
-def driven_by(make: type[Raises]) -> Any:
+def driven_by(make: type[Raises]) -> Callable[[Callable[[], None]], Callable[[], None]]:
     """Patch all drivers of robots with `make`."""
     plugin = RobotPlugin(summary="", config=Config, make=make)
     return mock.patch.object(ROBOTS, "get", mock.Mock(return_value=plugin))
